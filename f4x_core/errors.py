@@ -1,0 +1,9 @@
+"""The one exception that reaches a person."""
+
+
+class F4xError(Exception):
+    """Bad input or an impossible request, told in one clear sentence: which file, what is wrong, what to do."""
+
+
+class Cancelled(Exception):
+    """The user asked a long job to stop; whatever was finished is on disk and can be resumed."""

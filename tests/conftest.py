@@ -1,0 +1,30 @@
+"""Shared fixtures. bpy 4.5 hangs at interpreter exit with classes registered, so the run ends with os._exit."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+os.environ.setdefault("OMP_NUM_THREADS", "2")
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+@pytest.fixture
+def shared() -> Path:
+    """The folder with real clips and assets; tests that need it are skipped where it is absent."""
+    if not SHARED.is_dir():
+        pytest.skip("../shared with the real clips and assets is absent")
+    return SHARED
+
+
+def pytest_sessionfinish(session, exitstatus):
+    session.config._f4x_exit = int(exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config):
+    if "bpy" in sys.modules:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(getattr(config, "_f4x_exit", 0))
