@@ -1,0 +1,103 @@
+"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|lint|setup`.
+
+Standard library only. The first call makes `.venv`, installs the pinned packages and builds the native kernel; later calls
+find nothing to do and start at once.
+"""
+
+import argparse
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+VENV = ROOT / ".venv"
+REQUIREMENTS = ROOT / "scripts" / "requirements.txt"
+STAMP = VENV / "installed.sha256"
+# Blender 4.5 LTS ships its Python module for this version only.
+PYTHON = (3, 11)
+
+
+def venv_python() -> Path:
+    """The interpreter inside `.venv`."""
+    return VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+def base_python() -> str:
+    """A Python 3.11 to make `.venv` with: the running one, or another on the path."""
+    if sys.version_info[:2] == PYTHON:
+        return sys.executable
+    name = ".".join(map(str, PYTHON))
+    found = shutil.which(f"python{name}")
+    if found is None:
+        sys.exit(f"Feature4X needs Python {name} (Blender's own module is built for it); install it and call this again.")
+    return found
+
+
+def fingerprint() -> str:
+    """Hash of everything that decides what is installed."""
+    content = REQUIREMENTS.read_bytes() + (ROOT / "pyproject.toml").read_bytes()
+    return hashlib.sha256(content).hexdigest()
+
+
+def ensure_environment() -> None:
+    """Make `.venv` when it is missing and bring it up to date when the pins have changed."""
+    wanted = fingerprint()
+    if not (STAMP.is_file() and STAMP.read_text() == wanted):
+        if not venv_python().is_file():
+            print("making .venv …", flush=True)
+            if sys.version_info[:2] == PYTHON:
+                venv.create(VENV, with_pip=True)
+            else:
+                subprocess.run([base_python(), "-m", "venv", str(VENV)], check=True)
+        print("installing pinned packages (a few minutes, once) …", flush=True)
+        pip = [str(venv_python()), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+        subprocess.run([*pip, "-r", str(REQUIREMENTS)], check=True)
+        subprocess.run([*pip, "--no-deps", "--no-build-isolation", "-e", str(ROOT)], check=True)
+        STAMP.write_text(wanted)
+    build_kernel()
+
+
+def build_kernel() -> None:
+    """Build the native raster when a compiler is there; without one the torch backend serves."""
+    subprocess.run([str(venv_python()), "-m", "f4x_core.raster.native.build", "--quiet"], cwd=ROOT, check=False)
+
+
+def run(command: list[str]) -> int:
+    """Run a command of the environment from the repository's root; returns its exit code."""
+    return subprocess.run([str(venv_python()), *command], cwd=ROOT, check=False).returncode
+
+
+def test(arguments: list[str]) -> int:
+    """The everyday tests; extra arguments go to pytest (`-m real` for the real clips)."""
+    return run(["-m", "pytest", *(arguments or ["-m", "not slow and not real"])])
+
+
+def lint() -> int:
+    """Format check, lint and types; all three run even when the first fails."""
+    codes = [
+        run(["-m", "ruff", "check", "."]),
+        run(["-m", "ruff", "format", "--check", "."]),
+        run(["-m", "mypy"]),
+    ]
+    return max(codes)
+
+
+def main() -> int:
+    """Parse the command line and run one verb."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("verb", choices=["demo", "test", "lint", "setup"])
+    verb, rest = parser.parse_known_args()
+    ensure_environment()
+    if verb.verb == "demo":
+        return run(["-m", "f4x_core", "demo", *rest])
+    if verb.verb == "test":
+        return test(rest)
+    return lint() if verb.verb == "lint" else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
