@@ -1,0 +1,1 @@
+"""Rotations, rigid motions, spherical harmonics and cameras, written once for numpy and torch. Needs numpy alone."""

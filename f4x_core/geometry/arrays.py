@@ -1,0 +1,45 @@
+"""One code path for two array libraries: ask the input which one it belongs to. torch is never imported from here."""
+
+import sys
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+Array = Any
+"""A numpy array or a torch tensor; the functions of this room return the kind that came in."""
+
+
+def namespace(*arrays: Array) -> ModuleType:
+    """Return the module (`torch` or `numpy`) whose functions act on these arrays; torch when any is a tensor."""
+    torch = sys.modules.get("torch")  # a tensor can only come in where torch is already loaded
+    if torch is not None and any(isinstance(array, torch.Tensor) for array in arrays):
+        return torch
+    return np
+
+
+def like(constant: np.ndarray, reference: Array) -> Array:
+    """Return a numpy constant as the kind, dtype (when floating) and device of `reference`."""
+    xp = namespace(reference)
+    if xp is np:
+        return constant
+    dtype = reference.dtype if reference.dtype.is_floating_point else xp.float64
+    return xp.as_tensor(constant, dtype=dtype, device=reference.device)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product over the last axis, `(..., 3)` with broadcasting (the two libraries disagree on theirs)."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return namespace(a, b).stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def safe_norm(x: Array, eps: float = 1e-12) -> tuple[Array, Array]:
+    """Return `(norm (..., 1), valid (..., 1) bool)`; where the norm is at most `eps` it is given as 1.
+
+    The denominator is made safe before the square root and before any division, so gradients stay finite at zero.
+    """
+    xp = namespace(x)
+    squared = (x * x).sum(axis=-1, keepdims=True)
+    valid = squared > eps * eps
+    return xp.sqrt(xp.where(valid, squared, xp.ones_like(squared))), valid
