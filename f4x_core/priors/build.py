@@ -1,0 +1,143 @@
+"""Runs the providers stage by stage into a priors folder; finished stages are kept, the user's own files always win."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import F4xError
+from ..progress import Progress, silent
+from . import files
+from .config import PriorsConfig, config_hash
+from .folder import FIELDS, Priors, digest, file_of, read_field, read_head
+from .providers import STAGES, find
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+
+
+def build_priors(
+    clip: Clip, folder: str | Path, config: PriorsConfig | None = None, progress: Progress = silent
+) -> Priors:
+    """Fill `folder` with the priors of `clip` and return them.
+
+    A stage is skipped when its settings, the clip and every other prior it can see are what they were when it last ran. What
+    the user gives replaces what a provider makes, and every stage sees it from the start: files put or changed in `folder`,
+    entries of `config.files`, and the clip's own cameras, masks and depth. A cancel keeps the finished stages.
+    Errors: F4xError for an unknown provider, an unreadable or ill-shaped file, or a provider that leaves a field empty.
+    """
+    config, folder = config or PriorsConfig(), Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    priors = Priors.empty(clip)
+    if len(priors.frames) == 0:
+        raise F4xError(f"{clip.source}: every frame is held out; supervise at least one.")
+    own = _read_own(folder, priors)
+    fixed = files.take(priors, clip, config, own)
+    priors.write(folder, [name for name in fixed if name not in own])
+    picture = _clip_digest(clip)
+    for index, (stage, fields) in enumerate(STAGES.items()):
+        progress("priors", index, len(STAGES), stage)
+        wanted = [name for name in fields if name not in fixed]
+        if wanted and not _resume(stage, wanted, folder, priors, config, picture):
+            _run(stage, wanted, folder, priors, config, picture, clip, progress)
+    progress("priors", len(STAGES), len(STAGES), "done")
+    return priors
+
+
+def _read_own(folder: Path, priors: Priors) -> list[str]:
+    """Load into `priors` the files that a user put into `folder`, and what `priors.json` remembers; return their names."""
+    if (folder / "priors.json").exists():
+        head = read_head(folder)
+        priors.provenance, priors.warnings = head["provenance"], head["warnings"]
+        priors.statistics, priors.camera_kind = head["statistics"], head["camera_kind"]
+    own = []
+    for name in FIELDS:
+        path = file_of(folder, name)
+        if not path.exists():
+            priors.provenance.pop(name, None)
+            continue
+        entry, current = priors.provenance.get(name, {}), digest(path)
+        if "key" in entry and current in (entry["digest"], entry["previous"]):
+            entry["digest"] = current  # an interrupted write may have left the file before this one
+            continue
+        own.append(name)
+        setattr(priors, name, read_field(folder, name))
+        priors.provenance[name] = {"provider": "user", "digest": current}
+    return own
+
+
+def _key(stage: str, wanted: list[str], priors: Priors, config: PriorsConfig, picture: str) -> str:
+    """What the result of a stage depends on: its settings, the clip, and the priors that exist beside its own."""
+    seen = {name: priors.provenance[name]["digest"] for name in FIELDS if getattr(priors, name) is not None}
+    return config_hash(stage, getattr(config, stage), picture, {n: d for n, d in seen.items() if n not in wanted})
+
+
+def _resume(stage: str, wanted: list[str], folder: Path, priors: Priors, config: PriorsConfig, picture: str) -> bool:
+    """Load a finished stage; False when it has to run."""
+    key = _key(stage, wanted, priors, config, picture)
+    if any(priors.provenance.get(name, {}).get("key") != key for name in wanted):
+        return False
+    for name in wanted:
+        setattr(priors, name, read_field(folder, name))
+    priors.validate(wanted)
+    return True
+
+
+def _run(
+    stage: str,
+    wanted: list[str],
+    folder: Path,
+    priors: Priors,
+    config: PriorsConfig,
+    picture: str,
+    clip: Clip,
+    progress: Progress,
+) -> None:
+    """Run the provider of a stage and write what it made."""
+    settings: Any = getattr(config, stage)
+    provide = find(stage, settings.provider)
+    stale = {line for name in wanted for line in priors.provenance.get(name, {}).get("warnings", [])}
+    priors.warnings = [line for line in priors.warnings if line not in stale]
+    before = {name: getattr(priors, name) for name in FIELDS if name not in wanted}
+    known, start = list(priors.warnings), time.perf_counter()
+    provide(clip, priors, config, progress)
+    for name in wanted:
+        if getattr(priors, name) is None:
+            raise F4xError(f"The provider '{settings.provider}' did not make {name}; choose another one for {stage}.")
+    # A stage may revise earlier priors (the depth stage sets the world unit of the cameras); what the user gave stays.
+    revised = []
+    for name, value in before.items():
+        if getattr(priors, name) is value:
+            continue
+        if value is None or priors.provenance[name]["provider"] in ("user", "files"):
+            setattr(priors, name, value)
+        else:
+            revised.append(name)
+    priors.validate([*wanted, *revised])
+    entry = {
+        "provider": settings.provider,
+        "settings": asdict(settings),
+        "seconds": round(time.perf_counter() - start, 2),
+        "warnings": [line for line in priors.warnings if line not in known],
+    }
+    for name in wanted:
+        priors.provenance[name] = entry | {"digest": priors.provenance.get(name, {}).get("digest")}
+    priors.write(folder, [*wanted, *revised])
+    key = _key(stage, wanted, priors, config, picture)  # after the revision: that is what a resume will see
+    for name in wanted:
+        priors.provenance[name]["key"] = key
+    priors.write(folder, [])
+
+
+def _clip_digest(clip: Clip) -> str:
+    """Digest of the supervised pixels and their times."""
+    state = hashlib.blake2b(digest_size=16)
+    state.update(np.asarray(clip.supervised, np.int64).tobytes())
+    for frame in clip.supervised:
+        state.update(np.ascontiguousarray(clip.frames[frame]).tobytes())
+    return state.hexdigest()

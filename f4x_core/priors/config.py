@@ -1,0 +1,92 @@
+"""Settings of every stage of the priors; one documented field each, and nothing here imports a provider."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+
+@dataclass(frozen=True)
+class FlowConfig:
+    """Dense optical flow between consecutive supervised frames."""
+
+    provider: str = "classical"
+    """Who computes it (`providers.PROVIDERS`)."""
+    preset: str = "medium"
+    """OpenCV DIS preset: `ultrafast`, `fast` or `medium`."""
+    refine_iterations: int = 5
+    """Variational refinement steps per DIS scale (OpenCV's own default is 5)."""
+
+
+@dataclass(frozen=True)
+class TracksConfig:
+    """Long point tracks."""
+
+    provider: str = "classical"
+    """Who computes them (`providers.PROVIDERS`)."""
+    count: int = 12000
+    """Most tracks kept; the longest survive."""
+    spacing: float = 8.0
+    """Distance of seeds in pixels where nothing is known to move."""
+    dynamic_spacing: float = 4.0
+    """Distance of seeds in pixels inside likely moving regions (second pass)."""
+    reseed_every: int = 8
+    """Frames between two seedings of uncovered picture."""
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """Which pixels move by themselves."""
+
+    provider: str = "classical"
+    """Who computes it (`providers.PROVIDERS`)."""
+    gaps: tuple[int, ...] = (1, 2, 4, 8)
+    """Distances in supervised frames, used forward and backward, of the two-view tests."""
+    threshold: float | None = None
+    """Score in 0..1 above which a pixel is foreground; None = found from the score itself."""
+
+
+@dataclass(frozen=True)
+class CamerasConfig:
+    """Camera path of the supervised frames."""
+
+    provider: str = "classical"
+    """Who computes it (`providers.PROVIDERS`)."""
+
+
+@dataclass(frozen=True)
+class DepthConfig:
+    """Dense depth of the supervised frames."""
+
+    provider: str = "classical"
+    """Who computes it (`providers.PROVIDERS`)."""
+
+
+@dataclass(frozen=True)
+class PriorsConfig:
+    """Everything `build_priors` may be told."""
+
+    flow: FlowConfig = field(default_factory=FlowConfig)
+    tracks: TracksConfig = field(default_factory=TracksConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    cameras: CamerasConfig = field(default_factory=CamerasConfig)
+    depth: DepthConfig = field(default_factory=DepthConfig)
+    files: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """The user's own arrays: name of a prior (`depth`, `mask`, `cameras`, ...) -> file or folder; they win over providers."""
+
+    @classmethod
+    def of(cls, provider: str, **stages: Any) -> PriorsConfig:
+        """All stages done by one provider, e.g. `PriorsConfig.of("synthetic")`; `stages` replace whole stage configs."""
+        kinds = {"flow": FlowConfig, "tracks": TracksConfig, "motion": MotionConfig}
+        kinds |= {"cameras": CamerasConfig, "depth": DepthConfig}
+        return cls(**({stage: kind(provider=provider) for stage, kind in kinds.items()} | stages))
+
+
+def config_hash(*parts: Any) -> str:
+    """Hex digest that is equal exactly when all parts (dataclasses or JSON values) are equal."""
+    plain = [asdict(part) if hasattr(part, "__dataclass_fields__") else part for part in parts]
+    return hashlib.sha256(json.dumps(plain, sort_keys=True, default=str).encode()).hexdigest()

@@ -1,0 +1,278 @@
+"""The priors folder: plain files that providers write and the fit reads.
+
+F counts supervised frames only, H x W are picture pixels, N tracks. Any file may be replaced by the user's own.
+
+| file | shape, dtype | meaning |
+|---|---|---|
+| `priors.json` | | version, width, height, `frames` (F clip indices), fps, `camera_kind`, provenance per array, warnings, statistics |
+| `cameras.json` | CameraPath of F frames | world unit = median depth 1 |
+| `depth.npy`, `depth_confidence.npy` | (F,H,W) float32, float16 | z depth in world units, NaN = unknown; trust in 0..1 |
+| `flow_forward.npy`, `flow_backward.npy` | (F-1,H,W,2) float16 | pixels; supervised frame i -> i+1 and i+1 -> i |
+| `flow_forward_mask.npy`, `flow_backward_mask.npy` | (F-1,H,W) bool | forward-backward consistent |
+| `motion.npy`, `mask.npy` | (F,H,W) float16, bool | soft 0..1 "moves by itself"; the moving foreground |
+| `tracks.npy`, `tracks_visible.npy` | (F,N,2) float32, (F,N) bool | pixel positions (pixel centres at +0.5), NaN = unknown |
+| `tracks_motion.npy` | (N,) float32 | 0..1 how surely the track moves by itself |
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import F4xError
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from ..geometry.camera import CameraPath
+
+VERSION = 1
+CAMERA_KINDS = ("moving", "pan", "static")
+ARRAYS: dict[str, tuple[str, type]] = {
+    "depth": ("FHW", np.float32),
+    "depth_confidence": ("FHW", np.float16),
+    "flow_forward": ("PHW2", np.float16),
+    "flow_backward": ("PHW2", np.float16),
+    "flow_forward_mask": ("PHW", np.bool_),
+    "flow_backward_mask": ("PHW", np.bool_),
+    "motion": ("FHW", np.float16),
+    "mask": ("FHW", np.bool_),
+    "tracks": ("FN2", np.float32),
+    "tracks_visible": ("FN", np.bool_),
+    "tracks_motion": ("N", np.float32),
+}
+"""Name -> axes and dtype. F frames, P = F - 1 pairs, H, W pixels, N tracks; a digit is a fixed length."""
+FIELDS = (*ARRAYS, "cameras")
+UNIT_INTERVAL = ("depth_confidence", "motion", "tracks_motion")
+OUTSIDE_TOLERANCE = 0.5
+"""Share of a user's visible track samples that may lie outside the picture before it is taken for another picture size."""
+
+
+@dataclass
+class Priors:
+    """All priors of one clip in memory; a field is None until its provider has run. Shapes: see the module text."""
+
+    width: int
+    height: int
+    frames: np.ndarray  # (F,) int64 clip indices, ascending, held-out ones left out
+    fps: float = 24.0
+    camera_kind: str | None = None
+    cameras: CameraPath | None = None
+    depth: np.ndarray | None = None
+    depth_confidence: np.ndarray | None = None
+    flow_forward: np.ndarray | None = None
+    flow_backward: np.ndarray | None = None
+    flow_forward_mask: np.ndarray | None = None
+    flow_backward_mask: np.ndarray | None = None
+    motion: np.ndarray | None = None
+    mask: np.ndarray | None = None
+    tracks: np.ndarray | None = None
+    tracks_visible: np.ndarray | None = None
+    tracks_motion: np.ndarray | None = None
+    provenance: dict[str, dict[str, Any]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    statistics: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def empty(cls, clip: Clip) -> Priors:
+        """No priors yet, with the size and supervised frames of `clip`."""
+        _, height, width, _ = clip.frames.shape
+        return cls(width=width, height=height, frames=np.asarray(clip.supervised, np.int64), fps=float(clip.fps))
+
+    def warn(self, message: str) -> None:
+        """Keep one sentence for the diagnostics page (once)."""
+        if message not in self.warnings:
+            self.warnings.append(message)
+
+    def expected_shape(self, name: str) -> tuple[int | None, ...]:
+        """Shape that array `name` must have; None where the number of tracks is free."""
+        count = None if self.tracks is None else self.tracks.shape[1]
+        sizes = {"F": len(self.frames), "P": max(len(self.frames) - 1, 0), "H": self.height, "W": self.width}
+        sizes |= {"N": count}
+        return tuple(int(axis) if axis.isdigit() else sizes[axis] for axis in ARRAYS[name][0])
+
+    def validate(self, fields: Iterable[str] = FIELDS) -> None:
+        """Check the present ones of `fields`; F4xError names the first problem. Tracks leaving the picture turn invisible."""
+        for name in fields:
+            if getattr(self, name) is None:
+                continue
+            if name == "cameras":
+                self._validate_cameras()
+                continue
+            self._validate_array(name)
+        if "depth" in fields and self.depth is not None:
+            self._validate_depth()
+        if "tracks" in fields and self.tracks is not None and self.tracks_visible is not None:
+            self._validate_tracks()
+        if self.camera_kind is not None and self.camera_kind not in CAMERA_KINDS:
+            raise F4xError(f"priors.json: camera_kind is '{self.camera_kind}'; it must be one of {', '.join(CAMERA_KINDS)}.")
+
+    def _validate_array(self, name: str) -> None:
+        array, expected, dtype = getattr(self, name), self.expected_shape(name), ARRAYS[name][1]
+        if array.ndim != len(expected) or any(e not in (None, n) for e, n in zip(expected, array.shape, strict=True)):
+            wanted = "(" + ", ".join("any" if e is None else str(e) for e in expected) + ")"
+            raise F4xError(
+                f"{name}.npy has shape {array.shape}, this clip needs {wanted}: axes {' '.join(ARRAYS[name][0])} with the"
+                f" {len(self.frames)} supervised frames; make it again at this size."
+            )
+        if array.dtype != dtype:
+            raise F4xError(f"{name}.npy has dtype {array.dtype}; save it as {np.dtype(dtype).name}.")
+        if name.startswith("flow") and array.dtype != np.bool_ and not np.isfinite(array).all():
+            raise F4xError(f"{name}.npy contains NaN or infinite flow; use 0 and clear {name}_mask.npy there.")
+        if name in UNIT_INTERVAL and not ((array >= 0) & (array <= 1)).all():
+            raise F4xError(f"{name}.npy leaves the range 0..1 (or is NaN); rescale it.")
+
+    def _validate_depth(self) -> None:
+        valid = np.isfinite(self.depth) & (self.depth > 0)  # type: ignore[operator]
+        if not valid.any():
+            raise F4xError("depth.npy holds no positive depth at all; write z depth in front of the camera, NaN = unknown.")
+        empty = self.frames[~valid.any(axis=(1, 2))]
+        if len(empty):
+            raise F4xError(f"depth.npy has no positive depth in clip frame {empty[0]}; fill it or leave the frame out.")
+        if (self.depth[np.isfinite(self.depth)] <= 0).any():  # type: ignore[index]
+            raise F4xError("depth.npy holds zero or negative depth; write NaN where depth is unknown.")
+
+    def _validate_tracks(self) -> None:
+        assert self.tracks is not None and self.tracks_visible is not None
+        known = np.isfinite(self.tracks).all(-1)  # (F, N)
+        if (self.tracks_visible & ~known).any():
+            raise F4xError("tracks_visible.npy is true where tracks.npy is NaN; clear it there.")
+        inside = (self.tracks >= 0).all(-1) & (self.tracks[..., 0] <= self.width) & (self.tracks[..., 1] <= self.height)
+        visible, outside = self.tracks_visible.sum(), (self.tracks_visible & ~inside).sum()
+        if outside > OUTSIDE_TOLERANCE * visible:
+            raise F4xError(
+                f"tracks.npy: {outside} of {visible} visible samples lie outside the {self.width}x{self.height} picture;"
+                " give (x, y) in pixels of this clip's size."
+            )
+        if outside:
+            self.tracks_visible = self.tracks_visible & inside
+
+    def _validate_cameras(self) -> None:
+        path = self.cameras
+        assert path is not None
+        if len(path) != len(self.frames):
+            raise F4xError(f"cameras.json has {len(path)} cameras, this clip has {len(self.frames)} supervised frames.")
+        if (path.width, path.height) != (self.width, self.height):
+            raise F4xError(
+                f"cameras.json is for {path.width}x{path.height} pictures, this clip is {self.width}x{self.height};"
+                " rescale the intrinsics."
+            )
+        if not (np.isfinite(path.intrinsics).all() and np.isfinite(path.world_to_camera).all()):
+            raise F4xError("cameras.json contains NaN; every supervised frame needs a finite camera.")
+
+    @classmethod
+    def read(cls, folder: str | Path) -> Priors:
+        """Read and validate whatever `folder` holds; F4xError when it is not a priors folder or a file is damaged."""
+        folder = Path(folder)
+        head = read_head(folder)
+        try:
+            priors = cls(
+                width=int(head["width"]),
+                height=int(head["height"]),
+                frames=np.asarray(head["frames"], np.int64),
+                fps=float(head["fps"]),
+                camera_kind=head["camera_kind"],
+                provenance=head["provenance"],
+                warnings=head["warnings"],
+                statistics=head["statistics"],
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise F4xError(f"{folder / 'priors.json'} is damaged ({error!r}); build the priors again.") from error
+        for name in FIELDS:
+            if file_of(folder, name).exists():
+                setattr(priors, name, read_field(folder, name))
+        priors.validate()
+        return priors
+
+    def write(self, folder: str | Path, fields: Iterable[str] = FIELDS) -> None:
+        """Write `priors.json` and the present ones of `fields`.
+
+        All go to temporary names first; `priors.json` (with the digests before and after) is renamed before the arrays, so
+        that an interrupted write leaves files that are either the old or the new ones, and known as ours either way.
+        """
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        present = [name for name in fields if getattr(self, name) is not None]
+        for name in present:
+            write_part(file_of(folder, name), getattr(self, name))
+            entry = self.provenance.setdefault(name, {})
+            entry["previous"] = entry.get("digest")
+            entry["digest"] = digest(part_of(file_of(folder, name)))
+        head = {
+            "version": VERSION,
+            "width": self.width,
+            "height": self.height,
+            "frames": [int(frame) for frame in self.frames],
+            "fps": self.fps,
+            "camera_kind": self.camera_kind,
+            "provenance": self.provenance,
+            "warnings": self.warnings,
+            "statistics": self.statistics,
+        }
+        write_part(folder / "priors.json", head)
+        for path in (folder / "priors.json", *(file_of(folder, name) for name in present)):
+            part_of(path).replace(path)
+
+
+def file_of(folder: Path, name: str) -> Path:
+    """Where prior `name` lives."""
+    return folder / (f"{name}.json" if name == "cameras" else f"{name}.npy")
+
+
+def read_head(folder: Path) -> dict[str, Any]:
+    """`priors.json` as a dict; F4xError when it is missing, damaged or too new."""
+    path = folder / "priors.json"
+    try:
+        head = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise F4xError(f"{folder} is not a priors folder (no priors.json); build the priors first.") from error
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise F4xError(f"{path} is not readable JSON ({error}); build the priors again.") from error
+    if not isinstance(head, dict) or head.get("version") != VERSION:
+        raise F4xError(f"{path} is not of version {VERSION}; build the priors again with this program.")
+    return head
+
+
+def read_field(folder: Path, name: str) -> Any:
+    """One prior from its file, unvalidated."""
+    path = file_of(folder, name)
+    if name == "cameras":
+        from ..geometry.camera import CameraPath
+
+        try:
+            return CameraPath.from_json(json.loads(path.read_text(encoding="utf-8")))
+        except (ValueError, KeyError, TypeError) as error:
+            raise F4xError(f"{path} is not a camera path ({error}); write it as f4x does.") from error
+    try:
+        return np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise F4xError(f"{path} is not a readable .npy array ({error}); replace or delete it.") from error
+
+
+def part_of(path: Path) -> Path:
+    """The temporary name under which `path` is written before it is renamed."""
+    return path.with_name(path.name + ".part")
+
+
+def write_part(path: Path, value: Any) -> None:
+    """Write an array, a camera path or JSON to the temporary name of `path` and flush it to disk."""
+    with part_of(path).open("wb") as file:
+        if isinstance(value, np.ndarray):
+            np.save(file, value, allow_pickle=False)
+        else:
+            plain = value.to_json() if hasattr(value, "to_json") else value
+            file.write(json.dumps(plain, indent=1, allow_nan=False).encode())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def digest(path: Path) -> str:
+    """Hex digest of a file's bytes: how a user's replacement is told from what a provider wrote."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "blake2b").hexdigest()[:32]

@@ -1,0 +1,65 @@
+"""Who can fill which part of a priors folder. Modules are imported only when their provider is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import TYPE_CHECKING, Protocol
+
+from ..errors import F4xError
+from ..progress import Progress
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from .config import PriorsConfig
+    from .folder import Priors
+
+
+class Provider(Protocol):
+    """Fills the fields of its stage (`STAGES`) in `priors`, reading only what earlier stages left there."""
+
+    def __call__(self, clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+        """Work on `clip.supervised` frames only: held-out frames must never be looked at."""
+
+
+STAGES: dict[str, tuple[str, ...]] = {
+    "flow": ("flow_forward", "flow_backward", "flow_forward_mask", "flow_backward_mask"),
+    "tracks": ("tracks", "tracks_visible"),
+    "motion": ("motion", "mask", "tracks_motion"),
+    "cameras": ("cameras",),
+    "depth": ("depth", "depth_confidence"),
+}
+"""Stages in the order they are built and the priors each must fill. A stage may also rewrite earlier fields (`revises`)."""
+
+PROVIDERS: dict[tuple[str, str], str | Provider] = {
+    ("flow", "classical"): "flow:provide",
+    ("tracks", "classical"): "tracks:provide",
+    ("motion", "classical"): "motion:provide",
+    ("cameras", "classical"): "cameras:provide",
+    ("depth", "classical"): "depth:provide",
+    ("flow", "synthetic"): "synthetic:provide",
+    ("tracks", "synthetic"): "synthetic:provide",
+    ("motion", "synthetic"): "synthetic:provide",
+    ("cameras", "synthetic"): "synthetic:provide",
+    ("depth", "synthetic"): "synthetic:provide",
+}
+"""(stage, name) -> callable, or `module:function` of this room imported when first needed."""
+
+
+def register(stage: str, name: str, provider: str | Provider) -> None:
+    """Offer a provider for a stage under a name that a config can ask for."""
+    if stage not in STAGES:
+        raise F4xError(f"There is no priors stage '{stage}'; the stages are {', '.join(STAGES)}.")
+    PROVIDERS[stage, name] = provider
+
+
+def find(stage: str, name: str) -> Callable[..., None]:
+    """The provider of `stage` called `name`; F4xError lists the known ones otherwise."""
+    if (stage, name) not in PROVIDERS:
+        known = ", ".join(sorted(provider for known_stage, provider in PROVIDERS if known_stage == stage))
+        raise F4xError(f"There is no provider '{name}' for {stage}; choose one of: {known}.")
+    provider = PROVIDERS[stage, name]
+    if isinstance(provider, str):
+        module, function = provider.split(":")
+        provider = getattr(import_module(f".{module}", __package__), function)
+    return provider
