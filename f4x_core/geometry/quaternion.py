@@ -132,5 +132,5 @@ def _two_over_squared_norm(q: Array) -> Array:
 
 
 def _dtype(q: Array) -> np.dtype:
-    """Numpy dtype for constants: that of a numpy input, so float32 stays float32; torch constants are cast by `like`."""
+    """Return the dtype for constants: that of a numpy input, so float32 stays float32; `like` casts for torch."""
     return q.dtype if isinstance(q, np.ndarray) else np.dtype(np.float64)

@@ -1,0 +1,216 @@
+"""Pinhole cameras: OpenCV axes (x right, y down, z forward), pixel (col, row) is looked through at (col+.5, row+.5)."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import F4xError
+from . import pose, quaternion
+from .arrays import Array, like, namespace
+from .interpolation import interpolate, interpolate_rotation
+
+FORMAT = "f4x-cameras"
+VERSION = 1
+_MIN_DEPTH = 1e-8  # world units; nearer to the camera plane the projection is held finite, on its own side
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One view. Points are in world units, pixels have their origin at the image's upper left corner."""
+
+    intrinsics: np.ndarray
+    """(3, 3) float64, pixels: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]."""
+    world_to_camera: np.ndarray
+    """(4, 4) float64 rigid matrix."""
+    width: int
+    height: int
+
+    def __post_init__(self):
+        """Take anything array-like as float64 and refuse wrong shapes."""
+        object.__setattr__(self, "intrinsics", _checked(self.intrinsics, (3, 3), "intrinsics"))
+        object.__setattr__(self, "world_to_camera", _checked(self.world_to_camera, (4, 4), "world_to_camera"))
+        _check_size(self.width, self.height)
+
+    @property
+    def center(self) -> np.ndarray:
+        """Camera centre in the world, `(3,)`."""
+        return -self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3]
+
+    @property
+    def camera_to_world(self) -> np.ndarray:
+        """Rigid matrix `(4, 4)`, the inverse of `world_to_camera`."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.world_to_camera[:3, :3].T
+        matrix[:3, 3] = self.center
+        return matrix
+
+    def project(self, points: Array) -> tuple[Array, Array]:
+        """Return (pixels `(..., 2)`, depth `(...)`) of world `points (..., 3)`; depth <= 0 is behind the camera."""
+        xp = namespace(points)
+        rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
+        local = points @ like(rotation.T, points) + like(translation, points)
+        depth = local[..., 2:]
+        sign = xp.where(depth < 0, -xp.ones_like(depth), xp.ones_like(depth))
+        safe_depth = xp.where(abs(depth) < _MIN_DEPTH, sign * _MIN_DEPTH, depth)
+        pixels = local[..., :2] / safe_depth @ like(self.intrinsics[:2, :2].T, points)
+        return pixels + like(self.intrinsics[:2, 2], points), depth[..., 0]
+
+    def unproject(self, pixels: Array, depth: Array) -> Array:
+        """Return world points `(..., 3)` of `pixels (..., 2)` at z `depth (...)`; the inverse of `project`."""
+        xp = namespace(pixels, depth)
+        inverse = np.linalg.inv(self.intrinsics)
+        plane = pixels @ like(inverse[:2, :2].T, pixels) + like(inverse[:2, 2], pixels)
+        local = xp.concatenate([plane, xp.ones_like(plane[..., :1])], axis=-1) * depth[..., None]
+        matrix = self.camera_to_world
+        return local @ like(matrix[:3, :3].T, pixels) + like(matrix[:3, 3], pixels)
+
+    def resized(self, width: int, height: int) -> "Camera":
+        """Return the camera of the same picture resampled to another size."""
+        intrinsics = _resized_intrinsics(self.intrinsics, width / self.width, height / self.height)
+        return Camera(intrinsics, self.world_to_camera, width, height)
+
+    def pixel_grid(self) -> np.ndarray:
+        """Return the pixel centres `(H, W, 2)` float64, `[row, col] = (col + 0.5, row + 0.5)`."""
+        return np.stack(np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5), axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPath:
+    """The cameras of one clip at increasing times; between them the motion is smooth."""
+
+    intrinsics: np.ndarray
+    """(T, 3, 3) float64, pixels."""
+    world_to_camera: np.ndarray
+    """(T, 4, 4) float64 rigid matrices."""
+    times: np.ndarray
+    """(T,) float64, strictly increasing, in clip frames."""
+    width: int
+    height: int
+
+    def __post_init__(self):
+        """Take anything array-like as float64 and refuse wrong shapes and times that do not increase."""
+        count = len(self.times)
+        object.__setattr__(self, "intrinsics", _checked(self.intrinsics, (count, 3, 3), "intrinsics"))
+        object.__setattr__(self, "world_to_camera", _checked(self.world_to_camera, (count, 4, 4), "world_to_camera"))
+        object.__setattr__(self, "times", _checked(self.times, (count,), "times"))
+        _check_size(self.width, self.height)
+        if count == 0 or (np.diff(self.times) <= 0).any():
+            raise F4xError("a camera path needs at least one camera, and times that strictly increase")
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def __getitem__(self, index: int) -> Camera:
+        return Camera(self.intrinsics[index], self.world_to_camera[index], self.width, self.height)
+
+    @property
+    def centers(self) -> np.ndarray:
+        """Camera centres in the world, `(T, 3)`."""
+        return self._poses[1]
+
+    @cached_property
+    def _poses(self) -> tuple[np.ndarray, np.ndarray]:
+        """Camera-to-world (quaternions, centres): the centre is what moves smoothly, not the matrix's translation."""
+        return pose.invert(*pose.from_matrix(self.world_to_camera))
+
+    def at(self, time: float) -> Camera:
+        """Return the camera at any time: a stored one at its own time, cubic between, coasting to rest outside."""
+        stored = np.flatnonzero(self.times == time)
+        if len(stored):
+            return self[int(stored[0])]
+        q, centers = self._poses
+        turned, center = interpolate_rotation(self.times, q, time), interpolate(self.times, centers, time)
+        # Linear and held at the ends: a coasting zoom could turn the picture inside out.
+        row = np.interp(time, self.times, np.arange(len(self)))
+        below, above = int(np.floor(row)), int(np.ceil(row))
+        intrinsics = self.intrinsics[below] + (row - below) * (self.intrinsics[above] - self.intrinsics[below])
+        return Camera(intrinsics, pose.to_matrix(*pose.invert(turned, center)), self.width, self.height)
+
+    def at_times(self, times: Sequence[float] | np.ndarray) -> "CameraPath":
+        """Return the path sampled at other times, for example every clip frame from the supervised ones."""
+        cameras = [self.at(time) for time in times]
+        return CameraPath(
+            np.stack([camera.intrinsics for camera in cameras]),
+            np.stack([camera.world_to_camera for camera in cameras]),
+            np.asarray(times, np.float64),
+            self.width,
+            self.height,
+        )
+
+    def resized(self, width: int, height: int) -> "CameraPath":
+        """Return the path for pictures resampled to another size."""
+        intrinsics = _resized_intrinsics(self.intrinsics, width / self.width, height / self.height)
+        return replace(self, intrinsics=intrinsics, width=width, height=height)
+
+    def scaled_world(self, scale: float) -> "CameraPath":
+        """Return the path in a world whose coordinates are all multiplied by `scale`."""
+        matrices = self.world_to_camera.copy()
+        matrices[:, :3, 3] *= scale
+        return replace(self, world_to_camera=matrices)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return a JSON-compatible dict; `from_json` gives back the same float64 numbers."""
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "axes": "OpenCV: x right, y down, z forward; pixel centres at +0.5",
+            "width": self.width,
+            "height": self.height,
+            "times": self.times.tolist(),
+            "intrinsics": self.intrinsics.tolist(),
+            "world_to_camera": self.world_to_camera.tolist(),
+        }
+
+    @classmethod
+    def from_json(cls, data: Any, source: str | Path = "camera path") -> "CameraPath":
+        """Return the path of a dict written by `to_json`; `source` names it in the F4xError of a wrong one."""
+        if not isinstance(data, dict) or data.get("format") != FORMAT:
+            raise F4xError(f"{source} is not a camera path: it should be a JSON object with format '{FORMAT}'")
+        if data.get("version") != VERSION:
+            raise F4xError(f"{source} has version {data.get('version')!r}; this Feature4X reads version {VERSION}")
+        try:
+            arrays = [np.array(data[name], np.float64) for name in ("intrinsics", "world_to_camera", "times")]
+            return cls(*arrays, int(data["width"]), int(data["height"]))
+        except KeyError as error:
+            raise F4xError(f"{source} lacks the entry {error}; write it again") from error
+        except (TypeError, ValueError) as error:
+            raise F4xError(f"{source} holds something other than numbers ({error}); write it again") from error
+        except F4xError as error:
+            raise F4xError(f"{source}: {error}") from error
+
+    def write(self, file: str | Path) -> None:
+        """Write the path as a JSON file."""
+        Path(file).write_text(json.dumps(self.to_json()), encoding="utf-8")
+
+    @classmethod
+    def read(cls, file: str | Path) -> "CameraPath":
+        """Return the path in a JSON file; raises F4xError that names the file."""
+        try:
+            data = json.loads(Path(file).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise F4xError(f"{file} cannot be read ({error.strerror}); give an existing camera path") from error
+        except ValueError as error:
+            raise F4xError(f"{file} is not JSON ({error}); give a camera path written by Feature4X") from error
+        return cls.from_json(data, file)
+
+
+def _resized_intrinsics(intrinsics: np.ndarray, scale_x: float, scale_y: float) -> np.ndarray:
+    """Scale rows x and y; exact because pixel coordinates count from the image's corner, not from a pixel's centre."""
+    return intrinsics * np.array([scale_x, scale_y, 1.0])[:, None]
+
+
+def _checked(array: Any, shape: tuple[int, ...], name: str) -> np.ndarray:
+    array = np.asarray(array, np.float64)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise F4xError(f"camera {name} should be finite numbers of shape {shape}, got shape {array.shape}")
+    return array
+
+
+def _check_size(width: int, height: int) -> None:
+    if width < 1 or height < 1:
+        raise F4xError(f"a camera needs a picture of at least 1x1 pixels, got {width}x{height}")

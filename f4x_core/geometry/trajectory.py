@@ -1,0 +1,79 @@
+"""Standard ways to look at a 4D scene: which camera at which time, one view per output frame (algorithm.md 15)."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .camera import Camera, CameraPath
+
+
+class View(NamedTuple):
+    """One output frame: where to look from, and at which moment of the scene."""
+
+    camera: Camera
+    time: float
+
+
+Trajectory = list[View]
+
+
+def original(path: CameraPath) -> Trajectory:
+    """Return the clip itself: its cameras at their own times."""
+    return [View(path[i], float(time)) for i, time in enumerate(path.times)]
+
+
+def frozen(path: CameraPath, time: float) -> Trajectory:
+    """Return a frozen moment: the scene stands still at `time` while the camera goes its original way."""
+    return [View(path[i], float(time)) for i in range(len(path))]
+
+
+def freeze_camera(path: CameraPath, time: float) -> Trajectory:
+    """Return a tripod: the camera stands where it was at `time` while the scene plays."""
+    camera = path.at(time)
+    return [View(camera, float(moment)) for moment in path.times]
+
+
+def orbit(
+    path: CameraPath,
+    time: float | None = None,
+    degrees: float = 5.0,
+    depth: float = 1.0,
+    around: float | None = None,
+    count: int | None = None,
+) -> Trajectory:
+    """Return one small circle of the camera, always looking at the scene's centre.
+
+    `degrees`: how far the circle is seen from its middle camera, at the scene's centre (radius = tan(degrees) depth).
+    `depth`: distance of that centre in front of the middle camera, world units; 1 is the median scene depth.
+    `around`: time of the middle camera; the middle of the clip when None.
+    `time`: the moment the scene is frozen at; the scene plays when None.
+    `count`: number of views, spread over the clip; one per camera of `path` when None.
+    """
+    middle = path.at(float(path.times[len(path) // 2]) if around is None else around)
+    count = len(path) if count is None else count
+    moments = np.linspace(path.times[0], path.times[-1], count) if time is None else np.full(count, float(time))
+    right, down, forward = middle.world_to_camera[:3, :3]
+    target = middle.center + depth * forward
+    radius = depth * np.tan(np.radians(degrees))
+    views = []
+    for moment, angle in zip(moments, np.arange(count) * 2 * np.pi / max(count, 1), strict=True):
+        center = middle.center + radius * (np.cos(angle) * right + np.sin(angle) * down)
+        views.append(View(_looking_at(middle, center, target), float(moment)))
+    return views
+
+
+def read_path(file: str | Path) -> Trajectory:
+    """Return the views of a JSON camera path (`CameraPath.write`): each camera at its own time."""
+    return original(CameraPath.read(file))
+
+
+def _looking_at(camera: Camera, center: np.ndarray, target: np.ndarray) -> Camera:
+    """Return the camera moved to `center` and turned to `target`, upright as before."""
+    forward = (target - center) / np.linalg.norm(target - center)
+    right = np.cross(camera.world_to_camera[1, :3], forward)
+    right /= np.linalg.norm(right)
+    matrix = np.eye(4)
+    matrix[:3, :3] = right, np.cross(forward, right), forward
+    matrix[:3, 3] = -matrix[:3, :3] @ center
+    return Camera(camera.intrinsics, matrix, camera.width, camera.height)
