@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
-from . import pose, quaternion
+from . import pose
 from .arrays import Array, like, namespace
 from .interpolation import interpolate, interpolate_rotation
 
