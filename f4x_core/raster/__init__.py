@@ -1,0 +1,149 @@
+"""Rasteriser: composites any number of channels of 3D Gaussians front to back, with gradients."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import F4xError
+from .contract import RasterConfig, RasterOutput
+
+if TYPE_CHECKING:
+    from .contract import Array
+
+__all__ = ["BACKENDS", "RasterConfig", "RasterOutput", "choose_backend", "rasterize"]
+
+BACKENDS = ("reference", "torch", "native", "gsplat")
+
+
+def rasterize(
+    means: Array,
+    quats: Array,
+    scales: Array,
+    opacities: Array,
+    colors: Array,
+    viewmat: Array,
+    K: Array,
+    width: int,
+    height: int,
+    *,
+    background: Array | None = None,
+    config: RasterConfig | None = None,
+    backend: str = "auto",
+    detached_from: int | None = None,
+    mean2d_offset: Array | None = None,
+) -> RasterOutput:
+    """Composite N Gaussians into a `height` x `width` image of C channels (EWA splatting, 3DGS rules).
+
+    Args:
+        means: (N, 3) centres, world frame, world units.
+        quats: (N, 4) rotations wxyz, need not be normalised.
+        scales: (N, 3) standard deviations along the own axes (activated), world units.
+        opacities: (N,) in [0, 1] (activated).
+        colors: (N, C) any channels: rgb, latent features, ...
+        viewmat: (4, 4) world_to_camera, OpenCV axes.
+        K: (3, 3) intrinsics in pixels; pixel (col, row) is looked through at (col + 0.5, row + 0.5).
+        width: image width in pixels.
+        height: image height in pixels.
+        background: (C,) added where light is left; none = black.
+        config: constants of the rule and thread count.
+        backend: `auto`, or one of `BACKENDS`. `auto` takes `native` for float32 on the CPU when it is there and agrees
+            with its self-check, else `torch`.
+        detached_from: channels from this index on send no gradient to opacity, geometry or camera, only to `colors`.
+        mean2d_offset: (N, 2) added to the projected means, in pixels; pass zeros to read the density-control statistic
+            from its gradient.
+
+    Tensors (any float dtype, one device) give tensors with gradients to means, quats, scales, opacities, colors,
+    viewmat, background and mean2d_offset; numpy arrays give numpy arrays, without gradients. `reference` answers in
+    float64 always.
+
+    Raises:
+        F4xError: shapes that do not fit, an unknown backend, or one that is not installed.
+    """
+    arguments: dict[str, Any] = {
+        "means": means,
+        "quats": quats,
+        "scales": scales,
+        "opacities": opacities,
+        "colors": colors,
+        "viewmat": viewmat,
+        "K": K,
+        "background": background,
+        "mean2d_offset": mean2d_offset,
+    }
+    _check_shapes(arguments, width, height, detached_from)
+    options = {"config": config or RasterConfig(), "detached_from": detached_from}
+    chosen = choose_backend(backend, means)
+    if chosen == "native":
+        from .native import rasterize_native
+
+        return rasterize_native(width=width, height=height, **arguments, **options)
+    if chosen == "reference":
+        from .reference import rasterize_reference as function
+    elif chosen == "torch":
+        from .tiles import rasterize_torch as function
+    else:
+        raise F4xError("The gsplat backend is not connected in this version: use backend='torch', which runs on CUDA.")
+    if isinstance(means, np.ndarray):
+        return _through_numpy(function, width, height, arguments, options)
+    return function(width=width, height=height, **arguments, **options)
+
+
+def choose_backend(backend: str, means: Array | None = None) -> str:
+    """Name of the backend that `backend` stands for, given the means to be drawn.
+
+    Raises:
+        F4xError: an unknown name, or a backend that cannot run here (the sentence says why).
+    """
+    if backend == "auto":
+        kind, device = str(getattr(means, "dtype", "float32")), str(getattr(means, "device", "cpu"))
+        plain = kind.endswith("float32") and device == "cpu"
+        return "native" if plain and _native() and _native().available() else "torch"
+    if backend not in BACKENDS:
+        raise F4xError(f"Unknown raster backend '{backend}': use auto, {', '.join(BACKENDS)}.")
+    if backend == "native" and not (_native() and _native().available()):
+        reason = _native().why_not() if _native() else "it is not part of this installation"
+        raise F4xError(f"The native raster backend cannot run here ({reason}): use backend='torch'.")
+    if backend == "gsplat" and find_spec("gsplat") is None:
+        raise F4xError("The gsplat raster backend needs the package gsplat and a CUDA GPU: use backend='torch'.")
+    return backend
+
+
+def _native() -> Any:
+    """The native room, or None where it was left out of the installation."""
+    return import_module(".native", __name__) if find_spec(f"{__name__}.native") else None
+
+
+def _check_shapes(arguments: dict[str, Any], width: int, height: int, detached_from: int | None) -> None:
+    n = len(arguments["means"])
+    channels = arguments["colors"].shape[-1]
+    wanted = {
+        "means": (n, 3),
+        "quats": (n, 4),
+        "scales": (n, 3),
+        "opacities": (n,),
+        "colors": (n, channels),
+        "viewmat": (4, 4),
+        "K": (3, 3),
+        "background": (channels,),
+        "mean2d_offset": (n, 2),
+    }
+    for name, shape in wanted.items():
+        if arguments[name] is not None and tuple(arguments[name].shape) != shape:
+            raise F4xError(f"rasterize: {name} has shape {tuple(arguments[name].shape)}, it must be {shape}.")
+    if width < 1 or height < 1:
+        raise F4xError(f"rasterize: an image of {width} x {height} pixels cannot be drawn, give at least 1 x 1.")
+    if detached_from is not None and not 0 <= detached_from <= channels:
+        raise F4xError(f"rasterize: detached_from is {detached_from}, it must lie in 0..{channels}.")
+
+
+def _through_numpy(function: Any, width: int, height: int, arguments: dict[str, Any], options: Any) -> RasterOutput:
+    import torch
+
+    tensors = {k: None if v is None else torch.from_numpy(np.ascontiguousarray(v)) for k, v in arguments.items()}
+    with torch.no_grad():
+        out = function(width=width, height=height, **tensors, **options)
+    return RasterOutput(*(getattr(out, name).numpy() for name in ("channels", "depth", "alpha", "visible")))

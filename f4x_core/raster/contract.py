@@ -1,0 +1,50 @@
+"""What every raster backend takes and gives back. Imports neither torch nor a compiled library."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    import torch
+
+    Array = torch.Tensor | np.ndarray
+
+# More threads than this only help images larger than a clip's, and each one holds its own work buffers.
+MAX_DEFAULT_THREADS = 8
+
+
+@dataclass(frozen=True)
+class RasterConfig:
+    """Constants of the compositing rule; the defaults are those of 3DGS and gsplat (`gsplat/cuda/_constants.py`)."""
+
+    near: float = 0.01
+    """Splats whose camera z is not above this are left out (world units; median scene depth is 1)."""
+    blur: float = 0.3
+    """Pixel footprint added to both diagonal entries of the projected covariance (px^2)."""
+    alpha_min: float = 1.0 / 255.0
+    """A splat contributes to a pixel only where its alpha is at least this (one step of an 8-bit image)."""
+    alpha_max: float = 0.99
+    """Alpha is clamped to this, so that the transmittance never becomes 0 and stays invertible."""
+    transmittance_min: float = 1e-4
+    """A pixel stops before the splat that would bring its transmittance down to this: (1 - alpha_max)^2."""
+    tile: int = 8
+    """Side of a square tile in pixels (`torch` backend; never changes the result)."""
+    threads: int = field(default_factory=lambda: min(os.cpu_count() or 1, MAX_DEFAULT_THREADS))
+    """Worker threads of the CPU backends; never changes the result."""
+
+
+@dataclass(frozen=True)
+class RasterOutput:
+    """One rendered view; tensors when tensors came in, numpy arrays when numpy arrays came in."""
+
+    channels: Array
+    """(H, W, C) composited channels, with the background where one was given."""
+    depth: Array
+    """(H, W) sum of z alpha T in world units; divide by `alpha` for the expected depth."""
+    alpha: Array
+    """(H, W) opacity of the pixel, 1 - transmittance left, in [0, 1)."""
+    visible: Array
+    """(N,) bool: in front of the near plane and the box around its `alpha >= alpha_min` ellipse meets the image."""
