@@ -26,9 +26,9 @@ def build_priors(
 ) -> Priors:
     """Fill `folder` with the priors of `clip` and return them.
 
-    A stage is skipped when its settings, the clip and every other prior it can see are what they were when it last ran. What
-    the user gives replaces what a provider makes, and every stage sees it from the start: files put or changed in `folder`,
-    entries of `config.files`, and the clip's own cameras, masks and depth. A cancel keeps the finished stages.
+    A stage is skipped when its settings, the clip and every other prior it can see are what they were when it last ran.
+    What the user gives replaces what a provider makes, and every stage sees it from the start: files put or changed in
+    `folder`, entries of `config.files`, and the clip's own cameras, masks and depth. A cancel keeps finished stages.
     Errors: F4xError for an unknown provider, an unreadable or ill-shaped file, or a provider that leaves a field empty.
     """
     config, folder = config or PriorsConfig(), Path(folder)
@@ -50,7 +50,7 @@ def build_priors(
 
 
 def _read_own(folder: Path, priors: Priors) -> list[str]:
-    """Load into `priors` the files that a user put into `folder`, and what `priors.json` remembers; return their names."""
+    """Load what `priors.json` remembers and the files that a user put into `folder`; return the names of those."""
     if (folder / "priors.json").exists():
         head = read_head(folder)
         priors.provenance, priors.warnings = head["provenance"], head["warnings"]

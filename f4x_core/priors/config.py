@@ -76,11 +76,11 @@ class PriorsConfig:
     cameras: CamerasConfig = field(default_factory=CamerasConfig)
     depth: DepthConfig = field(default_factory=DepthConfig)
     files: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """The user's own arrays: name of a prior (`depth`, `mask`, `cameras`, ...) -> file or folder; they win over providers."""
+    """The user's own: name of a prior (`depth`, `mask`, `cameras`, ...) -> file or folder; wins over providers."""
 
     @classmethod
     def of(cls, provider: str, **stages: Any) -> PriorsConfig:
-        """All stages done by one provider, e.g. `PriorsConfig.of("synthetic")`; `stages` replace whole stage configs."""
+        """All stages done by one provider (`PriorsConfig.of("synthetic")`); `stages` replace whole stage configs."""
         kinds = {"flow": FlowConfig, "tracks": TracksConfig, "motion": MotionConfig}
         kinds |= {"cameras": CamerasConfig, "depth": DepthConfig}
         return cls(**({stage: kind(provider=provider) for stage, kind in kinds.items()} | stages))

@@ -4,21 +4,21 @@ F counts supervised frames only, H x W are picture pixels, N tracks. Any file ma
 
 | file | shape, dtype | meaning |
 |---|---|---|
-| `priors.json` | | version, width, height, `frames` (F clip indices), fps, `camera_kind`, provenance per array, warnings, statistics |
+| `priors.json` | | version, size, `frames` (F clip indices), fps, `camera_kind`, provenance, warnings, statistics |
 | `cameras.json` | CameraPath of F frames | world unit = median depth 1 |
-| `depth.npy`, `depth_confidence.npy` | (F,H,W) float32, float16 | z depth in world units, NaN = unknown; trust in 0..1 |
+| `depth.npy`, `depth_confidence.npy` | (F,H,W) float32, float16 | z depth in world units, NaN = unknown; trust 0..1 |
 | `flow_forward.npy`, `flow_backward.npy` | (F-1,H,W,2) float16 | pixels; supervised frame i -> i+1 and i+1 -> i |
 | `flow_forward_mask.npy`, `flow_backward_mask.npy` | (F-1,H,W) bool | forward-backward consistent |
 | `motion.npy`, `mask.npy` | (F,H,W) float16, bool | soft 0..1 "moves by itself"; the moving foreground |
-| `tracks.npy`, `tracks_visible.npy` | (F,N,2) float32, (F,N) bool | pixel positions (pixel centres at +0.5), NaN = unknown |
+| `tracks.npy`, `tracks_visible.npy` | (F,N,2) float32, (F,N) bool | pixels (pixel centres at +0.5), NaN = unknown |
 | `tracks_motion.npy` | (N,) float32 | 0..1 how surely the track moves by itself |
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import F4xError
+from ..files import replace_file
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -51,7 +52,7 @@ ARRAYS: dict[str, tuple[str, type]] = {
 FIELDS = (*ARRAYS, "cameras")
 UNIT_INTERVAL = ("depth_confidence", "motion", "tracks_motion")
 OUTSIDE_TOLERANCE = 0.5
-"""Share of a user's visible track samples that may lie outside the picture before it is taken for another picture size."""
+"""Share of visible track samples that may lie outside before the tracks are taken for another picture size."""
 
 
 @dataclass
@@ -93,12 +94,17 @@ class Priors:
     def expected_shape(self, name: str) -> tuple[int | None, ...]:
         """Shape that array `name` must have; None where the number of tracks is free."""
         count = None if self.tracks is None else self.tracks.shape[1]
-        sizes = {"F": len(self.frames), "P": max(len(self.frames) - 1, 0), "H": self.height, "W": self.width}
+        sizes: dict[str, int | None] = {
+            "F": len(self.frames),
+            "P": max(len(self.frames) - 1, 0),
+            "H": self.height,
+            "W": self.width,
+        }
         sizes |= {"N": count}
         return tuple(int(axis) if axis.isdigit() else sizes[axis] for axis in ARRAYS[name][0])
 
     def validate(self, fields: Iterable[str] = FIELDS) -> None:
-        """Check the present ones of `fields`; F4xError names the first problem. Tracks leaving the picture turn invisible."""
+        """Check the present ones of `fields`; F4xError names the first problem. Tracks outside turn invisible."""
         for name in fields:
             if getattr(self, name) is None:
                 continue
@@ -111,15 +117,15 @@ class Priors:
         if "tracks" in fields and self.tracks is not None and self.tracks_visible is not None:
             self._validate_tracks()
         if self.camera_kind is not None and self.camera_kind not in CAMERA_KINDS:
-            raise F4xError(f"priors.json: camera_kind is '{self.camera_kind}'; it must be one of {', '.join(CAMERA_KINDS)}.")
+            raise F4xError(f"priors.json: camera_kind is '{self.camera_kind}'; use one of {', '.join(CAMERA_KINDS)}.")
 
     def _validate_array(self, name: str) -> None:
         array, expected, dtype = getattr(self, name), self.expected_shape(name), ARRAYS[name][1]
         if array.ndim != len(expected) or any(e not in (None, n) for e, n in zip(expected, array.shape, strict=True)):
             wanted = "(" + ", ".join("any" if e is None else str(e) for e in expected) + ")"
             raise F4xError(
-                f"{name}.npy has shape {array.shape}, this clip needs {wanted}: axes {' '.join(ARRAYS[name][0])} with the"
-                f" {len(self.frames)} supervised frames; make it again at this size."
+                f"{name}.npy has shape {array.shape}, this clip needs {wanted} for its {len(self.frames)}"
+                " supervised frames; make it again at this size."
             )
         if array.dtype != dtype:
             raise F4xError(f"{name}.npy has dtype {array.dtype}; save it as {np.dtype(dtype).name}.")
@@ -129,13 +135,14 @@ class Priors:
             raise F4xError(f"{name}.npy leaves the range 0..1 (or is NaN); rescale it.")
 
     def _validate_depth(self) -> None:
-        valid = np.isfinite(self.depth) & (self.depth > 0)  # type: ignore[operator]
+        assert self.depth is not None
+        valid = np.isfinite(self.depth) & (self.depth > 0)
         if not valid.any():
-            raise F4xError("depth.npy holds no positive depth at all; write z depth in front of the camera, NaN = unknown.")
+            raise F4xError("depth.npy holds no positive depth at all; write z depth, NaN = unknown.")
         empty = self.frames[~valid.any(axis=(1, 2))]
         if len(empty):
             raise F4xError(f"depth.npy has no positive depth in clip frame {empty[0]}; fill it or leave the frame out.")
-        if (self.depth[np.isfinite(self.depth)] <= 0).any():  # type: ignore[index]
+        if (self.depth[np.isfinite(self.depth)] <= 0).any():
             raise F4xError("depth.npy holds zero or negative depth; write NaN where depth is unknown.")
 
     def _validate_tracks(self) -> None:
@@ -147,7 +154,7 @@ class Priors:
         visible, outside = self.tracks_visible.sum(), (self.tracks_visible & ~inside).sum()
         if outside > OUTSIDE_TOLERANCE * visible:
             raise F4xError(
-                f"tracks.npy: {outside} of {visible} visible samples lie outside the {self.width}x{self.height} picture;"
+                f"tracks.npy: {outside} of {visible} visible samples lie outside {self.width}x{self.height};"
                 " give (x, y) in pixels of this clip's size."
             )
         if outside:
@@ -191,19 +198,18 @@ class Priors:
         return priors
 
     def write(self, folder: str | Path, fields: Iterable[str] = FIELDS) -> None:
-        """Write `priors.json` and the present ones of `fields`.
+        """Write `priors.json` and the present ones of `fields`, each file atomically.
 
-        All go to temporary names first; `priors.json` (with the digests before and after) is renamed before the arrays, so
-        that an interrupted write leaves files that are either the old or the new ones, and known as ours either way.
+        `priors.json` goes first and carries the digests of the files before and after: a write that is cut short leaves
+        files that are either the old or the new ones, and known as ours either way (`build` must not take them for the
+        user's).
         """
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        present = [name for name in fields if getattr(self, name) is not None]
-        for name in present:
-            write_part(file_of(folder, name), getattr(self, name))
+        content = {name: _encode(getattr(self, name)) for name in fields if getattr(self, name) is not None}
+        for name, data in content.items():
             entry = self.provenance.setdefault(name, {})
-            entry["previous"] = entry.get("digest")
-            entry["digest"] = digest(part_of(file_of(folder, name)))
+            entry["previous"], entry["digest"] = entry.get("digest"), _digest_bytes(data)
         head = {
             "version": VERSION,
             "width": self.width,
@@ -215,9 +221,11 @@ class Priors:
             "warnings": self.warnings,
             "statistics": self.statistics,
         }
-        write_part(folder / "priors.json", head)
-        for path in (folder / "priors.json", *(file_of(folder, name) for name in present)):
-            part_of(path).replace(path)
+        for path, data in [(folder / "priors.json", _encode(head))] + [
+            (file_of(folder, name), data) for name, data in content.items()
+        ]:
+            with replace_file(path) as file:
+                file.write(data)
 
 
 def file_of(folder: Path, name: str) -> Path:
@@ -245,34 +253,27 @@ def read_field(folder: Path, name: str) -> Any:
     if name == "cameras":
         from ..geometry.camera import CameraPath
 
-        try:
-            return CameraPath.from_json(json.loads(path.read_text(encoding="utf-8")))
-        except (ValueError, KeyError, TypeError) as error:
-            raise F4xError(f"{path} is not a camera path ({error}); write it as f4x does.") from error
+        return CameraPath.read(path)
     try:
         return np.load(path, allow_pickle=False)
     except (ValueError, OSError, EOFError) as error:
         raise F4xError(f"{path} is not a readable .npy array ({error}); replace or delete it.") from error
 
 
-def part_of(path: Path) -> Path:
-    """The temporary name under which `path` is written before it is renamed."""
-    return path.with_name(path.name + ".part")
-
-
-def write_part(path: Path, value: Any) -> None:
-    """Write an array, a camera path or JSON to the temporary name of `path` and flush it to disk."""
-    with part_of(path).open("wb") as file:
-        if isinstance(value, np.ndarray):
-            np.save(file, value, allow_pickle=False)
-        else:
-            plain = value.to_json() if hasattr(value, "to_json") else value
-            file.write(json.dumps(plain, indent=1, allow_nan=False).encode())
-        file.flush()
-        os.fsync(file.fileno())
-
-
 def digest(path: Path) -> str:
     """Hex digest of a file's bytes: how a user's replacement is told from what a provider wrote."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "blake2b").hexdigest()[:32]
+    return _digest_bytes(path.read_bytes())
+
+
+def _digest_bytes(data: bytes) -> str:
+    return hashlib.blake2b(data, digest_size=16).hexdigest()
+
+
+def _encode(value: Any) -> bytes:
+    """The bytes of a file: `.npy` of an array, JSON of a camera path or of plain values."""
+    if isinstance(value, np.ndarray):
+        buffer = io.BytesIO()
+        np.save(buffer, value, allow_pickle=False)
+        return buffer.getvalue()
+    plain = value.to_json() if hasattr(value, "to_json") else value
+    return json.dumps(plain, indent=1, allow_nan=False).encode()

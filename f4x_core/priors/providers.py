@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 
 class Provider(Protocol):
-    """Fills the fields of its stage (`STAGES`) in `priors`, reading only what earlier stages left there."""
+    """Fills the fields of its stage (`STAGES`) in `priors`.
+
+    Fields that are set already were given by the user or made by earlier stages: use them, they are kept.
+    """
 
     def __call__(self, clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
         """Work on `clip.supervised` frames only: held-out frames must never be looked at."""
@@ -29,7 +32,7 @@ STAGES: dict[str, tuple[str, ...]] = {
     "cameras": ("cameras",),
     "depth": ("depth", "depth_confidence"),
 }
-"""Stages in the order they are built and the priors each must fill. A stage may also rewrite earlier fields (`revises`)."""
+"""Stages in build order and the priors each must fill; one may also revise earlier ones (depth sets the unit)."""
 
 PROVIDERS: dict[tuple[str, str], str | Provider] = {
     ("flow", "classical"): "flow:provide",

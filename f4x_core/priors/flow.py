@@ -1,0 +1,94 @@
+"""Dense optical flow between consecutive supervised frames by OpenCV's DIS, both ways, with its consistency masks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..progress import Progress
+from .config import FlowConfig, PriorsConfig
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from .folder import Priors
+
+Flow = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+def dis(config: FlowConfig) -> Flow:
+    """A function (grey (H,W) uint8, grey (H,W) uint8) -> flow (H,W,2) float32 in pixels, first picture to second."""
+    import cv2
+
+    presets = {
+        "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
+        "fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
+        "medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+    }
+    engine = cv2.DISOpticalFlow.create(presets[config.preset])
+    engine.setVariationalRefinementIterations(config.refine_iterations)
+    return lambda first, second: engine.calc(first, second, None)
+
+
+def grey(frames: np.ndarray) -> np.ndarray:
+    """(F,H,W,3) uint8 RGB to (F,H,W) uint8."""
+    import cv2
+
+    return np.stack([cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames])
+
+
+def sample(image: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Bilinear samples of `image` (H,W) or (H,W,C) at `points` (...,2) in pixels (centres at +0.5), border repeated."""
+    height, width = image.shape[:2]
+    x = np.clip(points[..., 0] - 0.5, 0, width - 1)
+    y = np.clip(points[..., 1] - 0.5, 0, height - 1)
+    column, row = np.minimum(x.astype(np.intp), max(width - 2, 0)), np.minimum(y.astype(np.intp), max(height - 2, 0))
+    u, v = x - column, y - row
+    if image.ndim == 3:
+        u, v = u[..., None], v[..., None]
+    right, below = np.minimum(column + 1, width - 1), np.minimum(row + 1, height - 1)
+    top = image[row, column] * (1 - u) + image[row, right] * u
+    bottom = image[below, column] * (1 - u) + image[below, right] * u
+    return top * (1 - v) + bottom * v
+
+
+def pixel_grid(height: int, width: int) -> np.ndarray:
+    """(H,W,2) float32 pixel centres (x, y)."""
+    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    return np.stack([columns, rows], -1).astype(np.float32)
+
+
+def warp(image: np.ndarray, flow: np.ndarray) -> np.ndarray:
+    """`image` (H,W[,C]) float32 looked up at p + flow(p), border repeated."""
+    import cv2
+
+    target = pixel_grid(*flow.shape[:2]) + flow - 0.5  # OpenCV counts from pixel centres
+    return cv2.remap(image, target[..., 0], target[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def consistent(there: np.ndarray, back: np.ndarray) -> np.ndarray:
+    """(H,W) bool: |f(p) + b(p+f)| < 0.5 (|f| + |b|) + 0.5 px (MoSca's test), and p + f inside the picture."""
+    height, width = there.shape[:2]
+    returned = warp(back, there)  # (H,W,2)
+    error = np.linalg.norm(there + returned, axis=-1)
+    length = np.linalg.norm(there, axis=-1) + np.linalg.norm(returned, axis=-1)
+    target = pixel_grid(height, width) + there
+    inside = (target >= 0).all(-1) & (target[..., 0] <= width) & (target[..., 1] <= height)
+    return (error < 0.5 * length + 0.5) & inside
+
+
+def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill the four flow fields (provider `classical`)."""
+    pictures, flow = grey(clip.frames[clip.supervised]), dis(config.flow)
+    pairs, height, width = len(pictures) - 1, *pictures.shape[1:]
+    forward = np.zeros((pairs, height, width, 2), np.float16)
+    backward = np.zeros_like(forward)
+    masks = np.zeros((2, pairs, height, width), bool)
+    for i in range(pairs):
+        progress("flow", i, pairs)
+        there, back = flow(pictures[i], pictures[i + 1]), flow(pictures[i + 1], pictures[i])
+        forward[i], backward[i] = there, back
+        masks[0, i], masks[1, i] = consistent(there, back), consistent(back, there)
+    priors.flow_forward, priors.flow_backward = forward, backward
+    priors.flow_forward_mask, priors.flow_backward_mask = masks
