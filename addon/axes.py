@@ -1,0 +1,36 @@
+"""Between OpenCV (the core) and Blender: camera axes, world axes, intrinsics."""
+
+from collections.abc import Iterable
+
+import bpy
+import numpy as np
+
+from ..f4x_core.geometry.camera import CameraPath
+
+# OpenCV camera axes (x right, y down, z forward) <-> Blender camera axes (x right, y up, z backward); its own inverse.
+FLIP_YZ = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def intrinsics(camera: bpy.types.Camera, width: int, height: int) -> np.ndarray:
+    """(3,3) float64 pinhole matrix in pixels of a Blender camera with square pixels and sensor fit HORIZONTAL."""
+    focal = camera.lens / camera.sensor_width * width
+    # shift is measured in sensor widths; +y is up in Blender and down in OpenCV
+    return np.array(
+        [
+            [focal, 0.0, width / 2 - camera.shift_x * width],
+            [0.0, focal, height / 2 + camera.shift_y * width],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def camera_path(scene: bpy.types.Scene, camera: bpy.types.Object, times: Iterable[int]) -> CameraPath:
+    """Read the animated Blender camera at `times` as an OpenCV CameraPath in Blender's world frame."""
+    width, height = scene.render.resolution_x, scene.render.resolution_y
+    times = np.asarray(list(times))
+    matrices, poses = [], []
+    for time in times:
+        scene.frame_set(int(time))
+        matrices.append(intrinsics(camera.data, width, height))
+        poses.append(FLIP_YZ @ np.linalg.inv(np.array(camera.matrix_world)))
+    return CameraPath(np.stack(matrices), np.stack(poses), times.astype(np.float64), width, height)
