@@ -1,0 +1,98 @@
+"""Folders of pictures: listing in natural order, reading colour and masks, resampling, writing."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import F4xError
+
+SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff"}
+
+
+def list_images(folder: Path) -> list[Path]:
+    """Return the picture files directly in `folder`, numbers in their names sorted by value; none if no folder."""
+    if not folder.is_dir():
+        return []
+    files = [file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES and not file.name.startswith(".")]
+    return sorted(files, key=lambda file: natural_key(file.name))
+
+
+def natural_key(name: str) -> list[tuple[int, str]]:
+    """Sort key under which `frame2` comes before `frame10`."""
+    return [(int(part), "") if part.isdigit() else (-1, part.lower()) for part in re.split(r"([0-9]+)", name)]
+
+
+def read_color(file: Path) -> np.ndarray:
+    """Return `(H, W, 3)` uint8 sRGB, turned upright as the camera's EXIF says; raises F4xError."""
+    from PIL import ImageOps
+
+    with _opened(file) as image:
+        return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
+
+
+def read_mask(file: Path) -> np.ndarray:
+    """Return `(H, W)` bool, true where the picture (grey, colour or palette index) is not 0; raises F4xError."""
+    with _opened(file) as image:
+        values = np.asarray(image.convert(image.mode.removesuffix("A")) if image.mode in ("RGBA", "LA") else image)
+    return values.any(axis=-1) if values.ndim == 3 else values != 0
+
+
+def _opened(file: Path):
+    """Open and decode completely, so that a truncated picture is an error here and not grey pixels later."""
+    from PIL import Image
+
+    try:
+        image = Image.open(file)
+        image.load()
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise F4xError(f"{file} cannot be read as a picture ({error}); replace or remove it") from error
+    return image
+
+
+def even_size(width: int, height: int, new_width: int | None) -> tuple[int, int]:
+    """Return (width, height) near `new_width` with the same aspect, both even as video codecs want; never larger."""
+    if new_width is None or new_width >= width:
+        return width, height
+    return max(2, 2 * round(new_width / 2)), max(2, 2 * round(height * new_width / width / 2))
+
+
+def resize_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return `(height, width, 3)`, averaged over the area of each new pixel."""
+    import cv2
+
+    return (
+        image
+        if image.shape[:2] == (height, width)
+        else cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    )
+
+
+def resize_nearest(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return `(height, width)` picked at the new pixels' centres: for masks and depth, which must not be mixed."""
+    rows = ((np.arange(height) + 0.5) * image.shape[0] / height).astype(int)
+    columns = ((np.arange(width) + 0.5) * image.shape[1] / width).astype(int)
+    return image[rows[:, None], columns]
+
+
+def write_images(folder: str | Path, frames: Iterable[np.ndarray]) -> list[Path]:
+    """Write `frames` ((H, W, 3) uint8, or float in [0, 1]) as `00000.png ...`; return the files."""
+    from PIL import Image
+
+    folder = Path(folder)
+    files = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for index, frame in enumerate(frames):
+            files.append(folder / f"{index:05d}.png")
+            Image.fromarray(as_bytes(frame)).save(files[-1])
+    except OSError as error:
+        raise F4xError(f"{folder} cannot be written ({error}); choose a folder you may write to") from error
+    return files
+
+
+def as_bytes(frame: np.ndarray) -> np.ndarray:
+    """Return uint8 colours of uint8 or float [0, 1] ones (clamped and rounded)."""
+    frame = np.asarray(frame)
+    return frame if frame.dtype == np.uint8 else np.round(np.clip(frame, 0, 1) * 255).astype(np.uint8)

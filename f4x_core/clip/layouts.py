@@ -1,0 +1,222 @@
+"""What lies in a folder: the data-set layouts, each described as file lists, cameras, masks and depth.
+
+A layout function returns a `Layout` when the folder is of its kind, otherwise None, and raises F4xError when the folder
+is of its kind but broken. Nothing is decoded here.
+"""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry import quaternion
+from .images import list_images
+
+DEFAULT_FPS = 24.0  # of image folders, which do not tell; also the rate of DAVIS
+DYCHECK_FPS = 30.0  # what the iPhone of DyCheck recorded, unless its extra.json tells
+
+
+@dataclass(frozen=True, eq=False)
+class Distortion:
+    """Lens distortion of one camera at its native size."""
+
+    intrinsics: np.ndarray
+    """(3, 3), pixels, pixel centres at +0.5."""
+    coefficients: np.ndarray
+    """(k1, k2, p1, p2, k3), the order of OpenCV."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """The files of one clip, before frames are selected."""
+
+    name: str
+    images: list[Path]
+    fps: float = DEFAULT_FPS
+    masks: list[Path] = field(default_factory=list)
+    """One file per image, or none."""
+    depth: list[Path] = field(default_factory=list)
+    """One `.npy` per image, or none."""
+    intrinsics: np.ndarray | None = None
+    """(T, 3, 3) pixels of the native size."""
+    world_to_camera: np.ndarray | None = None
+    """(T, 4, 4)."""
+    size: tuple[int, int] | None = None
+    """(width, height) that the intrinsics belong to."""
+    distortions: list[Distortion] = field(default_factory=list)
+    """One per image where a lens distorts, else none."""
+
+
+def find_layout(folder: Path) -> Layout:
+    """Return what lies in `folder`; raises F4xError when there is no picture in any known place."""
+    for layout in (davis, dycheck, nvidia, plain):
+        found = layout(folder)
+        if found is not None:
+            return found
+    raise F4xError(
+        f"{folder} holds no pictures, neither itself nor in images/; give a folder of frames or a video file"
+    )
+
+
+def davis(folder: Path) -> Layout | None:
+    """DAVIS: `JPEGImages/480p/NAME`, `Annotations/480p/NAME`; `folder` is the sequence, ROOT/NAME, or ROOT with only one."""
+    if folder.parent.parent.name == "JPEGImages":
+        sequence = folder
+    elif (folder.parent / "JPEGImages").is_dir() and not folder.exists():
+        found = sorted(folder.parent.glob(f"JPEGImages/*/{folder.name}"))
+        if not found:
+            raise F4xError(f"{folder.parent} has no sequence {folder.name} in JPEGImages; give one that is there")
+        sequence = found[0]  # 480p sorts before Full-Resolution
+    elif (folder / "JPEGImages").is_dir():
+        found = sorted(path for path in folder.glob("JPEGImages/*/*") if path.is_dir())
+        names = sorted({path.name for path in found})
+        if len(names) != 1:
+            raise F4xError(
+                f"{folder} has {len(names)} sequences; give one of them as {folder / (names or ['NAME'])[0]}"
+            )
+        sequence = found[0]
+    else:
+        return None
+    annotations = sequence.parents[2] / "Annotations" / sequence.parent.name / sequence.name
+    return Layout(sequence.name, list_images(sequence), masks=list_images(annotations))
+
+
+def dycheck(folder: Path) -> Layout | None:
+    """DyCheck and Nerfies: `rgb/1x`, `camera/ID.json`, `dataset.json`, optional `splits/`, `depth/1x`.
+
+    The clip is the training split, in order of time: that is the one hand-held camera (Nerfies: its interleaved pair).
+    `scene.json` only recentres and rescales, so cameras and depth stay in the units of the capture.
+    """
+    if not (folder / "camera").is_dir() or not (folder / "rgb").is_dir():
+        return None
+    scale = next((scale for scale in (1, 2, 4, 8, 16) if (folder / "rgb" / f"{scale}x").is_dir()), None)
+    if scale is None:
+        raise F4xError(f"{folder}/rgb lacks a folder like 1x or 2x; put the frames there")
+    images = {file.stem: file for file in list_images(folder / "rgb" / f"{scale}x")}
+    names = _training_names(folder) or list(images)
+    missing = next((name for name in names if name not in images), None)
+    if missing is not None:
+        raise F4xError(f"{folder}/rgb/{scale}x lacks the frame {missing} of its own split; complete the download")
+    cameras = [_read_json(folder / "camera" / f"{name}.json") for name in names]
+    try:
+        intrinsics, matrices = np.stack([_nerfies_intrinsics(c) for c in cameras]), _nerfies_poses(cameras)
+        lenses = [
+            np.array([*(c.get("radial_distortion") or [0] * 3), *(c.get("tangential_distortion") or [0] * 2)])
+            for c in cameras
+        ]
+        width, height = (int(pixels) for pixels in cameras[0]["image_size"])
+        lens = [Distortion(k, l[[0, 1, 3, 4, 2]]) for k, l in zip(intrinsics, lenses, strict=True)]
+    except (KeyError, ValueError, TypeError, IndexError) as error:
+        raise F4xError(
+            f"{folder}/camera has a file that is no Nerfies camera ({error!r}); download it again"
+        ) from error
+    depth = [folder / "depth" / f"{scale}x" / f"{name}.npy" for name in names]
+    extra = folder / "extra.json"
+    return Layout(
+        folder.name,
+        [images[name] for name in names],
+        fps=float(_read_json(extra).get("fps", DYCHECK_FPS)) if extra.exists() else DYCHECK_FPS,
+        depth=depth if all(file.exists() for file in depth) else [],
+        intrinsics=intrinsics,
+        world_to_camera=matrices,
+        size=(width, height),
+        distortions=lens if any(l.coefficients.any() for l in lens) else [],
+    )
+
+
+def nvidia(folder: Path) -> Layout | None:
+    """NVIDIA Dynamic Scenes as in RoDynRF: `poses_bounds.npy` (LLFF) beside `images/` or `rgb/`, one pose per picture."""
+    file = folder / "poses_bounds.npy"
+    if not file.exists():
+        return None
+    images = next(
+        (found for name in ("images", "rgb", "images_2", "images_4") if (found := list_images(folder / name))), []
+    )
+    try:
+        poses = np.load(file, allow_pickle=False)
+        poses = poses[:, :15].reshape(-1, 3, 5)
+    except (OSError, ValueError, IndexError) as error:
+        raise F4xError(f"{file} is not an LLFF pose array (N, 17): {error}; download it again") from error
+    if len(poses) != len(images):
+        raise F4xError(f"{file} has {len(poses)} poses for {len(images)} pictures; they should be as many")
+    down, right, back, centers = (poses[:, :, i] for i in range(4))
+    height, width = poses[0, :2, 4]
+    intrinsics = np.tile(np.eye(3), (len(poses), 1, 1))
+    intrinsics[:, 0, 0] = intrinsics[:, 1, 1] = poses[:, 2, 4]
+    intrinsics[:, :2, 2] = width / 2, height / 2
+    return Layout(
+        folder.name,
+        images,
+        masks=_masks_beside(folder),
+        intrinsics=intrinsics,
+        world_to_camera=_world_to_camera(np.stack([right, down, -back], axis=1), centers),
+        size=(round(width), round(height)),
+    )
+
+
+def plain(folder: Path) -> Layout | None:
+    """A folder of pictures, or one that contains `images/` (then `masks/` beside it are the masks)."""
+    inside = list_images(folder / "images")
+    if inside:
+        return Layout(folder.name, inside, masks=_masks_beside(folder))
+    images = list_images(folder)
+    name = folder.parent.name if folder.name == "images" else folder.name
+    return (
+        Layout(name, images, masks=_masks_beside(folder.parent) if folder.name == "images" else []) if images else None
+    )
+
+
+def _masks_beside(folder: Path) -> list[Path]:
+    return list_images(folder / "masks") or list_images(folder / "motion_masks")
+
+
+def _training_names(folder: Path) -> list[str]:
+    """Return the frame names of the training split in order of time; none when there is no split."""
+    split, dataset = folder / "splits" / "train.json", folder / "dataset.json"
+    try:
+        if split.exists():
+            data = _read_json(split)
+            names = [str(name) for name in data["frame_names"]]
+            times = data.get("time_ids", range(len(names)))
+            return [name for _, name in sorted(zip(times, names, strict=True))]
+        if dataset.exists():
+            data = _read_json(dataset)
+            return [str(name) for name in data.get("train_ids") or data["ids"]]
+    except (KeyError, ValueError, TypeError) as error:
+        raise F4xError(
+            f"{split if split.exists() else dataset} does not list frames ({error!r}); write it again"
+        ) from error
+    return []
+
+
+def _nerfies_intrinsics(camera: dict[str, Any]) -> np.ndarray:
+    focal, aspect = float(camera["focal_length"]), float(camera.get("pixel_aspect_ratio", 1.0))
+    cx, cy = camera["principal_point"]
+    return np.array([[focal, float(camera.get("skew", 0.0)), cx], [0, focal * aspect, cy], [0, 0, 1]])
+
+
+def _nerfies_poses(cameras: list[dict[str, Any]]) -> np.ndarray:
+    """`orientation` is the world-to-camera rotation, `position` the camera centre."""
+    rotations = np.array([camera["orientation"] for camera in cameras], np.float64)
+    return _world_to_camera(rotations, np.array([camera["position"] for camera in cameras], np.float64))
+
+
+def _world_to_camera(rotations: np.ndarray, centers: np.ndarray) -> np.ndarray:
+    """Return `(T, 4, 4)` of world-to-camera `rotations (T, 3, 3)`, made orthonormal (files round them), and centres."""
+    matrices = np.tile(np.eye(4), (len(rotations), 1, 1))
+    matrices[:, :3, :3] = quaternion.to_matrix(quaternion.from_matrix(rotations))
+    matrices[:, :3, 3] = -(matrices[:, :3, :3] @ centers[:, :, None])[..., 0]
+    return matrices
+
+
+def _read_json(file: Path) -> dict[str, Any]:
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise F4xError(f"{file} cannot be read as JSON ({error}); complete the download") from error
+    if not isinstance(data, dict):
+        raise F4xError(f"{file} should hold a JSON object; complete the download")
+    return data

@@ -1,0 +1,63 @@
+"""The clip that every later stage works on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry.camera import CameraPath
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Frames of one camera in order of time. T frames of H x W pixels."""
+
+    name: str
+    """Short name for files and titles."""
+    frames: np.ndarray
+    """(T, H, W, 3) uint8, sRGB."""
+    times: np.ndarray
+    """(T,) float64, the frame index 0 .. T-1."""
+    fps: float
+    """Frames per second of these frames (a stride divides the rate of the source)."""
+    held_out: np.ndarray
+    """(T,) bool: kept back from the fit, for measuring it."""
+    source: str
+    """The path it was read from."""
+    cameras: CameraPath | None = None
+    """Cameras of all T frames at `times`, in the units of the source, where the source knows them."""
+    masks: np.ndarray | None = None
+    """(T, H, W) bool: what moves by itself, where a person or the source says so."""
+    depth: np.ndarray | None = None
+    """(T, H, W) float32, z depth in the units of `cameras`, NaN = unknown."""
+
+    def __post_init__(self):
+        """Refuse arrays that do not belong together."""
+        if self.frames.ndim != 4 or self.frames.shape[3] != 3 or self.frames.dtype != np.uint8 or not len(self.frames):
+            raise F4xError(f"{self.source}: a clip needs uint8 frames (T, H, W, 3), got {self.frames.shape}")
+        for name in ("times", "held_out", "cameras"):
+            value = getattr(self, name)
+            if value is not None and len(value) != len(self):
+                raise F4xError(f"{self.source}: {len(self)} frames but {len(value)} entries in {name}")
+        for name in ("masks", "depth"):
+            value = getattr(self, name)
+            if value is not None and value.shape != self.frames.shape[:3]:
+                raise F4xError(f"{self.source}: frames {self.frames.shape[:3]} but {name} {value.shape}")
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    @property
+    def width(self) -> int:
+        """Pixels in a row."""
+        return self.frames.shape[2]
+
+    @property
+    def height(self) -> int:
+        """Pixels in a column."""
+        return self.frames.shape[1]
+
+    @property
+    def supervised(self) -> np.ndarray:
+        """Indices `(F,)` of the frames that the fit may see."""
+        return np.flatnonzero(~self.held_out)

@@ -1,0 +1,190 @@
+"""From a path that a person gives to a `Clip`."""
+
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry.camera import CameraPath
+from .images import even_size, list_images, read_color, read_mask, resize_color, resize_nearest
+from .layouts import DEFAULT_FPS, Distortion, Layout, find_layout
+from .model import Clip
+from .video import decode, frame_rate
+
+ASPECT_TOLERANCE = 0.01  # relative; rounding to even sizes changes the aspect of a 200-pixel frame by this much
+
+
+def read_clip(
+    source: str | Path,
+    frames: str | None = None,
+    width: int | None = None,
+    hold_out: int | None = None,
+    masks: str | Path | None = None,
+) -> Clip:
+    """Read a video file, a folder of pictures, or an NVIDIA/RoDynRF, DyCheck/Nerfies or DAVIS folder.
+
+    `frames`: "first:end:step" as in a Python slice, end not included, each part optional; all frames when None.
+    `width`: frames are averaged down to this many pixels a row (even sizes, same aspect), never enlarged.
+    `hold_out`: with N, frames N-1, 2N-1, ... are kept back from the fit.
+    `masks`: a folder of pictures, not 0 where something moves by itself, one for each frame of the source or of the
+    selection; "layout" takes those of the source's own layout; none when None.
+    Raises F4xError for whatever cannot be read.
+    """
+    source = Path(source).expanduser()
+    span = _parse_span(frames)
+    if width is not None and width < 2:
+        raise F4xError(f"width {width} is too small; give at least 2 pixels")
+    if hold_out is not None and hold_out < 2:
+        raise F4xError(f"hold_out {hold_out} would leave no frame to learn from; give 2 or more")
+    layout = None if source.is_file() else find_layout(_existing(source))
+    if layout is None:
+        name, fps = source.stem, frame_rate(source) or DEFAULT_FPS
+        indices, pictures = _read_video(source, span, width)
+    else:
+        name, fps = layout.name, layout.fps
+        indices = _select(span, len(layout.images), source)
+        pictures = _read_pictures(layout, indices, width)
+    height, width = pictures.shape[1:3]
+    return Clip(
+        name=name,
+        frames=pictures,
+        times=np.arange(len(indices), dtype=np.float64),
+        fps=fps / (span.step or 1),
+        held_out=np.arange(len(indices)) % hold_out == hold_out - 1 if hold_out else np.zeros(len(indices), bool),
+        source=str(source),
+        cameras=_cameras(layout, indices, width, height) if layout else None,
+        masks=_read_masks(masks, layout, indices, width, height, source) if masks is not None else None,
+        depth=_read_depth(layout, indices, width, height) if layout and layout.depth else None,
+    )
+
+
+def _existing(source: Path) -> Path:
+    """Let through what is there, and ROOT/NAME of a DAVIS root, which is not."""
+    if not source.exists() and not (source.parent / "JPEGImages").is_dir():
+        raise F4xError(f"{source} does not exist; give a video file or a folder of frames")
+    return source.resolve()
+
+
+def _parse_span(text: str | None) -> slice:
+    """Return the slice of "a:b:s", made of numbers >= 0 and a step >= 1."""
+    if text is None:
+        return slice(None)
+    try:
+        parts = [int(part) if part.strip() else None for part in text.split(":")]
+    except ValueError:
+        parts = []
+    if not 2 <= len(parts) <= 3 or any(part is not None and part < 0 for part in parts) or parts[2:] == [0]:
+        raise F4xError(f"frames '{text}' is not a range; write it as first:end:step, for example 0:48:2")
+    return slice(*parts)
+
+
+def _select(span: slice, count: int, source: Path) -> np.ndarray:
+    """Return the indices of `span` among `count` frames; raises F4xError when they are not all there."""
+    if count == 0:
+        raise F4xError(f"{source} holds no frames; give a video or a folder of pictures")
+    if (span.stop or 0) > count or (span.start or 0) >= count:
+        wanted = f"{span.start or 0}:{'' if span.stop is None else span.stop}"
+        raise F4xError(f"{source} has frames 0:{count}, frames {wanted} reach beyond; choose a range inside")
+    indices = np.arange(count)[span]
+    if not len(indices):
+        raise F4xError(
+            f"frames {span.start or 0}:{span.stop} select nothing from {source}; let them end after the first"
+        )
+    return indices
+
+
+def _read_video(file: Path, span: slice, width: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return (indices, frames); keeps only the selected frames, already small, and stops after the last one."""
+    kept: list[np.ndarray] = []
+    count = 0
+    for count, image in enumerate(islice(decode(file), span.stop), start=1):
+        index = count - 1 - (span.start or 0)
+        if index >= 0 and index % (span.step or 1) == 0:
+            kept.append(resize_color(image, *even_size(image.shape[1], image.shape[0], width)))
+    indices = _select(span, count, file)
+    return indices, np.stack(kept)
+
+
+def _read_pictures(layout: Layout, indices: np.ndarray, width: int | None) -> np.ndarray:
+    """Return `(T, H, W, 3)`, undistorted and resized; raises F4xError for pictures of several sizes."""
+    kept: list[np.ndarray] = []
+    native: tuple[int, ...] = ()
+    for index in indices:
+        image = read_color(layout.images[index])
+        native = native or image.shape
+        if image.shape != native:
+            sizes = f"{image.shape[1]}x{image.shape[0]}, the first frame is {native[1]}x{native[0]}"
+            raise F4xError(f"{layout.images[index]} is {sizes}; make all frames the same size")
+        if layout.distortions and layout.size:
+            image = _undistort(image, layout.distortions[index], layout.size)
+        kept.append(resize_color(image, *even_size(image.shape[1], image.shape[0], width)))
+    return np.stack(kept)
+
+
+def _undistort(image: np.ndarray, lens: Distortion, size: tuple[int, int]) -> np.ndarray:
+    """Return the picture a pinhole with the same intrinsics would have taken."""
+    import cv2
+
+    scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1], 1.0])[:, None]
+    intrinsics = lens.intrinsics * scale
+    intrinsics[:2, 2] -= 0.5  # OpenCV counts pixel centres at whole numbers
+    return cv2.undistort(image, intrinsics, lens.coefficients)
+
+
+def _cameras(layout: Layout, indices: np.ndarray, width: int, height: int) -> CameraPath | None:
+    if layout.intrinsics is None or layout.world_to_camera is None or layout.size is None:
+        return None
+    times = np.arange(len(indices))
+    path = CameraPath(layout.intrinsics[indices], layout.world_to_camera[indices], times, *layout.size)
+    return path.resized(width, height)
+
+
+def _read_masks(
+    masks: str | Path, layout: Layout | None, indices: np.ndarray, width: int, height: int, source: Path
+) -> np.ndarray:
+    if str(masks) == "layout":
+        files = layout.masks if layout else []
+        if not files:
+            raise F4xError(f"{source} comes without masks; give a folder of masks, or none")
+        folder = files[0].parent
+    else:
+        folder = Path(masks).expanduser()
+        files = list_images(folder)
+        if not files:
+            raise F4xError(f"{folder} holds no masks; give a folder with one picture per frame")
+    total = len(layout.images) if layout else None
+    if len(files) == total or (total is None and len(files) > indices[-1]):
+        files = [files[index] for index in indices]
+    elif len(files) != len(indices):
+        raise F4xError(f"{folder} holds {len(files)} masks for {len(indices)} frames; give one mask per frame")
+    return _stack_like_frames(files, read_mask, width, height)
+
+
+def _read_depth(layout: Layout, indices: np.ndarray, width: int, height: int) -> np.ndarray:
+    return _stack_like_frames([layout.depth[index] for index in indices], _load_depth, width, height)
+
+
+def _load_depth(file: Path) -> np.ndarray:
+    """Return `(H, W)` float32 with NaN where the sensor saw nothing (0)."""
+    try:
+        depth = np.load(file, allow_pickle=False).astype(np.float32)
+    except (OSError, ValueError) as error:
+        raise F4xError(
+            f"{file} is not a depth array ({error}); download it again or remove the depth folder"
+        ) from error
+    depth = depth[..., 0] if depth.ndim == 3 else depth
+    return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(np.nan))
+
+
+def _stack_like_frames(files: list[Path], load: Callable[[Path], np.ndarray], width: int, height: int) -> np.ndarray:
+    """Return `(T, height, width)`; other resolutions are resampled, other aspects are an F4xError."""
+    stack = []
+    for file in files:
+        image = load(file)
+        if image.ndim != 2 or abs(image.shape[1] * height / (image.shape[0] * width) - 1) > ASPECT_TOLERANCE:
+            sizes = f"{image.shape[1]}x{image.shape[0]} beside frames of {width}x{height}"
+            raise F4xError(f"{file} is {sizes}; it should have the same aspect")
+        stack.append(resize_nearest(image, width, height))
+    return np.stack(stack)
