@@ -62,7 +62,7 @@ def find_layout(folder: Path) -> Layout:
 
 
 def davis(folder: Path) -> Layout | None:
-    """DAVIS: `JPEGImages/480p/NAME`, `Annotations/480p/NAME`; `folder` is the sequence, ROOT/NAME, or ROOT with only one."""
+    """DAVIS: `JPEGImages/480p/NAME`, `Annotations/480p/NAME`; `folder` is the sequence, ROOT/NAME, or a ROOT of one."""
     if folder.parent.parent.name == "JPEGImages":
         sequence = folder
     elif (folder.parent / "JPEGImages").is_dir() and not folder.exists():
@@ -128,7 +128,7 @@ def dycheck(folder: Path) -> Layout | None:
 
 
 def nvidia(folder: Path) -> Layout | None:
-    """NVIDIA Dynamic Scenes as in RoDynRF: `poses_bounds.npy` (LLFF) beside `images/` or `rgb/`, one pose per picture."""
+    """NVIDIA scenes as in RoDynRF: `poses_bounds.npy` (LLFF) beside `images/` or `rgb/`, one pose per picture."""
     file = folder / "poses_bounds.npy"
     if not file.exists():
         return None

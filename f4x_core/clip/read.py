@@ -1,5 +1,6 @@
 """From a path that a person gives to a `Clip`."""
 
+import os
 from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
@@ -11,7 +12,7 @@ from ..geometry.camera import CameraPath
 from .images import even_size, list_images, read_color, read_mask, resize_color, resize_nearest
 from .layouts import DEFAULT_FPS, Distortion, Layout, find_layout
 from .model import Clip
-from .video import decode, frame_rate
+from .video import decode, describe
 
 ASPECT_TOLERANCE = 0.01  # relative; rounding to even sizes changes the aspect of a 200-pixel frame by this much
 
@@ -40,23 +41,29 @@ def read_clip(
         raise F4xError(f"hold_out {hold_out} would leave no frame to learn from; give 2 or more")
     layout = None if source.is_file() else find_layout(_existing(source))
     if layout is None:
-        name, fps = source.stem, frame_rate(source) or DEFAULT_FPS
-        indices, pictures = _read_video(source, span, width)
+        name = source.stem
+        fps, claimed = describe(source)
+        indices, pictures, seen = _read_video(source, span, width)
+        total = max(seen, claimed)
     else:
-        name, fps = layout.name, layout.fps
-        indices = _select(span, len(layout.images), source)
+        name, fps, total = layout.name, layout.fps, len(layout.images)
+        indices = _select(span, total, source)
         pictures = _read_pictures(layout, indices, width)
     height, width = pictures.shape[1:3]
     return Clip(
         name=name,
         frames=pictures,
         times=np.arange(len(indices), dtype=np.float64),
-        fps=fps / (span.step or 1),
+        fps=(fps or DEFAULT_FPS) / (span.step or 1),
         held_out=np.arange(len(indices)) % hold_out == hold_out - 1 if hold_out else np.zeros(len(indices), bool),
         source=str(source),
         cameras=_cameras(layout, indices, width, height) if layout else None,
-        masks=_read_masks(masks, layout, indices, width, height, source) if masks is not None else None,
-        depth=_read_depth(layout, indices, width, height) if layout and layout.depth else None,
+        masks=_stack_like_frames(_mask_files(masks, layout, source, indices, total), read_mask, width, height)
+        if masks is not None
+        else None,
+        depth=_stack_like_frames([layout.depth[index] for index in indices], _load_depth, width, height)
+        if layout and layout.depth
+        else None,
     )
 
 
@@ -64,7 +71,7 @@ def _existing(source: Path) -> Path:
     """Let through what is there, and ROOT/NAME of a DAVIS root, which is not."""
     if not source.exists() and not (source.parent / "JPEGImages").is_dir():
         raise F4xError(f"{source} does not exist; give a video file or a folder of frames")
-    return source.resolve()
+    return Path(os.path.abspath(source))  # so that "." has a name
 
 
 def _parse_span(text: str | None) -> slice:
@@ -95,8 +102,8 @@ def _select(span: slice, count: int, source: Path) -> np.ndarray:
     return indices
 
 
-def _read_video(file: Path, span: slice, width: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return (indices, frames); keeps only the selected frames, already small, and stops after the last one."""
+def _read_video(file: Path, span: slice, width: int | None) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return (indices, frames, number of frames decoded); keeps only the selected frames, already small, and stops after the last one."""
     kept: list[np.ndarray] = []
     count = 0
     for count, image in enumerate(islice(decode(file), span.stop), start=1):
@@ -104,7 +111,7 @@ def _read_video(file: Path, span: slice, width: int | None) -> tuple[np.ndarray,
         if index >= 0 and index % (span.step or 1) == 0:
             kept.append(resize_color(image, *even_size(image.shape[1], image.shape[0], width)))
     indices = _select(span, count, file)
-    return indices, np.stack(kept)
+    return indices, np.stack(kept), count
 
 
 def _read_pictures(layout: Layout, indices: np.ndarray, width: int | None) -> np.ndarray:
@@ -141,29 +148,21 @@ def _cameras(layout: Layout, indices: np.ndarray, width: int, height: int) -> Ca
     return path.resized(width, height)
 
 
-def _read_masks(
-    masks: str | Path, layout: Layout | None, indices: np.ndarray, width: int, height: int, source: Path
-) -> np.ndarray:
+def _mask_files(masks: str | Path, layout: Layout | None, source: Path, indices: np.ndarray, total: int) -> list[Path]:
+    """Return one mask file per selected frame; the folder may hold one per frame of the source or of the selection."""
     if str(masks) == "layout":
         files = layout.masks if layout else []
         if not files:
             raise F4xError(f"{source} comes without masks; give a folder of masks, or none")
-        folder = files[0].parent
     else:
-        folder = Path(masks).expanduser()
-        files = list_images(folder)
+        files = list_images(Path(masks).expanduser())
         if not files:
-            raise F4xError(f"{folder} holds no masks; give a folder with one picture per frame")
-    total = len(layout.images) if layout else None
-    if len(files) == total or (total is None and len(files) > indices[-1]):
-        files = [files[index] for index in indices]
-    elif len(files) != len(indices):
-        raise F4xError(f"{folder} holds {len(files)} masks for {len(indices)} frames; give one mask per frame")
-    return _stack_like_frames(files, read_mask, width, height)
-
-
-def _read_depth(layout: Layout, indices: np.ndarray, width: int, height: int) -> np.ndarray:
-    return _stack_like_frames([layout.depth[index] for index in indices], _load_depth, width, height)
+            raise F4xError(f"{masks} holds no masks; give a folder with one picture per frame")
+    if len(files) == total:
+        return [files[index] for index in indices]
+    if len(files) != len(indices):
+        raise F4xError(f"{files[0].parent} holds {len(files)} masks for {len(indices)} frames; give one per frame")
+    return files
 
 
 def _load_depth(file: Path) -> np.ndarray:

@@ -13,12 +13,11 @@ from .images import as_bytes
 QUALITY = "16"  # x264 CRF: no visible loss; the file is for people, measurements use the arrays
 
 
-def frame_rate(file: Path) -> float | None:
-    """Return the average frames per second the file claims; raises F4xError for a file that is no video."""
-
+def describe(file: Path) -> tuple[float, int]:
+    """Return (average frames per second, number of frames) as the file claims, 0 where it does not tell."""
     with _opened(file) as container:
-        rate = container.streams.video[0].average_rate
-    return float(rate) if rate else None
+        stream = container.streams.video[0]
+        return float(stream.average_rate or 0), stream.frames
 
 
 def decode(file: Path) -> Iterator[np.ndarray]:
@@ -29,7 +28,7 @@ def decode(file: Path) -> Iterator[np.ndarray]:
         container.streams.video[0].thread_type = "AUTO"
         try:
             for frame in container.decode(video=0):
-                yield np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90))
+                yield np.ascontiguousarray(np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90)))
         except av.FFmpegError as error:
             raise F4xError(f"{file} is damaged ({error.strerror}); re-encode it or cut it before the damage") from error
 

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
+from ..files import replace_file
 from . import pose
 from .arrays import Array, like, namespace
 from .interpolation import interpolate, interpolate_rotation
 
 FORMAT = "f4x-cameras"
 VERSION = 1
+_ARRAYS = ("intrinsics", "world_to_camera", "times")
 _MIN_DEPTH = 1e-8  # world units; nearer to the camera plane the projection is held finite, on its own side
 
 
@@ -161,10 +163,7 @@ class CameraPath:
             "axes": "OpenCV: x right, y down, z forward; pixel centres at +0.5",
             "width": self.width,
             "height": self.height,
-            "times": self.times.tolist(),
-            "intrinsics": self.intrinsics.tolist(),
-            "world_to_camera": self.world_to_camera.tolist(),
-        }
+        } | {name: getattr(self, name).tolist() for name in _ARRAYS}
 
     @classmethod
     def from_json(cls, data: Any, source: str | Path = "camera path") -> "CameraPath":
@@ -174,8 +173,8 @@ class CameraPath:
         if data.get("version") != VERSION:
             raise F4xError(f"{source} has version {data.get('version')!r}; this Feature4X reads version {VERSION}")
         try:
-            arrays = [np.array(data[name], np.float64) for name in ("intrinsics", "world_to_camera", "times")]
-            return cls(*arrays, int(data["width"]), int(data["height"]))
+            intrinsics, matrices, times = (np.array(data[name], np.float64) for name in _ARRAYS)
+            return cls(intrinsics, matrices, times, int(data["width"]), int(data["height"]))
         except KeyError as error:
             raise F4xError(f"{source} lacks the entry {error}; write it again") from error
         except (TypeError, ValueError) as error:
@@ -185,7 +184,8 @@ class CameraPath:
 
     def write(self, file: str | Path) -> None:
         """Write the path as a JSON file."""
-        Path(file).write_text(json.dumps(self.to_json()), encoding="utf-8")
+        with replace_file(file) as target:
+            target.write(json.dumps(self.to_json()).encode())
 
     @classmethod
     def read(cls, file: str | Path) -> "CameraPath":
