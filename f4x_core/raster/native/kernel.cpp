@@ -1,0 +1,1127 @@
+// Feature4X rasteriser, CPU: EWA projection, tile lists and front-to-back compositing of any number of channels, with a
+// hand-written backward pass. Float32, C++17, plain C functions at the end; no Python, no OpenMP.
+//
+//   project       one Splat per Gaussian                                          (parallel over Gaussians)
+//   bind          depth order, exact ellipse/tile lists in that order             (radix and counting sort)
+//   forward_tile  16x16 pixels: chunks of splats are binned to 4x2-pixel blocks; per block first the weights
+//                 w = alpha T of all its splats (8 pixels = 8 lanes), then the channels are blended with them
+//   backward_tile the same chunks in reverse; writes one gradient row per (splat, tile) pair
+//   gather        sums each splat's rows and carries them back through the projection
+//
+// Rows are summed in a fixed order, so the result is the same bit for bit for every number of threads.
+//
+// The file includes itself: the second half, between F4X_ISA and its end, is compiled once for the plain target and, on
+// x86 with GCC or clang, once more for AVX2 + FMA; the processor picks at run time.
+
+#ifndef F4X_ISA
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <exception>
+#include <limits>
+#include <memory>
+#include <mutex>
+#include <new>
+#include <system_error>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#if defined(__GNUC__) && (defined(__x86_64__) || defined(__i386__))
+#define F4X_X86 1
+#include <immintrin.h>
+#endif
+
+#if defined(_WIN32)
+#define F4X_API extern "C" __declspec(dllexport)
+#else
+#define F4X_API extern "C" __attribute__((visibility("default")))
+#endif
+
+#if defined(__GNUC__)
+#define F4X_INLINE inline __attribute__((always_inline))
+#else
+#define F4X_INLINE inline
+#endif
+
+// ------------------------------------------------------------------------------------------------- eight lanes at once
+
+#if defined(__GNUC__) && !defined(F4X_PLAIN)
+typedef float f8 __attribute__((vector_size(32)));
+typedef int32_t i8 __attribute__((vector_size(32)));
+#else
+// The same arithmetic for compilers without vector extensions.
+template <class T>
+struct Eight {
+    T lane[8];
+    Eight() = default;
+    Eight(T x) { std::fill(lane, lane + 8, x); }
+    Eight(T a, T b, T c, T d, T e, T f, T g, T h) : lane{a, b, c, d, e, f, g, h} {}
+    T& operator[](int i) { return lane[i]; }
+    const T& operator[](int i) const { return lane[i]; }
+    template <class U>
+    explicit operator Eight<U>() const {
+        Eight<U> bits;
+        std::memcpy(&bits, this, sizeof bits);
+        return bits;
+    }
+};
+typedef Eight<float> f8;
+typedef Eight<int32_t> i8;
+#define F4X_LANES(V, R, OP, EXPRESSION)                                                      \
+    inline R operator OP(const V& a, const V& b) {                                           \
+        R r;                                                                                 \
+        for (int i = 0; i < 8; ++i) r[i] = EXPRESSION;                                       \
+        return r;                                                                            \
+    }
+F4X_LANES(f8, f8, +, a[i] + b[i])
+F4X_LANES(f8, f8, -, a[i] - b[i])
+F4X_LANES(f8, f8, *, a[i] * b[i])
+F4X_LANES(f8, f8, /, a[i] / b[i])
+F4X_LANES(f8, i8, <, -(a[i] < b[i]))
+F4X_LANES(f8, i8, <=, -(a[i] <= b[i]))
+F4X_LANES(f8, i8, >=, -(a[i] >= b[i]))
+F4X_LANES(f8, i8, >, -(a[i] > b[i]))
+F4X_LANES(i8, i8, +, a[i] + b[i])
+F4X_LANES(i8, i8, -, a[i] - b[i])
+F4X_LANES(i8, i8, &, a[i] & b[i])
+F4X_LANES(i8, i8, <<, int32_t(uint32_t(a[i]) << b[i]))
+inline f8& operator+=(f8& a, const f8& b) { return a = a + b; }
+#endif
+
+// ------------------------------------------------------------------------------------------------ what C callers hand in
+
+// Mirrored field by field in __init__.py.
+struct Problem {
+    int64_t count;      // N
+    int32_t channels;   // C
+    int32_t attached;   // channels before this one send gradient to opacity and geometry
+    int32_t width, height, threads;
+    float near_plane, blur, alpha_min, alpha_max, transmittance_min;
+    float intrinsics[9], viewmat[16];
+    const float *means, *quats, *scales, *opacities, *colors;
+    const float *background, *offset;  // may be null
+};
+
+struct Gradients {
+    const float *channels, *depth, *alpha;                                       // of the image; each may be null
+    float *means, *quats, *scales, *opacities, *colors, *viewmat, *offset;  // of the inputs, all written
+};
+
+namespace {
+
+constexpr int TILE = 16;                       // pixels on a side; the block lists below are written for this
+constexpr int BLOCK_WIDTH = 4, BLOCK_HEIGHT = 2;
+constexpr int STRIPS = TILE / BLOCK_HEIGHT;    // 8: one lane per strip when binning
+constexpr int COLUMNS = TILE / BLOCK_WIDTH;    // 4
+constexpr int BLOCKS = STRIPS * COLUMNS;       // 32: one bit each; block = column * STRIPS + strip
+constexpr int CHUNK = 256;                     // splats binned at a time: one byte per list entry
+constexpr int GRAIN = 1024;                    // Gaussians per unit of parallel work
+constexpr int MOMENTS = 6;                     // sums of v (1, dx, dy, dx dx, dx dy, dy dy), v = dL/d(log alpha)
+constexpr float LOG2E = 1.44269504088896340736f;
+constexpr float SLACK = 0.02f;                 // px added around ellipses so that rounding never loses a pixel
+
+// A projected Gaussian. alpha(dx, dy) = exp2(log2_opacity - (a dx^2 + b dx dy + c dy^2)); rows of the ellipse
+// alpha = alpha_min: |dy| <= reach, dx = slope dy +- half_width sqrt(1 - (dy/reach)^2), widest to the right at dy = tip.
+struct alignas(64) Splat {
+    float x, y, a, b, c, log2_opacity;
+    float reach, slope, half_width, tip, depth;
+    int32_t row0, row1;  // tile rows that it meets; row0 == row1 where it is culled
+};
+
+struct Hot {
+    float x, y, a, b, c, log2_opacity;
+};
+
+struct Entry {
+    uint32_t splat, pair;
+};
+
+struct Span {
+    uint16_t begin, end;  // tile columns
+};
+
+// Uninitialised, 64-byte aligned, keeps its memory when it shrinks.
+template <class T>
+class Buffer {
+    T* data_ = nullptr;
+    size_t capacity_ = 0;
+
+public:
+    Buffer() = default;
+    Buffer(const Buffer&) = delete;
+    Buffer& operator=(const Buffer&) = delete;
+    ~Buffer() { release(); }
+    void release() {
+        if (data_) ::operator delete(data_, std::align_val_t(64));
+        data_ = nullptr;
+        capacity_ = 0;
+    }
+    T* resize(size_t n) {
+        if (n > capacity_) {
+            release();
+            data_ = static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(64)));
+            capacity_ = n;
+        }
+        return data_;
+    }
+    operator T*() const { return data_; }
+};
+
+// What the backward pass needs of the forward pass.
+struct State {
+    int tile_columns = 0, tile_rows = 0;
+    Buffer<Splat> splats;
+    Buffer<uint32_t> order, order_swap, key, key_swap;
+    Buffer<int64_t> span_start, pair_start;   // per Gaussian
+    Buffer<Span> spans;
+    Buffer<int64_t> tile_start, tile_cursor;  // per tile
+    Buffer<Entry> entries;                    // tile after tile, each front to back
+    Buffer<int64_t> chunk_start;              // per tile
+    Buffer<int32_t> chunks_done;              // per tile: chunks up to the early stop
+    Buffer<f8> running;                       // per chunk and block: transmittance before it, 0 where stopped
+    Buffer<f8> final;                         // per tile and block: transmittance left
+    Buffer<float> rows;                       // per pair: MOMENTS, depth, channels
+    Buffer<uint8_t> touched;                  // per pair
+};
+
+// Work memory of one thread.
+struct Scratch {
+    alignas(64) Hot hot[CHUNK];
+    alignas(64) uint8_t list[BLOCKS][CHUNK];
+    int length[BLOCKS];
+    alignas(64) float alpha[CHUNK * 8], weight[CHUNK * 8], dot[CHUNK * 8], moments[CHUNK * 8];
+    Buffer<float> feature, feature_gradient;  // CHUNK rows of `stride`: depth, channels, padding
+    Buffer<float> image;                      // BLOCKS x (1 + C) x 8 lanes
+    Buffer<float> pixels, lanes;              // image gradient of a block: 8 rows of `stride`; (1 + C) x 8 lanes
+    int stride = 0;
+
+    explicit Scratch(const Problem& p, bool backward) {
+        stride = (1 + p.channels + 7) / 8 * 8;
+        feature.resize(size_t(CHUNK) * stride);
+        if (!backward) {
+            image.resize(size_t(BLOCKS) * (1 + p.channels) * 8);
+            return;
+        }
+        feature_gradient.resize(size_t(CHUNK) * stride);
+        pixels.resize(size_t(8) * stride);
+        lanes.resize(size_t(stride) * 8);
+    }
+};
+
+struct Kernels {
+    const char* name;
+    void (*project)(const Problem&, State&, int64_t begin, int64_t end, uint8_t* visible);
+    void (*measure)(const Problem&, State&, int64_t begin, int64_t end);
+    void (*forward_tile)(const Problem&, State&, Scratch&, int tile, bool keep, float* channels, float* depth, float* alpha);
+    void (*backward_tile)(const Problem&, State&, Scratch&, int tile, const Gradients&);
+    void (*gather)(const Problem&, State&, int64_t begin, int64_t end, const Gradients&, double* viewmat);
+};
+
+inline int stride_of_row(const Problem& p) { return MOMENTS + 1 + p.channels; }
+
+// ------------------------------------------------------------------------------------------------------------ threads
+
+// Runs body(cursor) on every worker; bodies draw work items from the shared cursor. Threads live for one call only:
+// nothing to shut down at exit, nothing to lose in a fork.
+template <class Body>
+void parallel(int threads, int64_t items, const Body& body) {
+    std::atomic<int64_t> cursor{0};
+    std::exception_ptr failure;
+    std::mutex mutex;
+    auto work = [&] {
+        try {
+            body(cursor);
+        } catch (...) {
+            std::lock_guard<std::mutex> lock(mutex);
+            failure = std::current_exception();
+        }
+    };
+    std::vector<std::thread> team;
+    const int64_t helpers = std::min<int64_t>(threads, items) - 1;
+    try {
+        for (int64_t i = 0; i < helpers; ++i) team.emplace_back(work);
+    } catch (const std::system_error&) {
+        // No more threads to be had: the ones that started do the work.
+    }
+    work();
+    for (auto& thread : team) thread.join();
+    if (failure) std::rethrow_exception(failure);
+}
+
+template <class Work>
+void parallel_ranges(int threads, int64_t count, const Work& work) {
+    const int64_t items = (count + GRAIN - 1) / GRAIN;
+    parallel(threads, items, [&](std::atomic<int64_t>& cursor) {
+        for (int64_t i; (i = cursor++) < items;) work(i * GRAIN, std::min(count, (i + 1) * GRAIN));
+    });
+}
+
+// -------------------------------------------------------------------------------------------------- order and tile lists
+
+// Stable: Gaussians of equal depth keep their input order. Depths are positive, so their bits sort like the numbers.
+int64_t sort_by_depth(State& s, int64_t count) {
+    uint32_t *key = s.key.resize(count), *key_swap = s.key_swap.resize(count);
+    uint32_t *order = s.order.resize(count), *order_swap = s.order_swap.resize(count);
+    constexpr int BITS = 11, BUCKETS = 1 << BITS, PASSES = 3;
+    std::vector<uint32_t> histogram(PASSES * BUCKETS, 0);
+    int64_t n = 0;
+    for (int64_t i = 0; i < count; ++i) {
+        if (s.splats[i].row0 >= s.splats[i].row1) continue;
+        uint32_t bits;
+        std::memcpy(&bits, &s.splats[i].depth, sizeof bits);
+        for (int pass = 0; pass < PASSES; ++pass) ++histogram[pass * BUCKETS + (bits >> (pass * BITS)) % BUCKETS];
+        key[n] = bits;
+        order[n++] = uint32_t(i);
+    }
+    for (int pass = 0; pass < PASSES; ++pass) {
+        uint32_t sum = 0;
+        uint32_t* start = &histogram[pass * BUCKETS];
+        for (int b = 0; b < BUCKETS; ++b) sum += std::exchange(start[b], sum);
+        for (int64_t i = 0; i < n; ++i) {
+            const uint32_t to = start[(key[i] >> (pass * BITS)) % BUCKETS]++;
+            key_swap[to] = key[i];
+            order_swap[to] = order[i];
+        }
+        std::swap(key, key_swap);
+        std::swap(order, order_swap);
+    }
+    if (order != s.order) std::memcpy(s.order, order, n * sizeof *order);
+    return n;
+}
+
+// Lists of splats per tile, front to back: measure the tile rows of every splat, count, then scatter in depth order.
+// Tile rows are cut into bands, one per thread; what a band holds does not depend on the cut.
+void bind(const Problem& p, State& s, const Kernels& kernels) {
+    int64_t* span_start = s.span_start.resize(p.count + 1);
+    int64_t* pair_start = s.pair_start.resize(p.count + 1);
+    int64_t spans = 0;
+    for (int64_t i = 0; i < p.count; ++i) {
+        span_start[i] = spans;
+        spans += s.splats[i].row1 - s.splats[i].row0;
+    }
+    span_start[p.count] = spans;
+    s.spans.resize(spans);
+    parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) { kernels.measure(p, s, begin, end); });
+    int64_t pairs = 0;
+    for (int64_t i = 0; i < p.count; ++i) pairs += std::exchange(pair_start[i], pairs);
+    pair_start[p.count] = pairs;
+
+    const int64_t n = sort_by_depth(s, p.count);
+    const int tiles = s.tile_columns * s.tile_rows;
+    const int bands = std::max(1, std::min(p.threads, s.tile_rows));
+    int64_t* tile_start = s.tile_start.resize(tiles + 1);
+    int64_t* tile_cursor = s.tile_cursor.resize(tiles);
+    auto scan_band = [&](int band, auto&& visit) {
+        const int first = s.tile_rows * band / bands, last = s.tile_rows * (band + 1) / bands;
+        for (int64_t rank = 0; rank < n; ++rank) {
+            const uint32_t i = s.order[rank];
+            const Splat& splat = s.splats[i];
+            if (splat.row1 <= first || splat.row0 >= last) continue;
+            const Span* span = s.spans + span_start[i];
+            int64_t pair = pair_start[i];
+            for (int row = splat.row0; row < std::min(splat.row1, last); ++row, ++span) {
+                if (row < first)
+                    pair += span->end - span->begin;
+                else
+                    for (int column = span->begin; column < span->end; ++column)
+                        visit(row * s.tile_columns + column, i, pair++);
+            }
+        }
+    };
+    auto each_band = [&](auto&& visit) {
+        parallel(p.threads, bands, [&](std::atomic<int64_t>& cursor) {
+            for (int64_t band; (band = cursor++) < bands;) scan_band(int(band), visit);
+        });
+    };
+    std::fill(tile_cursor, tile_cursor + tiles, 0);
+    each_band([&](int tile, uint32_t, int64_t) { ++tile_cursor[tile]; });
+    int64_t sum = 0;
+    for (int tile = 0; tile < tiles; ++tile) {
+        tile_start[tile] = sum;
+        sum += std::exchange(tile_cursor[tile], sum);
+    }
+    tile_start[tiles] = sum;
+    Entry* entries = s.entries.resize(sum);
+    each_band([&](int tile, uint32_t splat, int64_t pair) { entries[tile_cursor[tile]++] = {splat, uint32_t(pair)}; });
+}
+
+}  // namespace
+
+#define F4X_ISA plain
+#define F4X_TARGET
+#include "kernel.cpp"
+#undef F4X_ISA
+#undef F4X_TARGET
+#if defined(F4X_X86) && !defined(F4X_PLAIN)
+#define F4X_ISA avx2
+#define F4X_AVX2 1
+#define F4X_TARGET __attribute__((target("avx2,fma")))
+#include "kernel.cpp"
+#endif
+
+namespace {
+
+const Kernels& kernels() {
+#if defined(F4X_AVX2)
+    static const bool fast = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+    if (fast) return avx2::kernels;
+#endif
+    return plain::kernels;
+}
+
+// Finished states wait here with their memory, so that a training loop does not fault in fresh pages at every step.
+constexpr size_t MAX_SPARE = 2;
+std::mutex spare_mutex;
+std::vector<std::unique_ptr<State>>& spare() {
+    static auto* states = new std::vector<std::unique_ptr<State>>;  // never destroyed: callers may outlive statics
+    return *states;
+}
+
+std::unique_ptr<State> take_state() {
+    std::lock_guard<std::mutex> lock(spare_mutex);
+    if (spare().empty()) return std::make_unique<State>();
+    auto state = std::move(spare().back());
+    spare().pop_back();
+    return state;
+}
+
+void give_back_state(std::unique_ptr<State> state) {
+    std::lock_guard<std::mutex> lock(spare_mutex);
+    if (spare().size() < MAX_SPARE) spare().push_back(std::move(state));
+}
+
+std::unique_ptr<State> forward(const Problem& p, bool keep, float* channels, float* depth, float* alpha, uint8_t* visible) {
+    const Kernels& k = kernels();
+    auto state = take_state();
+    State& s = *state;
+    s.tile_columns = (p.width + TILE - 1) / TILE;
+    s.tile_rows = (p.height + TILE - 1) / TILE;
+    const int tiles = s.tile_columns * s.tile_rows;
+    s.splats.resize(p.count);
+    parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) { k.project(p, s, begin, end, visible); });
+    bind(p, s, k);
+
+    int64_t* chunk_start = s.chunk_start.resize(tiles + 1);
+    int64_t chunks = 0;
+    for (int tile = 0; tile < tiles; ++tile) {
+        chunk_start[tile] = chunks;
+        chunks += (s.tile_start[tile + 1] - s.tile_start[tile] + CHUNK - 1) / CHUNK;
+    }
+    chunk_start[tiles] = chunks;
+    s.chunks_done.resize(tiles);
+    if (keep) {
+        s.running.resize(chunks * BLOCKS);
+        s.final.resize(size_t(tiles) * BLOCKS);
+    }
+    parallel(p.threads, tiles, [&](std::atomic<int64_t>& cursor) {
+        auto scratch = std::make_unique<Scratch>(p, false);
+        for (int64_t tile; (tile = cursor++) < tiles;)
+            k.forward_tile(p, s, *scratch, int(tile), keep, channels, depth, alpha);
+    });
+    return state;
+}
+
+void backward(State& s, const Problem& p, const Gradients& g) {
+    const Kernels& k = kernels();
+    const int tiles = s.tile_columns * s.tile_rows;
+    const int64_t pairs = s.pair_start[p.count];
+    s.rows.resize(pairs * stride_of_row(p));
+    std::fill_n(s.touched.resize(pairs), pairs, uint8_t(0));
+    parallel(p.threads, tiles, [&](std::atomic<int64_t>& cursor) {
+        auto scratch = std::make_unique<Scratch>(p, true);
+        for (int64_t tile; (tile = cursor++) < tiles;) k.backward_tile(p, s, *scratch, int(tile), g);
+    });
+    std::vector<double> viewmats(((p.count + GRAIN - 1) / GRAIN) * 12, 0.0);
+    parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) {
+        k.gather(p, s, begin, end, g, &viewmats[begin / GRAIN * 12]);
+    });
+    double viewmat[12] = {};
+    for (size_t i = 0; i < viewmats.size(); ++i) viewmat[i % 12] += viewmats[i];
+    for (int i = 0; i < 16; ++i) g.viewmat[i] = i < 12 ? float(viewmat[i]) : 0.0f;
+}
+
+}  // namespace
+
+// --------------------------------------------------------------------------------------------------------- C interface
+
+// Name of the instruction set in use.
+F4X_API const char* f4x_instruction_set() { return kernels().name; }
+
+// Renders; with `keep` the result is a state for f4x_backward, to be given back with f4x_release, and null otherwise.
+// `*failed` is set to 1 when memory ran out.
+F4X_API void* f4x_forward(const Problem* problem, int32_t keep, float* channels, float* depth, float* alpha,
+                          uint8_t* visible, int32_t* failed) {
+    try {
+        *failed = 0;
+        auto state = forward(*problem, keep != 0, channels, depth, alpha, visible);
+        if (keep) return state.release();
+        give_back_state(std::move(state));
+    } catch (const std::exception&) {
+        *failed = 1;
+    }
+    return nullptr;
+}
+
+// Gradients of the render that gave `state`, for the same problem. Returns 1 when memory ran out, else 0.
+F4X_API int32_t f4x_backward(void* state, const Problem* problem, const Gradients* gradients) {
+    try {
+        backward(*static_cast<State*>(state), *problem, *gradients);
+        return 0;
+    } catch (const std::exception&) {
+        return 1;
+    }
+}
+
+F4X_API void f4x_release(void* state) { give_back_state(std::unique_ptr<State>(static_cast<State*>(state))); }
+
+#else  // ------------------------------------------------------------------------------- compiled once per instruction set
+
+namespace {
+namespace F4X_ISA {
+
+#define F4X_HOT F4X_TARGET static F4X_INLINE
+
+F4X_HOT f8 load(const float* from) {
+    f8 v;
+    std::memcpy(&v, from, sizeof v);
+    return v;
+}
+F4X_HOT void store(float* to, const f8& v) { std::memcpy(to, &v, sizeof v); }
+F4X_HOT f8 broadcast(float x) { return f8{x, x, x, x, x, x, x, x}; }
+F4X_HOT f8 keep_where(const i8& mask, const f8& v) { return (f8)(mask & (i8)v); }
+F4X_HOT f8 select(const i8& mask, const f8& yes, const f8& no) {
+#if defined(__GNUC__) && !defined(F4X_PLAIN)
+    return mask ? yes : no;
+#else
+    f8 r;
+    for (int i = 0; i < 8; ++i) r[i] = mask[i] ? yes[i] : no[i];
+    return r;
+#endif
+}
+F4X_HOT f8 minimum(const f8& a, const f8& b) { return select(a < b, a, b); }
+F4X_HOT f8 maximum(const f8& a, const f8& b) { return select(a > b, a, b); }
+F4X_HOT float minimum(float a, float b) { return a < b ? a : b; }
+F4X_HOT float maximum(float a, float b) { return a > b ? a : b; }
+F4X_HOT float root(float x) { return std::sqrt(x); }
+
+#if defined(F4X_AVX2)
+F4X_HOT f8 root(const f8& x) { return (f8)_mm256_sqrt_ps((__m256)x); }
+F4X_HOT uint32_t mask_bits(const i8& mask) { return uint32_t(_mm256_movemask_ps((__m256)mask)); }
+#else
+F4X_HOT f8 root(const f8& x) {
+    f8 r;
+    for (int i = 0; i < 8; ++i) r[i] = std::sqrt(x[i]);
+    return r;
+}
+F4X_HOT uint32_t mask_bits(const i8& mask) {
+    const i8 bits = mask & i8{1, 2, 4, 8, 16, 32, 64, 128};
+    return uint32_t(bits[0] + bits[1] + bits[2] + bits[3] + bits[4] + bits[5] + bits[6] + bits[7]);
+}
+#endif
+
+// 2^x for -126 < x < 126 (degree-5 fit, relative error below 2.5e-7); any value outside.
+F4X_HOT f8 exp2_fast(const f8& x) {
+    const f8 shifter = broadcast(12582912.0f);  // 1.5 * 2^23: adding it rounds to the nearest integer
+    const f8 shifted = x + shifter;
+    const i8 whole = (i8)shifted - (i8)shifter;
+    const f8 f = x - (shifted - shifter);  // [-0.5, 0.5]
+    f8 y = broadcast(1.327647178e-3f);
+    y = y * f + broadcast(9.675541333e-3f);
+    y = y * f + broadcast(5.550713274e-2f);
+    y = y * f + broadcast(2.402211972e-1f);
+    y = y * f + broadcast(6.931469671e-1f);
+    y = y * f + broadcast(1.0f);
+    return (f8)((i8)y + (whole << i8{23, 23, 23, 23, 23, 23, 23, 23}));
+}
+
+// Left and right end, relative to the centre, of the part of the ellipse with lo <= dy <= hi. Exact: the extreme lies at
+// the ellipse's own tip or, where the strip cuts that off, on the nearer edge. Returns the clipped strip in lo, hi
+// (empty where lo > hi).
+template <class V>
+F4X_HOT void ellipse_span(const V& reach, const V& inverse_reach, const V& slope, const V& half_width, const V& tip, V& lo,
+                          V& hi, V& left, V& right) {
+    const V one = V(reach * 0.0f + 1.0f), zero = V(reach * 0.0f);
+    lo = maximum(lo, zero - reach);
+    hi = minimum(hi, reach);
+    const V right_y = maximum(lo, minimum(hi, tip)), left_y = maximum(lo, minimum(hi, zero - tip));
+    const V u = right_y * inverse_reach, v = left_y * inverse_reach;
+    right = slope * right_y + half_width * root(maximum(zero, one - u * u));
+    left = slope * left_y - half_width * root(maximum(zero, one - v * v));
+}
+
+// ---------------------------------------------------------------------------------------------------------- projection
+
+// The camera-side quantities of one Gaussian, shared by the forward and the backward projection.
+struct Projection {
+    float p[3];                 // camera frame
+    float rotation[9], norm;    // of the normalised quaternion; its length before
+    float q[4];
+    float u, v;                 // x/z, y/z clamped for the Jacobian
+    bool u_free, v_free;        // not clamped
+    float j00, j02, j11, j12;   // Jacobian, the other two entries are 0
+    float world[9];             // W R: camera-from-local rotation
+    float side[2][3];           // J W R
+    float t[2][3];              // J W R diag(scale); covariance = t t^T + blur
+    float sxx, sxy, syy, det;   // covariance and its determinant
+};
+
+F4X_HOT void multiply3(const float* a, const float* b, float* c) {
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) c[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
+}
+
+F4X_HOT void project_one(const Problem& p, int64_t i, Projection& o) {
+    const float *m = p.means + 3 * i, *q = p.quats + 4 * i, *s = p.scales + 3 * i, *w = p.viewmat;
+    const float view[9] = {w[0], w[1], w[2], w[4], w[5], w[6], w[8], w[9], w[10]};
+    const float fx = p.intrinsics[0], cx = p.intrinsics[2], fy = p.intrinsics[4], cy = p.intrinsics[5];
+    for (int r = 0; r < 3; ++r) o.p[r] = w[4 * r] * m[0] + w[4 * r + 1] * m[1] + w[4 * r + 2] * m[2] + w[4 * r + 3];
+
+    o.norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    for (int k = 0; k < 4; ++k) o.q[k] = q[k] / o.norm;
+    const float a = o.q[0], b = o.q[1], c = o.q[2], d = o.q[3];
+    const float rotation[9] = {1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c),
+                               2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b),
+                               2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)};
+    std::memcpy(o.rotation, rotation, sizeof rotation);
+    multiply3(view, o.rotation, o.world);
+
+    // The Jacobian is linearised no further out than 0.3 half-fields of view beyond the image (gsplat _torch_impl.py).
+    const float margin_x = 0.15f * p.width / fx, margin_y = 0.15f * p.height / fy;
+    const float x = o.p[0] / o.p[2], y = o.p[1] / o.p[2];
+    const float left = -cx / fx - margin_x, right = (p.width - cx) / fx + margin_x;
+    const float top = -cy / fy - margin_y, bottom = (p.height - cy) / fy + margin_y;
+    o.u_free = x >= left && x <= right;
+    o.v_free = y >= top && y <= bottom;
+    o.u = minimum(maximum(x, left), right);
+    o.v = minimum(maximum(y, top), bottom);
+    o.j00 = fx / o.p[2];
+    o.j11 = fy / o.p[2];
+    o.j02 = -o.j00 * o.u;
+    o.j12 = -o.j11 * o.v;
+    for (int k = 0; k < 3; ++k) {
+        o.side[0][k] = o.j00 * o.world[k] + o.j02 * o.world[6 + k];
+        o.side[1][k] = o.j11 * o.world[3 + k] + o.j12 * o.world[6 + k];
+        o.t[0][k] = o.side[0][k] * s[k];
+        o.t[1][k] = o.side[1][k] * s[k];
+    }
+    const float sxx = o.t[0][0] * o.t[0][0] + o.t[0][1] * o.t[0][1] + o.t[0][2] * o.t[0][2];
+    const float syy = o.t[1][0] * o.t[1][0] + o.t[1][1] * o.t[1][1] + o.t[1][2] * o.t[1][2];
+    o.sxy = o.t[0][0] * o.t[1][0] + o.t[0][1] * o.t[1][1] + o.t[0][2] * o.t[1][2];
+    o.sxx = sxx + p.blur;
+    o.syy = syy + p.blur;
+    // det(t t^T) as a sum of squared minors (Cauchy-Binet): no cancellation for needles, unlike sxx syy - sxy^2.
+    float minors = 0;
+    for (int k = 0; k < 3; ++k) {
+        const int n = (k + 1) % 3;
+        const float minor = o.t[0][k] * o.t[1][n] - o.t[0][n] * o.t[1][k];
+        minors += minor * minor;
+    }
+    o.det = minors + p.blur * (sxx + syy) + p.blur * p.blur;
+}
+
+F4X_HOT int32_t clamp_to_int(float x, int hi) { return int32_t(minimum(maximum(x, 0.0f), float(hi))); }
+
+F4X_TARGET void project(const Problem& p, State& s, int64_t begin, int64_t end, uint8_t* visible) {
+    const float log2_min = std::log2(p.alpha_min);
+    for (int64_t i = begin; i < end; ++i) {
+        Splat& splat = s.splats[i];
+        splat.row0 = splat.row1 = 0;
+        visible[i] = 0;
+        const float opacity = p.opacities[i];
+        if (!(opacity >= p.alpha_min)) continue;  // also NaN, here and below
+        Projection o;
+        project_one(p, i, o);
+        if (!(o.p[2] > p.near_plane && o.p[2] <= std::numeric_limits<float>::max())) continue;
+        if (!(o.det > 0 && o.det <= std::numeric_limits<float>::max())) continue;
+        splat.depth = o.p[2];
+        splat.x = o.j00 * o.p[0] + p.intrinsics[2] + (p.offset ? p.offset[2 * i] : 0.0f);
+        splat.y = o.j11 * o.p[1] + p.intrinsics[5] + (p.offset ? p.offset[2 * i + 1] : 0.0f);
+        const float half = 0.5f * LOG2E / o.det;
+        splat.a = half * o.syy;
+        splat.b = -2 * half * o.sxy;
+        splat.c = half * o.sxx;
+        splat.log2_opacity = std::log2(opacity);
+
+        // Ellipse alpha >= alpha_min, a hair larger than exact.
+        const float limit = (splat.log2_opacity - log2_min) * (2.0f / LOG2E) * 1.0001f + 1e-5f;
+        splat.reach = std::sqrt(limit * o.syy);
+        splat.slope = o.sxy / o.syy;
+        splat.half_width = std::sqrt(limit * o.det / o.syy);
+        splat.tip = o.sxy * std::sqrt(limit / o.sxx);
+        const float reach_x = std::sqrt(limit * o.sxx);
+        if (!(splat.x + reach_x > 0 && splat.x - reach_x < p.width && splat.y + splat.reach > 0 &&
+              splat.y - splat.reach < p.height))
+            continue;
+        visible[i] = 1;
+        splat.row0 = clamp_to_int(std::ceil((splat.y - splat.reach - SLACK - (TILE - 0.5f)) / TILE), s.tile_rows);
+        splat.row1 = clamp_to_int(std::floor((splat.y + splat.reach + SLACK - 0.5f) / TILE) + 1, s.tile_rows);
+        if (splat.row1 < splat.row0) splat.row1 = splat.row0;
+    }
+}
+
+// Tile columns of every tile row that a splat meets, and how many (splat, tile) pairs that makes.
+F4X_TARGET void measure(const Problem& p, State& s, int64_t begin, int64_t end) {
+    for (int64_t i = begin; i < end; ++i) {
+        const Splat& splat = s.splats[i];
+        Span* span = s.spans + s.span_start[i];
+        int64_t pairs = 0;
+        for (int row = splat.row0; row < splat.row1; ++row, ++span) {
+            float lo = row * TILE + 0.5f - splat.y - SLACK;
+            float hi = std::min((row + 1) * TILE, int(p.height)) - 0.5f - splat.y + SLACK;
+            float left, right;
+            ellipse_span<float>(splat.reach, 1 / splat.reach, splat.slope, splat.half_width, splat.tip, lo, hi, left, right);
+            *span = {0, 0};
+            if (!(lo <= hi)) continue;
+            span->begin = uint16_t(clamp_to_int(std::ceil((splat.x + left - SLACK - (TILE - 0.5f)) / TILE), s.tile_columns));
+            span->end = uint16_t(clamp_to_int(std::floor((splat.x + right + SLACK - 0.5f) / TILE) + 1, s.tile_columns));
+            if (span->end < span->begin) span->end = span->begin;
+            pairs += span->end - span->begin;
+        }
+        s.pair_start[i] = pairs;
+    }
+}
+
+// ------------------------------------------------------------------------------------------------------- tiles and blocks
+
+struct Tile {
+    int x, y;             // first pixel
+    int64_t begin, end;   // entries
+    f8 strip;             // first pixel centre row of each strip
+};
+
+F4X_HOT Tile tile_of(const State& s, int tile) {
+    Tile t;
+    t.x = tile % s.tile_columns * TILE;
+    t.y = tile / s.tile_columns * TILE;
+    t.begin = s.tile_start[tile];
+    t.end = s.tile_start[tile + 1];
+    t.strip = broadcast(t.y + 0.5f) + f8{0, 2, 4, 6, 8, 10, 12, 14};
+    return t;
+}
+
+F4X_HOT int block_x(const Tile& t, int block) { return t.x + block / STRIPS * BLOCK_WIDTH; }
+F4X_HOT int block_y(const Tile& t, int block) { return t.y + block % STRIPS * BLOCK_HEIGHT; }
+
+// Transmittance at the start: 1 inside the image, 0 outside.
+F4X_HOT f8 first_running(const Problem& p, int x, int y) {
+    const f8 dx = f8{0, 1, 2, 3, 0, 1, 2, 3} + broadcast(float(x)), dy = f8{0, 0, 0, 0, 1, 1, 1, 1} + broadcast(float(y));
+    const i8 inside = (dx < broadcast(float(p.width))) & (dy < broadcast(float(p.height)));
+    return keep_where(inside, broadcast(1.0f));
+}
+
+// Copies a chunk of the tile's splats into scratch and lists, for every live block, the ones whose ellipse meets it.
+F4X_HOT void stage(const Problem& p, const State& s, const Tile& t, int64_t begin, int n, uint32_t live, Scratch& w) {
+    for (int& length : w.length) length = 0;
+    for (int k = 0; k < n; ++k) {
+        const uint32_t i = s.entries[begin + k].splat;
+        const Splat& splat = s.splats[i];
+        std::memcpy(&w.hot[k], &splat, sizeof(Hot));
+        float* row = w.feature + size_t(k) * w.stride;
+        row[0] = splat.depth;
+        std::memcpy(row + 1, p.colors + int64_t(i) * p.channels, p.channels * sizeof(float));
+
+        f8 lo = t.strip - broadcast(splat.y + SLACK), left, right;
+        f8 hi = t.strip + broadcast(BLOCK_HEIGHT - 1 + SLACK - splat.y);
+        ellipse_span<f8>(broadcast(splat.reach), broadcast(1 / splat.reach), broadcast(splat.slope),
+                         broadcast(splat.half_width), broadcast(splat.tip), lo, hi, left, right);
+        const float first = t.x + 0.5f - splat.x;
+        uint32_t bits = 0;
+        for (int column = 0; column < COLUMNS; ++column) {
+            const float from = first + column * BLOCK_WIDTH - SLACK, to = from + (BLOCK_WIDTH - 1) + 2 * SLACK;
+            const i8 meets = (left <= broadcast(to)) & (right >= broadcast(from)) & (lo <= hi);
+            bits |= mask_bits(meets) << (column * STRIPS);
+        }
+        for (bits &= live; bits; bits &= bits - 1) {
+#if defined(__GNUC__)
+            const int block = __builtin_ctz(bits);
+#else
+            int block = 0;
+            while (!(bits >> block & 1)) ++block;
+#endif
+            w.list[block][w.length[block]++] = uint8_t(k);
+        }
+    }
+}
+
+// Alpha and weight (alpha T) of the listed splats in the 8 pixels of a block. `running` is the transmittance, 0 once a
+// pixel has stopped; `final` the transmittance left behind the last blended splat. Returns how many splats were looked at
+// before all pixels had stopped. Not inlined: forward and backward must decide alike.
+#if defined(__GNUC__)
+__attribute__((noinline))
+#endif
+F4X_TARGET int block_weights(const Problem& p, const Scratch& w, int block, int x, int y, f8& running_, f8& final_,
+                             float* alphas, float* weights) {
+    const f8 pixel_x = f8{0.5f, 1.5f, 2.5f, 3.5f, 0.5f, 1.5f, 2.5f, 3.5f} + broadcast(float(x));
+    const f8 pixel_y = f8{0.5f, 0.5f, 0.5f, 0.5f, 1.5f, 1.5f, 1.5f, 1.5f} + broadcast(float(y));
+    const f8 log2_min = broadcast(std::log2(p.alpha_min)), alpha_max = broadcast(p.alpha_max);
+    const f8 stop = broadcast(p.transmittance_min);
+    const uint8_t* list = w.list[block];
+    const int n = w.length[block];
+    f8 running = running_, final = final_;
+    int k = 0;
+    while (k < n) {
+        for (const int end = std::min(k + 8, n); k < end; ++k) {
+            const Hot& h = w.hot[list[k]];
+            const f8 dx = pixel_x - broadcast(h.x), dy = pixel_y - broadcast(h.y);
+            const f8 exponent = broadcast(h.log2_opacity) -
+                                (dx * (broadcast(h.a) * dx + broadcast(h.b) * dy) + broadcast(h.c) * dy * dy);
+            f8 alpha = keep_where(exponent >= log2_min, minimum(exp2_fast(exponent), alpha_max));
+            const f8 next = running - running * alpha;
+            const i8 go = next > stop;
+            alpha = keep_where(go, alpha);
+            store(alphas + 8 * k, alpha);
+            store(weights + 8 * k, alpha * running);
+            running = keep_where(go, next);
+            final = select(go, next, final);
+        }
+        if (!mask_bits(running > broadcast(0.0f))) break;
+    }
+    running_ = running;
+    final_ = final;
+    return k;
+}
+
+// image[c] += sum over entries of weight * feature[c], for N channels at once.
+template <int N>
+F4X_HOT void blend_group(const float* feature, int stride, const uint8_t* list, int n, const float* weights, float* image) {
+    f8 sum[N];
+    for (int c = 0; c < N; ++c) sum[c] = load(image + 8 * c);
+    for (int k = 0; k < n; ++k) {
+        const float* row = feature + size_t(list[k]) * stride;
+        const f8 weight = load(weights + 8 * k);
+        for (int c = 0; c < N; ++c) sum[c] += weight * broadcast(row[c]);
+    }
+    for (int c = 0; c < N; ++c) store(image + 8 * c, sum[c]);
+}
+
+F4X_TARGET void blend(const Scratch& w, int block, int n, int columns, float* image) {
+    const uint8_t* list = w.list[block];
+    int c = 0;
+    for (; c + 12 <= columns; c += 12) blend_group<12>(w.feature + c, w.stride, list, n, w.weight, image + 8 * c);
+    for (; c + 4 <= columns; c += 4) blend_group<4>(w.feature + c, w.stride, list, n, w.weight, image + 8 * c);
+    for (; c < columns; ++c) blend_group<1>(w.feature + c, w.stride, list, n, w.weight, image + 8 * c);
+}
+
+F4X_TARGET void forward_tile(const Problem& p, State& s, Scratch& w, int tile, bool keep, float* channels, float* depth,
+                             float* alpha) {
+    const Tile t = tile_of(s, tile);
+    const int columns = 1 + p.channels;
+    f8 running[BLOCKS], final[BLOCKS];
+    uint32_t live = 0;
+    for (int block = 0; block < BLOCKS; ++block) {
+        running[block] = final[block] = first_running(p, block_x(t, block), block_y(t, block));
+        if (mask_bits(running[block] > broadcast(0.0f))) live |= 1u << block;
+    }
+    std::memset(w.image, 0, size_t(BLOCKS) * columns * 8 * sizeof(float));
+    int64_t begin = t.begin, chunk = s.chunk_start[tile];
+    for (; begin < t.end && live; begin += CHUNK, ++chunk) {
+        const int n = int(std::min<int64_t>(CHUNK, t.end - begin));
+        if (keep) std::memcpy(s.running + chunk * BLOCKS, running, sizeof running);
+        stage(p, s, t, begin, n, live, w);
+        for (int block = 0; block < BLOCKS; ++block) {
+            if (!w.length[block]) continue;
+            const int m = block_weights(p, w, block, block_x(t, block), block_y(t, block), running[block], final[block],
+                                        w.alpha, w.weight);
+            blend(w, block, m, columns, w.image + size_t(block) * columns * 8);
+            if (!mask_bits(running[block] > broadcast(0.0f))) live &= ~(1u << block);
+        }
+    }
+    s.chunks_done[tile] = int32_t(chunk - s.chunk_start[tile]);
+    if (keep) std::memcpy(s.final + size_t(tile) * BLOCKS, final, sizeof final);
+
+    for (int block = 0; block < BLOCKS; ++block) {
+        const float* image = w.image + size_t(block) * columns * 8;
+        for (int lane = 0; lane < 8; ++lane) {
+            const int x = block_x(t, block) + lane % BLOCK_WIDTH, y = block_y(t, block) + lane / BLOCK_WIDTH;
+            if (x >= p.width || y >= p.height) continue;
+            const int64_t pixel = int64_t(y) * p.width + x;
+            const float left = final[block][lane];
+            alpha[pixel] = 1 - left;
+            depth[pixel] = image[lane];
+            float* out = channels + pixel * p.channels;
+            for (int c = 0; c < p.channels; ++c) {
+                const float value = image[8 * (c + 1) + lane];
+                out[c] = p.background ? value + left * p.background[c] : value;
+            }
+        }
+    }
+}
+
+// ------------------------------------------------------------------------------------------------------------- backward
+
+// Image gradient of a block, both ways round: `pixels` 8 rows of (depth, channels), `lanes` one vector per column. Returns
+// the gradient of the transmittance left behind: background minus alpha.
+F4X_HOT f8 load_gradient(const Problem& p, const Gradients& g, int x0, int y0, Scratch& w) {
+    f8 behind = broadcast(0.0f);
+    std::memset(w.pixels, 0, size_t(8) * w.stride * sizeof(float));
+    for (int lane = 0; lane < 8; ++lane) {
+        const int x = x0 + lane % BLOCK_WIDTH, y = y0 + lane / BLOCK_WIDTH;
+        if (x >= p.width || y >= p.height) continue;
+        const int64_t pixel = int64_t(y) * p.width + x;
+        float* row = w.pixels + size_t(lane) * w.stride;
+        if (g.depth) row[0] = g.depth[pixel];
+        if (g.channels) std::memcpy(row + 1, g.channels + pixel * p.channels, p.channels * sizeof(float));
+        float sum = g.alpha ? -g.alpha[pixel] : 0.0f;
+        if (p.background)
+            for (int c = 0; c < p.attached; ++c) sum += row[1 + c] * p.background[c];
+        behind[lane] = sum;
+    }
+    for (int c = 0; c < 1 + p.attached; ++c)
+        for (int lane = 0; lane < 8; ++lane) w.lanes[8 * c + lane] = w.pixels[size_t(lane) * w.stride + c];
+    return behind;
+}
+
+// dot[k] = sum over columns of feature * image gradient, 8 pixels at once, for N entries at once.
+template <int N>
+F4X_HOT void dot_group(const Scratch& w, const uint8_t* list, int columns, float* dot) {
+    const float* row[N];
+    f8 sum[N];
+    for (int k = 0; k < N; ++k) {
+        row[k] = w.feature + size_t(list[k]) * w.stride;
+        sum[k] = broadcast(0.0f);
+    }
+    for (int c = 0; c < columns; ++c) {
+        const f8 gradient = load(w.lanes + 8 * c);
+        for (int k = 0; k < N; ++k) sum[k] += gradient * broadcast(row[k][c]);
+    }
+    for (int k = 0; k < N; ++k) store(dot + 8 * k, sum[k]);
+}
+
+// feature_gradient[entry] += sum over the 8 pixels of weight * image gradient, V vectors of columns, N entries at once.
+template <int V, int N>
+F4X_HOT void spread_group(const Scratch& w, const uint8_t* list, const float* weights, int first) {
+    float* row[N];
+    f8 sum[N][V];
+    for (int k = 0; k < N; ++k) {
+        row[k] = w.feature_gradient + size_t(list[k]) * w.stride + first;
+        for (int v = 0; v < V; ++v) sum[k][v] = load(row[k] + 8 * v);
+    }
+    for (int lane = 0; lane < 8; ++lane) {
+        const float* pixel = w.pixels + size_t(lane) * w.stride + first;
+        for (int k = 0; k < N; ++k) {
+            const f8 weight = broadcast(weights[8 * k + lane]);
+            for (int v = 0; v < V; ++v) sum[k][v] += weight * load(pixel + 8 * v);
+        }
+    }
+    for (int k = 0; k < N; ++k)
+        for (int v = 0; v < V; ++v) store(row[k] + 8 * v, sum[k][v]);
+}
+
+template <int V>
+F4X_HOT void spread_columns(const Scratch& w, const uint8_t* list, int n, int first) {
+    int k = 0;
+    for (; k + 2 <= n; k += 2) spread_group<V, 2>(w, list + k, w.weight + 8 * k, first);
+    for (; k < n; ++k) spread_group<V, 1>(w, list + k, w.weight + 8 * k, first);
+}
+
+F4X_TARGET void spread(const Scratch& w, int block, int n) {
+    const uint8_t* list = w.list[block];
+    for (int first = 0; first < w.stride;) {
+        const int vectors = (w.stride - first) / 8;
+        switch (vectors) {
+            case 1: spread_columns<1>(w, list, n, first); break;
+            case 2: spread_columns<2>(w, list, n, first); break;
+            case 3: spread_columns<3>(w, list, n, first); break;
+            case 4: spread_columns<4>(w, list, n, first); break;
+            default: spread_columns<5>(w, list, n, first);
+        }
+        first += 8 * std::min(vectors, 5);
+    }
+}
+
+// moments[entry] += sum over pixels of v (1, dx, dy, dx^2, dx dy, dy^2) with d = pixel - mean. The sum over the 8 lanes is
+// taken as a product with the constant 8 x 6 matrix of block coordinates, then moved from the block centre to the mean.
+F4X_TARGET void add_moments(Scratch& w, int block, int n, float centre_x, float centre_y, const float* v) {
+    f8 basis[8];
+    for (int lane = 0; lane < 8; ++lane) {
+        const float x = lane % BLOCK_WIDTH - 1.5f, y = lane / BLOCK_WIDTH - 0.5f;
+        basis[lane] = f8{1, x, y, x * x, x * y, y * y, 0, 0};
+    }
+    for (int k = 0; k < n; ++k) {
+        const int i = w.list[block][k];
+        const float* value = v + 8 * k;
+        f8 even = broadcast(value[0]) * basis[0], odd = broadcast(value[1]) * basis[1];
+        for (int lane = 2; lane < 8; lane += 2) {
+            even += broadcast(value[lane]) * basis[lane];
+            odd += broadcast(value[lane + 1]) * basis[lane + 1];
+        }
+        const f8 m = even + odd;
+        const float x = centre_x - w.hot[i].x, y = centre_y - w.hot[i].y;
+        float* sum = w.moments + 8 * i;
+        sum[0] += m[0];
+        sum[1] += m[1] + x * m[0];
+        sum[2] += m[2] + y * m[0];
+        sum[3] += m[3] + x * (2 * m[1] + x * m[0]);
+        sum[4] += m[4] + x * m[2] + y * (m[1] + x * m[0]);
+        sum[5] += m[5] + y * (2 * m[2] + y * m[0]);
+    }
+}
+
+F4X_TARGET void backward_tile(const Problem& p, State& s, Scratch& w, int tile, const Gradients& g) {
+    const Tile t = tile_of(s, tile);
+    const int columns = 1 + p.attached, row_stride = stride_of_row(p);
+    f8 behind[BLOCKS];  // per pixel: gradient carried by what lies behind, sum of w S over later splats + background
+    bool started[BLOCKS] = {};
+    const int chunks = s.chunks_done[tile];
+    for (int c = chunks - 1; c >= 0; --c) {
+        const int64_t begin = t.begin + int64_t(c) * CHUNK;
+        const int n = int(std::min<int64_t>(CHUNK, t.end - begin));
+        const f8* before = s.running + (s.chunk_start[tile] + c) * BLOCKS;
+        uint32_t live = 0;
+        for (int block = 0; block < BLOCKS; ++block)
+            if (mask_bits(before[block] > broadcast(0.0f))) live |= 1u << block;
+        stage(p, s, t, begin, n, live, w);
+        std::memset(w.moments, 0, sizeof(float) * 8 * n);
+        std::memset(w.feature_gradient, 0, sizeof(float) * w.stride * n);
+        for (int block = 0; block < BLOCKS; ++block) {
+            if (!w.length[block]) continue;
+            const int x = block_x(t, block), y = block_y(t, block);
+            const f8 gradient_behind = load_gradient(p, g, x, y, w);
+            if (!started[block]) behind[block] = gradient_behind * s.final[size_t(tile) * BLOCKS + block];
+            started[block] = true;
+            f8 running = before[block], final = running;
+            const int m = block_weights(p, w, block, x, y, running, final, w.alpha, w.weight);
+            int k = 0;
+            for (; k + 6 <= m; k += 6) dot_group<6>(w, w.list[block] + k, columns, w.dot + 8 * k);
+            for (; k < m; ++k) dot_group<1>(w, w.list[block] + k, columns, w.dot + 8 * k);
+            // With S = dot, dL/d(log alpha) = w S - alpha / (1 - alpha) * behind; no gradient where alpha is clamped.
+            f8 later = behind[block];
+            const f8 one = broadcast(1.0f), alpha_max = broadcast(p.alpha_max);
+            for (k = m - 1; k >= 0; --k) {
+                const f8 alpha = load(w.alpha + 8 * k), share = load(w.weight + 8 * k) * load(w.dot + 8 * k);
+                store(w.dot + 8 * k, keep_where(alpha < alpha_max, share - later * (alpha / (one - alpha))));
+                later += share;
+            }
+            behind[block] = later;
+            add_moments(w, block, m, x + 2.0f, y + 1.0f, w.dot);
+            spread(w, block, m);
+        }
+        for (int k = 0; k < n; ++k) {
+            const int64_t pair = s.entries[begin + k].pair;
+            float* row = s.rows + pair * row_stride;
+            std::memcpy(row, w.moments + 8 * k, MOMENTS * sizeof(float));
+            std::memcpy(row + MOMENTS, w.feature_gradient + size_t(k) * w.stride, (1 + p.channels) * sizeof(float));
+            s.touched[pair] = 1;
+        }
+    }
+}
+
+// From the sums over pixels (moments, depth) back to the parameters of one Gaussian; camera gradient added to `camera`.
+F4X_HOT void unproject_one(const Problem& p, int64_t i, const float* sum, const Gradients& g, double* camera) {
+    Projection o;
+    project_one(p, i, o);
+    const float *m = p.means + 3 * i, *s = p.scales + 3 * i, *w = p.viewmat;
+    const float fx = p.intrinsics[0], fy = p.intrinsics[4], inverse_z = 1 / o.p[2];
+    g.opacities[i] = sum[0] / p.opacities[i];
+
+    const float a = o.syy / o.det, b = -o.sxy / o.det, c = o.sxx / o.det;  // conic Q
+    const float mean_x = a * sum[1] + b * sum[2], mean_y = b * sum[1] + c * sum[2];
+    g.offset[2 * i] = mean_x;
+    g.offset[2 * i + 1] = mean_y;
+
+    // dL/dt = (Q M Q) t with M the second moments, since dL/dQ = -M/2 and Q = (t t^T + blur)^-1.
+    const float am = a * sum[3] + b * sum[4], bm = a * sum[4] + b * sum[5];
+    const float cm = b * sum[3] + c * sum[4], dm = b * sum[4] + c * sum[5];
+    const float h00 = am * a + bm * b, h01 = am * b + bm * c, h11 = cm * b + dm * c;
+    float side[2][3];  // dL/d(J W R)
+    for (int k = 0; k < 3; ++k) {
+        const float d0 = h00 * o.t[0][k] + h01 * o.t[1][k], d1 = h01 * o.t[0][k] + h11 * o.t[1][k];
+        g.scales[3 * i + k] = d0 * o.side[0][k] + d1 * o.side[1][k];
+        side[0][k] = d0 * s[k];
+        side[1][k] = d1 * s[k];
+    }
+    float j00 = 0, j02 = 0, j11 = 0, j12 = 0, world[9];
+    for (int k = 0; k < 3; ++k) {
+        j00 += side[0][k] * o.world[k];
+        j02 += side[0][k] * o.world[6 + k];
+        j11 += side[1][k] * o.world[3 + k];
+        j12 += side[1][k] * o.world[6 + k];
+        world[k] = o.j00 * side[0][k];
+        world[3 + k] = o.j11 * side[1][k];
+        world[6 + k] = o.j02 * side[0][k] + o.j12 * side[1][k];
+    }
+
+    // Camera-frame point: through the pixel, the Jacobian and the depth channel.
+    const float x = o.p[0] * inverse_z, y = o.p[1] * inverse_z;
+    float point[3] = {mean_x * o.j00, mean_y * o.j11, sum[MOMENTS]};
+    point[2] -= point[0] * x + point[1] * y;
+    point[2] -= (j00 * o.j00 + j02 * o.j02 + j11 * o.j11 + j12 * o.j12) * inverse_z;
+    if (o.u_free) {
+        const float u = -j02 * fx * inverse_z * inverse_z;
+        point[0] += u;
+        point[2] -= u * x;
+    }
+    if (o.v_free) {
+        const float v = -j12 * fy * inverse_z * inverse_z;
+        point[1] += v;
+        point[2] -= v * y;
+    }
+
+    float rotation[9];  // dL/dR = W^T dL/d(W R)
+    for (int r = 0; r < 3; ++r) {
+        g.means[3 * i + r] = w[r] * point[0] + w[4 + r] * point[1] + w[8 + r] * point[2];
+        for (int k = 0; k < 3; ++k)
+            rotation[3 * r + k] = w[r] * world[k] + w[4 + r] * world[3 + k] + w[8 + r] * world[6 + k];
+    }
+    for (int r = 0; r < 3; ++r) {
+        for (int k = 0; k < 3; ++k)
+            camera[4 * r + k] += point[r] * m[k] + world[3 * r] * o.rotation[3 * k] +
+                                 world[3 * r + 1] * o.rotation[3 * k + 1] + world[3 * r + 2] * o.rotation[3 * k + 2];
+        camera[4 * r + 3] += point[r];
+    }
+
+    const float qw = o.q[0], qx = o.q[1], qy = o.q[2], qz = o.q[3];
+    const float* r = rotation;
+    const float q[4] = {
+        2 * (qx * (r[7] - r[5]) + qy * (r[2] - r[6]) + qz * (r[3] - r[1])),
+        2 * (qw * (r[7] - r[5]) + qy * (r[1] + r[3]) + qz * (r[2] + r[6]) - 2 * qx * (r[4] + r[8])),
+        2 * (qw * (r[2] - r[6]) + qx * (r[1] + r[3]) + qz * (r[5] + r[7]) - 2 * qy * (r[0] + r[8])),
+        2 * (qw * (r[3] - r[1]) + qx * (r[2] + r[6]) + qy * (r[5] + r[7]) - 2 * qz * (r[0] + r[4]))};
+    const float along = q[0] * qw + q[1] * qx + q[2] * qy + q[3] * qz;
+    for (int k = 0; k < 4; ++k) g.quats[4 * i + k] = (q[k] - along * o.q[k]) / o.norm;
+}
+
+F4X_TARGET void gather(const Problem& p, State& s, int64_t begin, int64_t end, const Gradients& g, double* camera) {
+    const int stride = stride_of_row(p);
+    std::vector<float> sum(stride);
+    for (int64_t i = begin; i < end; ++i) {
+        std::fill(sum.begin(), sum.end(), 0.0f);
+        bool any = false;
+        for (int64_t pair = s.pair_start[i]; pair < s.pair_start[i + 1]; ++pair) {
+            if (!s.touched[pair]) continue;
+            any = true;
+            const float* row = s.rows + pair * stride;
+            for (int k = 0; k < stride; ++k) sum[k] += row[k];
+        }
+        std::memcpy(g.colors + i * p.channels, sum.data() + MOMENTS + 1, p.channels * sizeof(float));
+        if (any) {
+            unproject_one(p, i, sum.data(), g, camera);
+            continue;
+        }
+        std::fill_n(g.means + 3 * i, 3, 0.0f);
+        std::fill_n(g.quats + 4 * i, 4, 0.0f);
+        std::fill_n(g.scales + 3 * i, 3, 0.0f);
+        std::fill_n(g.offset + 2 * i, 2, 0.0f);
+        g.opacities[i] = 0;
+    }
+}
+
+constexpr const char* NAMES[] = {"plain", "avx2"};
+const Kernels kernels = {
+#if defined(F4X_AVX2)
+    NAMES[1],
+#else
+    NAMES[0],
+#endif
+    project, measure, forward_tile, backward_tile, gather};
+
+#undef F4X_HOT
+
+}  // namespace F4X_ISA
+}  // namespace
+
+#endif

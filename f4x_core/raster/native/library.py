@@ -1,0 +1,212 @@
+"""The compiled kernel behind numpy arrays: loading, self-check, forward and backward. No torch here."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import sys
+import sysconfig
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import F4xError
+from ..contract import RasterConfig, RasterOutput
+
+SOURCE = Path(__file__).with_name("kernel.cpp")
+FOLDER = Path(__file__).with_name("_build")
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+
+Floats = np.ndarray
+"""Float32, C-contiguous: what the kernel reads through a bare pointer."""
+
+SELF_CHECK = Path(__file__).with_name("self_check.npz")
+# The largest relative error (L2) against the stored float64 values at which the library is still trusted: float32
+# rounding gives 1e-6, the mildest real fault (a splat or a gradient term missing) gives more than 1e-2.
+SELF_CHECK_ERROR = 1e-4
+
+_POINTER = ctypes.c_void_p
+
+
+class _Problem(ctypes.Structure):
+    """`struct Problem` of kernel.cpp."""
+
+    _fields_ = (
+        [("count", ctypes.c_int64)]
+        + [(name, ctypes.c_int32) for name in ("channels", "attached", "width", "height", "threads")]
+        + [(name, ctypes.c_float) for name in ("near", "blur", "alpha_min", "alpha_max", "transmittance_min")]
+        + [("intrinsics", ctypes.c_float * 9), ("viewmat", ctypes.c_float * 16)]
+        + [(n, _POINTER) for n in ("means", "quats", "scales", "opacities", "colors", "background", "mean2d_offset")]
+    )
+
+
+class _Gradients(ctypes.Structure):
+    """`struct Gradients` of kernel.cpp."""
+
+    _fields_ = [
+        (n, _POINTER)
+        for n in ("channels", "depth", "alpha", "means", "quats", "scales", "opacities", "colors", "viewmat", "offset")
+    ]
+
+
+class _State:
+    """What the backward pass needs of one forward pass; hands its memory back when dropped."""
+
+    def __init__(self, library: ctypes.CDLL, pointer: int):
+        self._library, self.pointer = library, pointer
+
+    def __del__(self):
+        self._library.f4x_release(self.pointer)
+
+
+@dataclass(frozen=True)
+class Render:
+    """A forward pass and, where it was kept, what its backward pass needs."""
+
+    output: RasterOutput
+    inputs: dict[str, Floats | None]
+    problem: _Problem
+    state: _State | None
+
+
+def library_path() -> Path:
+    """Where the library of the present source and platform lies, or would lie: an old one is never taken for it."""
+    digest = hashlib.sha256(SOURCE.read_bytes() + Path(__file__).with_name("build.py").read_bytes()).hexdigest()[:16]
+    return FOLDER / f"raster-{digest}-{sysconfig.get_platform()}{SUFFIX}"
+
+
+def open_library() -> tuple[ctypes.CDLL | None, str]:
+    """The checked library, or None and the reason why there is none; looked for once per process."""
+    return _open(library_path())
+
+
+@lru_cache
+def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
+    if not path.is_file():
+        return None, "the kernel is not built for its present source: run `python -m f4x_core.raster.native.build`"
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        return None, f"{path.name} does not load: {error}"
+    library.f4x_instruction_set.restype = ctypes.c_char_p
+    library.f4x_forward.restype = _POINTER
+    library.f4x_forward.argtypes = [ctypes.POINTER(_Problem), ctypes.c_int32, *[_POINTER] * 4, ctypes.POINTER(ctypes.c_int32)]
+    library.f4x_backward.argtypes = [_POINTER, ctypes.POINTER(_Problem), ctypes.POINTER(_Gradients)]
+    library.f4x_release.argtypes = [_POINTER]
+    library.f4x_release.restype = None
+    error = self_check(library)
+    if not error < SELF_CHECK_ERROR:
+        return None, f"{path.name} disagrees with the float64 reference by {error:.1e} in its self-check"
+    return library, ""
+
+
+def self_check(library: ctypes.CDLL) -> float:
+    """Largest relative L2 error of image and gradients against the stored float64 values of a small scene."""
+    with np.load(SELF_CHECK) as file:
+        stored = {name: file[name] for name in file.files}
+
+    def group(kind: str) -> dict[str, np.ndarray]:
+        return {name.removeprefix(kind): a for name, a in stored.items() if name.startswith(kind)}
+
+    height, width = stored["expect_depth"].shape
+    render = forward(
+        library, group("input_"), width, height, RasterConfig(threads=1), int(stored["detached_from"]), keep=True
+    )
+    got = {name: getattr(render.output, name) for name in ("channels", "depth", "alpha")}
+    got |= backward(library, render, **group("sent_"))
+    expected = group("expect_")
+    return max(float(np.linalg.norm(got[name] - e) / np.linalg.norm(e)) for name, e in expected.items())
+
+
+def forward(
+    library: ctypes.CDLL,
+    inputs: dict[str, Any],
+    width: int,
+    height: int,
+    config: RasterConfig,
+    detached_from: int | None,
+    keep: bool,
+) -> Render:
+    """Render; `inputs` holds the nine arrays of `rasterize` by name, of any dtype and strides.
+
+    Raises:
+        F4xError: memory ran out.
+    """
+    # The kernel walks bare pointers: a strided view must become a plain copy first.
+    held = {name: None if a is None else np.ascontiguousarray(a, np.float32) for name, a in inputs.items()}
+    count, channels = held["colors"].shape
+    problem = _Problem(
+        count=count,
+        channels=channels,
+        attached=channels if detached_from is None else detached_from,
+        width=width,
+        height=height,
+        threads=max(1, config.threads),
+        near=config.near,
+        blur=config.blur,
+        alpha_min=config.alpha_min,
+        alpha_max=config.alpha_max,
+        transmittance_min=config.transmittance_min,
+        intrinsics=tuple(held["K"].ravel()),
+        viewmat=tuple(held["viewmat"].ravel()),
+        **{
+            n: _address(held.get(n))
+            for n in ("means", "quats", "scales", "opacities", "colors", "background", "mean2d_offset")
+        },
+    )
+    image = np.empty((height, width, channels), np.float32)
+    depth, alpha = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    visible = np.empty(count, bool)
+    failed = ctypes.c_int32()
+    pointer = library.f4x_forward(
+        problem, keep, _address(image), _address(depth), _address(alpha), _address(visible), failed
+    )
+    _check(failed.value, problem)
+    return Render(RasterOutput(image, depth, alpha, visible), held, problem, _State(library, pointer) if keep else None)
+
+
+def backward(
+    library: ctypes.CDLL,
+    render: Render,
+    channels: np.ndarray | None,
+    depth: np.ndarray | None,
+    alpha: np.ndarray | None,
+) -> dict[str, Floats]:
+    """Gradients of means, quats, scales, opacities, colors, viewmat (4, 4) and mean2d_offset (N, 2) of a kept render.
+
+    Args:
+        library: the one that rendered.
+        render: kept forward pass.
+        channels: (H, W, C) gradient of the image; none = zeros, here and below.
+        depth: (H, W) gradient of the depth.
+        alpha: (H, W) gradient of the alpha.
+
+    Raises:
+        F4xError: memory ran out.
+    """
+    sent = [None if a is None else np.ascontiguousarray(a, np.float32) for a in (channels, depth, alpha)]
+    n = render.problem.count
+    got = {
+        name: np.empty_like(render.inputs[name])
+        for name in ("means", "quats", "scales", "opacities", "colors", "viewmat")
+    }
+    got["mean2d_offset"] = np.empty((n, 2), np.float32)
+    assert render.state is not None
+    gradients = _Gradients(*map(_address, [*sent, *got.values()]))
+    _check(library.f4x_backward(render.state.pointer, render.problem, gradients), render.problem)
+    return got
+
+
+def _address(array: np.ndarray | None) -> int | None:
+    return None if array is None else array.ctypes.data
+
+
+def _check(failed: int, problem: _Problem) -> None:
+    if failed:
+        raise F4xError(
+            f"The native raster ran out of memory at {problem.count} Gaussians with {problem.channels} channels in "
+            f"{problem.width} x {problem.height} pixels: use fewer channels or a smaller image."
+        )
