@@ -103,7 +103,7 @@ def _select(span: slice, count: int, source: Path) -> np.ndarray:
 
 
 def _read_video(file: Path, span: slice, width: int | None) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return (indices, frames, number of frames decoded); keeps only the selected frames, already small, and stops after the last one."""
+    """Return (indices, frames, number of frames decoded); keeps only selected frames, already small."""
     kept: list[np.ndarray] = []
     count = 0
     for count, image in enumerate(islice(decode(file), span.stop), start=1):

@@ -1,0 +1,46 @@
+"""Blender's Python has numpy alone: these rooms must import there, and geometry must work there."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+ROOMS = ("errors", "progress", "files", "geometry", "clip", "scene", "query", "edit")
+BLOCKED = ("torch", "cv2", "av", "scipy", "PIL", "pycolmap", "bpy")
+
+PROGRAM = f"""
+import importlib, pkgutil, sys
+for name in {BLOCKED!r}:
+    sys.modules[name] = None
+room = importlib.import_module("f4x_core." + sys.argv[1])
+for module in pkgutil.iter_modules(getattr(room, "__path__", [])):
+    importlib.import_module(room.__name__ + "." + module.name)
+"""
+
+
+def run(program, *arguments):
+    return subprocess.run([sys.executable, "-c", program, *arguments], cwd=ROOT, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_room_imports_with_numpy_alone(room):
+    core = ROOT / "f4x_core"
+    if not (core / room / "__init__.py").exists() and not (core / f"{room}.py").exists():
+        pytest.skip(f"f4x_core.{room} is not built yet")
+    result = run(PROGRAM, room)
+    assert result.returncode == 0, result.stderr
+
+
+def test_numpy_inputs_never_import_torch():
+    program = """
+import sys
+import numpy as np
+from f4x_core.geometry import quaternion, spherical_harmonics
+quaternion.rotate(np.ones((2, 4)), np.ones((2, 3)))
+spherical_harmonics.rotate(np.ones((2, 9, 3)), np.ones((2, 4)))
+assert "torch" not in sys.modules and "scipy" not in sys.modules
+"""
+    result = run(program)
+    assert result.returncode == 0, result.stderr
