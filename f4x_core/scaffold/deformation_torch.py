@@ -1,0 +1,252 @@
+"""The deformation of `deformation.py` for the fit: one sparse product per step, with hand-written gradients.
+
+The blend is `A @ table` with a CSR matrix `A (N, P)` of signed weights; its gradient to the table is the product with
+the transposed matrix, and its gradient to the weights is the dot product of each stored entry's row and column. Both
+structures depend only on the topology and are built once.
+"""
+
+import warnings
+
+import numpy as np
+import torch
+
+from ..geometry import dual_quaternion, quaternion
+from .deformation import COLLAPSED, SIGN_BAND, node_poses_at, pairs_of
+from .skinning import Kernel, skinning_weights
+
+# torch announces once per process that CSR tensors are in beta; a person can do nothing about it.
+warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta state")
+warnings.filterwarnings("ignore", message="Sparse invariant checks are implicitly disabled")
+
+
+class SparseRows:
+    """The fixed sparsity of an `(N, P)` matrix with K entries per row, and of its transpose."""
+
+    def __init__(self, index: np.ndarray, columns: int, device: torch.device | str = "cpu"):
+        """`index (N, K)` are the columns of each row's entries; the same column may occur twice in a row."""
+        rows, slots = index.shape
+        flat = index.reshape(-1)
+        order = np.argsort(flat, kind="stable")
+        self.shape = (rows, columns)
+        self.slots = slots
+        self.starts = _int32(np.arange(0, rows * slots + 1, slots), device)
+        self.columns = _int32(flat, device)
+        self.order = _int32(order, device)
+        self.transposed_starts = _int32(np.concatenate([[0], np.bincount(flat, minlength=columns).cumsum()]), device)
+        self.transposed_columns = _int32(order // slots, device)
+
+    def matrix(self, values: torch.Tensor) -> torch.Tensor:
+        """Return the CSR matrix with `values (N, K)`."""
+        return torch.sparse_csr_tensor(self.starts, self.columns, values.reshape(-1), self.shape)
+
+    def transposed(self, values: torch.Tensor) -> torch.Tensor:
+        """Return the CSR matrix `(P, N)`, the transpose of `matrix(values)`."""
+        values = values.reshape(-1).index_select(0, self.order)
+        return torch.sparse_csr_tensor(
+            self.transposed_starts, self.transposed_columns, values, (self.shape[1], self.shape[0])
+        )
+
+
+class _Product(torch.autograd.Function):
+    """`A(values) @ dense` for a fixed sparsity."""
+
+    @staticmethod
+    def forward(ctx, values: torch.Tensor, dense: torch.Tensor, structure: SparseRows) -> torch.Tensor:
+        ctx.save_for_backward(values, dense)
+        ctx.structure = structure
+        return structure.matrix(values) @ dense
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, gradient):
+        values, dense = ctx.saved_tensors
+        gradient = gradient.contiguous()
+        d_values = d_dense = None
+        if ctx.needs_input_grad[0]:
+            pattern = ctx.structure.matrix(values)
+            dots = torch.sparse.sampled_addmm(pattern, gradient, dense.T.contiguous(), beta=0.0)
+            d_values = dots.values().view_as(values)
+        if ctx.needs_input_grad[1]:
+            d_dense = ctx.structure.transposed(values) @ gradient
+        return d_values, d_dense, None
+
+
+class _Gather(torch.autograd.Function):
+    """`dense[index]` as `(N, K, C)`; its gradient is a sparse product instead of a scatter."""
+
+    @staticmethod
+    def forward(ctx, dense: torch.Tensor, structure: SparseRows) -> torch.Tensor:
+        ctx.structure = structure
+        return dense.index_select(0, structure.columns).view(-1, structure.slots, dense.shape[1])
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, gradient):
+        s = ctx.structure
+        entries = gradient.reshape(-1, gradient.shape[-1]).contiguous()  # (N K, C)
+        ones = torch.ones(len(entries), dtype=entries.dtype, device=entries.device)
+        gather = torch.sparse_csr_tensor(s.transposed_starts, s.order, ones, (s.shape[1], len(entries)))
+        return gather @ entries, None
+
+
+class _RelativeMotions(torch.autograd.Function):
+    """Dual quaternions of `Q_now Q_then^-1` from unit ones: `(q r*, q d_r* + d_q r*)`, bilinear in both."""
+
+    @staticmethod
+    def forward(ctx, now: torch.Tensor, then: torch.Tensor) -> torch.Tensor:
+        ctx.save_for_backward(now, then)
+        q, d = now[:, :4], now[:, 4:]
+        r, e = quaternion.conjugate(then[:, :4]), quaternion.conjugate(then[:, 4:])
+        dual = quaternion.multiply(q, e) + quaternion.multiply(d, r)
+        return torch.cat([quaternion.multiply(q, r), dual], dim=1)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, gradient):
+        # <g, a b*> = <g b, a> = <g* a, b>
+        now, then = ctx.saved_tensors
+        q, d, r, e = now[:, :4], now[:, 4:], then[:, :4], then[:, 4:]
+        g, h = gradient[:, :4], gradient[:, 4:]
+        g_conjugate, h_conjugate = quaternion.conjugate(g), quaternion.conjugate(h)
+        d_q = quaternion.multiply(g, r) + quaternion.multiply(h, e)
+        d_r = quaternion.multiply(g_conjugate, q) + quaternion.multiply(h_conjugate, d)
+        return torch.cat([d_q, quaternion.multiply(h, r)], 1), torch.cat([d_r, quaternion.multiply(h_conjugate, q)], 1)
+
+
+class _Decode(torch.autograd.Function):
+    """Blended `(N, 8)` and strength `(N,)` to `(q (N, 4), t (N, 3))`: `q = P / n`, `t = 2 vec(D P*) / n^2`.
+
+    The projection of D in `dual_quaternion.normalize` drops out of t because `vec(P P*) = 0`.
+    """
+
+    @staticmethod
+    def forward(ctx, blended: torch.Tensor, strength: torch.Tensor | None):
+        P, D = blended[:, :4], blended[:, 4:]
+        sign = None
+        if strength is not None:
+            sign = torch.where(P[:, :1] < 0, -1.0, 1.0).to(blended.dtype)
+            factor = strength[:, None] * sign
+            P, D = factor * P, factor * D
+            P[:, 0] += 1 - strength
+        squared = (P * P).sum(1, keepdim=True)
+        collapsed = squared <= COLLAPSED**2
+        squared = torch.where(collapsed, torch.ones_like(squared), squared)
+        q = P * squared.rsqrt()
+        t = quaternion.multiply(D, quaternion.conjugate(P))[:, 1:] * (2 / squared)
+        if collapsed.any():
+            q = torch.where(collapsed, torch.eye(4, dtype=q.dtype, device=q.device)[0], q)
+            t = torch.where(collapsed, torch.zeros_like(t), t)
+        ctx.save_for_backward(blended, strength, sign, P, D, squared, collapsed, q, t)
+        return q, t
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, g_q, g_t):
+        blended, strength, sign, P, D, squared, collapsed, q, t = ctx.saved_tensors
+        G = torch.nn.functional.pad(g_t * (2 / squared), (1, 0))  # (N, 4), gradient of D P*
+        d_D = quaternion.multiply(G, P)
+        d_P = quaternion.multiply(quaternion.conjugate(G), D)
+        d_P = d_P + (g_q - q * (q * g_q).sum(1, keepdim=True)) * squared.rsqrt()
+        d_P = d_P - P * ((2 / squared) * (g_t * t).sum(1, keepdim=True))
+        gradient = torch.cat([d_P, d_D], dim=1)
+        if collapsed.any():
+            gradient = torch.where(collapsed, torch.zeros_like(gradient), gradient)
+        if strength is None:
+            return gradient, None
+        d_strength = sign[:, 0] * (blended * gradient).sum(1) - gradient[:, 0]
+        return gradient * (strength[:, None] * sign), d_strength
+
+
+class Deformer:
+    """Moves Gaussians with the scaffold, every step of the fit; built anew only when the topology changes.
+
+    Differentiable in node poses, weights and strength. Any floating dtype; tensors on `device`.
+    """
+
+    def __init__(
+        self,
+        times: np.ndarray,
+        reference: np.ndarray | torch.Tensor,
+        neighbours: np.ndarray | torch.Tensor,
+        nodes: int,
+        device: torch.device | str = "cpu",
+    ):
+        """`times (F,)` of the scaffold, `reference (N,)` indices into it, `neighbours (N, K)` node indices, attach first.
+
+        `nodes` is the number M of nodes in the scaffold.
+        """
+        self.times = np.asarray(times, np.float64)
+        neighbours, reference = _numpy(neighbours), _numpy(reference)
+        pairs = pairs_of(neighbours, reference)
+        self.pairs = pairs
+        self.structure = SparseRows(pairs.index, len(pairs.node), device)
+        self.node = torch.as_tensor(pairs.node, device=device)  # (P,)
+        self.then = torch.as_tensor(pairs.reference * nodes + pairs.node, device=device)  # (P,) row of (F M)
+        # The signs of equal (attach row, slot row) edges are equal, and there are fewer edges than slots.
+        keys = pairs.index[:, :1].astype(np.int64) * max(len(pairs.node), 1) + pairs.index
+        edges, edge_of_slot = np.unique(keys, return_inverse=True)
+        self.edge_attach = torch.as_tensor(edges // max(len(pairs.node), 1), device=device)  # (E,)
+        self.edge_slot = torch.as_tensor(edges % max(len(pairs.node), 1), device=device)
+        self.edge_of_slot = torch.as_tensor(edge_of_slot.reshape(-1), device=device)  # (N K,)
+        self.neighbour_structure = SparseRows(neighbours, nodes, device)
+
+    def __call__(
+        self,
+        scaffold_xyz: torch.Tensor,
+        scaffold_quat: torch.Tensor,
+        weights: torch.Tensor,
+        strength: torch.Tensor | None,
+        time: float,
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the motion `(q (N, 4)` unit `, t (N, 3))` from each Gaussian's reference time to `time`.
+
+        `scaffold_xyz (F, M, 3)`, `scaffold_quat (F, M, 4)` of any length, `weights (N, K)`, `strength (N,)` or None
+        for 1 (which also skips the blend with the identity).
+        """
+        table = self.relative_motions(scaffold_xyz, scaffold_quat, time)
+        blended = _Product.apply(weights * self.slot_signs(table), table, self.structure)
+        if strength is not None and bool((strength == 1).all()) and not strength.requires_grad:
+            strength = None
+        return _Decode.apply(blended, strength)
+
+    def relative_motions(self, xyz: torch.Tensor, quat: torch.Tensor, time: float) -> torch.Tensor:
+        """Return the table `(P, 8)` of unit dual quaternions, see `deformation.relative_motions`."""
+        x_now, q_now = node_poses_at(self.times, xyz, quat, time)
+        x_then = xyz.reshape(-1, 3).index_select(0, self.then)
+        q_then = quaternion.normalize(quat.reshape(-1, 4).index_select(0, self.then))
+        now = dual_quaternion.from_pose(q_now, x_now).index_select(0, self.node)
+        return _RelativeMotions.apply(now, dual_quaternion.from_pose(q_then, x_then))
+
+    def slot_signs(self, table: torch.Tensor) -> torch.Tensor:
+        """Return `(N, K)` +1 or -1, without gradient, see `deformation.slot_signs`."""
+        real = table.detach()[:, :4]
+        dots = (real.index_select(0, self.edge_attach) * real.index_select(0, self.edge_slot)).sum(1)
+        signs = torch.where(dots < -SIGN_BAND, -1.0, 1.0).to(table.dtype)
+        return signs.index_select(0, self.edge_of_slot).view(-1, self.structure.slots)
+
+    def skinning(
+        self,
+        means: torch.Tensor,
+        scaffold_xyz: torch.Tensor,
+        radius: torch.Tensor,
+        mask: torch.Tensor,
+        dw: torch.Tensor | None = None,
+        kernel: Kernel = "sigma",
+        keep_sum: bool = False,
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return `(weights (N, K), strength (N,))` of `skinning.skinning_weights`, with fast gradients.
+
+        `means (N, 3)` are the Gaussians in the world at their own reference time, `radius (M,)`, `mask (N, K)`.
+        """
+        node_x = _Gather.apply(scaffold_xyz.reshape(-1, 3).index_select(0, self.then), self.structure)
+        node_radius = _Gather.apply(radius[:, None], self.neighbour_structure)[..., 0]
+        return skinning_weights(means, node_x, node_radius, mask, dw, kernel, keep_sum)
+
+
+def _int32(array: np.ndarray, device: torch.device | str) -> torch.Tensor:
+    """CSR indices: the sparse kernels take 32 bits without a copy."""
+    return torch.as_tensor(np.ascontiguousarray(array, np.int32), device=device)
+
+
+def _numpy(array: np.ndarray | torch.Tensor) -> np.ndarray:
+    return array.detach().cpu().numpy() if isinstance(array, torch.Tensor) else np.asarray(array)

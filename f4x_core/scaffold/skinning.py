@@ -1,0 +1,49 @@
+"""How strongly each node carries a Gaussian (MoSca Eq. 1; algorithm.md 5.7). numpy or torch; needs numpy alone."""
+
+from typing import Literal
+
+import numpy as np
+
+from ..geometry.arrays import Array, namespace
+
+Kernel = Literal["sigma", "paper"]
+
+_FLOOR = 1e-6
+"""Every valid neighbour weighs at least this, so a far point still follows its neighbours in proportion (MoSca v2)."""
+_SMALLEST_SPREAD = 1e-12
+"""Lower bound of sigma^2 or r: a node with radius 0 carries exactly the points that lie on it."""
+
+
+def skinning_weights(
+    x: Array,
+    node_x: Array,
+    radius: Array,
+    mask: Array,
+    dw: Array | None = None,
+    kernel: Kernel = "sigma",
+    keep_sum: bool = False,
+) -> tuple[Array, Array]:
+    """Return `(weights (N, K)` that sum to 1 `, strength (N,)` in [0, 1] `)`.
+
+    `x (N, 3)` are points and `node_x (N, K, 3)` their neighbours' positions at the reference time, world units;
+    `radius (N, K)`, `mask (N, K)` bool. The raw weight is `exp(-d^2 / 2 sigma^2)` (kernel "sigma", the code of MoSca) or
+    `exp(-d^2 / 2 r)` (kernel "paper"), plus a floor; with `dw (N, K)`, the learnt correction, it becomes `|g + dw|`,
+    with `keep_sum` rescaled to the sum before. `strength = clamp(sum of raw weights, 0, 1)` fades points far from
+    every node to the identity. All weights of a point that no node carries are 0, and so is its strength.
+    """
+    xp = namespace(x, node_x, radius)
+    offset = x[..., None, :] - node_x  # (N, K, 3)
+    squared = (offset * offset).sum(axis=-1)
+    spread = radius * radius if kernel == "sigma" else radius
+    raw = (xp.exp(-0.5 * squared / xp.clip(spread, _SMALLEST_SPREAD, None)) + _FLOOR) * mask
+    if dw is not None:
+        corrected = abs(raw + dw) * mask
+        if keep_sum:
+            before, after = raw.sum(axis=-1, keepdims=True), corrected.sum(axis=-1, keepdims=True)
+            corrected = corrected * (before / xp.clip(after, _FLOOR, None))
+        raw = corrected
+    total = raw.sum(axis=-1, keepdims=True)
+    # The divisor is made safe first: a point without weights keeps zeros, and its gradient stays finite.
+    empty = total <= np.finfo(np.float32).tiny
+    weights = raw / xp.where(empty, xp.ones_like(total), total)
+    return weights, xp.clip(total[..., 0], 0.0, 1.0)
