@@ -9,6 +9,8 @@ from ..f4x_core.geometry.camera import CameraPath
 
 # OpenCV camera axes (x right, y down, z forward) <-> Blender camera axes (x right, y up, z backward); its own inverse.
 FLIP_YZ = np.diag([1.0, -1.0, -1.0, 1.0])
+# The scene's world (OpenCV: x right, y down, z forward) -> Blender's (x right, y forward, z up).
+BLENDER_FROM_SCENE = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
 def intrinsics(camera: bpy.types.Camera, width: int, height: int) -> np.ndarray:
@@ -22,6 +24,19 @@ def intrinsics(camera: bpy.types.Camera, width: int, height: int) -> np.ndarray:
             [0.0, 0.0, 1.0],
         ]
     )
+
+
+def lens_from_intrinsics(matrices: np.ndarray, width: int, height: int, sensor_width: float) -> dict[str, np.ndarray]:
+    """Blender camera settings (name -> (T,) values) of pinhole matrices `(T,3,3)`; the inverse of `intrinsics`.
+
+    Vertical numbers are in square pixels: with fx != fy the render's pixel aspect must be fx / fy.
+    """
+    fx, fy = matrices[:, 0, 0], matrices[:, 1, 1]
+    return {
+        "lens": fx * sensor_width / width,
+        "shift_x": (width / 2 - matrices[:, 0, 2]) / width,
+        "shift_y": (matrices[:, 1, 2] - height / 2) * fx / fy / width,
+    }
 
 
 def camera_path(scene: bpy.types.Scene, camera: bpy.types.Object, times: Iterable[int]) -> CameraPath:

@@ -22,6 +22,7 @@ from mathutils import Matrix, Vector
 
 from ..f4x_core.errors import F4xError
 from .axes import camera_path
+from .color import linear_from_srgb
 from .render_settings import save_multilayer, save_png
 
 STATIC_INDEX, MOVING_INDEX = 1, 2  # object index pass
@@ -128,7 +129,7 @@ def _set_up_render(settings: ClipSettings) -> bpy.types.Scene:
     world.color = (0.0, 0.0, 0.0)
     scene.world = world
     sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
-    sun.data.energy, sun.data.angle, sun.data.color = 3.3, math.radians(2.0), (1.0, 0.95, 0.86)
+    sun.data.energy, sun.data.angle, sun.data.color = 3.8, math.radians(2.0), (1.0, 0.95, 0.86)
     sun.rotation_euler = (math.radians(38), math.radians(-22), 0.0)
     scene.collection.objects.link(sun)
     return scene
@@ -182,8 +183,7 @@ class _Nodes:
 def _linear(hex_color: str) -> tuple[float, float, float, float]:
     """sRGB `rrggbb` as the linear RGBA that Blender's sockets want."""
     srgb = np.array([int(hex_color[i : i + 2], 16) for i in (0, 2, 4)]) / 255
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    return (*linear.tolist(), 1.0)
+    return (*linear_from_srgb(srgb).tolist(), 1.0)
 
 
 def _shade(nodes: _Nodes, color) -> None:
@@ -379,7 +379,7 @@ def _build_deforming_subject(frames: int) -> None:
     smooth.levels = smooth.render_levels = 2
     for polygon in mesh.polygons:
         polygon.use_smooth = True
-    patches = _cells(3.4, "e4572e", "f3a712", "f0e9d2", "29335c", "669bbc", "a8c686")
+    patches = _cells(5.0, "e4572e", "f3a712", "f0e9d2", "29335c", "669bbc", "a8c686")
     mesh.materials.append(_material("skin", patches, "rest", (7.3, 2.1, 5.0)))
 
     subject.scale = (0.78,) * 3
@@ -391,8 +391,8 @@ def _build_deforming_subject(frames: int) -> None:
         {t: (-0.75 + 1.5 * s, -0.25 + 0.3 * math.sin(2.5 * s), 0.82 + 0.22 * abs(math.sin(3.6 * s))) for t, s in phase.items()},
     )
     _key_linear(subject, "rotation_euler", {t: (-0.2, 0.12 * math.sin(5 * s), -0.35 + 0.7 * s) for t, s in phase.items()})
-    _key_linear(subject, 'modifiers["bend"].angle', {t: 0.6 * math.sin(4.5 * s) for t, s in phase.items()})
-    _key_linear(subject, 'modifiers["twist"].angle', {t: 0.5 * math.sin(3.3 * s + 1) for t, s in phase.items()})
+    _key_linear(subject, 'modifiers["bend"].angle', {t: 0.45 * math.sin(4.5 * s) for t, s in phase.items()})
+    _key_linear(subject, 'modifiers["twist"].angle', {t: 0.3 * math.sin(3.3 * s + 1) for t, s in phase.items()})
     _key_linear(mesh.shape_keys, 'key_blocks["swell"].value', {t: 0.5 + 0.5 * math.sin(7 * s) for t, s in phase.items()})
 
 

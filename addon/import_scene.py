@@ -1,0 +1,209 @@
+"""A scene file becomes Blender objects: two point clouds, empties for the scaffold, a keyed camera.
+
+    NAME                root empty; carries the turn from the scene's axes (OpenCV, y down) to Blender's (z up)
+    ├── NAME static     point cloud
+    ├── NAME dynamic    point cloud + geometry nodes (`motion_nodes`)
+    ├── NAME pairs      hidden helper mesh of the geometry nodes
+    ├── NAME camera     keyed at every clip frame
+    └── NAME node 0000  the scaffold's nodes, in their own collection, keyed at every clip frame
+
+Below the root all data stay in the scene file's own frame and unit, bit for bit: edits can be written back, and
+harmonics stay right because Blender evaluates native splats in the frame of their object, which the root turns as a
+whole. Blender frame = clip frame index.
+
+Attributes of the points (the names that Blender 5.3 draws as splats): `position`, `scale` (linear), `rotation` (wxyz),
+`radiance:base` (DC coefficients, opacity), `radiance:sh_0 ..` (higher coefficients, turned from the Gaussian's own
+frame into the object's); ours: `gid` (identity), `rgb` (linear display colour), `radius`, and on the dynamic cloud
+`reference`, `pair_k`, `w_k`, `strength`.
+"""
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..f4x_core.errors import F4xError
+from ..f4x_core.geometry import pose, quaternion, spherical_harmonics
+from ..f4x_core.scaffold.deformation import node_poses_at, pairs_of
+from ..f4x_core.scene import Scene, read_scene
+from .animation import ActionWriter
+from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
+from .color import linear_from_srgb
+from .motion_nodes import build_motion_tree
+from .point_cloud import FLOAT4, new_point_cloud, write_attribute
+
+MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
+MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
+NODE_SIZE = 0.4  # drawn size of a node's empty in scaffold units
+
+
+def import_scene(path: Path, *, set_up_render: bool = True) -> bpy.types.Object:
+    """Read the scene file at `path` into the current Blender scene and return the root empty.
+
+    `set_up_render` also takes over the clip's size, rate, frame range, camera and the Standard view transform.
+    Raises F4xError for a missing, damaged or unsuitable file; nothing is added to Blender then.
+    """
+    scene = read_scene(path)
+    _check(scene, path)
+    name = _free_name(scene.name or path.stem)
+    collection = bpy.data.collections.new(name)
+    bpy.context.scene.collection.children.link(collection)
+    root = _add_object(name, None, collection)
+    root.matrix_world = Matrix(BLENDER_FROM_SCENE)
+    root["f4x_path"] = str(path)
+
+    frames = scene.cameras.times
+    material = _splat_material(name)
+    clouds = [_add_gaussians(f"{name} static", scene.static, collection, material)]
+    if len(scene.dynamic):
+        dynamic = _add_gaussians(f"{name} dynamic", scene.dynamic, collection, material)
+        _add_motion(name, scene, dynamic, collection, root, frames)
+        clouds.append(dynamic)
+    camera = _add_camera(f"{name} camera", scene, collection)
+    for item in (*clouds, camera):
+        item.parent = root
+    if set_up_render:
+        _set_up_render(bpy.context.scene, scene, camera)
+    return root
+
+
+def _check(scene: Scene, path: Path) -> None:
+    """Refuse what Blender cannot hold."""
+    largest = max((int(s.ids.max()) for s in (scene.static, scene.dynamic) if len(s)), default=0)
+    if largest > MAX_GID:
+        raise F4xError(f"{path} has Gaussian id {largest}, above Blender's 32-bit integers; renumber it with `f4x bake`.")
+
+
+def _free_name(wanted: str) -> str:
+    """A short prefix that no object starts with yet, so the nodes' names sort in their own order."""
+    wanted = wanted.encode()[:MAX_NAME].decode(errors="ignore")
+    name, number = wanted, 2
+    while any(o.name.startswith(name) for o in bpy.data.objects):
+        name, number = f"{wanted} ({number})", number + 1
+    return name
+
+
+def _add_object(name: str, data: bpy.types.ID | None, collection: bpy.types.Collection) -> bpy.types.Object:
+    item = bpy.data.objects.new(name, data)
+    collection.objects.link(item)
+    return item
+
+
+def _add_gaussians(name, gaussians, collection, material) -> bpy.types.Object:
+    """Add one set of Gaussians as a point cloud."""
+    item = new_point_cloud(name, len(gaussians), collection)
+    cloud = item.data
+    if len(gaussians) == 0:
+        return item
+    rotation = quaternion.normalize(gaussians.rotation)
+    sh = spherical_harmonics.rotate(gaussians.sh, rotation)  # own frame -> the object's frame
+    rgb = np.clip(spherical_harmonics.rgb_from_dc(sh[:, 0]), 0.0, 1.0)
+    alpha = gaussians.opacity[:, None]
+    write_attribute(cloud, "position", "FLOAT_VECTOR", gaussians.xyz)
+    write_attribute(cloud, "scale", "FLOAT_VECTOR", gaussians.scale)
+    write_attribute(cloud, "rotation", "QUATERNION", rotation)
+    write_attribute(cloud, "radiance:base", FLOAT4, np.concatenate([sh[:, 0], alpha], 1))
+    for i in range(1, sh.shape[1]):
+        write_attribute(cloud, f"radiance:sh_{i - 1}", "FLOAT_VECTOR", sh[:, i])
+    write_attribute(cloud, "gid", "INT", gaussians.ids)
+    write_attribute(cloud, "rgb", "FLOAT_COLOR", np.concatenate([linear_from_srgb(rgb), alpha], 1))
+    write_attribute(cloud, "radius", "FLOAT", gaussians.scale.mean(axis=1))
+    cloud.materials.append(material)
+    return item
+
+
+def _add_motion(name, scene: Scene, dynamic, collection, root, frames: np.ndarray) -> None:
+    """Add nodes, helper and geometry nodes that move the dynamic Gaussians."""
+    scaffold, gaussians = scene.scaffold, scene.dynamic
+    pairs = pairs_of(gaussians.node, gaussians.reference)
+    write_attribute(dynamic.data, "reference", "INT", gaussians.reference)
+    write_attribute(dynamic.data, "strength", "FLOAT", gaussians.strength)
+    for k in range(gaussians.node.shape[1]):
+        write_attribute(dynamic.data, f"pair_{k}", "INT", pairs.index[:, k])
+        write_attribute(dynamic.data, f"w_{k}", "FLOAT", gaussians.weight[:, k])
+
+    mesh = bpy.data.meshes.new(f"{name} pairs")
+    mesh.vertices.add(len(pairs.node))
+    rest_q = quaternion.normalize(scaffold.quat[pairs.reference, pairs.node].astype(np.float64))
+    rest_t = scaffold.xyz[pairs.reference, pairs.node].astype(np.float64)
+    write_attribute(mesh, "node", "INT", pairs.node)
+    write_attribute(mesh, "rest_inverse", "FLOAT4X4", pose.to_matrix(*pose.invert(rest_q, rest_t)))
+    helper = _add_object(mesh.name, mesh, collection)
+    helper.parent = root
+    helper.hide_viewport = helper.hide_render = True
+
+    nodes = bpy.data.collections.new(f"{name} nodes")
+    collection.children.link(nodes)
+    empties = [_add_object(f"{name} node {i:05d}", None, nodes) for i in range(len(scaffold.ids))]
+    # Keyed at every clip frame, also at held-out ones: linear between keys then agrees with the core at whole frames.
+    poses = [node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, float(f)) for f in frames]
+    xyz = np.stack([x for x, _ in poses])  # (T,M,3)
+    quat = quaternion.align_sequence(np.stack([q for _, q in poses]))  # (T,M,4)
+    writer = ActionWriter(f"{name} motion")
+    for i, empty in enumerate(empties):
+        empty.parent = root
+        empty.rotation_mode = "QUATERNION"
+        empty.empty_display_size = NODE_SIZE * scaffold.unit
+        empty["f4x_node"] = int(scaffold.ids[i])
+        writer.write(empty, frames, {"location": xyz[:, i], "rotation_quaternion": quat[:, i]})
+
+    modifier = dynamic.modifiers.new("Feature4X motion", "NODES")
+    modifier.node_group = build_motion_tree(f"{name} motion", nodes, helper, gaussians.node.shape[1])
+
+
+def _add_camera(name: str, scene: Scene, collection) -> bpy.types.Object:
+    """Add the clip's camera; its lens is keyed only when it changes."""
+    cameras = scene.cameras
+    camera = _add_object(name, bpy.data.cameras.new(name), collection)
+    camera.data.sensor_fit = "HORIZONTAL"
+    camera.rotation_mode = "QUATERNION"
+    q, centre = pose.from_matrix(np.linalg.inv(cameras.world_to_camera) @ FLIP_YZ)
+    writer = ActionWriter(name)
+    writer.write(camera, cameras.times, {"location": centre, "rotation_quaternion": quaternion.align_sequence(q)})
+    lens = lens_from_intrinsics(cameras.intrinsics, cameras.width, cameras.height, camera.data.sensor_width)
+    for path, values in lens.items():
+        setattr(camera.data, path, values[0])
+    if any(np.ptp(values) > 0 for values in lens.values()):
+        writer.write(camera.data, cameras.times, lens)
+    return camera
+
+
+def _set_up_render(target: bpy.types.Scene, scene: Scene, camera: bpy.types.Object) -> None:
+    """Make the Blender scene look through the clip's camera at the clip's size and rate."""
+    cameras, render = scene.cameras, target.render
+    target.camera = camera
+    render.resolution_x, render.resolution_y, render.resolution_percentage = cameras.width, cameras.height, 100
+    # focal lengths that differ between x and y are pixels that are not square
+    aspect = cameras.intrinsics[0, 0, 0] / cameras.intrinsics[0, 1, 1]
+    render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / aspect), max(1.0, aspect)
+    render.fps = max(1, round(scene.fps))
+    render.fps_base = render.fps / scene.fps
+    target.frame_start, target.frame_end = int(cameras.times[0]), int(cameras.times[-1])
+    target.view_settings.view_transform = "Standard"
+    target.frame_set(target.frame_start)
+
+
+def _splat_material(name: str) -> bpy.types.Material:
+    """Emission of `rgb`, as transparent as its alpha: a coarse picture in Cycles and EEVEE, exact in neither."""
+    material = bpy.data.materials.new(f"{name} colour")
+    material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    color = tree.nodes.new("ShaderNodeAttribute")
+    color.attribute_name = "rgb"  # never `color`: Cycles shows an attribute of that name as black on points
+    emission = tree.nodes.new("ShaderNodeEmission")
+    clear = tree.nodes.new("ShaderNodeBsdfTransparent")
+    mix = tree.nodes.new("ShaderNodeMixShader")
+    output = tree.nodes.new("ShaderNodeOutputMaterial")
+    for source, sink in (
+        (color.outputs["Color"], emission.inputs["Color"]),
+        (color.outputs["Alpha"], mix.inputs[0]),
+        (clear.outputs[0], mix.inputs[1]),
+        (emission.outputs[0], mix.inputs[2]),
+        (mix.outputs[0], output.inputs["Surface"]),
+    ):
+        tree.links.new(source, sink)
+    for i, node in enumerate(tree.nodes):
+        node.location = (200 * i, 0)
+    return material

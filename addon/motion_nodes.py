@@ -1,0 +1,226 @@
+"""The dual-quaternion blend as one geometry-nodes tree: animated empties carry the dynamic Gaussians, live.
+
+Every Gaussian has its own reference frame r, so what moves it is the relative motion `Q_k(now) Q_k(r)^-1` of each of
+its K nodes. A hidden helper mesh has one vertex per (node, reference) pair in use, with the attributes
+
+    node            INT        index of the empty (their collection is read in the natural order of their names)
+    rest_inverse    FLOAT4X4   Q_k(r)^-1 in the scene's own frame
+
+and the tree works on it first: pair motion = transform of the empty, relative to the Gaussians' object, times
+`rest_inverse`, kept as the two halves of a unit dual quaternion (colours, because a colour is the one socket that
+holds four floats: r g b = vector part, a = scalar part). The Gaussians carry
+
+    pair_0 .. pair_K-1   INT     vertices of the helper, the attach node's first
+    w_0 .. w_K-1         FLOAT   skinning weights, sum 1
+    strength             FLOAT   0 stays put, 1 follows
+
+and are blended as in `f4x_core.scaffold.deformation.blend`; `position` and `rotation` then hold the posed values.
+"""
+
+import bpy
+
+from ..f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND
+
+REAL, DUAL = "motion_real", "motion_dual"
+"""Attributes of the helper's vertices inside the tree."""
+
+
+class _Tree:
+    """A geometry node group with short words for adding and linking nodes."""
+
+    def __init__(self, name: str, inputs: dict[str, str], outputs: dict[str, str]):
+        """`inputs` and `outputs`: name -> socket type."""
+        self.tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
+        for direction, sockets in (("INPUT", inputs), ("OUTPUT", outputs)):
+            for socket, kind in sockets.items():
+                self.tree.interface.new_socket(socket, in_out=direction, socket_type=kind)
+        self.inputs = self.tree.nodes.new("NodeGroupInput").outputs
+        self.outputs = self.tree.nodes.new("NodeGroupOutput").inputs
+
+    def link(self, source, target) -> None:
+        """Connect two sockets."""
+        self.tree.links.new(source, target)
+
+    def add(self, kind: str, *inputs, **properties):
+        """Add a node; positional inputs (None = leave) go to its available sockets in order, linked or set."""
+        node = self.tree.nodes.new(kind)
+        for name, value in properties.items():
+            setattr(node, name, value)
+        free = [socket for socket in node.inputs if socket.enabled]
+        for socket, value in zip(free, inputs, strict=False):
+            if isinstance(value, bpy.types.NodeSocket):
+                self.link(value, socket)
+            elif value is not None:
+                socket.default_value = value
+        return node
+
+    def out(self, kind: str, *inputs, **properties):
+        """Add a node and return its first available output."""
+        return next(s for s in self.add(kind, *inputs, **properties).outputs if s.enabled)
+
+    def math(self, operation: str, *inputs):
+        """Number arithmetic."""
+        return self.out("ShaderNodeMath", *inputs, operation=operation)
+
+    def vector(self, operation: str, *inputs):
+        """Vector arithmetic; a number on an input fills all three components."""
+        return self.out("ShaderNodeVectorMath", *inputs, operation=operation)
+
+    def scaled(self, vector, factor):
+        """vector * number."""
+        node = self.tree.nodes.new("ShaderNodeVectorMath")
+        node.operation = "SCALE"
+        self.link(vector, node.inputs["Vector"])
+        if isinstance(factor, bpy.types.NodeSocket):
+            self.link(factor, node.inputs["Scale"])
+        else:
+            node.inputs["Scale"].default_value = factor
+        return node.outputs[0]
+
+    def attribute(self, name: str, data_type: str):
+        """Field of a named attribute."""
+        return self.out("GeometryNodeInputNamedAttribute", name, data_type=data_type)
+
+    def split(self, color):
+        """A colour as (vector part, scalar part)."""
+        parts = self.add("FunctionNodeSeparateColor", color).outputs
+        return self.out("ShaderNodeCombineXYZ", parts["Red"], parts["Green"], parts["Blue"]), parts["Alpha"]
+
+    def join(self, vector, scalar):
+        """(vector part, scalar part) as a colour."""
+        parts = self.add("ShaderNodeSeparateXYZ", vector).outputs
+        return self.out("FunctionNodeCombineColor", parts["X"], parts["Y"], parts["Z"], scalar)
+
+    def store(self, geometry, name: str, data_type: str, value, domain: str = "POINT"):
+        """Store Named Attribute."""
+        return self.out(
+            "GeometryNodeStoreNamedAttribute", geometry, None, name, value, data_type=data_type, domain=domain
+        )
+
+    def sample(self, geometry, field, index, data_type: str, domain: str = "POINT"):
+        """Sample Index."""
+        return self.out("GeometryNodeSampleIndex", geometry, field, index, data_type=data_type, domain=domain)
+
+
+def build_motion_tree(
+    name: str, nodes: bpy.types.Collection, helper: bpy.types.Object, slots: int
+) -> bpy.types.GeometryNodeTree:
+    """Return the tree that poses Gaussians with `slots` = K pairs each, from the empties in `nodes`."""
+    tree = _Tree(name, {"Geometry": "NodeSocketGeometry"}, {"Posed": "NodeSocketGeometry"})
+    gaussians = tree.inputs["Geometry"]
+    pairs = _pair_motions(tree, nodes, helper)
+    one_slot = _weighted_slot_group(f"{name} slot")
+
+    # Sum of the K weighted dual quaternions, each on the hemisphere of slot 0, the attach node.
+    first = tree.attribute("pair_0", "INT")
+    attach = tree.sample(pairs, tree.attribute(REAL, "FLOAT_COLOR"), first, "FLOAT_COLOR")
+    sums = [(0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0), 0.0]
+    for k in range(slots):
+        pair, weight = tree.attribute(f"pair_{k}", "INT"), tree.attribute(f"w_{k}", "FLOAT")
+        slot = tree.add("GeometryNodeGroup", node_tree=one_slot)
+        for socket, value in zip(slot.inputs, (pairs, pair, weight, attach, *sums), strict=True):
+            if isinstance(value, bpy.types.NodeSocket):
+                tree.link(value, socket)
+            else:
+                socket.default_value = value
+        sums = list(slot.outputs)
+    real_v, real_w, dual_v, dual_w = _faded(tree, *sums, tree.attribute("strength", "FLOAT"))
+
+    # t = 2 (d p*)_vec / |p|^2. The part of d along p only adds to the scalar, so d needs no projection.
+    squared = tree.math("MULTIPLY_ADD", real_w, real_w, tree.vector("DOT_PRODUCT", real_v, real_v))
+    valid = tree.math("GREATER_THAN", squared, COLLAPSED**2)
+    t = tree.vector("CROSS_PRODUCT", real_v, dual_v)
+    t = tree.vector("ADD", t, tree.scaled(dual_v, real_w))
+    t = tree.vector("SUBTRACT", t, tree.scaled(real_v, dual_w))
+    t = tree.scaled(t, tree.math("MULTIPLY", 2.0, tree.math("DIVIDE", valid, squared)))
+    parts = tree.add("ShaderNodeSeparateXYZ", tree.scaled(real_v, valid)).outputs
+    scalar = tree.math("ADD", tree.math("MULTIPLY", real_w, valid), tree.math("SUBTRACT", 1.0, valid))
+    turn = tree.out("FunctionNodeQuaternionToRotation", scalar, parts["X"], parts["Y"], parts["Z"])
+
+    rotation = tree.out("FunctionNodeRotateRotation", tree.attribute("rotation", "QUATERNION"), turn)
+    moved = tree.vector("ADD", tree.out("FunctionNodeRotateVector", tree.out("GeometryNodeInputPosition"), turn), t)
+    posed = tree.store(gaussians, "rotation", "QUATERNION", rotation)
+    posed = tree.out("GeometryNodeSetPosition", posed, None, moved)
+    tree.link(posed, tree.outputs["Posed"])
+    _lay_out(tree.tree)
+    return tree.tree
+
+
+def _pair_motions(tree: _Tree, nodes: bpy.types.Collection, helper: bpy.types.Object):
+    """Geometry of the helper with REAL and DUAL on its vertices."""
+    info = tree.add("GeometryNodeCollectionInfo", nodes, True, False, transform_space="RELATIVE")
+    now = tree.sample(
+        info.outputs[0],
+        tree.out("GeometryNodeInstanceTransform"),
+        tree.attribute("node", "INT"),
+        "FLOAT4X4",
+        "INSTANCE",
+    )
+    relative = tree.out("FunctionNodeMatrixMultiply", now, tree.attribute("rest_inverse", "FLOAT4X4"))
+    separated = tree.add("FunctionNodeSeparateTransform", relative).outputs
+    q = tree.add("FunctionNodeRotationToQuaternion", separated["Rotation"]).outputs
+    translation = separated["Translation"]
+    real_v = tree.out("ShaderNodeCombineXYZ", q["X"], q["Y"], q["Z"])
+    # d = (0, t) p / 2
+    dual_v = tree.vector("CROSS_PRODUCT", translation, real_v)
+    dual_v = tree.scaled(tree.vector("ADD", dual_v, tree.scaled(translation, q["W"])), 0.5)
+    dual_w = tree.math("MULTIPLY", -0.5, tree.vector("DOT_PRODUCT", translation, real_v))
+    pairs = tree.add("GeometryNodeObjectInfo", helper, transform_space="ORIGINAL").outputs["Geometry"]
+    pairs = tree.store(pairs, REAL, "FLOAT_COLOR", tree.join(real_v, q["W"]))
+    return tree.store(pairs, DUAL, "FLOAT_COLOR", tree.join(dual_v, dual_w))
+
+
+def _weighted_slot_group(name: str) -> bpy.types.GeometryNodeTree:
+    """Node group that adds one weighted, sign-aligned dual quaternion to the running sums."""
+    vector, number = "NodeSocketVector", "NodeSocketFloat"
+    sums = {"Real Vector": vector, "Real Scalar": number, "Dual Vector": vector, "Dual Scalar": number}
+    inputs = {"Pairs": "NodeSocketGeometry", "Pair": "NodeSocketInt", "Weight": number, "Attach": "NodeSocketColor"}
+    tree = _Tree(name, inputs | sums, sums)
+
+    pairs, pair = tree.inputs["Pairs"], tree.inputs["Pair"]
+    halves = [tree.split(tree.sample(pairs, tree.attribute(h, "FLOAT_COLOR"), pair, "FLOAT_COLOR")) for h in (REAL, DUAL)]
+    (real_v, real_w), (dual_v, dual_w) = halves
+    attach_v, attach_w = tree.split(tree.inputs["Attach"])
+    dot = tree.math("MULTIPLY_ADD", real_w, attach_w, tree.vector("DOT_PRODUCT", real_v, attach_v))
+    sign = tree.math("MULTIPLY_ADD", tree.math("LESS_THAN", dot, -SIGN_BAND), -2.0, 1.0)
+    weight = tree.math("MULTIPLY", sign, tree.inputs["Weight"])
+    for label, value in zip(sums, (real_v, real_w, dual_v, dual_w), strict=True):
+        if label.endswith("Vector"):
+            total = tree.vector("ADD", tree.scaled(value, weight), tree.inputs[label])
+        else:
+            total = tree.math("MULTIPLY_ADD", value, weight, tree.inputs[label])
+        tree.link(total, tree.outputs[label])
+    _lay_out(tree.tree)
+    return tree.tree
+
+
+def _faded(tree: _Tree, real_v, real_w, dual_v, dual_w, strength):
+    """Blend with the identity on its hemisphere: `o P + (1 - o) 1, o D`."""
+    negative = tree.math("LESS_THAN", real_w, 0.0)
+    signed = tree.math("MULTIPLY", strength, tree.math("MULTIPLY_ADD", negative, -2.0, 1.0))
+    rest = tree.math("SUBTRACT", 1.0, strength)
+    return (
+        tree.scaled(real_v, signed),
+        tree.math("MULTIPLY_ADD", real_w, signed, rest),
+        tree.scaled(dual_v, signed),
+        tree.math("MULTIPLY", dual_w, signed),
+    )
+
+
+def _lay_out(tree: bpy.types.NodeTree) -> None:
+    """Place nodes in columns by their distance from the inputs, so that a person can read the tree."""
+    sources: dict = {node: [] for node in tree.nodes}
+    for link in tree.links:
+        sources[link.to_node].append(link.from_node)
+    depth: dict = {}
+
+    def column(node) -> int:
+        if node not in depth:
+            depth[node] = 1 + max((column(source) for source in sources[node]), default=-1)
+        return depth[node]
+
+    rows: dict[int, int] = {}
+    for node in tree.nodes:
+        x = column(node)
+        node.location = (220 * x, -180 * rows.get(x, 0))
+        rows[x] = rows.get(x, 0) + 1

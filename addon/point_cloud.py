@@ -1,0 +1,75 @@
+"""Point clouds with attributes, on every Blender version from 4.5."""
+
+import bpy
+import numpy as np
+
+# attribute type -> (foreach_set key, components)
+_LAYOUT = {
+    "FLOAT": ("value", 1),
+    "INT": ("value", 1),
+    "QUATERNION": ("value", 4),
+    "FLOAT4X4": ("value", 16),
+    "FLOAT_VECTOR": ("vector", 3),
+    "FLOAT_COLOR": ("color", 4),
+    "FLOAT4": ("vector", 4),
+}
+FLOAT4 = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
+"""Four plain floats; Blender before 5.2 has only colours of four floats."""
+
+
+def write_attribute(data: bpy.types.ID, name: str, kind: str, values: np.ndarray) -> None:
+    """Write one POINT attribute of a mesh or point cloud; `values` (N,) or (N,C). FLOAT4X4 wants (N,4,4) row-major."""
+    key, components = _LAYOUT[kind]
+    if kind == "FLOAT4X4":
+        values = values.transpose(0, 2, 1)  # Blender stores columns one after the other
+    dtype = np.int32 if kind == "INT" else np.float32
+    flat = np.ascontiguousarray(values, dtype).ravel()
+    attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
+    if flat.size != components * len(attribute.data):
+        raise ValueError(f"attribute {name} needs {components} x {len(attribute.data)} values, got {flat.size}")
+    attribute.data.foreach_set(key, flat)
+
+
+def new_point_cloud(name: str, count: int, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Add an object with `count` points to `collection`; Gaussian splats where Blender has them (5.3)."""
+    if hasattr(bpy.types.PointCloud, "resize"):  # Blender 5.1+
+        cloud = bpy.data.pointclouds.new(name)
+        cloud.resize(count)
+        item = bpy.data.objects.new(name, cloud)
+        collection.objects.link(item)
+    else:
+        item = _convert_mesh(name, count, collection)
+    _use_splats(item.data)
+    return item
+
+
+def _convert_mesh(name: str, count: int, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Blender 4.5 and 5.0 can only convert a mesh's vertices to points."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(max(count, 1))  # an empty mesh does not convert
+    item = bpy.data.objects.new(name, mesh)
+    collection.objects.link(item)
+    layer = bpy.context.view_layer
+    selected, active = list(bpy.context.selected_objects), layer.objects.active
+    for other in selected:
+        other.select_set(False)
+    layer.update()
+    item.select_set(True)
+    layer.objects.active = item
+    bpy.ops.object.convert(target="POINTCLOUD")
+    item.select_set(False)
+    for other in selected:
+        other.select_set(True)
+    layer.objects.active = active
+    if mesh.users == 0:
+        bpy.data.meshes.remove(mesh)
+    item.data.name = name
+    return item
+
+
+def _use_splats(cloud: bpy.types.PointCloud) -> None:
+    """Turn on Blender 5.3's native Gaussian splats where the property exists."""
+    kind = bpy.types.PointCloud.bl_rna.properties.get("type")
+    splat = next((i.identifier for i in kind.enum_items if "SPLAT" in i.identifier), None) if kind else None
+    if splat:
+        cloud.type = splat

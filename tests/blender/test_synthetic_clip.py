@@ -1,0 +1,92 @@
+"""The truth of a synthetic clip agrees with its own cameras: position, depth and flow reproject to the pixel."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from f4x_core.geometry.camera import CameraPath
+
+pytestmark = pytest.mark.blender
+pytest.importorskip("bpy", reason="bpy is absent")
+OpenEXR = pytest.importorskip("OpenEXR")
+SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "synthetic_clip.py"
+WIDTH, HEIGHT, FRAMES = 96, 56, 3
+
+
+def render(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, str(SCRIPT), str(folder), *arguments], capture_output=True, text=True)
+
+
+def read_channels(path: Path) -> dict[str, np.ndarray]:
+    """Channel name without the view layer -> (H,W) float32."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return {n.split(".", 1)[1]: c.pixels for part in file.parts for n, c in part.channels.items()}
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("clip")
+    size = f"{WIDTH}x{HEIGHT}"
+    done = render(folder, "--frames", str(FRAMES), "--size", size, "--samples", "1", "--extra-cameras")
+    assert done.returncode == 0, done.stderr
+    truth = json.loads((folder / "truth.json").read_text())
+    return folder, truth, [read_channels(folder / "truth" / f"{t:05d}.exr") for t in range(FRAMES)]
+
+
+def position(channels) -> np.ndarray:
+    return np.stack([channels[f"Position.{axis}"] for axis in "XYZ"], -1).astype(np.float64)
+
+
+def test_positions_and_depths_reproject(clip):
+    _, truth, frames = clip
+    cameras = CameraPath.from_json(truth["cameras"])
+    assert (cameras.width, cameras.height, len(cameras)) == (WIDTH, HEIGHT, FRAMES)
+    for camera, channels in zip(cameras, frames, strict=True):
+        pixels, depth = camera.project(position(channels))
+        assert np.abs(pixels - camera.pixel_grid()).max() < 0.01
+        assert np.abs(depth - channels["Depth.Z"]).max() < 1e-4
+
+
+def test_flow_of_the_static_room_is_the_reprojection(clip):
+    _, truth, frames = clip
+    cameras = CameraPath.from_json(truth["cameras"])
+    static = frames[1]["IndexOB.X"] == 1
+    assert 0.5 < static.mean() < 1.0
+    for other, flow in (
+        (2, np.stack([-frames[1]["Vector.Z"], frames[1]["Vector.W"]], -1)),
+        (0, np.stack([frames[1]["Vector.X"], -frames[1]["Vector.Y"]], -1)),
+    ):
+        expected = cameras[other].project(position(frames[1]))[0] - cameras[1].pixel_grid()
+        assert np.abs(expected).max() > 0.3
+        assert np.linalg.norm(flow - expected, axis=-1)[static].max() < 0.05
+
+
+def test_subject_moves_against_the_room(clip):
+    _, truth, frames = clip
+    cameras = CameraPath.from_json(truth["cameras"])
+    moving = np.isin(frames[1]["IndexOB.X"], truth["moving_index"])
+    assert moving.mean() > 0.02
+    flow = np.stack([-frames[1]["Vector.Z"], frames[1]["Vector.W"]], -1)
+    static_flow = cameras[2].project(position(frames[1]))[0] - cameras[1].pixel_grid()
+    assert np.median(np.linalg.norm(flow - static_flow, axis=-1)[moving]) > 0.3
+
+
+def test_extra_cameras_stand_ten_degrees_aside(clip):
+    folder, truth, _ = clip
+    centre = CameraPath.from_json(truth["cameras"])[0].center
+    for entry in truth["extra_cameras"]:
+        cameras = CameraPath.from_json(entry["cameras"])
+        assert [f"{int(t):05d}.png" for t in cameras.times] == sorted(p.name for p in (folder / entry["images"]).iterdir())
+        before, after = complex(*centre[:2]), complex(*cameras[0].center[:2])  # the orbit is about the world's vertical
+        assert np.degrees(np.angle(after / before)) == pytest.approx({"left10": -10, "right10": 10}[entry["name"]], abs=1e-3)
+    assert len(truth["extra_cameras"]) == 2
+
+
+def test_missing_assets_are_one_sentence(tmp_path):
+    done = render(tmp_path / "out", "--scene", "fox", "--assets", str(tmp_path))
+    assert done.returncode == 2
+    assert "fox.glb is missing" in done.stderr and "Traceback" not in done.stderr
