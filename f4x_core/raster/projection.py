@@ -1,0 +1,98 @@
+"""EWA projection of 3D Gaussians to image ellipses, in few fused torch operations with plain autograd."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from .contract import RasterConfig
+
+# J is linearised no further outside the image than this share of half its width (3DGS, gsplat).
+FRUSTUM_MARGIN = 0.3
+# Opacities below it are culled anyway; it keeps the logarithm and its gradient finite at opacity 0.
+OPACITY_FLOOR = 1e-6
+
+
+class Ellipses(NamedTuple):
+    """N projected Gaussians, component-major so that every row is one contiguous vector.
+
+    The exponent is kept in the factored form q = A (dx - k dy)^2 + r dy^2 with A = cov_yy / det, k = cov_xy / cov_yy,
+    r = 1 / cov_yy: needles keep their precision far from their centre, where A dx^2 + 2B dx dy + C dy^2 cancels.
+    """
+
+    table: Tensor
+    """(6, N) mean x, mean y (pixels), A, k, r, log2 opacity; carries gradients."""
+    depth: Tensor
+    """(N,) camera z; 1 where the splat is culled; carries gradients."""
+    half_box: Tensor
+    """(2, N) half width and height in pixels of the box around {alpha >= alpha_min}, detached."""
+    visible: Tensor
+    """(N,) bool: in front of the near plane, and the box meets the image."""
+
+
+def project(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    config: RasterConfig,
+    mean2d_offset: Tensor | None = None,
+) -> Ellipses:
+    """Project Gaussians (shapes as in `rasterize`) to image ellipses.
+
+    The off-centre-safe frustum clamp of x/z, y/z in J is gsplat's (`gsplat/cuda/_torch_impl.py`); the covariance is
+    M M^T + blur I with M = J R_cw R(q) diag(s), so that det = |m_0 x m_1|^2 + blur tr + blur^2 never cancels.
+    """
+    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    rotation = viewmat[:3, :3]
+    x, y, z = torch.addmm(viewmat[:3, 3:], rotation, means.t())
+    in_front = z.detach() > config.near
+    z = torch.where(in_front, z, 1.0)
+    inverse_z = z.reciprocal()
+    u, v = x * inverse_z, y * inverse_z
+    mean2d = torch.stack((u * fx + cx, v * fy + cy))  # (2, N)
+    if mean2d_offset is not None:
+        mean2d = mean2d + mean2d_offset.t()
+
+    margin_x, margin_y = FRUSTUM_MARGIN * 0.5 * width / fx, FRUSTUM_MARGIN * 0.5 * height / fy
+    u = u.clamp(-cx / fx - margin_x, (width - cx) / fx + margin_x)
+    v = v.clamp(-cy / fy - margin_y, (height - cy) / fy + margin_y)
+    J = torch.stack((rotation[0, :, None] - rotation[2, :, None] * u, rotation[1, :, None] - rotation[2, :, None] * v))
+    J = J * (torch.stack((fx, fy))[:, None] * inverse_z)[:, None]  # (2, 3, N) = J R_cw
+    M = _rotate_back(quats.t(), J) * scales.t()  # (2, 3, N)
+
+    var_x, var_y = M.square().sum(1)
+    cov = (M[0] * M[1]).sum(0)
+    det = torch.linalg.cross(M[0], M[1], dim=0).square().sum(0) + config.blur * (var_x + var_y) + config.blur**2
+    var_x, var_y = var_x + config.blur, var_y + config.blur
+    log_opacity = opacities.clamp_min(OPACITY_FLOOR).log2()
+    table = torch.stack((*mean2d, var_y / det, cov / var_y, var_y.reciprocal(), log_opacity))
+
+    with torch.no_grad():
+        reach = cut(log_opacity, config.alpha_min)
+        half_box = (torch.stack((var_x, var_y)) * reach).sqrt()
+        size = mean2d.new_tensor((width, height))[:, None]
+        # Pixel centres run from 0.5 to size - 0.5.
+        inside = ((mean2d + half_box >= 0.5) & (mean2d - half_box <= size - 0.5)).all(0)
+        visible = inside & in_front & (opacities >= config.alpha_min)
+    return Ellipses(table, z, half_box, visible)
+
+
+def cut(log_opacity: Tensor, alpha_min: float) -> Tensor:
+    """Largest exponent q at which alpha = 2^log_opacity exp(-q / 2) still reaches `alpha_min`, at least 0."""
+    return (2 * math.log(2) * (log_opacity - math.log2(alpha_min))).clamp_min(0)
+
+
+def _rotate_back(quats: Tensor, vectors: Tensor) -> Tensor:
+    """R(q)^T v for quats (4, N) wxyz of any length and vectors (2, 3, N)."""
+    unit = quats * quats.square().sum(0).clamp_min(1e-24).rsqrt()
+    w, axis = unit[0], unit[None, 1:].expand_as(vectors)
+    t = 2 * torch.linalg.cross(vectors, axis, dim=1)
+    return vectors + w * t + torch.linalg.cross(t, axis, dim=1)

@@ -1,0 +1,106 @@
+"""The `reference` backend: the compositing rule written out plainly, in float64, differentiable by plain autograd."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.utils.checkpoint import checkpoint
+
+from ..geometry.quaternion import to_matrix
+from .contract import RasterConfig, RasterOutput
+
+
+def rasterize_reference(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    colors: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    *,
+    background: Tensor | None = None,
+    config: RasterConfig | None = None,
+    detached_from: int | None = None,
+    mean2d_offset: Tensor | None = None,
+) -> RasterOutput:
+    """Composite Gaussians; arguments as in `rasterize`, result in float64. Slow: every splat meets every pixel."""
+    config = config or RasterConfig()
+    means, quats, scales, opacities, colors, viewmat, K = (
+        x.double() for x in (means, quats, scales, opacities, colors, viewmat, K)
+    )
+    mean2d, covariance, z = project_ewa(means, quats, scales, viewmat, K, width, height, config)
+    if mean2d_offset is not None:
+        mean2d = mean2d + mean2d_offset.double()
+
+    # alpha >= alpha_min inside the ellipse d^T cov^-1 d <= reach, whose box has half sizes sqrt(reach cov_ii).
+    in_front = means @ viewmat[2, :3] + viewmat[2, 3] > config.near
+    reach = 2 * torch.log(opacities.detach() / config.alpha_min).clamp_min(0)
+    half = (reach[:, None] * covariance.detach().diagonal(dim1=1, dim2=2)).sqrt()  # (N, 2)
+    last = torch.tensor([width - 0.5, height - 0.5], dtype=torch.float64, device=means.device)
+    meets = ((mean2d + half >= 0.5) & (mean2d - half <= last)).all(1)
+    visible = in_front & meets & (opacities >= config.alpha_min)
+
+    order = visible.nonzero()[:, 0]
+    order = order[torch.argsort(z[order], stable=True)]  # front to back, ties by index
+    conic = torch.linalg.inv(covariance[order])
+    mean2d, opacities = mean2d[order], opacities[order]
+    features = torch.cat((torch.ones_like(z)[:, None], z[:, None], colors), 1)[order]
+    detached = 2 + (colors.shape[1] if detached_from is None else detached_from)
+
+    def composite_row(row: int, mean2d: Tensor, conic: Tensor, opacities: Tensor, features: Tensor) -> Tensor:
+        x = torch.arange(width, dtype=torch.float64, device=means.device) + 0.5
+        pixel = torch.stack((x, torch.full_like(x, row + 0.5)), -1)
+        d = pixel[:, None] - mean2d  # (W, N, 2)
+        alpha = opacities * torch.exp(-0.5 * torch.einsum("wni,nij,wnj->wn", d, conic, d))
+        alpha = torch.where(alpha < config.alpha_min, 0.0, alpha.clamp_max(config.alpha_max))
+        light_after = torch.cumprod(1 - alpha, 1)
+        light_before = torch.cat((torch.ones_like(x)[:, None], light_after[:, :-1]), 1)
+        weight = torch.where(light_after > config.transmittance_min, alpha * light_before, 0.0)
+        return torch.cat((weight @ features[:, :detached], weight.detach() @ features[:, detached:]), 1)  # (W, 2 + C)
+
+    # Checkpointed by row: autograd keeps no (pixels x N) matrices.
+    image = torch.stack(
+        [
+            checkpoint(composite_row, row, mean2d, conic, opacities, features, use_reentrant=False)
+            for row in range(height)
+        ]
+    )
+    alpha, depth, channels = image[..., 0], image[..., 1], image[..., 2:]
+    if background is not None:
+        light = (1 - alpha)[..., None].expand(channels.shape)
+        light = torch.cat((light[..., : detached - 2], light[..., detached - 2 :].detach()), -1)
+        channels = channels + light * background.double()
+    return RasterOutput(channels, depth, alpha, visible)
+
+
+def project_ewa(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    config: RasterConfig,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """EWA projection (Zwicker et al. 2001, as in 3DGS): mean2d (N, 2) px, covariance (N, 2, 2) px^2, z (N,).
+
+    Splats not in front of the near plane come out with z = 1: finite, and meant to be culled.
+    """
+    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    x, y, z = (means @ viewmat[:3, :3].T + viewmat[:3, 3]).unbind(1)
+    z = torch.where(z > config.near, z, 1.0)
+    mean2d = torch.stack((fx * x / z + cx, fy * y / z + cy), 1)
+
+    # J is linearised at most 30 % of the half image outside the frustum; safe for off-centre principal points (gsplat).
+    margin_x, margin_y = 0.3 * 0.5 * width / fx, 0.3 * 0.5 * height / fy
+    x = z * (x / z).clamp(-cx / fx - margin_x, (width - cx) / fx + margin_x)
+    y = z * (y / z).clamp(-cy / fy - margin_y, (height - cy) / fy + margin_y)
+    zero = torch.zeros_like(z)
+    J = torch.stack((fx / z, zero, -fx * x / z**2, zero, fy / z, -fy * y / z**2), 1).view(-1, 2, 3)
+    M = J @ viewmat[:3, :3] @ to_matrix(quats) @ torch.diag_embed(scales)
+    blur = config.blur * torch.eye(2, dtype=means.dtype, device=means.device)
+    return mean2d, M @ M.transpose(1, 2) + blur, z
