@@ -84,7 +84,10 @@ def _parse_span(text: str | None) -> slice:
         parts = []
     if not 2 <= len(parts) <= 3 or any(part is not None and part < 0 for part in parts) or parts[2:] == [0]:
         raise F4xError(f"frames '{text}' is not a range; write it as first:end:step, for example 0:48:2")
-    return slice(*parts)
+    span = slice(*parts)
+    if span.stop is not None and span.stop <= (span.start or 0):
+        raise F4xError(f"frames '{text}' select nothing; the end is not included, so let it be after the first")
+    return span
 
 
 def _select(span: slice, count: int, source: Path) -> np.ndarray:
@@ -94,12 +97,7 @@ def _select(span: slice, count: int, source: Path) -> np.ndarray:
     if (span.stop or 0) > count or (span.start or 0) >= count:
         wanted = f"{span.start or 0}:{'' if span.stop is None else span.stop}"
         raise F4xError(f"{source} has frames 0:{count}, frames {wanted} reach beyond; choose a range inside")
-    indices = np.arange(count)[span]
-    if not len(indices):
-        raise F4xError(
-            f"frames {span.start or 0}:{span.stop} select nothing from {source}; let them end after the first"
-        )
-    return indices
+    return np.arange(count)[span]
 
 
 def _read_video(file: Path, span: slice, width: int | None) -> tuple[np.ndarray, np.ndarray, int]:

@@ -260,13 +260,12 @@ def dycheck(tmp_path):
     (tmp_path / "splits/train.json").write_text(json.dumps({"frame_names": names, "time_ids": [2, 0, 1]}))
     (tmp_path / "dataset.json").write_text(json.dumps({"ids": [*names, "1_00000"], "train_ids": sorted(names)}))
     (tmp_path / "extra.json").write_text(json.dumps({"fps": 60}))
-    tmp_path.joinpath("rotations.npy").write_bytes(rotations.tobytes())
-    return tmp_path
+    return tmp_path, rotations
 
 
 def test_dycheck_cameras_depth_and_split(dycheck):
-    rotations = np.frombuffer((dycheck / "rotations.npy").read_bytes()).reshape(4, 3, 3)
-    clip = read_clip(dycheck, width=12)
+    folder, rotations = dycheck
+    clip = read_clip(folder, width=12)
     np.testing.assert_array_equal(clip.frames, [picture(i, 12, 8) for i in range(3)])
     assert clip.fps == 60
     camera = clip.cameras[2]
@@ -275,22 +274,22 @@ def test_dycheck_cameras_depth_and_split(dycheck):
     np.testing.assert_allclose(camera.intrinsics, [[10, 0, 6.25], [0, 10, 3.75], [0, 0, 1]])
     assert clip.depth.dtype == np.float32 and clip.depth.shape == (3, 8, 12)
     np.testing.assert_array_equal(clip.depth[:, 4, 4], [1, 2, 3])
-    assert np.isnan(read_clip(dycheck).depth[0, 0, 0])
-    (dycheck / "splits/train.json").unlink()
-    assert len(read_clip(dycheck)) == 3
-    (dycheck / "dataset.json").unlink()
-    assert len(read_clip(dycheck)) == 4
-    (dycheck / "depth/2x/0_00001.npy").unlink()
-    assert read_clip(dycheck).depth is None
-    (dycheck / "camera/0_00001.json").write_text("{}")
-    refused("no Nerfies camera", dycheck)
-    (dycheck / "camera/0_00001.json").unlink()
-    refused(re.escape("0_00001.json"), dycheck)
+    assert np.isnan(read_clip(folder).depth[0, 0, 0])
+    (folder / "splits/train.json").unlink()
+    assert len(read_clip(folder)) == 3
+    (folder / "dataset.json").unlink()
+    assert len(read_clip(folder)) == 4
+    (folder / "depth/2x/0_00001.npy").unlink()
+    assert read_clip(folder).depth is None
+    (folder / "camera/0_00001.json").write_text("{}")
+    refused("no Nerfies camera", folder)
+    (folder / "camera/0_00001.json").unlink()
+    refused(re.escape("0_00001.json"), folder)
 
 
 def test_lens_distortion_is_taken_out(dycheck):
     """A dot painted where the distorted lens shows a point must come to where the pinhole projects it."""
-    clip = read_clip(dycheck)
+    folder, _ = dycheck
     width, height = 240, 160
     k1 = -0.3
     x, y = -0.35, 0.25  # on the plane z = 1
@@ -299,11 +298,11 @@ def test_lens_distortion_is_taken_out(dycheck):
     column, row = (40 * x * factor + 25) * scale, (40 * y * factor + 15) * scale
     rows, columns = np.mgrid[:height, :width] + 0.5
     blob = np.exp(-((columns - column) ** 2 + (rows - row) ** 2) / 18)
-    for file in (dycheck / "camera").iterdir():
+    for file in (folder / "camera").iterdir():
         camera = json.loads(file.read_text()) | {"radial_distortion": [k1, 0, 0]}
         file.write_text(json.dumps(camera))
-        save(dycheck / f"rgb/2x/{file.stem}.png", np.repeat((250 * blob).astype(np.uint8)[..., None], 3, -1))
-    clip = read_clip(dycheck)
+        save(folder / f"rgb/2x/{file.stem}.png", np.repeat((250 * blob).astype(np.uint8)[..., None], 3, -1))
+    clip = read_clip(folder)
     weights = clip.frames[1, ..., 0].astype(float)
     found = np.array([(weights * columns).sum(), (weights * rows).sum()]) / weights.sum()
     camera = clip.cameras[1]

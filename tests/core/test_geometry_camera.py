@@ -152,7 +152,7 @@ def test_interpolation_error_on_a_real_hand(shared, capsys):
     with capsys.disabled():
         print(f"\nhand-held camera, every 8th interpolated: centre {shift:.1%} of a step; rotation median", end=" ")
         print(
-            f"{np.median(angles):.3f}, 90% {np.quantile(angles, 0.9):.3f} deg ({np.median(angles) / turn:.0%} of a step)"
+            f"{np.median(angles):.3f}, 90% {np.quantile(angles, 0.9):.3f} deg ({np.median(angles) / turn:.0%} of one)"
         )
     assert shift < 0.1
     assert np.median(angles) < 0.5 * np.median(nearest)
