@@ -1,0 +1,54 @@
+"""The extension registers, imports through its operator, reports a bad file and leaves nothing behind."""
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.blender
+pytest.importorskip("bpy", reason="bpy is absent")
+ROOT = Path(__file__).resolve().parents[2]
+
+CHILD = """
+import os, sys
+sys.path.insert(0, sys.argv[1] + "/scripts")
+import bpy, door
+extension = door.load_extension()
+for _ in range(2):  # registering again after unregistering is what reloading an extension does
+    extension.register()
+    assert "import_scene" in dir(bpy.ops.f4x)
+    try:
+        bpy.ops.f4x.import_scene(filepath="/absent/scene.f4x")
+    except RuntimeError as error:
+        assert "scene.f4x" in str(error) and "Traceback" not in str(error), error
+    else:
+        raise AssertionError("an absent file was imported")
+    extension.unregister()
+    assert "import_scene" not in dir(bpy.ops.f4x)
+print("REGISTERED TWICE", flush=True)
+os._exit(0)
+"""
+
+
+def test_register_import_unregister():
+    done = subprocess.run([sys.executable, "-c", CHILD, str(ROOT)], capture_output=True, text=True, timeout=60)
+    assert "REGISTERED TWICE" in done.stdout, done.stderr
+
+
+def test_the_core_inside_blender_is_the_extensions_own():
+    """Inside Blender the core is a subpackage: nothing may import an installed `f4x_core`."""
+    code = "import sys; sys.path.insert(0, sys.argv[1] + '/scripts'); import door; door.load_extension()\n"
+    code += "import feature4x.addon.registration, os; print('f4x_core' in sys.modules, flush=True); os._exit(0)"
+    environment = os.environ | {"PYTHONPATH": ""}
+    done = subprocess.run([sys.executable, "-c", code, str(ROOT)], capture_output=True, text=True, env=environment)
+    assert done.stdout.strip() == "False", done.stderr
+
+
+def test_manifest_agrees_with_the_package():
+    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert manifest["version"] == project["version"]
+    assert manifest["id"] == "feature4x" and manifest["blender_version_min"] == "4.5.0"
