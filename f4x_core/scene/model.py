@@ -1,0 +1,329 @@
+"""A 4D scene in memory: static and dynamic Gaussians, the scaffold that carries them, cameras and provenance.
+
+Everything is numpy: Blender's own Python reads and poses a scene without torch. Base arrays are never changed in place;
+`dataclasses.replace` makes a new scene, and construction validates it. Shape letters: Ns, Nd static and dynamic
+Gaussians, S = (degree+1)^2 SH coefficients, K neighbours, M nodes, F supervised frames, T clip frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry import pose, quaternion, spherical_harmonics
+from ..geometry.camera import Camera, CameraPath
+from ..scaffold import Scaffold
+from ..scaffold.deformation import Pairs, deform, pairs_of
+
+GAUSSIAN_ARRAYS = {
+    "ids": ("<i8", ("N",)),
+    "xyz": ("<f4", ("N", 3)),
+    "rotation": ("<f4", ("N", 4)),
+    "scale": ("<f4", ("N", 3)),
+    "opacity": ("<f4", ("N",)),
+    "sh": ("<f4", ("N", "S", 3)),
+}
+DYNAMIC_ARRAYS = GAUSSIAN_ARRAYS | {
+    "reference": ("<i4", ("N",)),
+    "node": ("<i4", ("N", "K")),
+    "weight": ("<f4", ("N", "K")),
+    "strength": ("<f4", ("N",)),
+}
+SCAFFOLD_ARRAYS = {
+    "times": ("<f8", ("F",)),
+    "xyz": ("<f4", ("F", "M", 3)),
+    "quat": ("<f4", ("F", "M", 4)),
+    "radius": ("<f4", ("M",)),
+    "certain": ("|b1", ("F", "M")),
+    "ids": ("<i8", ("M",)),
+    "neighbours": ("<i8", ("M", "K")),
+    "edge_mask": ("|b1", ("M", "K")),
+}
+CAMERA_ARRAYS = {
+    "intrinsics": ("<f8", ("T", 3, 3)),
+    "world_to_camera": ("<f8", ("T", 4, 4)),
+    "times": ("<f8", ("T",)),
+}
+"""Array name -> dtype in the file and axes; a letter is one length throughout its group."""
+
+WEIGHT_SUM_TOLERANCE = 1e-3
+"""How far the skinning weights of one Gaussian may sum from 1: float32 rounding of 16 weights, with a wide margin."""
+
+
+def empty_arrays(layout: Mapping[str, tuple[str, tuple]], **lengths: int) -> dict[str, np.ndarray]:
+    """Arrays of `layout` with the given axis lengths (N = 0 unless told), for sets that hold nothing."""
+    return {
+        name: np.zeros([axis if isinstance(axis, int) else lengths.get(axis, 0) for axis in axes], dtype)
+        for name, (dtype, axes) in layout.items()
+    }
+
+
+def check_arrays(arrays: Mapping[str, np.ndarray], layout: Mapping[str, tuple[str, tuple]], group: str) -> None:
+    """Raise F4xError unless every array has its kind of dtype, its shape, one length per letter and finite values."""
+    lengths: dict[str, int] = {}
+    for name, (dtype, axes) in layout.items():
+        value = arrays[name]
+        label = f"{group}/{name}"
+        if not isinstance(value, np.ndarray) or value.dtype.kind != np.dtype(dtype).kind:
+            raise F4xError(f"{label} must be an array of {np.dtype(dtype).name}, not {getattr(value, 'dtype', value)}")
+        expected = tuple(lengths.get(axis, -1) if isinstance(axis, str) else axis for axis in axes)
+        if value.ndim != len(axes) or any(e not in (-1, n) for e, n in zip(expected, value.shape, strict=True)):
+            known = tuple(lengths.get(axis, axis) for axis in axes)
+            raise F4xError(f"{label} has the shape {value.shape}, expected {known}")
+        lengths.update({axis: n for axis, n in zip(axes, value.shape, strict=True) if isinstance(axis, str)})
+        if value.dtype.kind == "f" and not np.isfinite(value).all():
+            raise F4xError(f"{label} holds NaN or infinity")
+
+
+@dataclass(frozen=True, eq=False)
+class StaticSet:
+    """Gaussians that stay where they are. World frame, world units, activated scale and opacity."""
+
+    ids: np.ndarray
+    """(N,) int64, unique in the scene (static and dynamic together), never reused."""
+    xyz: np.ndarray
+    """(N,3) float32 centres."""
+    rotation: np.ndarray
+    """(N,4) float32 quaternions wxyz, not zero (they are normalised where used)."""
+    scale: np.ndarray
+    """(N,3) float32 standard deviations along the Gaussian's axes, >= 0."""
+    opacity: np.ndarray
+    """(N,) float32 in [0, 1]."""
+    sh: np.ndarray
+    """(N,S,3) float32; directions are in the Gaussian's own frame, R_g^T d."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        layout = DYNAMIC_ARRAYS if isinstance(self, DynamicSet) else GAUSSIAN_ARRAYS
+        group = "dynamic" if isinstance(self, DynamicSet) else "static"
+        check_arrays(vars(self), layout, group)
+        try:
+            spherical_harmonics.degree_of(self.sh.shape[1])
+        except ValueError as error:
+            raise F4xError(f"{group}/sh: {error}") from error
+        if (self.scale < 0).any():
+            raise F4xError(f"{group}/scale has negative values; store the activated scale, not its logarithm")
+        if ((self.opacity < 0) | (self.opacity > 1)).any():
+            raise F4xError(f"{group}/opacity leaves [0, 1]; store the activated opacity, not its logit")
+        if not (self.rotation != 0).any(axis=1).all():
+            raise F4xError(f"{group}/rotation holds a zero quaternion")
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @classmethod
+    def empty(cls, degree: int = 0, neighbours: int = 1) -> Self:
+        """A set without Gaussians; `neighbours` is K of a dynamic one."""
+        layout = DYNAMIC_ARRAYS if cls is DynamicSet else GAUSSIAN_ARRAYS
+        return cls(**empty_arrays(layout, S=(degree + 1) ** 2, K=neighbours))
+
+    def take(self, index: np.ndarray) -> Self:
+        """The Gaussians at `index` ((n,) int or (N,) bool), same class."""
+        return type(self)(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicSet(StaticSet):
+    """Gaussians carried by the scaffold, stored as they stand at their own reference time."""
+
+    reference: np.ndarray
+    """(N,) int32 index into the scaffold's times."""
+    node: np.ndarray
+    """(N,K) int32 node indices the Gaussian follows; slot 0 is its attach node, whose sign the blend goes by."""
+    weight: np.ndarray
+    """(N,K) float32 >= 0, sum 1; 0 switches a slot off."""
+    strength: np.ndarray
+    """(N,) float32 in [0, 1]: 1 follows the nodes, 0 stays put (blend with the identity)."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        super().__post_init__()
+        if ((self.strength < 0) | (self.strength > 1)).any():
+            raise F4xError("dynamic/strength leaves [0, 1]")
+        if (self.weight < 0).any():
+            raise F4xError("dynamic/weight has negative values")
+        # A Gaussian that follows nothing (strength 0) has no weights to normalise.
+        follows = self.strength > WEIGHT_SUM_TOLERANCE
+        if (np.abs(self.weight.sum(axis=1, dtype=np.float64) - 1)[follows] > WEIGHT_SUM_TOLERANCE).any():
+            raise F4xError("dynamic/weight does not sum to 1 for every Gaussian")
+
+
+class Posed(NamedTuple):
+    """All Gaussians of a scene at one time, static ones first: world frame, float32, activated."""
+
+    means: np.ndarray
+    """(N,3)"""
+    quats: np.ndarray
+    """(N,4) wxyz, unit."""
+    scales: np.ndarray
+    """(N,3)"""
+    opacities: np.ndarray
+    """(N,)"""
+    sh: np.ndarray
+    """(N,S,3) in each Gaussian's own frame; the smaller degree is padded with zeros."""
+    ids: np.ndarray
+    """(N,) int64"""
+    dynamic: np.ndarray
+    """(N,) bool"""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """One clip as an editable 4D scene. Times are clip frame indices (float allowed)."""
+
+    name: str
+    """Short name, used for exported files."""
+    static: StaticSet
+    """Gaussians of the background."""
+    cameras: CameraPath
+    """One camera per clip frame, held-out ones interpolated; its width and height are the clip's."""
+    dynamic: DynamicSet = field(default_factory=DynamicSet.empty)
+    """Gaussians that move; empty for a clip in which nothing moves."""
+    scaffold: Scaffold | None = None
+    """The motion of the dynamic set; None when nothing moves."""
+    fps: float = 30.0
+    """Clip frames per second."""
+    held_out: tuple[int, ...] = ()
+    """Clip frames that the fit did not see."""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    """Who made what with which settings (JSON)."""
+    needs: tuple[Mapping[str, Any], ...] = ()
+    """What the scene was found to need: rows such as {"what": "nodes", "chosen": 120, "evidence": "..."} (JSON)."""
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    """Measured quality (JSON)."""
+    edits: tuple[Mapping[str, Any], ...] = ()
+    """The edit stack: ordered typed operations beside the untouched base arrays (JSON; the edit room types them)."""
+    next_id: int = 0
+    """The first Gaussian id never used; raised to one past the largest id on construction."""
+    extra: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """More arrays of the file by member name, such as "static/latent"; those under static/ and dynamic/ have one row
+    per Gaussian. Kept as they are."""
+    extra_fields: Mapping[str, Any] = field(default_factory=dict)
+    """More top-level fields of scene.json. Kept as they are."""
+
+    def __post_init__(self) -> None:
+        """Validate what concerns more than one part."""
+        ids = np.concatenate([self.static.ids, self.dynamic.ids])
+        unique = np.unique(ids)
+        if len(unique) != len(ids):
+            raise F4xError(f"{len(ids) - len(unique)} Gaussian ids occur twice; ids are unique in the whole scene")
+        if len(unique) and unique[0] < 0:
+            raise F4xError("a Gaussian id is negative")
+        object.__setattr__(self, "next_id", max(self.next_id, int(unique[-1]) + 1 if len(unique) else 0))
+        if self.next_id >= 1 << 63:
+            raise F4xError(f"next_id is {self.next_id}; ids are 64-bit numbers")
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise F4xError(f"fps is {self.fps}, expected a positive number")
+        if any(not 0 <= frame < len(self.cameras) for frame in self.held_out):
+            raise F4xError(f"held_out names a frame outside 0..{len(self.cameras) - 1}")
+        if self.scaffold is not None:
+            self._check_scaffold(self.scaffold)
+        elif len(self.dynamic):
+            raise F4xError("there are dynamic Gaussians but no scaffold to carry them")
+        for part, rows in (("static/", len(self.static)), ("dynamic/", len(self.dynamic))):
+            for name, value in self.extra.items():
+                if name.startswith(part) and (value.ndim == 0 or len(value) != rows):
+                    raise F4xError(f"{name} has the shape {value.shape}, expected one row for each of {rows} Gaussians")
+
+    def _check_scaffold(self, scaffold: Scaffold) -> None:
+        """Raise F4xError unless the scaffold fits the file's layout and every index into it exists."""
+        check_arrays({name: getattr(scaffold, name) for name in SCAFFOLD_ARRAYS}, SCAFFOLD_ARRAYS, "scaffold")
+        frames, nodes = scaffold.xyz.shape[:2]
+        if not (scaffold.quat != 0).any(axis=-1).all():
+            raise F4xError("scaffold/quat holds a zero quaternion")
+        for label, index, end in (
+            ("dynamic/reference", self.dynamic.reference, frames),
+            ("dynamic/node", self.dynamic.node, nodes),
+        ):
+            if index.size and not (index.min() >= 0 and index.max() < end):
+                raise F4xError(f"{label} points outside 0..{end - 1}")
+
+    @property
+    def sh_degree(self) -> int:
+        """The larger SH degree of the two sets."""
+        return spherical_harmonics.degree_of(self._constant["sh"].shape[1])
+
+    def posed(self, time: float) -> Posed:
+        """Return all Gaussians at clip time `time` (frame index, float allowed).
+
+        Dynamic ones follow the dual-quaternion blend of their nodes' motion from their own reference time to `time`
+        (algorithm notes 5.7): x' = R x + t, R_g' = R R_g; scale, opacity and SH stay.
+        """
+        xyz, rotation = self.static.xyz, self.static.rotation
+        if len(self.dynamic):
+            scaffold = self.scaffold
+            assert scaffold is not None  # checked on construction
+            carried = self._pairs, self.dynamic.weight, self.dynamic.strength
+            q, t = deform(scaffold.times, scaffold.xyz, scaffold.quat, *carried, time)
+            moved_rotation, moved_xyz = pose.compose(q, t, self.dynamic.rotation, self.dynamic.xyz)
+            xyz, rotation = np.concatenate([xyz, moved_xyz]), np.concatenate([rotation, moved_rotation])
+        return Posed(
+            means=xyz.astype(np.float32, copy=False),
+            quats=quaternion.normalize(rotation).astype(np.float32, copy=False),
+            **self._constant,
+        )
+
+    def colors(self, posed: Posed, camera: Camera) -> np.ndarray:
+        """Return the colours (N,3) float32 >= 0 of `posed` seen from `camera`.
+
+        The view direction is turned into each Gaussian's own frame, R_g^T d, so appearance turns with the surface.
+        """
+        if posed.sh.shape[1] == 1:
+            return np.maximum(spherical_harmonics.rgb_from_dc(posed.sh[:, 0]), 0)
+        directions: np.ndarray = posed.means - camera.center.astype(np.float32)
+        own = quaternion.rotate(quaternion.conjugate(posed.quats), directions)
+        return spherical_harmonics.evaluate(posed.sh, own)
+
+    def info(self) -> dict[str, Any]:
+        """Return what is worth telling about the scene, as JSON: counts, megabytes by part, provenance, needs."""
+        scaffold = [] if self.scaffold is None else [getattr(self.scaffold, name) for name in SCAFFOLD_ARRAYS]
+        parts = {
+            "static": vars(self.static).values(),
+            "dynamic": vars(self.dynamic).values(),
+            "scaffold": scaffold,
+            "cameras": [getattr(self.cameras, name) for name in CAMERA_ARRAYS],
+            "extra": self.extra.values(),
+        }
+        return {
+            "name": self.name,
+            "frames": len(self.cameras),
+            "fps": self.fps,
+            "size": [self.cameras.width, self.cameras.height],
+            "held_out": len(self.held_out),
+            "static": len(self.static),
+            "dynamic": len(self.dynamic),
+            "nodes": 0 if self.scaffold is None else len(self.scaffold.ids),
+            "sh_degree": self.sh_degree,
+            "megabytes": {part: sum(array.nbytes for array in arrays) / 1e6 for part, arrays in parts.items()},
+            "edits": len(self.edits),
+            "extra": sorted(self.extra),
+            "needs": list(self.needs),
+            "metrics": dict(self.metrics),
+            "provenance": dict(self.provenance),
+        }
+
+    @cached_property
+    def _constant(self) -> dict[str, np.ndarray]:
+        """The fields of `Posed` that do not change with time, static ones first."""
+        static, dynamic = self.static, self.dynamic
+        size = max(part.sh.shape[1] for part in (static, dynamic) if len(part) or part is static)
+        sh = [
+            np.pad(part.sh, ((0, 0), (0, size - part.sh.shape[1]), (0, 0))) for part in (static, dynamic) if len(part)
+        ]
+        return {
+            "scales": np.concatenate([static.scale, dynamic.scale]),
+            "opacities": np.concatenate([static.opacity, dynamic.opacity]),
+            "sh": np.concatenate([*sh, np.zeros((0, size, 3), np.float32)]),
+            "ids": np.concatenate([static.ids, dynamic.ids]),
+            "dynamic": np.arange(len(static) + len(dynamic)) >= len(static),
+        }
+
+    @cached_property
+    def _pairs(self) -> Pairs:
+        """The used (node, reference) pairs; many Gaussians share one, so a frame computes P motions and not Nd * K."""
+        return pairs_of(self.dynamic.node, self.dynamic.reference)
