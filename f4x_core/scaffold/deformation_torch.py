@@ -171,9 +171,9 @@ class Deformer:
         nodes: int,
         device: torch.device | str = "cpu",
     ):
-        """`times (F,)` of the scaffold, `reference (N,)` indices into it, `neighbours (N, K)` node indices, attach first.
+        """`times (F,)` of the scaffold, `reference (N,)` indices into it, `nodes` the number M of nodes in it.
 
-        `nodes` is the number M of nodes in the scaffold.
+        `neighbours (N, K)` are node indices, each Gaussian's attach node first.
         """
         self.times = np.asarray(times, np.float64)
         neighbours, reference = _numpy(neighbours), _numpy(reference)

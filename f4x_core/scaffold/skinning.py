@@ -26,7 +26,7 @@ def skinning_weights(
     """Return `(weights (N, K)` that sum to 1 `, strength (N,)` in [0, 1] `)`.
 
     `x (N, 3)` are points and `node_x (N, K, 3)` their neighbours' positions at the reference time, world units;
-    `radius (N, K)`, `mask (N, K)` bool. The raw weight is `exp(-d^2 / 2 sigma^2)` (kernel "sigma", the code of MoSca) or
+    `radius (N, K)`, `mask (N, K)` bool. The raw weight is `exp(-d^2 / 2 sigma^2)` (kernel "sigma", MoSca's code) or
     `exp(-d^2 / 2 r)` (kernel "paper"), plus a floor; with `dw (N, K)`, the learnt correction, it becomes `|g + dw|`,
     with `keep_sum` rescaled to the sum before. `strength = clamp(sum of raw weights, 0, 1)` fades points far from
     every node to the identity. All weights of a point that no node carries are 0, and so is its strength.

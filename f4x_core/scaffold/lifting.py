@@ -1,0 +1,151 @@
+"""Tracks and depth to 3-D curves over all supervised frames (algorithm.md 5.1). Needs scipy."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry.camera import CameraPath
+
+
+@dataclass(frozen=True)
+class LiftingConfig:
+    """Which samples of a track are believed. Lengths are in world units (median scene depth = 1)."""
+
+    search_px: int = 2
+    """A track at an invalid depth pixel takes the nearest valid one at most this far away (square window)."""
+    outlier_neighbours: int = 16
+    """Per frame, the mean distance to so many neighbours decides whether a point is an outlier."""
+    outlier_ratio: float = 5.0
+    """A point is an outlier when that mean exceeds the mean of all points by so many standard deviations."""
+    shaking: float = 0.15
+    """A sample farther than this from the straight line between its neighbours in time is dropped."""
+    drop_shaking_curves: bool = False
+    """True removes the whole curve of a shaking sample, not only the sample."""
+    minimal_samples: int = 2
+    """Curves with fewer believed samples are removed (in clips of fewer frames: with fewer than the frames)."""
+    minimal_fraction: float = 0.1
+    """Curves believed in a smaller fraction of the frames are removed."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiftedTracks:
+    """Curves in the world, defined at every frame."""
+
+    xyz: np.ndarray
+    """(F, N, 3) float32 world units; linear between believed samples, held before the first and after the last."""
+    certain: np.ndarray
+    """(F, N) bool, True where the position was measured."""
+    index: np.ndarray
+    """(N,) int64 index of each curve among the tracks that were lifted."""
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def subset(self, which: np.ndarray) -> "LiftedTracks":
+        """Return the curves `which` (indices or bool)."""
+        return LiftedTracks(self.xyz[:, which], self.certain[:, which], self.index[which])
+
+
+def lift_tracks(
+    tracks: np.ndarray,
+    visible: np.ndarray,
+    depth: np.ndarray,
+    depth_valid: np.ndarray | None,
+    cameras: CameraPath,
+    times: np.ndarray,
+    config: LiftingConfig | None = None,
+) -> LiftedTracks:
+    """Lift 2-D tracks to world curves and keep the believable ones.
+
+    `tracks (F, N, 2)` pixels (NaN = unknown), `visible (F, N)` bool, `depth (F, H, W)` z in world units,
+    `depth_valid (F, H, W)` bool or None (then: finite and positive), `times (F,)` clip frames to ask `cameras` for.
+    Raises F4xError when the frame counts differ.
+    """
+    config = config or LiftingConfig()
+    counts = {"tracks": len(tracks), "visible": len(visible), "depth": len(depth), "times": len(times)}
+    if len(set(counts.values())) != 1:
+        listing = ", ".join(f"{name} {count}" for name, count in counts.items())
+        raise F4xError(f"tracks and depth should cover the same frames, got {listing}; build the priors again")
+    valid = np.isfinite(depth) & (depth > 0)
+    if depth_valid is not None:
+        valid &= depth_valid
+    frames, number = tracks.shape[:2]
+    xyz = np.zeros((frames, number, 3), np.float64)
+    certain = np.zeros((frames, number), bool)
+    for f, time in enumerate(times):
+        z = nearest_valid_depth(tracks[f], depth[f], valid[f], config.search_px)
+        seen = visible[f] & np.isfinite(z)
+        xyz[f, seen] = cameras.at(time).unproject(tracks[f, seen].astype(np.float64), z[seen])
+        seen[seen] = ~_outliers(xyz[f, seen], config)
+        certain[f] = seen
+    shaking = _shaking(fill_gaps(xyz, certain, times), times, config.shaking) & certain
+    certain &= ~(shaking.any(axis=0) if config.drop_shaking_curves else shaking)
+    least = max(min(config.minimal_samples, frames), int(np.ceil(config.minimal_fraction * frames)))
+    kept = np.flatnonzero(certain.sum(axis=0) >= least)
+    certain = certain[:, kept]
+    return LiftedTracks(fill_gaps(xyz[:, kept], certain, times).astype(np.float32), certain, kept)
+
+
+def nearest_valid_depth(pixels: np.ndarray, depth: np.ndarray, valid: np.ndarray, search: int) -> np.ndarray:
+    """Return z `(N,)` float64 of the valid pixel centre nearest to each of `pixels (N, 2)`, NaN where there is none.
+
+    Looks at most `search` pixels aside, never blends depths (a mean across an edge lies on no surface).
+    """
+    height, width = depth.shape
+    steps = np.arange(-search, search + 1)
+    known = np.isfinite(pixels).all(axis=1)
+    corner = np.floor(np.where(known[:, None], pixels, -1.0)).astype(np.int64)  # (N, 2) col, row
+    known &= (corner >= 0).all(axis=1) & (corner < [width, height]).all(axis=1)
+    columns = corner[:, 0, None, None] + steps[None, None, :]  # (N, 1, S)
+    rows = corner[:, 1, None, None] + steps[None, :, None]  # (N, S, 1)
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    c, r = np.clip(columns, 0, width - 1), np.clip(rows, 0, height - 1)
+    x, y = np.where(known[:, None], pixels, 0.0).T
+    squared = (columns + 0.5 - x[:, None, None]) ** 2 + (rows + 0.5 - y[:, None, None]) ** 2  # (N, S, S)
+    squared = np.where(inside & valid[r, c], squared, np.inf).reshape(len(pixels), -1)
+    best = squared.argmin(axis=1)[:, None]
+    found = np.isfinite(np.take_along_axis(squared, best, 1)[:, 0]) & known
+    z = np.take_along_axis(np.broadcast_to(depth[r, c], inside.shape).reshape(len(pixels), -1), best, 1)[:, 0]
+    return np.where(found, z, np.nan).astype(np.float64)
+
+
+def fill_gaps(xyz: np.ndarray, certain: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return `xyz (F, N, 3)` with uncertain samples on the line in time between the certain ones around them.
+
+    Before the first and after the last certain sample its position is held; curves without any keep theirs.
+    """
+    count = len(times)
+    frames = np.arange(count)[:, None]
+    before = np.maximum.accumulate(np.where(certain, frames, -1), axis=0)  # (F, N) last certain frame so far
+    after = np.minimum.accumulate(np.where(certain, frames, count)[::-1], axis=0)[::-1]  # (F, N) next one
+    start = np.clip(np.where(before < 0, after, before), 0, count - 1)
+    end = np.clip(np.where(after == count, before, after), 0, count - 1)
+    gap = times[end] - times[start]
+    fraction = np.where(gap > 0, (times[:, None] - times[start]) / np.where(gap > 0, gap, 1.0), 0.0)[..., None]
+    first, last = (np.take_along_axis(xyz, which[..., None], axis=0) for which in (start, end))
+    filled = (first + fraction * (last - first)).astype(xyz.dtype)
+    return np.where((certain | ~certain.any(axis=0))[..., None], xyz, filled)
+
+
+def _outliers(points: np.ndarray, config: LiftingConfig) -> np.ndarray:
+    """Statistical outlier removal as in Open3D: mean neighbour distance above mean + ratio * std of all such means."""
+    from scipy.spatial import cKDTree
+
+    if len(points) <= config.outlier_neighbours:
+        return np.zeros(len(points), bool)
+    distances = cKDTree(points).query(points, config.outlier_neighbours + 1)[0][:, 1:].mean(axis=1)
+    return distances > distances.mean() + config.outlier_ratio * distances.std() + np.finfo(np.float32).eps
+
+
+def _shaking(xyz: np.ndarray, times: np.ndarray, threshold: float) -> np.ndarray:
+    """Return (F, N) bool: too far from the line between both neighbours in time; at the ends from the only one."""
+    shaking = np.zeros(xyz.shape[:2], bool)
+    if len(times) < 2:
+        return shaking
+    u = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None, None]
+    expected = xyz[:-2] + u * (xyz[2:] - xyz[:-2])
+    shaking[1:-1] = np.linalg.norm(xyz[1:-1] - expected, axis=-1) >= threshold
+    shaking[0] = np.linalg.norm(xyz[0] - xyz[1], axis=-1) >= threshold
+    shaking[-1] = np.linalg.norm(xyz[-1] - xyz[-2], axis=-1) >= threshold
+    return shaking

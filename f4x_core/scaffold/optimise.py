@@ -1,0 +1,126 @@
+"""Geometric optimisation: the graph fills in what the tracks did not see and settles the rotations (algorithm.md 6)."""
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+import torch
+
+from ..geometry import quaternion
+from ..progress import Progress, silent
+from .deformation import align_signs
+from .distance import curve_distance
+from .graph import GraphConfig, build_graph, multilevel_edges
+from .losses import ArapEdges, arap_losses, smoothness_losses
+from .structure import Scaffold
+
+
+@dataclass(frozen=True)
+class GeometryConfig:
+    """Settings of `optimise_geometry`. Losses are means over time and nodes."""
+
+    steps: int = 300
+    learning_rate: float = 0.01
+    """Of node positions (world units) and rotations (quaternion components)."""
+    decay_start: float = 1 / 3
+    """Fraction of the steps after which the rate falls along a cosine ..."""
+    decay_to: float = 1 / 30
+    """... to this fraction of itself."""
+    coordinate: float = 1.0
+    """Weight of the ARAP coordinate loss."""
+    length: float = 1.0
+    """Weight of the ARAP length loss."""
+    velocity: float = 0.1
+    acceleration: float = 0.3
+    angular_velocity: float = 0.05
+    angular_acceleration: float = 0.1
+    shifts: tuple[int, ...] = (1, 2, 4, 8)
+    """Frame distances over which the local shape should stay."""
+    shift_weights: tuple[float, ...] = (0.3, 0.3, 0.2, 0.2)
+    certain: Literal["soft", "hard"] = "soft"
+    """Observed positions are held by a spring (which lets the graph take out depth noise), or exactly."""
+    certain_weight: float = 50.0
+    """Stiffness of the spring, per squared world unit."""
+    window: int = 200
+    """Longer clips are optimised on random windows of so many frames."""
+    redraw: int = 100
+    """The coarse ARAP levels are drawn anew every so many steps."""
+    seed: int = 0
+    graph: GraphConfig = field(default_factory=GraphConfig)
+
+
+def optimise_geometry(
+    scaffold: Scaffold, config: GeometryConfig | None = None, progress: Progress = silent
+) -> Scaffold:
+    """Return the scaffold with positions filled in and smoothed, rotations settled, and its graph built anew.
+
+    Minimises ARAP and smoothness losses over node poses with Adam; rotations are free, observed positions are held as
+    `config.certain` says. While optimising, edges come from frames where both nodes were observed; the returned graph
+    uses all frames. A scaffold of one frame or one node has nothing to optimise and comes back as it is.
+    """
+    config = config or GeometryConfig()
+    frames, nodes = scaffold.certain.shape
+    if frames < 2 or nodes < 2 or config.steps == 0:
+        return scaffold
+    start = torch.as_tensor(scaffold.xyz, dtype=torch.float32)
+    xyz = start.clone().requires_grad_()
+    quat = torch.as_tensor(scaffold.quat, dtype=torch.float32).clone().requires_grad_()
+    certain = torch.as_tensor(scaffold.certain)[..., None]
+    times = torch.as_tensor(scaffold.times)
+    held = certain.sum().clamp(min=1)
+    distance = curve_distance(scaffold.xyz, scaffold.certain, config.graph.kth)
+    neighbours, edge_mask = build_graph(distance, config.graph.neighbours, config.graph.reach * scaffold.unit)
+    # Losses are divided by the number of poses, so gradients are small: Adam's eps must be far below them.
+    optimiser = torch.optim.Adam([xyz, quat], lr=config.learning_rate, eps=1e-15)
+    generator = np.random.default_rng(config.seed)
+    for step in range(config.steps):
+        if step % config.redraw == 0:
+            levels = multilevel_edges(distance, scaffold.unit, config.graph, config.seed + step)
+            edges = ArapEdges.build(neighbours, edge_mask, config.graph.base_weight, levels)
+        for group in optimiser.param_groups:
+            group["lr"] = config.learning_rate * _decay(step / config.steps, config)
+        first = int(generator.integers(0, max(frames - config.window, 0) + 1))
+        window = slice(first, first + config.window)
+        x = torch.where(certain, start, xyz) if config.certain == "hard" else xyz
+        x, q = x[window], quaternion.normalize(quat[window])
+        coordinate, length = arap_losses(x, q, edges, config.shifts, config.shift_weights)
+        smooth = smoothness_losses(x, q, times[window])
+        loss = (
+            config.coordinate * coordinate
+            + config.length * length
+            + config.velocity * smooth.velocity
+            + config.acceleration * smooth.acceleration
+            + config.angular_velocity * smooth.angular_velocity
+            + config.angular_acceleration * smooth.angular_acceleration
+        )
+        if config.certain == "soft":
+            loss = loss + config.certain_weight * ((xyz - start).square() * certain).sum() / held
+        optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        optimiser.step()
+        if step % 10 == 0 or step == config.steps - 1:
+            progress("scaffold geometry", step + 1, config.steps, f"loss {loss.item():.5f}")
+    with torch.no_grad():
+        final = torch.where(certain, start, xyz) if config.certain == "hard" else xyz
+    return with_graph(
+        replace(
+            scaffold,
+            xyz=final.numpy().copy(),
+            quat=quaternion.normalize(quat.detach()).numpy().copy(),
+        ),
+        config.graph,
+    )
+
+
+def with_graph(scaffold: Scaffold, config: GraphConfig, groups: np.ndarray | None = None) -> Scaffold:
+    """Return the scaffold with its graph built anew from all frames of its curves, and signs aligned on it."""
+    distance = curve_distance(scaffold.xyz, None, config.kth)
+    neighbours, edge_mask = build_graph(distance, config.neighbours, config.reach * scaffold.unit, groups)
+    quat = align_signs(scaffold.quat, neighbours, edge_mask)
+    return replace(scaffold, quat=quat, neighbours=neighbours, edge_mask=edge_mask)
+
+
+def _decay(fraction: float, config: GeometryConfig) -> float:
+    """Return the factor of the learning rate: 1, then half a cosine down to `decay_to`."""
+    passed = min(max(fraction - config.decay_start, 0.0) / max(1 - config.decay_start, 1e-9), 1.0)
+    return config.decay_to + (1 - config.decay_to) * 0.5 * (1 + float(np.cos(np.pi * passed)))

@@ -1,0 +1,265 @@
+"""Which tracks become nodes, and how many a scene needs (algorithm.md 5.3). numpy and scipy."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry import pose
+from ..geometry.camera import CameraPath
+from .deformation import deform, pairs_of
+from .distance import curve_distance, distance_to
+from .graph import GraphConfig, attach_nodes, build_graph, thin
+from .lifting import LiftedTracks
+from .radius import RadiusConfig, initial_radius
+from .rotation import initial_rotations
+from .skinning import skinning_weights
+from .structure import Scaffold
+
+
+@dataclass(frozen=True)
+class SelectionConfig:
+    """How nodes are drawn from lifted tracks."""
+
+    unit: float | None = None
+    """Spacing of `select_nodes` in world units; None measures the tracks (`automatic_unit`)."""
+    unit_factor: float = 3.0
+    """The automatic unit in multiples of the typical distance between neighbouring tracks."""
+    maximum: int = 512
+    """Never more nodes."""
+    counts: tuple[int, ...] = (4, 8, 16, 32, 64, 128, 256, 512)
+    """Node counts that `choose_nodes` tries."""
+    held_out: float = 0.25
+    """Fraction of the tracks that only measure the residual: never nodes, never used for node rotations."""
+    slack: float = 0.1
+    """Where no count reaches the tolerance, the fewest nodes within this fraction of the best residual win."""
+    quantile: float = 0.9
+    """The residual of a count is this quantile over held-out tracks: a small moving part is not averaged away."""
+    candidates: int = 2000
+    """At most so many tracks (the longest observed) are considered as nodes; more cost time and add little."""
+    support: int = 12
+    """Tracks around a node that determine its rotation."""
+    seed: int = 0
+    graph: GraphConfig = field(default_factory=GraphConfig)
+    radius: RadiusConfig = field(default_factory=RadiusConfig)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """One tried node count."""
+
+    nodes: int
+    unit: float
+    """Node spacing in world units."""
+    residual: float
+    """Quantile over held-out tracks of the mean distance to their own positions."""
+    median: float
+    """The median over held-out tracks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The chosen nodes and why."""
+
+    index: np.ndarray
+    """(M,) int64 into the lifted tracks."""
+    unit: float
+    residual: float
+    tolerance: float
+    pixels: bool
+    """True when residuals and tolerance are in pixels, False for world units."""
+    table: tuple[Evidence, ...]
+
+    @property
+    def met(self) -> bool:
+        """True when the residual is within the tolerance."""
+        return self.residual <= self.tolerance
+
+
+def select_nodes(lifted: LiftedTracks, config: SelectionConfig | None = None) -> tuple[np.ndarray, float]:
+    """Return `(index (M,), unit)`: tracks more than `unit` apart, the longest observed first, ties by index.
+
+    More than `config.maximum` are cut to the first accepted, which are the best observed.
+    """
+    config = config or SelectionConfig()
+    unit = automatic_unit(lifted.xyz, config.unit_factor) if config.unit is None else config.unit
+    return thin(_distances(lifted), unit, _by_observation(lifted))[: config.maximum], unit
+
+
+def automatic_unit(xyz: np.ndarray, factor: float, neighbours: int = 4, frames: int = 16) -> float:
+    """Return `factor sqrt(median_t median_i |x_i - its neighbours|^2)` of curves `(F, N, 3)`, over some even frames."""
+    from scipy.spatial import cKDTree
+
+    count = min(neighbours + 1, xyz.shape[1])
+    if count < 2:
+        return factor * 1e-2  # a lone track: one hundredth of the scene depth, so that radii are not zero
+    sampled = np.unique(np.linspace(0, len(xyz) - 1, frames).astype(int))
+    squared = [np.median(cKDTree(xyz[f]).query(xyz[f], count)[0][:, 1:] ** 2) for f in sampled]
+    return factor * float(np.sqrt(np.median(squared)))
+
+
+def choose_nodes(
+    lifted: LiftedTracks,
+    times: np.ndarray,
+    tolerance: float,
+    config: SelectionConfig | None = None,
+    cameras: CameraPath | None = None,
+) -> Selection:
+    """Return the fewest nodes that carry held-out tracks to within `tolerance`.
+
+    The tracks are split; nodes come from one part, spread over the motion by farthest-curve order and centred in their
+    cells. Tracks of the other part are deformed by the nodes from their own reference frame and compared with their
+    own observed positions: in world units, or with `cameras` in pixels. Counts are tried upwards until the tolerance
+    is met; when none meets it, the fewest nodes whose residual is within `config.slack` of the best are taken.
+    `times (F,)`. Raises F4xError when there is no track.
+    """
+    config = config or SelectionConfig()
+    if len(lifted) == 0:
+        raise F4xError("no track moves visibly with known depth, so there is no scaffold; fit the clip as static")
+    candidates, held_out = _split(lifted, config)
+    nodes = lifted.subset(candidates)
+    order, covering = _farthest_order(nodes, min(max(config.counts), config.maximum, len(nodes)))
+    table, picks = [], []
+    for count in sorted({min(count, len(order)) for count in config.counts}):
+        pick = _centred(nodes, order[:count])
+        scaffold = scaffold_of(nodes, pick, times, max(float(covering[count - 1]), _least_unit(nodes)), config)
+        residual = track_residuals(scaffold, lifted.subset(held_out), cameras)
+        value = float(np.quantile(residual, config.quantile)) if len(residual) else 0.0
+        median = float(np.median(residual)) if len(residual) else 0.0
+        table.append(Evidence(len(pick), scaffold.unit, value, median))
+        picks.append(candidates[pick])
+        if value <= tolerance:
+            break
+    enough = max(tolerance, min(row.residual for row in table) * (1 + config.slack))
+    best = next(i for i, row in enumerate(table) if row.residual <= enough)
+    return Selection(picks[best], table[best].unit, table[best].residual, tolerance, cameras is not None, tuple(table))
+
+
+def scaffold_of(
+    lifted: LiftedTracks,
+    index: np.ndarray,
+    times: np.ndarray,
+    unit: float,
+    config: SelectionConfig | None = None,
+) -> Scaffold:
+    """Return the scaffold whose nodes are the tracks `index (M,)`, turned by the tracks around them."""
+    config = config or SelectionConfig()
+    xyz, certain = lifted.xyz[:, index], lifted.certain[:, index]
+    distance = curve_distance(xyz, certain, config.graph.kth)
+    neighbours, edge_mask = build_graph(distance, config.graph.neighbours, config.graph.reach * unit)
+    to_tracks = distance_to(xyz, lifted.xyz)
+    support = np.argsort(to_tracks, axis=1, kind="stable")[:, : config.support]
+    quat = initial_rotations(support, np.ones(support.shape, bool), lifted.xyz, lifted.certain)
+    return Scaffold(
+        np.asarray(times, np.float64),
+        xyz,
+        quat.astype(np.float32),
+        initial_radius(len(index), unit, config.radius),
+        certain,
+        np.arange(len(index)),
+        neighbours,
+        edge_mask,
+        float(unit),
+    )
+
+
+def track_residuals(scaffold: Scaffold, lifted: LiftedTracks, cameras: CameraPath | None = None) -> np.ndarray:
+    """Return the mean distance `(N,)` of each track from where the scaffold carries it.
+
+    Every track starts at the middle one of its certain frames and is compared at the others; in world units, or with
+    `cameras` in pixels.
+    """
+    seen = lifted.certain
+    tracks = np.arange(len(lifted))
+    rank = seen.cumsum(axis=0)
+    reference = (rank > seen.sum(axis=0) // 2).argmax(axis=0)  # (N,) the middle certain frame
+    start = lifted.xyz[reference, tracks]
+    attach = attach_nodes(start, reference, scaffold.xyz)
+    neighbours = scaffold.neighbours[attach]
+    weights, strength = skinning_weights(
+        start,
+        scaffold.xyz[reference[:, None], neighbours],
+        scaffold.radius[neighbours],
+        scaffold.edge_mask[attach],
+    )
+    pairs = pairs_of(neighbours, reference)
+    total = np.zeros(len(lifted))
+    for f, time in enumerate(scaffold.times):
+        carried = pose.transform(
+            *deform(scaffold.times, scaffold.xyz, scaffold.quat, pairs, weights, strength, time), start
+        )
+        truth = lifted.xyz[f]
+        if cameras is not None:
+            carried, truth = (cameras.at(time).project(points)[0] for points in (carried, truth))
+        total += np.where(seen[f] & (reference != f), np.linalg.norm(carried - truth, axis=-1), 0.0)
+    return total / np.maximum(seen.sum(axis=0) - 1, 1)
+
+
+def _split(lifted: LiftedTracks, config: SelectionConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Return indices of (candidates, held-out tracks)."""
+    number = len(lifted)
+    drawn = np.random.default_rng(config.seed).permutation(number)[: int(config.held_out * number)]
+    held_out = np.zeros(number, bool)
+    held_out[drawn] = True
+    order = _by_observation(lifted)
+    candidates = order[~held_out[order]][: config.candidates]
+    return np.sort(candidates), np.flatnonzero(held_out)
+
+
+def _by_observation(lifted: LiftedTracks) -> np.ndarray:
+    return np.argsort(-lifted.certain.sum(axis=0), kind="stable")
+
+
+def _distances(lifted: LiftedTracks):
+    """Return the function of `i` that gives the distances of curve `i` to all curves.
+
+    Over common certain frames; curves never seen together are compared where they were filled in, else every short
+    track would be infinitely far from some others and become a node.
+    """
+
+    def distance_from(i: int) -> np.ndarray:
+        one = lifted.subset(np.array([i]))
+        common = distance_to(one.xyz, lifted.xyz, one.certain, lifted.certain)[0]
+        apart = np.isinf(common)
+        if apart.any():
+            common[apart] = distance_to(one.xyz, lifted.xyz[:, apart])[0]
+        return common
+
+    return distance_from
+
+
+def _farthest_order(lifted: LiftedTracks, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return `(order (count,), covering (count,))`: each next curve is the farthest from those before.
+
+    `covering[i]` is the distance within which 95 % of all curves have one of the first i + 1: the unit of that count.
+    """
+    distance_from = _distances(lifted)
+    order = [int(_by_observation(lifted)[0])]
+    nearest = distance_from(order[0]).astype(np.float64)
+    covering = [np.quantile(nearest, 0.95)]
+    while len(order) < count:
+        order.append(int(nearest.argmax()))
+        nearest = np.minimum(nearest, distance_from(order[-1]))
+        covering.append(np.quantile(nearest, 0.95))
+    return np.asarray(order), np.asarray(covering)
+
+
+def _centred(lifted: LiftedTracks, seeds: np.ndarray) -> np.ndarray:
+    """Return `(M,)` tracks: in the cell of each seed curve the track nearest to the cell's mean curve.
+
+    Farthest-curve order likes outliers; the middle of a cell is a better node than its corner.
+    """
+    cell = distance_to(lifted.xyz[:, seeds], lifted.xyz).argmin(axis=0)  # (N,)
+    cell[seeds] = np.arange(len(seeds))
+    sums = np.zeros((len(seeds), *lifted.xyz.shape[::2]))
+    curves = lifted.xyz.transpose(1, 0, 2).astype(np.float64)  # (N, F, 3)
+    np.add.at(sums, cell, curves)
+    means = sums / np.bincount(cell, minlength=len(seeds))[:, None, None]
+    off_centre = np.linalg.norm(curves - means[cell], axis=-1).mean(axis=1)
+    by_cell = np.lexsort((off_centre, cell))
+    return by_cell[np.searchsorted(cell[by_cell], np.arange(len(seeds)))]
+
+
+def _least_unit(lifted: LiftedTracks) -> float:
+    """Return a positive lower bound of the unit, for tracks that all coincide."""
+    return max(automatic_unit(lifted.xyz, 1.0), 1e-4)
