@@ -1,0 +1,249 @@
+"""Standard 3DGS PLY files: a tolerant reader, an exact writer, and the scene as one file per frame.
+
+On disk: opacity is a logit, scale a natural logarithm, `f_rest_*` channel-major (all red, all green, all blue),
+rotation wxyz, SH directions in world axes. In memory: activated values, and SH in the Gaussian's own frame.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import BinaryIO, Literal, NamedTuple
+
+import numpy as np
+
+from ..errors import F4xError
+from ..files import replace_file
+from ..geometry import quaternion, spherical_harmonics
+from ..progress import Progress, silent
+from .model import Scene
+
+TYPE_NAMES = {
+    "i1": ("char", "int8"),
+    "u1": ("uchar", "uint8"),
+    "i2": ("short", "int16"),
+    "u2": ("ushort", "uint16"),
+    "i4": ("int", "int32"),
+    "u4": ("uint", "uint32"),
+    "f4": ("float", "float32"),
+    "f8": ("double", "float64"),
+}
+"""numpy code -> the names it has in PLY headers, the written one first."""
+TYPE_CODES = {name: code for code, names in TYPE_NAMES.items() for name in names}
+MAX_HEADER_BYTES = 1 << 16
+"""A splat header has 2 KB; the cap stops a search for `end_header` in a file that is something else."""
+POSITION = ("x", "y", "z")
+DC = ("f_dc_0", "f_dc_1", "f_dc_2")
+SCALE = ("scale_0", "scale_1", "scale_2")
+ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
+REQUIRED = (*POSITION, *DC, "opacity", *SCALE, *ROTATION)
+SMALLEST_SCALE = 1e-12
+"""World units; a scale of 0 has no logarithm."""
+OPACITY_MARGIN = 1e-6
+"""Opacities 0 and 1 have no finite logit; a change of this size is invisible in 8 and 16 bits."""
+
+
+class Splats(NamedTuple):
+    """N Gaussians as a PLY file holds them, activated, float32, world frame of the file."""
+
+    xyz: np.ndarray
+    """(N,3)"""
+    rotation: np.ndarray
+    """(N,4) wxyz, unit."""
+    scale: np.ndarray
+    """(N,3)"""
+    opacity: np.ndarray
+    """(N,) in [0, 1]."""
+    sh: np.ndarray
+    """(N,S,3) in each Gaussian's own frame."""
+
+
+def write_ply(
+    path: Path | str, xyz: np.ndarray, rotation: np.ndarray, scale: np.ndarray, opacity: np.ndarray, sh: np.ndarray
+) -> None:
+    """Write a binary 3DGS PLY with the standard names and order (248 bytes per Gaussian at degree 3).
+
+    `xyz (N,3)`, `rotation (N,4)` wxyz, `scale (N,3)` and `opacity (N,)` activated, `sh (N,S,3)` in the Gaussian's own
+    frame: it is turned to world axes here, as every other viewer expects. Raises F4xError when the disk refuses.
+    """
+    rotation = quaternion.normalize(rotation)
+    world_sh = spherical_harmonics.rotate(sh, rotation)
+    rest = world_sh[:, 1:].transpose(0, 2, 1).reshape(len(sh), -1)  # (N, 3 (S - 1)) channel-major
+    opacity = np.clip(opacity.astype(np.float64), OPACITY_MARGIN, 1 - OPACITY_MARGIN)
+    columns = {
+        **dict(zip(POSITION, xyz.T, strict=True)),
+        **dict.fromkeys(("nx", "ny", "nz"), np.zeros(len(xyz))),
+        **dict(zip(DC, world_sh[:, 0].T, strict=True)),
+        **{f"f_rest_{i}": column for i, column in enumerate(rest.T)},
+        "opacity": np.log(opacity / (1 - opacity)),
+        **dict(zip(SCALE, np.log(np.maximum(scale, SMALLEST_SCALE)).T, strict=True)),
+        **dict(zip(ROTATION, rotation.T, strict=True)),
+    }
+    vertices = np.empty(len(xyz), [(name, "<f4") for name in columns])
+    for name, column in columns.items():
+        vertices[name] = column
+    write_properties(path, vertices)
+
+
+def read_ply(path: Path | str) -> Splats:
+    """Read a 3DGS PLY: any property order and type, comments, CRLF header, degree 0 to 4, normals or not.
+
+    SH is turned from world axes to each Gaussian's own frame, so `write_ply(path, *read_ply(path))` is a round trip.
+    Raises F4xError that says what the file is when it is no splat file, is ASCII, truncated or has impossible values.
+    """
+    path = Path(path)
+    vertices = read_properties(path)
+    names = vertices.dtype.names or ()
+    missing = [name for name in REQUIRED if name not in names]
+    if missing:
+        raise F4xError(f"{path}: {_what_it_is(names, missing)}")
+    rest_names = sorted((name for name in names if re.fullmatch(r"f_rest_\d+", name)), key=lambda name: int(name[7:]))
+    rest = len(rest_names) // 3
+    if len(rest_names) not in (0, 9, 24, 45, 72) or rest_names != [f"f_rest_{i}" for i in range(3 * rest)]:
+        raise F4xError(f"{path}: has {len(rest_names)} f_rest properties, expected 0, 9, 24, 45 or 72; export it again")
+    sh = np.empty((len(vertices), rest + 1, 3), np.float32)
+    sh[:, 0] = _columns(vertices, DC)
+    sh[:, 1:] = _columns(vertices, rest_names).reshape(-1, 3, rest).transpose(0, 2, 1)
+    with np.errstate(over="ignore"):  # exp of a large negative logit is inf, and 1 / (1 + inf) the right 0
+        scale = np.exp(_columns(vertices, SCALE))
+        opacity = 1 / (1 + np.exp(-_columns(vertices, ("opacity",))[:, 0]))
+    rotation = quaternion.normalize(_columns(vertices, ROTATION))
+    splats = Splats(
+        xyz=_columns(vertices, POSITION).astype(np.float32),
+        rotation=rotation.astype(np.float32),
+        scale=scale.astype(np.float32),
+        opacity=opacity.astype(np.float32),
+        sh=spherical_harmonics.rotate(sh, quaternion.conjugate(rotation)),
+    )
+    for name, value in zip(Splats._fields, splats, strict=True):
+        bad = np.count_nonzero(~np.isfinite(value.reshape(len(value), -1)).all(axis=1)) if len(value) else 0
+        if bad:
+            hint = "scale_* must be logarithms" if name == "scale" else "clean it in a splat editor"
+            raise F4xError(f"{path}: {bad} of {len(value)} splats have no finite {name}; {hint}")
+    return splats
+
+
+def read_properties(path: Path | str) -> np.ndarray:
+    """Return the vertices of a binary PLY as a structured array (N,), every property as it is on disk.
+
+    `write_properties` writes it back bit for bit. Other elements are skipped. Raises F4xError.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            order, elements = _read_header(file, path)
+            for name, count, dtype in elements:
+                if name == "vertex":
+                    return _read_vertices(file, count, dtype.newbyteorder(order), path)
+                file.seek(count * dtype.itemsize, 1)
+    except OSError as error:
+        raise F4xError(f"{path}: cannot be read ({error.strerror or error})") from error
+    raise F4xError(f"{path}: a PLY without vertices; choose a Gaussian-splat PLY")
+
+
+def write_properties(path: Path | str, vertices: np.ndarray) -> None:
+    """Write a structured array (N,) of plain numbers as the vertices of a binary little-endian PLY."""
+    dtype = vertices.dtype
+    names = dtype.names or ()
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property {TYPE_NAMES[dtype[name].str[1:]][0]} {name}" for name in names]
+    packed = np.ascontiguousarray(vertices, dtype.newbyteorder("<"))
+    with replace_file(path) as file:
+        file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
+        file.write(packed.view(np.uint8).data)
+
+
+def export_frame(scene: Scene, time: float, path: Path | str) -> None:
+    """Write the scene as it stands at clip time `time` as one 3DGS PLY."""
+    posed = scene.posed(time)
+    write_ply(path, posed.means, posed.quats, posed.scales, posed.opacities, posed.sh)
+
+
+def export_sequence(
+    scene: Scene, folder: Path | str, times: list[float] | None = None, progress: Progress = silent
+) -> list[Path]:
+    """Write `name_0001.ply`, ... into `folder` (made if absent), one per time, and return their paths.
+
+    `times`: clip times; every clip frame when None. The shared prefix with a zero-padded number is what splat editors
+    recognise as a sequence. Raises F4xError when the disk refuses.
+    """
+    folder = Path(folder)
+    times = [float(time) for time in scene.cameras.times] if times is None else times
+    prefix = re.sub(r"[^\w-]+", "_", scene.name).strip("_") or "scene"
+    digits = max(4, len(str(len(times))))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise F4xError(f"{folder}: this folder cannot be made ({error.strerror}); choose another one") from error
+    paths = [folder / f"{prefix}_{number:0{digits}d}.ply" for number in range(1, len(times) + 1)]
+    for done, (time, path) in enumerate(zip(times, paths, strict=True)):
+        progress("export", done, len(times), path.name)
+        export_frame(scene, time, path)
+    progress("export", len(times), len(times))
+    return paths
+
+
+def _read_header(file: BinaryIO, path: Path) -> tuple[Literal["<", ">"], list[tuple[str, int, np.dtype]]]:
+    """Return the byte order and (name, count, dtype of one row) of every element up to the vertices."""
+    if file.readline(8).rstrip(b"\r\n") != b"ply":
+        raise F4xError(f"{path}: not a PLY file; choose a Gaussian-splat PLY")
+    order: Literal["", "<", ">"] = ""
+    left = MAX_HEADER_BYTES
+    elements: list[tuple[str, int, list[tuple[str, str]]]] = []
+    while left > 0:
+        line = file.readline(left)
+        left -= len(line)
+        words = line.decode("ascii", "replace").split()
+        if not line.endswith(b"\n"):
+            break
+        match words:
+            case [] | ["comment" | "obj_info", *_]:
+                pass
+            case ["format", "ascii", *_]:
+                raise F4xError(f"{path}: an ASCII PLY; save it as binary PLY (little endian)")
+            case ["format", "binary_little_endian" | "binary_big_endian" as name, *_]:
+                order = "<" if name == "binary_little_endian" else ">"
+            case ["element", name, count] if count.isdecimal() and len(count) < 13:
+                elements.append((name, int(count), []))
+            case ["property", kind, name] if kind in TYPE_CODES and elements:
+                elements[-1][2].append((name, TYPE_CODES[kind]))
+            case ["property", "list", *_] if elements and "vertex" in [element[0] for element in elements[:-1]]:
+                pass  # faces behind the vertices are never read
+            case ["end_header"] if order:
+                return order, [(name, count, _row(properties, path)) for name, count, properties in elements]
+            case _:
+                raise F4xError(
+                    f"{path}: the PLY header has a line that cannot be read ({line[:60]!r}); export it again"
+                )
+    raise F4xError(f"{path}: the PLY header has no end; the file is truncated or no PLY")
+
+
+def _row(properties: list[tuple[str, str]], path: Path) -> np.dtype:
+    if len({name for name, _ in properties}) != len(properties):
+        raise F4xError(f"{path}: the PLY header names a property twice; export it again")
+    return np.dtype(properties)
+
+
+def _read_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> np.ndarray:
+    start = file.tell()
+    held = max(file.seek(0, 2) - start, 0) // max(dtype.itemsize, 1)
+    if held < count:  # before any memory is taken
+        raise F4xError(f"{path}: truncated, it promises {count} splats and holds {held}; copy or export it again")
+    file.seek(start)
+    return np.fromfile(file, dtype, count)
+
+
+def _what_it_is(names: tuple[str, ...], missing: list[str]) -> str:
+    """One sentence for a PLY that does not hold plain splats."""
+    if "packed_position" in names:
+        return "a compressed splat PLY; convert it to a plain 3DGS PLY first"
+    if not {"opacity", *SCALE, *ROTATION, *DC} & set(names):
+        return (
+            "a plain point cloud without splat properties (opacity, scale_*, rot_*, f_dc_*); import it as a point cloud"
+        )
+    return f"a splat PLY that lacks {', '.join(missing)}; export it again as a standard 3DGS PLY"
+
+
+def _columns(vertices: np.ndarray, names: tuple[str, ...] | list[str]) -> np.ndarray:
+    """The named properties as (N, len(names)) float64."""
+    return np.stack([vertices[name].astype(np.float64) for name in names], 1) if names else np.zeros((len(vertices), 0))

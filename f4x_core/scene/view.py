@@ -1,0 +1,122 @@
+"""Pictures of a scene from any camera at any time, through whichever raster backend is there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry.camera import Camera
+from ..geometry.trajectory import Trajectory
+from ..progress import Progress, silent
+from .model import Posed, Scene
+
+if TYPE_CHECKING:
+    from ..raster import RasterConfig
+
+CHANNELS = ("rgb", "depth", "alpha", "motion")
+COVERED = 0.1
+"""A pixel whose alpha is less has too little in it to speak of its depth or motion."""
+NEAR = 0.01
+"""World units; a Gaussian that comes nearer to the camera plane by the next frame has no meaningful screen motion."""
+
+
+def render(
+    scene: Scene,
+    camera: Camera,
+    time: float,
+    channels: Sequence[str] = CHANNELS,
+    backend: str = "auto",
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    values: Mapping[str, np.ndarray] | None = None,
+    config: RasterConfig | None = None,
+) -> dict[str, np.ndarray]:
+    """Render the scene at clip time `time` (frame index, float allowed) from `camera`; float32 arrays by channel name.
+
+    * `rgb (H,W,3)` sRGB over `background`, not clamped above 1.
+    * `depth (H,W)` expected z depth in world units, NaN where alpha < 0.1.
+    * `alpha (H,W)` in [0, 1).
+    * `motion (H,W,2)` pixels (right, down) from `time` to `time + 1` through this same, standing camera; alpha-weighted
+      mean of the Gaussians, 0 for static ones and where alpha < 0.1.
+    * every name in `values`: `(N,C)` numbers of the posed Gaussians, composited like colours over 0 -> `(H,W,C)`.
+
+    `backend` and `config` go to `raster.rasterize`. Raises F4xError for an unknown channel or a missing backend.
+    """
+    unknown = set(channels) - set(CHANNELS)
+    if unknown:
+        raise F4xError(f"render: unknown channel {', '.join(sorted(unknown))}; choose from {', '.join(CHANNELS)}")
+    from ..raster import rasterize
+
+    posed = scene.posed(time)
+    layers: dict[str, np.ndarray] = {}
+    if "rgb" in channels:
+        layers["rgb"] = scene.colors(posed, camera)
+    if "motion" in channels:
+        layers["motion"] = screen_motion(scene, camera, time, posed)
+    layers |= values or {}
+    # depth and alpha come with any channel, so a render of them alone carries one empty channel
+    colors = np.concatenate([*layers.values()] or [np.zeros((len(posed.ids), 1))], axis=1, dtype=np.float32)
+    behind = np.zeros(colors.shape[1], np.float32)
+    if "rgb" in layers:
+        behind[:3] = background
+    out = rasterize(
+        posed.means,
+        posed.quats,
+        posed.scales,
+        posed.opacities,
+        colors,
+        camera.world_to_camera.astype(np.float32),
+        camera.intrinsics.astype(np.float32),
+        camera.width,
+        camera.height,
+        background=behind,
+        config=config,
+        backend=backend,
+    )
+    composited = np.asarray(out.channels, np.float32)
+    ends = np.cumsum([layer.shape[1] for layer in layers.values()])[:-1]
+    pictures = dict(zip(layers, np.split(composited, ends, axis=-1), strict=True)) if layers else {}
+    alpha = np.asarray(out.alpha, np.float32)
+    covered = alpha >= COVERED
+    share = np.where(covered, alpha, 1)
+    if "alpha" in channels:
+        pictures["alpha"] = alpha
+    if "depth" in channels:
+        pictures["depth"] = np.where(covered, np.asarray(out.depth, np.float32) / share, np.float32(np.nan))
+    if "motion" in channels:
+        pictures["motion"] = np.where(covered[..., None], pictures["motion"] / share[..., None], 0)
+    return pictures
+
+
+def render_trajectory(
+    scene: Scene,
+    trajectory: Trajectory,
+    channels: Sequence[str] = CHANNELS,
+    backend: str = "auto",
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    config: RasterConfig | None = None,
+    progress: Progress = silent,
+) -> Iterator[dict[str, np.ndarray]]:
+    """Yield `render` of every view of a `geometry.trajectory`, one at a time; cancelling passes through."""
+    for done, (camera, time) in enumerate(trajectory):
+        progress("render", done, len(trajectory))
+        yield render(scene, camera, time, channels, backend, background, config=config)
+    progress("render", len(trajectory), len(trajectory))
+
+
+def screen_motion(scene: Scene, camera: Camera, time: float, posed: Posed | None = None) -> np.ndarray:
+    """Return the screen motion (N,2) float32, in pixels, of every centre from `time` to `time + 1`, the camera at rest.
+
+    Past the clip's last frame the scaffold's motion coasts on. A centre behind the camera at either time gives 0.
+    """
+    posed = scene.posed(time) if posed is None else posed
+    motion = np.zeros((len(posed.ids), 2), np.float32)
+    moving = posed.dynamic
+    if moving.any():
+        here, near_here = camera.project(posed.means[moving].astype(np.float64))
+        there, near_there = camera.project(scene.posed(time + 1).means[moving].astype(np.float64))
+        seen = np.minimum(near_here, near_there) > NEAR
+        motion[moving] = np.where(seen[:, None], there - here, 0)
+    return motion
