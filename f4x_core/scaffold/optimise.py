@@ -105,7 +105,7 @@ def optimise_geometry(
     return with_graph(
         replace(
             scaffold,
-            xyz=final.numpy().copy(),
+            xyz=final.detach().numpy().copy(),
             quat=quaternion.normalize(quat.detach()).numpy().copy(),
         ),
         config.graph,

@@ -1,0 +1,72 @@
+"""`f4x doctor`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import time
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+
+from ..progress import Progress
+
+PACKAGES = ("numpy", "torch", "scipy", "opencv-python-headless", "av", "OpenEXR", "trimesh", "pycolmap", "bpy")
+# A small scene for the speed line: Gaussians, width, height.
+TRIAL = (10_000, 240, 136)
+
+
+def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Versions, backends, self-check and a speed line."""
+    packages = {}
+    for name in PACKAGES:
+        try:
+            packages[name] = version(name)
+        except PackageNotFoundError:
+            packages[name] = "missing"
+    backends = {name: _trial(name) for name in ("native", "torch")}
+    result: dict[str, Any] = {
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "cores": os.cpu_count(),
+        "packages": packages,
+        "backends": backends,
+    }
+    lines = [f"Python {result['python']} on {result['system']}, {result['cores']} cores"]
+    lines += [f"{name}: {number}" for name, number in packages.items()]
+    lines += [f"raster {name}: {state}" for name, state in backends.items()]
+    return {**result, "text": "\n".join(lines)}
+
+
+def _trial(backend: str) -> str:
+    """One sentence on a raster backend: milliseconds for a small picture, or why it does not run."""
+    from ..errors import F4xError
+    from ..raster import rasterize
+
+    count, width, height = TRIAL
+    rng = np.random.default_rng(0)
+    means = rng.uniform([-1, -0.6, 0.8], [1, 0.6, 2], (count, 3)).astype(np.float32)
+    quats = rng.normal(size=(count, 4)).astype(np.float32)
+    scales = np.full((count, 3), 0.01, np.float32)
+    colors = rng.uniform(size=(count, 3)).astype(np.float32)
+    lens = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], np.float32)
+    try:
+        for _ in range(2):
+            start = time.perf_counter()
+            rasterize(
+                means,
+                quats,
+                scales,
+                np.full(count, 0.5, np.float32),
+                colors,
+                np.eye(4, dtype=np.float32),
+                lens,
+                width,
+                height,
+                backend=backend,
+            )
+        return f"{1000 * (time.perf_counter() - start):.0f} ms for {count:,} Gaussians at {width}x{height}"
+    except F4xError as error:
+        return str(error)

@@ -1,0 +1,101 @@
+"""`f4x fit` and `f4x priors`."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+from ..clip import Clip, read_clip
+from ..errors import F4xError
+from ..files import replace_file
+from ..fit.config import FitConfig, profile
+from ..fit.diagnostics import write_diagnostics
+from ..fit.pipeline import FitResult, fit_clip
+from ..priors import build_priors
+from ..progress import Progress
+from ..report.evaluation import evaluate
+from ..scene import DynamicSet, Scene, StaticSet, write_scene
+
+
+def clip_of(args: argparse.Namespace) -> Clip:
+    """The clip that the arguments name."""
+    return read_clip(args.clip, frames=args.frames, width=args.width, hold_out=args.hold_out, masks=args.masks)
+
+
+def config_of(args: argparse.Namespace) -> FitConfig:
+    """The profile with the arguments' changes."""
+    config = profile(args.profile)
+    files = {}
+    for entry in args.prior:
+        name, separator, path = entry.partition("=")
+        if not separator:
+            raise F4xError(f"--prior {entry}: write NAME=PATH, for example depth=my_depth_folder.")
+        files[name] = path
+    priors = dataclasses.replace(config.priors, files=files) if files else config.priors
+    return dataclasses.replace(config, seed=args.seed, threads=args.threads, backend=args.backend, priors=priors)
+
+
+def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Compute the priors folder only."""
+    clip, config = clip_of(args), config_of(args)
+    folder = args.output / "priors"
+    priors = build_priors(clip, folder, config.priors, progress)
+    moving = float(priors.mask.mean()) if priors.mask is not None else 0.0
+    lines = [f"{folder}: {len(priors.frames)} frames, camera {priors.camera_kind}, {moving:.1%} of the pixels move"]
+    return {
+        "folder": str(folder),
+        "camera_kind": priors.camera_kind,
+        "moving_share": moving,
+        "warnings": priors.warnings,
+        "text": "\n".join(lines + [f"! {warning}" for warning in priors.warnings]),
+    }
+
+
+def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Fit a clip and write the scene, its metrics and the diagnostics page."""
+    return fit_to_folder(clip_of(args), args.output, config_of(args), progress, args.resume)
+
+
+def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:
+    """Fit, measure, and leave `scene.f4x`, `metrics.json`, `diagnostics.html` and checkpoints in `folder`."""
+    result = fit_clip(clip, folder, config, progress, resume)
+    scene = scene_of(clip, result)
+    metrics = evaluate(scene, clip, baselines=True, backend=config.backend, progress=progress)
+    figures = {name: value for name, value in metrics.items() if name != "frames"}
+    figures |= {"seconds": result.seconds, "gaussians": len(scene.static) + len(scene.dynamic)}
+    scene = dataclasses.replace(scene, metrics=figures)
+    path = folder / "scene.f4x"
+    write_scene(scene, path)
+    with replace_file(folder / "metrics.json") as file:
+        file.write(json.dumps({**figures, "frames": metrics["frames"]}, indent=1).encode())
+    write_diagnostics(folder / "diagnostics.html", clip, result, metrics)
+    return {"scene": str(path), "metrics": figures, "needs": list(scene.needs), "text": _summary(path, scene, figures)}
+
+
+def scene_of(clip: Clip, result: FitResult) -> Scene:
+    """The fitted arrays as a scene."""
+    return Scene(
+        name=clip.name,
+        static=StaticSet(**result.static),
+        dynamic=DynamicSet(**result.dynamic) if result.dynamic is not None else DynamicSet.empty(),
+        scaffold=result.scaffold,
+        cameras=result.cameras,
+        fps=clip.fps,
+        held_out=tuple(int(i) for i in clip.held_out.nonzero()[0]),
+        provenance=result.provenance,
+        needs=tuple(need.row() for need in result.needs),
+        next_id=result.next_id,
+    )
+
+
+def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:
+    lines = [f"{path}: {len(scene.static):,} static and {len(scene.dynamic):,} dynamic Gaussians"]
+    lines += [f"PSNR of used frames {figures['used_psnr']:.2f} dB"]
+    if "held_out_psnr" in figures:
+        lines[-1] += f", held-out frames {figures['held_out_psnr']:.2f} dB"
+    lines.append("what the clip needed:")
+    lines += [f"  {row['what']}: {row['chosen']} ({row['evidence']}; saved {row['saved']})" for row in scene.needs]
+    return "\n".join(lines)

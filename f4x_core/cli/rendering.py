@@ -1,0 +1,97 @@
+"""`f4x render` and `f4x export`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from ..clip.video import write_video
+from ..errors import F4xError
+from ..geometry import trajectory
+from ..geometry.trajectory import Trajectory
+from ..progress import Progress
+from ..scene import Scene, read_scene
+from ..scene.picture import colour_depth, colour_motion
+from ..scene.ply import export_frame, export_sequence
+from ..scene.view import render
+
+CHANNELS = ("rgb", "depth", "alpha", "motion")
+# Depth colours span these quantiles of the clip's depth, so that one far pixel does not flatten them.
+DEPTH_QUANTILES = (0.02, 0.98)
+
+
+def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
+    """The views that `--path` names."""
+    cameras = scene.cameras
+    if path == "original":
+        return trajectory.original(cameras)
+    if path == "orbit":
+        return trajectory.orbit(cameras, degrees=degrees)
+    if path.startswith("frozen:"):
+        try:
+            return trajectory.frozen(cameras, float(path.partition(":")[2]))
+        except ValueError as error:
+            raise F4xError(f"--path {path}: write frozen:T with T a clip frame, for example frozen:12.") from error
+    return trajectory.read_path(path)
+
+
+def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Write OUT/CHANNEL/00000.png … along a path; depth and motion also as .npy."""
+    scene = read_scene(args.scene)
+    channels = tuple(args.channels.split(","))
+    unknown = [name for name in channels if name not in CHANNELS]
+    if unknown:
+        raise F4xError(
+            f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(CHANNELS)}."
+        )
+    views = trajectory_of(scene, args.path, args.degrees)
+    span = depth_span(scene, args.backend) if "depth" in channels else (0.0, 1.0)
+    pictures: dict[str, list[np.ndarray]] = {name: [] for name in channels}
+    for index, (camera, time) in enumerate(views):
+        progress("render", index, len(views))
+        maps = render(scene, camera, time, channels=channels, backend=args.backend)
+        for name in channels:
+            folder = Path(args.output) / name
+            folder.mkdir(parents=True, exist_ok=True)
+            picture = picture_of(name, maps[name], span)
+            Image.fromarray(picture).save(folder / f"{index:05d}.png")
+            if name in ("depth", "motion"):
+                np.save(folder / f"{index:05d}.npy", maps[name].astype(np.float32))
+            if args.video:
+                pictures[name].append(picture)
+    progress("render", len(views), len(views))
+    for name, frames in pictures.items():
+        if frames:
+            write_video(Path(args.output) / f"{name}.mp4", np.stack(frames), scene.fps)
+    return {"frames": len(views), "output": str(args.output), "text": f"{args.output}: {len(views)} frames"}
+
+
+def depth_span(scene: Scene, backend: str = "auto") -> tuple[float, float]:
+    """Near and far depth (world units) that the colours of the clip's depth pictures span."""
+    middle = len(scene.cameras) // 2
+    depth = render(scene, scene.cameras[middle], float(scene.cameras.times[middle]), ("depth",), backend)["depth"]
+    near, far = np.nanquantile(depth, DEPTH_QUANTILES) if np.isfinite(depth).any() else (0.5, 2.0)
+    return float(near), float(far)
+
+
+def picture_of(channel: str, values: np.ndarray, span: tuple[float, float]) -> np.ndarray:
+    """An 8-bit picture (H,W,3) or (H,W) of one rendered channel."""
+    if channel == "depth":
+        return colour_depth(values, *span)
+    if channel == "motion":
+        return colour_motion(values)
+    return (np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def run_export(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Write the scene at one time, or at every clip frame, as 3DGS PLY."""
+    scene = read_scene(args.scene)
+    if args.time is not None:
+        export_frame(scene, args.time, args.output)
+        return {"output": str(args.output), "text": str(args.output)}
+    files = export_sequence(scene, args.output, progress=progress)
+    return {"output": str(args.output), "files": len(files), "text": f"{args.output}: {len(files)} files"}

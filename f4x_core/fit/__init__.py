@@ -1,0 +1,1 @@
+"""The fit: profiles, stages, losses, checkpoints and the diagnostics page."""

@@ -1,0 +1,313 @@
+"""Why a scene is poor and what a person can supply, in words: plain rules over the priors, the scaffold and the scores."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
+
+from ..priors import Priors
+from ..scaffold import Scaffold
+
+Weight = Literal["problem", "note", "good"]
+
+# Angle (degrees) between the outermost cameras at the median depth. Below the first nothing but the original view can be
+# believed, below the second only views close to the path.
+LITTLE_PARALLAX, MODEST_PARALLAX = 2.0, 8.0
+# Fewer supervised frames than this leave most surfaces seen once or twice.
+FEW_FRAMES = 12
+# Above this moving share (of all pixels) the background is mostly hidden.
+MUCH_MOTION = 0.5
+# Share of tracks that should live this many frames, and the shortest foreground survival that a scaffold can rest on.
+SURVIVAL_AGE, LEAST_SURVIVAL = 10, 0.4
+# Depth whose confidence (median over the region) is lower is a guess.
+LEAST_CONFIDENCE = 0.25
+# Share of pixels without any depth above which depth counts as missing.
+UNKNOWN_DEPTH = 0.3
+# Moving pixels further than this many control radii from every node are not carried by the scaffold.
+NODE_REACH = 3.0
+LEAST_COVERAGE = 0.8
+# Scores (dB): a watchable picture, the gap to unseen frames, what camera refinement may win, moving against static region.
+WATCHABLE_PSNR, HELD_OUT_GAP, REFINEMENT_GAP, REGION_GAP = 27.0, 3.0, 1.5, 2.0
+# Most moving pixels looked at per frame when coverage is measured.
+COVERAGE_SAMPLES = 400
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing a person should know about their scene."""
+
+    weight: Weight
+    """`problem` costs quality, `note` is worth knowing, `good` is fine."""
+    what: str
+    """What was measured, one sentence."""
+    advice: str = ""
+    """What the person can do or supply; empty when there is nothing to do."""
+
+
+def parallax_degrees(priors: Priors) -> float:
+    """Angle between the two outermost cameras seen from a point at the median depth (1 world unit); 0 without cameras."""
+    if priors.cameras is None or len(priors.cameras) < 2:
+        return 0.0
+    baseline = float(pdist(priors.cameras.centers).max())
+    return float(np.degrees(2 * np.arctan(baseline / 2)))
+
+
+def track_survival(visible: np.ndarray) -> np.ndarray:
+    """Share of tracks still followed `age` frames after they were first seen, (F,) for ages 0..F-1.
+
+    A track is followed until it is last visible (gaps are re-linked); at each age only tracks count that began early enough
+    to reach it. NaN where no track did. `visible`: (F,N) bool.
+    """
+    frames = len(visible)
+    seen = visible[:, visible.any(0)]
+    if not seen.shape[1]:
+        return np.full(frames, np.nan)
+    first = seen.argmax(0)
+    life = frames - 1 - seen[::-1].argmax(0) - first  # age at the last sighting
+    ages = np.arange(frames)
+    eligible = (first[None] + ages[:, None] <= frames - 1).sum(1)
+    alive = (life[None] >= ages[:, None]).sum(1)
+    return np.where(eligible > 0, alive / np.maximum(eligible, 1), np.nan)
+
+
+def scaffold_coverage(priors: Priors, scaffold: Scaffold) -> float:
+    """Share of moving pixels whose lifted point lies within `NODE_REACH` control radii of a node; NaN without any."""
+    assert priors.mask is not None and priors.depth is not None and priors.cameras is not None
+    inside = total = 0
+    for frame in range(len(priors.frames)):
+        rows, columns = np.nonzero(priors.mask[frame] & np.isfinite(priors.depth[frame]))
+        step = max(1, len(rows) // COVERAGE_SAMPLES)
+        rows, columns = rows[::step], columns[::step]
+        if not len(rows) or not len(scaffold):
+            continue
+        pixels = np.stack([columns, rows], -1) + 0.5
+        points = priors.cameras[frame].unproject(pixels, priors.depth[frame, rows, columns].astype(np.float64))
+        distance, nearest = cKDTree(scaffold.xyz[frame]).query(points)
+        inside += int((distance <= NODE_REACH * scaffold.radius[nearest]).sum())
+        total += len(rows)
+    return inside / total if total else float("nan")
+
+
+def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, Any]) -> list[Finding]:
+    """Everything worth telling, problems first. `metrics`: the result of `report.evaluation.evaluate`."""
+    found = [
+        *_about_scores(metrics),
+        *_about_camera(priors),
+        *_about_motion(priors, scaffold),
+        *_about_depth(priors),
+        *(Finding("note", warning) for warning in priors.warnings),
+    ]
+    order = ("problem", "note", "good")
+    return sorted(found, key=lambda finding: order.index(finding.weight))
+
+
+def verdict(metrics: Mapping[str, Any], found: list[Finding]) -> str:
+    """The page's first sentence."""
+    problems = sum(finding.weight == "problem" for finding in found)
+    score = metrics.get("held_out_psnr", metrics.get("used_psnr"))
+    if score is None:
+        return "The scene was not measured."
+    unseen = "frames it never saw" if "held_out_psnr" in metrics else "the frames it was made from"
+    if score < WATCHABLE_PSNR:
+        judged = f"The scene is poor: {score:.1f} dB on {unseen}"
+    elif problems:
+        judged = f"The scene is usable with limits: {score:.1f} dB on {unseen}"
+    else:
+        judged = f"The scene is good: {score:.1f} dB on {unseen}"
+    counted = {0: "nothing stands out", 1: "one thing holds it back"}.get(problems, f"{problems} things hold it back")
+    return f"{judged}; {counted}."
+
+
+def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
+    found = []
+    used, held_out = metrics.get("used_psnr"), metrics.get("held_out_psnr")
+    if used is not None and used < WATCHABLE_PSNR:
+        found.append(
+            Finding(
+                "problem",
+                f"Even the frames it was made from come out at {used:.1f} dB (below {WATCHABLE_PSNR:.0f}).",
+                "Look at the worst frames below; try --profile wild for more steps, and check masks and cameras.",
+            )
+        )
+    if used is not None and held_out is not None and used - held_out > HELD_OUT_GAP:
+        found.append(
+            Finding(
+                "problem",
+                f"Frames it never saw are {used - held_out:.1f} dB worse than those it was made from.",
+                "Cameras or motion do not carry over between frames: use more frames (a smaller --frames step), or give"
+                " cameras with --prior cameras=FILE and depth with --prior depth=DIR.",
+            )
+        )
+    refined = metrics.get("held_out_psnr_refined")
+    if held_out is not None and refined is not None and refined - held_out > REFINEMENT_GAP:
+        found.append(
+            Finding(
+                "note",
+                f"Refining the camera on each unseen frame wins {refined - held_out:.1f} dB: the scene is right, the camera"
+                " between frames is not.",
+                "Film more steadily, or give cameras with --prior cameras=FILE.",
+            )
+        )
+    blend = metrics.get("held_out_psnr_flow_blend")
+    if held_out is not None and blend is not None:
+        if held_out < blend:
+            found.append(
+                Finding(
+                    "problem",
+                    f"Simply blending the two neighbouring frames shows unseen frames better ({blend:.1f} dB) than the"
+                    f" scene ({held_out:.1f} dB).",
+                    "The scene adds no knowledge of space here; see the points about camera, depth and motion.",
+                )
+            )
+        else:
+            found.append(
+                Finding("good", f"Unseen frames are {held_out - blend:.1f} dB better than blending their neighbours.")
+            )
+    moving, static = metrics.get("used_psnr_moving"), metrics.get("used_psnr_static")
+    if moving is not None and static is not None and static - moving > REGION_GAP:
+        found.append(
+            Finding(
+                "problem",
+                f"What moves is {static - moving:.1f} dB worse than what stands still ({moving:.1f} against {static:.1f} dB).",
+                "Give masks of what moves with --masks DIR and depth with --prior depth=DIR; fast motion needs a higher"
+                " frame rate.",
+            )
+        )
+    return found
+
+
+def _about_camera(priors: Priors) -> list[Finding]:
+    found = []
+    angle = parallax_degrees(priors)
+    if len(priors.frames) < FEW_FRAMES:
+        found.append(
+            Finding("problem", f"Only {len(priors.frames)} frames were used.", "Give a longer clip or a smaller step.")
+        )
+    if priors.camera_kind == "static":
+        found.append(
+            Finding(
+                "problem",
+                "The camera stood still, so nothing tells how far things are; only the original view can be believed.",
+                "Move the camera sideways while filming, or give depth with --prior depth=DIR.",
+            )
+        )
+    elif priors.camera_kind == "pan":
+        found.append(
+            Finding(
+                "problem",
+                "The camera only turned; without parallax depth cannot be measured and new views stay close to the path.",
+                "Walk a step sideways instead of turning on the spot, or give depth with --prior depth=DIR.",
+            )
+        )
+    elif angle < LITTLE_PARALLAX:
+        found.append(
+            Finding(
+                "problem",
+                f"The camera moved very little: {angle:.1f}° between its outermost places.",
+                "Move the camera sideways by about a tenth of the distance to your subject, or give depth with"
+                " --prior depth=DIR.",
+            )
+        )
+    elif angle < MODEST_PARALLAX:
+        found.append(
+            Finding(
+                "note",
+                f"The camera saw the scene from {angle:.1f}°; new views can be believed within about that angle.",
+                "A wider path makes wider views possible.",
+            )
+        )
+    else:
+        found.append(Finding("good", f"The camera saw the scene from {angle:.0f}°: depth is well determined."))
+    registered = priors.statistics.get("registered_frames")
+    if isinstance(registered, int) and registered < len(priors.frames):
+        found.append(
+            Finding(
+                "problem",
+                f"Only {registered} of {len(priors.frames)} frames found their camera; the others are interpolated.",
+                "Blurred or empty frames are the usual cause: leave them out with --frames, or give cameras with"
+                " --prior cameras=FILE.",
+            )
+        )
+    return found
+
+
+def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
+    found = []
+    share = float(priors.mask.mean()) if priors.mask is not None else 0.0
+    if share > MUCH_MOTION:
+        found.append(
+            Finding(
+                "problem",
+                f"{share:.0%} of the picture counts as moving; the background is hardly seen.",
+                "If that is wrong, give masks of what really moves with --masks DIR; otherwise film from further away.",
+            )
+        )
+    elif scaffold is None:
+        found.append(
+            Finding(
+                "note",
+                f"Nothing was taken to move ({share:.2%} of the pixels), so the scene stands still.",
+                "If something does move, mark it with --masks DIR.",
+            )
+        )
+    if priors.tracks_visible is not None:
+        found += _about_tracks(priors, has_motion=scaffold is not None)
+    if scaffold is not None and priors.depth is not None and priors.cameras is not None:
+        covered = scaffold_coverage(priors, scaffold)
+        if covered < LEAST_COVERAGE:
+            found.append(
+                Finding(
+                    "problem",
+                    f"Only {covered:.0%} of the moving pixels lie near a motion node.",
+                    "Parts that were never tracked cannot be carried; masks (--masks DIR) and more frames help tracks survive.",
+                )
+            )
+    return found
+
+
+def _about_tracks(priors: Priors, has_motion: bool) -> list[Finding]:
+    assert priors.tracks_visible is not None
+    age = min(SURVIVAL_AGE, len(priors.frames) - 1)
+    groups = [("points", np.ones(priors.tracks_visible.shape[1], bool))]
+    if has_motion and priors.tracks_motion is not None:
+        groups.append(("moving points", priors.tracks_motion > 0.5))
+    for name, chosen in groups:
+        alive = track_survival(priors.tracks_visible[:, chosen])[age]
+        if alive < LEAST_SURVIVAL:
+            return [
+                Finding(
+                    "problem",
+                    f"Only {alive:.0%} of the {name} can be followed for {age} frames.",
+                    "Fast motion, blur and plain surfaces lose tracks: film slower or at a higher frame rate, or give tracks"
+                    " with --prior tracks=FILE.",
+                )
+            ]
+    return []
+
+
+def _about_depth(priors: Priors) -> list[Finding]:
+    if priors.depth is None or priors.depth_confidence is None:
+        return []
+    found = []
+    unknown = float(np.mean(~np.isfinite(priors.depth)))
+    if unknown > UNKNOWN_DEPTH:
+        found.append(
+            Finding("problem", f"{unknown:.0%} of the pixels have no depth.", "Give depth with --prior depth=DIR.")
+        )
+    regions = {"the background": None if priors.mask is None else ~priors.mask, "what moves": priors.mask}
+    for name, region in regions.items():
+        values = priors.depth_confidence if region is None else priors.depth_confidence[region]
+        if values.size and float(np.median(values)) < LEAST_CONFIDENCE:
+            found.append(
+                Finding(
+                    "problem" if name == "the background" else "note",
+                    f"The depth of {name} is a guess (median confidence {float(np.median(values)):.2f}).",
+                    "Give depth with --prior depth=DIR, for example from a depth sensor or a depth network.",
+                )
+            )
+    return found

@@ -1,0 +1,35 @@
+"""Checkpoints that really resume: tensors and plain values in one file, written whole or not at all."""
+
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ..errors import F4xError
+from ..files import replace_file
+
+
+def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
+    """Write `state` (nested dicts and lists of tensors, numbers and strings) whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replace_file(path) as file:
+        torch.save(state, file)
+
+
+def load_checkpoint(path: Path, config_hash: str) -> dict[str, Any] | None:
+    """Read a checkpoint; None when there is none.
+
+    Raises:
+        F4xError: the file is damaged, or was made with other settings or another clip.
+    """
+    if not path.is_file():
+        return None
+    try:
+        state = torch.load(path, weights_only=True)
+    except Exception as error:
+        raise F4xError(f"{path}: the checkpoint is damaged; delete it and fit again without --resume.") from error
+    if state.get("config_hash") != config_hash:
+        raise F4xError(
+            f"{path}: this checkpoint was made with other settings or another clip; fit without --resume, or into another folder."
+        )
+    return state

@@ -1,0 +1,226 @@
+"""Every setting of the fit, one documented field each, and the named profiles (algorithm notes 19).
+
+Lengths are in world units (median scene depth = 1), steps are optimiser steps, rates are Adam's.
+"""
+
+import dataclasses
+from dataclasses import dataclass, field
+
+from ..errors import F4xError
+from ..gaussians import DensityConfig, SpawnConfig
+from ..priors import PriorsConfig, TracksConfig
+from ..scaffold.skinning import Kernel
+
+
+@dataclass(frozen=True)
+class ScaffoldConfig:
+    """How the motion scaffold is initialised from tracks."""
+
+    tolerance: float = 1.0
+    """Pixels within which 90 % of the held-out tracks must be carried; the fewest nodes that do so are taken."""
+    least_nodes: int = 4
+    """Never fewer nodes than this."""
+    most_nodes: int = 400
+    """Never more nodes than this."""
+    neighbours: int = 8
+    """Nodes (itself included) that a Gaussian follows."""
+    kernel: Kernel = "sigma"
+    """Skinning kernel: `sigma` exp(-d^2/2s^2) (MoSca code) or `paper` exp(-d^2/2r) (Eq. 1)."""
+    geometry_steps: int = 300
+    """Steps of the geometric optimisation."""
+
+
+@dataclass(frozen=True)
+class RateConfig:
+    """Adam learning rates; a pair decays log-linearly from the first to the second."""
+
+    xyz: tuple[float, float] = (6e-4, 6e-6)
+    """Gaussian positions."""
+    quat: float = 2e-3
+    """Gaussian orientations."""
+    log_scale: float = 1e-2
+    """Gaussian sizes."""
+    opacity_logit: float = 0.05
+    """Gaussian opacities."""
+    sh_dc: float = 5e-3
+    """Colour."""
+    sh_rest: float = 5e-4
+    """View-dependent colour."""
+    dw: float = 5e-3
+    """Skinning offsets of Eq. 1."""
+    node_xyz: tuple[float, float] = (5e-4, 1e-5)
+    """Node positions."""
+    node_quat: tuple[float, float] = (1e-3, 2e-5)
+    """Node orientations."""
+    radius: float = 3e-3
+    """Logarithm of the node radii."""
+    camera_rotation: tuple[float, float] = (1e-4, 1e-5)
+    """Camera orientation (radians)."""
+    camera_position: tuple[float, float] = (1e-4, 1e-5)
+    """Camera position."""
+    focal: float = 0.0
+    """Logarithm of the focal length; 0 keeps it fixed."""
+
+
+@dataclass(frozen=True)
+class LossConfig:
+    """Weights of the losses (algorithm notes 10.1); 0 switches one off."""
+
+    ssim: float = 0.3
+    """1 - SSIM beside the L1 of the picture, which is summed over channels."""
+    depth: float = 0.05
+    """Confidence-weighted inverse depth."""
+    mask: float = 0.05
+    """Alpha of the dynamic Gaussians against the moving mask, where the motion score is certain."""
+    arap_coordinate: float = 3.0
+    """As-rigid-as-possible: neighbours keep their place in a node's frame."""
+    arap_length: float = 3.0
+    """As-rigid-as-possible: neighbours keep their distance."""
+    velocity: float = 0.3
+    """Node speed."""
+    acceleration: float = 3.0
+    """Change of node velocity."""
+    rotation_velocity: float = 0.1
+    """Node angular speed."""
+    rotation_acceleration: float = 1.0
+    """Change of node angular speed."""
+    dw: float = 0.01
+    """Size of the skinning offsets."""
+    track: float = 0.02
+    """Pixel distance of rendered correspondences from the tracks."""
+    camera_smoothness: float = 1.0
+    """Squared second differences of the corrections to the camera path, per pixel of image motion."""
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """One profile: everything `fit` decides by, saved resolved beside the result."""
+
+    name: str = "wild"
+    """Name of the profile."""
+    steps: int = 4000
+    """Steps of the joint photometric stage."""
+    coarse: float = 0.3
+    """Share of the steps done at half resolution."""
+    priors: PriorsConfig = field(default_factory=PriorsConfig)
+    """Providers of the priors."""
+    scaffold: ScaffoldConfig = field(default_factory=ScaffoldConfig)
+    """Motion scaffold."""
+    spawn_static: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.7, most=80_000))
+    """Start of the static set."""
+    spawn_dynamic: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.3, most=30_000))
+    """Start of the dynamic set."""
+    density_static: DensityConfig = field(default_factory=lambda: DensityConfig(most=110_000))
+    """Growth of the static set."""
+    density_dynamic: DensityConfig = field(default_factory=lambda: DensityConfig(most=45_000, gradient=1e-4))
+    """Growth of the dynamic set."""
+    sh_degree: int | None = None
+    """Degree of the spherical harmonics; None = by the evidence in the tracks, at most `most_sh_degree`."""
+    most_sh_degree: int = 1
+    """Upper limit when the degree is found by evidence."""
+    moving_share: float = 3e-4
+    """Clips whose moving region covers less than this share of all pixels get no scaffold and no dynamic set."""
+    rates: RateConfig = field(default_factory=RateConfig)
+    """Learning rates."""
+    losses: LossConfig = field(default_factory=LossConfig)
+    """Loss weights."""
+    rate_decay_start: float = 0.1
+    """Share of the steps after which the paired rates begin to decay."""
+    cameras_from: float = 0.1
+    """Share of the steps after which cameras are refined."""
+    dw_from: float = 0.5
+    """Share of the steps after which the graph is frozen and skinning offsets are learnt."""
+    graph_every: int = 100
+    """Steps between two rebuilds of the node graph before it is frozen."""
+    track_every: int = 4
+    """Every n-th step carries the track loss."""
+    shifts: tuple[int, ...] = (1, 3, 8)
+    """Frame shifts of the as-rigid-as-possible losses."""
+    shift_weights: tuple[float, ...] = (0.6, 0.2, 0.2)
+    """Their weights."""
+    random_background: bool = True
+    """A random background colour per step keeps the picture opaque."""
+    checkpoint_every: int = 250
+    """Steps between two checkpoints."""
+    measure_every: int = 250
+    """Steps between two points of the quality curve on the diagnostics page."""
+    seed: int = 0
+    """Seed of everything random."""
+    backend: str = "auto"
+    """Raster backend."""
+    threads: int = 0
+    """Threads of raster and torch; 0 = all cores. Results are bit-equal for an equal count."""
+
+
+def _quick() -> FitConfig:
+    return FitConfig(
+        name="quick",
+        steps=1200,
+        coarse=0.4,
+        priors=PriorsConfig(tracks=TracksConfig(count=6000)),
+        scaffold=ScaffoldConfig(most_nodes=150, geometry_steps=150),
+        spawn_static=SpawnConfig(spacing=2.4, most=40_000),
+        spawn_dynamic=SpawnConfig(spacing=1.8, most=14_000),
+        density_static=DensityConfig(most=50_000, every=200),
+        density_dynamic=DensityConfig(most=18_000, every=200, gradient=1e-4),
+        checkpoint_every=150,
+        measure_every=150,
+    )
+
+
+def _nvidia() -> FitConfig:
+    return FitConfig(
+        name="nvidia",
+        steps=8000,
+        most_sh_degree=3,
+        shifts=(2, 4),
+        shift_weights=(0.6, 0.4),
+        losses=LossConfig(arap_coordinate=0.3, arap_length=0.3, track=0.005, depth=0.05),
+        random_background=False,
+    )
+
+
+def _dycheck() -> FitConfig:
+    return FitConfig(
+        name="dycheck",
+        steps=8000,
+        most_sh_degree=3,
+        shifts=(1, 3, 6),
+        shift_weights=(0.6, 0.3, 0.1),
+        losses=LossConfig(arap_coordinate=10, arap_length=10, track=0.1, depth=0.1),
+    )
+
+
+def _f4x_davis() -> FitConfig:
+    return FitConfig(
+        name="f4x_davis",
+        steps=5000,
+        shifts=(2, 4),
+        shift_weights=(0.6, 0.4),
+        losses=LossConfig(velocity=0, rotation_velocity=0, track=0.01),
+        scaffold=ScaffoldConfig(neighbours=10, geometry_steps=900),
+        random_background=False,
+    )
+
+
+PROFILES = {"wild": FitConfig, "quick": _quick, "nvidia": _nvidia, "dycheck": _dycheck, "f4x_davis": _f4x_davis}
+
+
+def profile(name: str) -> FitConfig:
+    """The profile called `name`; raises F4xError for an unknown one."""
+    if name not in PROFILES:
+        raise F4xError(f"There is no profile '{name}'; the profiles are {', '.join(PROFILES)}.")
+    return PROFILES[name]()
+
+
+def resolved(config: FitConfig) -> dict:
+    """The configuration as plain JSON values, every default written out."""
+
+    def plain(value: object) -> object:
+        if dataclasses.is_dataclass(value):
+            return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        if isinstance(value, tuple):
+            return [plain(item) for item in value]
+        return dict(value) if hasattr(value, "items") else value
+
+    return {f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config)}

@@ -1,0 +1,85 @@
+"""Image losses of the photometric stage (algorithm notes 10.1). Every loss is 0 on an empty mask instead of dividing by zero."""
+
+import math
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+# SSIM's stabilising constants for images in [0, 1] (Wang et al. 2004).
+SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
+SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
+# Below this many pixels (or this much weight) a masked mean says nothing.
+LEAST_WEIGHT = 1e-6
+
+
+def masked_l1(image: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Sum over channels of |image - target| (H,W,C), averaged over pixels with `weight` (H,W)."""
+    return ((image - target).abs().sum(-1) * weight).sum() / weight.sum().clamp_min(LEAST_WEIGHT)
+
+
+@lru_cache(maxsize=8)
+def _window(channels: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+    offsets = torch.arange(SSIM_WINDOW, dtype=torch.float64) - (SSIM_WINDOW - 1) / 2
+    kernel = torch.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
+    kernel = (kernel / kernel.sum()).to(dtype)
+    return kernel.view(1, 1, 1, -1).repeat(channels, 1, 1, 1), kernel.view(1, 1, -1, 1).repeat(channels, 1, 1, 1)
+
+
+def ssim_map(image: Tensor, target: Tensor) -> Tensor:
+    """Structural similarity (C,H,W) of two images (H,W,C): Gaussian window of 11 pixels, zero padding."""
+    x, y = image.permute(2, 0, 1), target.permute(2, 0, 1)  # (C,H,W)
+    channels = len(x)
+    maps = torch.cat([x, y, x * x + y * y, x * y])[None]  # (1,4C,H,W): the two variances are only needed as a sum
+    across, down = _window(4 * channels, image.dtype)
+    half = SSIM_WINDOW // 2
+    blurred = torch.nn.functional.conv2d(maps, across, padding=(0, half), groups=4 * channels)
+    blurred = torch.nn.functional.conv2d(blurred, down, padding=(half, 0), groups=4 * channels)[0]
+    mean_x, mean_y, squares, product = blurred.split(channels)
+    mean_squares = mean_x * mean_x + mean_y * mean_y
+    covariance = product - mean_x * mean_y
+    luminance = (2 * mean_x * mean_y + SSIM_C1) / (mean_squares + SSIM_C1)
+    return luminance * (2 * covariance + SSIM_C2) / (squares - mean_squares + SSIM_C2)
+
+
+def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float) -> Tensor:
+    """Masked L1 (summed over channels) + `ssim_weight` * (1 - SSIM of the masked images); images (H,W,3) in [0,1]."""
+    loss = masked_l1(image, target, weight)
+    if ssim_weight:
+        masked = weight[..., None]
+        loss = loss + ssim_weight * (1 - ssim_map(image * masked, target * masked).mean())
+    return loss
+
+
+def depth_loss(depth: Tensor, alpha: Tensor, prior: Tensor, confidence: Tensor) -> Tensor:
+    """Confidence-weighted L1 between inverse depths, in units of the scene's median inverse depth (= 1).
+
+    Our priors are in the cameras' own scale, so no per-image shift and scale is removed as the reference does.
+
+    Args:
+        depth: (H,W) composited `sum z a T`. alpha: (H,W). prior: (H,W) z depth, NaN = unknown. confidence: (H,W).
+    """
+    known = torch.isfinite(prior) & (prior > 0)
+    weight = torch.where(known, confidence, torch.zeros_like(confidence))
+    expected = torch.where(known, prior, torch.ones_like(prior)).reciprocal()
+    # a/(sum z a T) is the inverse of the alpha-normalised depth; the floor keeps empty pixels finite.
+    inverse = alpha / depth.clamp_min(1e-3)
+    return ((inverse - expected).abs() * weight).sum() / weight.sum().clamp_min(1.0)
+
+
+def psnr(image: Tensor, target: Tensor, weight: Tensor | None = None) -> float:
+    """Peak signal-to-noise ratio in dB of images (H,W,3) in [0,1], over the pixels of `weight` (H,W) when given; NaN if none."""
+    error = ((image - target) ** 2).mean(-1)
+    if weight is None:
+        mse = float(error.mean())
+    else:
+        total = float(weight.sum())
+        if total < 1:
+            return math.nan
+        mse = float((error * weight).sum()) / total
+    return -10 * math.log10(max(mse, 1e-12))
+
+
+def ssim(image: Tensor, target: Tensor) -> float:
+    """Mean structural similarity of two images (H,W,3)."""
+    return float(ssim_map(image, target).mean())

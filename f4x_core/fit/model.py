@@ -1,0 +1,252 @@
+"""Everything that the photometric stage optimises, and how it looks at one time: two Gaussian sets, scaffold, cameras."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..gaussians import DynamicGaussians, StaticGaussians, appearance
+from ..geometry import quaternion
+from ..geometry.camera import CameraPath
+from ..raster import RasterConfig, RasterOutput, rasterize
+from ..scaffold import Scaffold
+from ..scaffold.deformation_torch import Deformer
+from ..scaffold.distance import curve_distance
+from ..scaffold.graph import GraphConfig, multilevel_edges
+from ..scaffold.losses import ArapEdges
+from ..scaffold.radius import RadiusConfig, radius_from_logit, radius_to_logit
+from ..scaffold.skinning import Kernel
+
+
+class CameraRig:
+    """Per-frame camera poses as small corrections to the priors' path.
+
+    Parameters: `rotation` (F,3) rotation vectors and `position` (F,3) translations, both in the camera frame and applied after
+    the prior pose, and `log_focal` (1,), shared by all frames.
+    """
+
+    def __init__(self, path: CameraPath):
+        """Start at the priors' path of the F supervised frames."""
+        count = len(path)
+        self.path = path
+        self.base = torch.from_numpy(path.world_to_camera.astype(np.float32))  # (F,4,4)
+        self.base_intrinsics = torch.from_numpy(path.intrinsics.astype(np.float32))  # (F,3,3)
+        self.parameters = {
+            "camera_rotation": torch.zeros(count, 3, requires_grad=True),
+            "camera_position": torch.zeros(count, 3, requires_grad=True),
+            "focal": torch.zeros(1, requires_grad=True),
+        }
+
+    def view(self, frame: int) -> Tensor:
+        """(4,4) world_to_camera of supervised frame `frame`, float32, differentiable."""
+        turn = quaternion.to_matrix(quaternion.from_rotation_vector(self.parameters["camera_rotation"][frame]))
+        moved = turn @ self.base[frame, :3, :3]
+        shift = turn @ self.base[frame, :3, 3] + self.parameters["camera_position"][frame]
+        return torch.cat([torch.cat([moved, shift[:, None]], 1), self.base.new_tensor([[0.0, 0.0, 0.0, 1.0]])])
+
+    def intrinsics(self, frame: int, width: int, height: int) -> Tensor:
+        """(3,3) intrinsics in pixels of the frame resampled to width x height."""
+        ratio = self.base.new_tensor([[width / self.path.width], [height / self.path.height], [1.0]])
+        zoom = self.parameters["focal"][0].exp()
+        lens = self.base_intrinsics[frame] * ratio
+        return torch.stack(
+            [
+                torch.stack([lens[0, 0] * zoom, lens[0, 1], lens[0, 2]]),
+                torch.stack([lens[1, 0], lens[1, 1] * zoom, lens[1, 2]]),
+                lens[2],
+            ]
+        )
+
+    def smoothness(self) -> Tensor:
+        """Mean squared second difference of the corrections, in radians (positions: world units at depth 1)."""
+        if len(self.path) < 3:
+            return self.base.new_zeros(())
+        both = torch.cat([self.parameters["camera_rotation"], self.parameters["camera_position"]], 1)  # (F,6)
+        return (both[2:] - 2 * both[1:-1] + both[:-2]).square().sum(1).mean()
+
+    def refined(self) -> CameraPath:
+        """The path with its corrections folded in."""
+        with torch.no_grad():
+            matrices = torch.stack([self.view(i) for i in range(len(self.path))]).double().numpy()
+            size = (self.path.width, self.path.height)
+            intrinsics = torch.stack([self.intrinsics(i, *size) for i in range(len(self.path))]).double().numpy()
+        # float32 rotations are not orthonormal to float64 precision; the nearest rotation is.
+        u, _, vt = np.linalg.svd(matrices[:, :3, :3])
+        matrices[:, :3, :3] = u @ vt
+        return CameraPath(intrinsics, matrices, self.path.times, *size)
+
+
+@dataclass
+class NodeSet:
+    """The scaffold as it is optimised.
+
+    `parameters`: `node_xyz` (F,M,3), `node_quat` (F,M,4), `radius_logit` (M,), all requiring grad. The graph is numpy-side
+    state: `scaffold` holds neighbours, masks, ids and certainty and is refreshed from the parameters when it is rebuilt.
+    """
+
+    scaffold: Scaffold
+    graph: GraphConfig
+    parameters: dict[str, Tensor] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Take the start values from the scaffold when none are given."""
+        if not self.parameters:
+            start = {
+                "node_xyz": self.scaffold.xyz,
+                "node_quat": self.scaffold.quat,
+                "radius_logit": radius_to_logit(self.scaffold.radius, self.radius_limit),
+            }
+            self.parameters = {
+                name: torch.from_numpy(np.ascontiguousarray(value, np.float32)).clone().requires_grad_(True)
+                for name, value in start.items()
+            }
+        scaffold, graph = self.scaffold, self.graph
+        self.neighbours = torch.from_numpy(scaffold.neighbours).long()
+        self.edge_mask = torch.from_numpy(scaffold.edge_mask)
+        distance = curve_distance(scaffold.xyz, None, graph.kth)
+        levels = multilevel_edges(distance, scaffold.unit, graph, seed=0)
+        self.edges = ArapEdges.build(scaffold.neighbours, scaffold.edge_mask, graph.base_weight, levels)
+
+    @property
+    def radius_limit(self) -> float:
+        """Upper bound of the control radii, world units."""
+        return RadiusConfig().maximum * self.scaffold.unit
+
+    @property
+    def radius(self) -> Tensor:
+        """(M,) control radii, world units."""
+        return radius_from_logit(self.parameters["radius_logit"], self.radius_limit)
+
+    @property
+    def quat(self) -> Tensor:
+        """(F,M,4) unit quaternions."""
+        return quaternion.normalize(self.parameters["node_quat"])
+
+    def snapshot(self) -> Scaffold:
+        """The scaffold with the parameters' present values."""
+        with torch.no_grad():
+            return dataclasses.replace(
+                self.scaffold,
+                xyz=self.parameters["node_xyz"].numpy().copy(),
+                quat=self.quat.numpy().copy(),
+                radius=self.radius.numpy().copy(),
+            )
+
+
+@dataclass
+class Posed:
+    """All Gaussians at one time, static first: activated, world frame, differentiable."""
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+    sh: Tensor
+    static_count: int
+
+
+class SceneModel:
+    """The scene under optimisation."""
+
+    def __init__(
+        self,
+        static: StaticGaussians,
+        dynamic: DynamicGaussians | None,
+        nodes: NodeSet | None,
+        rig: CameraRig,
+        kernel: Kernel,
+    ):
+        """Put the parts together; `dynamic` and `nodes` are None where nothing moves. `kernel`: skinning kernel."""
+        self.static, self.dynamic, self.nodes, self.rig, self.kernel = static, dynamic, nodes, rig, kernel
+        self.times = rig.path.times
+        self.topology_changed()
+
+    def topology_changed(self) -> None:
+        """Forget what was derived from the graph and from which Gaussian hangs where."""
+        self.__dict__.pop("_carried", None)
+
+    @cached_property
+    def _carried(self) -> tuple[Tensor, Deformer]:
+        """Edge mask (N,K) of each dynamic Gaussian's neighbours, and the deformer."""
+        assert self.dynamic is not None and self.nodes is not None
+        attach, reference = self.dynamic.labels["attach"], self.dynamic.labels["reference"]
+        deformer = Deformer(self.times, reference, self.nodes.neighbours[attach], len(self.nodes.scaffold))
+        return self.nodes.edge_mask[attach], deformer
+
+    def skinning(self, x_reference: Tensor) -> tuple[Tensor, Tensor]:
+        """Weights (N,K) and identity strength (N,) of the dynamic Gaussians at their reference positions (N,3)."""
+        assert self.dynamic is not None and self.nodes is not None
+        mask, deformer = self._carried
+        dw = self.dynamic.parameters["dw"] if self.dynamic.use_dw else None
+        weights, strength = deformer.skinning(
+            x_reference, self.nodes.parameters["node_xyz"], self.nodes.radius, mask, dw, self.kernel
+        )
+        # Points far from every node follow their nearest ones instead of fading to rest: the spawn mask says they move.
+        return weights, torch.ones_like(strength)
+
+    def dynamic_at(self, *times: float) -> list[tuple[Tensor, Tensor]]:
+        """Positions (N,3) and orientations (N,4) of the dynamic Gaussians at each of `times` (clip frame indices)."""
+        assert self.dynamic is not None and self.nodes is not None
+        xyz, quat = self.nodes.parameters["node_xyz"], self.nodes.quat
+        x, q = self.dynamic.at_reference(xyz, quat)
+        weights, strength = self.skinning(x)
+        deformer = self._carried[1]
+        posed = []
+        for time in times:
+            turn, shift = deformer(xyz, quat, weights, strength, time)
+            posed.append((quaternion.rotate(turn, x) + shift, quaternion.multiply(turn, q)))
+        return posed
+
+    def posed(self, moved: tuple[Tensor, Tensor] | None) -> Posed:
+        """Both sets together; `moved` is one entry of `dynamic_at`, None where nothing moves."""
+        static = self.static
+        parts = [static.parameters["xyz"]], [static.parameters["quat"]], [static.scale], [static.opacity], [static.sh]
+        if moved is not None and self.dynamic is not None:
+            for part, more in zip(
+                parts, (moved[0], moved[1], self.dynamic.scale, self.dynamic.opacity, self.dynamic.sh), strict=True
+            ):
+                part.append(more)
+        means, quats, scales, opacities, sh = (torch.cat(part) if len(part) > 1 else part[0] for part in parts)
+        return Posed(means, quats, scales, opacities, sh, len(static))
+
+    def render(
+        self,
+        posed: Posed,
+        view: Tensor,
+        intrinsics: Tensor,
+        width: int,
+        height: int,
+        *,
+        extra: Tensor | None = None,
+        background: Tensor | None = None,
+        mean2d_offset: Tensor | None = None,
+        config: RasterConfig | None = None,
+        backend: str = "auto",
+    ) -> RasterOutput:
+        """Composite rgb (3 channels), then `extra` (N,E) channels; the background (3,) is added to rgb only."""
+        centre = -(view[:3, :3].T @ view[:3, 3]).detach()
+        colors = appearance(posed.sh, posed.means, quaternion.normalize(posed.quats), centre)
+        if extra is not None:
+            colors = torch.cat([colors, extra], 1)
+        if background is not None and extra is not None:
+            background = torch.cat([background, background.new_zeros(extra.shape[1])])
+        return rasterize(
+            posed.means,
+            posed.quats,
+            posed.scales,
+            posed.opacities,
+            colors,
+            view,
+            intrinsics,
+            width,
+            height,
+            background=background,
+            config=config,
+            backend=backend,
+            mean2d_offset=mean2d_offset,
+        )

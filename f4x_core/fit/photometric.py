@@ -1,0 +1,389 @@
+"""The joint photometric stage: all Gaussians, the scaffold and the cameras against the frames (algorithm notes 10, 11)."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..clip import Clip
+from ..gaussians import DensityControl, DynamicGaussians, SetOptimiser, StaticGaussians
+from ..priors import Priors
+from ..progress import Progress, silent
+from ..raster import RasterConfig
+from ..scaffold.losses import arap_losses, smoothness_losses
+from ..scaffold.optimise import with_graph
+from .checkpoint import load_checkpoint, save_checkpoint
+from .config import FitConfig
+from .losses import depth_loss, psnr, rgb_loss
+from .model import NodeSet, SceneModel
+
+NODE_RATES = {"node_xyz": "node_xyz", "node_quat": "node_quat", "radius_logit": "radius"}
+CAMERA_RATES = {"camera_rotation": "camera_rotation", "camera_position": "camera_position", "focal": "focal"}
+# A correspondence further off than this many pixels is an outlier whose pull is capped (algorithm notes 10.2).
+TRACK_CLAMP = 20.0
+# Frames rendered for one point of the quality curve.
+MEASURED_FRAMES = 4
+# Tracks that move less surely than this carry no track loss.
+TRACK_MOTION = 0.5
+
+
+@dataclass
+class FrameData:
+    """What supervises one resolution: tensors of F frames, H x W pixels."""
+
+    rgb: Tensor
+    """(F,H,W,3) uint8."""
+    depth: Tensor
+    """(F,H,W) float32, NaN = unknown."""
+    confidence: Tensor
+    """(F,H,W) float16."""
+    motion: Tensor
+    """(F,H,W) float16 moving score."""
+    width: int
+    height: int
+
+    @classmethod
+    def full(cls, clip: Clip, priors: Priors) -> FrameData:
+        """The supervised frames at the fitted size."""
+        rgb = torch.from_numpy(np.ascontiguousarray(clip.frames[priors.frames]))
+        arrays = (
+            torch.from_numpy(np.ascontiguousarray(a)) for a in (priors.depth, priors.depth_confidence, priors.motion)
+        )
+        return cls(rgb, *arrays, width=priors.width, height=priors.height)
+
+    def halved(self) -> FrameData:
+        """Half the resolution: colours averaged over 2 x 2 pixels, the other maps sampled."""
+        width, height = self.width // 2, self.height // 2
+        crop = self.rgb[:, : 2 * height, : 2 * width].reshape(len(self.rgb), height, 2, width, 2, 3)
+        rgb = torch.stack([frame.float().mean((1, 3)).round().byte() for frame in crop])
+        maps = (
+            a[:, : 2 * height : 2, : 2 * width : 2].contiguous() for a in (self.depth, self.confidence, self.motion)
+        )
+        return FrameData(rgb, *maps, width=width, height=height)
+
+
+class PhotometricStage:
+    """The training loop as an object, so that it can be stopped at any step and continued bit-equal."""
+
+    def __init__(self, model: SceneModel, clip: Clip, priors: Priors, config: FitConfig, next_id: int):
+        """Set up optimisers, density control and data for `config.steps` steps."""
+        self.model, self.config, self.next_id = model, config, next_id
+        self.levels = [FrameData.full(clip, priors)]
+        if config.coarse > 0:
+            self.levels.append(self.levels[0].halved())
+        self.tracks = (
+            torch.from_numpy(priors.tracks) if priors.tracks is not None else torch.zeros(len(priors.frames), 0, 2)
+        )
+        visible = priors.tracks_visible if priors.tracks_visible is not None else np.zeros(self.tracks.shape[:2], bool)
+        motion = priors.tracks_motion if priors.tracks_motion is not None else np.zeros(self.tracks.shape[1])
+        self.tracks_visible = torch.from_numpy(visible & (motion > TRACK_MOTION)[None])
+        self.generator = torch.Generator().manual_seed(config.seed)
+        self.order: list[int] = []
+        self.step = 0
+        self.history: list[dict[str, float]] = []
+        self.raster = RasterConfig(threads=config.threads or os.cpu_count() or 1)
+        self._start_optimisers()
+
+    def _start_optimisers(self) -> None:
+        config, model, rates = self.config, self.model, self.config.rates
+
+        def table(names: Any) -> dict[str, float]:
+            plain = {"local_xyz": "xyz", "local_quat": "quat"}
+            values = {name: getattr(rates, plain.get(name, name)) for name in names}
+            return {name: value[0] if isinstance(value, tuple) else value for name, value in values.items()}
+
+        self.optimisers = {"static": SetOptimiser(model.static, table(model.static.parameters))}
+        self.controls = {"static": DensityControl(self.optimisers["static"], config.density_static, config.steps)}
+        groups = [{"params": [model.rig.parameters[n]], "lr": 0.0, "name": n} for n in CAMERA_RATES]
+        if model.dynamic is not None and model.nodes is not None:
+            self.optimisers["dynamic"] = SetOptimiser(model.dynamic, table(model.dynamic.parameters))
+            self.controls["dynamic"] = DensityControl(self.optimisers["dynamic"], config.density_dynamic, config.steps)
+            groups += [{"params": [model.nodes.parameters[n]], "lr": 0.0, "name": n} for n in NODE_RATES]
+        self.shared = torch.optim.Adam(groups, eps=1e-15)
+
+    def run(self, checkpoint: Path | None = None, config_hash: str = "", progress: Progress = silent) -> None:
+        """Train to the last step, writing `checkpoint` now and then; an interrupt leaves one behind."""
+        total = self.config.steps
+        message = ""
+        try:
+            while self.step < total:
+                loss = self.train_step()
+                self.step += 1
+                if self.step % self.config.measure_every == 0 or self.step == total:
+                    self.measure(loss)
+                    message = f"{self.history[-1]['psnr']:.1f} dB, {self.count():,} Gaussians"
+                if checkpoint is not None and self.step % self.config.checkpoint_every == 0:
+                    save_checkpoint(checkpoint, self.state(config_hash))
+                progress("photometric", self.step, total, message)
+        except KeyboardInterrupt:
+            if checkpoint is not None:
+                save_checkpoint(checkpoint, self.state(config_hash))
+            raise
+        if checkpoint is not None:
+            save_checkpoint(checkpoint, self.state(config_hash))
+
+    def count(self) -> int:
+        """Gaussians of both sets."""
+        return len(self.model.static) + (len(self.model.dynamic) if self.model.dynamic is not None else 0)
+
+    def train_step(self) -> float:
+        """One frame: render, losses, gradients, optimisers, density control. Returns the loss."""
+        config, model = self.config, self.model
+        share = self.step / config.steps
+        self._set_rates(share)
+        self._update_graph(share)
+        if not self.order:
+            self.order = torch.randperm(len(model.times), generator=self.generator).tolist()
+        frame = self.order.pop()
+        data = self.levels[-1] if share < config.coarse else self.levels[0]
+        background = torch.rand(3, generator=self.generator) if config.random_background else None
+        loss, offset, visible = self._loss(frame, data, background)
+        loss.backward()
+        if offset.grad is not None:
+            static_count = len(model.static)
+            for name, rows in (("static", slice(0, static_count)), ("dynamic", slice(static_count, None))):
+                if name in self.controls:
+                    self.controls[name].record(offset.grad[rows], visible[rows], data.width, data.height)
+        for optimiser in self.optimisers.values():
+            optimiser.step()
+        self.shared.step()
+        self.shared.zero_grad(set_to_none=True)
+        before = self.count(), self.next_id
+        for control in self.controls.values():
+            self.next_id = control.after_step(self.step, self.next_id, self.generator)
+        if (self.count(), self.next_id) != before:
+            model.topology_changed()
+        return float(loss.detach())
+
+    def _loss(self, frame: int, data: FrameData, background: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
+        """Total loss of a frame, the zero offsets whose gradient drives density control, and visibility (N,)."""
+        config, model, weights = self.config, self.model, self.config.losses
+        time = float(model.times[frame])
+        view = model.rig.view(frame)
+        intrinsics = model.rig.intrinsics(frame, data.width, data.height)
+        moved, extra, partner = None, None, None
+        if model.dynamic is not None:
+            partner = self._track_partner(frame) if weights.track and self.step % config.track_every == 0 else None
+            others = [] if partner is None else [float(model.times[partner])]
+            poses = model.dynamic_at(time, *others)
+            moved = poses[0]
+            indicator = torch.zeros(self.count(), 1)
+            indicator[len(model.static) :] = 1
+            extra = indicator
+            if partner is not None:
+                there = torch.cat([model.static.parameters["xyz"].detach(), poses[1][0]])
+                extra = torch.cat([indicator, there], 1)
+        posed = model.posed(moved)
+        offset = torch.zeros(len(posed.means), 2, requires_grad=True)
+        out = model.render(
+            posed,
+            view,
+            intrinsics,
+            data.width,
+            data.height,
+            extra=extra,
+            background=background,
+            mean2d_offset=offset,
+            config=self.raster,
+            backend=config.backend,
+        )
+        target = data.rgb[frame].float() / 255
+        everywhere = torch.ones(data.height, data.width)
+        loss = rgb_loss(out.channels[..., :3], target, everywhere, weights.ssim)
+        if weights.depth:
+            confidence = data.confidence[frame].float()
+            loss = loss + weights.depth * depth_loss(out.depth, out.alpha, data.depth[frame], confidence)
+        if model.dynamic is not None:
+            if weights.mask:
+                motion = data.motion[frame].float()
+                certain = (2 * motion - 1).abs()  # 0 where the score says nothing
+                error = (out.channels[..., 3] - (motion > 0.5).float()).abs()
+                loss = loss + weights.mask * (error * certain).mean()
+            if partner is not None:
+                loss = loss + weights.track * self._track_loss(frame, partner, out.channels[..., 4:7], out.alpha, data)
+            loss = loss + self._motion_loss(frame)
+        if self.config.losses.camera_smoothness:
+            pixels = self.levels[0].width
+            loss = loss + config.losses.camera_smoothness * model.rig.smoothness() * pixels
+        return loss, offset, out.visible
+
+    def _track_partner(self, frame: int) -> int | None:
+        """A random other frame that shares moving tracks with `frame`."""
+        shared = (self.tracks_visible & self.tracks_visible[frame]).sum(1)  # (F,)
+        shared[frame] = 0
+        candidates = (shared >= 8).nonzero()[:, 0]
+        if len(candidates) == 0:
+            return None
+        return int(candidates[torch.randint(len(candidates), (1,), generator=self.generator)])
+
+    def _track_loss(self, frame: int, partner: int, there: Tensor, alpha: Tensor, data: FrameData) -> Tensor:
+        """Mean capped distance (full-size pixels) between the tracks in `partner` and what is rendered to move there.
+
+        `there` (H,W,3): composited world positions at the partner's time, seen from `frame` (algorithm notes 10.2).
+        """
+        both = self.tracks_visible[frame] & self.tracks_visible[partner]
+        full = self.levels[0]
+        size = torch.tensor([full.width, full.height], dtype=torch.float32)
+        here = self.tracks[frame, both] / size * 2 - 1  # (n,2) in [-1,1], pixel edges at the ends
+        maps = torch.cat([there, alpha[..., None]], -1).permute(2, 0, 1)[None]  # (1,4,H,W)
+        sampled = torch.nn.functional.grid_sample(maps, here[None, None], align_corners=False)[0, :, 0].T  # (n,4)
+        x = sampled[:, :3] / sampled[:, 3:].clamp_min(0.1)
+        view = self.model.rig.view(partner)
+        intrinsics = self.model.rig.intrinsics(partner, full.width, full.height)
+        local = x @ view[:3, :3].T + view[:3, 3]
+        z = local[:, 2:].clamp_min(1e-2)
+        pixels = local[:, :2] / z * torch.stack([intrinsics[0, 0], intrinsics[1, 1]]) + intrinsics[:2, 2]
+        distance = torch.linalg.vector_norm(pixels - self.tracks[partner, both], dim=1)
+        return distance.clamp_max(TRACK_CLAMP).mean()
+
+    def _motion_loss(self, frame: int) -> Tensor:
+        """The physics-inspired losses on the frames around `frame`."""
+        config, nodes, w = self.config, self.model.nodes, self.config.losses
+        assert nodes is not None
+        reach = 2 * max(config.shifts)
+        window = slice(max(0, frame - reach), frame + reach + 1)
+        xyz, quat = nodes.parameters["node_xyz"][window], nodes.quat[window]
+        coordinate, length = arap_losses(xyz, quat, nodes.edges, config.shifts, config.shift_weights)
+        smooth = smoothness_losses(xyz, quat, torch.from_numpy(self.model.times[window]))
+        loss = w.arap_coordinate * coordinate + w.arap_length * length
+        loss = loss + w.velocity * smooth.velocity + w.acceleration * smooth.acceleration
+        loss = loss + w.rotation_velocity * smooth.angular_velocity
+        loss = loss + w.rotation_acceleration * smooth.angular_acceleration
+        if self.model.dynamic is not None and self.model.dynamic.use_dw:
+            loss = loss + w.dw * self.model.dynamic.parameters["dw"].abs().mean()
+        return loss
+
+    def _set_rates(self, share: float) -> None:
+        """Learning rates at this share of all steps; paired ones decay log-linearly, without the reference's jump."""
+        config = self.config
+        start = config.rate_decay_start
+        decayed = min(max((share - start) / (1 - start), 0.0), 1.0)
+
+        def at(pair: tuple[float, float]) -> float:
+            return math.exp((1 - decayed) * math.log(pair[0]) + decayed * math.log(pair[1]))
+
+        for name, placement in (("static", "xyz"), ("dynamic", "local_xyz")):
+            if name in self.optimisers:
+                self.optimisers[name].set_rate(placement, at(config.rates.xyz))
+        for group in self.shared.param_groups:
+            rate = getattr(config.rates, {**NODE_RATES, **CAMERA_RATES}[group["name"]])
+            rate = at(rate) if isinstance(rate, tuple) else rate
+            late = group["name"] in CAMERA_RATES and share < config.cameras_from
+            group["lr"] = 0.0 if late else rate
+
+    def _update_graph(self, share: float) -> None:
+        """Rebuild the node graph now and then; freeze it when the skinning offsets begin to be learnt."""
+        model, config = self.model, self.config
+        if model.nodes is None or model.dynamic is None:
+            return
+        if model.dynamic.use_dw:
+            return
+        if share >= config.dw_from:
+            model.dynamic.use_dw = True
+        elif self.step and self.step % config.graph_every == 0:
+            nodes = model.nodes
+            model.nodes = NodeSet(with_graph(nodes.snapshot(), nodes.graph), nodes.graph, nodes.parameters)
+            model.topology_changed()
+
+    def measure(self, loss: float) -> None:
+        """Add one point to the quality curve: PSNR of a few supervised frames at full size."""
+        count = len(self.model.times)
+        frames = sorted({round(i * (count - 1) / max(MEASURED_FRAMES - 1, 1)) for i in range(MEASURED_FRAMES)})
+        scores = [psnr(self.picture(frame), self.levels[0].rgb[frame].float() / 255) for frame in frames]
+        self.history.append(
+            {"step": self.step, "loss": loss, "psnr": float(np.mean(scores)), "gaussians": float(self.count())}
+        )
+
+    def picture(self, frame: int) -> Tensor:
+        """(H,W,3) the model's picture of supervised frame `frame`, clamped to [0,1]."""
+        model, data = self.model, self.levels[0]
+        with torch.no_grad():
+            moved = model.dynamic_at(float(model.times[frame]))[0] if model.dynamic is not None else None
+            out = model.render(
+                model.posed(moved),
+                model.rig.view(frame),
+                model.rig.intrinsics(frame, data.width, data.height),
+                data.width,
+                data.height,
+                config=self.raster,
+                backend=self.config.backend,
+            )
+        return out.channels[..., :3].clamp(0, 1)
+
+    def _sets(self) -> Iterator[tuple[str, StaticGaussians | DynamicGaussians]]:
+        yield "static", self.model.static
+        if self.model.dynamic is not None:
+            yield "dynamic", self.model.dynamic
+
+    def state(self, config_hash: str) -> dict[str, Any]:
+        """Everything that the next step depends on, as tensors and plain values."""
+        model = self.model
+        state: dict[str, Any] = {
+            "config_hash": config_hash,
+            "step": self.step,
+            "next_id": self.next_id,
+            "order": self.order,
+            "generator": self.generator.get_state(),
+            "history": json.dumps(self.history),
+            "cameras": {n: p.detach() for n, p in model.rig.parameters.items()},
+            "shared": self.shared.state_dict(),
+            "sets": {},
+        }
+        for name, gaussians in self._sets():
+            control = self.controls[name]
+            state["sets"][name] = {
+                "parameters": {n: p.detach() for n, p in gaussians.parameters.items()},
+                "labels": dict(gaussians.labels),
+                "adam": self.optimisers[name].adam.state_dict(),
+                "gradient_sum": control.gradient_sum,
+                "seen": control.seen,
+            }
+        if model.nodes is not None and model.dynamic is not None:
+            state["use_dw"] = model.dynamic.use_dw
+            state["nodes"] = {n: p.detach() for n, p in model.nodes.parameters.items()}
+            state["graph"] = {"neighbours": model.nodes.neighbours, "edge_mask": model.nodes.edge_mask}
+        return state
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue exactly where `state` was taken."""
+        model = self.model
+        with torch.no_grad():
+            for name, value in state["cameras"].items():
+                model.rig.parameters[name].copy_(value)
+        for name, gaussians in self._sets():
+            saved = state["sets"][name]
+            gaussians.parameters = {n: p.clone().requires_grad_(True) for n, p in saved["parameters"].items()}
+            gaussians.labels = dict(saved["labels"])
+        if model.nodes is not None and model.dynamic is not None:
+            model.dynamic.use_dw = state["use_dw"]
+            graph = {name: tensor.numpy() for name, tensor in state["graph"].items()}
+            parameters = {n: p.clone().requires_grad_(True) for n, p in state["nodes"].items()}
+            scaffold = replace(model.nodes.scaffold, **graph)
+            model.nodes = NodeSet(scaffold, model.nodes.graph, parameters)
+        model.topology_changed()
+        self._start_optimisers()
+        self.shared.load_state_dict(state["shared"])
+        for name, _ in self._sets():
+            saved = state["sets"][name]
+            self.optimisers[name].adam.load_state_dict(saved["adam"])
+            self.controls[name].gradient_sum = saved["gradient_sum"].clone()
+            self.controls[name].seen = saved["seen"].clone()
+        self.generator.set_state(state["generator"])
+        self.step, self.next_id, self.order = state["step"], state["next_id"], list(state["order"])
+        self.history = json.loads(state["history"])
+
+
+def resume_or_start(stage: PhotometricStage, checkpoint: Path, config_hash: str, resume: bool) -> None:
+    """Restore `stage` from `checkpoint` when resuming and there is one."""
+    state = load_checkpoint(checkpoint, config_hash) if resume else None
+    if state is not None:
+        stage.restore(state)

@@ -1,0 +1,299 @@
+"""From a clip to fitted arrays: priors, needs, scaffold, spawning, photometric stage; each stage can be resumed."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.ndimage import binary_dilation
+
+from .. import __version__
+from ..clip import Clip
+from ..errors import F4xError
+from ..gaussians import DynamicGaussians, Spawned, StaticGaussians, spawn_dynamic, spawn_static
+from ..gaussians.spawn import coarse_to_fine, cover
+from ..geometry import quaternion
+from ..geometry.camera import CameraPath
+from ..priors import Priors, build_priors
+from ..priors.config import config_hash
+from ..progress import Progress, silent
+from ..raster import choose_backend
+from ..scaffold import Scaffold
+from ..scaffold.graph import GraphConfig
+from .checkpoint import load_checkpoint
+from .config import FitConfig, resolved
+from .model import CameraRig, NodeSet, SceneModel
+from .needs import Need, moving_share, sh_degree
+from .photometric import PhotometricStage
+from .start import start_scaffold
+
+# With fewer supervised frames nothing about motion or parallax can be told apart.
+LEAST_FRAMES = 3
+# Static Gaussians are not spawned this close (pixels) to the moving mask, whose edge is uncertain.
+MASK_MARGIN = 2
+
+
+@dataclass
+class FitResult:
+    """What a fit leaves, as numpy arrays in the layout of the scene file."""
+
+    static: dict[str, np.ndarray]
+    """Arrays of the static set."""
+    dynamic: dict[str, np.ndarray] | None
+    """Arrays of the dynamic set; None where nothing moves."""
+    scaffold: Scaffold | None
+    """The fitted scaffold; None where nothing moves."""
+    cameras: CameraPath
+    """One camera per clip frame; held-out ones interpolated between the refined ones."""
+    needs: list[Need]
+    """What was modelled and why."""
+    priors: Priors
+    """The priors it was fitted to."""
+    history: list[dict[str, float]]
+    """Quality curve of the photometric stage."""
+    provenance: dict[str, Any]
+    """Who made what with which settings."""
+    next_id: int
+    """First Gaussian id never used."""
+    seconds: dict[str, float]
+    """Wall time per stage of this call."""
+
+
+def fit_clip(
+    clip: Clip, folder: Path, config: FitConfig, progress: Progress = silent, resume: bool = False
+) -> FitResult:
+    """Fit `clip`, keeping priors and checkpoints in `folder`.
+
+    Raises:
+        F4xError: too few frames, unusable priors, or a checkpoint that does not belong to this clip and these settings.
+    """
+    if len(clip.supervised) < LEAST_FRAMES:
+        raise F4xError(
+            f"{clip.source}: {len(clip.supervised)} frames are too few to tell motion from parallax; give at least"
+            f" {LEAST_FRAMES}."
+        )
+    choose_backend(config.backend)
+    if config.threads:
+        torch.set_num_threads(config.threads)
+    folder.mkdir(parents=True, exist_ok=True)
+    seconds: dict[str, float] = {}
+    clock = time.perf_counter()
+
+    def lap(name: str) -> None:
+        nonlocal clock
+        seconds[name] = round(time.perf_counter() - clock, 2)
+        clock = time.perf_counter()
+
+    priors = build_priors(clip, folder / "priors", config.priors, progress)
+    lap("priors")
+    digests = {name: entry.get("digest") for name, entry in priors.provenance.items()}
+    settings = {k: v for k, v in resolved(config).items() if k not in ("checkpoint_every", "measure_every")}
+    key = config_hash(settings, digests, clip.width, clip.height)
+    degree, needs = _decide(clip, priors, config)
+    checkpoint = folder / "checkpoints" / "photometric.pt"
+    stage, more = _start(clip, priors, config, degree, progress)
+    lap("start")
+    state = load_checkpoint(checkpoint, key) if resume else None
+    if state is not None:
+        stage.restore(state)
+    stage.run(checkpoint, key, progress)
+    lap("photometric")
+    needs += [*more, _gaussian_need(stage, config)]
+    provenance = {
+        "feature4x": __version__,
+        "source": clip.source,
+        "config": resolved(config),
+        "priors": {name: {k: v for k, v in entry.items() if k != "key"} for name, entry in priors.provenance.items()},
+        "backend": choose_backend(config.backend, stage.model.static.parameters["xyz"]),
+        "seconds": seconds,
+    }
+    return _result(clip, stage, needs, priors, provenance, seconds)
+
+
+def _decide(clip: Clip, priors: Priors, config: FitConfig) -> tuple[int, list[Need]]:
+    """SH degree and its row; whether the clip moves at all is decided in `_start`."""
+    if config.sh_degree is not None:
+        return config.sh_degree, [Need("view-dependent colour", f"degree {config.sh_degree}", "set by hand", "-")]
+    degree, need = sh_degree(clip, priors, config.most_sh_degree)
+    return degree, [need]
+
+
+def _start(
+    clip: Clip, priors: Priors, config: FitConfig, degree: int, progress: Progress
+) -> tuple[PhotometricStage, list[Need]]:
+    """Cameras, scaffold and first Gaussians, ready to be trained."""
+    assert priors.cameras is not None
+    rng = np.random.default_rng(config.seed)
+    rig = CameraRig(priors.cameras)
+    share = moving_share(priors)
+    scaffold, needs = None, []
+    if share >= config.moving_share:
+        scaffold, needs = start_scaffold(priors, config, progress)
+    if scaffold is None:
+        why = f"{share:.3%} of the pixels move by themselves" if not needs else "no moving track is long enough"
+        needs.append(
+            Need("motion", "none: no scaffold, no dynamic Gaussians", why, "the whole dynamic set and its stage")
+        )
+    static = _spawn_static(clip, priors, config, degree, moving=scaffold is not None, rng=rng, progress=progress)
+    if len(static) == 0:
+        raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
+    if scaffold is None:
+        model = SceneModel(static, None, None, rig, config.scaffold.kernel)
+        return PhotometricStage(model, clip, priors, config, next_id=len(static)), needs
+    nodes = NodeSet(scaffold, GraphConfig(neighbours=config.scaffold.neighbours))
+    dynamic = _spawn_dynamic(clip, priors, config, degree, static, nodes, rig, rng, progress)
+    model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel)
+    return PhotometricStage(model, clip, priors, config, next_id=len(static) + len(dynamic)), needs
+
+
+def _spawn_static(
+    clip: Clip,
+    priors: Priors,
+    config: FitConfig,
+    degree: int,
+    moving: bool,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> StaticGaussians:
+    spawn = config.spawn_static
+    assert priors.depth is not None and priors.cameras is not None
+    chosen = np.unique(
+        np.linspace(0, len(priors.frames) - 1, min(spawn.frames, len(priors.frames))).round().astype(int)
+    )
+    parts: list[Spawned] = []
+    existing = np.zeros((0, 3), np.float32)
+    for done, which in enumerate(coarse_to_fine(len(chosen))):
+        frame = int(chosen[which])
+        progress("spawn", done, len(chosen), "static")
+        depth = priors.depth[frame]
+        valid = np.isfinite(depth) & (depth > 0)
+        if moving and priors.mask is not None:
+            valid &= ~binary_dilation(priors.mask[frame], iterations=MASK_MARGIN)
+        image = clip.frames[priors.frames[frame]]
+        part = cover(image, depth, valid, priors.cameras[frame], existing, spawn, rng)
+        parts.append(part)
+        existing = np.concatenate([existing, part.xyz])
+        if len(existing) >= spawn.most:
+            break
+    return spawn_static(_joined(parts, spawn.most), degree, spawn)
+
+
+def _spawn_dynamic(
+    clip: Clip,
+    priors: Priors,
+    config: FitConfig,
+    degree: int,
+    static: StaticGaussians,
+    nodes: NodeSet,
+    rig: CameraRig,
+    rng: np.random.Generator,
+    progress: Progress,
+) -> DynamicGaussians:
+    """Fusion over time: every visited frame adds what the Gaussians of earlier visited frames, moved there, do not cover."""
+    spawn = config.spawn_dynamic
+    assert priors.depth is not None and priors.cameras is not None and priors.mask is not None
+    with_motion = np.flatnonzero(priors.mask.reshape(len(priors.mask), -1).any(1))
+    chosen = np.unique(
+        with_motion[np.linspace(0, len(with_motion) - 1, min(spawn.frames, len(with_motion))).round().astype(int)]
+    )
+    node_xyz, node_quat = nodes.parameters["node_xyz"].detach(), nodes.quat.detach()
+    neighbours = nodes.neighbours.shape[1]
+    parts: list[Spawned] = []
+    references: list[np.ndarray] = []
+    dynamic: DynamicGaussians | None = None
+    for done, which in enumerate(coarse_to_fine(len(chosen))):
+        frame = int(chosen[which])
+        progress("spawn", done, len(chosen), "dynamic")
+        existing = np.zeros((0, 3), np.float32)
+        if dynamic is not None and len(dynamic):
+            with torch.no_grad():
+                model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel)
+                existing = model.dynamic_at(float(priors.cameras.times[frame]))[0][0].numpy()
+        depth = priors.depth[frame]
+        valid = np.isfinite(depth) & (depth > 0) & priors.mask[frame]
+        part = cover(clip.frames[priors.frames[frame]], depth, valid, priors.cameras[frame], existing, spawn, rng)
+        parts.append(part)
+        references.append(np.full(len(part.xyz), frame))
+        joined = _joined(parts, spawn.most)
+        reference = np.concatenate(references)[: len(joined.xyz)]
+        dynamic = spawn_dynamic(joined, reference, node_xyz, node_quat, neighbours, degree, spawn, first_id=len(static))
+        if len(joined.xyz) >= spawn.most:
+            break
+    assert dynamic is not None
+    return dynamic
+
+
+def _joined(parts: list[Spawned], most: int) -> Spawned:
+    return Spawned(
+        np.concatenate([part.xyz for part in parts])[:most],
+        np.concatenate([part.rgb for part in parts])[:most],
+        np.concatenate([part.radius for part in parts])[:most],
+    )
+
+
+def _gaussian_need(stage: PhotometricStage, config: FitConfig) -> Need:
+    model = stage.model
+    static, dynamic = len(model.static), len(model.dynamic) if model.dynamic is not None else 0
+    cap = config.density_static.most + config.density_dynamic.most
+    curve = [point["psnr"] for point in stage.history[-2:]]
+    gain = f", last {config.measure_every} steps brought {curve[1] - curve[0]:+.2f} dB" if len(curve) == 2 else ""
+    return Need(
+        "Gaussians",
+        f"{static:,} static, {dynamic:,} dynamic",
+        f"uncovered cells at the start, then screen-space gradients{gain}",
+        f"{max(cap - static - dynamic, 0):,} of at most {cap:,}",
+    )
+
+
+def _result(
+    clip: Clip,
+    stage: PhotometricStage,
+    needs: list[Need],
+    priors: Priors,
+    provenance: dict[str, Any],
+    seconds: dict[str, float],
+) -> FitResult:
+    """The trained model as arrays of the scene file's layout."""
+    model = stage.model
+    with torch.no_grad():
+        placed = model.static.parameters["xyz"], quaternion.normalize(model.static.parameters["quat"])
+        static = _arrays(model.static, *placed)
+        dynamic, scaffold = None, None
+        if model.dynamic is not None and model.nodes is not None:
+            scaffold = model.nodes.snapshot()
+            x, q = model.dynamic.at_reference(model.nodes.parameters["node_xyz"], model.nodes.quat)
+            weights, strength = model.skinning(x)
+            dynamic = _arrays(model.dynamic, x, quaternion.normalize(q)) | {
+                "reference": model.dynamic.labels["reference"].numpy().astype(np.int32),
+                "node": model.nodes.neighbours[model.dynamic.labels["attach"]].numpy().astype(np.int32),
+                "weight": weights.numpy().astype(np.float32),
+                "strength": strength.numpy().astype(np.float32),
+            }
+    refined = model.rig.refined()
+    return FitResult(
+        static,
+        dynamic,
+        scaffold,
+        refined.at_times(clip.times),
+        needs,
+        priors,
+        stage.history,
+        provenance,
+        stage.next_id,
+        seconds,
+    )
+
+
+def _arrays(gaussians: StaticGaussians | DynamicGaussians, x: torch.Tensor, q: torch.Tensor) -> dict[str, np.ndarray]:
+    return {
+        "ids": gaussians.labels["ids"].numpy().copy(),
+        "xyz": x.numpy().copy(),
+        "rotation": q.numpy().copy(),
+        "scale": gaussians.scale.numpy().copy(),
+        "opacity": gaussians.opacity.numpy().copy(),
+        "sh": gaussians.sh.numpy().copy(),
+    }

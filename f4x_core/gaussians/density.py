@@ -1,0 +1,115 @@
+"""Density control: where Gaussians are missing more are made, where they do nothing they go (algorithm notes 10.5).
+
+A strategy object records the screen-space gradient each step and changes the set at its period; the training loop only calls it.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..geometry import quaternion
+from .optimiser import SetOptimiser
+from .parameters import opacity_logit
+
+# A split replaces one Gaussian by two of its samples, each this much smaller (3DGS).
+SPLIT_SHRINK = 1.6
+
+
+@dataclass(frozen=True)
+class DensityConfig:
+    """When and how the number of Gaussians of one set changes."""
+
+    every: int = 300
+    """Steps between two rounds of densification and pruning."""
+    start: float = 0.05
+    """Share of all steps before which nothing is changed."""
+    stop: float = 0.8
+    """Share of all steps after which nothing is changed."""
+    gradient: float = 2e-4
+    """Mean norm of the screen-space gradient (NDC units) from which a Gaussian is densified."""
+    growth: float = 0.15
+    """At most this share of the set is added in one round, largest gradients first."""
+    split_scale: float = 0.01
+    """Gaussians whose largest standard deviation (world units) exceeds this are split; smaller ones are cloned."""
+    prune_opacity: float = 0.02
+    """Gaussians fainter than this are removed."""
+    prune_scale: float = 0.5
+    """Gaussians larger than this (world units, median depth = 1) are removed; 0 keeps them."""
+    reset_every: int = 0
+    """Steps between two opacity resets; 0 = never (short schedules cannot afford the dip)."""
+    reset_opacity: float = 0.05
+    """Opacity that a reset caps to."""
+    most: int = 100_000
+    """The set never grows beyond this."""
+    least: int = 32
+    """The set is never pruned below this."""
+
+
+class DensityControl:
+    """Gradient-driven clone, split and prune for one Gaussian set."""
+
+    def __init__(self, optimiser: SetOptimiser, config: DensityConfig, total_steps: int):
+        """Watch the set of `optimiser` during `total_steps` steps."""
+        self.optimiser, self.config, self.total = optimiser, config, total_steps
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the recorded gradients (their rows no longer match the set)."""
+        count = len(self.optimiser.gaussians)
+        self.gradient_sum, self.seen = torch.zeros(count), torch.zeros(count)
+
+    def record(self, mean2d_gradient: Tensor, visible: Tensor, width: int, height: int) -> None:
+        """Add one step's screen-space gradient (N,2), in loss per pixel, of the Gaussians that were visible (N,)."""
+        ndc = mean2d_gradient * torch.tensor([0.5 * width, 0.5 * height])
+        self.gradient_sum += ndc.norm(dim=1)
+        self.seen += visible
+
+    def after_step(self, step: int, next_id: int, generator: torch.Generator) -> int:
+        """Change the set if this step asks for it; returns the next unused id."""
+        config = self.config
+        active = config.start * self.total <= step < config.stop * self.total
+        if active and config.every and step % config.every == 0 and step > 0:
+            next_id = self._densify(next_id, generator)
+            self._prune()
+            self.clear()
+        if active and config.reset_every and step % config.reset_every == 0 and step > 0:
+            logits = self.optimiser.gaussians.parameters["opacity_logit"]
+            with torch.no_grad():
+                logits.clamp_(max=float(opacity_logit(torch.tensor(config.reset_opacity))))
+            self.optimiser.forget("opacity_logit")
+        return next_id
+
+    def _densify(self, next_id: int, generator: torch.Generator) -> int:
+        gaussians, config = self.optimiser.gaussians, self.config
+        mean = self.gradient_sum / self.seen.clamp_min(1)
+        room = min(int(config.growth * len(gaussians)), config.most - len(gaussians))
+        wanted = int((mean >= config.gradient).sum())
+        if min(room, wanted) <= 0:
+            return next_id
+        chosen = mean.topk(min(room, wanted)).indices.sort().values
+        split = gaussians.scale.detach()[chosen].amax(1) > config.split_scale
+        cloned, parents = chosen[~split], chosen[split]
+        rows = torch.cat([cloned, parents, parents])
+        new = {name: tensor.detach()[rows].clone() for name, tensor in gaussians.parameters.items()}
+        place, turn = ("local_xyz", "local_quat") if "local_xyz" in new else ("xyz", "quat")
+        halves = slice(len(cloned), None)
+        noise = torch.randn(2 * len(parents), 3, generator=generator) * new["log_scale"][halves].exp()
+        new[place][halves] += quaternion.rotate(quaternion.normalize(new[turn][halves]), noise)
+        new["log_scale"][halves] -= torch.tensor(SPLIT_SHRINK).log()
+        labels = {name: label[rows] for name, label in gaussians.labels.items()}
+        labels["ids"] = torch.arange(next_id, next_id + len(rows))
+        kept = torch.ones(len(gaussians), dtype=torch.bool)
+        kept[parents] = False
+        self.optimiser.keep(kept.nonzero()[:, 0])
+        self.optimiser.append(new, labels)
+        return next_id + len(rows)
+
+    def _prune(self) -> None:
+        gaussians, config = self.optimiser.gaussians, self.config
+        keep = gaussians.opacity.detach() >= config.prune_opacity
+        if config.prune_scale:
+            keep &= gaussians.scale.detach().amax(1) <= config.prune_scale
+        if int(keep.sum()) < config.least:
+            keep[gaussians.opacity.detach().topk(min(config.least, len(gaussians))).indices] = True
+        self.optimiser.keep(keep.nonzero()[:, 0])

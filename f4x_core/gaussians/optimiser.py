@@ -1,0 +1,77 @@
+"""Adam over a Gaussian set, whose moments stay aligned when Gaussians are added or removed."""
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from .parameters import GaussianSet
+
+# 3DGS uses this instead of Adam's 1e-8: many gradients are far smaller than that.
+ADAM_EPSILON = 1e-15
+
+
+class SetOptimiser:
+    """`torch.optim.Adam` with one group per named tensor, and the only place where rows are added or removed."""
+
+    def __init__(self, gaussians: GaussianSet, rates: dict[str, float]):
+        """Optimise `gaussians.parameters`; `rates` names the learning rate of each tensor."""
+        self.gaussians = gaussians
+        groups = [
+            {"params": [tensor], "lr": rates[name], "name": name} for name, tensor in gaussians.parameters.items()
+        ]
+        self.adam = torch.optim.Adam(groups, eps=ADAM_EPSILON, fused=True)
+
+    def set_rate(self, name: str, rate: float) -> None:
+        """Change the learning rate of one tensor."""
+        for group in self.adam.param_groups:
+            if group["name"] == name:
+                group["lr"] = rate
+
+    def step(self) -> None:
+        """One Adam step on whatever gradients there are; then forget them."""
+        self.adam.step()
+        self.adam.zero_grad(set_to_none=True)
+
+    def keep(self, index: Tensor) -> None:
+        """Keep only the rows `index` (int64), in that order."""
+        self._rebuild(lambda tensor: tensor[index], lambda moment: moment[index])
+        self.gaussians.labels = {name: label[index] for name, label in self.gaussians.labels.items()}
+
+    def append(self, parameters: dict[str, Tensor], labels: dict[str, Tensor]) -> None:
+        """Add rows; their moments start at zero."""
+        for name, label in self.gaussians.labels.items():
+            self.gaussians.labels[name] = torch.cat([label, labels[name]])
+        added = len(labels["ids"])
+        self._rebuild(
+            lambda tensor: tensor,
+            lambda moment: torch.cat([moment, moment.new_zeros(added, *moment.shape[1:])]),
+            parameters,
+        )
+
+    def forget(self, name: str) -> None:
+        """Zero the moments of one tensor (after its values were set from outside)."""
+        state = self.adam.state.get(self.gaussians.parameters[name], {})
+        for moment in ("exp_avg", "exp_avg_sq"):
+            if moment in state:
+                state[moment].zero_()
+
+    def _rebuild(
+        self,
+        change: Callable[[Tensor], Tensor],
+        change_moment: Callable[[Tensor], Tensor],
+        added: dict[str, Tensor] | None = None,
+    ) -> None:
+        for group in self.adam.param_groups:
+            name, old = group["name"], group["params"][0]
+            values = change(old.detach())
+            if added is not None:
+                values = torch.cat([values, added[name].detach()])
+            new = values.clone().requires_grad_(True)
+            state = self.adam.state.pop(old, {})
+            if state:
+                state["exp_avg"] = change_moment(state["exp_avg"])
+                state["exp_avg_sq"] = change_moment(state["exp_avg_sq"])
+                self.adam.state[new] = state
+            group["params"] = [new]
+            self.gaussians.parameters[name] = new

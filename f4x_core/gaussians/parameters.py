@@ -1,0 +1,99 @@
+"""The two parameter sets that are optimised: Gaussians of the static world, and Gaussians carried by the scaffold.
+
+Values are stored unactivated (`log_scale`, `opacity_logit`). Colours are spherical harmonics whose directions are taken in
+the Gaussian's own frame, so that appearance turns with the surface (MoSca; algorithm notes 2.2).
+"""
+
+from dataclasses import dataclass, field
+
+import torch
+from torch import Tensor
+
+from ..geometry import pose, quaternion, spherical_harmonics
+
+# Opacities are kept this far from 0 and 1 before taking the logit, so that its gradient stays finite.
+OPACITY_MARGIN = 1e-4
+
+
+@dataclass
+class GaussianSet:
+    """N Gaussians as named tensors that share their first dimension.
+
+    Attributes:
+        parameters: optimised tensors, all requiring grad: `log_scale` (N,3), `opacity_logit` (N,), `sh_dc` (N,1,3),
+            `sh_rest` (N,S-1,3), and the placement tensors of the subclass.
+        labels: integer tensors that travel with the Gaussians: `ids` (N,) int64, never reused, and those of the subclass.
+    """
+
+    parameters: dict[str, Tensor]
+    labels: dict[str, Tensor]
+
+    def __len__(self) -> int:
+        return len(self.labels["ids"])
+
+    @property
+    def scale(self) -> Tensor:
+        """(N,3) activated standard deviations, world units."""
+        return self.parameters["log_scale"].exp()
+
+    @property
+    def opacity(self) -> Tensor:
+        """(N,) activated opacity in (0, 1)."""
+        return self.parameters["opacity_logit"].sigmoid()
+
+    @property
+    def sh(self) -> Tensor:
+        """(N,S,3) spherical-harmonic coefficients, DC first."""
+        return torch.cat([self.parameters["sh_dc"], self.parameters["sh_rest"]], 1)
+
+
+class StaticGaussians(GaussianSet):
+    """Gaussians that do not move: placement `xyz` (N,3) and `quat` (N,4), world frame."""
+
+
+@dataclass
+class DynamicGaussians(GaussianSet):
+    """Gaussians carried by the scaffold.
+
+    Placement `local_xyz` (N,3), `local_quat` (N,4) is in the frame of the attach node at the reference frame, so that moving a
+    node moves its Gaussians at their own reference time too. `dw` (N,K) is the learnable offset of Eq. 1. Labels: `attach`
+    (N,) node index, `reference` (N,) index into the scaffold's times.
+    """
+
+    use_dw: bool = field(default=False)
+
+    def at_reference(self, node_xyz: Tensor, node_quat: Tensor) -> tuple[Tensor, Tensor]:
+        """Positions (N,3) and orientations (N,4) in the world at each Gaussian's own reference time.
+
+        Args:
+            node_xyz: (F,M,3) node positions. node_quat: (F,M,4) unit quaternions wxyz.
+        """
+        reference, attach = self.labels["reference"], self.labels["attach"]
+        row = reference * node_xyz.shape[1] + attach  # (N,) row of the flattened (F*M) table
+        t = torch.nn.functional.embedding(row, node_xyz.reshape(-1, 3))
+        q = torch.nn.functional.embedding(row, node_quat.reshape(-1, 4))
+        x = pose.transform(q, t, self.parameters["local_xyz"])
+        return x, quaternion.multiply(q, quaternion.normalize(self.parameters["local_quat"]))
+
+
+def localise(
+    x: Tensor, q: Tensor, attach: Tensor, reference: Tensor, node_xyz: Tensor, node_quat: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Inverse of `DynamicGaussians.at_reference`: world placement (N,3), (N,4) -> local frame of the attach node."""
+    node_q, node_t = node_quat[reference, attach], node_xyz[reference, attach]
+    inverse = quaternion.conjugate(node_q)
+    return quaternion.rotate(inverse, x - node_t), quaternion.multiply(inverse, q)
+
+
+def appearance(sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor) -> Tensor:
+    """Colours (N,3) seen from a camera centre (3,): SH evaluated along the view direction in the Gaussian's own frame."""
+    if sh.shape[1] == 1:
+        return (sh[:, 0] * spherical_harmonics.C0 + 0.5).clamp_min(0)
+    direction = torch.nn.functional.normalize(means - centre, dim=-1)  # (N,3)
+    own = quaternion.rotate(quaternion.conjugate(quats), direction)
+    return spherical_harmonics.evaluate(sh, own)
+
+
+def opacity_logit(opacity: Tensor) -> Tensor:
+    """Inverse sigmoid with a margin that keeps it finite."""
+    return torch.logit(opacity, eps=OPACITY_MARGIN)

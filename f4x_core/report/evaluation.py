@@ -1,0 +1,187 @@
+"""How well a scene shows its clip: used frames, held-out frames with interpolated or refined camera, simple baselines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..clip import Clip
+from ..errors import F4xError
+from ..fit.losses import psnr, ssim
+from ..fit.model import CameraRig
+from ..gaussians import appearance
+from ..geometry.camera import CameraPath
+from ..progress import Progress, silent
+from ..raster import rasterize
+from ..scene import Scene
+
+# Camera refinement on one frame: Adam steps and start rate (radians; world units), decayed to a tenth.
+REFINE_STEPS, REFINE_RATE = 60, 1e-3
+# Pixels with this much dynamic alpha belong to the moving region.
+MOVING_ALPHA = 0.5
+
+
+class FrozenMoment:
+    """The Gaussians of a scene at one time as tensors, ready to be drawn from cameras with gradients."""
+
+    def __init__(self, scene: Scene, time: float, backend: str = "auto"):
+        """Pose the scene at clip time `time`."""
+        posed = scene.posed(time)
+        self.means, self.quats, self.scales, self.opacities, self.sh = (
+            torch.from_numpy(np.ascontiguousarray(a))
+            for a in (posed.means, posed.quats, posed.scales, posed.opacities, posed.sh)
+        )
+        self.moving = torch.from_numpy(np.ascontiguousarray(posed.dynamic)).float()
+        self.backend = backend
+
+    def draw(self, view: Tensor, intrinsics: Tensor, width: int, height: int) -> tuple[Tensor, Tensor]:
+        """Return rgb (H,W,3) and the dynamic alpha (H,W) for a (4,4) world_to_camera and (3,3) intrinsics."""
+        centre = -(view[:3, :3].T @ view[:3, 3]).detach()
+        colors = torch.cat([appearance(self.sh, self.means, self.quats, centre), self.moving[:, None]], 1)
+        out = rasterize(
+            self.means,
+            self.quats,
+            self.scales,
+            self.opacities,
+            colors,
+            view,
+            intrinsics,
+            width,
+            height,
+            backend=self.backend,
+        )
+        return out.channels[..., :3].clamp(0, 1), out.channels[..., 3]
+
+
+def evaluate(
+    scene: Scene,
+    clip: Clip,
+    *,
+    refine_camera: bool = False,
+    baselines: bool = False,
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Compare every frame of `clip` with the scene's picture of it.
+
+    Returns per-frame and mean PSNR (dB; the mean is over frames) and SSIM for used and held-out frames, PSNR of the moving
+    and of the static region, and on request the held-out figures with the camera refined on that very frame (scene frozen)
+    and those of two baselines that know no 3D: the nearest used frame, and the half-way blend of its two flow-warped neighbours.
+
+    Raises:
+        F4xError: clip and scene differ in frame count or size.
+    """
+    cameras = scene.cameras
+    if len(clip) != len(cameras) or (clip.width, clip.height) != (cameras.width, cameras.height):
+        raise F4xError(
+            f"{clip.source}: the clip has {len(clip)} frames of {clip.width}x{clip.height}, the scene {len(cameras)} of"
+            f" {cameras.width}x{cameras.height}; give the same --frames and --width as for the fit."
+        )
+    held_out = set(scene.held_out)
+    frames: list[dict[str, Any]] = []
+    for index in range(len(clip)):
+        progress("evaluate", index, len(clip))
+        moment = FrozenMoment(scene, float(cameras.times[index]), backend)
+        target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
+        rig = CameraRig(cameras.at_times([float(cameras.times[index])]))
+        view, lens = rig.view(0), rig.intrinsics(0, clip.width, clip.height)
+        with torch.no_grad():
+            picture, moving = moment.draw(view, lens, clip.width, clip.height)
+        region = (moving > MOVING_ALPHA).float()
+        row: dict[str, Any] = {
+            "frame": index,
+            "held_out": index in held_out,
+            "psnr": psnr(picture, target),
+            "ssim": ssim(picture, target),
+            "psnr_moving": psnr(picture, target, region),
+            "psnr_static": psnr(picture, target, 1 - region),
+        }
+        if row["held_out"] and refine_camera:
+            row["psnr_refined"] = psnr(refine(moment, rig, target), target)
+        if row["held_out"] and baselines:
+            row |= baseline_scores(clip, index, held_out)
+        frames.append(row)
+    progress("evaluate", len(clip), len(clip))
+    return {"frames": frames, **summary(frames)}
+
+
+def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
+    """Means over used and held-out frames of every figure in the rows; NaN (an absent region) is left out."""
+    result: dict[str, float] = {}
+    for group, held_out in (("used", False), ("held_out", True)):
+        rows = [row for row in frames if row["held_out"] == held_out]
+        names = {name for row in rows for name in row} - {"frame", "held_out"}
+        for name in sorted(names):
+            values = np.array([row[name] for row in rows if name in row], np.float64)
+            if np.isfinite(values).any():
+                result[f"{group}_{name}"] = float(np.nanmean(values))
+    return result
+
+
+def refine(moment: FrozenMoment, rig: CameraRig, target: Tensor) -> Tensor:
+    """The picture (H,W,3) after the camera of a one-frame rig was moved to match `target`; the scene stays as it is."""
+    height, width = target.shape[:2]
+    parameters = [rig.parameters["camera_rotation"], rig.parameters["camera_position"]]
+    optimiser = torch.optim.Adam(parameters, lr=REFINE_RATE)
+    schedule = torch.optim.lr_scheduler.ExponentialLR(optimiser, 0.1 ** (1 / REFINE_STEPS))
+    best, best_error = None, float("inf")
+    for _ in range(REFINE_STEPS + 1):
+        picture, _ = moment.draw(rig.view(0), rig.intrinsics(0, width, height), width, height)
+        error = (picture - target).square().mean()
+        if float(error) < best_error:
+            best, best_error = picture.detach(), float(error)
+        optimiser.zero_grad()
+        error.backward()
+        optimiser.step()
+        schedule.step()
+    assert best is not None
+    return best
+
+
+def baseline_scores(clip: Clip, index: int, held_out: set[int]) -> dict[str, float]:
+    """PSNR of the nearest used frame, and of the half-way flow blend of the two neighbours, as pictures of frame `index`."""
+    used = [i for i in range(len(clip)) if i not in held_out]
+    target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
+    nearest = min(used, key=lambda i: abs(i - index))
+    scores = {"psnr_nearest": psnr(torch.from_numpy(clip.frames[nearest].astype(np.float32) / 255), target)}
+    before = max((i for i in used if i < index), default=None)
+    after = min((i for i in used if i > index), default=None)
+    if before is not None and after is not None:
+        share = (index - before) / (after - before)
+        blended = blend_by_flow(clip.frames[before], clip.frames[after], share)
+        scores["psnr_flow_blend"] = psnr(torch.from_numpy(blended), target)
+    return scores
+
+
+def blend_by_flow(before: np.ndarray, after: np.ndarray, share: float) -> np.ndarray:
+    """Picture (H,W,3) float32 in [0,1] at `share` of the way between two (H,W,3) uint8 frames, both warped along DIS flow."""
+    import cv2
+
+    flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    grey_before, grey_after = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (before, after))
+    forward = flow.calc(grey_before, grey_after, None)
+    backward = flow.calc(grey_after, grey_before, None)
+    height, width = grey_before.shape
+    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
+
+    def warp(frame: np.ndarray, offset: np.ndarray) -> np.ndarray:
+        place = grid + offset
+        return cv2.remap(frame, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) / 255.0
+
+    # The flow at the middle is taken from the same pixel of either end: good to first order, and plain.
+    mixed = (1 - share) * warp(before, share * backward) + share * warp(after, (1 - share) * forward)
+    return mixed.astype(np.float32)
+
+
+def path_error(estimated: CameraPath, truth: CameraPath) -> dict[str, float]:
+    """Absolute trajectory error after a similarity alignment: RMSE over the length of the true path, and in world units."""
+    from ..geometry.pose import align_similarity
+
+    scale, rotation, translation = align_similarity(estimated.centers, truth.centers)
+    aligned = scale * estimated.centers @ rotation.T + translation
+    rmse = float(np.sqrt(np.mean(np.sum((aligned - truth.centers) ** 2, 1))))
+    length = float(np.linalg.norm(np.diff(truth.centers, axis=0), axis=1).sum())
+    return {"ate": rmse, "ate_share": rmse / max(length, 1e-12), "path_length": length, "scale": float(scale)}

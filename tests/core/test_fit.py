@@ -1,0 +1,148 @@
+"""The fit on a made-up clip with exact truth: it converges, resumes bit-equal and models only what moves."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from toy import clip_and_priors
+
+from f4x_core.errors import F4xError
+from f4x_core.fit import pipeline
+from f4x_core.fit.checkpoint import load_checkpoint, save_checkpoint
+from f4x_core.fit.config import PROFILES, profile, resolved
+from f4x_core.fit.losses import depth_loss, masked_l1, psnr, ssim_map
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Tiny tensors: more threads only wait for each other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+def small(steps: int, **changes):
+    return dataclasses.replace(
+        profile("quick"), steps=steps, measure_every=20, checkpoint_every=20, threads=1, backend="torch", **changes
+    )
+
+
+@pytest.fixture
+def fit(monkeypatch):
+    """Fit a toy clip whose priors are the truth."""
+
+    def run(folder: Path, config, resume=False, progress=pipeline.silent, **toy):
+        clip, priors = clip_and_priors(**toy)
+        monkeypatch.setattr(pipeline, "build_priors", lambda *_: priors)
+        return pipeline.fit_clip(clip, folder, config, progress, resume)
+
+    return run
+
+
+def test_moving_toy_gets_few_nodes_and_a_good_picture(fit, tmp_path):
+    result = fit(tmp_path, small(160), hold_out=4)
+    assert result.history[-1]["psnr"] > 26
+    assert result.scaffold is not None and len(result.scaffold) <= 8, "one rigid mover needs few nodes"
+    assert result.dynamic is not None and len(result.dynamic["ids"]) > 50
+    assert len(result.cameras) == 8
+    ids = np.concatenate([result.static["ids"], result.dynamic["ids"]])
+    assert len(np.unique(ids)) == len(ids) and ids.max() < result.next_id
+
+
+def test_static_clip_gets_no_scaffold(fit, tmp_path):
+    result = fit(tmp_path, small(20), moving=False)
+    assert result.dynamic is None and result.scaffold is None
+    assert any(need.what == "motion" and need.chosen.startswith("none") for need in result.needs)
+
+
+class Stop(KeyboardInterrupt):
+    pass
+
+
+@pytest.mark.parametrize("stop_at", [20, 47])
+def test_resume_is_bit_equal(fit, tmp_path, stop_at):
+    """Oracle 11, across densification, a graph rebuild and the start of the skinning offsets."""
+    config = small(60, graph_every=15, dw_from=0.6)
+    density = dataclasses.replace(config.density_static, every=10, start=0.0, gradient=1e-6, most=1000)
+    config = dataclasses.replace(config, density_static=density)
+    whole = fit(tmp_path / "whole", config)
+
+    def interrupt(stage, done, total, message=""):
+        if stage == "photometric" and done == stop_at:
+            raise Stop
+
+    with pytest.raises(KeyboardInterrupt):
+        fit(tmp_path / "cut", config, progress=interrupt)
+    resumed = fit(tmp_path / "cut", config, resume=True)
+    assert resumed.next_id == whole.next_id > 0
+    for part in ("static", "dynamic"):
+        for name, array in getattr(whole, part).items():
+            assert np.array_equal(array, getattr(resumed, part)[name]), (part, name)
+    assert np.array_equal(whole.scaffold.xyz, resumed.scaffold.xyz)
+    assert np.array_equal(whole.cameras.world_to_camera, resumed.cameras.world_to_camera)
+
+
+def test_checkpoint_of_other_settings_is_refused(fit, tmp_path):
+    fit(tmp_path, small(20))
+    with pytest.raises(F4xError, match="other settings"):
+        fit(tmp_path, small(20, seed=1), resume=True)
+
+
+def test_damaged_checkpoint_is_one_sentence(tmp_path):
+    path = tmp_path / "c.pt"
+    save_checkpoint(path, {"config_hash": "a", "x": torch.arange(100)})
+    assert torch.equal(load_checkpoint(path, "a")["x"], torch.arange(100))
+    path.write_bytes(path.read_bytes()[:-300])
+    with pytest.raises(F4xError, match="damaged"):
+        load_checkpoint(path, "a")
+    assert load_checkpoint(tmp_path / "none.pt", "a") is None
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_too_few_frames(fit, tmp_path, frames):
+    with pytest.raises(F4xError, match="too few"):
+        fit(tmp_path, small(10), frames=frames)
+
+
+def test_profiles_resolve_to_json_and_unknown_ones_are_refused():
+    import json
+
+    for name in PROFILES:
+        assert json.loads(json.dumps(resolved(profile(name))))["name"] == name
+    with pytest.raises(F4xError, match="no profile 'fast'"):
+        profile("fast")
+
+
+def test_losses_are_zero_on_empty_masks():
+    picture = torch.rand(6, 7, 3, requires_grad=True)
+    loss = masked_l1(picture, torch.rand(6, 7, 3), torch.zeros(6, 7))
+    loss = loss + depth_loss(picture[..., 0], picture[..., 1], torch.full((6, 7), torch.nan), torch.ones(6, 7))
+    loss.backward()
+    assert loss.item() == 0 and torch.isfinite(picture.grad).all()
+    assert np.isnan(psnr(torch.rand(6, 7, 3), torch.rand(6, 7, 3), torch.zeros(6, 7)))
+
+
+def test_ssim_against_its_definition():
+    """One interior pixel, windows weighted by hand in float64."""
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(size=(2, 15, 15, 1))
+    offsets = np.arange(11) - 5
+    kernel = np.exp(-(offsets**2) / (2 * 1.5**2))
+    window = np.outer(kernel, kernel) / kernel.sum() ** 2
+    a, b = x[2:13, 2:13, 0], y[2:13, 2:13, 0]
+    mean_a, mean_b = (window * a).sum(), (window * b).sum()
+    var_a, var_b = (window * (a - mean_a) ** 2).sum(), (window * (b - mean_b) ** 2).sum()
+    both = (window * (a - mean_a) * (b - mean_b)).sum()
+    c1, c2 = 0.01**2, 0.03**2
+    expected = (2 * mean_a * mean_b + c1) * (2 * both + c2) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
+    assert ssim_map(torch.from_numpy(x), torch.from_numpy(y))[0, 7, 7].item() == pytest.approx(expected, rel=1e-9)
+    assert ssim_map(torch.from_numpy(x), torch.from_numpy(x)).mean().item() == pytest.approx(1)
+
+
+def test_ssim_gradient():
+    x = torch.rand(13, 12, 1, dtype=torch.float64, requires_grad=True)
+    y = torch.rand(13, 12, 1, dtype=torch.float64)
+    assert torch.autograd.gradcheck(lambda a: ssim_map(a, y).mean(), (x,))
