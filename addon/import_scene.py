@@ -72,7 +72,9 @@ def _check(scene: Scene, path: Path) -> None:
     """Refuse what Blender cannot hold."""
     largest = max((int(s.ids.max()) for s in (scene.static, scene.dynamic) if len(s)), default=0)
     if largest > MAX_GID:
-        raise F4xError(f"{path} has Gaussian id {largest}, above Blender's 32-bit integers; renumber it with `f4x bake`.")
+        raise F4xError(
+            f"{path} has Gaussian id {largest}, above Blender's 32-bit integers; renumber it with `f4x bake`."
+        )
 
 
 def _free_name(wanted: str) -> str:
@@ -116,6 +118,7 @@ def _add_gaussians(name, gaussians, collection, material) -> bpy.types.Object:
 def _add_motion(name, scene: Scene, dynamic, collection, root, frames: np.ndarray) -> None:
     """Add nodes, helper and geometry nodes that move the dynamic Gaussians."""
     scaffold, gaussians = scene.scaffold, scene.dynamic
+    assert scaffold is not None  # a Scene with dynamic Gaussians always has one
     pairs = pairs_of(gaussians.node, gaussians.reference)
     write_attribute(dynamic.data, "reference", "INT", gaussians.reference)
     write_attribute(dynamic.data, "strength", "FLOAT", gaussians.strength)

@@ -124,7 +124,7 @@ def build_motion_tree(
             else:
                 socket.default_value = value
         sums = list(slot.outputs)
-    real_v, real_w, dual_v, dual_w = _faded(tree, *sums, tree.attribute("strength", "FLOAT"))
+    real_v, real_w, dual_v, dual_w = _faded(tree, sums, tree.attribute("strength", "FLOAT"))
 
     # t = 2 (d p*)_vec / |p|^2. The part of d along p only adds to the scalar, so d needs no projection.
     squared = tree.math("MULTIPLY_ADD", real_w, real_w, tree.vector("DOT_PRODUCT", real_v, real_v))
@@ -178,7 +178,9 @@ def _weighted_slot_group(name: str) -> bpy.types.GeometryNodeTree:
     tree = _Tree(name, inputs | sums, sums)
 
     pairs, pair = tree.inputs["Pairs"], tree.inputs["Pair"]
-    halves = [tree.split(tree.sample(pairs, tree.attribute(h, "FLOAT_COLOR"), pair, "FLOAT_COLOR")) for h in (REAL, DUAL)]
+    halves = [
+        tree.split(tree.sample(pairs, tree.attribute(h, "FLOAT_COLOR"), pair, "FLOAT_COLOR")) for h in (REAL, DUAL)
+    ]
     (real_v, real_w), (dual_v, dual_w) = halves
     attach_v, attach_w = tree.split(tree.inputs["Attach"])
     dot = tree.math("MULTIPLY_ADD", real_w, attach_w, tree.vector("DOT_PRODUCT", real_v, attach_v))
@@ -194,8 +196,9 @@ def _weighted_slot_group(name: str) -> bpy.types.GeometryNodeTree:
     return tree.tree
 
 
-def _faded(tree: _Tree, real_v, real_w, dual_v, dual_w, strength):
+def _faded(tree: _Tree, sums, strength):
     """Blend with the identity on its hemisphere: `o P + (1 - o) 1, o D`."""
+    real_v, real_w, dual_v, dual_w = sums
     negative = tree.math("LESS_THAN", real_w, 0.0)
     signed = tree.math("MULTIPLY", strength, tree.math("MULTIPLY_ADD", negative, -2.0, 1.0))
     rest = tree.math("SUBTRACT", 1.0, strength)

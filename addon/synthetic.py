@@ -4,15 +4,18 @@ World frame of the truth: Blender's own (metres, z up). Cameras in it are OpenCV
 Everything is lit by one sharp sun plus an emission that stands for sky light, so 16 samples are already clean.
 
     OUT/images/%05d.png    sRGB, Standard view transform
-    OUT/truth/%05d.exr     multilayer float32: Combined, Depth.Z (z depth, 1e10 = nothing), Vector, Position, object index
+    OUT/truth/%05d.exr     multilayer float32: Combined, Depth.Z (z depth, 1e10 = nothing), Vector, Position and
+                           the object index (`IndexOB.X` from Blender 4.x, `Object Index.X` from 5.x)
     OUT/truth.json         cameras, moving object indices, extra cameras
     OUT/images_left10 ...  the same moments from 10 degrees to the side, on request
 
-Truth flow in pixels (x right, y down): forward t -> t+1 = (-Vector.Z, +Vector.W); backward t -> t-1 = (+Vector.X, -Vector.Y).
+Truth flow in pixels (x right, y down): forward t -> t+1 = (-Vector.Z, +Vector.W); backward t -> t-1 = (+Vector.X,
+-Vector.Y). The same seed gives the same pictures in one Blender version; cell colours differ between versions.
 """
 
 import json
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,6 +39,9 @@ WALK_SPEED = {"knight": 1.1, "fox": 1.3}  # metres per second, so that the feet 
 SUBJECT_HEIGHT = {"knight": 2.0, "fox": 1.1}  # metres
 WALK_ACTION = {"knight": "Walking_A", "fox": "Walk"}
 
+_Triple = tuple[float, float, float]
+_Pattern = Callable[["_Nodes", bpy.types.NodeSocket], bpy.types.NodeSocket]  # (nodes, coordinates) -> colour
+
 
 @dataclass(frozen=True)
 class ClipSettings:
@@ -52,7 +58,9 @@ class ClipSettings:
 
     def __post_init__(self) -> None:
         if self.frames < 1 or self.width < 16 or self.height < 16 or self.samples < 1:
-            raise F4xError("A clip needs at least 1 frame, 16x16 pixels and 1 sample; raise --frames, --size or --samples.")
+            raise F4xError(
+                "A clip needs at least 1 frame, 16x16 pixels and 1 sample; raise --frames, --size or --samples."
+            )
         needed = [] if self.scene == "procedural" else [f"{self.scene}.glb", "handheld_camera.json"]
         for name in needed:
             if not (self.assets / name).is_file():
@@ -189,7 +197,9 @@ def _linear(hex_color: str) -> tuple[float, float, float, float]:
 def _shade(nodes: _Nodes, color) -> None:
     """Give `color` its light: diffuse under the sun plus an emission that grows towards the sky."""
     tree = nodes.tree
-    up = nodes.add("VectorMath", {0: nodes.add("NewGeometry").outputs["Normal"], 1: (0.25, -0.45, 0.7)}, operation="DOT_PRODUCT")
+    up = nodes.add(
+        "VectorMath", {0: nodes.add("NewGeometry").outputs["Normal"], 1: (0.25, -0.45, 0.7)}, operation="DOT_PRODUCT"
+    )
     sky = nodes.add("Math", {0: up.outputs["Value"], 1: 0.2, 2: 0.42}, operation="MULTIPLY_ADD")
     emission = nodes.add("Emission", {"Color": color, "Strength": sky.outputs[0]})
     diffuse = nodes.add("BsdfDiffuse", {"Color": color})
@@ -273,7 +283,7 @@ def _checker(scale: float, first: str, second: str):
 # --------------------------------------------------------------------------------------------------- room
 
 
-def _box(name, centre, size, material, turn_degrees=0.0, casts_shadow=True) -> bpy.types.Object:
+def _box(name, centre: Sequence, size: Sequence, material, turn_degrees=0.0, casts_shadow=True) -> bpy.types.Object:
     """Add a box whose UV are metres on every face (so textures never stretch)."""
     half = Vector(size) / 2
     vertices, uvs = [], []
@@ -306,17 +316,18 @@ def _build_room(random: np.random.Generator) -> None:
     red, green = _bricks("a8523c", "c77f5a"), _cells(2.6, "3f6b58", "5f8f6b", "2f4f58", "86a873", "c9b26b")
     blue = _cells(3.2, "34507c", "5f86b0", "26344f", "9db4c9", "c98f6b")
     _box("floor", (0, -2, -0.05), (10, 12, 0.1), _material("planks", _planks, offset=offset()))
-    for name, centre, size, pattern in (
+    walls: tuple[tuple[str, _Triple, _Triple, _Pattern], ...] = (
         ("back wall", (0, 2.6, 2), (10, 0.1, 4.2), red),
         ("left wall", (-4, -2, 2), (0.1, 12, 4.2), green),
         ("right wall", (4, -2, 2), (0.1, 12, 4.2), blue),
         ("front wall", (0, -8, 2), (10, 0.1, 4.2), red),
-    ):
+    )
+    for name, centre, size, pattern in walls:
         _box(name, centre, size, _material(name, pattern, offset=offset()), casts_shadow=False)
     carpet = _material("carpet", _cells(3.0, "7a2f3a", "c9a15a", "2f3f5f", "e0d2b0", "8a4a3a"), offset=offset())
     _box("carpet", (0.1, -0.3, 0.01), (3.4, 2.6, 0.02), carpet, 8)
 
-    pictures = (
+    pictures: tuple[tuple[_Triple, _Triple, _Pattern], ...] = (
         ((-1.9, 2.52, 1.75), (1.3, 0.06, 0.95), _clouds(3.0, "1d3b6f", "e8b04a", "d94f3d", "f5efe0", "2a6f6f")),
         ((0.35, 2.52, 2.05), (0.95, 0.06, 1.2), _checker(4.2, "f0e6d0", "2c4a3e")),
         ((2.2, 2.52, 1.7), (1.4, 0.06, 1.0), _cells(5.0, "e07a5f", "3d405b", "81b29a", "f2cc8f", "f4f1de")),
@@ -324,7 +335,7 @@ def _build_room(random: np.random.Generator) -> None:
     for i, (centre, size, pattern) in enumerate(pictures):
         _box(f"picture {i}", centre, size, _material(f"picture {i}", pattern, offset=offset()))
 
-    furniture = (
+    furniture: tuple[tuple[_Triple, _Triple, float, _Pattern], ...] = (
         ((-2.5, 1.5, 0.45), (1.0, 0.9, 0.9), 14, _checker(4.0, "d9a441", "5b3a29")),
         ((-2.35, 1.4, 1.15), (0.55, 0.5, 0.5), 40, _clouds(5.0, "23395b", "59c9a5", "fffd98", "b9e3c6")),
         ((2.5, 1.3, 0.6), (0.9, 1.0, 1.2), -18, _bricks("4d7298", "77a6b6")),
@@ -333,9 +344,9 @@ def _build_room(random: np.random.Generator) -> None:
         ((0.9, 1.9, 0.35), (0.8, 0.6, 0.7), 5, _checker(6.0, "efe9dc", "9a3b3b")),
     )
     for i, (centre, size, turn, pattern) in enumerate(furniture):
-        centre = Vector(centre) + Vector((*random.uniform(-0.12, 0.12, 2), 0.0))
-        turn += random.uniform(-8, 8)
-        _box(f"box {i}", centre, size, _material(f"box {i}", pattern, offset=offset()), turn)
+        placed = Vector(centre) + Vector((*random.uniform(-0.12, 0.12, 2), 0.0))
+        turned = turn + random.uniform(-8, 8)
+        _box(f"box {i}", placed, size, _material(f"box {i}", pattern, offset=offset()), turned)
 
 
 # ------------------------------------------------------------------------------------------------ subjects
@@ -388,12 +399,19 @@ def _build_deforming_subject(frames: int) -> None:
     _key_linear(
         subject,
         "location",
-        {t: (-0.75 + 1.5 * s, -0.25 + 0.3 * math.sin(2.5 * s), 0.82 + 0.22 * abs(math.sin(3.6 * s))) for t, s in phase.items()},
+        {
+            t: (-0.75 + 1.5 * s, -0.25 + 0.3 * math.sin(2.5 * s), 0.82 + 0.22 * abs(math.sin(3.6 * s)))
+            for t, s in phase.items()
+        },
     )
-    _key_linear(subject, "rotation_euler", {t: (-0.2, 0.12 * math.sin(5 * s), -0.35 + 0.7 * s) for t, s in phase.items()})
+    _key_linear(
+        subject, "rotation_euler", {t: (-0.2, 0.12 * math.sin(5 * s), -0.35 + 0.7 * s) for t, s in phase.items()}
+    )
     _key_linear(subject, 'modifiers["bend"].angle', {t: 0.45 * math.sin(4.5 * s) for t, s in phase.items()})
     _key_linear(subject, 'modifiers["twist"].angle', {t: 0.3 * math.sin(3.3 * s + 1) for t, s in phase.items()})
-    _key_linear(mesh.shape_keys, 'key_blocks["swell"].value', {t: 0.5 + 0.5 * math.sin(7 * s) for t, s in phase.items()})
+    _key_linear(
+        mesh.shape_keys, 'key_blocks["swell"].value', {t: 0.5 + 0.5 * math.sin(7 * s) for t, s in phase.items()}
+    )
 
 
 def _import_walker(settings: ClipSettings) -> None:
@@ -434,7 +452,9 @@ def _import_walker(settings: ClipSettings) -> None:
     direction = Vector((math.sin(carrier.rotation_euler.z), -math.cos(carrier.rotation_euler.z), 0.0))
     middle = 0.5 * (settings.frames - 1)
     floor = Vector((0.0, 0.0, 0.02 - lowest.z * carrier.scale.z))
-    _key_linear(carrier, "location", {t: floor + direction * step * (t - middle) for t in _keyed_times(settings.frames)})
+    _key_linear(
+        carrier, "location", {t: floor + direction * step * (t - middle) for t in _keyed_times(settings.frames)}
+    )
 
 
 def _action_name(wanted: str) -> str:

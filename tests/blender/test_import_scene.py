@@ -106,7 +106,7 @@ def tiny_scene() -> Scene:
     weight = random.dirichlet(np.ones(SLOTS), DYNAMIC)
     strength = np.where(random.random(DYNAMIC) < 0.5, 1.0, random.random(DYNAMIC))
     dynamic = DynamicSet(
-        **gaussians(DYNAMIC, 100),
+        **gaussians(DYNAMIC, STATIC),
         reference=random.integers(0, len(TIMES), DYNAMIC).astype(np.int32),
         node=nearest[random.integers(0, NODES, DYNAMIC)].astype(np.int32),
         weight=weight.astype(np.float32),
@@ -129,7 +129,9 @@ def tiny_scene() -> Scene:
 
 
 def run(*command: str) -> subprocess.CompletedProcess:
-    return subprocess.run([sys.executable, *command], capture_output=True, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    return subprocess.run(
+        [sys.executable, *command], capture_output=True, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}
+    )
 
 
 @pytest.fixture(scope="module")

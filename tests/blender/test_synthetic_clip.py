@@ -80,9 +80,13 @@ def test_extra_cameras_stand_ten_degrees_aside(clip):
     centre = CameraPath.from_json(truth["cameras"])[0].center
     for entry in truth["extra_cameras"]:
         cameras = CameraPath.from_json(entry["cameras"])
-        assert [f"{int(t):05d}.png" for t in cameras.times] == sorted(p.name for p in (folder / entry["images"]).iterdir())
+        assert [f"{int(t):05d}.png" for t in cameras.times] == sorted(
+            p.name for p in (folder / entry["images"]).iterdir()
+        )
         before, after = complex(*centre[:2]), complex(*cameras[0].center[:2])  # the orbit is about the world's vertical
-        assert np.degrees(np.angle(after / before)) == pytest.approx({"left10": -10, "right10": 10}[entry["name"]], abs=1e-3)
+        assert np.degrees(np.angle(after / before)) == pytest.approx(
+            {"left10": -10, "right10": 10}[entry["name"]], abs=1e-3
+        )
     assert len(truth["extra_cameras"]) == 2
 
 
