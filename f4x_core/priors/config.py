@@ -33,9 +33,13 @@ class TracksConfig:
     spacing: float = 8.0
     """Distance of seeds in pixels where nothing is known to move."""
     dynamic_spacing: float = 4.0
-    """Distance of seeds in pixels inside likely moving regions (second pass)."""
+    """Distance of seeds in pixels inside moving regions (second pass, made by the motion stage)."""
     reseed_every: int = 8
     """Frames between two seedings of uncovered picture."""
+    gaps: tuple[int, ...] = (1, 2, 4)
+    """Frame distances of the flows a track may step over; longer ones bridge short occlusions and drift less."""
+    relink_gap: int = 24
+    """Most frames a point may be hidden and still be linked to a later track of the same look; 0 = never."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,22 @@ class CamerasConfig:
 
     provider: str = "classical"
     """Who computes it (`providers.PROVIDERS`)."""
+    kind: str | None = None
+    """`static`, `pan` or `moving`; None = decided from the static tracks."""
+    focal: float | None = None
+    """Focal length in picture widths; None = searched."""
+    solver: str = "auto"
+    """First cameras of a moving clip: `depth`, `colmap`, `tracks`, or `auto` = the first of these that can and succeeds."""
+    keyframes: int = 40
+    """Most frames given to pycolmap; the others are resected."""
+    features: int = 2500
+    """Most SIFT features per keyframe."""
+    smoothness: float = 30.0
+    """Weight of the path's squared acceleration in pixels per frame^2, against one per squared pixel of a sighting."""
+    threads: int = 2
+    """Threads of pycolmap."""
+    seed: int = 0
+    """Seed of every random draw."""
 
 
 @dataclass(frozen=True)

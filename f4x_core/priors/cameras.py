@@ -1,0 +1,397 @@
+"""Camera path of the supervised frames from pictures and tracks (provider `classical`).
+
+1. Evidence decides the kind: nothing static moves -> `static`; turning alone explains the static tracks -> `pan`; else
+   `moving`. 2. A first solution: aligned depth where a depth prior exists, pycolmap on keyframes, or own structure from
+   motion. 3. The focal length is searched over the whole plausible range, because turning cameras pull it to nonsense.
+4. All frames are resected and adjusted together on static tracks; a weak prior on acceleration keeps the path smooth,
+   because cameras of held-out frames are interpolated from it. Held-out frames are never looked at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..geometry import quaternion
+from ..geometry.camera import CameraPath
+from ..progress import Progress
+from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
+from .config import CamerasConfig, PriorsConfig
+from .sfm import (
+    FOCALS,
+    Solution,
+    adjust_known,
+    refocused,
+    search_focal,
+    sightings,
+    solve_rotations,
+    solve_with_colmap,
+    solve_with_depth,
+    solve_with_tracks,
+)
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from .folder import Priors
+
+STATIC_PX = 0.5
+"""A clip is static when no pair of frames shifts its static tracks by this much (median over the tracks)."""
+PAN_PX = 1.0
+"""A clip is a pan when turning explains nine tenths of the static sightings to within this many pixels."""
+STATIC_MOTION = 0.5
+"""Tracks with a motion score below this hold the cameras."""
+DEFAULT_FOCAL = 1.0
+"""Focal length in picture widths (53 degrees across) where nothing tells it: a phone's main camera is 0.7 to 0.9."""
+MIN_REGISTERED = 0.9
+MAX_ERROR_PX = 1.5
+"""A solution is accepted with this share of frames and this reprojection error."""
+ADJUSTED_TRACKS = 2000
+"""Most tracks in the final adjustment; more cost time and hold the cameras no better."""
+MIN_TRACKS = 12
+"""With fewer static tracks than this nothing can be said about the camera."""
+
+
+def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `cameras`, `camera_kind` and `statistics["cameras"]` (provider `classical`)."""
+    settings = config.cameras
+    times = np.asarray(clip.times, np.float64)[clip.supervised]
+    progress("cameras", 0, 4, "what moves")
+    tracks, visible, static = static_tracks(priors)
+    principal = np.array([priors.width, priors.height]) / 2
+    focal = (settings.focal or DEFAULT_FOCAL) * priors.width
+
+    shift = static_shift(tracks, visible, static)
+    statistics: dict[str, Any] = {"static_tracks": int(static.sum()), "static_shift_px": _json(shift)}
+    if settings.kind == "static" or (settings.kind is None and not shift >= STATIC_PX):
+        if static.sum() < MIN_TRACKS and settings.kind is None and len(times) > 1:
+            priors.warn("Too few points stand still to find the camera's motion; it is taken to stand still.")
+        solution, kind = _still(len(times), focal, principal), "static"
+    else:
+        solution, kind = _solve(clip, priors, settings, tracks, visible, static, focal, statistics, progress)
+        progress("cameras", 3, 4, "refine the path")
+        translating = kind == "moving"
+        if translating:
+            solution = complete(solution, tracks, visible, static, times, settings.smoothness, settings.focal is None)
+        solution = replace(solution, bundle=_first_camera_at_origin(solution.bundle))
+        inliers = solution.bundle.errors(solution.observations)
+        statistics |= {
+            "reprojection_px": {"median": _json(np.median(inliers)), "p90": _json(np.percentile(inliers, 90))},
+            "interpolation_px": interpolation_error(solution.bundle, solution.observations, times),
+        }
+    path = solution.bundle.path(times, priors.width, priors.height)
+    depth = _median_depth(solution)
+    priors.cameras = path.scaled_world(1 / depth)
+    priors.camera_kind = kind
+    step = np.linalg.norm(np.diff(priors.cameras.centers, axis=0), axis=1)
+    statistics |= {
+        "kind": kind,
+        "focal_over_width": round(solution.bundle.focal / priors.width, 4),
+        "fov_degrees": round(float(np.rad2deg(2 * np.arctan(priors.width / 2 / solution.bundle.focal))), 2),
+        "path_length": _json(step.sum()),
+        "turn_degrees": _json(np.rad2deg(_turns(priors.cameras)).sum()),
+    }
+    priors.statistics["cameras"] = statistics
+    progress("cameras", 4, 4, f"{kind}, focal length {statistics['focal_over_width']:.2f} of the width")
+
+
+def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`tracks (F, N, 2)`, `visible (F, N)` and which tracks stand still `(N,)`; empty when there are none."""
+    if priors.tracks is None or priors.tracks_visible is None:
+        frames = len(priors.frames)
+        return np.zeros((frames, 0, 2), np.float32), np.zeros((frames, 0), bool), np.zeros(0, bool)
+    motion = priors.tracks_motion
+    static = np.ones(priors.tracks.shape[1], bool) if motion is None else motion < STATIC_MOTION
+    return priors.tracks, priors.tracks_visible, static
+
+
+def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, most: int = 24) -> float:
+    """Largest median displacement in pixels of static tracks between any two of `most` evenly spaced frames.
+
+    `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. NaN when no two frames share enough tracks.
+    """
+    frames = np.unique(np.linspace(0, len(tracks) - 1, min(most, len(tracks))).round().astype(int))
+    shifts = [np.nan]
+    for a, i in enumerate(frames):
+        for j in frames[a + 1 :]:
+            shared = visible[i] & visible[j] & static
+            if shared.sum() >= MIN_TRACKS:
+                shifts.append(float(np.median(np.linalg.norm(tracks[j, shared] - tracks[i, shared], axis=-1))))
+    return float(np.nanmax(shifts)) if len(shifts) > 1 else float("nan")
+
+
+def complete(
+    solution: Solution,
+    tracks: np.ndarray,
+    visible: np.ndarray,
+    static: np.ndarray,
+    times: np.ndarray,
+    smoothness: float,
+    refine_focal: bool,
+) -> Solution:
+    """All frames registered and adjusted together on the solution's own observations and the static tracks.
+
+    Missing frames start from the interpolated path, the ones next to a known camera first, and are resected.
+    """
+    extra, order = sightings(tracks, visible, static, ADJUSTED_TRACKS)
+    bundle, own = solution.bundle, _longest(solution, ADJUSTED_TRACKS)
+    offset = len(bundle.points)
+    registered = solution.registered.copy()
+    observations = Observations(
+        np.concatenate([own.frame, extra.frame]),
+        np.concatenate([own.point, extra.point + offset]),
+        np.concatenate([own.uv, extra.uv]),
+        np.concatenate([own.weight, extra.weight]),
+    )
+    bundle = replace(bundle, points=np.vstack([bundle.points, np.full((len(order), 3), np.nan)]))
+    while not registered.all():
+        bundle = _triangulated(bundle, observations, registered, offset)
+        missing, known = np.flatnonzero(~registered), np.flatnonzero(registered)
+        distance = abs(missing[:, None] - known).min(1)
+        ring = missing[distance == distance.min()]
+        bundle = _interpolated(bundle, registered, ring, times)
+        bundle = resect(bundle, observations, ring)
+        registered[ring] = True
+    bundle = _triangulated(bundle, observations, registered, offset)
+    bundle, observations = _without_outliers(bundle, observations)
+    settings = BundleConfig(iterations=12, refine_focal=refine_focal, smoothness=smoothness)
+    refined = adjust(bundle, observations, settings, times)
+    if refine_focal and not 0.8 < refined.focal / bundle.focal < 1.25:
+        refined = adjust(bundle, observations, replace(settings, refine_focal=False), times)
+    return Solution(*_without_outliers(refined, observations), registered)
+
+
+def interpolation_error(bundle: Bundle, observations: Observations, times: np.ndarray) -> dict[str, float] | None:
+    """How far a frame's picture shifts, in pixels, when its camera is interpolated from the other frames.
+
+    Leave one out, inner frames: median over the frame's points of the projection difference at the points' own depth;
+    then mean and 90th percentile over frames. What remains after smoothing is real shake: held-out cameras miss it.
+    """
+    path = bundle.path(times, *(2 * bundle.principal).astype(int))
+    errors = []
+    for i in range(2, len(times) - 2):
+        seen = np.unique(observations.point[observations.frame == i])
+        if len(seen) < MIN_TRACKS:
+            continue
+        keep = np.arange(len(times)) != i
+        rest = replace(
+            path, intrinsics=path.intrinsics[keep], world_to_camera=path.world_to_camera[keep], times=times[keep]
+        )
+        there, _ = rest.at(times[i]).project(bundle.points[seen])
+        here, _ = path[i].project(bundle.points[seen])
+        errors.append(float(np.median(np.linalg.norm(there - here, axis=1))))
+    if not errors:
+        return None
+    return {"mean": round(float(np.mean(errors)), 3), "p90": round(float(np.percentile(errors, 90)), 3)}
+
+
+def _solve(
+    clip: Clip,
+    priors: Priors,
+    settings: CamerasConfig,
+    tracks: np.ndarray,
+    visible: np.ndarray,
+    static: np.ndarray,
+    focal: float,
+    statistics: dict[str, Any],
+    progress: Progress,
+) -> tuple[Solution, str]:
+    """A solution for a camera that does not stand still, and its kind (`pan` or `moving`)."""
+    principal = np.array([priors.width, priors.height]) / 2
+    turning = solve_rotations(tracks, visible, static, focal, principal)
+    candidates = [settings.focal] if settings.focal else FOCALS
+    sample, search = search_focal(turning, priors.width, candidates, translating=False)
+    errors = sample.bundle.errors(sample.observations)
+    parallax = float(np.percentile(errors, 90)) if len(errors) else 0.0
+    statistics |= {"parallax_px": _json(parallax), "pan_focal_search": search}
+    if settings.kind == "pan" or (settings.kind is None and parallax < PAN_PX):
+        priors.warn(
+            "The camera only turns (almost no parallax): the depth of the background cannot be measured, so it is a guess"
+            " and views from other places will look flat."
+        )
+        return _adjusted_pan(turning, sample.bundle.focal), "pan"
+
+    progress("cameras", 1, 4, "first cameras")
+    solution, solver = _first_solution(clip, priors, settings, tracks, visible, static, focal, statistics)
+    if solution is None:
+        priors.warn(
+            "The camera's motion could not be reconstructed (too little parallax or texture); only its turning is kept and"
+            " the background becomes flat. Give cameras of another program if you have them."
+        )
+        return _adjusted_pan(turning, sample.bundle.focal), "pan"
+    statistics |= {"solver": solver, "registered": f"{int(solution.registered.sum())}/{len(solution.registered)}"}
+    if settings.focal is None and solver != "depth":
+        progress("cameras", 2, 4, "focal length")
+        sample, statistics["focal_search"] = search_focal(solution, priors.width, FOCALS)
+        if not np.isclose(sample.bundle.focal, solution.bundle.focal, rtol=0.1):
+            solution = refocused(solution, sample.bundle.focal)
+            known = adjust_known(
+                solution.bundle, solution.observations, solution.registered, BundleConfig(refine_focal=False)
+            )
+            solution = replace(solution, bundle=known)
+    return solution, "moving"
+
+
+def _first_solution(
+    clip: Clip,
+    priors: Priors,
+    settings: CamerasConfig,
+    tracks: np.ndarray,
+    visible: np.ndarray,
+    static: np.ndarray,
+    focal: float,
+    statistics: dict[str, Any],
+) -> tuple[Solution | None, str]:
+    """The first acceptable solution of: depth, colmap on keyframes, own structure from motion; else the fullest one."""
+    if priors.depth is not None and settings.solver in ("auto", "depth"):
+        known = focal if settings.focal else None
+        solution, statistics["focal_search"] = solve_with_depth(
+            tracks, visible, static, priors.depth, known, priors.width
+        )
+        if solution.error < 4 * MAX_ERROR_PX:  # the final adjustment no longer leans on the depth and comes below
+            return solution, "depth"
+    tried: list[tuple[Solution, str]] = []
+    keyframes = _keyframes(len(tracks), settings.keyframes)
+    if settings.solver in ("auto", "colmap"):
+        pictures = [clip.frames[frame] for frame in np.asarray(clip.supervised)[keyframes]]
+        masks = None if priors.mask is None else _grown(priors.mask[keyframes])
+        found = solve_with_colmap(
+            pictures, masks, focal, settings.focal is not None, settings.features, settings.threads, settings.seed
+        )
+        if found is not None:
+            tried.append((_spread(found, keyframes, len(tracks)), "colmap"))
+            if found.registered.mean() >= MIN_REGISTERED and found.error < MAX_ERROR_PX:
+                return tried[0]
+    if settings.solver in ("auto", "tracks"):
+        principal = np.array([priors.width, priors.height]) / 2
+        found = solve_with_tracks(tracks, visible, static, focal, principal, settings.seed)
+        if found is not None:
+            tried.append((found, "tracks"))
+    if not tried:
+        return None, "none"
+    best = max(tried, key=lambda entry: (entry[0].error < 2 * MAX_ERROR_PX, _covered(entry[0].registered)))
+    if not best[0].error < 2 * MAX_ERROR_PX or _covered(best[0].registered) < 0.5:
+        return None, "none"
+    if best[0].registered.sum() < MIN_REGISTERED * (len(keyframes) if best[1] == "colmap" else len(tracks)):
+        priors.warn("Some cameras could not be solved from the pictures and are continued from their neighbours.")
+    return best
+
+
+def _adjusted_pan(turning: Solution, focal: float) -> Solution:
+    """Rotations of all frames adjusted at the focal length found."""
+    turning = refocused(turning, focal, translating=False)
+    settings = BundleConfig(iterations=8, refine_focal=False, refine_centers=False)
+    return replace(turning, bundle=adjust(turning.bundle, turning.observations, settings))
+
+
+def _still(frames: int, focal: float, principal: np.ndarray) -> Solution:
+    """The camera that stands still at the origin."""
+    bundle = Bundle(focal, principal, np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3)), np.zeros((0, 3)))
+    nothing = Observations(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
+    return Solution(bundle, nothing, np.ones(frames, bool))
+
+
+def _keyframes(frames: int, most: int) -> np.ndarray:
+    """Evenly spaced indices, first and last included, at most `most`."""
+    return np.unique(np.linspace(0, frames - 1, min(most, frames)).round().astype(int))
+
+
+def _covered(registered: np.ndarray) -> float:
+    """Share of the clip between the first and the last registered frame."""
+    known = np.flatnonzero(registered)
+    return (known[-1] - known[0] + 1) / len(registered) if len(known) else 0.0
+
+
+def _grown(masks: np.ndarray) -> np.ndarray:
+    """Masks dilated by 1 % of the picture: features on the rim of a mover belong to it."""
+    import cv2
+
+    size = 2 * max(masks.shape[2] // 100, 1) + 1
+    return np.stack([cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0 for mask in masks])
+
+
+def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:
+    """A solution of keyframes as one of all frames."""
+    rotation, center = np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3))
+    registered = np.zeros(frames, bool)
+    rotation[keyframes], center[keyframes] = solution.bundle.rotation, solution.bundle.center
+    registered[keyframes] = solution.registered
+    observations = replace(solution.observations, frame=keyframes[solution.observations.frame])
+    return Solution(replace(solution.bundle, rotation=rotation, center=center), observations, registered)
+
+
+def _longest(solution: Solution, most: int) -> Observations:
+    """The solution's observations of its `most` most seen finite points."""
+    seen = solution.observations
+    length = np.bincount(seen.point, minlength=len(solution.bundle.points))
+    length = np.where(np.isfinite(solution.bundle.points).all(1), length, 0)
+    chosen = np.zeros(len(length), bool)
+    chosen[np.argsort(-length, kind="stable")[:most]] = True
+    return seen.keep((chosen & (length > 2))[seen.point])
+
+
+def _triangulated(bundle: Bundle, observations: Observations, registered: np.ndarray, offset: int) -> Bundle:
+    """Points from number `offset` on triangulated anew from the registered cameras."""
+    seen = observations.keep(registered[observations.frame])
+    points, _ = triangulate(bundle, seen, len(bundle.points))
+    points[:offset] = bundle.points[:offset]
+    return replace(bundle, points=points)
+
+
+def _interpolated(bundle: Bundle, registered: np.ndarray, frames: np.ndarray, times: np.ndarray) -> Bundle:
+    """Cameras `frames` put on the smooth path through the registered ones."""
+    size = (2 * bundle.principal).astype(int)
+    path = bundle.path(times, *size)
+    known = replace(
+        path,
+        intrinsics=path.intrinsics[registered],
+        world_to_camera=path.world_to_camera[registered],
+        times=times[registered],
+    )
+    rotation, center = bundle.rotation.copy(), bundle.center.copy()
+    for frame in frames:
+        camera = known.at(times[frame])
+        rotation[frame], center[frame] = camera.world_to_camera[:3, :3], camera.center
+    return replace(bundle, rotation=rotation, center=center)
+
+
+def _without_outliers(bundle: Bundle, observations: Observations) -> tuple[Bundle, Observations]:
+    """Drop sightings off by more than four times the median (at least 3 px), then points seen less than three times."""
+    error = np.nan_to_num(bundle.errors(observations), nan=np.inf)
+    usual = np.median(error) if len(error) else 0.0
+    observations = observations.keep(error < max(3.0, 4 * usual if np.isfinite(usual) else 0.0))
+    enough = np.bincount(observations.point, minlength=len(bundle.points)) >= 3
+    observations = observations.keep(enough[observations.point])
+    row = np.cumsum(enough) - 1
+    return replace(bundle, points=bundle.points[enough]), replace(observations, point=row[observations.point])
+
+
+def _first_camera_at_origin(bundle: Bundle) -> Bundle:
+    """The same geometry in the axes of the first camera."""
+    turn, origin = bundle.rotation[0], bundle.center[0]
+    return replace(
+        bundle,
+        rotation=bundle.rotation @ turn.T,
+        center=(bundle.center - origin) @ turn.T,
+        points=(bundle.points - origin) @ turn.T,
+    )
+
+
+def _median_depth(solution: Solution) -> float:
+    """Median depth of the sightings; 1 without any."""
+    depth = solution.bundle.local(solution.observations)[:, 2]
+    depth = depth[depth > 0]
+    return float(np.median(depth)) if len(depth) else 1.0
+
+
+def _turns(path: CameraPath) -> np.ndarray:
+    """Angles between neighbouring cameras in radians, `(F - 1,)`."""
+    q = quaternion.from_matrix(path.world_to_camera[:, :3, :3])
+    turn = quaternion.to_rotation_vector(quaternion.multiply(q[1:], quaternion.conjugate(q[:-1])))
+    return np.linalg.norm(turn, axis=1)
+
+
+def _json(value: float) -> float | None:
+    """A rounded number, None where it is not finite."""
+    return round(float(value), 4) if np.isfinite(value) else None

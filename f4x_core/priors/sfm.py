@@ -1,0 +1,453 @@
+"""Structure from motion: first cameras and points of a clip, from tracks, from tracks with depth, or from pycolmap.
+
+Every solver returns a `Solution` in its own world unit; `cameras.py` chooses between them, completes and refines it.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry import pose, quaternion
+from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, resect, triangulate
+
+MATCH_GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
+"""Keyframe distances whose pictures are matched: dense nearby, sparse for loops; all pairs would cost 5x the time."""
+FOCALS = (0.5, 0.6, 0.72, 0.86, 1.0, 1.2, 1.45, 1.75, 2.1, 2.5)
+"""Candidate focal lengths in picture widths (90 to 23 degrees across), about 20 % apart."""
+FOCAL_PRIOR = 0.1
+"""Relative error that a focal length `e` times away from one width must save: decides only where pictures do not."""
+MIN_SHARED = 30
+"""Fewest tracks two frames must share to be related to each other."""
+MIN_SPREAD = np.deg2rad(0.5)
+"""Smallest angle between the viewing rays of a point whose depth is believed during reconstruction."""
+MAX_ERROR_PX = 3.0
+"""Median reprojection error above which a track is not a static point."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Cameras of some frames, and the points and observations that hold them."""
+
+    bundle: Bundle
+    """All F frames; those not `registered` hold whatever stood there."""
+    observations: Observations
+    registered: np.ndarray
+    """(F,) bool."""
+
+    @property
+    def error(self) -> float:
+        """Root mean square reprojection error in pixels over the registered frames, misses above 10 px counted as 10."""
+        seen = self.observations.keep(self.registered[self.observations.frame])
+        return float(np.sqrt(np.mean(np.minimum(self.bundle.errors(seen), 10.0) ** 2))) if len(seen.frame) else np.inf
+
+
+def sightings(tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, most: int) -> tuple[Observations, np.ndarray]:
+    """Observations of at most `most` of the `chosen (N,)` tracks and their indices `(P,)`; longest tracks first.
+
+    `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times count.
+    """
+    length = (visible & chosen).sum(0)
+    order = np.argsort(-length, kind="stable")[:most]
+    order = np.sort(order[length[order] >= 3])
+    frame, point = np.nonzero(visible[:, order])
+    uv = tracks[:, order][frame, point].astype(np.float64)
+    return Observations(frame, point, uv, np.ones(len(frame))), order
+
+
+def bearings(uv: np.ndarray, focal: float, principal: np.ndarray) -> np.ndarray:
+    """Unit viewing directions `(..., 3)` in camera axes."""
+    local = np.concatenate([(uv - principal) / focal, np.ones_like(uv[..., :1])], axis=-1)
+    return local / np.linalg.norm(local, axis=-1, keepdims=True)
+
+
+def rotation_between(a: np.ndarray, b: np.ndarray, focal: float, rounds: int = 8) -> tuple[np.ndarray, np.ndarray]:
+    """Robust rotation `(3, 3)` with `b ~ R a` of unit directions `(n, 3)`, and the residuals `(n,)` in pixels.
+
+    Kabsch with Cauchy reweighting at the median residual: it follows the far majority and leaves parallax as residual.
+    """
+    weight, rotation, residual = np.ones(len(a)), np.eye(3), np.zeros(len(a))
+    for _ in range(rounds):
+        u, _, vt = np.linalg.svd((b * weight[:, None]).T @ a)
+        rotation = u @ np.diag([1, 1, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
+        residual = focal * np.linalg.norm(b - a @ rotation.T, axis=1)
+        weight = 1 / (1 + (residual / max(float(np.median(residual)), 0.1)) ** 2)
+    return rotation, residual
+
+
+def solve_rotations(
+    tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, focal: float, principal: np.ndarray, most: int = 1000
+) -> Solution:
+    """A camera that only turns: rotations chained over neighbouring frames, to be adjusted by the caller.
+
+    `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. Centres are zero and points lie at distance 1.
+    """
+    rotation = [np.eye(3)]
+    for i in range(len(tracks) - 1):
+        shared = visible[i] & visible[i + 1] & static
+        turn = np.eye(3)
+        if shared.sum() >= 4:
+            a, b = (bearings(tracks[k, shared].astype(np.float64), focal, principal) for k in (i, i + 1))
+            turn, _ = rotation_between(a, b, focal)
+        rotation.append(turn @ rotation[-1])
+    observations, chosen = sightings(tracks, visible, static, most)
+    bundle = Bundle(focal, principal, np.array(rotation), np.zeros((len(rotation), 3)), np.zeros((len(chosen), 3)))
+    return Solution(_on_sphere(bundle, observations), observations, np.ones(len(rotation), bool))
+
+
+def solve_with_tracks(
+    tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, focal: float, principal: np.ndarray, seed: int = 0
+) -> Solution | None:
+    """Own incremental structure from motion on static tracks; None when no pair of frames shows parallax.
+
+    The pair with the most parallax gives two cameras (five-point essential matrix); the others follow outwards, each
+    resected from the points known so far, with a bundle adjustment whenever a quarter more cameras are in.
+    """
+    observations, chosen = sightings(tracks, visible, static, 2500)
+    frames, count = len(tracks), len(chosen)
+    start = _first_pair(tracks[:, chosen], visible[:, chosen], focal, principal, seed)
+    if start is None:
+        return None
+    i, j, rotation, translation = start
+    matrices = np.tile(np.eye(4), (frames, 1, 1))
+    matrices[j, :3, :3], matrices[j, :3, 3] = rotation, translation
+    bundle = from_matrices(matrices, focal, principal, np.full((count, 3), np.nan))
+    registered = np.zeros(frames, bool)
+    registered[[i, j]] = True
+    bundle, adjusted = _structure(bundle, observations, registered), 2
+    while not registered.all():
+        frame = _next_frame(registered, observations, bundle)
+        if frame is None:
+            break
+        near = np.flatnonzero(registered)[np.argsort(abs(np.flatnonzero(registered) - frame), kind="stable")]
+        bundle = _set_pose(bundle, frame, bundle.rotation[near[0]], bundle.center[near[0]])
+        bundle = resect(bundle, observations, np.array([frame]), iterations=30, robust_px=8.0)
+        registered[frame] = True
+        bundle = _structure(bundle, observations, registered)
+        if registered.sum() >= 1.25 * adjusted or registered.all():
+            bundle = adjust_known(bundle, observations, registered, BundleConfig(iterations=8, refine_focal=False))
+            bundle, adjusted = _structure(bundle, observations, registered), int(registered.sum())
+    return Solution(bundle, observations, registered)
+
+
+def solve_with_depth(
+    tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, depth: np.ndarray, focal: float | None, width: int
+) -> tuple[Solution, dict[str, list[float]]]:
+    """Cameras from tracks and a depth prior: field-of-view search, chained alignments, points from depth.
+
+    `tracks (F, N, 2)`, `depth (F, H, W)` in any unit. Pairs of frames 10 and 20 apart are aligned by a similarity of their
+    lifted tracks for every candidate field of view; the least symmetric reprojection error wins (MoSca, section 4.1 b-c of
+    algorithm.md). Returns the solution in the unit of the depth, and the search curve.
+    """
+    height = depth.shape[1]
+    principal = np.array([width / 2, height / 2])
+    observations, chosen = sightings(tracks, visible, static, 4000)
+    tracks, visible = tracks[:, chosen], visible[:, chosen]
+    column = np.clip(np.nan_to_num(tracks[..., 0]).astype(int), 0, width - 1)
+    row = np.clip(np.nan_to_num(tracks[..., 1]).astype(int), 0, height - 1)
+    z = depth[np.arange(len(tracks))[:, None], row, column].astype(np.float64)
+    visible = visible & (z > 0)  # NaN compares false
+
+    longest = max((len(tracks) - 1) // 2, 1)
+    gaps = sorted({min(gap, longest) for gap in (10, 20)})
+    pairs = [(i, i + gap) for gap in gaps for i in range(0, len(tracks) - gap, max(gap // 4, 1))]
+    fovs = np.deg2rad(np.linspace(20, 90, 72)[1:-1])
+    candidates = [focal] if focal else list(width / 2 / np.tan(fovs / 2))
+    curve = [_alignment_error(tracks, visible, z, pairs, candidate, principal) for candidate in candidates]
+    best = int(np.argmin(curve))
+    found = float(candidates[best])
+    if 0 < best < len(curve) - 1:  # parabola through the three lowest: finer than the 1-degree steps
+        a, b, c = curve[best - 1 : best + 2]
+        found = float(width / 2 / np.tan((fovs[best] + 0.5 * (a - c) / (a - 2 * b + c) * (fovs[1] - fovs[0])) / 2))
+    elif not focal and not np.isfinite(curve[best]):
+        found = float(width)
+
+    matrices = [np.eye(4)]
+    for i in range(len(tracks) - 1):
+        shared = visible[i] & visible[i + 1]
+        step = np.eye(4)
+        if shared.sum() >= 4:
+            a, b = (_lift(tracks[k, shared], z[k, shared], found, principal) for k in (i, i + 1))
+            step[:3, :3], step[:3, 3] = _robust_alignment(a, b)[1:]
+        matrices.append(step @ matrices[-1])
+    bundle = from_matrices(np.array(matrices), found, principal, np.zeros((len(chosen), 3)))
+    lifted = np.einsum("fji,fnj->fni", bundle.rotation, _lift(tracks, z, found, principal)) + bundle.center[:, None]
+    points = np.nanmedian(np.where(visible[..., None], lifted, np.nan), axis=0)
+    known = np.isfinite(points).all(1)
+    bundle = replace(bundle, points=np.where(known[:, None], points, 0.0))
+    observations = observations.keep(known[observations.point])
+    degrees = 2 * np.rad2deg(np.arctan(width / 2 / np.array(candidates)))
+    search = {"degrees": degrees.tolist(), "error_px": [float(min(value, 1e3)) for value in curve]}
+    return Solution(bundle, observations, np.ones(len(tracks), bool)), search
+
+
+def solve_with_colmap(
+    pictures: Sequence[np.ndarray],
+    masks: np.ndarray | None,
+    focal: float,
+    focal_known: bool,
+    features: int,
+    threads: int,
+    seed: int,
+) -> Solution | None:
+    """Incremental mapping by pycolmap in a child process; None when pycolmap is missing or finds nothing.
+
+    `pictures` are (H, W, 3) uint8 RGB, `masks (F, H, W)` bool is what moves and must be ignored, `focal` pixels. First
+    the focal length is held at the given value, which keeps turning cameras from collapsing; when that leaves frames
+    out and the value is only a guess, a second run solves for it.
+    """
+    import cv2
+
+    height, width = pictures[0].shape[:2]
+    with tempfile.TemporaryDirectory(prefix="f4x-cameras-") as name:
+        folder = Path(name)
+        names = [f"{i:05d}.png" for i in range(len(pictures))]
+        (folder / "images").mkdir()
+        for file, picture in zip(names, pictures, strict=True):
+            cv2.imwrite(str(folder / "images" / file), cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2BGR))
+        if masks is not None and masks.any():
+            (folder / "masks").mkdir()
+            for file, mask in zip(names, masks, strict=True):
+                cv2.imwrite(str(folder / "masks" / f"{file}.png"), np.where(mask, 0, 255).astype(np.uint8))
+        request = {
+            "folder": name,
+            "names": names,
+            "pairs": [(i, i + gap) for gap in MATCH_GAPS for i in range(len(names) - gap)],
+            "focal": focal,
+            "refine_focal": False,
+            "max_features": features,
+            "threads": threads,
+            "seed": seed,
+        }
+        best = _ask_colmap(request, (width, height))
+        if not focal_known and (best is None or best.registered.mean() < 0.9):
+            free = _ask_colmap(request | {"refine_focal": True}, (width, height))
+            plausible = free is not None and FOCALS[0] <= free.bundle.focal / width <= FOCALS[-1]
+            if plausible and (best is None or free.registered.sum() > best.registered.sum()):  # type: ignore[union-attr]
+                best = free
+    return best
+
+
+def search_focal(
+    solution: Solution, width: int, candidates: Sequence[float], translating: bool = True
+) -> tuple[Solution, dict[str, list[float]]]:
+    """A sample of the solution adjusted at the focal length its observations prefer, and the curve of errors.
+
+    `candidates` are in picture widths. For each the cameras and points of the sample are adjusted with the focal length
+    held; `FOCAL_PRIOR` decides where the curve is flat (little parallax, little rotation).
+    """
+    sample = _subset(solution, 400, 24)
+    if not len(sample.observations.frame):
+        return sample, {}
+    settings = BundleConfig(iterations=8, refine_focal=False, refine_centers=translating)
+    found = []
+    for factor in candidates:
+        start = refocused(sample, factor * width, translating)
+        found.append(replace(start, bundle=adjust(start.bundle, start.observations, settings)))
+    errors = np.array([solution.error for solution in found])
+    penalised = errors * (1 + FOCAL_PRIOR * np.log(candidates) ** 2)
+    curve = {"focal_over_width": list(candidates), "error_px": errors.round(4).tolist()}
+    return found[int(np.argmin(penalised))], curve
+
+
+def refocused(solution: Solution, focal: float, translating: bool = True) -> Solution:
+    """The solution with another focal length: rotations shrink or grow so that the picture turns as fast as before."""
+    bundle, middle = solution.bundle, len(solution.bundle.rotation) // 2
+    reference = bundle.rotation[middle]
+    relative = quaternion.to_rotation_vector(quaternion.from_matrix(bundle.rotation @ reference.T))
+    turned = quaternion.to_matrix(quaternion.from_rotation_vector(relative * bundle.focal / focal))
+    bundle = replace(bundle, rotation=turned @ reference, focal=focal)
+    if not translating:
+        return replace(solution, bundle=_on_sphere(bundle, solution.observations))
+    points, _ = triangulate(bundle, solution.observations, len(bundle.points))
+    return replace(solution, bundle=replace(bundle, points=np.where(np.isfinite(points), points, bundle.points)))
+
+
+def adjust_known(
+    bundle: Bundle, observations: Observations, registered: np.ndarray, config: BundleConfig, times: np.ndarray | None = None
+) -> Bundle:
+    """`bundle.adjust` on the registered frames and the finite points only; all others are left as they are."""
+    frames, points = np.flatnonzero(registered), np.flatnonzero(np.isfinite(bundle.points).all(1))
+    seen = observations.keep(registered[observations.frame] & np.isin(observations.point, points))
+    if not len(seen.frame):
+        return bundle
+    frame_row, point_row = np.zeros(len(registered), int), np.zeros(len(bundle.points), int)
+    frame_row[frames], point_row[points] = np.arange(len(frames)), np.arange(len(points))
+    part = replace(
+        bundle, rotation=bundle.rotation[frames], center=bundle.center[frames], points=bundle.points[points]
+    )
+    seen = replace(seen, frame=frame_row[seen.frame], point=point_row[seen.point])
+    part = adjust(part, seen, config, None if times is None else times[frames])
+    rotation, center, xyz = bundle.rotation.copy(), bundle.center.copy(), bundle.points.copy()
+    rotation[frames], center[frames], xyz[points] = part.rotation, part.center, part.points
+    return replace(part, rotation=rotation, center=center, points=xyz)
+
+
+def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
+    """Points at distance 1 in the mean direction of their sightings: a world without depth."""
+    local = bearings(observations.uv, bundle.focal, bundle.principal)
+    world = np.einsum("oji,oj->oi", bundle.rotation[observations.frame], local)
+    points = np.zeros_like(bundle.points)
+    np.add.at(points, observations.point, world)
+    return replace(bundle, points=points / (np.linalg.norm(points, axis=1, keepdims=True) + 1e-12))
+
+
+def _subset(solution: Solution, points: int, frames: int) -> Solution:
+    """A smaller problem with the same geometry: the most seen points in evenly spaced registered frames."""
+    registered = np.flatnonzero(solution.registered)
+    kept = registered[np.unique(np.linspace(0, len(registered) - 1, min(frames, len(registered))).round().astype(int))]
+    finite = np.isfinite(solution.bundle.points).all(1)
+    seen = solution.observations.keep(
+        np.isin(solution.observations.frame, kept) & finite[solution.observations.point]
+    )
+    length = np.bincount(seen.point, minlength=len(finite))
+    chosen = np.sort(np.argsort(-length, kind="stable")[:points])
+    chosen = chosen[length[chosen] >= 3]
+    seen = seen.keep(np.isin(seen.point, chosen))
+    bundle = replace(
+        solution.bundle,
+        rotation=solution.bundle.rotation[kept],
+        center=solution.bundle.center[kept],
+        points=solution.bundle.points[chosen],
+    )
+    seen = replace(seen, frame=np.searchsorted(kept, seen.frame), point=np.searchsorted(chosen, seen.point))
+    return Solution(bundle, seen, np.ones(len(kept), bool))
+
+
+def _structure(bundle: Bundle, observations: Observations, registered: np.ndarray) -> Bundle:
+    """Points triangulated from the registered frames; those with narrow rays or large errors are NaN."""
+    seen = observations.keep(registered[observations.frame])
+    points, spread = triangulate(bundle, seen, len(bundle.points))
+    bundle = replace(bundle, points=points)
+    error = np.nan_to_num(bundle.errors(seen), nan=np.inf)
+    order = np.lexsort((error, seen.point))
+    length = np.bincount(seen.point, minlength=len(points))
+    median = np.full(len(points), np.inf)
+    first = np.cumsum(length) - length
+    has = length > 0
+    median[has] = error[order][(first + length // 2)[has]]
+    points[(spread < MIN_SPREAD) | (median > MAX_ERROR_PX)] = np.nan
+    return bundle
+
+
+def _first_pair(
+    tracks: np.ndarray, visible: np.ndarray, focal: float, principal: np.ndarray, seed: int
+) -> tuple[int, int, np.ndarray, np.ndarray] | None:
+    """Two frames with parallax and their relative pose (first camera at the origin), or None."""
+    import cv2
+
+    best: tuple[float, int, int] | None = None
+    step = max(len(tracks) // 12, 1)
+    for i in range(0, len(tracks), step):
+        for j in range(i + step, len(tracks), step):
+            shared = visible[i] & visible[j]
+            if shared.sum() < 2 * MIN_SHARED:
+                continue
+            a, b = (bearings(tracks[k, shared].astype(np.float64), focal, principal) for k in (i, j))
+            _, residual = rotation_between(a, b, focal)
+            # Parallax saturates: beyond 5 % of the focal length more shared tracks are worth more.
+            score = min(float(np.percentile(residual, 75)), 0.05 * focal) * np.sqrt(shared.sum())
+            if best is None or score > best[0]:
+                best = (score, i, j)
+    if best is None:
+        return None
+    _, i, j = best
+    shared = visible[i] & visible[j]
+    matrix = np.array([[focal, 0, principal[0]], [0, focal, principal[1]], [0, 0, 1.0]])
+    a, b = tracks[i, shared].astype(np.float64), tracks[j, shared].astype(np.float64)
+    cv2.setRNGSeed(seed)
+    try:
+        essential, inliers = cv2.findEssentialMat(a, b, matrix, cv2.RANSAC, 0.999, 1.0)
+        if essential is None or essential.shape != (3, 3):
+            return None
+        good, rotation, translation, _ = cv2.recoverPose(essential, a, b, matrix, mask=inliers)
+    except cv2.error:  # degenerate correspondences
+        return None
+    return (i, j, rotation, translation[:, 0]) if good >= MIN_SHARED else None
+
+
+def _next_frame(registered: np.ndarray, observations: Observations, bundle: Bundle) -> int | None:
+    """The unregistered frame that sees most known points, among those next to a registered one."""
+    known = np.isfinite(bundle.points).all(1)
+    count = np.bincount(observations.frame[known[observations.point]], minlength=len(registered))
+    beside = np.zeros_like(registered)
+    beside[1:] |= registered[:-1]
+    beside[:-1] |= registered[1:]
+    count = np.where(beside & ~registered, count, 0)
+    return int(np.argmax(count)) if count.max() >= MIN_SHARED // 2 else None
+
+
+def _set_pose(bundle: Bundle, frame: int, rotation: np.ndarray, center: np.ndarray) -> Bundle:
+    rotations, centers = bundle.rotation.copy(), bundle.center.copy()
+    rotations[frame], centers[frame] = rotation, center
+    return replace(bundle, rotation=rotations, center=centers)
+
+
+def _lift(uv: np.ndarray, z: np.ndarray, focal: float, principal: np.ndarray) -> np.ndarray:
+    """Points `(..., 3)` in camera axes."""
+    return np.concatenate([(uv - principal) / focal, np.ones_like(uv[..., :1])], axis=-1) * z[..., None]
+
+
+def _robust_alignment(a: np.ndarray, b: np.ndarray, with_scale: bool = False) -> tuple[float, np.ndarray, np.ndarray]:
+    """Similarity `b ~ s R a + t` with Cauchy weights relative to depth, so that far points do not dominate."""
+    weight = 1 / b[:, 2] ** 2
+    for _ in range(6):
+        scale, rotation, shift = pose.align_similarity(a, b, weight, with_scale)
+        residual = np.linalg.norm(b - (scale * a @ rotation.T + shift), axis=1) / b[:, 2]
+        weight = 1 / b[:, 2] ** 2 / (1 + (residual / max(float(np.median(residual)), 1e-4)) ** 2)
+    return scale, rotation, shift
+
+
+def _alignment_error(
+    tracks: np.ndarray, visible: np.ndarray, z: np.ndarray, pairs: list[tuple[int, int]], focal: float, principal: np.ndarray
+) -> float:
+    """Median symmetric reprojection error in pixels after aligning the lifted tracks of every pair, averaged."""
+    errors = []
+    for i, j in pairs:
+        shared = visible[i] & visible[j]
+        if shared.sum() < MIN_SHARED:
+            continue
+        a, b = (_lift(tracks[k, shared].astype(np.float64), z[k, shared], focal, principal) for k in (i, j))
+        scale, rotation, shift = _robust_alignment(a, b, with_scale=True)
+        there, back = scale * a @ rotation.T + shift, (b - shift) @ rotation / scale
+        pixels = [
+            focal * np.linalg.norm(p[:, :2] / np.maximum(p[:, 2:], 1e-6) - q[:, :2] / q[:, 2:], axis=1)
+            for p, q in ((there, b), (back, a))
+        ]
+        errors.append(float(np.median(pixels)))
+    return float(np.mean(errors)) if errors else np.inf
+
+
+def _ask_colmap(request: dict, size: tuple[int, int]) -> Solution | None:
+    """Run the child on a request; None when pycolmap is not installed, fails, or registers fewer than three frames."""
+    folder = Path(request["folder"])
+    (folder / "request.json").write_text(json.dumps(request))
+    # A script path with -P instead of -m: the package may be nested in another one, and this room holds names like `files`.
+    script = Path(__file__).with_name("colmap_child.py")
+    command = [sys.executable, "-P", str(script), str(folder / "request.json")]
+    try:
+        child = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise F4xError(f"{sys.executable} cannot be started for the camera solver ({error}); repair the environment.") from error
+    if child.returncode or not (folder / "answer.npz").exists():
+        return None
+    with np.load(folder / "answer.npz") as answer:
+        registered = np.zeros(len(request["names"]), bool)
+        registered[answer["registered"]] = True
+        matrices = np.tile(np.eye(4), (len(registered), 1, 1))
+        matrices[answer["registered"]] = answer["world_to_camera"]
+        principal = np.array(size, np.float64) / 2
+        bundle = from_matrices(matrices, float(answer["focal"]), principal, answer["points"])
+        # A feature with two orientations can sight one point twice in a frame; the solver wants it once.
+        _, once = np.unique(answer["frame"] * (len(answer["points"]) + 1) + answer["point"], return_index=True)
+        uv = answer["uv"][once]
+        observations = Observations(answer["frame"][once], answer["point"][once], uv, np.ones(len(once)))
+    return Solution(bundle, observations, registered) if registered.sum() >= 3 else None
