@@ -3,34 +3,40 @@
 A tile's front-to-back list is cut into slabs of `SLAB` splats. For a batch of tiles, one slab is a dense block
 (tiles, pixels, splats): log2 alpha is a 6-term polynomial of the pixel's place in the tile (one bmm), one cumprod gives
 transmittance, blending weights and stop rule at once, and channels are contracted by a second bmm.
-Batches are independent and each writes its own rows, so the number of threads never changes a bit of the result.
+Batches are independent and each writes rows of its own, so the number of threads never changes a bit of the result.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+import os
+import threading
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
+from torch.nn.functional import embedding_bag, pad, threshold_
 
 from .binning import TileLists, build_tile_lists
 from .contract import RasterConfig, RasterOutput
 from .projection import project
 
-# Splats blended at once; a tile stops between slabs. 32 keeps slabs full and wastes little after the stop.
+# Splats blended at once; a tile can stop between slabs. Shorter slabs starve the GEMMs, longer ones overshoot the stop.
 SLAB = 32
-# Pixels x splats worked on at once: large enough to hide call overhead, small enough to stay in the CPU's cache.
+# Pixels x splats worked on at once: enough to hide the cost of a call, few enough to stay in a core's cache.
 ELEMENTS_CPU, ELEMENTS_ACCELERATOR = 2**17, 2**23
-# A batch drops finished tiles as soon as fewer than this share of it is still at work.
+# A batch drops its finished tiles as soon as fewer than this share of it is still at work.
 COMPACT_BELOW = 0.85
-# log2 alpha of a padding slot: 2^-1000 is 0 in every float type.
+# Work memory up to this size is kept for the next call: fresh pages cost more than the arithmetic done in them.
+KEPT_BYTES = 2**28
+# log2 alpha of a padding slot: 2^-1000 is 0 in every float type that gets here.
 PADDING = -1000.0
-# q / -2 in base 2: alpha = 2^(log2 opacity + HALF q).
+# alpha = 2^(log2 opacity + HALF q).
 HALF = -0.5 / math.log(2)
+
+Item, Result = TypeVar("Item"), TypeVar("Result")
 
 
 def rasterize_torch(
@@ -49,168 +55,180 @@ def rasterize_torch(
     detached_from: int | None = None,
     mean2d_offset: Tensor | None = None,
 ) -> RasterOutput:
-    """Composite Gaussians; arguments and result as in `rasterize`, tensors only."""
+    """Composite Gaussians; arguments and result as in `rasterize`, tensors only. `channels` is a view of (C, H, W)."""
     config = config or RasterConfig()
     viewmat, K = viewmat.to(means), K.to(means)
     ellipses = project(means, quats, scales, opacities, viewmat, K, width, height, config, mean2d_offset)
     lists = build_tile_lists(ellipses, width, height, SLAB, config)
     features = torch.cat((torch.ones_like(ellipses.depth)[:, None], ellipses.depth[:, None], colors), 1)
     attached = 2 + (colors.shape[1] if detached_from is None else detached_from)
-    canvas = _Canvas(width, height, config)
-    channels, depth, alpha = _Composite.apply(ellipses.table, features, lists, canvas, attached)
+    grid = _Grid(width, height, config.tile)
+    channels, depth, alpha = _Composite.apply(ellipses.table, features, lists, grid, config, attached)
     if background is not None:
-        channels = add_background(channels, alpha, background.to(means), detached_from)
+        channels = _add_background(channels, alpha, background.to(means), detached_from)
     return RasterOutput(channels, depth, alpha, ellipses.visible)
 
 
-def add_background(channels: Tensor, alpha: Tensor, background: Tensor, detached_from: int | None) -> Tensor:
-    """channels (H, W, C) plus background (C,) times the light left, 1 - alpha (H, W).
-
-    Channels from `detached_from` on send no gradient to alpha.
-    """
+def _add_background(channels: Tensor, alpha: Tensor, background: Tensor, detached_from: int | None) -> Tensor:
+    """Channels (H, W, C) plus background (C,) times the light left, 1 - alpha (H, W); detached channels detach it."""
     light = (1 - alpha)[..., None]
     if detached_from is None:
         return channels + light * background
     kept = channels[..., :detached_from] + light * background[:detached_from]
-    rest = channels[..., detached_from:] + light.detach() * background[detached_from:]
-    return torch.cat((kept, rest), -1)
+    return torch.cat((kept, channels[..., detached_from:] + light.detach() * background[detached_from:]), -1)
 
 
-class _Canvas:
-    """Geometry of the tile grid."""
+class _Grid:
+    """The image cut into square tiles; the last column and row of tiles may hang over the edge."""
 
-    def __init__(self, width: int, height: int, config: RasterConfig):
-        self.width, self.height, self.config, self.side = width, height, config, config.tile
-        self.columns, self.rows = -(-width // self.side), -(-height // self.side)
-        self.pixels = self.side**2
+    def __init__(self, width: int, height: int, side: int):
+        self.width, self.height, self.side, self.pixels = width, height, side, side * side
+        self.columns, self.rows = -(-width // side), -(-height // side)
 
     def basis(self, like: Tensor) -> Tensor:
-        """(6, pixels) monomials 1, u, v, u^2, uv, v^2 of a pixel's place relative to the tile centre."""
+        """(6, pixels) monomials 1, u, v, u^2, uv, v^2 of a pixel centre relative to the tile centre."""
         axis = torch.arange(self.side, dtype=like.dtype, device=like.device) + 0.5 - self.side / 2
         v, u = (c.reshape(-1) for c in torch.meshgrid(axis, axis, indexing="ij"))
         return torch.stack((torch.ones_like(u), u, v, u * u, u * v, v * v))
 
     def centres(self, tile: Tensor, like: Tensor) -> tuple[Tensor, Tensor]:
         """x and y of tile centres, pixels."""
-        x, y = tile % self.columns, tile // self.columns
-        return ((c.to(like.dtype) + 0.5) * self.side for c in (x, y))  # type: ignore[return-value]
+        y = torch.div(tile, self.columns, rounding_mode="floor")
+        return ((tile - y * self.columns).to(like) + 0.5) * self.side, (y.to(like) + 0.5) * self.side
 
     def to_image(self, tiles: Tensor) -> Tensor:
         """(tiles, C, pixels) -> (C, H, W)."""
-        grid = tiles.view(self.rows, self.columns, -1, self.side, self.side).permute(2, 0, 3, 1, 4)
-        image = grid.reshape(-1, self.rows * self.side, self.columns * self.side)
+        cut = tiles.view(self.rows, self.columns, -1, self.side, self.side).permute(2, 0, 3, 1, 4)
+        image = cut.reshape(-1, self.rows * self.side, self.columns * self.side)
         return image[:, : self.height, : self.width]
 
-    def to_tiles(self, image: Tensor) -> Tensor:
-        """(C, H, W) -> (tiles, C, pixels), 0 outside the image."""
-        image = F.pad(image, (0, self.columns * self.side - self.width, 0, self.rows * self.side - self.height))
-        grid = image.view(-1, self.rows, self.side, self.columns, self.side).permute(1, 3, 0, 2, 4)
-        return grid.reshape(self.rows * self.columns, -1, self.pixels)
+    def to_tiles(self, image: Tensor, out: Tensor) -> None:
+        """(C, H, W) -> out (tiles, C, pixels), 0 outside the image."""
+        image = pad(image, (0, self.columns * self.side - self.width, 0, self.rows * self.side - self.height))
+        cut = image.view(-1, self.rows, self.side, self.columns, self.side).permute(1, 3, 0, 2, 4)
+        out.view(self.rows, self.columns, -1, self.side, self.side).copy_(cut)
 
 
-class _Step(NamedTuple):
+class _Scratch(threading.local):
+    """Named work memory of one thread, grown on demand and reused by the next slab and the next call."""
+
+    def __init__(self) -> None:
+        self._flat: dict[tuple, Tensor] = {}
+
+    def __call__(self, name: str, like: Tensor, *shape: int) -> Tensor:
+        """Uninitialised tensor of `shape`, of the type of `like`; valid until the name is asked for again."""
+        key, size = (name, like.dtype, like.device), math.prod(shape)
+        flat = self._flat.get(key)
+        if flat is None or len(flat) < size:
+            flat = like.new_empty(size)
+            if flat.nbytes <= KEPT_BYTES:
+                self._flat[key] = flat
+        return flat[:size].view(shape)
+
+
+_scratch = _Scratch()
+_pools: dict[int, ThreadPoolExecutor] = {}
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pools.clear)
+
+
+def _map(function: Callable[[Item], Result], items: Sequence[Item], threads: int) -> list[Result]:
+    """`[function(item) for item in items]`, spread over Python threads; torch lets go of the GIL inside its operations."""
+    threads = min(threads, len(items))
+    if threads <= 1:
+        return [function(item) for item in items]
+    if threads not in _pools:
+        # Each worker keeps to one core: spinning OpenMP teams inside them would fight over the same cores.
+        intra_op = torch.get_num_threads()
+        _pools[threads] = ThreadPoolExecutor(threads, "raster", torch.set_num_threads, (1,))
+        list(_pools[threads].map(lambda _: None, range(threads)))
+        torch.set_num_threads(intra_op)
+    return list(_pools[threads].map(torch.no_grad()(function), items))
+
+
+class _Slab(NamedTuple):
     """One slab of one batch of tiles, as the backward pass needs it again."""
 
     tiles: Tensor
     """(t,)"""
+    ancestors: tuple[Tensor, Tensor] | None
+    """The tiles (s,) of the slab before and the places (t,) of this slab's tiles among them; none = the same tiles."""
     blocks: Tensor
     """(t,) block of `TileLists` that every tile blends."""
     light: Tensor
     """(t, pixels) transmittance in front of the slab, 0 where the pixel has stopped."""
 
 
+class _Scene(NamedTuple):
+    """What the compositing loops read."""
+
+    theta: Tensor
+    """(B, 6, SLAB) coefficients of log2 alpha over `basis` for every slot."""
+    features: Tensor
+    """(N, 2 + C) columns 1, z, colors."""
+    lists: TileLists
+    basis: Tensor
+    """(6, pixels)"""
+    config: RasterConfig
+
+    def slab_features(self, blocks: Tensor) -> Tensor:
+        """(t, SLAB, 2 + C)."""
+        ids = self.lists.ids.index_select(0, blocks).view(-1)
+        out = _scratch("features", self.features, len(ids), self.features.shape[1])
+        return torch.index_select(self.features, 0, ids, out=out).view(len(blocks), SLAB, -1)
+
+
 class _Composite(torch.autograd.Function):
-    """table (6, N), features (N, 2 + C) whose columns are 1, z, colors -> channels (H, W, C), depth, alpha (H, W)."""
+    """table (6, N), features (N, 2 + C) -> channels (H, W, C), depth (H, W), alpha (H, W)."""
 
     @staticmethod
     def forward(  # type: ignore[override]
-        ctx: Any, table: Tensor, features: Tensor, lists: TileLists, canvas: _Canvas, attached: int
+        ctx: Any, table: Tensor, features: Tensor, lists: TileLists, grid: _Grid, config: RasterConfig, attached: int
     ) -> tuple[Tensor, Tensor, Tensor]:
-        theta = _polynomials(table, lists, canvas)
-        basis = canvas.basis(table)
+        scene = _Scene(_polynomials(table, lists, grid), features, lists, grid.basis(table), config)
         recording = any(ctx.needs_input_grad[:2])
-        out = features.new_zeros(len(lists.count), features.shape[1], canvas.pixels)
-        steps = _run(
-            lambda tiles, work: _blend(tiles, work, theta, basis, features, lists, canvas, out, recording),
-            _batches(lists, canvas, table),
-            canvas,
-            table,
-        )
+        tiles = _scratch("tiles", features, len(lists.count), features.shape[1], grid.pixels).zero_()
+        batches = _batches(lists, grid.pixels)
+        slabs = _map(lambda batch: _blend(batch, scene, tiles, recording), batches, _threads(config, table))
         if recording:
-            ctx.save_for_backward(table, features, theta)
-            ctx.lists, ctx.canvas, ctx.attached, ctx.steps = lists, canvas, attached, steps
+            ctx.save_for_backward(table, features, scene.theta)
+            ctx.arguments = lists, grid, config, attached
+            ctx.slabs = slabs
             ctx.set_materialize_grads(False)
-        image = canvas.to_image(out)
+        image = grid.to_image(tiles)
         return image[2:].permute(1, 2, 0), image[1], image[0]
 
     @staticmethod
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:  # type: ignore[override]
         table, features, theta = ctx.saved_tensors
-        lists, canvas = ctx.lists, ctx.canvas
-        grad_image = features.new_zeros(features.shape[1], canvas.height, canvas.width)
-        for target, grad in zip((grad_image[2:], grad_image[1], grad_image[0]), grads, strict=True):
-            if grad is not None:
-                target.copy_(grad.permute(2, 0, 1) if grad.dim() == 3 else grad)
-        grad_tiles = canvas.to_tiles(grad_image)
-        grad_table, grad_features = _differentiate(
-            ctx.steps, grad_tiles, table, features, theta, lists, canvas, ctx.attached
-        )
-        return grad_table, grad_features, None, None, None
+        lists, grid, config, attached = ctx.arguments
+        scene = _Scene(theta, features, lists, grid.basis(table), config)
+        grad_tiles = _scratch("tiles", features, len(lists.count), features.shape[1], grid.pixels)
+        for part, grad in zip((slice(2, None), slice(1, 2), slice(0, 1)), grads, strict=True):
+            if grad is None:
+                grad_tiles[:, part] = 0
+            else:
+                grid.to_tiles(grad.permute(2, 0, 1) if grad.dim() == 3 else grad[None], grad_tiles[:, part])
+        return (*_differentiate(ctx.slabs, grad_tiles, table, scene, grid, attached), None, None, None, None)
 
 
-class _Work:
-    """Buffers of one thread, grown once and then reused for every slab: (t, pixels, splats) views of flat memory."""
-
-    def __init__(self) -> None:
-        self._flat: dict[str, Tensor] = {}
-
-    def __call__(self, name: str, like: Tensor, *shape: int) -> Tensor:
-        size = math.prod(shape)
-        if name not in self._flat or len(self._flat[name]) < size:
-            self._flat[name] = like.new_empty(size)
-        return self._flat[name][:size].view(shape)
+def _threads(config: RasterConfig, like: Tensor) -> int:
+    return config.threads if like.device.type == "cpu" else 1
 
 
-def _run(task: Callable[[Any, _Work], Any], items: Iterable[Any], canvas: _Canvas, like: Tensor) -> list[Any]:
-    """`[task(item, work) for item in items]`, on `config.threads` threads on the CPU."""
-    items = list(items)
-    threads = min(canvas.config.threads, len(items)) if like.device.type == "cpu" else 1
-    if threads <= 1:
-        work = _Work()
-        return [task(item, work) for item in items]
-    queue, results = iter(enumerate(items)), [None] * len(items)
-
-    def drain() -> None:
-        # Intra-op threads inside these threads would only fight over the same cores.
-        torch.set_num_threads(1)
-        work = _Work()
-        with torch.no_grad():
-            for index, item in queue:
-                results[index] = task(item, work)
-
-    intra_op = torch.get_num_threads()
-    try:
-        with ThreadPoolExecutor(threads) as pool:
-            for future in [pool.submit(drain) for _ in range(threads)]:
-                future.result()
-    finally:
-        torch.set_num_threads(intra_op)
-    return results
-
-
-def _batches(lists: TileLists, canvas: _Canvas, like: Tensor) -> list[Tensor]:
-    """Tiles with anything to blend, in batches of similar list length."""
-    elements = ELEMENTS_CPU if like.device.type == "cpu" else ELEMENTS_ACCELERATOR
+def _batches(lists: TileLists, pixels: int) -> list[Tensor]:
+    """Tiles that have anything to blend, in batches of similar list length."""
     order = torch.argsort(lists.count, descending=True, stable=True)[: int((lists.count > 0).sum())]
-    return list(order.split(max(1, elements // (SLAB * canvas.pixels)))) if len(order) else []
+    elements = ELEMENTS_CPU if order.device.type == "cpu" else ELEMENTS_ACCELERATOR
+    return list(order.split(max(1, elements // (SLAB * pixels)))) if len(order) else []
 
 
-def _polynomials(table: Tensor, lists: TileLists, canvas: _Canvas) -> Tensor:
-    """(B, 6, SLAB) coefficients of log2 alpha over `_Canvas.basis` for every slot."""
-    oy, e, A, k, r, log_opacity = _local(table, lists, canvas)
+def _polynomials(table: Tensor, lists: TileLists, grid: _Grid) -> Tensor:
+    """(B, 6, SLAB) coefficients of log2 alpha over `_Grid.basis` for every slot."""
+    oy, e, A, k, r, log_opacity = _local(table, lists.ids, lists.tile, grid)
     Ae, ro = A * e, r * oy
     theta = table.new_empty(len(lists.ids), 6, SLAB)
-    theta[:, 0] = (log_opacity + HALF * (Ae * e + ro * oy)).masked_fill_(lists.padding, PADDING)
+    theta[:, 0] = torch.where(lists.padding, PADDING, log_opacity + HALF * (Ae * e + ro * oy))
     theta[:, 1] = Ae * (-2 * HALF)
     theta[:, 2] = (k * Ae - ro) * (2 * HALF)
     theta[:, 3] = A * HALF
@@ -219,112 +237,131 @@ def _polynomials(table: Tensor, lists: TileLists, canvas: _Canvas) -> Tensor:
     return theta
 
 
-def _local(table: Tensor, lists: TileLists, canvas: _Canvas) -> tuple[Tensor, ...]:
-    """(B, SLAB) each: offset of the mean from the tile centre in y, e = ox - k oy, then A, k, r, log2 opacity."""
-    mx, my, A, k, r, log_opacity = table.index_select(1, lists.ids.view(-1)).view(6, -1, SLAB)
-    x, y = canvas.centres(lists.tile[:, None], table)
+def _local(table: Tensor, ids: Tensor, tile: Tensor, grid: _Grid) -> tuple[Tensor, ...]:
+    """(B, SLAB) each: y of the mean from the tile centre, e = x - k y from there, then A, k, r, log2 opacity."""
+    mx, my, A, k, r, log_opacity = table.index_select(1, ids.view(-1)).view(6, -1, SLAB)
+    x, y = grid.centres(tile[:, None], table)
     oy = my - y
     return oy, (mx - x) - k * oy, A, k, r, log_opacity
 
 
-def _blend(tiles, work, theta, basis, features, lists, canvas, out, recording) -> list[_Step]:
-    """Composite a batch of tiles front to back into their rows of `out`."""
-    first, count = lists.first[tiles], lists.count[tiles]
-    light = theta.new_ones(len(tiles), canvas.pixels)
-    total = theta.new_zeros(len(tiles), features.shape[1], canvas.pixels)
-    steps = []
+def _blend(tiles: Tensor, scene: _Scene, out: Tensor, recording: bool) -> list[_Slab]:
+    """Composite a batch of tiles, longest list first, front to back into their rows of `out` (tiles, 2 + C, pixels)."""
+    first, count = scene.lists.first[tiles], scene.lists.count[tiles]
+    light = out.new_ones(len(tiles), out.shape[2])
+    total = out.new_zeros(len(tiles), *out.shape[1:])
+    padding = len(scene.lists.ids) - 1
+    slabs = []
     for level in range(int(count[0])):
         alive = (count > level) & (light.amax(1) > 0)
-        living = int(alive.sum())
+        living, ancestors = int(alive.sum()), None
         if living < COMPACT_BELOW * len(tiles):
-            out[tiles] = total
+            done = (~alive).nonzero()[:, 0]
+            out.index_copy_(0, tiles[done], total.index_select(0, done))
             if living == 0:
-                return steps
-            tiles, first, count, light, total = (x[alive] for x in (tiles, first, count, light, total))
-            alive = alive[alive]
-        blocks = torch.where(alive, first + level, len(lists.ids) - 1)
+                return slabs
+            survivors = alive.nonzero()[:, 0]
+            ancestors = tiles, survivors
+            tiles, first, count, light, total, alive = (
+                x.index_select(0, survivors) for x in (tiles, first, count, light, total, alive)
+            )
+        blocks = torch.where(alive, first + level, padding)
         if recording:
-            steps.append(_Step(tiles, blocks, light))
-        _, weights, _, light = _weights(blocks, work, theta, basis, light, canvas.config)
-        gathered = F.embedding(lists.ids[blocks], features)  # (t, SLAB, 2 + C)
-        total.baddbmm_(gathered.transpose(1, 2), weights.transpose(1, 2))
-    out[tiles] = total
-    return steps
+            slabs.append(_Slab(tiles, ancestors, blocks, light))
+        weights, _, _, light = _weights(blocks, light, scene)
+        total.baddbmm_(scene.slab_features(blocks).transpose(1, 2), weights.transpose(1, 2))
+    out.index_copy_(0, tiles, total)
+    return slabs
 
 
-def _weights(blocks, work, theta, basis, light, config) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Blend one slab: 1 - alpha, weights alpha T, ratio alpha / (1 - alpha), each (t, pixels, SLAB), and light after it."""
+def _weights(blocks: Tensor, light: Tensor, scene: _Scene) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Weights alpha T, alpha / (1 - alpha) and 1 - alpha of one slab (t, pixels, SLAB), and the light behind it."""
+    theta, basis, config = scene.theta, scene.basis, scene.config
     shape = (len(blocks), basis.shape[1], SLAB)
-    alpha, keep, after = (work(name, theta, *shape) for name in ("alpha", "keep", "after"))
-    torch.bmm(basis.t().expand(len(blocks), -1, -1), theta.index_select(0, blocks), out=alpha)
-    F.threshold_(alpha.exp2_(), config.alpha_min, 0.0).clamp_max_(config.alpha_max)
+    alpha, keep, after = (_scratch(name, theta, *shape) for name in ("alpha", "keep", "after"))
+    slab_theta = torch.index_select(theta, 0, blocks, out=_scratch("theta", theta, len(blocks), 6, SLAB))
+    torch.bmm(basis.t().expand(len(blocks), -1, -1), slab_theta, out=alpha)
+    threshold_(alpha.exp2_(), config.alpha_min, 0.0).clamp_max_(config.alpha_max)
     torch.sub(theta.new_ones(()), alpha, out=keep)
     torch.cumprod(keep, -1, out=after)
-    # The product never rises, so cutting it behind the last blended splat also cuts everything behind the stop.
-    last = F.threshold_(after.mul_(light[..., None]), config.transmittance_min, 0.0)[..., -1].clone()
+    # The product never rises, so one threshold drops the stopping splat and everything behind it.
+    threshold_(after.mul_(light[..., None]), config.transmittance_min, 0.0)
+    light = after[..., -1].clone()
     ratio = alpha.div_(keep)
-    return keep, after.mul_(ratio), ratio, last
+    return after.mul_(ratio), ratio, keep, light
 
 
-def _differentiate(steps, grad_tiles, table, features, theta, lists, canvas, attached) -> tuple[Tensor, Tensor]:
+def _differentiate(
+    slabs: list[list[_Slab]], grad_tiles: Tensor, table: Tensor, scene: _Scene, grid: _Grid, attached: int
+) -> tuple[Tensor, Tensor]:
     """Gradients of table (6, N) and features (N, 2 + C) from those of the tiles (tiles, 2 + C, pixels)."""
-    config, channels = canvas.config, features.shape[1]
-    sizes = [sum(len(step.tiles) for step in batch) for batch in steps]
-    ends = torch.tensor([0, *sizes]).cumsum(0).tolist()
-    blocks = ends[-1]
-    grad_theta = theta.new_empty(blocks, 6, SLAB)
-    grad_rows = theta.new_empty(blocks * SLAB + 1, channels)
-    grad_rows[-1] = 0
-    basis = canvas.basis(table)
-    moments = basis * math.log(2)
-    clamped = float(1 - table.new_tensor(config.alpha_max))
+    lists, channels = scene.lists, grad_tiles.shape[1]
+    ends = torch.tensor([sum(len(slab.tiles) for slab in batch) for batch in slabs]).cumsum(0).tolist()
+    blocks = ends[-1] if ends else 0
+    # One row per slot that was blended, and a last row of zeros for those behind the stop.
+    grad_theta = _scratch("grad_theta", table, blocks, 6, SLAB)
+    feature_rows = _scratch("feature_rows", table, blocks * SLAB + 1, channels)
+    table_rows = _scratch("table_rows", table, blocks * SLAB + 1, 6)
+    feature_rows[-1], table_rows[-1] = 0, 0
 
-    def task(item, work: _Work) -> None:
-        batch, end = item
-        behind = tiles = None
-        for step in reversed(batch):
-            t = len(step.tiles)
-            begin = end - t
-            if tiles is not step.tiles:
-                carried = theta.new_zeros(t, canvas.pixels)
-                if behind is not None:
-                    carried[torch.isin(step.tiles, tiles)] = behind
-                behind, tiles, grad = carried, step.tiles, grad_tiles[step.tiles]
-            keep, weights, ratio, _ = _weights(step.blocks, work, theta, basis, step.light, config)
-            gathered = F.embedding(lists.ids[step.blocks], features)
-            # d out / d log alpha_i = w_i S_i - ratio_i sum_{j > i} w_j S_j, with S = features . grad
-            shaded = work("shaded", theta, *weights.shape)
-            torch.bmm(grad[:, :attached].transpose(1, 2), gathered[..., :attached].transpose(1, 2), out=shaded)
-            shaded.mul_(weights)
-            suffix = torch.cumsum(shaded, -1, out=work("suffix", theta, *weights.shape))
-            behind = behind + suffix[..., -1]
-            suffix.sub_(behind[..., None]).mul_(ratio).add_(shaded)
-            torch.ops.aten.threshold_backward.grad_input(suffix, keep, clamped, grad_input=suffix)
-            torch.bmm(moments.expand(t, -1, -1), suffix, out=grad_theta[begin:end])
-            rows = torch.bmm(grad, weights, out=work("rows", theta, t, channels, SLAB))
-            grad_rows[begin * SLAB : end * SLAB].view(t, SLAB, channels).copy_(rows.transpose(1, 2))
-            end = begin
+    def task(item: tuple[list[_Slab], int]) -> None:
+        _blend_backward(*item, scene, grad_tiles, grad_theta, feature_rows, attached)
 
-    _run(task, zip(steps, ends[1:], strict=True), canvas, table)
-
-    # Where every slot's row lies; slots that nobody reached point at the row of zeros.
-    place = lists.first.new_full((len(lists.ids),), blocks)
-    done = torch.cat([step.blocks for batch in steps for step in batch]) if blocks else place[:0]
-    place[done] = torch.arange(blocks, device=place.device)
-    rows = (place[lists.slots // SLAB] * SLAB + lists.slots % SLAB).clamp_max_(blocks * SLAB)
-    grad_table, grad_features = torch.zeros_like(table), torch.zeros_like(features)
+    _map(task, list(zip(slabs, ends, strict=True)), _threads(scene.config, table))
+    grad_table, grad_features = torch.zeros_like(table), torch.zeros_like(scene.features)
     if blocks:
-        reached = lists._replace(ids=lists.ids[done], tile=lists.tile[done])
-        grad_local = theta.new_zeros(blocks * SLAB + 1, 6)
-        grad_local[:-1].view(-1, SLAB, 6).copy_(_pull_back(grad_theta, table, reached, canvas))
-        grad_table[:, lists.splats] = F.embedding_bag(rows, grad_local, lists.offsets, mode="sum").t()
-        grad_features[lists.splats] = F.embedding_bag(rows, grad_rows, lists.offsets, mode="sum")
+        done = torch.cat([slab.blocks for batch in slabs for slab in batch])
+        grad_local = _pull_back(grad_theta, *_local(table, lists.ids[done], lists.tile[done], grid)[:5])
+        torch.stack(grad_local, -1, out=table_rows[:-1].view(blocks, SLAB, 6))
+        place = done.new_full((len(lists.ids), SLAB), blocks * SLAB)
+        place[done] = torch.arange(blocks * SLAB, device=done.device).view(blocks, SLAB)
+        rows = place.view(-1).index_select(0, lists.slots)
+        grad_table[:, lists.splats] = embedding_bag(rows, table_rows, lists.offsets, mode="sum").t()
+        grad_features[lists.splats] = embedding_bag(rows, feature_rows, lists.offsets, mode="sum")
     return grad_table, grad_features
 
 
-def _pull_back(grad_theta: Tensor, table: Tensor, lists: TileLists, canvas: _Canvas) -> Tensor:
-    """Gradients of `_polynomials`' coefficients (b, 6, SLAB) -> gradients of the slots' table columns (b, SLAB, 6)."""
-    oy, e, A, k, r, _ = _local(table, lists, canvas)
+def _blend_backward(
+    slabs: list[_Slab],
+    end: int,
+    scene: _Scene,
+    grad_tiles: Tensor,
+    grad_theta: Tensor,
+    feature_rows: Tensor,
+    attached: int,
+) -> None:
+    """Go through a batch's slabs back to front and fill its rows, which end before block `end`.
+
+    With w = alpha T and S = features . grad, d out / d log alpha_i = w_i S_i - alpha_i / (1 - alpha_i) sum_{j>i} w_j S_j.
+    """
+    theta, channels = scene.theta, grad_tiles.shape[1]
+    moments = scene.basis * math.log(2)  # d log2 alpha = d log alpha / ln 2
+    clamped = float(1 - theta.new_tensor(scene.config.alpha_max))
+    tiles = slabs[-1].tiles
+    grad, behind = grad_tiles.index_select(0, tiles), theta.new_zeros(len(tiles), grad_tiles.shape[2])
+    for slab in reversed(slabs):
+        begin, t = end - len(slab.tiles), len(slab.tiles)
+        weights, ratio, keep, _ = _weights(slab.blocks, slab.light, scene)
+        features = scene.slab_features(slab.blocks)
+        shaded, suffix = (_scratch(name, theta, *weights.shape) for name in ("shaded", "suffix"))
+        torch.bmm(grad[:, :attached].transpose(1, 2), features[..., :attached].transpose(1, 2), out=shaded)
+        torch.cumsum(shaded.mul_(weights), -1, out=suffix)
+        behind += suffix[..., -1]
+        suffix.sub_(behind[..., None]).mul_(ratio).add_(shaded)
+        # A clamped alpha sends no gradient.
+        torch.ops.aten.threshold_backward.grad_input(suffix, keep, clamped, grad_input=suffix)
+        torch.bmm(moments.expand(t, -1, -1), suffix, out=grad_theta[begin:end])
+        rows = torch.bmm(grad, weights, out=_scratch("rows", theta, t, channels, SLAB))
+        feature_rows[begin * SLAB : end * SLAB].view(t, SLAB, channels).copy_(rows.transpose(1, 2))
+        end = begin
+        if slab.ancestors is not None:
+            tiles, survivors = slab.ancestors
+            grad = grad_tiles.index_select(0, tiles)
+            behind = behind.new_zeros(len(tiles), behind.shape[1]).index_copy_(0, survivors, behind)
+
+
+def _pull_back(grad_theta: Tensor, oy: Tensor, e: Tensor, A: Tensor, k: Tensor, r: Tensor) -> tuple[Tensor, ...]:
+    """Gradients (b, SLAB) of the six rows of the table from those of the coefficients of `_polynomials`."""
     g0, g1, g2, g3, g4, g5 = grad_theta.unbind(1)
     p = e * g0 - g1 + k * g2
     d_e = 2 * HALF * A * p
@@ -332,4 +369,4 @@ def _pull_back(grad_theta: Tensor, table: Tensor, lists: TileLists, canvas: _Can
     d_A = HALF * (e * (p - g1 + k * g2) + g3 + k * (k * g5 - 2 * g4))
     d_k = 2 * HALF * A * (e * g2 - g4 + k * g5) - oy * d_e
     d_r = HALF * (oy * (oy * g0 - 2 * g2) + g5)
-    return torch.stack((d_e, d_oy, d_A, d_k, d_r, g0), -1)
+    return d_e, d_oy, d_A, d_k, d_r, g0
