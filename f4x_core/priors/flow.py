@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,11 @@ if TYPE_CHECKING:
     from ..clip import Clip
     from .folder import Priors
 
-Flow = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Flow = Callable[..., np.ndarray]
 
 
 def dis(config: FlowConfig) -> Flow:
-    """A function (grey (H,W) uint8, grey (H,W) uint8) -> flow (H,W,2) float32 in pixels, first picture to second."""
+    """A function (grey (H,W) uint8, grey (H,W) uint8, start=None) -> flow (H,W,2) float32 in pixels, first to second."""
     import cv2
 
     presets = {
@@ -28,7 +29,7 @@ def dis(config: FlowConfig) -> Flow:
     }
     engine = cv2.DISOpticalFlow.create(presets[config.preset])
     engine.setVariationalRefinementIterations(config.refine_iterations)
-    return lambda first, second: engine.calc(first, second, None)
+    return lambda first, second, start=None: engine.calc(first, second, start)
 
 
 def grey(frames: np.ndarray) -> np.ndarray:
@@ -76,6 +77,49 @@ def consistent(there: np.ndarray, back: np.ndarray) -> np.ndarray:
     target = pixel_grid(height, width) + there
     inside = (target >= 0).all(-1) & (target[..., 0] <= width) & (target[..., 1] <= height)
     return (error < 0.5 * length + 0.5) & inside
+
+
+def compose(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Flow a -> c from the flows a -> b and b -> c, all (H,W,2) float32."""
+    return first + warp(second, first)
+
+
+def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> dict[int, np.ndarray]:
+    """Signed gap -> (F,H,W,2) float16 flows from frame t to t + gap (zeros where that frame does not exist).
+
+    Gaps are powers of two. Those of `config.tracks.gaps` are DIS flows started from the chained half gaps, which keeps
+    large displacements within its reach; the others of `config.motion.gaps` are chained only. They live in unnamed
+    temporary files and in `priors.scratch` for later stages.
+    """
+    if "long_flows" in priors.scratch:
+        return priors.scratch["long_flows"]
+    assert priors.flow_forward is not None and priors.flow_backward is not None
+    frames, (height, width) = len(priors.frames), (priors.height, priors.width)
+    pictures, refine = grey(clip.frames[clip.supervised]), dis(config.flow)
+    longest = max(*config.tracks.gaps, *config.motion.gaps)
+    gaps = [2**power for power in range(longest.bit_length())]
+    flows: dict[int, np.ndarray] = {}
+    for gap in (signed * gap for gap in gaps for signed in (1, -1)):
+        progress("long flows", gaps.index(abs(gap)), len(gaps))
+        flows[gap] = out = scratch_array((frames, height, width, 2))
+        if abs(gap) == 1:
+            if gap > 0:
+                out[: frames - 1] = priors.flow_forward
+            else:
+                out[1:] = priors.flow_backward
+            continue
+        half = flows[gap // 2]  # exact: a power of two, either sign
+        for t in range(max(0, -gap), min(frames, frames - gap)):
+            chained = compose(half[t].astype(np.float32), half[t + gap // 2].astype(np.float32))
+            out[t] = refine(pictures[t], pictures[t + gap], chained) if abs(gap) in config.tracks.gaps else chained
+    priors.scratch["long_flows"] = flows
+    return flows
+
+
+def scratch_array(shape: tuple[int, ...]) -> np.ndarray:
+    """A float16 array of zeros in an unnamed temporary file: long clips would not fit into memory."""
+    with tempfile.TemporaryFile() as file:
+        return np.memmap(file, np.float16, "w+", shape=shape)
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:

@@ -79,6 +79,8 @@ class Priors:
     provenance: dict[str, dict[str, Any]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     statistics: dict[str, Any] = field(default_factory=dict)
+    scratch: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    """What providers share within one run (flows over longer gaps); never written."""
 
     @classmethod
     def empty(cls, clip: Clip) -> Priors:

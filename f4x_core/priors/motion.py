@@ -1,0 +1,284 @@
+"""Which pixels move by themselves: what a homography of the background leaves over, and parallax cannot explain.
+
+Two-view geometry at several frame gaps. The background is first explained by one homography per gap (exact for a turning
+camera or a flat scene). Epipolar geometry alone would be blind to everything that moves along with the camera, so what the
+homography leaves over is forgiven as parallax only where the picture's border - rarely filled by moving objects - shows
+that there is parallax, and only as far as one inverse depth per pixel explains all gaps together (plane + parallax,
+Irani & Anandan 1996).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..progress import Progress
+from .config import PriorsConfig
+from .flow import consistent, grey, long_flows, pixel_grid, sample, warp
+from .tracks import longest, relink, seed_and_track
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from .folder import Priors
+
+STEP = 4
+"""Distance in pixels of the samples on which residuals are computed; flow is no finer."""
+REFERENCE_WIDTH = 480
+"""Longer picture side at which the pixel constants below were tuned; they grow with the picture."""
+STATIC_PIXELS = 0.3
+"""Median border flow below which the camera stands still and the flow itself is the residual."""
+MAGSAC_PIXELS, MAGSAC_ITERATIONS = 1.0, 300
+NOISE_SCALE, NOISE_PIXELS = 3.0, (1.0, 3.0)
+"""A residual of 3 x its median over the picture, within 1..3 px, scores one half."""
+DOUBT = 0.05
+"""Weight of flow that failed the forward-backward test: it counts only where nothing better is known."""
+BORDER = 0.1
+"""Width of the border used for camera and parallax tests, as a share of the picture's."""
+PARALLAX_SHARE = 0.15
+"""Share of the border that parallax must explain (and the homography not) before parallax is forgiven everywhere."""
+PARALLAX_PIXELS, PARALLAX_HYPOTHESES, PARALLAX_ITERATIONS = 0.7, 60, 8
+"""Scale of the robust weights, directions tried and refinements of the parallax fit."""
+THRESHOLD_RANGE = (0.35, 0.6)
+"""Bounds of the threshold found by Otsu's method: below lies noise, above is certainly motion."""
+SMALLEST_SHARE = 0.001
+"""Regions and whole masks smaller than this share of the picture are noise."""
+STATIC_TRACK = 0.5
+"""`tracks_motion` above which a track of the uniform pass is replaced by tracks that know the mask."""
+DYNAMIC_SHARE = 0.6
+"""Most of `TracksConfig.count` that tracks on moving objects may take."""
+
+
+def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `motion`, `mask` and `tracks_motion`, and densify the tracks on what moves (provider `classical`).
+
+    A mask that is given decides what moves and where the dense tracks lie.
+    """
+    flows = long_flows(clip, priors, config, progress)
+    score, statistics = motion_score(flows, config.motion.gaps, progress)
+    threshold = statistics["threshold"] = config.motion.threshold or find_threshold(score)
+    priors.motion = np.clip(score, 0, 1).astype(np.float16)
+    if priors.mask is None:
+        priors.mask = clean_mask(clip.frames[clip.supervised], score, threshold, flows)
+    statistics["share"] = float(priors.mask.mean())
+    statistics["moving"] = bool(priors.mask.any())
+    priors.statistics["motion"] = statistics
+    if not priors.mask.any():
+        priors.warn("Nothing in this clip moves by itself; if something should, give a mask.")
+    _densify(clip, priors, config, flows, progress)
+
+
+def motion_score(
+    flows: dict[int, np.ndarray], gaps: tuple[int, ...], progress: Progress
+) -> tuple[np.ndarray, dict[str, Any]]:
+    """(F,H,W) float32 in 0..1, how surely each pixel moves by itself, and the evidence (JSON values).
+
+    Evidence: `static_camera`, `border_flow` (px, median, gap 1), `homography_residual` (px, median over the border at the
+    longest gap), `homography_inliers` (share per gap), `border_unexplained` (share of border the homography misses),
+    `border_parallax` (share of border that only parallax explains), `parallax` (whether it was forgiven).
+    """
+    import cv2
+
+    cv2.setRNGSeed(0)  # MAGSAC draws samples; the same clip must give the same mask
+    frames, height, width = flows[1].shape[:3]
+    gaps = tuple(sign * gap for gap in gaps for sign in (1, -1) if gap < frames)
+    grid = pixel_grid(height, width)[STEP // 2 :: STEP, STEP // 2 :: STEP]  # (h,w,2)
+    rows, columns = grid.shape[:2]
+    unit = max(height, width) / REFERENCE_WIDTH
+    border = _border(rows, columns)
+    samples = {gap: flows[gap][:, STEP // 2 :: STEP, STEP // 2 :: STEP] for gap in (1, *gaps)}  # (F,h,w,2) each
+    moved = np.linalg.norm(samples[1][: frames - 1][:, border].astype(np.float32), axis=-1)
+    far = np.linalg.norm(samples[max((1, *gaps))][: frames - max((1, *gaps))][:, border].astype(np.float32), axis=-1)
+    border_flow = float(np.median(moved)) if moved.size else 0.0
+    # A slow pan also has little flow per frame; it shows over the longest gap.
+    static = border_flow < STATIC_PIXELS * unit and (not far.size or float(np.median(far)) < 2 * STATIC_PIXELS * unit)
+    residual = np.zeros((frames, len(gaps), rows * columns, 2), np.float32)
+    trust = np.zeros((frames, len(gaps), rows * columns), np.float32)
+    inliers: dict[int, list[float]] = {gap: [] for gap in gaps}
+    for t in range(frames):
+        progress("motion", t, frames)
+        for j, gap in enumerate(gaps):
+            if not 0 <= t + gap < frames:
+                continue
+            good = consistent(flows[gap][t].astype(np.float32), flows[-gap][t + gap].astype(np.float32))
+            good = good[STEP // 2 :: STEP, STEP // 2 :: STEP].ravel()
+            flow = samples[gap][t].reshape(-1, 2).astype(np.float64)
+            residual[t, j], share = (flow, 1.0) if static else _off_homography(grid.reshape(-1, 2), flow, good, unit)
+            inliers[gap].append(share)
+            trust[t, j] = np.where(good, 1.0, DOUBT)
+    score = _score(np.linalg.norm(residual, axis=-1), trust, unit)  # (F,P)
+    edge = border.ravel()
+    unexplained = score[:, edge] > 0.5
+    last = np.abs(gaps) == max(np.abs(gaps), default=1)
+    statistics: dict[str, Any] = {
+        "static_camera": bool(static),
+        "border_flow": border_flow,
+        "homography_residual": _median(
+            np.linalg.norm(residual[:, last][:, :, edge], axis=-1)[trust[:, last][..., edge] == 1]
+        ),
+        "homography_inliers": {str(gap): float(np.mean(shares)) for gap, shares in inliers.items() if shares},
+        "border_unexplained": float(unexplained.mean()),
+        "border_parallax": 0.0,
+    }
+    if not static and statistics["border_unexplained"] > PARALLAX_SHARE:
+        left = np.stack([_off_parallax(residual[t], trust[t], grid.reshape(-1, 2), unit, t) for t in range(frames)])
+        forgiven = _score(left, trust, unit)
+        statistics["border_parallax"] = float((unexplained & (forgiven[:, edge] < 0.25)).mean())
+        if statistics["border_parallax"] > PARALLAX_SHARE:
+            score = np.sqrt(score * forgiven)
+    statistics["parallax"] = statistics["border_parallax"] > PARALLAX_SHARE
+    score = score.reshape(frames, rows, columns)
+    return _smooth_in_time(np.stack([_enlarge(one, height, width) for one in score]), flows), statistics
+
+
+def _border(rows: int, columns: int) -> np.ndarray:
+    """(rows,columns) bool: the frame around the picture."""
+    border = np.ones((rows, columns), bool)
+    top, side = max(1, round(BORDER * rows)), max(1, round(BORDER * columns))
+    border[top : rows - top, side : columns - side] = False
+    return border
+
+
+def _median(values: np.ndarray) -> float:
+    return float(np.median(values)) if values.size else 0.0
+
+
+def _off_homography(points: np.ndarray, flow: np.ndarray, good: np.ndarray, unit: float) -> tuple[np.ndarray, float]:
+    """(P,2) flow beyond the homography of the background, in pixels, and the share of inliers."""
+    import cv2
+
+    fitted = np.nonzero(good)[0][::2]
+    target = points + flow
+    try:
+        homography, inlier = cv2.findHomography(
+            points[fitted], target[fitted], cv2.USAC_MAGSAC, MAGSAC_PIXELS * unit, maxIters=MAGSAC_ITERATIONS
+        )
+    except cv2.error:  # USAC throws on degenerate input
+        homography = None
+    if homography is None:  # no common motion at all: compare with standing still
+        return flow, 0.0
+    return target - cv2.perspectiveTransform(points[:, None].astype(np.float64), homography)[:, 0], float(inlier.mean())
+
+
+def _off_parallax(residual: np.ndarray, trust: np.ndarray, points: np.ndarray, unit: float, seed: int) -> np.ndarray:
+    """(K,P) pixels left when one relative depth per point explains its residuals (K,P,2) of all gaps.
+
+    Model: r_k(x) = rho(x) (a_k + b_k (x - centre)): plane + parallax with the epipole at -a_k / b_k.
+    """
+    live = trust.any(1)
+    r, weight = residual[live].astype(np.float64), trust[live].astype(np.float64)
+    scale, x = PARALLAX_PIXELS * unit, (points - points.mean(0)) / np.ptp(points[:, 0])
+    some = np.arange(0, len(points), 3)
+    strong = some[(np.median(np.linalg.norm(r[:, some], axis=-1), axis=0) > 2 * scale) & (weight[:, some] == 1).all(0)]
+    left = np.linalg.norm(residual, axis=-1)
+    if len(strong) < 8:
+        return left
+
+    def leftover(field: np.ndarray, at: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rho = np.einsum("kpc,kpc,kp->p", r[:, at], field, w) / np.maximum(
+            np.einsum("kpc,kpc,kp->p", field, field, w), 1e-9
+        )
+        return rho, np.linalg.norm(r[:, at] - rho[:, None] * field, axis=-1)
+
+    chosen = np.random.default_rng(seed).choice(strong, min(PARALLAX_HYPOTHESES, len(strong)), replace=False)
+    fits = [leftover(np.repeat(r[:, [i]], len(some), 1), some, weight[:, some])[1] for i in chosen]
+    best = chosen[int(np.argmax([(weight[:, some] / (1 + (fit / scale) ** 2)).sum() for fit in fits]))]
+    motion = np.column_stack([r[:, best], np.zeros(len(r))])  # (K,3): a, b
+    for _ in range(PARALLAX_ITERATIONS):
+        rho, error = leftover(motion[:, None, :2] + motion[:, None, 2:] * x[some], some, weight[:, some])
+        robust = weight[:, some] / (1 + (error / scale) ** 2) ** 2
+        for k in range(len(r)):
+            design = np.zeros((len(some), 2, 3))
+            design[:, 0, 0] = design[:, 1, 1] = rho
+            design[:, :, 2] = rho[:, None] * x[some]
+            weighted = design * robust[k][:, None, None]
+            normal = np.einsum("pci,pcj->ij", weighted, design) + 1e-9 * np.eye(3)
+            motion[k] = np.linalg.solve(normal, np.einsum("pci,pc->i", weighted, r[k, some]))
+    left[live] = leftover(motion[:, None, :2] + motion[:, None, 2:] * x, np.arange(len(points)), weight)[1]
+    return left
+
+
+def _score(residual: np.ndarray, trust: np.ndarray, unit: float) -> np.ndarray:
+    """(F,K,P) pixels to (F,P) in 0..1: mean over the gaps of e / (e + noise)."""
+    noise = NOISE_SCALE * np.median(residual, axis=-1, keepdims=True)
+    noise = np.clip(noise, NOISE_PIXELS[0] * unit, NOISE_PIXELS[1] * unit)
+    return (trust * residual / (residual + noise)).sum(1) / np.maximum(trust.sum(1), 1e-6)
+
+
+def _enlarge(coarse: np.ndarray, height: int, width: int) -> np.ndarray:
+    """Samples every `STEP` pixels (offset STEP / 2) to (H,W) float32."""
+    return sample(coarse, (pixel_grid(height, width) - STEP // 2 - 0.5) / STEP + 0.5).astype(np.float32)
+
+
+def _smooth_in_time(score: np.ndarray, flows: dict[int, np.ndarray]) -> np.ndarray:
+    """Mean of each frame's score with its neighbours' (half the weight), carried along the flow."""
+    frames, smooth = len(score), score.copy()
+    for t in range(frames):
+        total = 1.0
+        for gap in (-2, -1, 1, 2):
+            if gap in flows and 0 <= t + gap < frames:
+                smooth[t] += 0.5 * warp(score[t + gap], flows[gap][t].astype(np.float32))
+                total += 0.5
+        smooth[t] /= total
+    return smooth
+
+
+def find_threshold(score: np.ndarray) -> float:
+    """Otsu's threshold of a score in 0..1, kept within `THRESHOLD_RANGE`."""
+    count, edges = np.histogram(score, 256, (0, 1))
+    share, centre = count / max(count.sum(), 1), (edges[1:] + edges[:-1]) / 2
+    below, mean = np.cumsum(share), np.cumsum(share * centre)
+    between = (mean[-1] * below - mean) ** 2 / np.maximum(below * (1 - below), 1e-9)
+    return float(np.clip(centre[between.argmax()], *THRESHOLD_RANGE))
+
+
+def clean_mask(frames: np.ndarray, score: np.ndarray, threshold: float, flows: dict[int, np.ndarray]) -> np.ndarray:
+    """(F,H,W) bool: score above the threshold, without specks, holes closed; empty when next to nothing is left."""
+    import cv2
+
+    mask = score > threshold
+    smallest = SMALLEST_SHARE * mask[0].size
+    ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    for t, one in enumerate(mask):
+        closed = cv2.morphologyEx(one.astype(np.uint8), cv2.MORPH_CLOSE, ellipse)
+        _, labels, sizes, _ = cv2.connectedComponentsWithStats(closed)
+        mask[t] = (sizes[:, cv2.CC_STAT_AREA] >= smallest)[labels] & (labels > 0)
+    return mask if mask.mean() >= SMALLEST_SHARE else np.zeros_like(mask)
+
+
+def tracks_motion(tracks: np.ndarray, visible: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """(N,) float32: mean of the larger half of `motion` (F,H,W) along the visible samples - what rests at times moves."""
+    frames, count = visible.shape
+    along = np.full((frames, count), -1.0)
+    for t in range(frames):
+        along[t, visible[t]] = sample(motion[t].astype(np.float32), tracks[t, visible[t]])
+    along = -np.sort(-along, axis=0)
+    half = np.maximum((visible.sum(0) + 1) // 2, 1)  # (N,)
+    return np.clip((np.maximum(along, 0) * (np.arange(frames)[:, None] < half)).sum(0) / half, 0, 1).astype(np.float32)
+
+
+def _densify(
+    clip: Clip, priors: Priors, config: PriorsConfig, flows: dict[int, np.ndarray], progress: Progress
+) -> None:
+    """Replace the uniform pass's tracks on moving objects by denser ones that know the mask; fill `tracks_motion`."""
+    mask, given = priors.mask, priors.provenance.get("tracks", {}).get("provider") in ("user", "files")
+    assert mask is not None and priors.motion is not None and priors.tracks is not None
+    assert priors.tracks_visible is not None
+    evidence = np.maximum(priors.motion * (priors.motion > 0), mask)
+    evidence = mask.astype(np.float32)
+    priors.tracks_motion = tracks_motion(priors.tracks, priors.tracks_visible, evidence)
+    if given or not mask.any():
+        return
+    uniform = priors.statistics.get("tracks", {}).get("uniform", priors.tracks.shape[1])
+    static = np.nonzero(priors.tracks_motion[:uniform] <= STATIC_TRACK)[0]
+    dense, seen = seed_and_track(flows, config.tracks.dynamic_spacing, config.tracks, mask, progress)
+    if config.tracks.relink_gap > 0:
+        dense, seen, _ = relink(dense, seen, grey(clip.frames[clip.supervised]), config.tracks.relink_gap)
+    dense, seen = longest(dense, seen, int(DYNAMIC_SHARE * config.tracks.count))
+    background = longest(
+        priors.tracks[:, static], priors.tracks_visible[:, static], config.tracks.count - dense.shape[1]
+    )
+    priors.tracks = np.concatenate([background[0], dense], 1)
+    priors.tracks_visible = np.concatenate([background[1], seen], 1)
+    priors.tracks_motion = tracks_motion(priors.tracks, priors.tracks_visible, evidence)
+    priors.statistics["tracks"] |= {"uniform": background[0].shape[1], "dynamic": dense.shape[1]}

@@ -1,0 +1,281 @@
+"""Long point tracks from chained flows over several gaps (after MFT, Neoral et al. 2024), re-linked over occlusions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..progress import Progress, silent
+from .config import PriorsConfig, TracksConfig
+from .flow import grey, long_flows, sample, scratch_array
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from .folder import Priors
+
+RETURN_PIXELS, RETURN_SHARE = 1.0, 0.05
+"""A step is believed when going there and back ends within max(1 px, 5 % of the step) of the start."""
+OBJECT_SIGMA = 1.5
+"""Gaussian (pixels) that carries an object's flow over its silhouette, where the raw flow mixes with the background."""
+LOST = 1e3
+"""Added to the accumulated error of a point whose every step failed: any later believed path is preferred."""
+MIN_SAMPLES = 4
+"""Tracks seen in fewer frames are dropped (MoSca keeps 2 to 4)."""
+PATCH = 7
+"""Half size in pixels of the patches compared when a lost track is linked to a later one."""
+LOOK_ALIKE = 0.8
+"""Normalised cross-correlation that two patches need to be linked."""
+NEIGHBOURS = 8
+"""Tracks whose common motion predicts where a hidden point is."""
+LINK_RADIUS = 6.0
+"""Distance in pixels between prediction and a later track, plus half a pixel per hidden frame."""
+
+
+def track_points(
+    flows: dict[int, np.ndarray],
+    queries: np.ndarray,
+    config: TracksConfig | None = None,
+    mask: np.ndarray | ObjectFlows | None = None,
+    progress: Progress = silent,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Follow points forward and backward in time through `flows` (`flow.long_flows`).
+
+    queries: (Q,3) frame (index of the supervised frame), x, y in pixels. mask: (F,H,W) bool; when given all queries are
+    taken to lie on the masked object: they read flow from inside the mask only and are pulled back onto it when they slip
+    off its silhouette. Each frame is reached by the step (from 1, 2, 4 frames ago) with the least accumulated
+    forward-backward error. Returns positions (F,Q,2) float32, a guess where lost, and visible (F,Q) bool.
+    """
+    config = config or TracksConfig()
+    frames, count = len(flows[1]), len(queries)
+    start, origin = np.round(queries[:, 0]).astype(int), queries[:, 1:].astype(np.float64)
+    surface = ObjectFlows(flows, mask, config) if isinstance(mask, np.ndarray) else mask
+    used = flows if surface is None else surface.flows
+    on_object = origin if surface is None else surface.pull_each(origin, start)
+    offset = origin - on_object  # silhouette points keep their distance from the object's inside
+    position = np.full((frames, count, 2), np.nan)
+    position[start, np.arange(count)] = on_object
+    visible = np.zeros((frames, count), bool)
+    visible[start, np.arange(count)] = True
+    for sign in (1, -1):
+        drift = np.full((frames, count), np.inf)
+        drift[start, np.arange(count)] = 0
+        for done, t in enumerate(range(frames)[::sign]):
+            progress("tracks", done + (frames if sign < 0 else 0), 2 * frames)
+            open_ = np.nonzero(sign * start < sign * t)[0]
+            if len(open_) == 0:
+                continue
+            best = np.full(len(open_), np.inf)
+            for gap in config.gaps:
+                source = t - sign * gap
+                if not 0 <= source < frames:
+                    continue
+                reach = np.nonzero(sign * start[open_] <= sign * source)[0]
+                points = open_[reach]
+                here = position[source, points]
+                step = sample(used[sign * gap][source], here)
+                there = here + step
+                error = np.linalg.norm(step + sample(used[-sign * gap][t], there), axis=-1)
+                believed = visible[source, points] & _inside(there, flows[1].shape)
+                believed &= error < np.maximum(RETURN_PIXELS, RETURN_SHARE * np.linalg.norm(step, axis=-1))
+                total = drift[source, points] + error + np.where(believed, 0, LOST)
+                better = total < best[reach]
+                chosen, points = reach[better], points[better]
+                best[chosen] = total[better]
+                position[t, points], visible[t, points] = there[better], believed[better]
+            drift[t, open_] = best
+            if surface is not None:
+                position[t, open_] = surface.pull(position[t, open_], t)
+    return (position + offset).astype(np.float32), visible & _inside(position + offset, flows[1].shape)
+
+
+class ObjectFlows:
+    """Flows of masked moving objects, free of the background's, and the way back onto the objects."""
+
+    def __init__(self, flows: dict[int, np.ndarray], mask: np.ndarray, config: TracksConfig) -> None:
+        """`flows` as of `flow.long_flows`, mask (F,H,W) bool."""
+        import cv2
+
+        frames, height, width = mask.shape
+        square = np.ones((3, 3), np.uint8)
+        inner = [cv2.erode(np.asarray(one, np.uint8), square) for one in mask]  # the outermost pixel is mixed already
+        margin = int(np.ceil(4 * OBJECT_SIGMA))
+        self.flows = {sign * gap: scratch_array(flows[1].shape) for gap in config.gaps for sign in (1, -1)}
+        for t, one in enumerate(inner):
+            x, y, w, h = cv2.boundingRect(one)
+            box = np.s_[max(y - margin, 0) : y + h + margin, max(x - margin, 0) : x + w + margin]
+            weight = cv2.GaussianBlur(one[box].astype(np.float32), (0, 0), OBJECT_SIGMA)[..., None] if w else None
+            for gap, smooth in self.flows.items():
+                smooth[t] = flows[gap][t]
+                if weight is not None and 0 <= t + gap < frames:
+                    raw = flows[gap][t][box].astype(np.float32)
+                    blurred = cv2.GaussianBlur(raw * one[box][..., None], (0, 0), OBJECT_SIGMA)
+                    smooth[t][box] = np.where(weight > 1e-4, blurred / np.maximum(weight, 1e-4), raw)
+        self.nearest = np.empty((frames, height, width, 2), np.int16)  # column, row of the nearest inner pixel
+        for t, one in enumerate(inner):
+            self.nearest[t] = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1)
+            if one.any():
+                _, labels = cv2.distanceTransformWithLabels(
+                    1 - one, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+                )
+                table = np.zeros((labels.max() + 1, 2), np.int16)
+                table[labels[one > 0]] = np.argwhere(one)[:, ::-1]
+                self.nearest[t] = table[labels]
+
+    def pull(self, points: np.ndarray, frame: int) -> np.ndarray:
+        """Points (P,2) moved to the nearest pixel inside the object where they are off it."""
+        height, width = self.nearest.shape[1:3]
+        pixel = np.clip(np.floor(points), 0, (width - 1, height - 1)).astype(int)
+        target = self.nearest[frame, pixel[:, 1], pixel[:, 0]]
+        return np.where((target == pixel).all(-1, keepdims=True), points, target + 0.5)
+
+    def pull_each(self, points: np.ndarray, frames: np.ndarray) -> np.ndarray:
+        """The same for points (P,2) of different frames (P,)."""
+        pulled = points.copy()
+        for frame in np.unique(frames):
+            pulled[frames == frame] = self.pull(points[frames == frame], frame)
+        return pulled
+
+
+def _inside(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """(...,2) -> (...) bool: within a picture of a flow array's shape (F,H,W,2)."""
+    return ((points >= 0) & (points <= (shape[2], shape[1]))).all(-1)
+
+
+def seed_and_track(
+    flows: dict[int, np.ndarray],
+    spacing: float,
+    config: TracksConfig,
+    mask: np.ndarray | None = None,
+    progress: Progress = silent,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tracks (F,N,2) float32, NaN where lost, and visible (F,N) of a grid of points that covers every frame.
+
+    Seeds lie `spacing` pixels apart (inside `mask` only, when given) in frame 0; every `config.reseed_every` frames, and in
+    the last one, the places that no visible track covers are seeded again and tracked both ways.
+    """
+    frames, height, width = flows[1].shape[:3]
+    surface = None if mask is None else ObjectFlows(flows, mask, config)
+    centres = np.stack(
+        np.meshgrid(np.arange(spacing / 2, width, spacing), np.arange(spacing / 2, height, spacing)), -1
+    ).reshape(-1, 2)
+    columns, rows = int(np.ceil(width / spacing)), int(np.ceil(height / spacing))
+    tracks, visible = np.empty((frames, 0, 2), np.float32), np.empty((frames, 0), bool)
+    for frame in sorted({*range(0, frames, config.reseed_every), frames - 1}):
+        covered = np.zeros((rows, columns), bool)
+        cell = np.floor(tracks[frame][visible[frame]] / spacing).astype(int)
+        covered[np.clip(cell[:, 1], 0, rows - 1), np.clip(cell[:, 0], 0, columns - 1)] = True
+        free = centres[~covered[(centres[:, 1] / spacing).astype(int), (centres[:, 0] / spacing).astype(int)]]
+        if mask is not None:
+            free = free[mask[frame, free[:, 1].astype(int), free[:, 0].astype(int)]]
+        if len(free):
+            queries = np.column_stack([np.full(len(free), frame), free])
+            found = track_points(flows, queries, config, surface, progress)
+            tracks, visible = np.concatenate([tracks, found[0]], 1), np.concatenate([visible, found[1]], 1)
+    tracks[~visible] = np.nan
+    return tracks, visible
+
+
+def relink(
+    tracks: np.ndarray, visible: np.ndarray, pictures: np.ndarray, longest_gap: int
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Join tracks that end inside the picture with ones that begin later, when place and look agree.
+
+    tracks (F,N,2), visible (F,N), pictures (F,H,W) uint8. The hidden point is expected where the neighbours went that moved
+    like it before it was lost; candidates near there must correlate (`LOOK_ALIKE`) and the best pair is joined first.
+    Returns joined tracks, their visibility and the number of joins. Nothing is invented between the two ends.
+    """
+    from scipy.spatial import cKDTree
+
+    frames, count = visible.shape
+    first, last = visible.argmax(0), frames - 1 - visible[::-1].argmax(0)
+    height, width = pictures.shape[1:]
+    seen = visible.any(0)
+    proposals = []
+    for end in range(frames - 2):
+        lost = np.nonzero(seen & (last == end) & (end - first >= MIN_SAMPLES - 1))[0]
+        here = tracks[end, lost]
+        lost = lost[((here > PATCH) & (here < (width - PATCH, height - PATCH))).all(-1)]
+        later = np.nonzero(seen & (first > end) & (first <= end + longest_gap) & (last - first >= MIN_SAMPLES - 1))[0]
+        if len(lost) == 0 or len(later) == 0:
+            continue
+        before = max(end - 3, 0)
+        for begin in np.unique(first[later]):
+            guides = np.nonzero(visible[before] & visible[end] & visible[begin])[0]
+            if len(guides) < NEIGHBOURS:
+                continue
+            expected = _expected(tracks, lost, guides, before, end, begin)
+            candidates = later[first[later] == begin]
+            tree = cKDTree(tracks[begin, candidates])
+            radius = LINK_RADIUS + 0.5 * (begin - end)
+            for track, near in zip(lost, tree.query_ball_point(expected, radius), strict=True):
+                if near:
+                    others = candidates[near]
+                    looks = _correlation(pictures, tracks, track, end, others, begin)
+                    proposals += [(look, track, other) for look, other in zip(looks, others, strict=True)]
+    tracks, visible = tracks.copy(), visible.copy()
+    ended, begun, owner, joins = set(), set(), np.arange(count), 0
+    for look, track, other in sorted(proposals, key=lambda proposal: -proposal[0]):
+        if look < LOOK_ALIKE or track in ended or other in begun:
+            continue
+        ended.add(track)
+        begun.add(other)
+        into = owner[track]
+        part = visible[:, other]
+        tracks[part, into], visible[part, into] = tracks[part, other], True
+        tracks[:, other], visible[:, other] = np.nan, False
+        owner[owner == other] = into
+        joins += 1
+    return tracks, visible, joins
+
+
+def _expected(
+    tracks: np.ndarray, lost: np.ndarray, guides: np.ndarray, before: int, end: int, begin: int
+) -> np.ndarray:
+    """(L,2) where lost points should be at `begin`: moved like those of the near guides that moved like them so far."""
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(tracks[end, guides]).query(tracks[end, lost], k=min(3 * NEIGHBOURS, len(guides)))[1]  # (L,3n)
+    velocity = tracks[end, guides] - tracks[before, guides]
+    own = tracks[end, lost] - tracks[before, lost]  # NaN for a track younger than `before`: then all are alike
+    unlike = np.nan_to_num(np.linalg.norm(velocity[near] - own[:, None], axis=-1))
+    alike = np.take_along_axis(near, np.argsort(unlike, axis=1, kind="stable")[:, :NEIGHBOURS], 1)  # (L,n)
+    shift = tracks[begin, guides] - tracks[end, guides]
+    return tracks[end, lost] + np.median(shift[alike], axis=1)
+
+
+def _correlation(
+    pictures: np.ndarray, tracks: np.ndarray, track: int, end: int, others: np.ndarray, begin: int
+) -> np.ndarray:
+    """(O,) normalised cross-correlation of the patch of `track` at `end` and those of `others` at `begin`."""
+    window = np.stack(np.meshgrid(np.arange(-PATCH, PATCH + 1), np.arange(-PATCH, PATCH + 1)), -1)
+
+    def patches(frame: int, points: np.ndarray) -> np.ndarray:
+        values = sample(pictures[frame].astype(np.float32), points[:, None, None] + window).reshape(len(points), -1)
+        values = values - values.mean(1, keepdims=True)
+        return values / (np.linalg.norm(values, axis=1, keepdims=True) + PATCH)  # flat patches resemble nothing
+
+    return patches(begin, tracks[begin, others]) @ patches(end, tracks[end, [track]])[0]
+
+
+def longest(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The at most `count` tracks with the most samples, none with fewer than `MIN_SAMPLES` (or F, in shorter clips)."""
+    samples = visible.sum(0)
+    keep = np.nonzero(samples >= min(MIN_SAMPLES, len(visible)))[0]
+    keep = np.sort(keep[np.argsort(-samples[keep], kind="stable")[:count]])
+    return tracks[:, keep], visible[:, keep]
+
+
+def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `tracks` and `tracks_visible` with uniform coverage (provider `classical`); `motion` densifies what moves."""
+    flows = long_flows(clip, priors, config, progress)
+    tracks, visible = seed_and_track(flows, config.tracks.spacing, config.tracks, progress=progress)
+    joins = 0
+    if config.tracks.relink_gap > 0:
+        tracks, visible, joins = relink(tracks, visible, grey(clip.frames[clip.supervised]), config.tracks.relink_gap)
+    priors.tracks, priors.tracks_visible = longest(tracks, visible, config.tracks.count)
+    priors.statistics["tracks"] = {
+        "uniform": int(priors.tracks.shape[1]),
+        "joins": joins,
+        "mean_length": float(priors.tracks_visible.sum(0).mean()) if priors.tracks.shape[1] else 0.0,
+    }
