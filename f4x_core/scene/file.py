@@ -168,7 +168,7 @@ def write_edits(path: Path | str, edits: Sequence[Mapping[str, Any]], next_id: i
         header["edits"] = list(edits)
         header["next_id"] = max(header["next_id"], next_id or 0)
         text = _json_bytes(header, path)
-        with _reported(path), replace_file(path) as file, zipfile.ZipFile(file, "w") as target:
+        with replace_file(path) as file, zipfile.ZipFile(file, "w") as target:
             target.writestr(_member(HEADER, len(text)), text)
             for info in source.infolist():
                 if info.filename != HEADER:

@@ -68,7 +68,7 @@ def write_ply(
     """
     rotation = quaternion.normalize(rotation)
     world_sh = spherical_harmonics.rotate(sh, rotation)
-    rest = world_sh[:, 1:].transpose(0, 2, 1).reshape(len(sh), -1)  # (N, 3 (S - 1)) channel-major
+    rest = world_sh[:, 1:].transpose(0, 2, 1).reshape(len(sh), 3 * (sh.shape[1] - 1))  # (N, 3 (S - 1)) channel-major
     opacity = np.clip(opacity.astype(np.float64), OPACITY_MARGIN, 1 - OPACITY_MARGIN)
     columns = {
         **dict(zip(POSITION, xyz.T, strict=True)),
@@ -103,7 +103,7 @@ def read_ply(path: Path | str) -> Splats:
         raise F4xError(f"{path}: has {len(rest_names)} f_rest properties, expected 0, 9, 24, 45 or 72; export it again")
     sh = np.empty((len(vertices), rest + 1, 3), np.float32)
     sh[:, 0] = _columns(vertices, DC)
-    sh[:, 1:] = _columns(vertices, rest_names).reshape(-1, 3, rest).transpose(0, 2, 1)
+    sh[:, 1:] = _columns(vertices, rest_names).reshape(len(vertices), 3, rest).transpose(0, 2, 1)
     with np.errstate(over="ignore"):  # exp of a large negative logit is inf, and 1 / (1 + inf) the right 0
         scale = np.exp(_columns(vertices, SCALE))
         opacity = 1 / (1 + np.exp(-_columns(vertices, ("opacity",))[:, 0]))
