@@ -220,7 +220,7 @@ def _solve(
             " the background becomes flat. Give cameras of another program if you have them."
         )
         return _adjusted_pan(turning, sample.bundle.focal), "pan"
-    statistics |= {"solver": solver, "registered": f"{int(solution.registered.sum())}/{len(solution.registered)}"}
+    statistics |= {"solver": solver, "registered": int(solution.registered.sum())}
     if settings.focal is None and solver != "depth":
         progress("cameras", 2, 4, "focal length")
         sample, statistics["focal_search"] = search_focal(solution, priors.width, FOCALS)

@@ -1,0 +1,417 @@
+"""Dense depth of the supervised frames from geometry alone (provider `classical`).
+
+Static pixels: inverse depth is triangulated from flow over many frame gaps and from static tracks, then spread over the
+picture by an edge-aware smoothness term weighed against the measured precision. Moving pixels carry no depth signal; what is
+honest is plausible: contact with the ground below, the change of size over time, one depth per object and frame, and a low
+confidence. Clips without parallax get a gentle ground-like prior with almost no confidence.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.linalg import cg
+
+from ..geometry.camera import CameraPath
+from ..progress import Progress
+from .bundle import Observations, from_matrices, triangulate
+from .cameras import static_tracks
+from .config import PriorsConfig
+from .flow import consistent, grey, long_flows
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from .folder import Priors
+
+STRIDE = 2
+"""Depth is measured and solved on every second pixel: flow is no finer."""
+FLOW_NOISE_PX = 0.4
+"""Standard deviation of static flow that passed the forward-backward test."""
+FLOW_OUTLIER_PX = 1.5
+"""Cauchy scale of reprojection residuals when gaps are combined."""
+FEATURELESS = 4.0
+"""Grey-level gradient (standard deviation over 7 px) at which flow is trusted half."""
+TRACK_NOISE_PX = 0.4
+TRACK_OUTLIER_PX = 2.0
+"""A track whose root mean square reprojection error is larger is no static point."""
+FARTHEST = 50.0
+"""Depths beyond this many median depths cannot be told apart; sky is put here."""
+SLOPE = 0.01
+"""Usual change of inverse depth between neighbouring samples, relative to the inverse depth itself."""
+EDGE_GREY, EDGE_SLACK = 10.0, 0.03
+"""Grey step that weakens smoothness by 1/e, and the share of smoothness that survives the strongest step."""
+MOVING_MARGIN = 3
+"""Pixels around moving regions whose flow is not trusted as static."""
+MOVING_CONFIDENCE = 0.2
+GUESS_CONFIDENCE = 0.05
+"""Most confidence of the plausible depth of moving pixels, and of everything in a clip without parallax."""
+CONTACT_SHARE = 0.15
+"""Lowest share of a moving region's height that is taken to touch the ground."""
+SIZE_NOISE, CONTACT_NOISE = 0.01, 0.1
+"""Relative errors of the frame-to-frame size change and of one contact depth, used to smooth an object's depth."""
+SMALLEST_OBJECT = 30
+"""Moving regions with fewer pixels per frame than this follow the static depth around them."""
+
+
+def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `depth`, `depth_confidence`, `statistics["depth"]`, and set the world unit of the cameras (median depth 1)."""
+    assert priors.cameras is not None
+    cameras = priors.cameras
+    frames = len(priors.frames)
+    moving = priors.mask if priors.mask is not None else np.zeros((frames, priors.height, priors.width), bool)
+    statistics: dict[str, Any] = {}
+    if priors.camera_kind == "moving":
+        inverse, confidence = _static_depth(clip, priors, config, moving, progress, statistics)
+    else:
+        inverse, confidence = ground_prior(cameras), np.full(moving.shape, GUESS_CONFIDENCE, np.float32)
+        priors.warn("Without parallax no depth can be measured: depth is a ground-like guess with low confidence.")
+    progress("depth", frames, frames + 1, "moving objects")
+    objects = _place_objects(inverse, confidence, moving, priors)
+    depth = 1 / inverse
+    unit = float(np.median(depth))
+    if priors.provenance.get("cameras", {}).get("provider") in ("user", "files"):
+        unit = 1.0  # given cameras keep their unit, and depth has to match them
+    else:
+        priors.cameras = cameras.scaled_world(1 / unit)
+    priors.depth = (depth / unit).astype(np.float32)
+    priors.depth_confidence = np.clip(confidence, 0, 1).astype(np.float16)
+    if objects:
+        priors.warn("Depth of moving objects is a plausible guess (ground contact and change of size), not a measurement.")
+    percentiles = np.percentile(priors.depth[:, ::4, ::4], (2, 50, 98))
+    priors.statistics["depth"] = statistics | {
+        "moving_objects": objects,
+        "percentiles_2_50_98": [round(float(value), 3) for value in percentiles],
+        "mean_confidence": round(float(confidence.mean()), 3),
+    }
+
+
+def inverse_depth_from_flow(
+    cameras: CameraPath, frame: int, pixels: np.ndarray, targets: list[tuple[int, np.ndarray, np.ndarray]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse depth `(n,)` of static `pixels (n, 2)` of a frame, and its precision `(n,)` (1 / variance).
+
+    `targets` lists (other frame, where the pixels are seen there `(n, 2)`, weight `(n,)`). With the ray `r`, `x = R r +
+    rho t` in the other camera and `(u, v)` the normalised sighting, `rho (t_x - u t_z) = u a_z - a_x`, `a = R r`, is linear
+    in rho; all gaps are combined by least squares with Cauchy weights on the residual in pixels.
+    """
+    here = cameras[frame]
+    rays = (pixels - here.intrinsics[:2, 2]) / here.intrinsics[[0, 1], [0, 1]]
+    rays = np.concatenate([rays, np.ones_like(rays[:, :1])], axis=1)
+    gains, offsets, weights = [], [], []
+    for other, seen, weight in targets:
+        there = cameras[other]
+        relative = there.world_to_camera @ here.camera_to_world
+        ahead = rays @ relative[:3, :3].T  # (n, 3)
+        plane = (seen - there.intrinsics[:2, 2]) / there.intrinsics[[0, 1], [0, 1]]
+        gains.append((relative[:2, 3] - plane * relative[2, 3]) / ahead[:, 2:])
+        offsets.append((plane * ahead[:, 2:] - ahead[:, :2]) / ahead[:, 2:])
+        weights.append(weight)
+    gain, offset = np.stack(gains), np.stack(offsets)  # (g, n, 2)
+    given, focal = np.stack(weights), here.intrinsics[0, 0]  # (g, n)
+    weight = given
+    for _ in range(5):
+        information = (weight * (gain**2).sum(-1)).sum(0)
+        inverse = (weight * (gain * offset).sum(-1)).sum(0) / np.maximum(information, 1e-20)
+        residual = focal * np.linalg.norm(gain * inverse[:, None] - offset, axis=-1)
+        weight = given / (1 + (residual / FLOW_OUTLIER_PX) ** 2)
+    return inverse, information * (focal / FLOW_NOISE_PX) ** 2
+
+
+def fill_inverse_depth(
+    inverse: np.ndarray, precision: np.ndarray, guide: np.ndarray, iterations: int = 60, slope: float = SLOPE
+) -> np.ndarray:
+    """Inverse depth everywhere `(h, w)` from samples of different precision; `guide (h, w)` are grey levels 0..255.
+
+    `argmin sum precision (rho - sample)^2 + lambda sum_edges e^{-|dI|} (rho_p - rho_q)^2`, lambda from `SLOPE`, by
+    conjugate gradients started at the normalised convolution over a pyramid; three rounds reweigh outliers. Unknown
+    samples have precision 0.
+    """
+    height, width = inverse.shape
+    start = _pyramid_mean(inverse, precision)
+    smooth = 1 / (slope * max(float(np.median(start)), 1e-6)) ** 2
+    number = np.arange(height * width).reshape(height, width)
+    pairs = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
+    a, b = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
+    step = guide.ravel().astype(np.float64)
+    edge = smooth * (EDGE_SLACK + (1 - EDGE_SLACK) * np.exp(-abs(step[a] - step[b]) / EDGE_GREY))
+    size = height * width
+    links = csr_matrix((np.r_[edge, edge], (np.r_[a, b], np.r_[b, a])), shape=(size, size))
+    degree = np.asarray(links.sum(1)).ravel()
+    data, solution = precision.ravel().astype(np.float64), start.ravel()
+    # No sample may outweigh its neighbourhood without limit: flow errors are shared by neighbours.
+    trusted = np.minimum(data, 4 * smooth)
+    for _ in range(3):
+        miss = (inverse.ravel() - solution) * np.sqrt(np.minimum(data, 25 * smooth))
+        weight = trusted / (1 + (miss / 3) ** 2)
+        diagonal = weight + degree
+        system = diags(diagonal) - links
+        solution, _ = cg(system, weight * inverse.ravel(), x0=solution, maxiter=iterations // 3, M=diags(1 / diagonal))
+    return solution.reshape(height, width)
+
+
+def ground_prior(cameras: CameraPath) -> np.ndarray:
+    """Inverse depth `(F, H, W)` of a world that is near below and farther above, the same from every direction of view.
+
+    Inverse distance is `0.7 + max(s, 0)` with s the sine of the direction below the mean camera's horizon.
+    """
+    down = cameras.world_to_camera[:, 1, :3].mean(0)
+    down /= max(float(np.linalg.norm(down)), 1e-9)
+    inverse = np.empty((len(cameras), cameras.height, cameras.width), np.float32)
+    for i in range(len(cameras)):
+        camera = cameras[i]
+        local = (camera.pixel_grid() - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]]
+        local = np.concatenate([local, np.ones_like(local[..., :1])], axis=-1)  # z = 1
+        length = np.linalg.norm(local, axis=-1)
+        sine = local @ (camera.world_to_camera[:3, :3] @ down) / length
+        inverse[i] = (0.7 + np.maximum(sine, 0)) * length
+    return inverse
+
+
+def _static_depth(
+    clip: Clip,
+    priors: Priors,
+    config: PriorsConfig,
+    moving: np.ndarray,
+    progress: Progress,
+    statistics: dict[str, Any],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse depth and confidence `(F, H, W)` of the static world, also behind what moves."""
+    import cv2
+
+    assert priors.cameras is not None
+    flows = long_flows(clip, priors, config, progress)
+    pictures = grey(clip.frames[clip.supervised])
+    tracks = _track_samples(priors)
+    frames, height, width = moving.shape
+    size = 2 * MOVING_MARGIN + 1
+    blocked = np.stack([cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0 for mask in moving])
+    rows, columns = np.arange(STRIDE // 2, height, STRIDE), np.arange(STRIDE // 2, width, STRIDE)
+    grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1)  # (h, w, 2)
+    inverse, confidence = np.empty((2, frames, height, width), np.float32)
+    measured = 0.0
+    for i in range(frames):
+        progress("depth", i, frames + 1)
+        targets = _targets(i, flows, blocked, rows, columns, grid)
+        rho, precision = np.zeros(grid.shape[:2]), np.zeros(grid.shape[:2])
+        if targets:
+            rho, precision = (
+                part.reshape(grid.shape[:2])
+                for part in inverse_depth_from_flow(priors.cameras, i, grid.reshape(-1, 2), targets)
+            )
+        precision *= _texture(pictures[i])[rows[:, None], columns] * ~blocked[i][rows[:, None], columns]
+        _add_tracks(rho, precision, *tracks[i], blocked[i])
+        usual = 1 / max(float(np.median(1 / np.maximum(rho[precision > 0], 1e-6))), 1e-6) if (precision > 0).any() else 1.0
+        least = usual / FARTHEST
+        rho = np.clip(rho, least, 1e3 * usual)
+        guide = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
+        filled = np.maximum(fill_inverse_depth(rho, precision, guide), least)
+        trust = _confidence(filled, rho, precision)
+        measured += float((precision * filled**2 > 100).mean()) / frames
+        inverse[i] = _enlarged(filled, width, height)
+        confidence[i] = _enlarged(trust, width, height)
+    statistics["measured_share"] = round(measured, 3)  # static depth known to better than 10 %
+    if measured < 0.2:
+        priors.warn(
+            f"Depth could be measured on only {100 * measured:.0f} % of the picture (little parallax or texture);"
+            " the rest is interpolated."
+        )
+    return inverse, confidence
+
+
+def _targets(
+    frame: int, flows: dict[int, np.ndarray], blocked: np.ndarray, rows: np.ndarray, columns: np.ndarray, grid: np.ndarray
+) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """Where the grid's pixels are seen in other frames, with weight 0 where flow is inconsistent or lands on a mover."""
+    _, height, width = blocked.shape
+    targets = []
+    for gap, flow in flows.items():
+        other = frame + gap
+        if not 0 <= other < len(blocked):
+            continue
+        there, back = flow[frame].astype(np.float32), flows[-gap][other].astype(np.float32)
+        good = consistent(there, back)[rows[:, None], columns]
+        seen = grid + there[rows[:, None], columns]
+        x, y = np.clip(seen[..., 0].astype(int), 0, width - 1), np.clip(seen[..., 1].astype(int), 0, height - 1)
+        # Flow over a long gap is refined on the pictures but errs more; trust falls with the distance it had to bridge.
+        weight = good * ~blocked[other][y, x] / (1 + (abs(gap) / 16) ** 2)
+        targets.append((other, seen.reshape(-1, 2).astype(np.float64), weight.ravel()))
+    return targets
+
+
+def _track_samples(priors: Priors) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Per frame: pixels `(n, 2)`, inverse depth `(n,)` and its precision `(n,)` of static tracks triangulated over the clip."""
+    assert priors.cameras is not None
+    cameras = priors.cameras
+    tracks, visible, static = static_tracks(priors)
+    frames, nothing = len(cameras), (np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    seen = visible & static
+    seen &= seen.sum(0) >= 3
+    frame, point = np.nonzero(seen)
+    if not len(frame):
+        return [nothing] * frames
+    # Given cameras may zoom: sightings are brought to one normalised camera first.
+    intrinsics = cameras.intrinsics[frame]
+    focal = intrinsics[:, [0, 1], [0, 1]]
+    plane = (tracks[frame, point] - intrinsics[:, :2, 2]) / focal
+    observations = Observations(frame, point, plane, np.ones(len(frame)))
+    bundle = from_matrices(cameras.world_to_camera, 1.0, np.zeros(2))
+    points, spread = triangulate(bundle, observations, tracks.shape[1])
+    local = np.einsum("oij,oj->oi", cameras.world_to_camera[frame, :3, :3], points[point])
+    local += cameras.world_to_camera[frame, :3, 3]
+    z = local[:, 2]
+    error = ((local[:, :2] / np.maximum(z, 1e-9)[:, None] - plane) * focal) ** 2
+    count = np.maximum(np.bincount(point, minlength=tracks.shape[1]), 1)
+    rms = np.sqrt(np.bincount(point, error.sum(1), tracks.shape[1]) / count)
+    behind = np.bincount(point, z <= 0, tracks.shape[1]) > 0
+    good = (rms < TRACK_OUTLIER_PX) & ~behind & np.isfinite(rms)
+    # Angular noise over half the spread of the rays is the relative error of the distance.
+    relative = (TRACK_NOISE_PX + rms) / focal.mean() / np.maximum(spread / 2, 1e-6) / np.sqrt(np.maximum(count / 4, 1))
+    samples = []
+    for i in range(frames):
+        chosen = (frame == i) & good[point]
+        inverse = 1 / z[chosen]
+        precision = 1 / (relative[point[chosen]] * inverse) ** 2
+        samples.append((tracks[i, point[chosen]].astype(np.float64), inverse, precision))
+    return samples
+
+
+def _add_tracks(
+    rho: np.ndarray, precision: np.ndarray, uv: np.ndarray, inverse: np.ndarray, trust: np.ndarray, blocked: np.ndarray
+) -> None:
+    """Merge track samples into the grid in place, weighted by precision."""
+    x, y = np.clip(uv.astype(int), 0, np.array(blocked.shape[::-1]) - 1).T
+    free = ~blocked[y, x]
+    row = np.minimum(y[free] // STRIDE, rho.shape[0] - 1)
+    column = np.minimum(x[free] // STRIDE, rho.shape[1] - 1)
+    total = rho * precision
+    np.add.at(total, (row, column), (inverse * trust)[free])
+    np.add.at(precision, (row, column), trust[free])
+    np.divide(total, precision, out=rho, where=precision > 0)
+
+
+def _texture(picture: np.ndarray) -> np.ndarray:
+    """0..1: how well flow can hold on to the picture, by the standard deviation of grey levels over 7 px."""
+    values = picture.astype(np.float32)
+    mean = ndimage.uniform_filter(values, 7)
+    spread = np.sqrt(np.maximum(ndimage.uniform_filter(values**2, 7) - mean**2, 0))
+    return spread**2 / (spread**2 + FEATURELESS**2)
+
+
+def _confidence(filled: np.ndarray, rho: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """0..1 from the relative precision gathered around a pixel, less where the samples disagree with the filled map."""
+    relative = precision * filled**2  # 1 / (relative error)^2
+    known = ndimage.gaussian_filter(np.minimum(relative, 400.0), 3)
+    miss = ndimage.gaussian_filter(np.where(precision > 0, np.minimum(abs(rho / filled - 1), 1), 0), 1.5)
+    return known / (known + 25.0) / (1 + (miss / 0.2) ** 2)
+
+
+def _enlarged(values: np.ndarray, width: int, height: int) -> np.ndarray:
+    import cv2
+
+    return cv2.resize(values.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
+
+
+def _pyramid_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Normalised convolution from coarse to fine: known values stay, holes take the mean of a growing neighbourhood."""
+    import cv2
+
+    floor = 1e-3 * float(weight[weight > 0].mean()) if (weight > 0).any() else 1.0
+    total, norm = (values * weight).astype(np.float64), weight.astype(np.float64)
+    pyramid = [(total, norm)]
+    while min(pyramid[-1][0].shape) > 2:
+        pyramid.append((cv2.pyrDown(pyramid[-1][0]), cv2.pyrDown(pyramid[-1][1])))
+    total, norm = pyramid[-1]
+    mean = np.full_like(total, total.sum() / norm.sum()) if norm.sum() > 0 else np.ones_like(total)
+    for total, norm in reversed(pyramid):
+        mean = cv2.resize(mean, total.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        mean = (total + floor * mean) / (norm + floor)
+    return mean
+
+
+def _place_objects(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, priors: Priors) -> int:
+    """Write plausible inverse depth of moving pixels into `inverse (F, H, W)` in place; return the number of objects.
+
+    An object is a connected region of the mask in space and time.
+    """
+    confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
+    labels, count = ndimage.label(moving)
+    objects = 0
+    for number, region in enumerate(ndimage.find_objects(labels), start=1):
+        own = labels[region] == number  # (f, h, w) within the box
+        frames = region[0].start + np.flatnonzero(own.any((1, 2)))
+        pixels = own.sum((1, 2))
+        if pixels.mean() < SMALLEST_OBJECT:
+            continue
+        objects += 1
+        contact = np.array([_contact(inverse[f], moving[f], labels[f] == number) for f in frames])
+        size = [_growth(priors, f, labels[f] == number) for f in frames[:-1]]
+        solved, certain = smooth_object_depth(contact[:, 0], contact[:, 1], np.array(size))
+        for f, value, trust in zip(frames, solved, certain, strict=True):
+            mask = labels[f] == number
+            inverse[f][mask] = value
+            confidence[f][mask] = MOVING_CONFIDENCE * trust if priors.camera_kind == "moving" else GUESS_CONFIDENCE
+    return objects
+
+
+def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse depth `(f,)` of one object over time, and its certainty 0..1.
+
+    `contact (f,)` inverse depths where it touches the ground with `trust (f,)` 0..1, `growth (f - 1,)` logarithm of its
+    change of picture size to the next frame (NaN = unknown). Size is inverse depth times a constant, so
+    `argmin sum trust (x - log contact)^2 / c^2 + sum (x' - x - growth)^2 / s^2`, x = log inverse depth; Cauchy weights
+    on the contacts.
+    """
+    count, measured = len(contact), np.log(contact)
+    known = np.isfinite(growth)
+    step = np.where(known, growth, 0.0)
+    link = np.where(known, 1 / SIZE_NOISE**2, 1 / (5 * SIZE_NOISE) ** 2)
+    laplacian = np.zeros((count, count))
+    right = np.zeros(count)
+    for i in range(count - 1):
+        laplacian[i : i + 2, i : i + 2] += link[i] * np.array([[1, -1], [-1, 1]])
+        right[i : i + 2] += link[i] * step[i] * np.array([-1, 1])
+    solution = np.full(count, np.average(measured, weights=trust + 1e-6))
+    for _ in range(5):
+        weight = (trust + 1e-3) / CONTACT_NOISE**2 / (1 + ((measured - solution) / (2 * CONTACT_NOISE)) ** 2)
+        solution = np.linalg.solve(laplacian + np.diag(weight), right + weight * measured)
+    return np.exp(solution), np.clip(trust, 0.25, 1.0)
+
+
+def _contact(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> tuple[float, float]:
+    """Inverse depth of the ground just below the lowest part of a region, and how far to trust it."""
+    height, width = own.shape
+    rows = np.flatnonzero(own.any(1))
+    lowest = rows[-1]
+    band = max(int(CONTACT_SHARE * (lowest - rows[0] + 1)), 2)
+    low = own.copy()
+    low[: max(lowest - band, 0)] = False
+    rim = ndimage.binary_dilation(low, iterations=MOVING_MARGIN + 3) & ~ndimage.binary_dilation(moving, iterations=2)
+    rim[: max(lowest - band, 0)] = False
+    if not rim.any():
+        rim = ndimage.binary_dilation(own, iterations=MOVING_MARGIN + 5) & ~moving
+        if not rim.any():
+            return float(np.median(inverse)), 0.0
+    cut = lowest >= height - 2  # it leaves the picture below: the true contact is nearer than what can be seen
+    return float(np.median(inverse[rim])), 0.3 if cut else 1.0
+
+
+def _growth(priors: Priors, frame: int, own: np.ndarray) -> float:
+    """Logarithm of a region's change of size to the next frame, from a robust similarity of its flow; NaN if unknown."""
+    if priors.flow_forward is None or priors.flow_forward_mask is None:
+        return float("nan")
+    y, x = np.nonzero(own & priors.flow_forward_mask[frame])
+    if len(x) < SMALLEST_OBJECT:
+        return float("nan")
+    here = np.stack([x + 0.5, y + 0.5], 1)
+    there = here + priors.flow_forward[frame][y, x].astype(np.float64)
+    weight = np.ones(len(x))
+    for _ in range(4):
+        p = here - np.average(here, axis=0, weights=weight)
+        q = there - np.average(there, axis=0, weights=weight)
+        a, b = p[:, 0] + 1j * p[:, 1], q[:, 0] + 1j * q[:, 1]
+        factor = (weight * b * a.conj()).sum() / (weight * abs(a) ** 2).sum()  # scale and turn as one complex number
+        weight = 1 / (1 + abs(b - factor * a) ** 2)
+    return float(np.clip(np.log(abs(factor)), -0.2, 0.2))
