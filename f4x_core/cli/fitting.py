@@ -12,12 +12,13 @@ from ..clip import Clip, read_clip
 from ..errors import F4xError
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
-from ..fit.diagnostics import write_diagnostics
+from ..fit.diagnostics import worst_frames, write_diagnostics
 from ..fit.pipeline import FitResult, fit_clip
 from ..priors import build_priors
 from ..progress import Progress
 from ..report.evaluation import evaluate
 from ..scene import DynamicSet, Scene, StaticSet, write_scene
+from ..scene.view import render
 
 
 def clip_of(args: argparse.Namespace) -> Clip:
@@ -71,7 +72,11 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     write_scene(scene, path)
     with replace_file(folder / "metrics.json") as file:
         file.write(json.dumps({**figures, "frames": metrics["frames"]}, indent=1).encode())
-    write_diagnostics(folder / "diagnostics.html", clip, result, metrics)
+    worst = {
+        frame: render(scene, scene.cameras[frame], float(scene.cameras.times[frame]), ("rgb",), config.backend)["rgb"]
+        for frame in worst_frames(metrics)
+    }
+    write_diagnostics(folder / "diagnostics.html", clip, result, metrics, worst)
     return {"scene": str(path), "metrics": figures, "needs": list(scene.needs), "text": _summary(path, scene, figures)}
 
 

@@ -18,6 +18,9 @@ Weight = Literal["problem", "note", "good"]
 # Angle (degrees) between the outermost cameras at the median depth. Below the first nothing but the original view can be
 # believed, below the second only views close to the path.
 LITTLE_PARALLAX, MODEST_PARALLAX = 2.0, 8.0
+# Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
+# reprojection error in pixels above which cameras are wrong and not only rough.
+LEAST_REGISTERED, MISSED_PX = 0.3, 1.5
 # Fewer supervised frames than this leave most surfaces seen once or twice.
 FEW_FRAMES = 12
 # Above this moving share (of all pixels) the background is mostly hidden.
@@ -223,14 +226,25 @@ def _about_camera(priors: Priors) -> list[Finding]:
         )
     else:
         found.append(Finding("good", f"The camera saw the scene from {angle:.0f}°: depth is well determined."))
-    registered = priors.statistics.get("registered_frames")
-    if isinstance(registered, int) and registered < len(priors.frames):
+    known = priors.statistics.get("cameras", {})
+    registered, _, wanted = str(known.get("registered", "")).partition("/")
+    if wanted and int(registered) < LEAST_REGISTERED * int(wanted):
         found.append(
             Finding(
                 "problem",
-                f"Only {registered} of {len(priors.frames)} frames found their camera; the others are interpolated.",
+                f"Only {registered} of {wanted} frames found their camera by themselves; the others follow their neighbours.",
                 "Blurred or empty frames are the usual cause: leave them out with --frames, or give cameras with"
                 " --prior cameras=FILE.",
+            )
+        )
+    error = known.get("reprojection_px", {}).get("median")
+    if error is not None and error > MISSED_PX:
+        found.append(
+            Finding(
+                "problem",
+                f"The cameras miss the points they see by {error:.1f} px (median).",
+                "A rolling shutter, zoom or blur is the usual cause: give cameras with --prior cameras=FILE, and masks of what"
+                " moves with --masks DIR.",
             )
         )
     return found

@@ -34,6 +34,8 @@ ERROR_SPAN = 0.25
 DEPTH_QUANTILES = (0.02, 0.98)
 # Static Gaussians drawn as context of the camera path.
 CONTEXT_POINTS = 4000
+# What lies outside these quantiles of them does not widen the plot.
+CONTEXT_QUANTILES = (0.02, 0.98)
 # Written into plots in place of a colour and replaced by the page's text colour, which follows light and dark.
 TEXT_COLOUR = "#010203"
 # Legible on white and on black.
@@ -50,7 +52,8 @@ SCORES = {
 
 STYLE = """
 :root { color-scheme: light dark; --line: #8886; --soft: #8882; --bad: #d9534f; --fine: #1f9e8f; }
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 1080px; margin: 2em auto; padding: 0 1em; background: #fff; color: #1c2026; }
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 1080px; margin: 2em auto; padding: 0 1em; }
+body { background: #fff; color: #1c2026; }
 @media (prefers-color-scheme: dark) { body { background: #14171c; color: #dfe3e8; } }
 h1 { font-size: 1.5em; margin-bottom: 0; } h2 { font-size: 1.15em; margin: 2em 0 .5em; border-bottom: 1px solid var(--line); }
 .verdict { font-size: 1.15em; margin: .3em 0 1em; }
@@ -59,8 +62,9 @@ h1 { font-size: 1.5em; margin-bottom: 0; } h2 { font-size: 1.15em; margin: 2em 0
 .advice::before { content: "→ "; } .dim { opacity: .7; font-size: .9em; }
 table { border-collapse: collapse; width: 100%; } td, th { text-align: left; padding: .25em .7em .25em 0; vertical-align: top; }
 tr + tr { border-top: 1px solid var(--soft); } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-.row { display: flex; flex-wrap: wrap; gap: 8px; align-items: flex-start; } .row figure { margin: 0; flex: 1 1 30%; max-width: 352px; }
-.plots > div { flex: 1 1 45%; min-width: 320px; } img, svg { width: 100%; height: auto; display: block; }
+.row { display: flex; flex-wrap: wrap; gap: 8px; align-items: flex-start; }
+.row figure { margin: 0; flex: 1 1 30%; max-width: 352px; }
+.plots > div { flex: 1 1 45%; min-width: 300px; max-width: 536px; } img, svg { width: 100%; height: auto; display: block; }
 figcaption { font-size: .8em; opacity: .75; } pre { overflow: auto; font-size: .8em; } summary { cursor: pointer; }
 """
 
@@ -181,9 +185,13 @@ def _camera_words(result: FitResult) -> str:
     view = f"{across.min():.1f}°" if np.ptp(across) < 0.1 else f"{across.min():.1f}° to {across.max():.1f}°"
     kind = {"moving": "moves", "pan": "only turns", "static": "stands still"}.get(str(priors.camera_kind), "is unknown")
     length = float(np.linalg.norm(np.diff(cameras.centers, axis=0), axis=1).sum())
+    known = priors.statistics.get("cameras", {})
+    error = known.get("reprojection_px", {}).get("median")
+    extra = f"; {known['registered']} frames found their camera by themselves" if "registered" in known else ""
+    extra += f"; tracks are met within {error:.2f} px (median)" if error is not None else ""
     return (
         f"<p>The camera {kind}: its path is {length:.2f} median depths long and spans {parallax_degrees(priors):.1f}° of"
-        f" parallax; it looks across {view}.</p>"
+        f" parallax; it looks across {view}{html.escape(extra)}.</p>"
     )
 
 
@@ -408,24 +416,21 @@ def _camera_path(result: FitResult) -> str:
     forward = cameras.world_to_camera[:, 2, :3] @ turn.T  # viewing directions in the middle camera's axes
     figure, axes = _axes("", "", "", columns=2, height=3.0)
     for axis, (across, up), title in zip(axes, ((0, 2), (2, 1)), ("from above", "from the side"), strict=True):
-        seen = np.concatenate([points[:, [across, up]], path[:, [across, up]]])
-        low, high = np.quantile(seen, [0.02, 0.98], axis=0)
-        low, high = np.minimum(low, path[:, [across, up]].min(0)), np.maximum(high, path[:, [across, up]].max(0))
-        margin = 0.05 * (high - low).max() + 1e-6
-        axis.scatter(points[:, across], points[:, up], s=0.6, color=GREY, alpha=0.5, linewidths=0, rasterized=True)
-        axis.plot(path[:, across], path[:, up], color=TEAL, linewidth=1.6)
-        arrows = slice(None, None, max(1, len(path) // 8))
+        around, place = points[:, [across, up]], path[:, [across, up]]
+        low, high = np.quantile(np.concatenate([around, place]), CONTEXT_QUANTILES, axis=0)
+        low, high = np.minimum(low, place.min(0)), np.maximum(high, place.max(0))
+        reach = 0.55 * float((high - low).max()) + 1e-6  # half the side of a square around everything
+        axis.scatter(around[:, 0], around[:, 1], s=0.6, color=GREY, alpha=0.5, linewidths=0, rasterized=True)
+        axis.plot(*place.T, color=TEAL, linewidth=1.6)
+        every = max(1, len(path) // 5)
+        heading = forward[::every, [across, up]].T
         axis.quiver(
-            *path[arrows, [[across], [up]]],
-            *forward[arrows, [[across], [up]]],
-            color=ORANGE,
-            angles="xy",
-            width=0.008,
-            scale=9,
+            *place[::every].T, *heading, color=ORANGE, angles="xy", scale_units="xy", scale=4 / reach, width=0.004
         )
-        axis.set_xlim(low[0] - margin, high[0] + margin)
-        axis.set_ylim(low[1] - margin, high[1] + margin)
-        axis.set_aspect("equal", adjustable="datalim")
+        middle_of_view = (low + high) / 2
+        axis.set_xlim(middle_of_view[0] - reach, middle_of_view[0] + reach)
+        axis.set_ylim(middle_of_view[1] - reach, middle_of_view[1] + reach)
+        axis.set_aspect("equal", adjustable="box")
         axis.set_title(title, fontsize=10, color=TEXT_COLOUR)
         if up == 1:
             axis.invert_yaxis()  # y points down
@@ -433,12 +438,17 @@ def _camera_path(result: FitResult) -> str:
 
 
 def _field_of_view(priors: Priors) -> str:
-    """The error of the camera solution over trial fields of view, where the provider searched them."""
-    curve = priors.statistics.get("field_of_view")
-    if not isinstance(curve, Mapping) or not curve.get("degrees"):
+    """Reprojection error of the camera solution over trial fields of view, where the provider searched them."""
+    known = priors.statistics.get("cameras", {})
+    curve = known.get("focal_search") or known.get("pan_focal_search")
+    if not curve:
         return ""
     figure, (axis,) = _axes("camera error by field of view", "degrees across", "pixels")
-    axis.plot(curve["degrees"], curve["error"], color=VIOLET, marker="o", markersize=3)
+    degrees = np.degrees(2 * np.arctan(0.5 / np.array(curve["focal_over_width"])))
+    axis.plot(degrees, curve["error_px"], color=VIOLET, marker="o", markersize=3)
+    if "fov_degrees" in known:
+        axis.axvline(known["fov_degrees"], color=ORANGE, linestyle="--", linewidth=1, label="chosen")
+        _legend(axis)
     return _svg(figure)
 
 

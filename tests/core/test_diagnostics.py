@@ -1,0 +1,190 @@
+"""The diagnostics page and its words, on a made-up fit."""
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy
+
+from f4x_core.errors import F4xError
+from f4x_core.fit.advice import findings, parallax_degrees, scaffold_coverage, track_survival, verdict
+from f4x_core.fit.diagnostics import worst_frames, write_diagnostics
+from f4x_core.fit.needs import Need
+from f4x_core.fit.pipeline import FitResult
+from f4x_core.scaffold import Scaffold
+
+
+def node_scaffold(times: np.ndarray) -> Scaffold:
+    """Four nodes that ride on the toy's square."""
+    offsets = np.array([[-0.07, -0.07], [0.07, -0.07], [-0.07, 0.07], [0.07, 0.07]])
+    xyz = np.zeros((len(times), 4, 3), np.float32)
+    xyz[..., 2] = toy.SQUARE
+    for row, time in enumerate(times):
+        xyz[row, :, :2] = toy.centre(time) + offsets
+    quat = np.zeros((len(times), 4, 4), np.float32)
+    quat[..., 0] = 1
+    certain = np.ones((len(times), 4), bool)
+    certain[0, 0] = False
+    near = np.stack([np.roll(np.arange(4), -k) for k in range(3)], -1)
+    radius = np.full(4, 0.06, np.float32)
+    return Scaffold(times, xyz, quat, radius, certain, np.arange(4), near, np.ones((4, 3), bool), 0.05)
+
+
+def made_up(moving: bool = True):
+    """A clip, a fit of it and its metrics."""
+    clip, priors = toy.clip_and_priors(moving=moving, hold_out=4)
+    priors.provenance = {"depth": {"provider": "synthetic", "seconds": 1.5}}
+    rng = np.random.default_rng(0)
+    static = {"ids": np.arange(50), "xyz": rng.uniform([-1, -0.5, 1], [1, 0.5, 1.4], (50, 3)).astype(np.float32)}
+    cameras = priors.cameras.at_times(clip.times)
+    history = [{"step": s, "loss": 1 / s, "psnr": 20 + s / 100, "gaussians": 50.0} for s in (100, 200, 300)]
+    result = FitResult(
+        static=static,
+        dynamic={"ids": np.arange(50, 60)} if moving else None,
+        scaffold=node_scaffold(priors.cameras.times) if moving else None,
+        cameras=cameras,
+        needs=[Need("motion nodes", "4", "residual <b>0.001</b>", "396 nodes")],
+        priors=priors,
+        history=history,
+        provenance={"source": clip.source, "config": {"name": "quick"}, "priors": priors.provenance},
+        next_id=60,
+        seconds={"priors": 2.0, "start": 0.5, "photometric": 9.0},
+    )
+    rows = [{"frame": i, "held_out": bool(clip.held_out[i]), "psnr": 30.0 - i, "ssim": 0.9} for i in range(len(clip))]
+    metrics = {"frames": rows, "used_psnr": 31.0, "held_out_psnr": 29.5, "held_out_psnr_flow_blend": 28.0}
+    return clip, result, metrics
+
+
+class Checker(HTMLParser):
+    """Collects addresses and checks that tags nest."""
+
+    def __init__(self):
+        super().__init__()
+        self.open: list[str] = []
+        self.addresses: list[str] = []
+
+    def handle_starttag(self, tag, attrs):
+        self.addresses += [value for name, value in attrs if name in ("src", "href", "xlink:href")]
+        if tag not in ("meta", "img", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.addresses += [value for name, value in attrs if name in ("src", "href", "xlink:href")]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
+    clip, result, metrics = made_up(moving)
+    frames = worst_frames(metrics, 2)
+    assert frames == [7, 6]
+    page = tmp_path / "diagnostics.html"
+    write_diagnostics(page, clip, result, metrics, {frame: clip.frames[frame] / 255 for frame in frames})
+    text = page.read_text()
+    checker = Checker()
+    checker.feed(text)
+    assert checker.open == []
+    assert all(address.startswith(("data:image/", "#")) for address in checker.addresses)
+    assert not re.search(r"url\((?!#)", text)
+    assert page.stat().st_size < 5e6
+    assert "residual &lt;b&gt;0.001" in text  # nothing from outside becomes markup
+    titles = re.findall(r"<h2>(.*?)</h2>", text)
+    assert ("Motion scaffold" in "".join(titles)) == moving
+    assert {"Scores", "Tracks", "Camera", "Time", "Provenance"} <= set(titles)
+
+
+def test_page_survives_missing_priors(tmp_path: Path):
+    clip, result, _ = made_up()
+    for name in ("depth", "depth_confidence", "motion", "mask", "tracks", "tracks_visible", "tracks_motion"):
+        setattr(result.priors, name, None)
+    write_diagnostics(tmp_path / "page.html", clip, replace(result, scaffold=None, history=[]), {}, {})
+    assert "The scene was not measured" in (tmp_path / "page.html").read_text()
+
+
+def test_page_that_cannot_be_written_is_one_error(tmp_path: Path):
+    clip, result, metrics = made_up()
+    with pytest.raises(F4xError, match="nowhere"):
+        write_diagnostics(tmp_path / "nowhere" / "page.html", clip, result, metrics, {})
+
+
+def test_survival_counts_only_tracks_that_could_get_old():
+    visible = np.zeros((5, 4), bool)
+    visible[:, 0] = True  # lives for the whole clip
+    visible[[0, 2], 1] = True  # followed over a gap, lost after age 2
+    visible[3:, 2] = True  # born late: cannot say anything about ages above 1
+    np.testing.assert_allclose(track_survival(visible), [1, 1, 1, 0.5, 0.5])
+    assert np.isnan(track_survival(np.zeros((3, 2), bool))).all()
+
+
+def test_parallax_is_the_angle_at_the_median_depth():
+    _, priors = toy.clip_and_priors()
+    baseline = 0.02 * (toy.FRAMES - 1)
+    assert parallax_degrees(priors) == pytest.approx(np.degrees(2 * np.arctan(baseline / 2)))
+
+
+def test_coverage_sees_missing_nodes():
+    _, result, _ = made_up()
+    whole = scaffold_coverage(result.priors, result.scaffold)
+    assert whole == 1.0
+    away = replace(
+        result.scaffold, xyz=result.scaffold.xyz + np.float32([0.12, 0, 0]), radius=result.scaffold.radius / 3
+    )
+    assert 0.05 < scaffold_coverage(result.priors, away) < 0.7
+
+
+def said(found, weight):
+    return " ".join(finding.what for finding in found if finding.weight == weight)
+
+
+def test_a_fine_scene_has_no_problem_in_its_scores():
+    _, result, metrics = made_up()
+    found = findings(result.priors, result.scaffold, metrics)
+    assert "1.5 dB better than blending" in said(found, "good")
+    assert said(found, "problem").startswith("Only 6 frames")  # and nothing else
+    assert sum(finding.weight == "problem" for finding in found) == 1
+    assert "usable with limits: 29.5 dB on frames it never saw; one thing" in verdict(metrics, found)
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "advice"),
+    [
+        ({"used_psnr": 24.0, "held_out_psnr": 23.0}, "24.0 dB (below 27)", "--profile wild"),
+        ({"held_out_psnr": 26.0}, "5.0 dB worse", "--prior cameras=FILE"),
+        ({"held_out_psnr_flow_blend": 30.5}, "blending the two neighbouring frames", "no knowledge of space"),
+        ({"used_psnr_moving": 25.0, "used_psnr_static": 31.0}, "6.0 dB worse than what stands still", "--masks"),
+    ],
+)
+def test_scores_are_explained(change, words, advice):
+    _, result, metrics = made_up()
+    found = findings(result.priors, result.scaffold, metrics | change)
+    chosen = [finding for finding in found if words in finding.what]
+    assert len(chosen) == 1 and chosen[0].weight == "problem" and advice in chosen[0].advice
+
+
+def test_priors_are_explained():
+    _, result, metrics = made_up()
+    priors = result.priors
+    priors.camera_kind = "static"
+    priors.depth_confidence = np.full_like(priors.depth_confidence, 0.1)
+    priors.depth[:, :20] = np.nan
+    priors.tracks_visible[3:] = False
+    priors.warn("the focal length was guessed")
+    found = findings(priors, result.scaffold, metrics)
+    problems = said(found, "problem")
+    for words in ("The camera stood still", "50% of the pixels have no depth", "depth of the background is a guess"):
+        assert words in problems
+    assert "can be followed for 5 frames" in problems
+    assert "the focal length was guessed" in said(found, "note")
+    assert [finding.weight for finding in found] == sorted(
+        (f.weight for f in found), key=["problem", "note", "good"].index
+    )
+
+
+def test_a_clip_without_motion_says_so():
+    _, result, metrics = made_up(moving=False)
+    assert "Nothing was taken to move" in said(findings(result.priors, None, metrics), "note")

@@ -1,0 +1,148 @@
+"""Scores against the truth: a scene whose truth lies in another world is scored as if it lay in its own."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from random_scene import FRAMES, random_scene
+
+from f4x_core.clip.images import as_bytes
+from f4x_core.errors import F4xError
+from f4x_core.geometry import quaternion, trajectory
+from f4x_core.geometry.camera import CameraPath
+from f4x_core.report.truth import align_cameras, into_scene, rotation_error, score_against_truth
+from f4x_core.scene.view import render
+
+SCALE, SHIFT = 2.5, np.array([0.3, -2.0, 5.0])
+ROTATION = quaternion.to_matrix(quaternion.from_rotation_vector(np.array([0.4, -1.1, 2.0])))
+
+
+def in_true_world(path: CameraPath) -> CameraPath:
+    """The same cameras where every scene point x lies at SCALE ROTATION x + SHIFT."""
+    matrices = path.world_to_camera.copy()
+    matrices[:, :3, :3] = path.world_to_camera[:, :3, :3] @ ROTATION.T
+    matrices[:, :3, 3] = SCALE * path.world_to_camera[:, :3, 3] - matrices[:, :3, :3] @ SHIFT
+    return dataclasses.replace(path, world_to_camera=matrices)
+
+
+def curved(path: CameraPath) -> CameraPath:
+    """The path with some height and turn, as hands have them."""
+    rng = np.random.default_rng(3)
+    matrices = path.world_to_camera.copy()
+    turns = quaternion.to_matrix(quaternion.from_rotation_vector(0.05 * rng.normal(size=(len(path), 3))))
+    matrices[:, :3, :3] = turns
+    matrices[:, :3, 3] += 0.05 * rng.normal(size=(len(path), 3))
+    return dataclasses.replace(path, world_to_camera=matrices)
+
+
+def write_truth(folder: Path, scene, extra: bool = True) -> None:
+    """The truth of `scene` in its true world; extra cameras see exactly what the scene shows."""
+    entries = []
+    if extra:
+        views = trajectory.orbit(scene.cameras, degrees=10, depth=2, count=3)
+        matrices = np.stack([view.camera.world_to_camera for view in views])
+        path = CameraPath(
+            scene.cameras.intrinsics[:3], matrices, [0.0, 2.0, 4.0], scene.cameras.width, scene.cameras.height
+        )
+        (folder / "images_left10").mkdir()
+        for index, time in enumerate(path.times):
+            picture = as_bytes(render(scene, path[index], float(time), ("rgb",))["rgb"])
+            Image.fromarray(picture).save(folder / "images_left10" / f"{int(time):05d}.png")
+        entries.append({"name": "left10", "cameras": in_true_world(path).to_json(), "images": "images_left10"})
+    truth = {"cameras": in_true_world(scene.cameras).to_json(), "extra_cameras": entries}
+    (folder / "truth.json").write_text(json.dumps(truth))
+
+
+def test_a_perfect_scene_on_a_straight_path_is_perfect(tmp_path: Path):
+    """Centres on a line leave the turn about it open: orientations must close it."""
+    scene = random_scene()
+    write_truth(tmp_path, scene)
+    scores = score_against_truth(scene, tmp_path)
+    assert scores["ate_share"] < 1e-6 and scores["rotation_error"] < 1e-4
+    assert scores["scale"] == pytest.approx(SCALE, rel=1e-6)
+    assert [(row["camera"], row["frame"]) for row in scores["views"]] == [("left10", 0), ("left10", 2), ("left10", 4)]
+    assert scores["unseen_psnr"] > 55 and scores["unseen_ssim"] > 0.999  # what 8-bit pictures leave
+
+
+def test_errors_are_seen(tmp_path: Path):
+    scene = random_scene()
+    write_truth(tmp_path, scene)
+    wrong = dataclasses.replace(scene.static, xyz=scene.static.xyz + np.float32([0.1, 0, 0]))
+    assert score_against_truth(dataclasses.replace(scene, static=wrong), tmp_path)["unseen_psnr"] < 35
+
+
+def test_held_out_cameras_are_not_scored(tmp_path: Path):
+    scene = random_scene()
+    write_truth(tmp_path, scene, extra=False)
+    matrices = scene.cameras.world_to_camera.copy()
+    matrices[2, :3, 3] += 1  # frame 2 is held out
+    moved = dataclasses.replace(scene, cameras=dataclasses.replace(scene.cameras, world_to_camera=matrices))
+    scores = score_against_truth(moved, tmp_path)
+    assert scores["ate_share"] < 1e-6 and "views" not in scores
+
+
+def test_a_resized_scene_is_compared_at_its_size(tmp_path: Path):
+    scene = random_scene()
+    write_truth(tmp_path, scene)
+    half = dataclasses.replace(scene, cameras=scene.cameras.resized(32, 20))
+    assert score_against_truth(half, tmp_path)["unseen_psnr"] > 30
+
+
+def test_similarity_of_a_curved_path_and_its_inverse():
+    path = curved(random_scene().cameras)
+    similarity = align_cameras(path, in_true_world(path))
+    np.testing.assert_allclose(similarity[0], SCALE, rtol=1e-6)
+    np.testing.assert_allclose(similarity[1], ROTATION, atol=1e-6)
+    np.testing.assert_allclose(similarity[2], SHIFT, atol=1e-5)
+    back = into_scene(in_true_world(path)[1], similarity)
+    np.testing.assert_allclose(back.world_to_camera, path.world_to_camera[1], atol=1e-6)
+
+
+def test_one_wrong_camera_hardly_turns_the_others():
+    path = curved(random_scene().cameras)
+    truth = in_true_world(path)
+    matrices = path.world_to_camera.copy()
+    matrices[3, :3, 3] += [0.2, 0.3, 0]
+    matrices[3, :3, :3] = (
+        quaternion.to_matrix(quaternion.from_rotation_vector(np.array([0.3, 0.0, 0.2]))) @ matrices[3, :3, :3]
+    )
+    similarity = align_cameras(dataclasses.replace(path, world_to_camera=matrices), truth)
+    good = [i for i in range(FRAMES) if i != 3]
+    kept = [
+        CameraPath(p.intrinsics[good], p.world_to_camera[good], p.times[good], p.width, p.height) for p in (path, truth)
+    ]
+    assert rotation_error(*kept, similarity) < 0.5
+    assert abs(similarity[0] / SCALE - 1) < 0.05
+
+
+def test_a_camera_that_stands_still_gives_no_views(tmp_path: Path):
+    scene = random_scene()
+    write_truth(tmp_path, scene)
+    still = np.tile(scene.cameras.world_to_camera[:1], (FRAMES, 1, 1))
+    scene = dataclasses.replace(scene, cameras=dataclasses.replace(scene.cameras, world_to_camera=still))
+    scores = score_against_truth(scene, tmp_path)
+    assert "unseen_psnr" not in scores and scores["rotation_error"] < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("content", "words"), [(None, "cannot be read"), ("{", "cannot be read"), ("[]", "is not the truth")]
+)
+def test_bad_truth_is_one_sentence(tmp_path: Path, content, words):
+    if content is not None:
+        (tmp_path / "truth.json").write_text(content)
+    with pytest.raises(F4xError, match=words):
+        score_against_truth(random_scene(), tmp_path)
+
+
+def test_truth_of_another_clip_is_refused(tmp_path: Path):
+    scene = random_scene()
+    write_truth(tmp_path, scene, extra=False)
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    for name in ("intrinsics", "world_to_camera", "times"):
+        truth["cameras"][name] = truth["cameras"][name][:4]
+    (tmp_path / "truth.json").write_text(json.dumps(truth))
+    with pytest.raises(F4xError, match="the truth has 4 frames, the scene 6"):
+        score_against_truth(scene, tmp_path)
