@@ -47,6 +47,15 @@
 #define F4X_INLINE inline
 #endif
 
+// Loops over small arrays of vectors must be unrolled completely, or the arrays live in memory instead of registers.
+#if defined(__clang__)
+#define F4X_UNROLL _Pragma("unroll")
+#elif defined(__GNUC__)
+#define F4X_UNROLL _Pragma("GCC unroll 16")
+#else
+#define F4X_UNROLL
+#endif
+
 // ------------------------------------------------------------------------------------------------- eight lanes at once
 
 #if defined(__GNUC__) && !defined(F4X_PLAIN)
@@ -128,7 +137,7 @@ constexpr float SLACK = 0.02f;                 // px added around ellipses so th
 // alpha = alpha_min: |dy| <= reach, dx = slope dy +- half_width sqrt(1 - (dy/reach)^2), widest to the right at dy = tip.
 struct alignas(64) Splat {
     float x, y, a, b, c, log2_opacity;
-    float reach, slope, half_width, tip, depth;
+    float reach, inverse_reach, slope, half_width, tip, depth;
     int32_t row0, row1;  // tile rows that it meets; row0 == row1 where it is culled
 };
 
@@ -180,6 +189,7 @@ struct State {
     Buffer<Span> spans;
     Buffer<int64_t> tile_start, tile_cursor;  // per tile
     Buffer<Entry> entries;                    // tile after tile, each front to back
+    Buffer<uint32_t> blocks;                  // per entry: the blocks of its tile that the splat meets, one bit each
     Buffer<int64_t> chunk_start;              // per tile
     Buffer<int32_t> chunks_done;              // per tile: chunks up to the early stop
     Buffer<f8> running;                       // per chunk and block: transmittance before it, 0 where stopped
@@ -346,6 +356,7 @@ void bind(const Problem& p, State& s, const Kernels& kernels) {
     }
     tile_start[tiles] = sum;
     Entry* entries = s.entries.resize(sum);
+    s.blocks.resize(sum);
     each_band([&](int tile, uint32_t splat, int64_t pair) { entries[tile_cursor[tile]++] = {splat, uint32_t(pair)}; });
 }
 
@@ -649,6 +660,7 @@ F4X_TARGET void project(const Problem& p, State& s, int64_t begin, int64_t end, 
         // Ellipse alpha >= alpha_min, a hair larger than exact.
         const float limit = (splat.log2_opacity - log2_min) * (2.0f / LOG2E) * 1.0001f + 1e-5f;
         splat.reach = std::sqrt(limit * o.syy);
+        splat.inverse_reach = 1 / splat.reach;
         splat.slope = o.sxy / o.syy;
         splat.half_width = std::sqrt(limit * o.det / o.syy);
         splat.tip = o.sxy * std::sqrt(limit / o.sxx);
@@ -673,7 +685,7 @@ F4X_TARGET void measure(const Problem& p, State& s, int64_t begin, int64_t end) 
             float lo = row * TILE + 0.5f - splat.y - SLACK;
             float hi = std::min((row + 1) * TILE, int(p.height)) - 0.5f - splat.y + SLACK;
             float left, right;
-            ellipse_span<float>(splat.reach, 1 / splat.reach, splat.slope, splat.half_width, splat.tip, lo, hi, left, right);
+            ellipse_span<float>(splat.reach, splat.inverse_reach, splat.slope, splat.half_width, splat.tip, lo, hi, left, right);
             *span = {0, 0};
             if (!(lo <= hi)) continue;
             span->begin = uint16_t(clamp_to_int(std::ceil((splat.x + left - SLACK - (TILE - 0.5f)) / TILE), s.tile_columns));
@@ -713,35 +725,61 @@ F4X_HOT f8 first_running(const Problem& p, int x, int y) {
     return keep_where(inside, broadcast(1.0f));
 }
 
-// Copies a chunk of the tile's splats into scratch and lists, for every live block, the ones whose ellipse meets it.
+// Blocks of the tile whose pixels may lie inside the splat's ellipse, one bit each; all 8 strips of the tile at once.
+F4X_HOT uint32_t blocks_met(const Tile& t, const Splat& splat) {
+    f8 lo = t.strip - broadcast(splat.y + SLACK), left, right;
+    f8 hi = t.strip + broadcast(BLOCK_HEIGHT - 1 + SLACK - splat.y);
+    ellipse_span<f8>(broadcast(splat.reach), broadcast(splat.inverse_reach), broadcast(splat.slope),
+                     broadcast(splat.half_width), broadcast(splat.tip), lo, hi, left, right);
+    const i8 meets = lo <= hi;
+    uint32_t bits = 0;
+    for (int column = 0; column < COLUMNS; ++column) {
+        const float from = t.x + (column * BLOCK_WIDTH + 0.5f - SLACK) - splat.x;
+        const float to = t.x + (column * BLOCK_WIDTH + BLOCK_WIDTH - 0.5f + SLACK) - splat.x;
+        bits |= mask_bits(meets & (left <= broadcast(to)) & (right >= broadcast(from))) << (column * STRIPS);
+    }
+    return bits;
+}
+
+F4X_HOT int lowest_bit(uint32_t bits) {
+#if defined(__GNUC__)
+    return __builtin_ctz(bits);
+#else
+    int i = 0;
+    while (!(bits >> i & 1)) ++i;
+    return i;
+#endif
+}
+
+F4X_HOT void prefetch(const void* from, size_t bytes) {
+#if defined(__GNUC__)
+    for (size_t i = 0; i < bytes; i += 64) __builtin_prefetch(static_cast<const char*>(from) + i);
+#endif
+}
+
+// Copies a chunk of the tile's splats into scratch and lists, for every live block, the ones that meet it. The forward
+// pass finds the blocks, the backward pass reads them back.
+template <bool FIND>
 F4X_HOT void stage(const Problem& p, const State& s, const Tile& t, int64_t begin, int n, uint32_t live, Scratch& w) {
+    constexpr int AHEAD = 12;
+    const size_t bytes = p.channels * sizeof(float);
     for (int& length : w.length) length = 0;
     for (int k = 0; k < n; ++k) {
+        if (begin + k + AHEAD < t.end) {
+            const uint32_t next = s.entries[begin + k + AHEAD].splat;
+            prefetch(&s.splats[next], sizeof(Splat));
+            prefetch(p.colors + int64_t(next) * p.channels, bytes);
+        }
         const uint32_t i = s.entries[begin + k].splat;
         const Splat& splat = s.splats[i];
         std::memcpy(&w.hot[k], &splat, sizeof(Hot));
         float* row = w.feature + size_t(k) * w.stride;
+        const float* color = p.colors + int64_t(i) * p.channels;
         row[0] = splat.depth;
-        std::memcpy(row + 1, p.colors + int64_t(i) * p.channels, p.channels * sizeof(float));
-
-        f8 lo = t.strip - broadcast(splat.y + SLACK), left, right;
-        f8 hi = t.strip + broadcast(BLOCK_HEIGHT - 1 + SLACK - splat.y);
-        ellipse_span<f8>(broadcast(splat.reach), broadcast(1 / splat.reach), broadcast(splat.slope),
-                         broadcast(splat.half_width), broadcast(splat.tip), lo, hi, left, right);
-        const float first = t.x + 0.5f - splat.x;
-        uint32_t bits = 0;
-        for (int column = 0; column < COLUMNS; ++column) {
-            const float from = first + column * BLOCK_WIDTH - SLACK, to = from + (BLOCK_WIDTH - 1) + 2 * SLACK;
-            const i8 meets = (left <= broadcast(to)) & (right >= broadcast(from)) & (lo <= hi);
-            bits |= mask_bits(meets) << (column * STRIPS);
-        }
-        for (bits &= live; bits; bits &= bits - 1) {
-#if defined(__GNUC__)
-            const int block = __builtin_ctz(bits);
-#else
-            int block = 0;
-            while (!(bits >> block & 1)) ++block;
-#endif
+        for (int c = 0; c < p.channels; ++c) row[1 + c] = color[c];
+        if (FIND) s.blocks[begin + k] = blocks_met(t, splat);
+        for (uint32_t bits = s.blocks[begin + k] & live; bits; bits &= bits - 1) {
+            const int block = lowest_bit(bits);
             w.list[block][w.length[block]++] = uint8_t(k);
         }
     }
@@ -785,16 +823,29 @@ F4X_TARGET int block_weights(const Problem& p, const Scratch& w, int block, int 
     return k;
 }
 
+// A row of a chunk's table. Its address is made opaque because GCC otherwise computes it anew for every column.
+template <class T>
+F4X_HOT T* row_of(T* table, int stride, int entry) {
+    T* row = table + size_t(entry) * stride;
+#if defined(__GNUC__)
+    __asm__("" : "+r"(row));
+#endif
+    return row;
+}
+
 // image[c] += sum over entries of weight * feature[c], for N channels at once.
 template <int N>
 F4X_HOT void blend_group(const float* feature, int stride, const uint8_t* list, int n, const float* weights, float* image) {
     f8 sum[N];
+    F4X_UNROLL
     for (int c = 0; c < N; ++c) sum[c] = load(image + 8 * c);
     for (int k = 0; k < n; ++k) {
-        const float* row = feature + size_t(list[k]) * stride;
+        const float* row = row_of(feature, stride, list[k]);
         const f8 weight = load(weights + 8 * k);
+        F4X_UNROLL
         for (int c = 0; c < N; ++c) sum[c] += weight * broadcast(row[c]);
     }
+    F4X_UNROLL
     for (int c = 0; c < N; ++c) store(image + 8 * c, sum[c]);
 }
 
@@ -821,7 +872,7 @@ F4X_TARGET void forward_tile(const Problem& p, State& s, Scratch& w, int tile, b
     for (; begin < t.end && live; begin += CHUNK, ++chunk) {
         const int n = int(std::min<int64_t>(CHUNK, t.end - begin));
         if (keep) std::memcpy(s.running + chunk * BLOCKS, running, sizeof running);
-        stage(p, s, t, begin, n, live, w);
+        stage<true>(p, s, t, begin, n, live, w);
         for (int block = 0; block < BLOCKS; ++block) {
             if (!w.length[block]) continue;
             const int m = block_weights(p, w, block, block_x(t, block), block_y(t, block), running[block], final[block],
@@ -880,14 +931,17 @@ template <int N>
 F4X_HOT void dot_group(const Scratch& w, const uint8_t* list, int columns, float* dot) {
     const float* row[N];
     f8 sum[N];
+    F4X_UNROLL
     for (int k = 0; k < N; ++k) {
-        row[k] = w.feature + size_t(list[k]) * w.stride;
+        row[k] = row_of<const float>(w.feature, w.stride, list[k]);
         sum[k] = broadcast(0.0f);
     }
     for (int c = 0; c < columns; ++c) {
         const f8 gradient = load(w.lanes + 8 * c);
+        F4X_UNROLL
         for (int k = 0; k < N; ++k) sum[k] += gradient * broadcast(row[k][c]);
     }
+    F4X_UNROLL
     for (int k = 0; k < N; ++k) store(dot + 8 * k, sum[k]);
 }
 
@@ -896,18 +950,25 @@ template <int V, int N>
 F4X_HOT void spread_group(const Scratch& w, const uint8_t* list, const float* weights, int first) {
     float* row[N];
     f8 sum[N][V];
+    F4X_UNROLL
     for (int k = 0; k < N; ++k) {
-        row[k] = w.feature_gradient + size_t(list[k]) * w.stride + first;
+        row[k] = row_of<float>(w.feature_gradient, w.stride, list[k]) + first;
+        F4X_UNROLL
         for (int v = 0; v < V; ++v) sum[k][v] = load(row[k] + 8 * v);
     }
+    F4X_UNROLL
     for (int lane = 0; lane < 8; ++lane) {
         const float* pixel = w.pixels + size_t(lane) * w.stride + first;
+        F4X_UNROLL
         for (int k = 0; k < N; ++k) {
             const f8 weight = broadcast(weights[8 * k + lane]);
+            F4X_UNROLL
             for (int v = 0; v < V; ++v) sum[k][v] += weight * load(pixel + 8 * v);
         }
     }
+    F4X_UNROLL
     for (int k = 0; k < N; ++k)
+        F4X_UNROLL
         for (int v = 0; v < V; ++v) store(row[k] + 8 * v, sum[k][v]);
 }
 
@@ -974,7 +1035,7 @@ F4X_TARGET void backward_tile(const Problem& p, State& s, Scratch& w, int tile, 
         uint32_t live = 0;
         for (int block = 0; block < BLOCKS; ++block)
             if (mask_bits(before[block] > broadcast(0.0f))) live |= 1u << block;
-        stage(p, s, t, begin, n, live, w);
+        stage<false>(p, s, t, begin, n, live, w);
         std::memset(w.moments, 0, sizeof(float) * 8 * n);
         std::memset(w.feature_gradient, 0, sizeof(float) * w.stride * n);
         for (int block = 0; block < BLOCKS; ++block) {
