@@ -81,16 +81,11 @@ def arap_losses(
         dim=1,
     )
     offset = xyz.index_select(1, edges.node) - origin  # (F, E, 3)
-    local = quaternion.rotate(quaternion.conjugate(quat).index_select(1, edges.neighbour), offset)
-    length = _norm(offset)
-    coordinate_loss = length_loss = xyz.new_zeros(())
-    for shift, weight in zip(shifts, shift_weights, strict=True):
-        if shift < len(xyz):
-            coordinate = _norm(local[shift:] - local[:-shift]).mean(dim=0)  # (E,)
-            stretch = (length[shift:] - length[:-shift]).abs().mean(dim=0)
-            coordinate_loss = coordinate_loss + weight * (edges.weight @ coordinate)
-            length_loss = length_loss + weight * (edges.weight @ stretch)
-    return coordinate_loss, length_loss
+    frame = quaternion.to_matrix(quat).index_select(1, edges.neighbour)  # (F, E, 3, 3), columns are the axes
+    local = (frame * offset[..., None]).sum(dim=-2)  # R^T offset
+    pairs = [(shift, weight) for shift, weight in zip(shifts, shift_weights, strict=True) if shift < len(xyz)]
+    coordinate = _Drift.apply(local, edges.weight, pairs)
+    return coordinate, _Drift.apply(_norm(offset)[..., None], edges.weight, pairs)
 
 
 def smoothness_losses(xyz: torch.Tensor, quat: torch.Tensor, times: torch.Tensor | None = None) -> Smoothness:
@@ -119,3 +114,31 @@ def _norm(x: torch.Tensor) -> torch.Tensor:
     squared = (x * x).sum(dim=-1)
     positive = squared > 0
     return torch.where(positive, torch.where(positive, squared, 1.0).sqrt(), 0.0)
+
+
+class _Drift(torch.autograd.Function):
+    """`sum_s v_s mean_t sum_e w_e |l_e(t) - l_e(t + s)|` of `l (F, E, C)`; its gradient is made on the way.
+
+    The loss is a scalar, so the gradient is known up to a factor as soon as the differences are, and neither they nor
+    their norms need to be kept or recomputed. No gradient to the edge weights.
+    """
+
+    @staticmethod
+    def forward(ctx, local: torch.Tensor, weight: torch.Tensor, pairs: list[tuple[int, float]]) -> torch.Tensor:
+        total = local.new_zeros(())
+        gradient = torch.zeros_like(local)
+        for shift, factor in pairs:
+            scale = weight * (factor / (len(local) - shift))  # (E,)
+            drift = local[shift:] - local[:-shift]
+            norm = torch.linalg.vector_norm(drift, dim=-1)  # (F - shift, E)
+            total += (norm @ scale).sum()
+            drift *= torch.where(norm > 0, scale / norm, 0.0)[..., None]
+            gradient[shift:] += drift
+            gradient[:-shift] -= drift
+        ctx.save_for_backward(gradient)
+        return total
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, factor):
+        return ctx.saved_tensors[0] * factor, None, None

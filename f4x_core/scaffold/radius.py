@@ -11,8 +11,8 @@ from ..geometry.arrays import Array, namespace
 class RadiusConfig:
     """Radii as multiples of the node spacing `unit`."""
 
-    initial: float = 2.0
-    """Start value; 2 lets a point between nodes feel several of them."""
+    initial: float = 1.0
+    """Start value; on made-up rigid, jointed and waving motions 1 carries unseen points better than 1.5 or 2."""
     maximum: float = 5.0
     """Upper bound while the radius is optimised."""
 

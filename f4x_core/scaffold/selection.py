@@ -10,11 +10,14 @@ from ..geometry.camera import CameraPath
 from .deformation import deform, pairs_of
 from .distance import curve_distance, distance_to
 from .graph import GraphConfig, attach_nodes, build_graph, thin
-from .lifting import LiftedTracks
+from .lifting import LiftedTracks, between_neighbours
 from .radius import RadiusConfig, initial_radius
 from .rotation import initial_rotations
 from .skinning import skinning_weights
 from .structure import Scaffold
+
+NOISE_MARGIN = 2.0
+"""No model of noisy tracks leaves less than their own noise; the noise of a few nodes adds up to as much again."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,10 @@ class Selection:
     unit: float
     residual: float
     tolerance: float
+    noise: float
+    """What the tracks' own jitter alone would leave as residual (`track_noise`)."""
     pixels: bool
-    """True when residuals and tolerance are in pixels, False for world units."""
+    """True when residual, tolerance and noise are in pixels, False for world units."""
     table: tuple[Evidence, ...]
 
     @property
@@ -109,8 +114,9 @@ def choose_nodes(
 
     The tracks are split; nodes come from one part, spread over the motion by farthest-curve order and centred in their
     cells. Tracks of the other part are deformed by the nodes from their own reference frame and compared with their
-    own observed positions: in world units, or with `cameras` in pixels. Counts are tried upwards until the tolerance
-    is met; when none meets it, the fewest nodes whose residual is within `config.slack` of the best are taken.
+    own observed positions: in world units, or with `cameras` in pixels. Counts are tried upwards until the tolerance,
+    or `NOISE_MARGIN` times the tracks' own noise, is met; when none meets it, the fewest nodes whose residual is
+    within `config.slack` of the best are taken.
     `times (F,)`. Raises F4xError when there is no track.
     """
     config = config or SelectionConfig()
@@ -119,6 +125,8 @@ def choose_nodes(
     candidates, held_out = _split(lifted, config)
     nodes = lifted.subset(candidates)
     order, covering = _farthest_order(nodes, min(max(config.counts), config.maximum, len(nodes)))
+    noise = float(np.quantile(track_noise(lifted, times, cameras), config.quantile))
+    enough = max(tolerance, NOISE_MARGIN * noise)
     table, picks = [], []
     for count in sorted({min(count, len(order)) for count in config.counts}):
         pick = _centred(nodes, order[:count])
@@ -128,11 +136,12 @@ def choose_nodes(
         median = float(np.median(residual)) if len(residual) else 0.0
         table.append(Evidence(len(pick), scaffold.unit, value, median))
         picks.append(candidates[pick])
-        if value <= tolerance:
+        if value <= enough:
             break
-    enough = max(tolerance, min(row.residual for row in table) * (1 + config.slack))
+    enough = max(enough, min(row.residual for row in table) * (1 + config.slack))
     best = next(i for i, row in enumerate(table) if row.residual <= enough)
-    return Selection(picks[best], table[best].unit, table[best].residual, tolerance, cameras is not None, tuple(table))
+    chosen = table[best]
+    return Selection(picks[best], chosen.unit, chosen.residual, tolerance, noise, cameras is not None, tuple(table))
 
 
 def scaffold_of(
@@ -193,6 +202,28 @@ def track_residuals(scaffold: Scaffold, lifted: LiftedTracks, cameras: CameraPat
             carried, truth = (cameras.at(time).project(points)[0] for points in (carried, truth))
         total += np.where(seen[f] & (reference != f), np.linalg.norm(carried - truth, axis=-1), 0.0)
     return total / np.maximum(seen.sum(axis=0) - 1, 1)
+
+
+def track_noise(lifted: LiftedTracks, times: np.ndarray, cameras: CameraPath | None = None) -> np.ndarray:
+    """Return the distance `(N,)` that a perfect model would leave because each track jitters in time.
+
+    The median deviation of a certain sample from the line between its certain neighbours; for independent noise of
+    variance s^2 that deviation has variance 1.5 s^2, and the distance of two samples 2 s^2. 0 for tracks that are never
+    certain three times in a row. World units, or with `cameras` pixels.
+    """
+    if len(times) < 3:
+        return np.zeros(len(lifted))
+    seen, line = lifted.certain, between_neighbours(lifted.xyz, times)
+    deviation = np.full(line.shape[:2], np.nan)
+    for f, time in enumerate(times[1:-1]):
+        a, b = lifted.xyz[f + 1], line[f]
+        if cameras is not None:
+            a, b = (cameras.at(time).project(points)[0] for points in (a, b))
+        deviation[f] = np.linalg.norm(a - b, axis=-1)
+    three = seen[:-2] & seen[1:-1] & seen[2:]
+    deviation[:, ~three.any(axis=0)] = 0.0
+    deviation = np.where(three | ~three.any(axis=0), deviation, np.nan)
+    return np.nanmedian(deviation, axis=0) * np.sqrt(2 / 1.5)
 
 
 def _split(lifted: LiftedTracks, config: SelectionConfig) -> tuple[np.ndarray, np.ndarray]:
