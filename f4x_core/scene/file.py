@@ -94,7 +94,7 @@ def read_scene(path: Path | str) -> Scene:
         header = _read_header(archive, path)
         arrays = {name: _read_array(archive, name, entry, path) for name, entry in header["arrays"].items()}
     try:
-        with _reported(path):
+        with _undamaged(path):
             return _scene(header, arrays)
     except F4xError as error:
         if str(error).startswith(f"{path}:"):
@@ -165,34 +165,48 @@ def write_edits(path: Path | str, edits: Sequence[Mapping[str, Any]], next_id: i
     path = Path(path)
     with _opened(path) as source:
         header = _read_header(source, path)
-        header["edits"] = list(edits)
-        header["next_id"] = max(header["next_id"], next_id or 0)
-        text = _json_bytes(header, path)
-        with replace_file(path) as file, zipfile.ZipFile(file, "w") as target:
-            target.writestr(_member(HEADER, len(text)), text)
-            for info in source.infolist():
-                if info.filename != HEADER:
-                    with source.open(info) as old, target.open(_member(info.filename, info.file_size), "w") as new:
-                        shutil.copyfileobj(old, new, CHUNK)
+    header["edits"] = list(edits)
+    header["next_id"] = max(header["next_id"], next_id or 0)
+    text = _json_bytes(header, path)
+    # The old file is closed before the rename: Windows does not replace an open one.
+    with (
+        replace_file(path) as file,
+        _undamaged(path),
+        zipfile.ZipFile(path) as source,
+        zipfile.ZipFile(file, "w") as target,
+    ):
+        target.writestr(_member(HEADER, len(text)), text)
+        for info in source.infolist():
+            if info.filename != HEADER:
+                with source.open(info) as old, target.open(_member(info.filename, info.file_size), "w") as new:
+                    shutil.copyfileobj(old, new, CHUNK)
 
 
 @contextmanager
-def _reported(path: Path) -> Iterator[None]:
+def _undamaged(path: Path) -> Iterator[None]:
     """Turn whatever damaged bytes make the libraries raise into one sentence."""
     try:
         yield
-    except FileNotFoundError as error:
-        raise F4xError(f"{path}: there is no such file") from error
-    except OSError as error:
-        raise F4xError(f"{path}: cannot be read ({error.strerror or error})") from error
     except DAMAGE as error:
         raise F4xError(f"{path}: not a whole scene file ({error}); copy or export it again") from error
 
 
 @contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """The same, and a file that the system does not give."""
+    try:
+        with _undamaged(path):
+            yield
+    except FileNotFoundError as error:
+        raise F4xError(f"{path}: there is no such file; choose a .f4x file") from error
+    except OSError as error:
+        raise F4xError(f"{path}: cannot be read ({error.strerror or error}); choose a .f4x file") from error
+
+
+@contextmanager
 def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
     """Open the zip and hold its table of contents against the bytes that are there."""
-    with _reported(path), zipfile.ZipFile(path) as archive:
+    with _readable(path), zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         names = [info.filename for info in members]
         if len(names) > MAX_MEMBERS or len(set(names)) != len(names):
@@ -216,6 +230,12 @@ def _read_header(archive: zipfile.ZipFile, path: Path) -> dict[str, Any]:
     if archive.getinfo(HEADER).file_size > MAX_HEADER_BYTES:
         raise F4xError(f"{path}: {HEADER} is larger than {MAX_HEADER_BYTES >> 20} MiB; export the scene again")
     header = json.loads(archive.read(HEADER).decode("utf-8"), parse_constant=_refuse_constant)
+    _check_header(header, path)
+    return header
+
+
+def _check_header(header: Any, path: Path) -> None:
+    """Raise F4xError unless scene.json has every field with the type that readers rely on."""
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise F4xError(f"{path}: {HEADER} does not say format 'f4x', so not a Feature4X scene; choose a .f4x file")
     version = header.get("version")
@@ -231,7 +251,16 @@ def _read_header(archive: zipfile.ZipFile, path: Path) -> dict[str, Any]:
     arrays = header.get("arrays")
     if not isinstance(arrays, dict) or not all(_is_entry(entry) for entry in arrays.values()):
         raise F4xError(f"{path}: {HEADER} lacks a valid 'arrays' table; export the scene again")
-    return header
+    for name in ("needs", "edits"):
+        if not all(isinstance(row, dict) for row in header[name]):
+            raise F4xError(f"{path}: '{name}' is not a list of objects; export the scene again")
+    if not all(type(frame) is int for frame in header["held_out"]):
+        raise F4xError(f"{path}: 'held_out' is not a list of frame indices; export the scene again")
+    size = header["size"]
+    if len(size) != 2 or not all(type(n) is int and 1 <= n <= MAX_SIDE for n in size):
+        raise F4xError(f"{path}: 'size' is not [width, height], each 1 to {MAX_SIDE}; export the scene again")
+    if not 0 <= header["next_id"] < 1 << 63:
+        raise F4xError(f"{path}: 'next_id' is not a 64-bit number >= 0; export the scene again")
 
 
 def _is_entry(entry: Any) -> bool:
@@ -283,27 +312,19 @@ def _scene(header: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> Scene:
     if static is None or cameras is None:
         raise F4xError("it has no " + ("cameras" if cameras is None else "static Gaussians"))
     check_arrays(cameras, CAMERA_ARRAYS, "cameras")
-    size = header["size"]
-    if len(size) != 2 or not all(type(n) is int and 1 <= n <= MAX_SIDE for n in size):
-        raise F4xError(f"'size' is not [width, height], each 1 to {MAX_SIDE}")
     if scaffold is not None:
         check_arrays(scaffold, SCAFFOLD_ARRAYS, "scaffold")
         unit: Any = header.get("scaffold_unit")
         if type(unit) not in (int, float) or not 0 < unit < math.inf:
             raise F4xError("'scaffold_unit' is not a positive number")
         scaffold["unit"] = float(unit)
-    for name in ("needs", "edits"):
-        if not all(isinstance(row, dict) for row in header[name]):
-            raise F4xError(f"'{name}' is not a list of objects")
-    if not all(type(frame) is int for frame in header["held_out"]):
-        raise F4xError("'held_out' is not a list of frame indices")
     known = {*FIELDS, "format", "version", "arrays", "scaffold_unit"}
     return Scene(
         name=header["name"],
         static=StaticSet(**static),
         dynamic=DynamicSet.empty() if dynamic is None else DynamicSet(**dynamic),
         scaffold=None if scaffold is None else Scaffold(**scaffold),
-        cameras=CameraPath(**cameras, width=size[0], height=size[1]),
+        cameras=CameraPath(**cameras, width=header["size"][0], height=header["size"][1]),
         fps=float(header["fps"]),
         held_out=tuple(header["held_out"]),
         provenance=header["provenance"],
@@ -333,8 +354,9 @@ def _scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
         if parts[group] is not None and (group != "dynamic" or len(scene.dynamic))
         for name, (dtype, _) in layout.items()
     }
+    reserved = {f"{group}/{name}" for group, layout in GROUPS.items() for name in layout}
     for name, value in scene.extra.items():
-        if name in arrays or not MEMBER_NAME.fullmatch(name) or value.dtype.kind not in "biuf":
+        if name in reserved or not MEMBER_NAME.fullmatch(name) or value.dtype.kind not in "biuf":
             raise F4xError(f"extra array {name!r}: use a new name of letters, digits, '_' and '/', and plain numbers")
         arrays[name] = np.ascontiguousarray(value, value.dtype.newbyteorder("<")).reshape(value.shape)
     return arrays
@@ -359,10 +381,16 @@ def _member(name: str, size: int) -> zipfile.ZipInfo:
 
 
 def _json_bytes(header: Mapping[str, Any], path: Path) -> bytes:
+    """The bytes of scene.json, which every reader will accept: checked here, before anything is replaced."""
+    header = _plain(header)
+    _check_header(header, path)
     try:
-        return json.dumps(_plain(header), allow_nan=False, ensure_ascii=False, indent=1).encode("utf-8")
+        text = json.dumps(header, allow_nan=False, ensure_ascii=False, indent=1).encode("utf-8")
     except (TypeError, ValueError, RecursionError) as error:
         raise F4xError(f"{path}: a field of the scene cannot be written as JSON ({error})") from error
+    if len(text) > MAX_HEADER_BYTES:
+        raise F4xError(f"{path}: {HEADER} would exceed {MAX_HEADER_BYTES >> 20} MiB; bake or shorten the edits")
+    return text
 
 
 def _plain(value: Any) -> Any:

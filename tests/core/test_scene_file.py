@@ -98,6 +98,33 @@ def test_append_edit_keeps_every_other_member_byte_for_byte(path):
     assert_same(read_scene(path), replace(BASE, edits=({"op": "hide", "ids": [3]},), next_id=77))
 
 
+@pytest.mark.parametrize(
+    ("record", "next_id"), [("no object", None), ({"op": {1, 2}}, None), ({}, 1 << 63), ({"text": "\ud800"}, None)]
+)
+def test_an_edit_that_could_not_be_read_back_is_refused(path, record, next_id):
+    before = path.read_bytes()
+    with pytest.raises(F4xError, match=r"scene\.f4x"):
+        append_edit(path, record, next_id)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"needs": ("row",)},
+        {"name": 5},
+        {"provenance": [1]},
+        {"extra": {"../up": np.zeros(2)}},
+        {"extra": {"words": np.array(["a"])}},
+        {"extra": {"static/xyz": np.zeros((6, 3))}},
+    ],
+)
+def test_a_scene_that_could_not_be_read_back_is_refused(tmp_path, fields):
+    with pytest.raises(F4xError):
+        write_scene(replace(BASE, **fields), tmp_path / "a.f4x")
+    assert not os.listdir(tmp_path)
+
+
 class FullDisk:
     """Stands in for os.fsync and os.replace on a disk without space."""
 
