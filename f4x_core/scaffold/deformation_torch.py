@@ -37,13 +37,19 @@ class SparseRows:
 
     def matrix(self, values: torch.Tensor) -> torch.Tensor:
         """Return the CSR matrix with `values (N, K)`."""
-        return torch.sparse_csr_tensor(self.starts, self.columns, values.reshape(-1), self.shape)
+        return torch.sparse_csr_tensor(
+            self.starts, self.columns, values.reshape(-1), self.shape, check_invariants=False
+        )
 
     def transposed(self, values: torch.Tensor) -> torch.Tensor:
         """Return the CSR matrix `(P, N)`, the transpose of `matrix(values)`."""
         values = values.reshape(-1).index_select(0, self.order)
         return torch.sparse_csr_tensor(
-            self.transposed_starts, self.transposed_columns, values, (self.shape[1], self.shape[0])
+            self.transposed_starts,
+            self.transposed_columns,
+            values,
+            (self.shape[1], self.shape[0]),
+            check_invariants=False,
         )
 
 
@@ -85,7 +91,9 @@ class _Gather(torch.autograd.Function):
         s = ctx.structure
         entries = gradient.reshape(-1, gradient.shape[-1]).contiguous()  # (N K, C)
         ones = torch.ones(len(entries), dtype=entries.dtype, device=entries.device)
-        gather = torch.sparse_csr_tensor(s.transposed_starts, s.order, ones, (s.shape[1], len(entries)))
+        gather = torch.sparse_csr_tensor(
+            s.transposed_starts, s.order, ones, (s.shape[1], len(entries)), check_invariants=False
+        )
         return gather @ entries, None
 
 

@@ -128,12 +128,6 @@ def fill_gaps(xyz: np.ndarray, certain: np.ndarray, times: np.ndarray) -> np.nda
     return np.where((certain | ~certain.any(axis=0))[..., None], xyz, filled)
 
 
-def between_neighbours(xyz: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return for each inner frame `(F-2, N, 3)` where the line between the frame before and the one after passes."""
-    u = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None, None]
-    return xyz[:-2] + u * (xyz[2:] - xyz[:-2])
-
-
 def _outliers(points: np.ndarray, config: LiftingConfig) -> np.ndarray:
     """Statistical outlier removal as in Open3D: mean neighbour distance above mean + ratio * std of all such means."""
     from scipy.spatial import cKDTree
@@ -149,7 +143,9 @@ def _shaking(xyz: np.ndarray, times: np.ndarray, threshold: float) -> np.ndarray
     shaking = np.zeros(xyz.shape[:2], bool)
     if len(times) < 2:
         return shaking
-    shaking[1:-1] = np.linalg.norm(xyz[1:-1] - between_neighbours(xyz, times), axis=-1) >= threshold
+    u = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None, None]
+    expected = xyz[:-2] + u * (xyz[2:] - xyz[:-2])
+    shaking[1:-1] = np.linalg.norm(xyz[1:-1] - expected, axis=-1) >= threshold
     shaking[0] = np.linalg.norm(xyz[0] - xyz[1], axis=-1) >= threshold
     shaking[-1] = np.linalg.norm(xyz[-1] - xyz[-2], axis=-1) >= threshold
     return shaking

@@ -10,7 +10,7 @@ from ..geometry.camera import CameraPath
 from .deformation import deform, pairs_of
 from .distance import curve_distance, distance_to
 from .graph import GraphConfig, attach_nodes, build_graph, thin
-from .lifting import LiftedTracks, between_neighbours
+from .lifting import LiftedTracks
 from .radius import RadiusConfig, initial_radius
 from .rotation import initial_rotations
 from .skinning import skinning_weights
@@ -125,7 +125,7 @@ def choose_nodes(
     candidates, held_out = _split(lifted, config)
     nodes = lifted.subset(candidates)
     order, covering = _farthest_order(nodes, min(max(config.counts), config.maximum, len(nodes)))
-    noise = float(np.quantile(track_noise(lifted, times, cameras), config.quantile))
+    noise = float(np.median(track_noise(lifted, times, cameras)))
     enough = max(tolerance, NOISE_MARGIN * noise)
     table, picks = [], []
     for count in sorted({min(count, len(order)) for count in config.counts}):
@@ -207,23 +207,23 @@ def track_residuals(scaffold: Scaffold, lifted: LiftedTracks, cameras: CameraPat
 def track_noise(lifted: LiftedTracks, times: np.ndarray, cameras: CameraPath | None = None) -> np.ndarray:
     """Return the distance `(N,)` that a perfect model would leave because each track jitters in time.
 
-    The median deviation of a certain sample from the line between its certain neighbours; for independent noise of
-    variance s^2 that deviation has variance 1.5 s^2, and the distance of two samples 2 s^2. 0 for tracks that are never
-    certain three times in a row. World units, or with `cameras` pixels.
+    From third differences in time, which smooth motion hardly has: normalised, the difference of samples with
+    independent noise of variance s^2 has variance s^2, and the distance between two samples 2 s^2. The median over all
+    frames with four certain samples in a row, 0 for tracks without. World units, or with `cameras` pixels.
     """
-    if len(times) < 3:
-        return np.zeros(len(lifted))
-    seen, line = lifted.certain, between_neighbours(lifted.xyz, times)
-    deviation = np.full(line.shape[:2], np.nan)
-    for f, time in enumerate(times[1:-1]):
-        a, b = lifted.xyz[f + 1], line[f]
+    noise = np.full((max(len(times) - 3, 1), len(lifted)), np.nan)
+    for f in range(len(times) - 3):
+        window = slice(f, f + 4)
+        gaps = times[window, None] - times[None, window] + np.eye(4)
+        weights = 1 / gaps.prod(axis=1)  # divided difference over unequal intervals
+        jitter = np.tensordot(weights / np.linalg.norm(weights), lifted.xyz[window], 1)  # (N, 3)
+        here = lifted.xyz[f + 1]
         if cameras is not None:
-            a, b = (cameras.at(time).project(points)[0] for points in (a, b))
-        deviation[f] = np.linalg.norm(a - b, axis=-1)
-    three = seen[:-2] & seen[1:-1] & seen[2:]
-    deviation[:, ~three.any(axis=0)] = 0.0
-    deviation = np.where(three | ~three.any(axis=0), deviation, np.nan)
-    return np.nanmedian(deviation, axis=0) * np.sqrt(2 / 1.5)
+            camera = cameras.at(times[f + 1])
+            jitter = camera.project(here + jitter)[0] - camera.project(here)[0]
+        noise[f] = np.where(lifted.certain[window].all(axis=0), np.linalg.norm(jitter, axis=-1), np.nan)
+    noise[0, np.isnan(noise).all(axis=0)] = 0.0
+    return np.sqrt(2) * np.nanmedian(noise, axis=0)
 
 
 def _split(lifted: LiftedTracks, config: SelectionConfig) -> tuple[np.ndarray, np.ndarray]:
@@ -262,13 +262,14 @@ def _distances(lifted: LiftedTracks):
 def _farthest_order(lifted: LiftedTracks, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return `(order (count,), covering (count,))`: each next curve is the farthest from those before.
 
+    Fewer than `count` when all other curves coincide with one of them.
     `covering[i]` is the distance within which 95 % of all curves have one of the first i + 1: the unit of that count.
     """
     distance_from = _distances(lifted)
     order = [int(_by_observation(lifted)[0])]
     nearest = distance_from(order[0]).astype(np.float64)
     covering = [np.quantile(nearest, 0.95)]
-    while len(order) < count:
+    while len(order) < count and nearest.max() > 0:
         order.append(int(nearest.argmax()))
         nearest = np.minimum(nearest, distance_from(order[-1]))
         covering.append(np.quantile(nearest, 0.95))
@@ -281,11 +282,11 @@ def _centred(lifted: LiftedTracks, seeds: np.ndarray) -> np.ndarray:
     Farthest-curve order likes outliers; the middle of a cell is a better node than its corner.
     """
     cell = distance_to(lifted.xyz[:, seeds], lifted.xyz).argmin(axis=0)  # (N,)
-    cell[seeds] = np.arange(len(seeds))
+    cell[seeds] = np.arange(len(seeds))  # of coinciding seeds each keeps a cell of its own
     sums = np.zeros((len(seeds), *lifted.xyz.shape[::2]))
     curves = lifted.xyz.transpose(1, 0, 2).astype(np.float64)  # (N, F, 3)
     np.add.at(sums, cell, curves)
-    means = sums / np.bincount(cell, minlength=len(seeds))[:, None, None]
+    means = sums / np.bincount(cell)[:, None, None]
     off_centre = np.linalg.norm(curves - means[cell], axis=-1).mean(axis=1)
     by_cell = np.lexsort((off_centre, cell))
     return by_cell[np.searchsorted(cell[by_cell], np.arange(len(seeds)))]
