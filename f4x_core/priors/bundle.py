@@ -112,7 +112,9 @@ def rays(bundle: Bundle, observations: Observations) -> np.ndarray:
     return np.einsum("oji,oj->oi", bundle.rotation[observations.frame], local)
 
 
-def triangulate(bundle: Bundle, observations: Observations, count: int, rounds: int = 3) -> tuple[np.ndarray, np.ndarray]:
+def triangulate(
+    bundle: Bundle, observations: Observations, count: int, rounds: int = 3
+) -> tuple[np.ndarray, np.ndarray]:
     """Points nearest to their viewing rays: `(count, 3)` and the spread of the rays `(count,)` in radians.
 
     `X = argmin sum w |(I - d d^T)(X - c)|^2 / distance^2`, the distances from the round before, so that the error is

@@ -99,7 +99,8 @@ def main(path: str) -> None:
         (image for image in (model.images.values() if model else ()) if image.has_pose),
         key=lambda image: index[image.name],
     )
-    point_ids = {point: i for i, point in enumerate(model.points3D)} if model else {}
+    points = model.points3D if model else {}
+    point_ids = {point: i for i, point in enumerate(points)}
     seen = [
         (index[image.name], point_ids[point.point3D_id], *point.xy)
         for image in images
@@ -113,7 +114,7 @@ def main(path: str) -> None:
         registered=np.array([index[image.name] for image in images], np.int64),
         world_to_camera=np.array(poses, np.float64).reshape(-1, 4, 4),
         focal=next(iter(model.cameras.values())).focal_length if model else request["focal"],
-        points=np.array([model.points3D[i].xyz for i in point_ids], np.float64).reshape(-1, 3),
+        points=np.array([point.xyz for point in points.values()], np.float64).reshape(-1, 3),
         frame=rows[:, 0].astype(np.int64),
         point=rows[:, 1].astype(np.int64),
         uv=rows[:, 2:],

@@ -48,8 +48,10 @@ MOVING_MARGIN = 3
 MOVING_CONFIDENCE = 0.2
 GUESS_CONFIDENCE = 0.05
 """Most confidence of the plausible depth of moving pixels, and of everything in a clip without parallax."""
-CONTACT_SHARE = 0.15
-"""Lowest share of a moving region's height that is taken to touch the ground."""
+SMALLEST_CONTACT = 8
+"""With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
+TILT_RIDGE, TILT_FRAMES, TILT_RANGE = 0.05, 3.0, (0.5, 2.0)
+"""Ridge on the turn of a region against the view (in picture widths), frames over which it is smoothed, and its bounds."""
 SIZE_NOISE, CONTACT_NOISE = 0.01, 0.1
 """Relative errors of the frame-to-frame size change and of one contact depth, used to smooth an object's depth."""
 SMALLEST_OBJECT = 30
@@ -79,7 +81,9 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     priors.depth = (depth / unit).astype(np.float32)
     priors.depth_confidence = np.clip(confidence, 0, 1).astype(np.float16)
     if objects:
-        priors.warn("Depth of moving objects is a plausible guess (ground contact and change of size), not a measurement.")
+        priors.warn(
+            "Depth of moving objects is a plausible guess (ground contact and change of size), not a measurement."
+        )
     percentiles = np.percentile(priors.depth[:, ::4, ::4], (2, 50, 98))
     priors.statistics["depth"] = statistics | {
         "moving_objects": objects,
@@ -203,7 +207,9 @@ def _static_depth(
             )
         precision *= _texture(pictures[i])[rows[:, None], columns] * ~blocked[i][rows[:, None], columns]
         _add_tracks(rho, precision, *tracks[i], blocked[i])
-        usual = 1 / max(float(np.median(1 / np.maximum(rho[precision > 0], 1e-6))), 1e-6) if (precision > 0).any() else 1.0
+        usual = (
+            1 / max(float(np.median(1 / np.maximum(rho[precision > 0], 1e-6))), 1e-6) if (precision > 0).any() else 1.0
+        )
         least = usual / FARTHEST
         rho = np.clip(rho, least, 1e3 * usual)
         guide = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
@@ -222,7 +228,12 @@ def _static_depth(
 
 
 def _targets(
-    frame: int, flows: dict[int, np.ndarray], blocked: np.ndarray, rows: np.ndarray, columns: np.ndarray, grid: np.ndarray
+    frame: int,
+    flows: dict[int, np.ndarray],
+    blocked: np.ndarray,
+    rows: np.ndarray,
+    columns: np.ndarray,
+    grid: np.ndarray,
 ) -> list[tuple[int, np.ndarray, np.ndarray]]:
     """Where the grid's pixels are seen in other frames, with weight 0 where flow is inconsistent or lands on a mover."""
     _, height, width = blocked.shape
@@ -269,7 +280,7 @@ def _track_samples(priors: Priors) -> list[tuple[np.ndarray, np.ndarray, np.ndar
     good = (rms < TRACK_OUTLIER_PX) & ~behind & np.isfinite(rms)
     # Angular noise over half the spread of the rays is the relative error of the distance.
     relative = (TRACK_NOISE_PX + rms) / focal.mean() / np.maximum(spread / 2, 1e-6) / np.sqrt(np.maximum(count / 4, 1))
-    samples = []
+    samples: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for i in range(frames):
         chosen = (frame == i) & good[point]
         inverse = 1 / z[chosen]
@@ -337,7 +348,7 @@ def _place_objects(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarr
     An object is a connected region of the mask in space and time.
     """
     confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
-    labels, count = ndimage.label(moving)
+    labels, _ = ndimage.label(moving)
     objects = 0
     for number, region in enumerate(ndimage.find_objects(labels), start=1):
         own = labels[region] == number  # (f, h, w) within the box
@@ -346,13 +357,16 @@ def _place_objects(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarr
         if pixels.mean() < SMALLEST_OBJECT:
             continue
         objects += 1
-        contact = np.array([_contact(inverse[f], moving[f], labels[f] == number) for f in frames])
-        size = [_growth(priors, f, labels[f] == number) for f in frames[:-1]]
-        solved, certain = smooth_object_depth(contact[:, 0], contact[:, 1], np.array(size))
-        for f, value, trust in zip(frames, solved, certain, strict=True):
-            mask = labels[f] == number
-            inverse[f][mask] = value
-            confidence[f][mask] = MOVING_CONFIDENCE * trust if priors.camera_kind == "moving" else GUESS_CONFIDENCE
+        contacts = np.array([_contact(inverse[f], moving[f], labels[f] == number) for f in frames])
+        size = np.array([_growth(priors, f, labels[f] == number) for f in frames[:-1]])
+        middle, tilt, trust = contacts.T
+        solved, certain = smooth_object_depth(middle, trust, size)
+        norm = ndimage.gaussian_filter1d(trust + 1e-3, TILT_FRAMES)
+        tilt = ndimage.gaussian_filter1d(tilt * (trust + 1e-3), TILT_FRAMES) / norm
+        for f, value, slope, sure in zip(frames, solved, tilt, certain, strict=True):
+            y, x = np.nonzero(labels[f] == number)
+            inverse[f][y, x] = value * np.clip(1 + slope * (x - x.mean()), *TILT_RANGE)
+            confidence[f][y, x] = MOVING_CONFIDENCE * sure if priors.camera_kind == "moving" else GUESS_CONFIDENCE
     return objects
 
 
@@ -380,22 +394,55 @@ def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarr
     return np.exp(solution), np.clip(trust, 0.25, 1.0)
 
 
-def _contact(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> tuple[float, float]:
-    """Inverse depth of the ground just below the lowest part of a region, and how far to trust it."""
+def _contact(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> tuple[float, float, float]:
+    """Where a region stands: inverse depth at its mean column, relative change per column, and trust 0..1.
+
+    The region is a plane that stands on the ground: inverse depth `a (1 + b (column - mean))`, fitted to the static inverse
+    depth just below the lower convex hull of the region (feet and wheels lie on the hull, the belly above it does not).
+    """
     height, width = own.shape
-    rows = np.flatnonzero(own.any(1))
-    lowest = rows[-1]
-    band = max(int(CONTACT_SHARE * (lowest - rows[0] + 1)), 2)
-    low = own.copy()
-    low[: max(lowest - band, 0)] = False
-    rim = ndimage.binary_dilation(low, iterations=MOVING_MARGIN + 3) & ~ndimage.binary_dilation(moving, iterations=2)
-    rim[: max(lowest - band, 0)] = False
-    if not rim.any():
-        rim = ndimage.binary_dilation(own, iterations=MOVING_MARGIN + 5) & ~moving
-        if not rim.any():
-            return float(np.median(inverse)), 0.0
-    cut = lowest >= height - 2  # it leaves the picture below: the true contact is nearer than what can be seen
-    return float(np.median(inverse[rim])), 0.3 if cut else 1.0
+    columns = np.flatnonzero(own.any(0))
+    bottom = height - 1 - np.argmax(own[::-1], axis=0)[columns]
+    slack = max(0.05 * (bottom.max() - np.flatnonzero(own.any(1))[0]), 2.0)
+    stands = _lower_hull(columns, bottom) - bottom <= slack
+    below = bottom[stands, None] + np.arange(MOVING_MARGIN, 2 * MOVING_MARGIN + 2)  # (n, k)
+    across = np.broadcast_to(columns[stands, None], below.shape)
+    inside = below < height
+    x, y = across[inside], below[inside]
+    free = ~moving[y, x]
+    x, y = x[free], y[free]
+    if len(x) < SMALLEST_CONTACT:
+        rim = ndimage.binary_dilation(own, iterations=2 * MOVING_MARGIN) & ~moving
+        return float(np.median(inverse[rim] if rim.any() else inverse)), 0.0, 0.05
+    values, offset = inverse[y, x].astype(np.float64), x - np.nonzero(own)[1].mean()
+    a, b, weight = float(np.median(values)), 0.0, np.ones(len(x))
+    for _ in range(5):
+        # The ridge asks for evidence before a region turns: it may change by a third over the picture's width at once.
+        normal = np.array([[weight.sum(), weight @ offset], [weight @ offset, weight @ offset**2]])
+        normal[1, 1] += len(x) * (TILT_RIDGE * width) ** 2
+        a, b = np.linalg.solve(normal, [weight @ values, weight @ (values * offset)])
+        weight = 1 / (1 + ((values - a - b * offset) / (CONTACT_NOISE * abs(a) + 1e-9)) ** 2)
+    a = float(np.clip(a, values.min(), values.max()))
+    hidden = float((bottom >= height - 2).mean())  # it leaves the picture below: the true contact is nearer
+    return (
+        a,
+        float(b / a),
+        float(np.clip(1 - 2 * hidden, 0.1, 1.0) * min(len(np.unique(x)) / max(stands.sum(), 1), 1.0)),
+    )
+
+
+def _lower_hull(columns: np.ndarray, bottom: np.ndarray) -> np.ndarray:
+    """Row of the convex hull's lower side (in the picture) at every column; both `(n,)`, columns ascending."""
+    hull: list[int] = []
+    for i in range(len(columns)):
+        while len(hull) >= 2:
+            o, p = hull[-2], hull[-1]
+            run, rise = columns[p] - columns[o], bottom[p] - bottom[o]
+            if run * (bottom[i] - bottom[o]) < rise * (columns[i] - columns[o]):
+                break
+            hull.pop()
+        hull.append(i)
+    return np.interp(columns, columns[hull], bottom[hull])
 
 
 def _growth(priors: Priors, frame: int, own: np.ndarray) -> float:

@@ -40,11 +40,11 @@ PROVIDERS: dict[tuple[str, str], str | Provider] = {
     ("motion", "classical"): "motion:provide",
     ("cameras", "classical"): "cameras:provide",
     ("depth", "classical"): "depth:provide",
-    ("flow", "synthetic"): "synthetic:provide",
-    ("tracks", "synthetic"): "synthetic:provide",
-    ("motion", "synthetic"): "synthetic:provide",
-    ("cameras", "synthetic"): "synthetic:provide",
-    ("depth", "synthetic"): "synthetic:provide",
+    ("flow", "synthetic"): "synthetic:provide_flow",
+    ("tracks", "synthetic"): "synthetic:provide_tracks",
+    ("motion", "synthetic"): "synthetic:provide_motion",
+    ("cameras", "synthetic"): "synthetic:provide_cameras",
+    ("depth", "synthetic"): "synthetic:provide_depth",
 }
 """(stage, name) -> callable, or `module:function` of this room imported when first needed."""
 

@@ -50,7 +50,9 @@ class Solution:
         return float(np.sqrt(np.mean(np.minimum(self.bundle.errors(seen), 10.0) ** 2))) if len(seen.frame) else np.inf
 
 
-def sightings(tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, most: int) -> tuple[Observations, np.ndarray]:
+def sightings(
+    tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, most: int
+) -> tuple[Observations, np.ndarray]:
     """Observations of at most `most` of the `chosen (N,)` tracks and their indices `(P,)`; longest tracks first.
 
     `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times count.
@@ -175,8 +177,8 @@ def solve_with_depth(
         shared = visible[i] & visible[i + 1]
         step = np.eye(4)
         if shared.sum() >= 4:
-            a, b = (_lift(tracks[k, shared], z[k, shared], found, principal) for k in (i, i + 1))
-            step[:3, :3], step[:3, 3] = _robust_alignment(a, b)[1:]
+            here, there = (_lift(tracks[k, shared], z[k, shared], found, principal) for k in (i, i + 1))
+            step[:3, :3], step[:3, 3] = _robust_alignment(here, there)[1:]
         matrices.append(step @ matrices[-1])
     bundle = from_matrices(np.array(matrices), found, principal, np.zeros((len(chosen), 3)))
     lifted = np.einsum("fji,fnj->fni", bundle.rotation, _lift(tracks, z, found, principal)) + bundle.center[:, None]
@@ -272,7 +274,11 @@ def refocused(solution: Solution, focal: float, translating: bool = True) -> Sol
 
 
 def adjust_known(
-    bundle: Bundle, observations: Observations, registered: np.ndarray, config: BundleConfig, times: np.ndarray | None = None
+    bundle: Bundle,
+    observations: Observations,
+    registered: np.ndarray,
+    config: BundleConfig,
+    times: np.ndarray | None = None,
 ) -> Bundle:
     """`bundle.adjust` on the registered frames and the finite points only; all others are left as they are."""
     frames, points = np.flatnonzero(registered), np.flatnonzero(np.isfinite(bundle.points).all(1))
@@ -281,9 +287,7 @@ def adjust_known(
         return bundle
     frame_row, point_row = np.zeros(len(registered), int), np.zeros(len(bundle.points), int)
     frame_row[frames], point_row[points] = np.arange(len(frames)), np.arange(len(points))
-    part = replace(
-        bundle, rotation=bundle.rotation[frames], center=bundle.center[frames], points=bundle.points[points]
-    )
+    part = replace(bundle, rotation=bundle.rotation[frames], center=bundle.center[frames], points=bundle.points[points])
     seen = replace(seen, frame=frame_row[seen.frame], point=point_row[seen.point])
     part = adjust(part, seen, config, None if times is None else times[frames])
     rotation, center, xyz = bundle.rotation.copy(), bundle.center.copy(), bundle.points.copy()
@@ -305,9 +309,7 @@ def _subset(solution: Solution, points: int, frames: int) -> Solution:
     registered = np.flatnonzero(solution.registered)
     kept = registered[np.unique(np.linspace(0, len(registered) - 1, min(frames, len(registered))).round().astype(int))]
     finite = np.isfinite(solution.bundle.points).all(1)
-    seen = solution.observations.keep(
-        np.isin(solution.observations.frame, kept) & finite[solution.observations.point]
-    )
+    seen = solution.observations.keep(np.isin(solution.observations.frame, kept) & finite[solution.observations.point])
     length = np.bincount(seen.point, minlength=len(finite))
     chosen = np.sort(np.argsort(-length, kind="stable")[:points])
     chosen = chosen[length[chosen] >= 3]
@@ -407,7 +409,12 @@ def _robust_alignment(a: np.ndarray, b: np.ndarray, with_scale: bool = False) ->
 
 
 def _alignment_error(
-    tracks: np.ndarray, visible: np.ndarray, z: np.ndarray, pairs: list[tuple[int, int]], focal: float, principal: np.ndarray
+    tracks: np.ndarray,
+    visible: np.ndarray,
+    z: np.ndarray,
+    pairs: list[tuple[int, int]],
+    focal: float,
+    principal: np.ndarray,
 ) -> float:
     """Median symmetric reprojection error in pixels after aligning the lifted tracks of every pair, averaged."""
     errors = []
@@ -436,7 +443,9 @@ def _ask_colmap(request: dict, size: tuple[int, int]) -> Solution | None:
     try:
         child = subprocess.run(command, capture_output=True, text=True, check=False)
     except OSError as error:
-        raise F4xError(f"{sys.executable} cannot be started for the camera solver ({error}); repair the environment.") from error
+        raise F4xError(
+            f"{sys.executable} cannot be started for the camera solver ({error}); repair the environment."
+        ) from error
     if child.returncode or not (folder / "answer.npz").exists():
         return None
     with np.load(folder / "answer.npz") as answer:

@@ -1,0 +1,299 @@
+"""Exact priors from the truth that Blender rendered beside a synthetic clip (provider `synthetic`).
+
+The clip's folder holds `truth/%05d.exr` (multilayer float32: Depth, Vector, Object Index) and `truth.json` (`width`,
+`height`, `cameras`: CameraPath of every frame, `moving_index`: object indices that move). Blender's conventions, verified
+against analytic reprojection: Depth is planar z with 1e10 for background; forward flow t -> t+1 is (-Vector.Z, +Vector.W),
+backward flow t -> t-1 is (+Vector.X, -Vector.Y), in pixels, x right, y down.
+
+What stands still is reprojected exactly; what moves follows the chained Vector passes, through held-out frames too (only
+their truth is used for that, never their picture).
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry.camera import CameraPath
+from ..progress import Progress
+from .config import PriorsConfig
+from .files import camera_kind
+from .flow import sample
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from .folder import Priors
+
+BACKGROUND_DEPTH = 1e9
+"""Blender writes 1e10 where a ray hits nothing."""
+FAR = 1e4
+"""Depth, in median depths, at which background is put where a direction needs a point (only its turning shows)."""
+DEPTH_AGREES = 0.02
+"""Relative difference of depth up to which a reprojected point is the visible surface."""
+RETURN_PX = 0.5
+"""A moving point is occluded when the backward vector does not lead back to within this."""
+PASS_NAMES = {"IndexOB": "Object Index"}
+"""Blender 4.x name -> 5.x name."""
+CHANNEL_ORDER = "XYZWRGBAUV"
+
+
+def read_passes(path: str | Path) -> dict[str, np.ndarray]:
+    """The passes of a multilayer EXR: pass name -> `(H, W)` or `(H, W, C)` float32, channels in the order XYZW / RGBA.
+
+    Reads Blender 4.x files (one part, `ViewLayer.IndexOB.X`) and 5.x files (a part per pass, `ViewLayer.Object Index.X`);
+    names are those of 5.x without the view layer. F4xError when the file cannot be read.
+    """
+    import OpenEXR
+
+    planes: dict[str, dict[str, np.ndarray]] = defaultdict(dict)
+    if not Path(path).is_file():
+        raise F4xError(f"{path} does not exist; render the synthetic clip again.")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            for part in file.parts:
+                for name, channel in part.channels.items():
+                    *head, axis = name.split(".")
+                    if head:
+                        planes[PASS_NAMES.get(head[-1], head[-1])][axis.upper()] = np.array(channel.pixels)
+    except Exception as error:  # OpenEXR raises bare RuntimeError and its own types
+        raise F4xError(f"{path} is not a readable EXR file ({error}); render it again.") from error
+    passes = {}
+    for name, channels in planes.items():
+        ordered = [channels[axis] for axis in sorted(channels, key=lambda axis: CHANNEL_ORDER.find(axis))]
+        passes[name] = ordered[0] if len(ordered) == 1 else np.stack(ordered, axis=-1)
+    return passes
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Everything known about a synthetic clip, all T frames, in the unit of the renderer."""
+
+    cameras: CameraPath
+    depth: np.ndarray
+    """(T, H, W) float32 planar z, NaN = background."""
+    forward: np.ndarray
+    """(T, H, W, 2) float32 pixels t -> t + 1."""
+    backward: np.ndarray
+    """(T, H, W, 2) float32 pixels t -> t - 1."""
+    moving: np.ndarray
+    """(T, H, W) bool: pixels of objects that move."""
+
+    @classmethod
+    def read(cls, clip: Clip, progress: Progress) -> Truth:
+        """Truth of the folder that `clip` was read from; F4xError when it is missing or belongs to other pictures."""
+        folder = Path(clip.source)
+        folder = folder if (folder / "truth.json").is_file() else folder.parent
+        path = folder / "truth.json"
+        if not path.is_file():
+            raise F4xError(
+                f"{clip.source} holds no truth.json; the provider 'synthetic' needs a clip rendered with truth."
+            )
+        try:
+            head = json.loads(path.read_text(encoding="utf-8"))
+            cameras, moving_index = CameraPath.from_json(head["cameras"], path), list(head["moving_index"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise F4xError(f"{path} is damaged ({error!r}); render the synthetic clip again.") from error
+        files = sorted((folder / "truth").glob("*.exr"))
+        count, height, width = clip.frames.shape[:3]
+        if not len(files) == len(cameras) == count or (cameras.width, cameras.height) != (width, height):
+            raise F4xError(
+                f"{path} describes {len(cameras)} frames of {cameras.width}x{cameras.height} ({len(files)} EXR files), the"
+                f" clip has {count} of {width}x{height}; read the whole clip at its own size."
+            )
+        depth, moving = np.empty((count, height, width), np.float32), np.empty((count, height, width), bool)
+        forward, backward = np.empty((2, count, height, width, 2), np.float32)
+        for i, file in enumerate(files):
+            progress("truth", i, count)
+            passes = read_passes(file)
+            lacking = {"Depth", "Vector", "Object Index"} - passes.keys()
+            if lacking:
+                raise F4xError(
+                    f"{file} lacks the pass {', '.join(sorted(lacking))}; render it with that pass switched on."
+                )
+            if passes["Depth"].shape != (height, width):
+                raise F4xError(
+                    f"{file} is {passes['Depth'].shape[::-1]}, the clip is {width}x{height}; render it again."
+                )
+            depth[i] = np.where(passes["Depth"] < BACKGROUND_DEPTH, passes["Depth"], np.nan)
+            vector = passes["Vector"]
+            forward[i] = np.stack([-vector[..., 2], vector[..., 3]], axis=-1)
+            backward[i] = np.stack([vector[..., 0], -vector[..., 1]], axis=-1)
+            moving[i] = np.isin(passes["Object Index"].round(), moving_index)
+        return cls(cameras, depth, forward, backward, moving)
+
+    @property
+    def far(self) -> float:
+        """Depth that stands for infinity."""
+        return FAR * float(np.nanmedian(self.depth))
+
+    def reproject(self, source: int, target: int, uv: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where static points at pixels `uv (n, 2)` and `depth (n,)` of a frame are seen in another, and their depth there."""
+        depth = np.where(np.isfinite(depth), depth, self.far).astype(np.float64)
+        return self.cameras[target].project(self.cameras[source].unproject(uv.astype(np.float64), depth))
+
+    def shows(self, frame: int, uv: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Whether static points at `uv (n, 2)` with `depth (n,)` are the visible surface of a frame, `(n,)` bool."""
+        x, y, inside = self._pixels(uv)
+        seen = np.where(np.isfinite(self.depth[frame, y, x]), self.depth[frame, y, x], self.far)
+        # Slanted surfaces change depth within a pixel: the step to the neighbours is granted on top.
+        near = np.abs(np.diff(self.depth[frame], axis=0, append=self.depth[frame, -1:]))[y, x]
+        near = near + np.abs(np.diff(self.depth[frame], axis=1, append=self.depth[frame, :, -1:]))[y, x]
+        slack = DEPTH_AGREES * seen + np.minimum(np.nan_to_num(near), 0.1 * seen)
+        close = (np.abs(seen - depth) < slack) | ((seen >= self.far / 2) & (depth >= self.far / 2))
+        return inside & close & (depth > 0) & ~self.moving[frame, y, x]
+
+    def follow(self, source: int, target: int, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Chain moving points `uv (n, 2)` from one frame to another; also whether each step stayed visible, `(n,)`."""
+        step = 1 if target > source else -1
+        alive = np.ones(len(uv), bool)
+        for frame in range(source, target, step):
+            there, back = (self.forward, self.backward) if step > 0 else (self.backward, self.forward)
+            moved = uv + self._vector(there[frame], self.moving[frame], uv)
+            x, y, inside = self._pixels(moved)
+            returned = moved + self._vector(back[frame + step], self.moving[frame + step], moved)
+            alive &= inside & self.moving[frame + step, y, x] & (np.linalg.norm(returned - uv, axis=-1) < RETURN_PX)
+            uv = moved
+        return uv, alive
+
+    def _pixels(self, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Column, row (clipped) and whether inside the picture."""
+        height, width = self.depth.shape[1:]
+        inside = (uv >= 0).all(-1) & (uv[..., 0] < width) & (uv[..., 1] < height)
+        uv = np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0)
+        x = np.clip(uv[..., 0], 0, width - 1).astype(int)
+        return x, np.clip(uv[..., 1], 0, height - 1).astype(int), inside
+
+    def _vector(self, flow: np.ndarray, moving: np.ndarray, uv: np.ndarray) -> np.ndarray:
+        """Flow at `uv`: bilinear inside a moving object, of the nearest pixel on its rim (no mixing with background)."""
+        x, y, _ = self._pixels(uv)
+        pure = sample(moving.astype(np.float32), uv) > 0.999
+        return np.where(pure[..., None], sample(flow, uv), flow[y, x])
+
+
+def provide_flow(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill the four flow fields; the masks hold what is visible in both frames."""
+    truth = _truth(clip, priors, progress)
+    frames, (height, width) = priors.frames, truth.depth.shape[1:]
+    grid = truth.cameras[0].pixel_grid().reshape(-1, 2)
+    shape = (len(frames) - 1, height, width)
+    for name, sources, targets in (("forward", frames[:-1], frames[1:]), ("backward", frames[1:], frames[:-1])):
+        flow, mask = np.zeros((*shape, 2), np.float16), np.zeros(shape, bool)
+        for i, (source, target) in enumerate(zip(sources, targets, strict=True)):
+            progress("flow", i, shape[0])
+            uv, z = truth.reproject(source, target, grid, truth.depth[source].ravel())
+            visible, moving = truth.shows(target, uv, z), truth.moving[source].ravel()
+            uv[moving], visible[moving] = truth.follow(source, target, grid[moving])
+            flow[i] = np.clip(uv - grid, -6e4, 6e4).reshape(height, width, 2)
+            mask[i] = visible.reshape(height, width)
+        setattr(priors, f"flow_{name}", flow)
+        setattr(priors, f"flow_{name}_mask", mask)
+
+
+def provide_tracks(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `tracks` and `tracks_visible`: seeds as the settings ask, denser on what moves, never on the same spot twice."""
+    truth, settings = _truth(clip, priors, progress), config.tracks
+    frames = priors.frames
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    for start in range(0, len(frames), max(settings.reseed_every, 1)):
+        progress("tracks", start, len(frames))
+        for moving, spacing in ((False, settings.spacing), (True, settings.dynamic_spacing)):
+            seeds = _seeds(truth, int(frames[start]), moving, spacing, [(t[start], v[start]) for t, v in found])
+            if len(seeds):
+                found.append(_tracked(truth, frames, start, seeds, moving))
+    tracks = np.concatenate([t for t, _ in found], axis=1) if found else np.zeros((len(frames), 0, 2))
+    visible = np.concatenate([v for _, v in found], axis=1) if found else np.zeros((len(frames), 0), bool)
+    longest = np.sort(np.argsort(-visible.sum(0), kind="stable")[: settings.count])
+    priors.tracks, priors.tracks_visible = tracks[:, longest].astype(np.float32), visible[:, longest]
+
+
+def provide_motion(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `motion`, `mask` and `tracks_motion`."""
+    truth = _truth(clip, priors, progress)
+    priors.mask = truth.moving[priors.frames]
+    priors.motion = priors.mask.astype(np.float16)
+    assert priors.tracks is not None and priors.tracks_visible is not None
+    hits, seen = np.zeros(priors.tracks.shape[1]), priors.tracks_visible
+    for i, frame in enumerate(priors.frames):
+        x, y, _ = truth._pixels(priors.tracks[i])
+        hits += seen[i] & truth.moving[frame, y, x]
+    priors.tracks_motion = (hits > 0.5 * seen.sum(0)).astype(np.float32)
+
+
+def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `cameras` (world unit: median depth 1) and `camera_kind`."""
+    truth = _truth(clip, priors, progress)
+    every = truth.cameras.scaled_world(1 / _unit(truth, priors))
+    rows = priors.frames
+    priors.cameras = CameraPath(
+        every.intrinsics[rows], every.world_to_camera[rows], clip.times[rows], every.width, every.height
+    )
+    priors.camera_kind = camera_kind(priors.cameras)
+
+
+def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
+    """Fill `depth` (median 1, background NaN) and `depth_confidence`."""
+    truth = _truth(clip, priors, progress)
+    priors.depth = truth.depth[priors.frames] / np.float32(_unit(truth, priors))
+    priors.depth_confidence = np.isfinite(priors.depth).astype(np.float16)
+
+
+def _truth(clip: Clip, priors: Priors, progress: Progress) -> Truth:
+    """The truth, read once for all stages."""
+    if "truth" not in priors.scratch:
+        priors.scratch["truth"] = Truth.read(clip, progress)
+    return priors.scratch["truth"]
+
+
+def _unit(truth: Truth, priors: Priors) -> float:
+    """Median depth of the supervised frames in the renderer's unit."""
+    return float(np.nanmedian(truth.depth[priors.frames]))
+
+
+def _seeds(
+    truth: Truth, frame: int, moving: bool, spacing: float, known: list[tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
+    """Pixel centres on a grid, static or moving, that no known visible track lies near, `(n, 2)`."""
+    height, width = truth.depth.shape[1:]
+    step = max(int(spacing), 1)
+    rows, columns = np.arange(step // 2, height, step), np.arange(step // 2, width, step)
+    free = truth.moving[frame][rows[:, None], columns] == moving
+    free &= np.isfinite(truth.depth[frame][rows[:, None], columns])
+    for uv, visible in known:
+        x, y = uv[visible].T.astype(int) // step
+        inside = (x >= 0) & (y >= 0) & (x < len(columns)) & (y < len(rows))
+        free[y[inside], x[inside]] = False
+    y, x = np.nonzero(free)
+    return np.stack([columns[x] + 0.5, rows[y] + 0.5], axis=-1)
+
+
+def _tracked(
+    truth: Truth, frames: np.ndarray, start: int, seeds: np.ndarray, moving: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions `(F, n, 2)` and visibility `(F, n)` of seeds of frame `frames[start]`."""
+    tracks, visible = np.full((len(frames), *seeds.shape), np.nan), np.zeros((len(frames), len(seeds)), bool)
+    tracks[start], visible[start] = seeds, True
+    if not moving:
+        x, y, _ = truth._pixels(seeds)
+        depth = truth.depth[frames[start], y, x]
+        for i, frame in enumerate(frames):
+            if i != start:
+                uv, z = truth.reproject(frames[start], frame, seeds, depth)
+                tracks[i] = np.where((z > 0)[:, None], uv, np.nan)
+                visible[i] = truth.shows(frame, uv, z)
+        return tracks, visible
+    for order in (range(start + 1, len(frames)), range(start - 1, -1, -1)):
+        for i in order:
+            previous = i - 1 if i > start else i + 1
+            alive = visible[previous]
+            if not alive.any():
+                break
+            uv, held = truth.follow(frames[previous], frames[i], tracks[previous][alive])
+            tracks[i, alive] = np.where(held[:, None], uv, np.nan)
+            visible[i, alive] = held
+    return tracks, visible
