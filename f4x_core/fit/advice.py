@@ -36,6 +36,8 @@ NODE_REACH = 3.0
 LEAST_COVERAGE = 0.8
 # Scores (dB): a watchable picture, the gap to unseen frames, what camera refinement may win, moving against static region.
 WATCHABLE_PSNR, HELD_OUT_GAP, REFINEMENT_GAP, REGION_GAP = 27.0, 3.0, 1.5, 2.0
+# A frame this many dB below the median stands out; so many are named.
+FRAME_GAP, NAMED_FRAMES = 4.0, 8
 # Most moving pixels looked at per frame when coverage is measured.
 COVERAGE_SAMPLES = 400
 
@@ -100,6 +102,7 @@ def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, An
     """Everything worth telling, problems first. `metrics`: the result of `report.evaluation.evaluate`."""
     found = [
         *_about_scores(metrics),
+        *_about_single_frames(metrics),
         *_about_camera(priors),
         *_about_motion(priors, scaffold),
         *_about_depth(priors),
@@ -164,7 +167,7 @@ def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
                     "problem",
                     f"Simply blending the two neighbouring frames shows unseen frames better ({blend:.1f} dB) than the"
                     f" scene ({held_out:.1f} dB).",
-                    "The scene adds no knowledge of space here; see the points about camera, depth and motion.",
+                    "More steps (--profile wild) help first; then see the points about camera, depth and motion.",
                 )
             )
         else:
@@ -179,6 +182,34 @@ def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
                 f"What moves is {static - moving:.1f} dB worse than what stands still ({moving:.1f} against {static:.1f} dB).",
                 "Give masks of what moves with --masks DIR and depth with --prior depth=DIR; fast motion needs a higher"
                 " frame rate.",
+            )
+        )
+    return found
+
+
+def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
+    """Frames far below the others, and why a held-out frame at the clip's end is one of them."""
+    rows = metrics.get("frames", [])
+    if not rows:
+        return []
+    median = float(np.median([row["psnr"] for row in rows]))
+    low = {row["frame"]: row["held_out"] for row in rows if row["psnr"] < median - FRAME_GAP}
+    ends = [frame for frame in (rows[0]["frame"], rows[-1]["frame"]) if low.pop(frame, False)]
+    found = [
+        Finding(
+            "note",
+            f"Frame {frame} was held out at the clip's end, so its camera is a guess beyond the last one that was used; it"
+            " pulls the held-out mean down.",
+        )
+        for frame in ends
+    ]
+    if low:
+        named = ", ".join(map(str, list(low)[:NAMED_FRAMES])) + (" …" if len(low) > NAMED_FRAMES else "")
+        found.append(
+            Finding(
+                "note",
+                f"Frames more than {FRAME_GAP:.0f} dB below the median of {median:.1f} dB: {named}.",
+                "Look for blur, flashes or cuts there, and leave such frames out with --frames.",
             )
         )
     return found
@@ -227,8 +258,8 @@ def _about_camera(priors: Priors) -> list[Finding]:
     else:
         found.append(Finding("good", f"The camera saw the scene from {angle:.0f}°: depth is well determined."))
     known = priors.statistics.get("cameras", {})
-    registered, _, wanted = str(known.get("registered", "")).partition("/")
-    if wanted and int(registered) < LEAST_REGISTERED * int(wanted):
+    registered, wanted = known.get("registered"), len(priors.frames)
+    if registered is not None and registered < LEAST_REGISTERED * wanted:
         found.append(
             Finding(
                 "problem",

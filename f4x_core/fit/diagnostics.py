@@ -197,9 +197,10 @@ def _camera_words(result: FitResult) -> str:
 
 def _provenance(provenance: Mapping[str, Any]) -> str:
     rows = [[key, str(value)] for key, value in provenance.items() if not isinstance(value, Mapping)]
+    made = provenance.get("priors", {})
     providers = [
-        [f"prior {name}", f"{entry.get('provider', '?')}, {entry.get('seconds', 0):.1f} s"]
-        for name, entry in provenance.get("priors", {}).items()
+        [f"prior: {stage}", ", ".join(sorted({made[name].get("provider", "?") for name in names if name in made}))]
+        for stage, names in STAGES.items()
     ]
     everything = html.escape(json.dumps(provenance, indent=1, default=str))
     return (

@@ -155,7 +155,7 @@ def test_a_fine_scene_has_no_problem_in_its_scores():
     [
         ({"used_psnr": 24.0, "held_out_psnr": 23.0}, "24.0 dB (below 27)", "--profile wild"),
         ({"held_out_psnr": 26.0}, "5.0 dB worse", "--prior cameras=FILE"),
-        ({"held_out_psnr_flow_blend": 30.5}, "blending the two neighbouring frames", "no knowledge of space"),
+        ({"held_out_psnr_flow_blend": 30.5}, "blending the two neighbouring frames", "--profile wild"),
         ({"used_psnr_moving": 25.0, "used_psnr_static": 31.0}, "6.0 dB worse than what stands still", "--masks"),
     ],
 )
@@ -183,6 +183,21 @@ def test_priors_are_explained():
     assert [finding.weight for finding in found] == sorted(
         (f.weight for f in found), key=["problem", "note", "good"].index
     )
+
+
+def test_frames_that_stand_out_are_named():
+    _, result, metrics = made_up()
+    rows = [{"frame": i, "held_out": i == 7, "psnr": 30.0 - 10 * (i in (3, 7))} for i in range(8)]
+    notes = said(findings(result.priors, result.scaffold, metrics | {"frames": rows}), "note")
+    assert "Frame 7 was held out at the clip's end" in notes
+    assert "Frames more than 4 dB below the median of 30.0 dB: 3." in notes
+
+
+def test_cameras_are_explained():
+    _, result, metrics = made_up()
+    result.priors.statistics["cameras"] = {"registered": 1, "reprojection_px": {"median": 2.5}}
+    problems = said(findings(result.priors, result.scaffold, metrics), "problem")
+    assert "Only 1 of 6 frames found their camera" in problems and "by 2.5 px" in problems
 
 
 def test_a_clip_without_motion_says_so():

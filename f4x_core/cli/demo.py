@@ -1,0 +1,192 @@
+"""`f4x demo`: a rendered clip, or a person's own, all the way to a Blender file."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib.util
+import io
+import json
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ..clip import Clip
+from ..clip.video import write_video
+from ..errors import F4xError
+from ..files import replace_file
+from ..geometry import trajectory
+from ..geometry.trajectory import Trajectory
+from ..progress import Progress
+from ..report.contact_sheet import contact_sheet
+from ..report.truth import score_against_truth
+from ..scene import Scene, read_scene
+from ..scene.view import render_trajectory
+from .fitting import clip_of, config_of, fit_to_folder
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+# Size of the new path (degrees): a circle seen that far from the middle camera, and the sheet's step to the side.
+ORBIT_DEGREES = 5.0
+# What the render writes; a new one starts by removing these, and nothing else, from the clip's folder.
+RENDERED = ("images", "truth", "images_left10", "images_right10", "truth.json")
+# Its settings; there only when the render was finished, so a call with equal settings can use it again.
+SETTINGS = "rendered.json"
+# Seconds between two looks at how far a child process is.
+GLANCE = 0.5
+
+
+@dataclass(frozen=True)
+class DemoClip:
+    """The rendered clip: short and small enough for two cores and ten minutes."""
+
+    scene: str = "procedural"
+    """Which scene `scripts/synthetic_clip.py` builds."""
+    frames: int = 36
+    """Clip frames."""
+    size: str = "320x180"
+    """Pixels."""
+    samples: int = 16
+    """Cycles samples per pixel."""
+    seed: int = 0
+    """Camera jitter and furniture."""
+
+    def arguments(self) -> list[str]:
+        """As the script takes them."""
+        return [text for name, value in asdict(self).items() for text in (f"--{name}", str(value))]
+
+
+def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Leave scene, videos, contact sheet, Blender file and diagnostics page in the output folder, and say how good it is.
+
+    Raises:
+        F4xError: unreadable clip; without `--clip`, a place without the repository's scripts or without bpy.
+    """
+    start = time.perf_counter()
+    folder = Path(args.output)
+    folder.mkdir(parents=True, exist_ok=True)
+    rendered = args.clip is None
+    if rendered:
+        if args.frames is not None:
+            raise F4xError("--frames chooses from your own video; give --clip VIDEO with it.")
+        render_clip(folder / "clip", DemoClip(seed=args.seed), progress)
+        args.clip = str(folder / "clip" / "images")
+    clip = clip_of(args)
+    fitted = fit_to_folder(clip, folder, config_of(args), progress, resume=False)
+    scene = read_scene(fitted["scene"])
+    made = ["scene.f4x", "diagnostics.html", *write_pictures(folder, scene, clip, args.backend, progress)]
+    lines = [fitted["text"]]
+    scores: dict[str, Any] = {}
+    if rendered:
+        scores = score_against_truth(scene, folder / "clip", args.backend, progress)
+        with replace_file(folder / "scores.json") as file:
+            file.write(json.dumps(scores, indent=1).encode())
+        lines += told(scores)
+        made.append("scores.json")
+    if importlib.util.find_spec("bpy") is None:
+        lines.append("scene.blend was left out: this Python has no bpy; Blender opens scene.f4x by its own import.")
+    else:
+        run_script("import_scene.py", fitted["scene"], str(folder / "scene.blend"))
+        made.append("scene.blend")
+    seconds = time.perf_counter() - start
+    lines.append(f"{folder}: {', '.join(made)} in {seconds / 60:.1f} minutes")
+    return {
+        "output": str(folder),
+        "files": made,
+        "metrics": fitted["metrics"],
+        "scores": {name: value for name, value in scores.items() if name != "views"},
+        "seconds": round(seconds, 1),
+        "text": "\n".join(lines),
+    }
+
+
+def render_clip(folder: Path, settings: DemoClip, progress: Progress) -> None:
+    """Render the clip and its truth into `folder`, unless a finished one with equal settings is there."""
+    wanted = asdict(settings)
+    done = folder / SETTINGS
+    with contextlib.suppress(OSError, ValueError):
+        if json.loads(done.read_text()) == wanted:
+            return
+    done.unlink(missing_ok=True)
+    for name in RENDERED:
+        place = folder / name
+        if place.is_dir():
+            shutil.rmtree(place)
+        else:
+            place.unlink(missing_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
+
+    def look() -> None:
+        count = len(list((folder / "images").glob("*.png")))
+        progress("render clip", count, settings.frames)
+
+    run_script("synthetic_clip.py", str(folder), *settings.arguments(), "--extra-cameras", look=look)
+    with replace_file(done) as file:
+        file.write(json.dumps(wanted).encode())
+
+
+def run_script(name: str, *arguments: str, look: Callable[[], None] = lambda: None) -> None:
+    """Run one of the repository's scripts in a Python of its own, calling `look` now and then.
+
+    Raises:
+        F4xError: no scripts here, or the script failed; with the last line it said.
+    """
+    script = SCRIPTS / name
+    if not script.is_file():
+        raise F4xError(f"{script} is not there: the demo needs a checkout of the repository, not only the package.")
+    command = [sys.executable, str(script), *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
+        try:
+            said = _listened(child, look)
+        except BaseException:
+            child.terminate()
+            raise
+    if child.returncode:
+        raise F4xError(f"{name} failed: {said.strip().splitlines()[-1] if said.strip() else 'it said nothing'}")
+
+
+def _listened(child: subprocess.Popen[str], look: Callable[[], None]) -> str:
+    """Everything the child says until it ends."""
+    said = io.StringIO()
+    while True:
+        look()
+        try:
+            said.write(child.communicate(timeout=GLANCE)[0])
+            return said.getvalue()
+        except subprocess.TimeoutExpired:
+            continue
+
+
+def write_pictures(folder: Path, scene: Scene, clip: Clip, backend: str, progress: Progress) -> list[str]:
+    """Write the videos of the original and of a new path and the contact sheet; return their names."""
+    paths: dict[str, Trajectory] = {
+        "original.mp4": trajectory.original(scene.cameras),
+        "orbit.mp4": trajectory.orbit(scene.cameras, degrees=ORBIT_DEGREES),
+    }
+    for name, path in paths.items():
+        views = render_trajectory(scene, path, ("rgb",), backend, progress=progress)
+        write_video(folder / name, (view["rgb"] for view in views), scene.fps)
+    sheet = contact_sheet(scene, clip, backend=backend, progress=progress)
+    with replace_file(folder / "contact_sheet.png") as file:
+        sheet.save(file, "PNG")
+    return [*paths, "contact_sheet.png"]
+
+
+def told(scores: dict[str, Any]) -> list[str]:
+    """The scores against the truth in plain words."""
+    lines = [
+        "against the truth, which the fit never saw:",
+        f"  camera path off by {scores['ate_share']:.2%} of its length, {scores['rotation_error']:.2f}° in direction",
+    ]
+    if "unseen_psnr" in scores:
+        lines.append(
+            f"  two cameras 10° off the path: {scores['unseen_psnr']:.2f} dB, SSIM {scores['unseen_ssim']:.3f}"
+            f" over {len(scores['views'])} pictures"
+        )
+    else:
+        lines.append("  the fitted camera stands still, so views from elsewhere cannot be compared")
+    return lines
