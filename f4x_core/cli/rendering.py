@@ -22,6 +22,8 @@ from ..scene.view import render
 CHANNELS = ("rgb", "depth", "alpha", "motion")
 # Depth colours span these quantiles of the clip's depth, so that one far pixel does not flatten them.
 DEPTH_QUANTILES = (0.02, 0.98)
+# Motion of this share of the picture's width per frame gets the full colour.
+FULL_MOTION = 0.02
 
 
 def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
@@ -50,6 +52,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         )
     views = trajectory_of(scene, args.path, args.degrees)
     span = depth_span(scene, args.backend) if "depth" in channels else (0.0, 1.0)
+    largest = FULL_MOTION * scene.cameras.width
     pictures: dict[str, list[np.ndarray]] = {name: [] for name in channels}
     for index, (camera, time) in enumerate(views):
         progress("render", index, len(views))
@@ -57,7 +60,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         for name in channels:
             folder = Path(args.output) / name
             folder.mkdir(parents=True, exist_ok=True)
-            picture = picture_of(name, maps[name], span)
+            picture = picture_of(name, maps[name], span, largest)
             Image.fromarray(picture).save(folder / f"{index:05d}.png")
             if name in ("depth", "motion"):
                 np.save(folder / f"{index:05d}.npy", maps[name].astype(np.float32))
@@ -78,12 +81,12 @@ def depth_span(scene: Scene, backend: str = "auto") -> tuple[float, float]:
     return float(near), float(far)
 
 
-def picture_of(channel: str, values: np.ndarray, span: tuple[float, float]) -> np.ndarray:
-    """An 8-bit picture (H,W,3) or (H,W) of one rendered channel."""
+def picture_of(channel: str, values: np.ndarray, span: tuple[float, float], largest: float) -> np.ndarray:
+    """An 8-bit picture (H,W,3) or (H,W) of one rendered channel; depth spans `span`, full motion is `largest` pixels."""
     if channel == "depth":
         return colour_depth(values, *span)
     if channel == "motion":
-        return colour_motion(values)
+        return colour_motion(values, largest)
     return (np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 

@@ -100,17 +100,17 @@ class FitConfig:
     """Name of the profile."""
     steps: int = 4000
     """Steps of the joint photometric stage."""
-    coarse: float = 0.3
+    coarse: float = 0.2
     """Share of the steps done at half resolution."""
     priors: PriorsConfig = field(default_factory=PriorsConfig)
     """Providers of the priors."""
     scaffold: ScaffoldConfig = field(default_factory=ScaffoldConfig)
     """Motion scaffold."""
-    spawn_static: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.7, most=80_000))
+    spawn_static: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.65, most=90_000))
     """Start of the static set."""
     spawn_dynamic: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.3, most=30_000))
     """Start of the dynamic set."""
-    density_static: DensityConfig = field(default_factory=lambda: DensityConfig(most=110_000))
+    density_static: DensityConfig = field(default_factory=lambda: DensityConfig(most=120_000))
     """Growth of the static set."""
     density_dynamic: DensityConfig = field(default_factory=lambda: DensityConfig(most=45_000, gradient=1e-4))
     """Growth of the dynamic set."""
@@ -156,7 +156,7 @@ def _quick() -> FitConfig:
     return FitConfig(
         name="quick",
         steps=1200,
-        coarse=0.4,
+        coarse=0.3,
         priors=PriorsConfig(tracks=TracksConfig(count=6000)),
         scaffold=ScaffoldConfig(most_nodes=150, geometry_steps=150),
         spawn_static=SpawnConfig(spacing=2.4, most=40_000),

@@ -10,12 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.ndimage import uniform_filter
 from torch import Tensor
 
 from ..geometry.camera import Camera
 from ..geometry.spherical_harmonics import dc_from_rgb
 from ..scaffold.graph import attach_nodes
 from .parameters import DynamicGaussians, StaticGaussians, localise, opacity_logit
+
+# An empty cell with this many Gaussians in the 3 x 3 cells around it is covered by their extent.
+COVERING_NEIGHBOURS = 3.5
 
 
 @dataclass(frozen=True)
@@ -94,8 +98,10 @@ def cover(
         target[cell] = z
         index = (row[inside] * cells_x + column[inside]).astype(np.int64)
         near = np.abs(depths[inside] - target[index]) <= config.depth_tolerance * target[index]
-        covered = np.zeros(cells_x * cells_y, bool)
-        covered[index[near]] = True
+        hits = np.bincount(index[near], minlength=len(target)).reshape(cells_y, cells_x)
+        # Points that fill one view evenly fall unevenly into the cells of another: their neighbours count too.
+        around = uniform_filter(hits.astype(np.float32), 3, mode="nearest") * 9
+        covered = ((hits > 0) | (around >= COVERING_NEIGHBOURS)).ravel()
         keep = ~covered[cell]
         rows, cols, z = rows[keep], cols[keep], z[keep]
     pixels = np.stack([cols + 0.5, rows + 0.5], -1)
