@@ -31,6 +31,22 @@ class ScaffoldConfig:
 
 
 @dataclass(frozen=True)
+class NodeConfig:
+    """When nodes are added and removed during the photometric stage."""
+
+    add_at: tuple[float, ...] = (0.3, 0.42)
+    """Shares of the steps at which badly carried Gaussians become nodes."""
+    growth: float = 0.2
+    """At most this share of the nodes is added each time."""
+    most: int = 500
+    """Never more nodes than this."""
+    drop_at: tuple[float, ...] = (0.47,)
+    """Shares of the steps at which useless nodes are removed."""
+    prune_weight: float = 0.02
+    """A node without attached Gaussians whose largest skinning weight is below this is useless."""
+
+
+@dataclass(frozen=True)
 class RateConfig:
     """Adam learning rates; a pair decays log-linearly from the first to the second."""
 
@@ -106,6 +122,8 @@ class FitConfig:
     """Providers of the priors."""
     scaffold: ScaffoldConfig = field(default_factory=ScaffoldConfig)
     """Motion scaffold."""
+    nodes: NodeConfig = field(default_factory=NodeConfig)
+    """Node control during the photometric stage."""
     spawn_static: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.65, most=90_000))
     """Start of the static set."""
     spawn_dynamic: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.3, most=30_000))

@@ -25,9 +25,11 @@ from .checkpoint import load_checkpoint, save_checkpoint
 from .config import FitConfig
 from .losses import depth_loss, psnr, rgb_loss
 from .model import NodeSet, SceneModel
+from .node_control import add_nodes, drop_nodes
 
 NODE_RATES = {"node_xyz": "node_xyz", "node_quat": "node_quat", "radius_logit": "radius"}
 CAMERA_RATES = {"camera_rotation": "camera_rotation", "camera_position": "camera_position", "focal": "focal"}
+SCAFFOLD_ARRAYS = ("xyz", "quat", "radius", "certain", "ids", "neighbours", "edge_mask")
 # A correspondence further off than this many pixels is an outlier whose pull is capped (algorithm notes 10.2).
 TRACK_CLAMP = 20.0
 # Frames rendered for one point of the quality curve.
@@ -90,6 +92,7 @@ class PhotometricStage:
         self.order: list[int] = []
         self.step = 0
         self.history: list[dict[str, float]] = []
+        self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
         self.raster = RasterConfig(threads=config.threads or os.cpu_count() or 1)
         self._start_optimisers()
 
@@ -157,6 +160,7 @@ class PhotometricStage:
             optimiser.step()
         self.shared.step()
         self.shared.zero_grad(set_to_none=True)
+        self._control_nodes()
         before = self.count(), self.next_id
         for control in self.controls.values():
             self.next_id = control.after_step(self.step, self.next_id, self.generator)
@@ -294,6 +298,20 @@ class PhotometricStage:
             model.nodes = NodeSet(with_graph(nodes.snapshot(), nodes.graph), nodes.graph, nodes.parameters)
             model.topology_changed()
 
+    def _control_nodes(self) -> None:
+        """Add and remove nodes at their steps."""
+        model, config = self.model, self.config
+        if model.nodes is None or model.dynamic is None:
+            return
+        if self.step in {round(share * config.steps) for share in config.nodes.add_at}:
+            control = self.controls["dynamic"]
+            gradient = control.gradient_sum / control.seen.clamp_min(1)
+            self.next_node_id = add_nodes(
+                model, self.optimisers["dynamic"], self.shared, gradient, config.nodes, self.next_node_id
+            )
+        if self.step in {round(share * config.steps) for share in config.nodes.drop_at}:
+            drop_nodes(model, self.shared, config.nodes)
+
     def measure(self, loss: float) -> None:
         """Add one point to the quality curve: PSNR of a few supervised frames at full size."""
         count = len(self.model.times)
@@ -350,7 +368,11 @@ class PhotometricStage:
         if model.nodes is not None and model.dynamic is not None:
             state["use_dw"] = model.dynamic.use_dw
             state["nodes"] = {n: p.detach() for n, p in model.nodes.parameters.items()}
-            state["graph"] = {"neighbours": model.nodes.neighbours, "edge_mask": model.nodes.edge_mask}
+            state["next_node_id"] = self.next_node_id
+            # The scaffold as it stood when its graph was built: its coarse edges follow from that state.
+            state["scaffold"] = {
+                name: torch.from_numpy(getattr(model.nodes.scaffold, name)) for name in SCAFFOLD_ARRAYS
+            }
         return state
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -365,9 +387,10 @@ class PhotometricStage:
             gaussians.labels = dict(saved["labels"])
         if model.nodes is not None and model.dynamic is not None:
             model.dynamic.use_dw = state["use_dw"]
-            graph = {name: tensor.numpy() for name, tensor in state["graph"].items()}
+            self.next_node_id = state["next_node_id"]
+            arrays = {name: tensor.numpy() for name, tensor in state["scaffold"].items()}
             parameters = {n: p.clone().requires_grad_(True) for n, p in state["nodes"].items()}
-            scaffold = replace(model.nodes.scaffold, **graph)
+            scaffold = replace(model.nodes.scaffold, **arrays)
             model.nodes = NodeSet(scaffold, model.nodes.graph, parameters)
         model.topology_changed()
         self._start_optimisers()

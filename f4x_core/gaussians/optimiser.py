@@ -1,6 +1,7 @@
 """Adam over a Gaussian set, whose moments stay aligned when Gaussians are added or removed."""
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -63,15 +64,23 @@ class SetOptimiser:
         added: dict[str, Tensor] | None = None,
     ) -> None:
         for group in self.adam.param_groups:
-            name, old = group["name"], group["params"][0]
-            values = change(old.detach())
+            name = group["name"]
+            values = change(self.gaussians.parameters[name].detach())
             if added is not None:
                 values = torch.cat([values, added[name].detach()])
-            new = values.clone().requires_grad_(True)
-            state = self.adam.state.pop(old, {})
-            if state:
-                state["exp_avg"] = change_moment(state["exp_avg"])
-                state["exp_avg_sq"] = change_moment(state["exp_avg_sq"])
-                self.adam.state[new] = state
-            group["params"] = [new]
-            self.gaussians.parameters[name] = new
+            self.gaussians.parameters[name] = replace_parameter(self.adam, group, values, change_moment)
+
+
+def replace_parameter(
+    adam: torch.optim.Adam, group: dict[str, Any], values: Tensor, change_moment: Callable[[Tensor], Tensor]
+) -> Tensor:
+    """Put a new leaf with `values` in place of a group's only tensor, its moments changed alike; returns the leaf."""
+    old = group["params"][0]
+    new = values.clone().requires_grad_(True)
+    state = adam.state.pop(old, {})
+    if state:
+        state["exp_avg"] = change_moment(state["exp_avg"])
+        state["exp_avg_sq"] = change_moment(state["exp_avg_sq"])
+        adam.state[new] = state
+    group["params"] = [new]
+    return new

@@ -1,0 +1,116 @@
+"""Nodes come where Gaussians are carried badly, and go where they carry nothing (algorithm notes 10.6).
+
+The reference copies Gaussians onto new nodes; here those that are nearest to a new node at their reference time move over to
+it instead, keeping their place in the world, and density control adds what is missing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..gaussians import SetOptimiser
+from ..gaussians.optimiser import replace_parameter
+from ..scaffold.control import densify_nodes, greatest_weights, prune_nodes, rebase_local
+from ..scaffold.graph import attach_nodes
+from ..scaffold.radius import RadiusConfig, initial_radius
+from .config import NodeConfig
+from .model import NodeSet, SceneModel
+
+# Candidates per new node: neighbours among them are thinned to the scaffold's unit.
+CANDIDATES_PER_NODE = 8
+
+
+def add_nodes(
+    model: SceneModel,
+    optimiser: SetOptimiser,
+    shared: torch.optim.Adam,
+    gradient: Tensor,
+    config: NodeConfig,
+    next_node_id: int,
+) -> int:
+    """Turn badly carried Gaussians into nodes; returns the next unused node id.
+
+    Args:
+        optimiser: of the dynamic set. shared: of the nodes. gradient: (N,) mean screen-space gradient of dynamic Gaussians.
+    """
+    assert model.dynamic is not None and model.nodes is not None
+    nodes, dynamic = model.nodes, model.dynamic
+    room = min(int(config.growth * len(nodes.scaffold)), config.most - len(nodes.scaffold))
+    if room <= 0 or not bool((gradient > 0).any()):
+        return next_node_id
+    worst = gradient.topk(min(room * CANDIDATES_PER_NODE, len(gradient))).indices
+    with torch.no_grad():
+        posed = [model.dynamic_at(float(time))[0] for time in model.times]
+        xyz = torch.stack([x[worst] for x, _ in posed]).numpy()
+        quat = torch.stack([q[worst] for _, q in posed]).numpy()
+    before = nodes.snapshot()
+    radius = float(initial_radius(1, before.unit, RadiusConfig())[0])
+    grown, taken = densify_nodes(before, xyz, quat, radius, next_node_id)
+    if len(taken) > room:
+        grown, taken = densify_nodes(before, xyz[:, taken[:room]], quat[:, taken[:room]], radius, next_node_id)
+    added = len(grown) - len(before)
+    if added == 0:
+        return next_node_id
+    fresh = NodeSet(grown, nodes.graph)
+    _swap_nodes(model, shared, fresh, lambda moment, axis: _padded(moment, axis, added))
+    with torch.no_grad():
+        x, _ = dynamic.at_reference(fresh.parameters["node_xyz"], fresh.quat)
+        reference, attach = dynamic.labels["reference"], dynamic.labels["attach"]
+        nearest = torch.from_numpy(attach_nodes(x.numpy(), reference.numpy(), grown.xyz))
+        moving = (nearest >= len(before)).nonzero()[:, 0]
+        place, turn = dynamic.parameters["local_xyz"], dynamic.parameters["local_quat"]
+        local = rebase_local(
+            place[moving],
+            turn[moving],
+            reference[moving],
+            attach[moving],
+            nearest[moving],
+            fresh.parameters["node_xyz"].detach(),
+            fresh.quat.detach(),
+        )
+        place[moving], turn[moving] = local
+        attach[moving] = nearest[moving]
+    optimiser.forget("local_xyz")
+    optimiser.forget("local_quat")
+    model.topology_changed()
+    return next_node_id + added
+
+
+def drop_nodes(model: SceneModel, shared: torch.optim.Adam, config: NodeConfig) -> int:
+    """Remove nodes that carry nothing noticeable; returns how many went."""
+    assert model.dynamic is not None and model.nodes is not None
+    nodes, dynamic = model.nodes, model.dynamic
+    with torch.no_grad():
+        x, _ = dynamic.at_reference(nodes.parameters["node_xyz"], nodes.quat)
+        weights, _ = model.skinning(x)
+    attach = dynamic.labels["attach"].numpy()
+    greatest = greatest_weights(nodes.scaffold.neighbours[attach], weights.numpy(), len(nodes.scaffold))
+    pruned, new_index = prune_nodes(nodes.snapshot(), greatest, attach, config.prune_weight)
+    if len(pruned) == len(nodes.scaffold):
+        return 0
+    keep = torch.from_numpy(np.flatnonzero(new_index >= 0))
+    _swap_nodes(model, shared, NodeSet(pruned, nodes.graph), lambda moment, axis: moment.index_select(axis, keep))
+    dynamic.labels["attach"] = torch.from_numpy(new_index)[dynamic.labels["attach"]]
+    model.topology_changed()
+    return len(new_index) - len(pruned)
+
+
+def _swap_nodes(model: SceneModel, shared: torch.optim.Adam, fresh: NodeSet, change_moment) -> None:
+    """Put `fresh` in place of the model's nodes, keeping Adam's moments aligned along the node axis."""
+    for group in shared.param_groups:
+        name = group["name"]
+        if name in fresh.parameters:
+            axis = 0 if name == "radius_logit" else 1
+            value = fresh.parameters[name].detach()
+            fresh.parameters[name] = replace_parameter(
+                shared, group, value, lambda m, axis=axis: change_moment(m, axis)
+            )
+    model.nodes = fresh
+
+
+def _padded(moment: Tensor, axis: int, added: int) -> Tensor:
+    shape = list(moment.shape)
+    shape[axis] = added
+    return torch.cat([moment, moment.new_zeros(shape)], axis)
