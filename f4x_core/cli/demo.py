@@ -46,9 +46,9 @@ class DemoClip:
 
     scene: str = "procedural"
     """Which scene `scripts/synthetic_clip.py` builds."""
-    frames: int = 36
+    frames: int = 30
     """Clip frames."""
-    size: str = "320x180"
+    size: str = "288x162"
     """Pixels."""
     samples: int = 16
     """Cycles samples per pixel."""

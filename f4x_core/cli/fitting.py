@@ -13,7 +13,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
 from ..fit.diagnostics import worst_frames, write_diagnostics
-from ..fit.pipeline import FitResult, fit_clip
+from ..fit.pipeline import FitResult, fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress
 from ..report.evaluation import evaluate
@@ -29,19 +29,24 @@ def clip_of(args: argparse.Namespace) -> Clip:
 def config_of(args: argparse.Namespace) -> FitConfig:
     """The profile with the arguments' changes."""
     config = profile(args.profile)
+    for name in ("seed", "threads"):
+        if getattr(args, name) < 0:
+            raise F4xError(f"--{name} {getattr(args, name)}: give a number that is not negative.")
     files = {}
     for entry in args.prior:
         name, separator, path = entry.partition("=")
         if not separator:
             raise F4xError(f"--prior {entry}: write NAME=PATH, for example depth=my_depth_folder.")
         files[name] = path
-    priors = dataclasses.replace(config.priors, files=files) if files else config.priors
+    priors = config.priors.with_provider(args.provider)
+    priors = dataclasses.replace(priors, files=files) if files else priors
     return dataclasses.replace(config, seed=args.seed, threads=args.threads, backend=args.backend, priors=priors)
 
 
 def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Compute the priors folder only."""
     clip, config = clip_of(args), config_of(args)
+    require_enough(clip)
     folder = args.output / "priors"
     priors = build_priors(clip, folder, config.priors, progress)
     moving = float(priors.mask.mean()) if priors.mask is not None else 0.0

@@ -84,6 +84,7 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--baselines", action="store_true", help="also score the nearest frame and the half-way flow blend"
     )
+    sub.add_argument("--truth", type=Path, metavar="DIR", help="rendered clip with truth: cameras and unseen views")
     sub.add_argument("--joints", type=Path, help="hand-set joints (JSON): track accuracy of the fitted scene")
     sub.add_argument("--masks", metavar="DIR", help="masks of the animal, for the joints' scale")
     sub.add_argument("--backend", default="auto")

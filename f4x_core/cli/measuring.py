@@ -11,6 +11,7 @@ from ..errors import F4xError
 from ..progress import Progress
 from ..report.evaluation import evaluate
 from ..report.tracking import joint_accuracy
+from ..report.truth import score_against_truth
 from ..scene import read_scene
 
 
@@ -26,6 +27,8 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         backend=args.backend,
         progress=progress,
     )
+    if args.truth is not None:
+        result |= {k: v for k, v in score_against_truth(scene, args.truth, args.backend, progress).items() if k != "views"}
     if args.joints is not None:
         if clip.masks is None:
             raise F4xError("--joints needs --masks: the size of the animal sets how near a joint must be.")

@@ -116,7 +116,7 @@ class FitConfig:
     """Name of the profile."""
     steps: int = 4000
     """Steps of the joint photometric stage."""
-    coarse: float = 0.2
+    coarse: float = 0.1
     """Share of the steps done at half resolution."""
     priors: PriorsConfig = field(default_factory=PriorsConfig)
     """Providers of the priors."""
@@ -174,7 +174,7 @@ def _quick() -> FitConfig:
     return FitConfig(
         name="quick",
         steps=1200,
-        coarse=0.3,
+        coarse=0.15,
         priors=PriorsConfig(tracks=TracksConfig(count=6000)),
         scaffold=ScaffoldConfig(most_nodes=150, geometry_steps=150),
         spawn_static=SpawnConfig(spacing=2.4, most=40_000),

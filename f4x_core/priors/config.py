@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +16,7 @@ class FlowConfig:
 
     provider: str = "classical"
     """Who computes it (`providers.PROVIDERS`)."""
-    preset: str = "medium"
+    preset: str = "fine"
     """OpenCV DIS preset: `ultrafast`, `fast` or `medium`."""
     refine_iterations: int = 5
     """Variational refinement steps per DIS scale (OpenCV's own default is 5)."""
@@ -104,6 +104,11 @@ class PriorsConfig:
         kinds = {"flow": FlowConfig, "tracks": TracksConfig, "motion": MotionConfig}
         kinds |= {"cameras": CamerasConfig, "depth": DepthConfig}
         return cls(**({stage: kind(provider=provider) for stage, kind in kinds.items()} | stages))
+
+    def with_provider(self, provider: str) -> PriorsConfig:
+        """The same settings with every stage done by `provider`."""
+        stages = ("flow", "tracks", "motion", "cameras", "depth")
+        return replace(self, **{name: replace(getattr(self, name), provider=provider) for name in stages})
 
 
 def config_hash(*parts: Any) -> str:
