@@ -32,7 +32,6 @@ def build_priors(
     Errors: F4xError for an unknown provider, an unreadable or ill-shaped file, or a provider that leaves a field empty.
     """
     config, folder = config or PriorsConfig(), Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     priors = Priors.empty(clip)
     if len(priors.frames) == 0:
         raise F4xError(f"{clip.source}: every frame is held out; supervise at least one.")
@@ -126,7 +125,7 @@ def _run(
         "warnings": [line for line in priors.warnings if line not in known],
     }
     for name in wanted:
-        priors.provenance[name] = entry | {"digest": priors.provenance.get(name, {}).get("digest")}
+        priors.provenance[name] = entry | {"key": "", "digest": priors.provenance.get(name, {}).get("digest")}
     priors.write(folder, [*wanted, *revised])
     key = _key(stage, wanted, priors, config, picture)  # after the revision: that is what a resume will see
     for name in wanted:

@@ -17,7 +17,7 @@ class FlowConfig:
     provider: str = "classical"
     """Who computes it (`providers.PROVIDERS`)."""
     preset: str = "fine"
-    """OpenCV DIS preset: `ultrafast`, `fast` or `medium`."""
+    """OpenCV DIS: `ultrafast`, `fast`, `medium`, or `fine` (full resolution; half the error, twice the time)."""
     refine_iterations: int = 5
     """Variational refinement steps per DIS scale (OpenCV's own default is 5)."""
 
@@ -71,7 +71,7 @@ class CamerasConfig:
     features: int = 2500
     """Most SIFT features per keyframe."""
     smoothness: float = 30.0
-    """Weight of the path's squared acceleration in pixels per frame^2, against one per squared pixel of a sighting."""
+    """Weight of the path's squared acceleration relative to its own mean, against one per squared pixel of a sighting."""
     threads: int = 2
     """Threads of pycolmap."""
     seed: int = 0

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import F4xError
 from .config import PriorsConfig
 from .flow import consistent
-from .folder import ARRAYS, FIELDS, Priors
+from .folder import ARRAYS, FIELDS, UNREADABLE, Priors
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -47,9 +47,16 @@ def take(priors: Priors, clip: Clip, config: PriorsConfig, own: list[str]) -> li
         given.pop(name, None)
     for name, (value, source) in given.items():
         setattr(priors, name, _fit(name, value, source, priors, clip))
+    if {"depth", "cameras"} <= set(given):
+        _set_unit(priors)
     derived = _derive(priors, (*own, *given))
     for name, value in derived.items():
         setattr(priors, name, value)
+    for name, (_, source) in given.items():
+        try:
+            priors.validate([name])
+        except F4xError as error:
+            raise F4xError(f"{source} (given for {name}): {error}") from error
     fixed = [*own, *given, *derived]
     priors.validate(fixed)
     for name in (*given, *derived):
@@ -103,7 +110,7 @@ def _read_array(name: str, path: Path) -> np.ndarray:
             if name not in archive.files and len(archive.files) != 1:
                 raise F4xError(f"{path} holds {', '.join(archive.files)}; name the array '{name}'.")
             return archive[name if name in archive.files else archive.files[0]]
-    except (ValueError, OSError, EOFError) as error:
+    except UNREADABLE as error:
         raise F4xError(f"{path} (given for {name}) is not a readable NumPy file ({error}); write it again.") from error
 
 
@@ -115,6 +122,8 @@ def _fit(name: str, value: Any, source: str, priors: Priors, clip: Clip) -> Any:
     axes, dtype = ARRAYS[name]
     if value.ndim != len(axes):
         raise F4xError(f"{source}: {name} has shape {value.shape}; its axes must be {' '.join(axes)}.")
+    if value.dtype.kind not in "biuf":
+        raise F4xError(f"{source}: {name} has dtype {value.dtype}; save it as {np.dtype(dtype).name}.")
     if axes[0] == "F" and len(value) == total:
         value = value[supervised]
     if name in RESIZABLE and value.shape[1:] != (priors.height, priors.width):
@@ -157,6 +166,14 @@ def _resize(name: str, value: np.ndarray, source: str, priors: Priors) -> np.nda
     rows = ((np.arange(priors.height) + 0.5) * height / priors.height).astype(int)
     columns = ((np.arange(priors.width) + 0.5) * width / priors.width).astype(int)
     return value[:, rows[:, None], columns]
+
+
+def _set_unit(priors: Priors) -> None:
+    """Bring given cameras and depth, which share a unit, to the world unit: median depth 1."""
+    assert priors.cameras is not None and priors.depth is not None
+    if np.isfinite(priors.depth).any():
+        scale = 1 / float(np.nanmedian(priors.depth))
+        priors.cameras, priors.depth = priors.cameras.scaled_world(scale), priors.depth * np.float32(scale)
 
 
 def _derive(priors: Priors, fixed: tuple[str, ...]) -> dict[str, Any]:

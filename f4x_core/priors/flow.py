@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+import os
 import tempfile
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import F4xError
 from ..progress import Progress
-from .config import FlowConfig, PriorsConfig
+from .config import PriorsConfig
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -18,7 +21,7 @@ if TYPE_CHECKING:
 Flow = Callable[..., np.ndarray]
 
 
-def dis(config: FlowConfig) -> Flow:
+def dis(preset: str, refine_iterations: int) -> Flow:
     """A function (grey (H,W) uint8, grey (H,W) uint8, start=None) -> flow (H,W,2) float32 in pixels, first to second."""
     import cv2
 
@@ -26,9 +29,13 @@ def dis(config: FlowConfig) -> Flow:
         "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
         "fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
         "medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
+        "fine": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
     }
-    engine = cv2.DISOpticalFlow.create(presets[config.preset])
-    engine.setVariationalRefinementIterations(config.refine_iterations)
+    engine = cv2.DISOpticalFlow.create(presets[preset])
+    if preset == "fine":  # the presets stop at half resolution
+        engine.setFinestScale(0)
+        engine.setPatchStride(4)
+    engine.setVariationalRefinementIterations(refine_iterations)
     return lambda first, second, start=None: engine.calc(first, second, start)
 
 
@@ -95,7 +102,7 @@ def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progr
         return priors.scratch["long_flows"]
     assert priors.flow_forward is not None and priors.flow_backward is not None
     frames, (height, width) = len(priors.frames), (priors.height, priors.width)
-    pictures, refine = grey(clip.frames[clip.supervised]), dis(config.flow)
+    pictures, refine = grey(clip.frames[clip.supervised]), dis(config.flow.preset, config.flow.refine_iterations)
     longest = max(*config.tracks.gaps, *config.motion.gaps)
     gaps = [2**power for power in range(longest.bit_length())]
     flows: dict[int, np.ndarray] = {}
@@ -118,13 +125,22 @@ def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progr
 
 def scratch_array(shape: tuple[int, ...]) -> np.ndarray:
     """A float16 array of zeros in an unnamed temporary file: long clips would not fit into memory."""
-    with tempfile.TemporaryFile() as file:
-        return np.memmap(file, np.float16, "w+", shape=shape)
+    size = 2 * math.prod(shape)
+    try:
+        with tempfile.TemporaryFile() as file:
+            if hasattr(os, "posix_fallocate"):  # else a disk that fills up later kills the process (SIGBUS)
+                os.posix_fallocate(file.fileno(), 0, size)
+            return np.memmap(file, np.float16, "w+", shape=shape)
+    except OSError as error:
+        raise F4xError(
+            f"{tempfile.gettempdir()}: no room for {size >> 20} MiB of temporary flow ({error.strerror or error});"
+            " free some, or set TMPDIR to another disk."
+        ) from error
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
     """Fill the four flow fields (provider `classical`)."""
-    pictures, flow = grey(clip.frames[clip.supervised]), dis(config.flow)
+    pictures, flow = grey(clip.frames[clip.supervised]), dis(config.flow.preset, config.flow.refine_iterations)
     pairs, height, width = len(pictures) - 1, *pictures.shape[1:]
     forward = np.zeros((pairs, height, width, 2), np.float16)
     backward = np.zeros_like(forward)

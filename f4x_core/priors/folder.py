@@ -19,6 +19,9 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import tokenize
+import zipfile
+import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -50,7 +53,11 @@ ARRAYS: dict[str, tuple[str, type]] = {
 }
 """Name -> axes and dtype. F frames, P = F - 1 pairs, H, W pixels, N tracks; a digit is a fixed length."""
 FIELDS = (*ARRAYS, "cameras")
+REMEMBERED = ("camera_kind", "provenance", "warnings", "statistics")
+"""Entries of `priors.json` that a later run goes on with."""
 UNIT_INTERVAL = ("depth_confidence", "motion", "tracks_motion")
+UNREADABLE = (ValueError, OSError, EOFError, MemoryError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)
+"""What numpy raises on damaged `.npy` and `.npz` files."""
 OUTSIDE_TOLERANCE = 0.5
 """Share of visible track samples that may lie outside before the tracks are taken for another picture size."""
 
@@ -246,6 +253,9 @@ def read_head(folder: Path) -> dict[str, Any]:
         raise F4xError(f"{path} is not readable JSON ({error}); build the priors again.") from error
     if not isinstance(head, dict) or head.get("version") != VERSION:
         raise F4xError(f"{path} is not of version {VERSION}; build the priors again with this program.")
+    missing = [name for name in REMEMBERED if name not in head]
+    if missing:
+        raise F4xError(f"{path} is damaged (it lacks '{missing[0]}'); delete it and build the priors again.")
     return head
 
 
@@ -257,8 +267,9 @@ def read_field(folder: Path, name: str) -> Any:
 
         return CameraPath.read(path)
     try:
-        return np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
+        with path.open("rb") as file:
+            return np.lib.format.read_array(file, allow_pickle=False)
+    except UNREADABLE as error:
         raise F4xError(f"{path} is not a readable .npy array ({error}); replace or delete it.") from error
 
 

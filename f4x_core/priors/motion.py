@@ -41,6 +41,14 @@ PARALLAX_PIXELS, PARALLAX_HYPOTHESES, PARALLAX_ITERATIONS = 0.7, 60, 8
 """Scale of the robust weights, directions tried and refinements of the parallax fit."""
 THRESHOLD_RANGE = (0.35, 0.6)
 """Bounds of the threshold found by Otsu's method: below lies noise, above is certainly motion."""
+THRESHOLD_LIFT = 0.05
+"""Added to Otsu's threshold: between the classes lies the blurred flow around silhouettes, which is mostly background."""
+VOTE_SIGMA = 4.0
+"""Gaussian (pixels) by which a track's vote spreads; half the spacing of the seeds."""
+SURE = 0.25
+"""Score above the threshold from which a pixel is foreground whatever its colour; half the threshold is background."""
+CUT_SCALE, CUT_ROUNDS, CUT_MARGIN = 2, 2, 12
+"""GrabCut works at half size, for two rounds, this many (small) pixels around the region."""
 SMALLEST_SHARE = 0.001
 """Regions and whole masks smaller than this share of the picture are noise."""
 STATIC_TRACK = 0.5
@@ -56,10 +64,13 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     """
     flows = long_flows(clip, priors, config, progress)
     score, statistics = motion_score(flows, config.motion.gaps, progress)
+    assert priors.tracks is not None and priors.tracks_visible is not None
+    score = (score + vote(score, priors.tracks, priors.tracks_visible)) / 2
     threshold = statistics["threshold"] = config.motion.threshold or find_threshold(score)
-    priors.motion = np.clip(score, 0, 1).astype(np.float16)
+    crisp = cut_out(clip.frames[clip.supervised], score, threshold)
     if priors.mask is None:
-        priors.mask = clean_mask(clip.frames[clip.supervised], score, threshold, flows)
+        priors.mask = crisp
+    priors.motion = np.clip((score + _softened(crisp)) / 2 if crisp.any() else score, 0, 1).astype(np.float16)
     statistics["share"] = float(priors.mask.mean())
     statistics["moving"] = bool(priors.mask.any())
     priors.statistics["motion"] = statistics
@@ -223,27 +234,86 @@ def _smooth_in_time(score: np.ndarray, flows: dict[int, np.ndarray]) -> np.ndarr
     return smooth
 
 
+def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    """(F,H,W) float32: `tracks_motion` of the tracks (F,N,2) around each pixel, so that what rests for a while is kept."""
+    import cv2
+
+    frames, height, width = score.shape
+    motion, result = tracks_motion(tracks, visible, score), np.empty_like(score)
+    least = 0.1 / (2 * np.pi * VOTE_SIGMA**2)  # a tenth of one track at its own place
+    for t in range(frames):
+        column, row = np.clip(np.floor(tracks[t, visible[t]]), 0, (width - 1, height - 1)).astype(int).T
+        count, total = np.zeros((2, height, width), np.float32)
+        np.add.at(count, (row, column), 1)
+        np.add.at(total, (row, column), motion[visible[t]])
+        count, total = (cv2.GaussianBlur(one, (0, 0), VOTE_SIGMA) for one in (count, total))
+        result[t] = np.where(count > least, total / np.maximum(count, least), score[t])
+    return result
+
+
 def find_threshold(score: np.ndarray) -> float:
-    """Otsu's threshold of a score in 0..1, kept within `THRESHOLD_RANGE`."""
+    """Otsu's threshold of a score in 0..1, lifted by `THRESHOLD_LIFT` and kept within `THRESHOLD_RANGE`."""
     count, edges = np.histogram(score, 256, (0, 1))
     share, centre = count / max(count.sum(), 1), (edges[1:] + edges[:-1]) / 2
     below, mean = np.cumsum(share), np.cumsum(share * centre)
     between = (mean[-1] * below - mean) ** 2 / np.maximum(below * (1 - below), 1e-9)
-    return float(np.clip(centre[between.argmax()], *THRESHOLD_RANGE))
+    return float(np.clip(centre[between.argmax()] + THRESHOLD_LIFT, *THRESHOLD_RANGE))
 
 
-def clean_mask(frames: np.ndarray, score: np.ndarray, threshold: float, flows: dict[int, np.ndarray]) -> np.ndarray:
-    """(F,H,W) bool: score above the threshold, without specks, holes closed; empty when next to nothing is left."""
+def cut_out(frames: np.ndarray, score: np.ndarray, threshold: float) -> np.ndarray:
+    """(F,H,W) bool: score above the threshold, cut along colour edges (GrabCut), without specks.
+
+    Empty when next to nothing is left. frames: (F,H,W,3) uint8.
+    """
+    mask = np.stack([_without_specks(one > threshold) for one in score])
+    if mask.mean() < SMALLEST_SHARE:
+        return np.zeros_like(mask)
+    return np.stack([_cut(*one, threshold) for one in zip(frames, score, mask, strict=True)])
+
+
+def _without_specks(mask: np.ndarray) -> np.ndarray:
+    """(H,W) bool: small gaps closed, small regions dropped."""
     import cv2
 
-    mask = score > threshold
-    smallest = SMALLEST_SHARE * mask[0].size
     ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
-    for t, one in enumerate(mask):
-        closed = cv2.morphologyEx(one.astype(np.uint8), cv2.MORPH_CLOSE, ellipse)
-        _, labels, sizes, _ = cv2.connectedComponentsWithStats(closed)
-        mask[t] = (sizes[:, cv2.CC_STAT_AREA] >= smallest)[labels] & (labels > 0)
-    return mask if mask.mean() >= SMALLEST_SHARE else np.zeros_like(mask)
+    closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, ellipse)
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(closed)
+    return (statistics[:, cv2.CC_STAT_AREA] >= SMALLEST_SHARE * mask.size)[labels] & (labels > 0)
+
+
+def _cut(frame: np.ndarray, score: np.ndarray, mask: np.ndarray, threshold: float) -> np.ndarray:
+    """(H,W) bool: `mask` moved to the colour edges of `frame` where the score leaves room for doubt."""
+    import cv2
+
+    size = max(mask.shape[1] // CUT_SCALE, 1), max(mask.shape[0] // CUT_SCALE, 1)
+    picture = cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
+    small, region = cv2.resize(score, size), cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    square = np.ones((3, 3), np.uint8)
+    sure = cv2.erode(region * (small > threshold + SURE).astype(np.uint8), square) > 0
+    labels = np.where(region > 0, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    labels[cv2.dilate(region, square, iterations=3) == 0] = cv2.GC_BGD
+    labels[small < threshold / 2] = cv2.GC_BGD
+    labels[sure] = cv2.GC_FGD
+    x, y, w, h = cv2.boundingRect(region)
+    box = np.s_[max(y - CUT_MARGIN, 0) : y + h + CUT_MARGIN, max(x - CUT_MARGIN, 0) : x + w + CUT_MARGIN]
+    inside, models = labels[box].copy(), np.zeros((2, 1, 65))
+    foreground = (inside == cv2.GC_FGD) | (inside == cv2.GC_PR_FGD)
+    if not foreground.any() or foreground.all():
+        return mask
+    try:
+        cv2.grabCut(np.ascontiguousarray(picture[box]), inside, None, *models, CUT_ROUNDS, cv2.GC_INIT_WITH_MASK)
+    except cv2.error:  # too few pixels for its colour models
+        return mask
+    labels[box] = inside
+    cut = ((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)).astype(np.float32)
+    return _without_specks(cv2.resize(cut, mask.shape[::-1]) > 0.5)
+
+
+def _softened(mask: np.ndarray) -> np.ndarray:
+    """(F,H,W) float32: the mask with edges two pixels wide."""
+    import cv2
+
+    return np.stack([cv2.GaussianBlur(one.astype(np.float32), (0, 0), 2) for one in mask])
 
 
 def tracks_motion(tracks: np.ndarray, visible: np.ndarray, motion: np.ndarray) -> np.ndarray:
@@ -264,7 +334,6 @@ def _densify(
     mask, given = priors.mask, priors.provenance.get("tracks", {}).get("provider") in ("user", "files")
     assert mask is not None and priors.motion is not None and priors.tracks is not None
     assert priors.tracks_visible is not None
-    evidence = np.maximum(priors.motion * (priors.motion > 0), mask)
     evidence = mask.astype(np.float32)
     priors.tracks_motion = tracks_motion(priors.tracks, priors.tracks_visible, evidence)
     if given or not mask.any():

@@ -28,6 +28,8 @@ LOOK_ALIKE = 0.8
 """Normalised cross-correlation that two patches need to be linked."""
 NEIGHBOURS = 8
 """Tracks whose common motion predicts where a hidden point is."""
+FEWEST_GUIDES, ALIKE = 3, 0.25
+"""Guides needed; a guide moved like the lost point when their last steps differ by less than 1 px or a quarter."""
 LINK_RADIUS = 6.0
 """Distance in pixels between prediction and a later track, plus half a pixel per hidden frame."""
 
@@ -193,25 +195,30 @@ def relink(
     seen = visible.any(0)
     proposals = []
     for end in range(frames - 2):
-        lost = np.nonzero(seen & (last == end) & (end - first >= MIN_SAMPLES - 1))[0]
+        before = max(end - MIN_SAMPLES + 1, 0)
+        lost = np.nonzero(seen & (last == end) & visible[before])[0]
         here = tracks[end, lost]
         lost = lost[((here > PATCH) & (here < (width - PATCH, height - PATCH))).all(-1)]
-        later = np.nonzero(seen & (first > end) & (first <= end + longest_gap) & (last - first >= MIN_SAMPLES - 1))[0]
+        later = np.nonzero(seen & (first > end) & (first <= end + longest_gap))[0]
+        settled = np.minimum(first[later] + MIN_SAMPLES - 1, frames - 1)
+        later = later[visible[settled, later]]
         if len(lost) == 0 or len(later) == 0:
             continue
-        before = max(end - 3, 0)
         for begin in np.unique(first[later]):
             guides = np.nonzero(visible[before] & visible[end] & visible[begin])[0]
-            if len(guides) < NEIGHBOURS:
-                continue
             expected = _expected(tracks, lost, guides, before, end, begin)
             candidates = later[first[later] == begin]
+            after = min(begin + MIN_SAMPLES - 1, frames - 1)
             tree = cKDTree(tracks[begin, candidates])
             radius = LINK_RADIUS + 0.5 * (begin - end)
             for track, near in zip(lost, tree.query_ball_point(expected, radius), strict=True):
                 if near:
                     others = candidates[near]
-                    looks = _correlation(pictures, tracks, track, end, others, begin)
+                    # Right beside the occluder patches contain it, some frames away they do not.
+                    looks = np.maximum(
+                        _correlation(pictures, tracks, track, end, others, begin),
+                        _correlation(pictures, tracks, track, before, others, after),
+                    )
                     proposals += [(look, track, other) for look, other in zip(looks, others, strict=True)]
     tracks, visible = tracks.copy(), visible.copy()
     ended, begun, owner, joins = set(), set(), np.arange(count), 0
@@ -232,16 +239,26 @@ def relink(
 def _expected(
     tracks: np.ndarray, lost: np.ndarray, guides: np.ndarray, before: int, end: int, begin: int
 ) -> np.ndarray:
-    """(L,2) where lost points should be at `begin`: moved like those of the near guides that moved like them so far."""
+    """(L,2) where lost points should be at `begin`: moved like the near guides that moved like them so far.
+
+    A point with fewer than `FEWEST_GUIDES` of those goes on at its own speed.
+    """
     from scipy.spatial import cKDTree
 
-    near = cKDTree(tracks[end, guides]).query(tracks[end, lost], k=min(3 * NEIGHBOURS, len(guides)))[1]  # (L,3n)
-    velocity = tracks[end, guides] - tracks[before, guides]
-    own = tracks[end, lost] - tracks[before, lost]  # NaN for a track younger than `before`: then all are alike
-    unlike = np.nan_to_num(np.linalg.norm(velocity[near] - own[:, None], axis=-1))
-    alike = np.take_along_axis(near, np.argsort(unlike, axis=1, kind="stable")[:, :NEIGHBOURS], 1)  # (L,n)
-    shift = tracks[begin, guides] - tracks[end, guides]
-    return tracks[end, lost] + np.median(shift[alike], axis=1)
+    own = tracks[end, lost] - tracks[before, lost]  # (L,2)
+    straight = tracks[end, lost] + own * (begin - end) / max(end - before, 1)
+    if len(guides) < FEWEST_GUIDES:
+        return straight
+    near = cKDTree(tracks[end, guides]).query(tracks[end, lost], k=min(3 * NEIGHBOURS, len(guides)))[1]  # (L,n)
+    unlike = np.linalg.norm((tracks[end, guides] - tracks[before, guides])[near] - own[:, None], axis=-1)
+    unlike[unlike > np.maximum(1.0, ALIKE * np.linalg.norm(own, axis=-1))[:, None]] = np.inf
+    order = np.argsort(unlike, axis=1, kind="stable")[:, :NEIGHBOURS]
+    shift = (tracks[begin, guides] - tracks[end, guides])[np.take_along_axis(near, order, 1)]  # (L,8,2)
+    alike = np.isfinite(np.take_along_axis(unlike, order, 1))  # (L,8)
+    shift = np.where(alike[..., None], shift, np.nan)
+    enough = alike.sum(1) >= FEWEST_GUIDES
+    straight[enough] = tracks[end, lost[enough]] + np.nanmedian(shift[enough], axis=1)
+    return straight
 
 
 def _correlation(

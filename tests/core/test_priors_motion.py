@@ -1,0 +1,214 @@
+"""Flow, tracks and motion on warped textures with known truth."""
+
+import numpy as np
+import pytest
+
+from f4x_core.priors import MotionConfig, Priors, PriorsConfig, TracksConfig, flow, motion, tracks
+from f4x_core.progress import silent
+
+from .warped_clip import HEIGHT, SIDE, WIDTH, square_corner, warped_clip
+
+CONFIG = PriorsConfig(tracks=TracksConfig(count=3000))
+PAN, SPEED = (1.5, 0.4), (2.5, 0.7)
+
+
+def run(clip, config=CONFIG, mask=None):
+    priors = Priors.empty(clip)
+    priors.mask = mask
+    for stage in (flow, tracks, motion):
+        stage.provide(clip, priors, config, silent)
+    priors.validate()
+    return priors
+
+
+@pytest.fixture(scope="module")
+def moving():
+    clip, mask = warped_clip(pan=PAN, speed=SPEED)
+    return clip, mask, run(clip)
+
+
+def iou(a, b):
+    return (a & b).sum() / (a | b).sum()
+
+
+def test_sample_is_exact_on_linear_functions_at_pixel_centres():
+    grid = flow.pixel_grid(7, 9).astype(np.float64)
+    linear = 2 * grid[..., 0] - 3 * grid[..., 1]
+    points = np.random.default_rng(0).uniform(0.5, 6.5, (50, 2))
+    np.testing.assert_allclose(flow.sample(linear, points), 2 * points[:, 0] - 3 * points[:, 1], atol=1e-12)
+    np.testing.assert_array_equal(flow.sample(linear, grid), linear)
+
+
+def test_flow_matches_the_true_shift_and_its_mask_marks_the_occluded(moving):
+    _, mask, priors = moving
+    inside = np.s_[20:-20, 20:-20]
+    wall = ~np.maximum(mask[0], mask[1])[inside]
+    error = np.linalg.norm(priors.flow_forward[0][inside] - (-np.array(PAN)), axis=-1)
+    assert np.median(error[wall]) < 0.1
+    error = np.linalg.norm(priors.flow_forward[0] - np.array(SPEED), axis=-1)
+    assert np.median(error[mask[0]]) < 0.4  # half of the small square lies within a DIS patch of its edge
+    error = np.linalg.norm(priors.flow_backward[0] + np.array(SPEED), axis=-1)
+    assert np.median(error[mask[1]]) < 0.4
+    assert priors.flow_forward_mask[:, 20:-20, 20:-20].mean() > 0.95
+
+
+def test_consistency_follows_the_published_formula():
+    rng = np.random.default_rng(1)
+    there = np.full((20, 30, 2), (2.0, 1.0), np.float32)
+    back = -there + rng.normal(size=there.shape).astype(np.float32)
+    good = flow.consistent(there, back)
+    for row, column in ((5, 5), (10, 20), (15, 3)):
+        f, b = there[row, column], back[row + 1, column + 2]
+        assert good[row, column] == (np.linalg.norm(f + b) < 0.5 * (np.linalg.norm(f) + np.linalg.norm(b)) + 0.5)
+    assert not good[:, -2:].any()  # leaves the picture
+
+
+def test_flow_never_looks_at_held_out_frames():
+    clip, _ = warped_clip(hold_out=(3, 7))
+    before = flow_of(clip)
+    clip.frames[clip.held_out] = 0
+    np.testing.assert_array_equal(before, flow_of(clip))
+
+
+def flow_of(clip):
+    priors = Priors.empty(clip)
+    flow.provide(clip, priors, CONFIG, silent)
+    return priors.flow_forward
+
+
+def test_long_flows_compose_to_the_true_displacement(moving):
+    _, mask, priors = moving
+    flows = priors.scratch["long_flows"]
+    for gap in (2, -2, 4, 8):
+        t = 0 if gap > 0 else 4
+        inner = mask[t] & np.roll(mask[t], (4, 4), (0, 1)) & np.roll(mask[t], (-4, -4), (0, 1))
+        error = np.linalg.norm(flows[gap][t].astype(np.float32) - gap * np.array(SPEED), axis=-1)
+        assert np.median(error[inner]) < 0.3, gap
+        assert not flows[gap][-1 if gap > 0 else 0].any()
+
+
+def test_points_are_followed_both_ways_in_time(moving):
+    _, _, priors = moving
+    corner = square_corner(6, SPEED)
+    queries = np.array([[6, *(corner + 18)], [6, 150.0, 90.0]])
+    found, visible = tracks.track_points(priors.scratch["long_flows"], queries)
+    steps = np.arange(12) - 6
+    assert visible[:, 0].all()
+    assert np.abs(found[:, 0] - (corner + 18 + steps[:, None] * SPEED)).max() < 0.5
+    wall = queries[1, 1:] - steps[:, None] * PAN
+    assert np.abs(found[:, 1] - wall)[visible[:, 1]].max() < 0.5
+    assert visible[:, 1].sum() >= 10
+
+
+def test_object_flow_keeps_silhouette_points_on_the_object(moving):
+    _, mask, priors = moving
+    corner = square_corner(0, SPEED)
+    edge = corner + np.stack([np.zeros(9) + 0.3, np.linspace(4, SIDE - 4, 9)], -1)
+    queries = np.column_stack([np.zeros(9), edge])
+    truth = edge + 11 * np.array(SPEED)
+    loose, _ = tracks.track_points(priors.scratch["long_flows"], queries)
+    held, visible = tracks.track_points(priors.scratch["long_flows"], queries, mask=mask)
+    error = np.linalg.norm(held[-1] - truth, axis=-1)
+    assert error.max() < 2.5
+    assert error.mean() < np.linalg.norm(loose[-1] - truth, axis=-1).mean()
+    assert visible[-1].all()
+
+
+def test_tracks_cover_every_frame(moving):
+    _, mask, priors = moving
+    for t in range(12):
+        seen = priors.tracks[t][priors.tracks_visible[t]]
+        cells = {tuple(cell) for cell in np.floor(seen / 16).astype(int)}
+        assert len(cells) > 0.9 * (WIDTH // 16) * (HEIGHT // 16)
+        assert mask[t][seen[:, 1].astype(int).clip(0, HEIGHT - 1), seen[:, 0].astype(int).clip(0, WIDTH - 1)].sum() > 40
+
+
+def test_relink_joins_points_hidden_by_a_post_with_themselves():
+    speed, post, frames = np.array([3.0, 0.0]), 94, 24
+    clip, _ = warped_clip(frames=frames, pan=(0.0, 0.0), speed=tuple(speed), post=post)
+    card = np.stack(np.meshgrid(np.arange(8, SIDE - 4, 6), np.arange(8, SIDE - 4, 6)), -1).reshape(-1, 2)
+    path = square_corner(0, speed) + card + np.arange(frames)[:, None, None] * speed  # (F,n,2)
+    wall = np.array([[x, y] for x in (20, 60, 150) for y in (15, 100)], float)
+    before, after = path[..., 0] < post - 3, path[..., 0] > post + 17
+    shuffle = np.random.default_rng(0).permutation(len(card))
+    points = np.concatenate([path, path[:, shuffle], np.tile(wall, (frames, 1, 1))], 1).astype(np.float32)
+    visible = np.concatenate([before, after[:, shuffle], np.ones((frames, len(wall)), bool)], 1)
+    points[~visible] = np.nan
+    joined, seen, joins = tracks.relink(points, visible, flow.grey(clip.frames), 12)
+    whole = np.nonzero(before.any(0) & (before.sum(0) >= 4) & (after.sum(0) >= 4))[0]
+    assert joins == len(whole) > 8
+    for point in whole:
+        np.testing.assert_array_equal(seen[:, point], before[:, point] | after[:, point])
+        np.testing.assert_allclose(joined[seen[:, point], point], path[seen[:, point], point], rtol=1e-6)
+    assert tracks.relink(points, visible, flow.grey(clip.frames), 3)[2] == 0  # hidden for longer than allowed
+
+
+def test_moving_square_is_found_under_a_pan(moving):
+    _, mask, priors = moving
+    assert iou(priors.mask, mask) > 0.7
+    assert priors.mask[mask].mean() > 0.9
+    assert not priors.statistics["motion"]["static_camera"]
+    assert priors.statistics["motion"]["homography_residual"] < 0.5
+    dynamic = priors.tracks_motion > 0.5
+    inside = [
+        mask[t][tuple(np.floor(p[::-1]).astype(int).clip(0, (HEIGHT - 1, WIDTH - 1)))]
+        for t, p in samples(priors, dynamic)
+    ]
+    assert np.mean(inside) > 0.8
+    assert dynamic.sum() > 60
+
+
+def samples(priors, chosen):
+    for track in np.nonzero(chosen)[0]:
+        for t in np.nonzero(priors.tracks_visible[:, track])[0]:
+            yield t, priors.tracks[t, track]
+
+
+@pytest.mark.parametrize("pan", [(0.0, 0.0), (1.5, 0.4)])
+def test_nothing_moving_gives_an_empty_mask_and_says_so(pan):
+    clip, _ = warped_clip(pan=pan, speed=None)
+    noise = np.random.default_rng(0).normal(0, 2, clip.frames.shape)
+    clip.frames[:] = np.clip(clip.frames + noise, 0, 255).astype(np.uint8)
+    priors = run(clip)
+    assert not priors.mask.any()
+    assert priors.tracks_motion.max() < 0.5
+    assert priors.statistics["motion"]["static_camera"] == (pan == (0.0, 0.0))
+    assert any("Nothing in this clip moves" in line for line in priors.warnings)
+
+
+def test_frozen_clip_is_static_and_empty():
+    clip, _ = warped_clip(frames=5, pan=(0.0, 0.0), speed=(0.0, 0.0))
+    priors = run(clip)
+    assert priors.statistics["motion"]["static_camera"]
+    assert not priors.mask.any()
+
+
+def test_static_camera_uses_the_flow_itself():
+    clip, mask = warped_clip(pan=(0.0, 0.0), speed=SPEED)
+    priors = run(clip)
+    assert priors.statistics["motion"]["static_camera"]
+    assert iou(priors.mask, mask) > 0.7
+
+
+def test_given_mask_decides():
+    clip, mask = warped_clip()
+    given = np.zeros_like(mask)
+    given[:, 80:110, 10:60] = True
+    priors = run(clip, mask=given.copy())
+    np.testing.assert_array_equal(priors.mask, given)
+    dynamic = priors.tracks_motion > 0.5
+    assert dynamic.any()
+    assert np.mean([p[1] > 78 and p[0] < 62 for _, p in samples(priors, dynamic)]) > 0.9
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_very_short_clips_survive(frames):
+    priors = run(warped_clip(frames=frames)[0])
+    assert priors.tracks.shape[0] == frames
+    assert priors.mask.shape == (frames, HEIGHT, WIDTH)
+
+
+def test_threshold_of_the_user_wins(moving):
+    clip, _, _ = moving
+    config = PriorsConfig(tracks=CONFIG.tracks, motion=MotionConfig(threshold=0.99))
+    assert run(clip, config).statistics["motion"]["threshold"] == 0.99
