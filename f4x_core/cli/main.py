@@ -45,6 +45,11 @@ def build_parser() -> argparse.ArgumentParser:
         sub.add_argument("--threads", type=int, default=0, help="threads (default: all cores)")
         sub.add_argument("--backend", default="auto", help="raster backend: auto, native, torch, reference")
         sub.add_argument(
+            "--provider",
+            default="classical",
+            help="who makes the priors: classical, or synthetic (a rendered clip's truth)",
+        )
+        sub.add_argument(
             "--prior",
             action="append",
             default=[],

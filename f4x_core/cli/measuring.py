@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
 from ..clip import read_clip
@@ -18,7 +19,10 @@ from ..scene import read_scene
 def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Measure a scene against its clip."""
     scene = read_scene(args.scene)
+    joints = _read_joints(args.joints) if args.joints is not None else None
     clip = read_clip(args.clip, frames=args.frames, width=scene.cameras.width, masks=args.masks)
+    if joints is not None and clip.masks is None:
+        raise F4xError("--joints needs --masks: the size of the animal sets how near a joint must be.")
     result = evaluate(
         scene,
         clip,
@@ -28,11 +32,19 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         progress=progress,
     )
     if args.truth is not None:
-        result |= {k: v for k, v in score_against_truth(scene, args.truth, args.backend, progress).items() if k != "views"}
-    if args.joints is not None:
-        if clip.masks is None:
-            raise F4xError("--joints needs --masks: the size of the animal sets how near a joint must be.")
+        result |= {
+            k: v for k, v in score_against_truth(scene, args.truth, args.backend, progress).items() if k != "views"
+        }
+    if joints is not None:
+        assert clip.masks is not None
         areas = {index: float(mask.sum()) for index, mask in enumerate(clip.masks)}
-        result |= joint_accuracy(scene, json.loads(args.joints.read_text()), areas, args.backend)
+        result |= joint_accuracy(scene, joints, areas, args.backend)
     lines = [f"{name}: {value:.3f}" for name, value in result.items() if name != "frames"]
     return {**result, "text": "\n".join(lines)}
+
+
+def _read_joints(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise F4xError(f"{path} is not JSON ({error}); give the file of hand-set joints.") from error

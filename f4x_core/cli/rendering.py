@@ -11,6 +11,7 @@ from PIL import Image
 
 from ..clip.video import write_video
 from ..errors import F4xError
+from ..files import replace_file
 from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress
@@ -51,6 +52,9 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(CHANNELS)}."
         )
     views = trajectory_of(scene, args.path, args.degrees)
+    folders = {name: Path(args.output) / name for name in channels}
+    for folder in folders.values():
+        folder.mkdir(parents=True, exist_ok=True)
     span = depth_span(scene, args.backend) if "depth" in channels else (0.0, 1.0)
     largest = FULL_MOTION * scene.cameras.width
     pictures: dict[str, list[np.ndarray]] = {name: [] for name in channels}
@@ -58,12 +62,12 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         progress("render", index, len(views))
         maps = render(scene, camera, time, channels=channels, backend=args.backend)
         for name in channels:
-            folder = Path(args.output) / name
-            folder.mkdir(parents=True, exist_ok=True)
             picture = picture_of(name, maps[name], span, largest)
-            Image.fromarray(picture).save(folder / f"{index:05d}.png")
+            with replace_file(folders[name] / f"{index:05d}.png") as file:
+                Image.fromarray(picture).save(file, "PNG")
             if name in ("depth", "motion"):
-                np.save(folder / f"{index:05d}.npy", maps[name].astype(np.float32))
+                with replace_file(folders[name] / f"{index:05d}.npy") as file:
+                    np.save(file, maps[name].astype(np.float32))
             if args.video:
                 pictures[name].append(picture)
     progress("render", len(views), len(views))
