@@ -1,4 +1,4 @@
-"""Native raster kernel against a plain float64 compositor: values, gradients, determinism, layout, self-check."""
+"""Native raster kernel against the float64 reference backend: values, gradients, determinism, layout, self-check."""
 
 import subprocess
 import sys
@@ -13,7 +13,8 @@ from f4x_core.errors import F4xError
 from f4x_core.raster import native
 from f4x_core.raster.contract import RasterConfig
 from f4x_core.raster.native import library
-from f4x_core.raster.native.build import build, find_compiler
+from f4x_core.raster.native.build import build, compile_command, find_compiler
+from f4x_core.raster.reference import rasterize_reference
 
 NAMES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "background", "mean2d_offset")
 ONE = RasterConfig(threads=1)
@@ -51,58 +52,9 @@ def make_scene(n, channels, width, height, seed=0, size=0.08):
     return {name: torch.tensor(a, dtype=torch.float32) for name, a in scene.items()}
 
 
-def composite(scene, width, height, config, detached_from=None):
-    """Every splat over every pixel, one after the other, in the scene's dtype: the rule of contracts.md word for word."""
-    means, quats, scales, opacities, colors, viewmat, K = (
-        scene[n] for n in ("means", "quats", "scales", "opacities", "colors", "viewmat", "K")
-    )
-    point = means @ viewmat[:3, :3].T + viewmat[:3, 3]  # (N, 3)
-    w, x, y, z = (quats / quats.norm(dim=1, keepdim=True)).unbind(1)
-    rotation = torch.stack(
-        [
-            1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),
-            2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
-            2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y),
-        ],
-        1,
-    ).reshape(-1, 3, 3)  # fmt: skip
-    axes = viewmat[:3, :3] @ rotation * scales[:, None, :]  # (N, 3, 3)
-    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-    margin_x, margin_y = 0.15 * width / fx, 0.15 * height / fy
-    depth = point[:, 2]
-    u = (point[:, 0] / depth).clamp(-cx / fx - margin_x, (width - cx) / fx + margin_x)
-    v = (point[:, 1] / depth).clamp(-cy / fy - margin_y, (height - cy) / fy + margin_y)
-    zero = torch.zeros_like(u)
-    jacobian = torch.stack([fx / depth, zero, -fx * u / depth, zero, fy / depth, -fy * v / depth], 1).reshape(-1, 2, 3)
-    half = jacobian @ axes
-    covariance = half @ half.transpose(1, 2) + config.blur * torch.eye(2, dtype=means.dtype)
-    conic = torch.linalg.inv(covariance)
-    centre = torch.stack([fx * point[:, 0] / depth + cx, fy * point[:, 1] / depth + cy], 1)
-    if scene.get("mean2d_offset") is not None:
-        centre = centre + scene["mean2d_offset"]
-
-    rows, columns = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
-    pixels = torch.stack([columns, rows], -1).reshape(-1, 2).to(means.dtype)  # (P, 2)
-    geometry = colors.shape[1] if detached_from is None else detached_from
-    left = torch.ones(len(pixels), dtype=means.dtype)
-    going = torch.ones(len(pixels), dtype=torch.bool)
-    image = torch.zeros(len(pixels), colors.shape[1], dtype=means.dtype)
-    depths = torch.zeros(len(pixels), dtype=means.dtype)
-    for i in torch.argsort(depth.detach().float(), stable=True).tolist():
-        if depth[i] <= config.near:
-            continue
-        d = pixels - centre[i]
-        alpha = opacities[i] * torch.exp(-0.5 * ((d @ conic[i]) * d).sum(1))
-        alpha = torch.where(alpha >= config.alpha_min, alpha.clamp(max=config.alpha_max), 0.0)
-        going = going & (left * (1 - alpha) > config.transmittance_min)
-        weight = torch.where(going, alpha * left, 0.0)
-        image = image + torch.cat([weight[:, None] * colors[i, :geometry], weight[:, None].detach() * colors[i, geometry:]], 1)
-        depths = depths + weight * depth[i]
-        left = left - weight
-    if scene.get("background") is not None:
-        back = scene["background"]
-        image = image + torch.cat([left[:, None] * back[:geometry], left[:, None].detach() * back[geometry:]], 1)
-    return image.reshape(height, width, -1), depths.reshape(height, width), 1 - left.reshape(height, width)
+def render_reference(scene, width, height, config=ONE, detached_from=None):
+    out = rasterize_reference(**scene, width=width, height=height, config=config, detached_from=detached_from)
+    return out.channels, out.depth, out.alpha
 
 
 def render_native(scene, width, height, config=ONE, detached_from=None):
@@ -133,16 +85,215 @@ def to_double(scene):
 
 
 def make_self_check():
-    """Content of self_check.npz, from the compositor above."""
+    """Content of self_check.npz, from the float64 reference backend."""
     width, height, channels, detached_from = 23, 19, 3, 2
     scene, sent = make_scene(24, channels, width, height, seed=11, size=0.15), random_sent(width, height, channels)
     outputs = ("channels", "depth", "alpha")
-    expected = dict(zip(outputs, composite(to_double(scene), width, height, ONE, detached_from), strict=True))
-    expected |= gradients(lambda s: composite(s, width, height, ONE, detached_from), to_double(scene), sent)
+    expected = dict(zip(outputs, render_reference(to_double(scene), width, height, ONE, detached_from), strict=True))
+    expected |= gradients(lambda s: render_reference(s, width, height, ONE, detached_from), to_double(scene), sent)
     del expected["background"]  # taken outside the kernel
     content = {f"input_{name}": a for name, a in scene.items()} | {f"expect_{name}": a for name, a in expected.items()}
     content |= {f"sent_{name}": a for name, a in zip(outputs, sent, strict=True)}
     return {name: a.numpy() for name, a in content.items()} | {"detached_from": np.array(detached_from)}
+
+
+@pytest.mark.parametrize(
+    ("count", "channels", "width", "height", "detached_from"),
+    [(250, 3, 61, 45, None), (400, 11, 50, 33, 4), (100, 36, 33, 20, 0), (5, 1, 16, 16, None), (60, 47, 20, 7, 46)],
+)
+def test_values_and_gradients_match_float64(count, channels, width, height, detached_from):
+    scene, sent = make_scene(count, channels, width, height), random_sent(width, height, channels)
+    options = (width, height, ONE, detached_from)
+    for got, expected in zip(render_native(scene, *options), render_reference(to_double(scene), *options), strict=True):
+        np.testing.assert_allclose(got, expected, atol=1e-5)
+    got = gradients(lambda s: render_native(s, *options), scene, sent)
+    expected = gradients(lambda s: render_reference(s, *options), to_double(scene), sent)
+    # The background's share is 1 - alpha, which float32 knows to 6e-8 absolutely.
+    errors = {name: relative(got[name], expected[name]) for name in NAMES}
+    assert all(error < (1e-3 if name == "background" else 1e-5) for name, error in errors.items()), errors
+
+
+def test_visible_is_the_reference_rule():
+    scene = make_scene(600, 1, 40, 30, size=0.02)
+    scene["means"][::7, 2] -= 3.0  # behind the camera
+    scene["opacities"][::11] = 1e-3
+    got = native.rasterize_native(**scene, width=40, height=30, config=ONE).visible
+    expected = rasterize_reference(**to_double(scene), width=40, height=30, config=ONE).visible
+    assert 50 < got.sum() < 550
+    assert torch.equal(got, expected)
+
+
+@pytest.mark.parametrize("stretch", [(300.0, 0.001, 0.001), (30.0, 30.0, 1e-6), (1e-7, 1e-7, 1e-7)])
+def test_needles_pancakes_and_dust(stretch):
+    """Splats hundreds of pixels long and under a pixel wide keep float32 accuracy, in values and gradients."""
+    scene, sent = make_scene(40, 2, 48, 40, seed=3), random_sent(48, 40, 2)
+    scene["scales"] = 0.02 * torch.tensor(stretch).repeat(40, 1)
+    for got, expected in zip(render_native(scene, 48, 40), render_reference(to_double(scene), 48, 40), strict=True):
+        np.testing.assert_allclose(got, expected, atol=3e-4)
+    got = gradients(lambda s: render_native(s, 48, 40), scene, sent)
+    expected = gradients(lambda s: render_reference(s, 48, 40), to_double(scene), sent)
+    for name in ("means", "opacities", "colors", "viewmat", "mean2d_offset"):
+        assert relative(got[name], expected[name]) < 1e-3, name
+
+
+def test_more_splats_than_a_chunk_in_every_tile():
+    """1500 faint splats over one tile: six chunks, transmittance carried over, stops in different chunks."""
+    scene, sent = make_scene(1500, 2, 16, 16, seed=8, size=0.4), random_sent(16, 16, 2)
+    scene["opacities"] *= torch.linspace(0.005, 0.04, 1500)
+    for got, expected in zip(render_native(scene, 16, 16), render_reference(to_double(scene), 16, 16), strict=True):
+        np.testing.assert_allclose(got, expected, atol=2e-5)
+    got = gradients(lambda s: render_native(s, 16, 16), scene, sent)
+    expected = gradients(lambda s: render_reference(s, 16, 16), to_double(scene), sent)
+    for name in NAMES:
+        assert relative(got[name], expected[name]) < (1e-3 if name == "background" else 3e-5), name
+
+
+def test_camera_gradient_by_finite_differences():
+    scene, sent = make_scene(60, 3, 30, 24, seed=2, size=0.15), random_sent(30, 24, 3)
+    config = replace(ONE, alpha_min=1e-6)  # no visible step at the cut, so that differences converge
+
+    def loss(viewmat):
+        outputs = render_reference(to_double(scene) | {"viewmat": viewmat}, 30, 24, config)
+        return float(sum((o * s).sum() for o, s in zip(outputs, sent, strict=True)))
+
+    got = gradients(lambda s: render_native(s, 30, 24, config), scene, sent)["viewmat"]
+    assert torch.equal(got[3], torch.zeros(4))
+    step = 1e-5
+    for row in range(3):
+        for column in range(4):
+            change = torch.zeros(4, 4, dtype=torch.float64)
+            change[row, column] = step
+            base = scene["viewmat"].double()
+            slope = (loss(base + change) - loss(base - change)) / (2 * step)
+            assert abs(float(got[row, column]) - slope) < 2e-3 * got.norm(), (row, column)
+
+
+def test_bit_identical_for_every_thread_count_and_run():
+    scene, sent = make_scene(700, 5, 100, 70), random_sent(100, 70, 5)
+
+    def everything(threads):
+        config = RasterConfig(threads=threads)
+        got = gradients(lambda s: render_native(s, 100, 70, config), scene, sent)
+        return [*render_native(scene, 100, 70, config), *got.values()]
+
+    once = everything(1)
+    for threads in (1, 2, 5):
+        assert all(torch.equal(a, b) for a, b in zip(once, everything(threads), strict=True)), threads
+
+
+def test_equal_depths_keep_input_order():
+    scene = make_scene(8, 1, 16, 16, size=0.5)
+    scene |= {"means": torch.tensor([[0.0, 0.0, 2.0]]).repeat(8, 1), "viewmat": torch.eye(4)}
+    scene["opacities"] = torch.full((8,), 0.9)
+    got, expected = render_native(scene, 16, 16)[0], render_reference(to_double(scene), 16, 16)[0]
+    np.testing.assert_allclose(got, expected, atol=1e-5)
+
+
+def test_strided_views_are_read_as_what_they_show():
+    """Once `depth` went in as a strided view by bare pointer: wrong order, wrong image, no complaint."""
+    scene, sent = make_scene(80, 3, 40, 30), random_sent(40, 30, 3)
+    wide = {n: torch.stack([a, torch.full_like(a, 7.0)], -1) for n, a in scene.items()}
+    views = {n: a[..., 0] for n, a in wide.items()}
+    assert not any(v.is_contiguous() for v in views.values())
+    for a, b in zip(render_native(scene, 40, 30), render_native(views, 40, 30), strict=True):
+        assert torch.equal(a, b)
+    sent_views = [torch.stack([s, s + 1], -1)[..., 0] for s in sent]
+    straight = gradients(lambda s: render_native(s, 40, 30), scene, sent)
+    strided = gradients(lambda s: render_native(s, 40, 30), views, sent_views)
+    assert all(torch.equal(straight[n], strided[n]) for n in NAMES)
+    flipped = {n: a.numpy()[::-1] if n in ("means", "quats") else a.numpy() for n, a in scene.items()}
+    copied = {n: a.copy() for n, a in flipped.items()}
+    got, expected = (native.forward_numpy(**s, width=40, height=30) for s in (flipped, copied))
+    np.testing.assert_array_equal(got.depth, expected.depth)
+
+
+def test_detached_channels_reach_only_their_colors():
+    scene, sent = make_scene(50, 6, 32, 24), random_sent(32, 24, 6)
+    sent = [sent[0] * (torch.arange(6) >= 2), sent[1] * 0, sent[2] * 0]
+    got = gradients(lambda s: render_native(s, 32, 24, ONE, 2), scene, sent)
+    for name in ("means", "quats", "scales", "opacities", "viewmat", "mean2d_offset"):
+        assert got[name].abs().max() == 0, name
+    assert got["colors"][:, 2:].abs().max() > 0
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_nothing_to_see(count):
+    """No splats, or only ones that must be left out, give the background and zero gradients."""
+    scene, sent = make_scene(count, 2, 20, 10), random_sent(20, 10, 2)
+    if count:
+        scene["means"][0] = float("nan")
+        scene["means"][1] = torch.tensor([0.0, 0.0, -5.0])
+        scene["opacities"][2] = 0
+    image, depth, alpha = render_native(scene, 20, 10)
+    assert torch.equal(image, scene["background"].expand(10, 20, 2))
+    assert depth.abs().max() == 0 and alpha.abs().max() == 0
+    got = gradients(lambda s: render_native(s, 20, 10), scene, sent)
+    assert all((got[n] == 0).all() for n in NAMES if n != "background")
+
+
+def test_zero_quaternion_is_the_identity():
+    scene, sent = make_scene(6, 2, 20, 16, size=0.3), random_sent(20, 16, 2)
+    zero, one = ({**scene, "quats": torch.tensor([[w, 0.0, 0, 0]]).repeat(6, 1)} for w in (0.0, 1.0))
+    assert torch.equal(render_native(zero, 20, 16)[0], render_native(one, 20, 16)[0])
+    assert gradients(lambda s: render_native(s, 20, 16), zero, sent)["quats"].abs().max() == 0
+
+
+def test_other_dtypes_are_refused_in_one_sentence():
+    scene = make_scene(4, 2, 20, 16)
+    with pytest.raises(F4xError, match=r"float32.*means is torch.float64.*backend='torch'"):
+        native.rasterize_native(**to_double(scene), width=20, height=16)
+
+
+def test_a_second_backward_pass_gives_the_same():
+    scene, sent = make_scene(40, 3, 30, 20), random_sent(30, 20, 3)
+    leaves = {n: a.clone().requires_grad_(n != "K") for n, a in scene.items()}
+    image = render_native(leaves, 30, 20)[0]
+    first, second = (
+        torch.autograd.grad((image * sent[0]).sum(), leaves["means"], retain_graph=True)[0] for _ in range(2)
+    )
+    assert torch.equal(first, second)
+
+
+def test_forward_from_numpy_without_torch():
+    """Blender's Python has numpy but no torch: importing and rendering must not ask for it."""
+    program = """
+import sys
+sys.modules["torch"] = None
+import numpy as np
+from f4x_core.raster import native
+out = native.forward_numpy(np.array([[0, 0, 2.0]]), np.array([[1.0, 0, 0, 0]]), np.full((1, 3), 0.2), np.array([0.8]),
+                           np.ones((1, 4)), np.eye(4), np.array([[40.0, 0, 16], [0, 40, 12], [0, 0, 1]]), 32, 24)
+assert out.channels.shape == (24, 32, 4) and out.visible.tolist() == [True]
+print(float(out.alpha.max()), float(out.depth.max()))
+"""
+    root = Path(native.__file__).parents[3]
+    done = subprocess.run([sys.executable, "-c", program], cwd=root, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    alpha, depth = map(float, done.stdout.split())
+    # The mean lies on the corner of four pixels, (0.5, 0.5) px away, with variance (40 * 0.2 / 2)^2 + 0.3 px^2.
+    assert alpha == pytest.approx(0.8 * np.exp(-0.25 / 16.3), rel=1e-5)
+    assert depth == pytest.approx(2 * alpha, rel=1e-5)
+
+
+@pytest.mark.parametrize("flag", ["-DF4X_PLAIN", "-DF4X_NO_AVX2"])
+@pytest.mark.slow
+def test_other_builds_of_the_kernel_agree(flag, tmp_path, monkeypatch):
+    """The kernel without vector extensions (other compilers) and without AVX2 (other processors) passes the self-check."""
+    if Path(find_compiler()[0]).stem == "cl":
+        pytest.skip("flags for GCC and clang")
+    output = tmp_path / "other.so"
+    done = subprocess.run([*compile_command(find_compiler(), output), flag], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    monkeypatch.setattr(library, "library_path", lambda: output)
+    assert native.available(), native.why_not()
+    assert native.instruction_set() == "plain"
+
+
+def test_a_missing_library_says_how_to_get_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(library, "library_path", lambda: tmp_path / "absent.so")
+    assert not native.available()
+    with pytest.raises(F4xError, match=r"f4x_core.raster.native.build"):
+        native.forward_numpy(**{n: a.numpy() for n, a in make_scene(2, 1, 8, 8).items()}, width=8, height=8)
 
 
 def test_stored_self_check_is_the_reference():

@@ -20,9 +20,17 @@ from .library import FOLDER, SOURCE, library_path
 COMPILERS = ("c++", "g++", "clang++", "cl")
 # The kernel sets no errno and reads no floating-point flags; contraction gives FMA where the target has it. Nothing here
 # allows reordering of sums, so results stay reproducible.
-FLAGS = (
-    "-std=c++17 -O3 -shared -fvisibility=hidden -fno-math-errno -fno-trapping-math -ffp-contract=fast -Wno-psabi -pthread"
-).split()
+FLAGS = [
+    "-std=c++17",
+    "-O3",
+    "-shared",
+    "-pthread",
+    "-fvisibility=hidden",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-ffp-contract=fast",
+    "-Wno-psabi",
+]
 
 
 def find_compiler() -> list[str] | None:
@@ -72,7 +80,9 @@ def build() -> Path:
                 raise F4xError(f"{SOURCE.name} does not compile with {' '.join(compiler)}: {lines[0]}")
             os.replace(output, target)
     except OSError as error:
-        raise F4xError(f"The native raster library cannot be written to {FOLDER} ({error}); make it writable.") from error
+        raise F4xError(
+            f"The native raster library cannot be written to {FOLDER} ({error}); make it writable."
+        ) from error
     return target
 
 

@@ -129,20 +129,21 @@ constexpr int COLUMNS = TILE / BLOCK_WIDTH;    // 4
 constexpr int BLOCKS = STRIPS * COLUMNS;       // 32: one bit each; block = column * STRIPS + strip
 constexpr int CHUNK = 256;                     // splats binned at a time: one byte per list entry
 constexpr int GRAIN = 1024;                    // Gaussians per unit of parallel work
-constexpr int MOMENTS = 6;                     // sums of v (1, dx, dy, dx dx, dx dy, dy dy), v = dL/d(log alpha)
+constexpr int MOMENTS = 6;                     // sums of v (1, u, dy, u u, u dy, dy dy), v = dL/d(log alpha)
 constexpr float LOG2E = 1.44269504088896340736f;
 constexpr float SLACK = 0.02f;                 // px added around ellipses so that rounding never loses a pixel
 
-// A projected Gaussian. alpha(dx, dy) = exp2(log2_opacity - (a dx^2 + b dx dy + c dy^2)); rows of the ellipse
-// alpha = alpha_min: |dy| <= reach, dx = slope dy +- half_width sqrt(1 - (dy/reach)^2), widest to the right at dy = tip.
+// A projected Gaussian. With u = dx - slope dy, alpha = exp2(log2_opacity - (a u^2 + c dy^2)): completing the square
+// avoids the cancellation that the usual three-term form suffers for needles. The rows of the ellipse alpha = alpha_min
+// are |dy| <= reach, |u| <= half_width sqrt(1 - (dy/reach)^2); it is widest to the right at dy = tip.
 struct alignas(64) Splat {
-    float x, y, a, b, c, log2_opacity;
-    float reach, inverse_reach, slope, half_width, tip, depth;
+    float x, y, a, slope, c, log2_opacity;
+    float reach, inverse_reach, half_width, tip, depth;
     int32_t row0, row1;  // tile rows that it meets; row0 == row1 where it is culled
 };
 
-struct Hot {
-    float x, y, a, b, c, log2_opacity;
+struct Hot {  // the first fields of Splat
+    float x, y, a, slope, c, log2_opacity;
 };
 
 struct Entry {
@@ -367,7 +368,7 @@ void bind(const Problem& p, State& s, const Kernels& kernels) {
 #include "kernel.cpp"
 #undef F4X_ISA
 #undef F4X_TARGET
-#if defined(F4X_X86) && !defined(F4X_PLAIN)
+#if defined(F4X_X86) && !defined(F4X_PLAIN) && !defined(F4X_NO_AVX2)
 #define F4X_ISA avx2
 #define F4X_AVX2 1
 #define F4X_TARGET __attribute__((target("avx2,fma")))
@@ -592,7 +593,8 @@ F4X_HOT void project_one(const Problem& p, int64_t i, Projection& o) {
     for (int r = 0; r < 3; ++r) o.p[r] = w[4 * r] * m[0] + w[4 * r + 1] * m[1] + w[4 * r + 2] * m[2] + w[4 * r + 3];
 
     o.norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    for (int k = 0; k < 4; ++k) o.q[k] = q[k] / o.norm;
+    const bool turned = !(o.norm < 1e-12f);  // a zero quaternion counts as the identity
+    for (int k = 0; k < 4; ++k) o.q[k] = turned ? q[k] / o.norm : float(k == 0);
     const float a = o.q[0], b = o.q[1], c = o.q[2], d = o.q[3];
     const float rotation[9] = {1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c),
                                2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b),
@@ -651,23 +653,20 @@ F4X_TARGET void project(const Problem& p, State& s, int64_t begin, int64_t end, 
         splat.depth = o.p[2];
         splat.x = o.j00 * o.p[0] + p.intrinsics[2] + (p.offset ? p.offset[2 * i] : 0.0f);
         splat.y = o.j11 * o.p[1] + p.intrinsics[5] + (p.offset ? p.offset[2 * i + 1] : 0.0f);
-        const float half = 0.5f * LOG2E / o.det;
-        splat.a = half * o.syy;
-        splat.b = -2 * half * o.sxy;
-        splat.c = half * o.sxx;
+        splat.a = 0.5f * LOG2E * o.syy / o.det;
+        splat.slope = o.sxy / o.syy;
+        splat.c = 0.5f * LOG2E / o.syy;
         splat.log2_opacity = std::log2(opacity);
 
         // Ellipse alpha >= alpha_min, a hair larger than exact.
         const float limit = (splat.log2_opacity - log2_min) * (2.0f / LOG2E) * 1.0001f + 1e-5f;
         splat.reach = std::sqrt(limit * o.syy);
         splat.inverse_reach = 1 / splat.reach;
-        splat.slope = o.sxy / o.syy;
         splat.half_width = std::sqrt(limit * o.det / o.syy);
         splat.tip = o.sxy * std::sqrt(limit / o.sxx);
         const float reach_x = std::sqrt(limit * o.sxx);
-        if (!(splat.x + reach_x > 0 && splat.x - reach_x < p.width && splat.y + splat.reach > 0 &&
-              splat.y - splat.reach < p.height))
-            continue;
+        if (!(splat.x + reach_x >= 0.5f && splat.x - reach_x <= p.width - 0.5f)) continue;
+        if (!(splat.y + splat.reach >= 0.5f && splat.y - splat.reach <= p.height - 0.5f)) continue;
         visible[i] = 1;
         splat.row0 = clamp_to_int(std::ceil((splat.y - splat.reach - SLACK - (TILE - 0.5f)) / TILE), s.tile_rows);
         splat.row1 = clamp_to_int(std::floor((splat.y + splat.reach + SLACK - 0.5f) / TILE) + 1, s.tile_rows);
@@ -805,8 +804,8 @@ F4X_TARGET int block_weights(const Problem& p, const Scratch& w, int block, int 
         for (const int end = std::min(k + 8, n); k < end; ++k) {
             const Hot& h = w.hot[list[k]];
             const f8 dx = pixel_x - broadcast(h.x), dy = pixel_y - broadcast(h.y);
-            const f8 exponent = broadcast(h.log2_opacity) -
-                                (dx * (broadcast(h.a) * dx + broadcast(h.b) * dy) + broadcast(h.c) * dy * dy);
+            const f8 u = dx - broadcast(h.slope) * dy;
+            const f8 exponent = broadcast(h.log2_opacity) - broadcast(h.a) * u * u - broadcast(h.c) * dy * dy;
             f8 alpha = keep_where(exponent >= log2_min, minimum(exp2_fast(exponent), alpha_max));
             const f8 next = running - running * alpha;
             const i8 go = next > stop;
@@ -994,8 +993,8 @@ F4X_TARGET void spread(const Scratch& w, int block, int n) {
     }
 }
 
-// moments[entry] += sum over pixels of v (1, dx, dy, dx^2, dx dy, dy^2) with d = pixel - mean. The sum over the 8 lanes is
-// taken as a product with the constant 8 x 6 matrix of block coordinates, then moved from the block centre to the mean.
+// moments[entry] += sum over pixels of v (1, u, dy, u^2, u dy, dy^2), u = dx - slope dy. The sum over the 8 lanes is taken
+// as a product with the constant 8 x 6 matrix of block coordinates, then sheared and moved from the block centre to the mean.
 F4X_TARGET void add_moments(Scratch& w, int block, int n, float centre_x, float centre_y, const float* v) {
     f8 basis[8];
     for (int lane = 0; lane < 8; ++lane) {
@@ -1011,14 +1010,16 @@ F4X_TARGET void add_moments(Scratch& w, int block, int n, float centre_x, float 
             odd += broadcast(value[lane + 1]) * basis[lane + 1];
         }
         const f8 m = even + odd;
-        const float x = centre_x - w.hot[i].x, y = centre_y - w.hot[i].y;
+        const float slope = w.hot[i].slope, y = centre_y - w.hot[i].y, u = centre_x - w.hot[i].x - slope * y;
+        const float m0 = m[0], mu = m[1] - slope * m[2], my = m[2], muy = m[4] - slope * m[5], myy = m[5];
+        const float muu = m[3] - slope * (m[4] + muy), sum_u = mu + u * m0;
         float* sum = w.moments + 8 * i;
-        sum[0] += m[0];
-        sum[1] += m[1] + x * m[0];
-        sum[2] += m[2] + y * m[0];
-        sum[3] += m[3] + x * (2 * m[1] + x * m[0]);
-        sum[4] += m[4] + x * m[2] + y * (m[1] + x * m[0]);
-        sum[5] += m[5] + y * (2 * m[2] + y * m[0]);
+        sum[0] += m0;
+        sum[1] += sum_u;
+        sum[2] += my + y * m0;
+        sum[3] += muu + u * (mu + sum_u);
+        sum[4] += muy + u * my + y * sum_u;
+        sum[5] += myy + y * (2 * my + y * m0);
     }
 }
 
@@ -1079,18 +1080,18 @@ F4X_HOT void unproject_one(const Problem& p, int64_t i, const float* sum, const 
     const float fx = p.intrinsics[0], fy = p.intrinsics[4], inverse_z = 1 / o.p[2];
     g.opacities[i] = sum[0] / p.opacities[i];
 
-    const float a = o.syy / o.det, b = -o.sxy / o.det, c = o.sxx / o.det;  // conic Q
-    const float mean_x = a * sum[1] + b * sum[2], mean_y = b * sum[1] + c * sum[2];
+    const float a = o.syy / o.det, slope = o.sxy / o.syy, c = 1 / o.syy;
+    const float mean_x = a * sum[1], mean_y = c * sum[2] - slope * mean_x;
     g.offset[2 * i] = mean_x;
     g.offset[2 * i + 1] = mean_y;
 
-    // dL/dt = (Q M Q) t with M the second moments, since dL/dQ = -M/2 and Q = (t t^T + blur)^-1.
-    const float am = a * sum[3] + b * sum[4], bm = a * sum[4] + b * sum[5];
-    const float cm = b * sum[3] + c * sum[4], dm = b * sum[4] + c * sum[5];
-    const float h00 = am * a + bm * b, h01 = am * b + bm * c, h11 = cm * b + dm * c;
+    // With Q the conic and M the second moments, dL/dQ = -M/2 and Q = (t t^T + blur)^-1, hence dL/dt = (Q M Q) t; here in
+    // the sheared frame of u, where Q = diag(a, c).
+    const float h00 = a * a * sum[3], h01 = a * c * sum[4], h11 = c * c * sum[5];
     float side[2][3];  // dL/d(J W R)
     for (int k = 0; k < 3; ++k) {
-        const float d0 = h00 * o.t[0][k] + h01 * o.t[1][k], d1 = h01 * o.t[0][k] + h11 * o.t[1][k];
+        const float tu = o.t[0][k] - slope * o.t[1][k], ty = o.t[1][k];
+        const float d0 = h00 * tu + h01 * ty, d1 = h01 * tu + h11 * ty - slope * d0;
         g.scales[3 * i + k] = d0 * o.side[0][k] + d1 * o.side[1][k];
         side[0][k] = d0 * s[k];
         side[1][k] = d1 * s[k];
@@ -1143,7 +1144,7 @@ F4X_HOT void unproject_one(const Problem& p, int64_t i, const float* sum, const 
         2 * (qw * (r[2] - r[6]) + qx * (r[1] + r[3]) + qz * (r[5] + r[7]) - 2 * qy * (r[0] + r[8])),
         2 * (qw * (r[3] - r[1]) + qx * (r[2] + r[6]) + qy * (r[5] + r[7]) - 2 * qz * (r[0] + r[4]))};
     const float along = q[0] * qw + q[1] * qx + q[2] * qy + q[3] * qz;
-    for (int k = 0; k < 4; ++k) g.quats[4 * i + k] = (q[k] - along * o.q[k]) / o.norm;
+    for (int k = 0; k < 4; ++k) g.quats[4 * i + k] = o.norm < 1e-12f ? 0.0f : (q[k] - along * o.q[k]) / o.norm;
 }
 
 F4X_TARGET void gather(const Problem& p, State& s, int64_t begin, int64_t end, const Gradients& g, double* camera) {

@@ -93,7 +93,12 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
         return None, f"{path.name} does not load: {error}"
     library.f4x_instruction_set.restype = ctypes.c_char_p
     library.f4x_forward.restype = _POINTER
-    library.f4x_forward.argtypes = [ctypes.POINTER(_Problem), ctypes.c_int32, *[_POINTER] * 4, ctypes.POINTER(ctypes.c_int32)]
+    library.f4x_forward.argtypes = [
+        ctypes.POINTER(_Problem),
+        ctypes.c_int32,
+        *[_POINTER] * 4,
+        ctypes.POINTER(ctypes.c_int32),
+    ]
     library.f4x_backward.argtypes = [_POINTER, ctypes.POINTER(_Problem), ctypes.POINTER(_Gradients)]
     library.f4x_release.argtypes = [_POINTER]
     library.f4x_release.restype = None
