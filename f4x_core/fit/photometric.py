@@ -15,13 +15,14 @@ import torch
 from torch import Tensor
 
 from ..clip import Clip
+from ..errors import Cancelled
 from ..gaussians import DensityControl, DynamicGaussians, SetOptimiser, StaticGaussians
 from ..priors import Priors
 from ..progress import Progress, silent
 from ..raster import RasterConfig
 from ..scaffold.losses import arap_losses, smoothness_losses
 from ..scaffold.optimise import with_graph
-from .checkpoint import load_checkpoint, save_checkpoint
+from .checkpoint import save_checkpoint
 from .config import FitConfig
 from .losses import depth_loss, psnr, rgb_loss
 from .model import NodeSet, SceneModel
@@ -117,18 +118,21 @@ class PhotometricStage:
         """Train to the last step, writing `checkpoint` now and then; an interrupt leaves one behind."""
         total = self.config.steps
         message = ""
+        whole = True  # inside a step there is nothing to continue from: then the last checkpoint stays
         try:
             while self.step < total:
+                whole = False
                 loss = self.train_step()
                 self.step += 1
                 if self.step % self.config.measure_every == 0 or self.step == total:
                     self.measure(loss)
                     message = f"{self.history[-1]['psnr']:.1f} dB, {self.count():,} Gaussians"
+                whole = True
                 if checkpoint is not None and self.step % self.config.checkpoint_every == 0:
                     save_checkpoint(checkpoint, self.state(config_hash))
                 progress("photometric", self.step, total, message)
-        except KeyboardInterrupt:
-            if checkpoint is not None:
+        except (KeyboardInterrupt, Cancelled):
+            if checkpoint is not None and whole:
                 save_checkpoint(checkpoint, self.state(config_hash))
             raise
         if checkpoint is not None:
@@ -403,10 +407,3 @@ class PhotometricStage:
         self.generator.set_state(state["generator"])
         self.step, self.next_id, self.order = state["step"], state["next_id"], list(state["order"])
         self.history = json.loads(state["history"])
-
-
-def resume_or_start(stage: PhotometricStage, checkpoint: Path, config_hash: str, resume: bool) -> None:
-    """Restore `stage` from `checkpoint` when resuming and there is one."""
-    state = load_checkpoint(checkpoint, config_hash) if resume else None
-    if state is not None:
-        stage.restore(state)

@@ -33,6 +33,8 @@ from .start import start_scaffold
 
 # With fewer supervised frames nothing about motion or parallax can be told apart.
 LEAST_FRAMES = 3
+# Smaller pictures hold no pattern that flow could follow.
+LEAST_SIDE = 16
 # Static Gaussians are not spawned this close (pixels) to the moving mask, whose edge is uncertain.
 MASK_MARGIN = 2
 
@@ -69,17 +71,13 @@ def fit_clip(
     """Fit `clip`, keeping priors and checkpoints in `folder`.
 
     Raises:
-        F4xError: too few frames, unusable priors, or a checkpoint that does not belong to this clip and these settings.
+        F4xError: a clip that `require_enough` refuses, unusable priors, or a checkpoint that does not belong to this clip
+            and these settings.
     """
-    if len(clip.supervised) < LEAST_FRAMES:
-        raise F4xError(
-            f"{clip.source}: {len(clip.supervised)} frames are too few to tell motion from parallax; give at least"
-            f" {LEAST_FRAMES}."
-        )
+    require_enough(clip)
     choose_backend(config.backend)
     if config.threads:
         torch.set_num_threads(config.threads)
-    folder.mkdir(parents=True, exist_ok=True)
     seconds: dict[str, float] = {}
     clock = time.perf_counter()
 
@@ -93,11 +91,11 @@ def fit_clip(
     digests = {name: entry.get("digest") for name, entry in priors.provenance.items()}
     settings = {k: v for k, v in resolved(config).items() if k not in ("checkpoint_every", "measure_every")}
     key = config_hash(settings, digests, clip.width, clip.height)
-    degree, needs = _decide(clip, priors, config)
     checkpoint = folder / "checkpoints" / "photometric.pt"
+    state = load_checkpoint(checkpoint, key) if resume else None
+    degree, needs = _decide(clip, priors, config)
     stage, more = _start(clip, priors, config, degree, progress)
     lap("start")
-    state = load_checkpoint(checkpoint, key) if resume else None
     if state is not None:
         stage.restore(state)
     stage.run(checkpoint, key, progress)
@@ -112,6 +110,20 @@ def fit_clip(
         "seconds": seconds,
     }
     return _result(clip, stage, needs, priors, provenance, seconds)
+
+
+def require_enough(clip: Clip) -> None:
+    """Raise F4xError when the clip has too few supervised frames or too small pictures for any fit."""
+    if len(clip.supervised) < LEAST_FRAMES:
+        raise F4xError(
+            f"{clip.source}: {len(clip.supervised)} frames are too few to tell motion from parallax; give at least"
+            f" {LEAST_FRAMES}."
+        )
+    if min(clip.width, clip.height) < LEAST_SIDE:
+        raise F4xError(
+            f"{clip.source}: pictures of {clip.width}x{clip.height} are too small; give at least"
+            f" {LEAST_SIDE}x{LEAST_SIDE} pixels."
+        )
 
 
 def _decide(clip: Clip, priors: Priors, config: FitConfig) -> tuple[int, list[Need]]:
