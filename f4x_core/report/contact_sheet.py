@@ -32,7 +32,7 @@ def contact_sheet(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Image.Image:
-    """Return an RGB picture: one row for each of `frames` moments spread over the clip, one labelled column per `COLUMNS`.
+    """Return an RGB picture: one row for each of `frames` used moments spread over the clip, one labelled column per `COLUMNS`.
 
     The new view is the moment's own camera moved to its right until it sees the scene's centre from `degrees` further.
     Colours of depth and motion have one range for the whole sheet.
@@ -45,7 +45,8 @@ def contact_sheet(
         raise F4xError(
             f"{clip.source}: {len(clip)} frames, but the scene has {len(cameras)}; give the scene's own clip."
         )
-    chosen = np.unique(np.linspace(0, len(clip) - 1, frames).round().astype(int))
+    used = clip.supervised
+    chosen = used[np.unique(np.linspace(0, len(used) - 1, frames).round().astype(int))]
     views, news = [], []
     for done, index in enumerate(chosen):
         progress("sheet", done, len(chosen))
