@@ -3,6 +3,7 @@
 A strategy object records the screen-space gradient each step and changes the set at its period; the training loop only calls it.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -34,8 +35,8 @@ class DensityConfig:
     """Gaussians whose largest standard deviation (world units) exceeds this are split; smaller ones are cloned."""
     prune_opacity: float = 0.02
     """Gaussians fainter than this are removed."""
-    prune_scale: float = 0.5
-    """Gaussians larger than this (world units, median depth = 1) are removed; 0 keeps them."""
+    most_scale: float = 0.1
+    """Standard deviations (world units, median depth = 1) are capped to this each round: larger ones are fog."""
     reset_every: int = 0
     """Steps between two opacity resets; 0 = never (short schedules cannot afford the dip)."""
     reset_opacity: float = 0.05
@@ -107,9 +108,9 @@ class DensityControl:
 
     def _prune(self) -> None:
         gaussians, config = self.optimiser.gaussians, self.config
+        with torch.no_grad():
+            gaussians.parameters["log_scale"].clamp_(max=math.log(config.most_scale))
         keep = gaussians.opacity.detach() >= config.prune_opacity
-        if config.prune_scale:
-            keep &= gaussians.scale.detach().amax(1) <= config.prune_scale
         if int(keep.sum()) < config.least:
             keep[gaussians.opacity.detach().topk(min(config.least, len(gaussians))).indices] = True
         self.optimiser.keep(keep.nonzero()[:, 0])
