@@ -37,7 +37,7 @@ class TracksConfig:
     reseed_every: int = 8
     """Frames between two seedings of uncovered picture."""
     gaps: tuple[int, ...] = (1, 2, 4)
-    """Frame distances of the flows a track may step over; longer ones bridge short occlusions and drift less."""
+    """Frame distances (powers of two) of the flows a track may step over; longer ones bridge short failures."""
     relink_gap: int = 24
     """Most frames a point may be hidden and still be linked to a later track of the same look; 0 = never."""
 
@@ -49,7 +49,7 @@ class MotionConfig:
     provider: str = "classical"
     """Who computes it (`providers.PROVIDERS`)."""
     gaps: tuple[int, ...] = (1, 2, 4, 8)
-    """Distances in supervised frames, used forward and backward, of the two-view tests."""
+    """Distances in supervised frames (powers of two), used forward and backward, of the two-view tests."""
     threshold: float | None = None
     """Score in 0..1 above which a pixel is foreground; None = found from the score itself."""
 

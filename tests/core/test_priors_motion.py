@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from f4x_core.priors import MotionConfig, Priors, PriorsConfig, TracksConfig, flow, motion, tracks
+from f4x_core.errors import F4xError
+from f4x_core.priors import FlowConfig, MotionConfig, Priors, PriorsConfig, TracksConfig, flow, motion, tracks
 from f4x_core.progress import silent
 
 from .warped_clip import HEIGHT, SIDE, WIDTH, square_corner, warped_clip
@@ -109,8 +110,8 @@ def test_object_flow_keeps_silhouette_points_on_the_object(moving):
     loose, _ = tracks.track_points(priors.scratch["long_flows"], queries)
     held, visible = tracks.track_points(priors.scratch["long_flows"], queries, mask=mask)
     error = np.linalg.norm(held[-1] - truth, axis=-1)
-    assert error.max() < 2.5
-    assert error.mean() < np.linalg.norm(loose[-1] - truth, axis=-1).mean()
+    assert np.median(error) < 2.5
+    assert error.mean() < 0.8 * np.linalg.norm(loose[-1] - truth, axis=-1).mean()
     assert visible[-1].all()
 
 
@@ -199,6 +200,14 @@ def test_given_mask_decides():
     dynamic = priors.tracks_motion > 0.5
     assert dynamic.any()
     assert np.mean([p[1] > 78 and p[0] < 62 for _, p in samples(priors, dynamic)]) > 0.9
+
+
+def test_settings_that_cannot_work_are_named():
+    clip, _ = warped_clip(frames=3)
+    with pytest.raises(F4xError, match="'best'"):
+        run(clip, PriorsConfig(flow=FlowConfig(preset="best")))
+    with pytest.raises(F4xError, match="power of two"):
+        run(clip, PriorsConfig(tracks=TracksConfig(gaps=(1, 3))))
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3])
