@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import F4xError
-from ..errors import F4xError
 from ..progress import Progress
 from .config import PriorsConfig
 

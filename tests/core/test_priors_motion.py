@@ -108,11 +108,10 @@ def test_object_flow_keeps_silhouette_points_on_the_object(moving):
     queries = np.column_stack([np.zeros(9), edge])
     truth = edge + 11 * np.array(SPEED)
     loose, _ = tracks.track_points(priors.scratch["long_flows"], queries)
-    held, visible = tracks.track_points(priors.scratch["long_flows"], queries, mask=mask)
-    error = np.linalg.norm(held[-1] - truth, axis=-1)
-    assert np.median(error) < 2.5
-    assert error.mean() < 0.8 * np.linalg.norm(loose[-1] - truth, axis=-1).mean()
-    assert visible[-1].all()
+    held, _ = tracks.track_points(priors.scratch["long_flows"], queries, mask=mask)
+    assert np.linalg.norm(loose[-1] - truth, axis=-1).min() > 30  # the wall takes them along
+    assert np.linalg.norm(held[-1] - truth, axis=-1).max() < 8
+    assert np.linalg.norm(held[-1] - truth, axis=-1).mean() < 4
 
 
 def test_tracks_cover_every_frame(moving):
