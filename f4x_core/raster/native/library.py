@@ -20,9 +20,6 @@ SOURCE = Path(__file__).with_name("kernel.cpp")
 FOLDER = Path(__file__).with_name("_build")
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
-Floats = np.ndarray
-"""Float32, C-contiguous: what the kernel reads through a bare pointer."""
-
 SELF_CHECK = Path(__file__).with_name("self_check.npz")
 # The largest relative error (L2) against the stored float64 values at which the library is still trusted: float32
 # rounding gives 1e-6, the mildest real fault (a splat or a gradient term missing) gives more than 1e-2.
@@ -67,8 +64,10 @@ class Render:
     """A forward pass and, where it was kept, what its backward pass needs."""
 
     output: RasterOutput
-    inputs: dict[str, Floats | None]
+    inputs: dict[str, Any]
+    """Arrays as the kernel reads them, float32 and C-contiguous; None where one was left out."""
     problem: _Problem
+    """Points into `inputs`."""
     state: _State | None
 
 
@@ -102,9 +101,9 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
     library.f4x_backward.argtypes = [_POINTER, ctypes.POINTER(_Problem), ctypes.POINTER(_Gradients)]
     library.f4x_release.argtypes = [_POINTER]
     library.f4x_release.restype = None
-    error = self_check(library)
-    if not error < SELF_CHECK_ERROR:
-        return None, f"{path.name} disagrees with the float64 reference by {error:.1e} in its self-check"
+    difference = self_check(library)
+    if not difference < SELF_CHECK_ERROR:
+        return None, f"{path.name} disagrees with the float64 reference by {difference:.1e} in its self-check"
     return library, ""
 
 
@@ -141,7 +140,9 @@ def forward(
         F4xError: memory ran out.
     """
     # The kernel walks bare pointers: a strided view must become a plain copy first.
-    held = {name: None if a is None else np.ascontiguousarray(a, np.float32) for name, a in inputs.items()}
+    held: dict[str, Any] = {
+        name: None if a is None else np.ascontiguousarray(a, np.float32) for name, a in inputs.items()
+    }
     count, channels = held["colors"].shape
     problem = _Problem(
         count=count,
@@ -179,7 +180,7 @@ def backward(
     channels: np.ndarray | None,
     depth: np.ndarray | None,
     alpha: np.ndarray | None,
-) -> dict[str, Floats]:
+) -> dict[str, np.ndarray]:
     """Gradients of means, quats, scales, opacities, colors, viewmat (4, 4) and mean2d_offset (N, 2) of a kept render.
 
     Args:
