@@ -5,5 +5,5 @@ class F4xError(Exception):
     """Bad input or an impossible request, told in one clear sentence: which file, what is wrong, what to do."""
 
 
-class Cancelled(Exception):
+class Cancelled(Exception):  # noqa: N818 - nothing went wrong
     """The user asked a long job to stop; whatever was finished is on disk and can be resumed."""

@@ -4,6 +4,7 @@ Lengths are in world units (median scene depth = 1), steps are optimiser steps, 
 """
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ..errors import F4xError
@@ -88,17 +89,17 @@ class LossConfig:
     """Confidence-weighted inverse depth."""
     mask: float = 0.05
     """Alpha of the dynamic Gaussians against the moving mask, where the motion score is certain."""
-    arap_coordinate: float = 3.0
+    arap_coordinate: float = 0.3
     """As-rigid-as-possible: neighbours keep their place in a node's frame."""
-    arap_length: float = 3.0
+    arap_length: float = 0.3
     """As-rigid-as-possible: neighbours keep their distance."""
-    velocity: float = 0.3
+    velocity: float = 0.03
     """Node speed."""
-    acceleration: float = 3.0
+    acceleration: float = 0.3
     """Change of node velocity."""
-    rotation_velocity: float = 0.1
+    rotation_velocity: float = 0.01
     """Node angular speed."""
-    rotation_acceleration: float = 1.0
+    rotation_acceleration: float = 0.1
     """Change of node angular speed."""
     dw: float = 0.01
     """Size of the skinning offsets."""
@@ -239,6 +240,6 @@ def resolved(config: FitConfig) -> dict:
             return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
         if isinstance(value, tuple):
             return [plain(item) for item in value]
-        return dict(value) if hasattr(value, "items") else value
+        return dict(value) if isinstance(value, Mapping) else value
 
     return {f.name: plain(getattr(config, f.name)) for f in dataclasses.fields(config)}

@@ -6,6 +6,9 @@ it instead, keeping their place in the world, and density control adds what is m
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -97,16 +100,17 @@ def drop_nodes(model: SceneModel, shared: torch.optim.Adam, config: NodeConfig) 
     return len(new_index) - len(pruned)
 
 
-def _swap_nodes(model: SceneModel, shared: torch.optim.Adam, fresh: NodeSet, change_moment) -> None:
+def _swap_nodes(
+    model: SceneModel, shared: torch.optim.Adam, fresh: NodeSet, change_moment: Callable[..., Tensor]
+) -> None:
     """Put `fresh` in place of the model's nodes, keeping Adam's moments aligned along the node axis."""
     for group in shared.param_groups:
         name = group["name"]
         if name in fresh.parameters:
             axis = 0 if name == "radius_logit" else 1
             value = fresh.parameters[name].detach()
-            fresh.parameters[name] = replace_parameter(
-                shared, group, value, lambda m, axis=axis: change_moment(m, axis)
-            )
+            change = partial(change_moment, axis=axis)
+            fresh.parameters[name] = replace_parameter(shared, group, value, change)
     model.nodes = fresh
 
 

@@ -58,20 +58,20 @@ class FrameData:
     def full(cls, clip: Clip, priors: Priors) -> FrameData:
         """The supervised frames at the fitted size."""
         rgb = torch.from_numpy(np.ascontiguousarray(clip.frames[priors.frames]))
-        arrays = (
+        depth, confidence, motion = (
             torch.from_numpy(np.ascontiguousarray(a)) for a in (priors.depth, priors.depth_confidence, priors.motion)
         )
-        return cls(rgb, *arrays, width=priors.width, height=priors.height)
+        return cls(rgb, depth, confidence, motion, priors.width, priors.height)
 
     def halved(self) -> FrameData:
         """Half the resolution: colours averaged over 2 x 2 pixels, the other maps sampled."""
         width, height = self.width // 2, self.height // 2
         crop = self.rgb[:, : 2 * height, : 2 * width].reshape(len(self.rgb), height, 2, width, 2, 3)
         rgb = torch.stack([frame.float().mean((1, 3)).round().byte() for frame in crop])
-        maps = (
+        depth, confidence, motion = (
             a[:, : 2 * height : 2, : 2 * width : 2].contiguous() for a in (self.depth, self.confidence, self.motion)
         )
-        return FrameData(rgb, *maps, width=width, height=height)
+        return FrameData(rgb, depth, confidence, motion, width, height)
 
 
 class PhotometricStage:

@@ -142,15 +142,19 @@ def _start(
     rng = np.random.default_rng(config.seed)
     rig = CameraRig(priors.cameras)
     share = moving_share(priors)
-    scaffold, needs = None, []
+    scaffold: Scaffold | None = None
+    needs: list[Need] = []
     if share >= config.moving_share:
         scaffold, needs = start_scaffold(priors, config, progress)
     if scaffold is None:
-        why = f"{share:.3%} of the pixels move by themselves" if not needs else "no moving track is long enough"
+        still = share < config.moving_share
+        why = f"{share:.3%} of the pixels move by themselves" if still else "too few moving tracks are long enough"
         needs.append(
             Need("motion", "none: no scaffold, no dynamic Gaussians", why, "the whole dynamic set and its stage")
         )
     static = _spawn_static(clip, priors, config, degree, moving=scaffold is not None, rng=rng, progress=progress)
+    if len(static) == 0 and scaffold is not None:  # everything moves: a backdrop from what moves
+        static = _spawn_static(clip, priors, config, degree, moving=False, rng=rng, progress=progress)
     if len(static) == 0:
         raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
     if scaffold is None:

@@ -75,7 +75,7 @@ def rasterize(
         "mean2d_offset": mean2d_offset,
     }
     _check_shapes(arguments, width, height, detached_from)
-    options = {"config": config or RasterConfig(), "detached_from": detached_from}
+    options: dict[str, Any] = {"config": config or RasterConfig(), "detached_from": detached_from}
     chosen = choose_backend(backend, means)
     if chosen == "native":
         from .native import rasterize_native

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    import torch
-
-    Array = torch.Tensor | np.ndarray
+Array = Any
+"""A torch tensor or a numpy array; as a union, every caller would have to narrow what it knows already."""
 
 # More threads than this only help images larger than a clip's, and each one holds its own work buffers.
 MAX_DEFAULT_THREADS = 8

@@ -160,7 +160,7 @@ def blend_by_flow(before: np.ndarray, after: np.ndarray, share: float) -> np.nda
     """Picture (H,W,3) float32 in [0,1] at `share` of the way between two (H,W,3) uint8 frames, both warped along DIS flow."""
     import cv2
 
-    flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     grey_before, grey_after = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (before, after))
     forward = flow.calc(grey_before, grey_after, None)
     backward = flow.calc(grey_after, grey_before, None)

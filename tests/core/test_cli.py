@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 from toy import clip_and_priors
 
-from f4x_core.cli import main
 from f4x_core.cli import fitting as cli_fitting
+from f4x_core.cli import main
 from f4x_core.fit import pipeline
 from f4x_core.scene import read_scene
 
@@ -29,7 +29,7 @@ def fails(capsys, *arguments):
 
 
 @pytest.fixture
-def toy_fit(tmp_path, monkeypatch):
+def toy_fit(tmp_path, monkeypatch, capsys):
     """A small fitted toy clip: (clip folder, output folder)."""
     clip, priors = clip_and_priors(hold_out=4)
     folder = write_frames(tmp_path / "clip", clip.frames)
