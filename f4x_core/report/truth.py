@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from scipy.ndimage import binary_dilation, binary_erosion
 
-from ..clip.images import read_color, resize_color
+from ..clip.images import read_color, resize_color, resize_nearest
 from ..errors import F4xError
 from ..fit.losses import psnr, ssim
+from ..fit.model import CameraRig
 from ..geometry.camera import Camera, CameraPath
+from ..priors.synthetic import BACKGROUND_DEPTH, read_passes
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
-from .evaluation import path_error
+from .evaluation import FrozenMoment, path_error, refine
 
 # Rounds of the alternation between scale and rotation, and of the reweighting against wrong cameras.
 ALIGN_ROUNDS = 20
@@ -30,19 +34,27 @@ Similarity = tuple[float, np.ndarray, np.ndarray]
 
 
 def score_against_truth(
-    scene: Scene, truth_folder: Path | str, backend: str = "auto", progress: Progress = silent
+    scene: Scene,
+    truth_folder: Path | str,
+    *,
+    refine_camera: bool = False,
+    backend: str = "auto",
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Compare `scene` with the truth of the rendered clip it was made from.
 
     Args:
         scene: fitted to all frames of the clip (any width, held-out frames allowed), in any world frame and unit.
         truth_folder: what `scripts/synthetic_clip.py` wrote; its extra cameras are used when it has some.
+        refine_camera: also score extra views after their camera was moved to match (scene frozen), which takes out what
+            the alignment of the two worlds leaves.
 
     Returns:
         `ate` (true world units), `ate_share` (of the true path), `path_length`, `rotation_error` (degrees, root mean square
         after the alignment) over supervised frames; `scale` true units per scene unit; with extra cameras
-        `unseen_psnr`, `unseen_ssim` (means over frames) and `views`, one row for each of their frames. Views are left out
-        when the fitted camera stands still: its unit is then unknown, and so are places in it.
+        `unseen_psnr`, `unseen_ssim`, `unseen_psnr_covered` (only pixels whose surface some used frame saw, by the truth)
+        and on request `unseen_psnr_covered_refined` (means over frames), and `views`, one row for each of their frames.
+        Views are left out when the fitted camera stands still: its unit is then unknown, and so are places in it.
 
     Raises:
         F4xError: no truth there, or of another clip.
@@ -55,25 +67,27 @@ def score_against_truth(
             f"{folder}: the truth has {len(true_path)} frames, the scene {len(scene.cameras)}; fit all frames of the clip."
         )
     used = np.setdiff1d(np.arange(len(true_path)), scene.held_out)
-    estimated, actual = _chosen(scene.cameras, used), _chosen(true_path, used)
-    similarity = align_cameras(estimated, actual)
-    scores: dict[str, Any] = path_error(estimated, actual)
-    scores |= {"scale": similarity[0], "rotation_error": rotation_error(estimated, actual, similarity)}
-    rows = []
+    estimated, true_used = _chosen(scene.cameras, used), _chosen(true_path, used)
+    similarity = align_cameras(estimated, true_used)
+    scores: dict[str, Any] = path_error(estimated, true_used)
+    scores |= {"scale": similarity[0], "rotation_error": rotation_error(estimated, true_used, similarity)}
     still = float(np.sqrt(estimated.centers.var(axis=0).sum())) < SHORTEST_PATH
-    for extra in () if still else truth["extra_cameras"]:
-        path = CameraPath.from_json(extra["cameras"], folder / "truth.json").resized(
-            scene.cameras.width, scene.cameras.height
-        )
+    extras = [] if still else truth["extra_cameras"]
+    seen = SeenSurface.read(folder, true_path, used, truth["moving_index"]) if extras else None
+    rows = []
+    for extra in extras:
+        path = CameraPath.from_json(extra["cameras"], folder / "truth.json")
         for index, time in enumerate(path.times):
             progress("unseen views", index, len(path), extra["name"])
-            row = _score_view(
-                scene, into_scene(path[index], similarity), float(time), folder / extra["images"], backend
-            )
+            actual = read_color(folder / extra["images"] / f"{int(time):05d}.png")
+            covered = seen.covers(path[index], int(time)) if seen else None
+            camera = into_scene(path[index], similarity).resized(scene.cameras.width, scene.cameras.height)
+            row = _score_view(scene, camera, float(time), actual, covered, refine_camera, backend)
             rows.append({"camera": extra["name"], "frame": int(time), **row})
         progress("unseen views", len(path), len(path), extra["name"])
     if rows:
-        scores |= {f"unseen_{name}": float(np.mean([row[name] for row in rows])) for name in ("psnr", "ssim")}
+        names = [name for name in rows[0] if name not in ("camera", "frame")]
+        scores |= {f"unseen_{name}": float(np.nanmean([row[name] for row in rows])) for name in names}
         scores["views"] = rows
     return scores
 
@@ -146,12 +160,69 @@ def _chosen(path: CameraPath, frames: Sequence[int] | np.ndarray) -> CameraPath:
     )
 
 
-def _score_view(scene: Scene, camera: Camera, time: float, images: Path, backend: str) -> dict[str, float]:
-    """PSNR and SSIM of one extra view; its picture is called by its time."""
-    actual = resize_color(read_color(images / f"{int(time):05d}.png"), camera.width, camera.height)
-    drawn = np.clip(render(scene, camera, time, ("rgb",), backend)["rgb"], 0, 1)
-    pair = torch.from_numpy(drawn), torch.from_numpy(actual.astype(np.float32) / 255)
-    return {"psnr": psnr(*pair), "ssim": ssim(*pair)}
+@dataclass(frozen=True)
+class SeenSurface:
+    """Where true surfaces lie that the clip's used frames saw: what a scene can know at most."""
+
+    still: np.ndarray
+    """(P,3) points of what stands still, true world, from all used frames."""
+    moving: dict[int, np.ndarray]
+    """Frame -> (n,3) points of what moves, as that frame saw it."""
+
+    @classmethod
+    def read(cls, folder: Path, path: CameraPath, used: np.ndarray, moving_index: list[int]) -> SeenSurface | None:
+        """From the passes in `folder/truth`; None when they are not there."""
+        still, moving = [], {}
+        for frame in used:
+            file = folder / "truth" / f"{frame:05d}.exr"
+            if not file.is_file():
+                return None
+            passes = read_passes(file)
+            depth, moves = passes["Depth"], np.isin(passes["Object Index"].round(), moving_index)
+            known = depth < BACKGROUND_DEPTH
+            camera = path[int(frame)]
+            points = camera.unproject(camera.pixel_grid(), depth.astype(np.float64))  # (H,W,3)
+            still.append(points[known & ~moves])
+            moving[int(frame)] = points[known & moves]
+        return cls(np.concatenate(still), moving)
+
+    def covers(self, camera: Camera, frame: int) -> np.ndarray:
+        """(H,W) bool: pixels of `camera` onto which a seen point falls; single-pixel gaps between points are closed.
+
+        A seen wall behind an unseen part of the subject counts, so the region is rather too large than too small.
+        """
+        mask = np.zeros((camera.height, camera.width), bool)
+        for points in (self.still, self.moving.get(frame, np.zeros((0, 3)))):
+            pixels, depth = camera.project(points)
+            column, row = np.floor(pixels[depth > 0]).astype(int).T
+            inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+            mask[row[inside], column[inside]] = True
+        return binary_erosion(binary_dilation(mask, np.ones((3, 3))), np.ones((3, 3)), border_value=True)
+
+
+def _score_view(
+    scene: Scene,
+    camera: Camera,
+    time: float,
+    actual: np.ndarray,
+    covered: np.ndarray | None,
+    refine_camera: bool,
+    backend: str,
+) -> dict[str, float]:
+    """PSNR and SSIM of one extra view: `actual` (H,W,3) uint8, `covered` (H,W) bool of the same size or None."""
+    size = camera.width, camera.height
+    target = torch.from_numpy(resize_color(actual, *size).astype(np.float32) / 255)
+    picture = torch.from_numpy(np.clip(render(scene, camera, time, ("rgb",), backend)["rgb"], 0, 1))
+    scores = {"psnr": psnr(picture, target), "ssim": ssim(picture, target)}
+    if covered is not None:
+        weight = torch.from_numpy(resize_nearest(covered, *size)).float()
+        scores["psnr_covered"] = psnr(picture, target, weight)
+        if refine_camera:
+            rig = CameraRig(CameraPath(camera.intrinsics[None], camera.world_to_camera[None], np.array([time]), *size))
+            scores["psnr_covered_refined"] = psnr(
+                refine(FrozenMoment(scene, time, backend), rig, target), target, weight
+            )
+    return scores
 
 
 def _read_truth(folder: Path) -> dict[str, Any]:
@@ -162,6 +233,6 @@ def _read_truth(folder: Path) -> dict[str, Any]:
         raise F4xError(
             f"{path} cannot be read ({error}); render the clip again with scripts/synthetic_clip.py."
         ) from error
-    if not isinstance(truth, dict) or not {"cameras", "extra_cameras"} <= truth.keys():
+    if not isinstance(truth, dict) or not {"cameras", "extra_cameras", "moving_index"} <= truth.keys():
         raise F4xError(f"{path} is not the truth of a rendered clip; render it with scripts/synthetic_clip.py.")
     return truth

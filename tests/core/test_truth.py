@@ -13,7 +13,7 @@ from f4x_core.clip.images import as_bytes
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion, trajectory
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.report.truth import align_cameras, into_scene, rotation_error, score_against_truth
+from f4x_core.report.truth import SeenSurface, align_cameras, into_scene, rotation_error, score_against_truth
 from f4x_core.scene.view import render
 
 SCALE, SHIFT = 2.5, np.array([0.3, -2.0, 5.0])
@@ -52,7 +52,7 @@ def write_truth(folder: Path, scene, extra: bool = True) -> None:
             picture = as_bytes(render(scene, path[index], float(time), ("rgb",))["rgb"])
             Image.fromarray(picture).save(folder / "images_left10" / f"{int(time):05d}.png")
         entries.append({"name": "left10", "cameras": in_true_world(path).to_json(), "images": "images_left10"})
-    truth = {"cameras": in_true_world(scene.cameras).to_json(), "extra_cameras": entries}
+    truth = {"cameras": in_true_world(scene.cameras).to_json(), "extra_cameras": entries, "moving_index": [2]}
     (folder / "truth.json").write_text(json.dumps(truth))
 
 
@@ -135,6 +135,19 @@ def test_bad_truth_is_one_sentence(tmp_path: Path, content, words):
         (tmp_path / "truth.json").write_text(content)
     with pytest.raises(F4xError, match=words):
         score_against_truth(random_scene(), tmp_path)
+
+
+def test_seen_surface_leaves_out_what_no_camera_saw():
+    """A wall seen from one place, looked at from the side: the strip beyond the first picture is not covered."""
+    camera = random_scene().cameras[0]
+    wall = camera.unproject(camera.pixel_grid(), np.full((camera.height, camera.width), 2.0)).reshape(-1, 3)
+    aside = camera.world_to_camera.copy()
+    aside[0, 3] -= 10 * 2 / camera.intrinsics[0, 0]  # ten pixels at the wall's depth
+    moved = dataclasses.replace(camera, world_to_camera=aside)
+    seen = SeenSurface(wall[: len(wall) // 2], {3: wall[len(wall) // 2 :]})
+    mask = seen.covers(moved, 3)
+    assert mask[:, :54].all() and not mask[:, 54:].any()
+    assert not seen.covers(moved, 2)[camera.height // 2 + 1 :].any()  # what moves is seen at its own time only
 
 
 def test_truth_of_another_clip_is_refused(tmp_path: Path):
