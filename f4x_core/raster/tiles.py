@@ -26,7 +26,7 @@ from .projection import project
 # Splats blended at once; a tile can stop between slabs. Shorter slabs starve the GEMMs, longer ones overshoot the stop.
 SLAB = 32
 # Pixels x splats worked on at once: enough to hide the cost of a call, few enough to stay in a core's cache.
-ELEMENTS_CPU, ELEMENTS_ACCELERATOR = 2**17, 2**23
+ELEMENTS_CPU, ELEMENTS_ACCELERATOR = 2**18, 2**23
 # A batch drops its finished tiles as soon as fewer than this share of it is still at work.
 COMPACT_BELOW = 0.85
 # Work memory up to this size is kept for the next call: fresh pages cost more than the arithmetic done in them.
@@ -99,7 +99,8 @@ class _Grid:
     def to_image(self, tiles: Tensor) -> Tensor:
         """(tiles, C, pixels) -> (C, H, W)."""
         cut = tiles.view(self.rows, self.columns, -1, self.side, self.side).permute(2, 0, 3, 1, 4)
-        image = cut.reshape(-1, self.rows * self.side, self.columns * self.side)
+        image = cut.clone(memory_format=torch.contiguous_format)  # `tiles` is work memory, never to be given away
+        image = image.view(-1, self.rows * self.side, self.columns * self.side)
         return image[:, : self.height, : self.width]
 
     def to_tiles(self, image: Tensor, out: Tensor) -> None:

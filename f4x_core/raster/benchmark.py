@@ -1,0 +1,144 @@
+"""Times and checks the raster backends on a synthetic scene: `f4x bench raster`."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from ..errors import F4xError
+from ..progress import Progress, silent
+from . import BACKENDS, RasterConfig, choose_backend, rasterize
+
+if TYPE_CHECKING:
+    import torch
+
+# Scene of the error check: small, because the reference lets every splat meet every pixel.
+CHECK_WIDTH, CHECK_HEIGHT, CHECK_GAUSSIANS, CHECK_CHANNELS = 137, 101, 600, 11
+SHEETS = 6
+GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmat")
+
+
+def make_wavy_scene(
+    count: int, channels: int, width: int, height: int, seed: int = 0, dtype: torch.dtype | None = None
+) -> dict[str, Any]:
+    """Keyword arguments of `rasterize`: `SHEETS` wavy sheets of splats as large as their mean spacing, 1 to 3 deep.
+
+    About 40 splats contribute to a pixel before it stops, whatever `count` is, as in a fitted scene.
+    """
+    import torch
+
+    generator = torch.Generator().manual_seed(seed)
+
+    def uniform(*shape: int) -> torch.Tensor:
+        return torch.rand(*shape, generator=generator, dtype=torch.float64)
+
+    def normal(*shape: int) -> torch.Tensor:
+        return torch.randn(*shape, generator=generator, dtype=torch.float64)
+
+    focal = 0.9 * width
+    sheet = torch.arange(count) % SHEETS
+    x, y = 2 * uniform(2, count) - 1
+    base = 1 + 0.4 * sheet
+    z = base + 0.1 * torch.sin(4 * x + sheet) * torch.cos(5 * y)
+    half_width, half_height = (1.15 * size / 2 / focal for size in (width, height))
+    spacing = base * math.sqrt(4 * half_width * half_height * SHEETS / max(count, 1))
+    scene = {
+        "means": torch.stack((x * half_width * z, y * half_height * z, z), 1),
+        "quats": normal(count, 4),
+        "scales": 0.55 * spacing[:, None] * torch.exp(0.4 * normal(count, 3)),
+        "opacities": torch.sigmoid(1 + 1.5 * normal(count)),
+        "colors": uniform(count, channels),
+        "viewmat": torch.eye(4, dtype=torch.float64),
+        "K": torch.tensor([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]], dtype=torch.float64),
+    }
+    tensors = {name: value.to(dtype or torch.float32) for name, value in scene.items()}
+    return {**tensors, "width": width, "height": height}
+
+
+def benchmark(
+    counts: Sequence[int] = (10_000, 50_000),
+    channels: Sequence[int] = (3, 35),
+    threads: Sequence[int] = (1,),
+    width: int = 480,
+    height: int = 270,
+    backends: Sequence[str] | None = None,
+    repeats: int = 5,
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """Measure every backend that runs here.
+
+    Returns:
+        `timings`: list of backend, gaussians, channels, threads, forward_ms (no gradients), train_ms (forward and
+        backward), medians of `repeats` wall times. `errors`: per backend image_max, image_rmse and relative L2
+        `gradients` against the float64 reference. `skipped`: backend -> reason.
+    """
+    skipped: dict[str, str] = {}
+    names = []
+    for name in backends or [name for name in BACKENDS if name != "reference"]:
+        try:
+            names.append(choose_backend(name))
+        except F4xError as error:
+            skipped[name] = str(error)
+    errors = {name: _measure_error(name) for name in names}
+    cases = [(n, c, t, name) for n in counts for c in channels for t in threads for name in names]
+    timings = []
+    for done, (n, c, t, name) in enumerate(cases):
+        progress("bench raster", done, len(cases), f"{name}: {n} Gaussians, {c} channels")
+        scene = make_wavy_scene(n, c, width, height)
+        forward, train = _measure_time(scene, name, RasterConfig(threads=t), repeats)
+        row = {"backend": name, "gaussians": n, "channels": c, "threads": t}
+        timings.append({**row, "forward_ms": 1e3 * forward, "train_ms": 1e3 * train})
+    return {"width": width, "height": height, "timings": timings, "errors": errors, "skipped": skipped}
+
+
+def _measure_time(scene: dict[str, Any], backend: str, config: RasterConfig, repeats: int) -> tuple[float, float]:
+    """Median seconds of a forward pass without gradients, and of a forward and backward pass."""
+    import torch
+
+    leaves = {name: scene[name].requires_grad_() for name in GRADIENTS}
+
+    def preview() -> None:
+        with torch.no_grad():
+            rasterize(**scene, backend=backend, config=config)
+
+    def train() -> None:
+        out = rasterize(**scene, backend=backend, config=config)
+        torch.autograd.grad(out.channels.sum(), list(leaves.values()))
+
+    return _median(preview, repeats), _median(train, repeats)
+
+
+def _median(function: Callable[[], None], repeats: int) -> float:
+    function()  # the first call pays for page faults and thread starts
+    seconds = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        function()
+        seconds.append(time.perf_counter() - start)
+    return statistics.median(seconds)
+
+
+def _measure_error(backend: str) -> dict[str, Any]:
+    import torch
+
+    scene = make_wavy_scene(CHECK_GAUSSIANS, CHECK_CHANNELS, CHECK_WIDTH, CHECK_HEIGHT)
+    weights = torch.rand(CHECK_HEIGHT, CHECK_WIDTH, CHECK_CHANNELS, generator=torch.Generator().manual_seed(1))
+
+    def run(name: str) -> tuple[torch.Tensor, list[torch.Tensor]]:
+        leaves = {key: scene[key].detach().requires_grad_() for key in GRADIENTS}
+        image = rasterize(**{**scene, **leaves}, backend=name).channels.double()
+        return image.detach(), list(torch.autograd.grad((image * weights).sum(), list(leaves.values())))
+
+    (image, gradients), (true_image, true_gradients) = run(backend), run("reference")
+    difference = image - true_image
+    return {
+        "image_max": float(difference.abs().max()),
+        "image_rmse": float(difference.square().mean().sqrt()),
+        "gradients": {
+            name: float((a.double() - b.double()).norm() / b.double().norm())
+            for name, a, b in zip(GRADIENTS, gradients, true_gradients, strict=True)
+        },
+    }
