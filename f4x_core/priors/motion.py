@@ -15,7 +15,7 @@ import numpy as np
 
 from ..progress import Progress
 from .config import PriorsConfig
-from .flow import consistent, grey, long_flows, pixel_grid, sample, warp
+from .flow import consistent_at, grey, length, long_flows, pixel_grid, sample, warp
 from .tracks import longest, relink, seed_and_track
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ REFERENCE_WIDTH = 480
 """Longer picture side at which the pixel constants below were tuned; they grow with the picture."""
 STATIC_PIXELS = 0.3
 """Median border flow below which the camera stands still and the flow itself is the residual."""
-MAGSAC_PIXELS, MAGSAC_ITERATIONS = 1.0, 300
+MAGSAC_PIXELS, MAGSAC_ITERATIONS, FITTED_EVERY = 1.0, 300, 3
 NOISE_SCALE, NOISE_PIXELS = 3.0, (1.0, 3.0)
 """A residual of 3 x its median over the picture, within 1..3 px, scores one half."""
 DOUBT = 0.05
@@ -94,12 +94,12 @@ def motion_score(
     frames, height, width = flows[1].shape[:3]
     gaps = tuple(sign * gap for gap in gaps for sign in (1, -1) if gap < frames)
     grid = pixel_grid(height, width)[STEP // 2 :: STEP, STEP // 2 :: STEP]  # (h,w,2)
-    rows, columns = grid.shape[:2]
+    points, (rows, columns) = grid.reshape(-1, 2), grid.shape[:2]
     unit = max(height, width) / REFERENCE_WIDTH
     border = _border(rows, columns)
     samples = {gap: flows[gap][:, STEP // 2 :: STEP, STEP // 2 :: STEP] for gap in (1, *gaps)}  # (F,h,w,2) each
-    moved = np.linalg.norm(samples[1][: frames - 1][:, border].astype(np.float32), axis=-1)
-    far = np.linalg.norm(samples[max((1, *gaps))][: frames - max((1, *gaps))][:, border].astype(np.float32), axis=-1)
+    moved = length(samples[1][: frames - 1][:, border].astype(np.float32))
+    far = length(samples[max((1, *gaps))][: frames - max((1, *gaps))][:, border].astype(np.float32))
     border_flow = float(np.median(moved)) if moved.size else 0.0
     # A slow pan also has little flow per frame; it shows over the longest gap.
     static = border_flow < STATIC_PIXELS * unit and (not far.size or float(np.median(far)) < 2 * STATIC_PIXELS * unit)
@@ -111,28 +111,25 @@ def motion_score(
         for j, gap in enumerate(gaps):
             if not 0 <= t + gap < frames:
                 continue
-            good = consistent(flows[gap][t].astype(np.float32), flows[-gap][t + gap].astype(np.float32))
-            good = good[STEP // 2 :: STEP, STEP // 2 :: STEP].ravel()
             flow = samples[gap][t].reshape(-1, 2).astype(np.float64)
-            residual[t, j], share = (flow, 1.0) if static else _off_homography(grid.reshape(-1, 2), flow, good, unit)
+            good = consistent_at(points, flow, flows[-gap][t + gap])
+            residual[t, j], share = (flow, 1.0) if static else _off_homography(points, flow, good, unit)
             inliers[gap].append(share)
             trust[t, j] = np.where(good, 1.0, DOUBT)
-    score = _score(np.linalg.norm(residual, axis=-1), trust, unit)  # (F,P)
+    score = _score(length(residual), trust, unit)  # (F,P)
     edge = border.ravel()
     unexplained = score[:, edge] > 0.5
     last = np.abs(gaps) == max(np.abs(gaps), default=1)
     statistics: dict[str, Any] = {
         "static_camera": bool(static),
         "border_flow": border_flow,
-        "homography_residual": _median(
-            np.linalg.norm(residual[:, last][:, :, edge], axis=-1)[trust[:, last][..., edge] == 1]
-        ),
+        "homography_residual": _median(length(residual[:, last][:, :, edge])[trust[:, last][..., edge] == 1]),
         "homography_inliers": {str(gap): float(np.mean(shares)) for gap, shares in inliers.items() if shares},
         "border_unexplained": float(unexplained.mean()),
         "border_parallax": 0.0,
     }
     if not static and statistics["border_unexplained"] > PARALLAX_SHARE:
-        left = np.stack([_off_parallax(residual[t], trust[t], grid.reshape(-1, 2), unit, t) for t in range(frames)])
+        left = np.stack([_off_parallax(residual[t], trust[t], points, unit, t) for t in range(frames)])
         forgiven = _score(left, trust, unit)
         statistics["border_parallax"] = float((unexplained & (forgiven[:, edge] < 0.25)).mean())
         if statistics["border_parallax"] > PARALLAX_SHARE:
@@ -158,7 +155,7 @@ def _off_homography(points: np.ndarray, flow: np.ndarray, good: np.ndarray, unit
     """(P,2) flow beyond the homography of the background, in pixels, and the share of inliers."""
     import cv2
 
-    fitted = np.nonzero(good)[0][::2]
+    fitted = np.nonzero(good)[0][::FITTED_EVERY]
     target = points + flow
     try:
         homography, inlier = cv2.findHomography(
@@ -180,8 +177,8 @@ def _off_parallax(residual: np.ndarray, trust: np.ndarray, points: np.ndarray, u
     r, weight = residual[live].astype(np.float64), trust[live].astype(np.float64)
     scale, x = PARALLAX_PIXELS * unit, (points - points.mean(0)) / np.ptp(points[:, 0])
     some = np.arange(0, len(points), 3)
-    strong = some[(np.median(np.linalg.norm(r[:, some], axis=-1), axis=0) > 2 * scale) & (weight[:, some] == 1).all(0)]
-    left = np.linalg.norm(residual, axis=-1)
+    strong = some[(np.median(length(r[:, some]), axis=0) > 2 * scale) & (weight[:, some] == 1).all(0)]
+    left = length(residual)
     if len(strong) < 8:
         return left
 
@@ -189,7 +186,7 @@ def _off_parallax(residual: np.ndarray, trust: np.ndarray, points: np.ndarray, u
         rho = np.einsum("kpc,kpc,kp->p", r[:, at], field, w) / np.maximum(
             np.einsum("kpc,kpc,kp->p", field, field, w), 1e-9
         )
-        return rho, np.linalg.norm(r[:, at] - rho[:, None] * field, axis=-1)
+        return rho, length(r[:, at] - rho[:, None] * field)
 
     chosen = np.random.default_rng(seed).choice(strong, min(PARALLAX_HYPOTHESES, len(strong)), replace=False)
     fits = [leftover(np.repeat(r[:, [i]], len(some), 1), some, weight[:, some])[1] for i in chosen]
@@ -301,7 +298,7 @@ def _cut(frame: np.ndarray, score: np.ndarray, mask: np.ndarray, threshold: floa
     if not foreground.any() or foreground.all():
         return mask
     try:
-        cv2.grabCut(np.ascontiguousarray(picture[box]), inside, None, *models, CUT_ROUNDS, cv2.GC_INIT_WITH_MASK)
+        cv2.grabCut(np.ascontiguousarray(picture[box]), inside, None, *models, CUT_ROUNDS, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
     except cv2.error:  # too few pixels for its colour models
         return mask
     labels[box] = inside

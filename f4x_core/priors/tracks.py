@@ -8,7 +8,7 @@ import numpy as np
 
 from ..progress import Progress, silent
 from .config import PriorsConfig, TracksConfig
-from .flow import grey, long_flows, sample, scratch_array
+from .flow import grey, inside, length, long_flows, sample, scratch_array
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -49,7 +49,7 @@ def track_points(
     forward-backward error. Returns positions (F,Q,2) float32, a guess where lost, and visible (F,Q) bool.
     """
     config = config or TracksConfig()
-    frames, count = len(flows[1]), len(queries)
+    (frames, height, width), count = flows[1].shape[:3], len(queries)
     start, origin = np.round(queries[:, 0]).astype(int), queries[:, 1:].astype(np.float64)
     surface = ObjectFlows(flows, mask, config) if isinstance(mask, np.ndarray) else mask
     used = flows if surface is None else surface.flows
@@ -77,9 +77,9 @@ def track_points(
                 here = position[source, points]
                 step = sample(used[sign * gap][source], here)
                 there = here + step
-                error = np.linalg.norm(step + sample(used[-sign * gap][t], there), axis=-1)
-                believed = visible[source, points] & _inside(there, flows[1].shape)
-                believed &= error < np.maximum(RETURN_PIXELS, RETURN_SHARE * np.linalg.norm(step, axis=-1))
+                error = length(step + sample(used[-sign * gap][t], there))
+                believed = visible[source, points] & inside(there, height, width)
+                believed &= error < np.maximum(RETURN_PIXELS, RETURN_SHARE * length(step))
                 total = drift[source, points] + error + np.where(believed, 0, LOST)
                 better = total < best[reach]
                 chosen, points = reach[better], points[better]
@@ -88,7 +88,7 @@ def track_points(
             drift[t, open_] = best
             if surface is not None:
                 position[t, open_] = surface.pull(position[t, open_], t)
-    return (position + offset).astype(np.float32), visible & _inside(position + offset, flows[1].shape)
+    return (position + offset).astype(np.float32), visible & inside(position + offset, height, width)
 
 
 class ObjectFlows:
@@ -137,11 +137,6 @@ class ObjectFlows:
         for frame in np.unique(frames):
             pulled[frames == frame] = self.pull(points[frames == frame], frame)
         return pulled
-
-
-def _inside(points: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """(...,2) -> (...) bool: within a picture of a flow array's shape (F,H,W,2)."""
-    return ((points >= 0) & (points <= (shape[2], shape[1]))).all(-1)
 
 
 def seed_and_track(
@@ -193,14 +188,19 @@ def relink(
     first, last = visible.argmax(0), frames - 1 - visible[::-1].argmax(0)
     height, width = pictures.shape[1:]
     seen = visible.any(0)
+    # Right beside an occluder patches contain it, some frames away they do not: look at both.
+    away = MIN_SAMPLES - 1
+    last_look, first_look = _patches(pictures, tracks, last), _patches(pictures, tracks, first)
+    last_away = _patches(pictures, tracks, np.maximum(last - away, 0))
+    first_away = _patches(pictures, tracks, np.minimum(first + away, frames - 1))
     proposals = []
     for end in range(frames - 2):
-        before = max(end - MIN_SAMPLES + 1, 0)
+        before = max(end - away, 0)
         lost = np.nonzero(seen & (last == end) & visible[before])[0]
         here = tracks[end, lost]
         lost = lost[((here > PATCH) & (here < (width - PATCH, height - PATCH))).all(-1)]
         later = np.nonzero(seen & (first > end) & (first <= end + longest_gap))[0]
-        settled = np.minimum(first[later] + MIN_SAMPLES - 1, frames - 1)
+        settled = np.minimum(first[later] + away, frames - 1)
         later = later[visible[settled, later]]
         if len(lost) == 0 or len(later) == 0:
             continue
@@ -208,17 +208,12 @@ def relink(
             guides = np.nonzero(visible[before] & visible[end] & visible[begin])[0]
             expected = _expected(tracks, lost, guides, before, end, begin)
             candidates = later[first[later] == begin]
-            after = min(begin + MIN_SAMPLES - 1, frames - 1)
             tree = cKDTree(tracks[begin, candidates])
             radius = LINK_RADIUS + 0.5 * (begin - end)
             for track, near in zip(lost, tree.query_ball_point(expected, radius), strict=True):
                 if near:
                     others = candidates[near]
-                    # Right beside the occluder patches contain it, some frames away they do not.
-                    looks = np.maximum(
-                        _correlation(pictures, tracks, track, end, others, begin),
-                        _correlation(pictures, tracks, track, before, others, after),
-                    )
+                    looks = np.maximum(first_look[others] @ last_look[track], first_away[others] @ last_away[track])
                     proposals += [(look, track, other) for look, other in zip(looks, others, strict=True)]
     tracks, visible = tracks.copy(), visible.copy()
     ended, begun, owner, joins = set(), set(), np.arange(count), 0
@@ -250,8 +245,8 @@ def _expected(
     if len(guides) < FEWEST_GUIDES:
         return straight
     near = cKDTree(tracks[end, guides]).query(tracks[end, lost], k=min(3 * NEIGHBOURS, len(guides)))[1]  # (L,n)
-    unlike = np.linalg.norm((tracks[end, guides] - tracks[before, guides])[near] - own[:, None], axis=-1)
-    unlike[unlike > np.maximum(1.0, ALIKE * np.linalg.norm(own, axis=-1))[:, None]] = np.inf
+    unlike = length((tracks[end, guides] - tracks[before, guides])[near] - own[:, None])
+    unlike[unlike > np.maximum(1.0, ALIKE * length(own))[:, None]] = np.inf
     order = np.argsort(unlike, axis=1, kind="stable")[:, :NEIGHBOURS]
     shift = (tracks[begin, guides] - tracks[end, guides])[np.take_along_axis(near, order, 1)]  # (L,8,2)
     alike = np.isfinite(np.take_along_axis(unlike, order, 1))  # (L,8)
@@ -261,18 +256,16 @@ def _expected(
     return straight
 
 
-def _correlation(
-    pictures: np.ndarray, tracks: np.ndarray, track: int, end: int, others: np.ndarray, begin: int
-) -> np.ndarray:
-    """(O,) normalised cross-correlation of the patch of `track` at `end` and those of `others` at `begin`."""
-    window = np.stack(np.meshgrid(np.arange(-PATCH, PATCH + 1), np.arange(-PATCH, PATCH + 1)), -1)
-
-    def patches(frame: int, points: np.ndarray) -> np.ndarray:
-        values = sample(pictures[frame].astype(np.float32), points[:, None, None] + window).reshape(len(points), -1)
-        values = values - values.mean(1, keepdims=True)
-        return values / (np.linalg.norm(values, axis=1, keepdims=True) + PATCH)  # flat patches resemble nothing
-
-    return patches(begin, tracks[begin, others]) @ patches(end, tracks[end, [track]])[0]
+def _patches(pictures: np.ndarray, tracks: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """(N,P) float32 patches around tracks (F,N,2) at one frame each (N,), normalised so that products correlate them."""
+    window = np.stack(np.meshgrid(np.arange(-PATCH, PATCH + 1), np.arange(-PATCH, PATCH + 1)), -1).reshape(-1, 2)
+    patches = np.zeros((len(frames), len(window)), np.float32)
+    for frame in np.unique(frames):
+        chosen = np.nonzero((frames == frame) & np.isfinite(tracks[frame, :, 0]))[0]
+        values = sample(pictures[frame].astype(np.float32), tracks[frame, chosen, None] + window)  # (n,P)
+        values -= values.mean(1, keepdims=True)
+        patches[chosen] = values / (np.sqrt((values**2).sum(1, keepdims=True)) + PATCH)  # flat ones resemble nothing
+    return patches
 
 
 def longest(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
