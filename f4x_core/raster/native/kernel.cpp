@@ -32,6 +32,7 @@
 
 #if defined(__GNUC__) && (defined(__x86_64__) || defined(__i386__))
 #define F4X_X86 1
+#include <cpuid.h>
 #include <immintrin.h>
 #endif
 
@@ -377,9 +378,20 @@ void bind(const Problem& p, State& s, const Kernels& kernels) {
 
 namespace {
 
+#if defined(F4X_AVX2)
+// Processor and operating system both; asked directly because __builtin_cpu_supports says no in zig's clang.
+bool has_avx2() {
+    unsigned a, b, c, d, saved, high;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_FMA) || !(c & bit_OSXSAVE)) return false;
+    __asm__("xgetbv" : "=a"(saved), "=d"(high) : "c"(0));
+    if ((saved & 6) != 6) return false;  // the upper halves of the registers survive a task switch
+    return __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & bit_AVX2);
+}
+#endif
+
 const Kernels& kernels() {
 #if defined(F4X_AVX2)
-    static const bool fast = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+    static const bool fast = has_avx2();
     if (fast) return avx2::kernels;
 #endif
     return plain::kernels;
