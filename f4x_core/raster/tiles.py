@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 from torch.nn.functional import embedding_bag, pad, threshold_
 
 from .binning import TileLists, build_tile_lists
@@ -200,6 +201,7 @@ class _Composite(torch.autograd.Function):
         return image[2:].permute(1, 2, 0), image[1], image[0]
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, *grads: Tensor | None) -> tuple[Tensor | None, ...]:  # type: ignore[override]
         table, features, theta = ctx.saved_tensors
         lists, grid, config, attached = ctx.arguments
@@ -226,15 +228,18 @@ def _batches(lists: TileLists, pixels: int) -> list[Tensor]:
 
 def _polynomials(table: Tensor, lists: TileLists, grid: _Grid) -> Tensor:
     """(B, 6, SLAB) coefficients of log2 alpha over `_Grid.basis` for every slot."""
+    if table.shape[1] == 0:
+        return table.new_empty(len(lists.ids), 6, SLAB)
     oy, e, A, k, r, log_opacity = _local(table, lists.ids, lists.tile, grid)
     Ae, ro = A * e, r * oy
     theta = table.new_empty(len(lists.ids), 6, SLAB)
-    theta[:, 0] = torch.where(lists.padding, PADDING, log_opacity + HALF * (Ae * e + ro * oy))
+    theta[:, 0] = log_opacity + HALF * (Ae * e + ro * oy)
     theta[:, 1] = Ae * (-2 * HALF)
     theta[:, 2] = (k * Ae - ro) * (2 * HALF)
     theta[:, 3] = A * HALF
     theta[:, 4] = A * k * (-2 * HALF)
     theta[:, 5] = (A * k * k + r) * HALF
+    theta.masked_fill_(lists.padding[:, None], 0.0)[:, 0].masked_fill_(lists.padding, PADDING)
     return theta
 
 
