@@ -32,9 +32,10 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         progress=progress,
     )
     if args.truth is not None:
-        result |= {
-            k: v for k, v in score_against_truth(scene, args.truth, args.backend, progress).items() if k != "views"
-        }
+        scores = score_against_truth(
+            scene, args.truth, refine_camera=args.refine_camera, backend=args.backend, progress=progress
+        )
+        result |= {name: value for name, value in scores.items() if name != "views"}
     if joints is not None:
         assert clip.masks is not None
         areas = {index: float(mask.sum()) for index, mask in enumerate(clip.masks)}

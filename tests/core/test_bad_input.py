@@ -217,7 +217,7 @@ def test_clips_without_motion_or_texture_become_a_static_scene(tmp_path, capsys,
     [
         (filmed(3), ()),
         (filmed(4), ("--hold-out", 4)),
-        (filmed(3, slide=2, speed=0), ()),
+        pytest.param(filmed(3, slide=2, speed=0), (), marks=pytest.mark.slow),
         (filmed(4, slide=2, post=4, speed=0)[:, :39, :63], ("--hold-out", 4)),
         (filmed(3)[:, :16, :16], ()),
     ],
@@ -436,7 +436,11 @@ def run_limited(limit: int, *arguments) -> subprocess.CompletedProcess:
 @pytest.mark.skipif(os.name == "nt", reason="no such limits there")
 @pytest.mark.parametrize(
     ("limit", "words"),
-    [(2_000, "flow_forward.npy"), (56_000, "temporary flow"), (100_000, "photometric.pt")],
+    [
+        (2_000, "flow_forward.npy"),
+        pytest.param(56_000, "temporary flow", marks=pytest.mark.slow),
+        (100_000, "photometric.pt"),
+    ],
 )
 def test_a_full_disk_stops_the_fit_with_one_sentence_and_can_be_resumed(tmp_path, capsys, fitted, limit, words):
     clip, whole = fitted
@@ -495,7 +499,7 @@ def test_ctrl_c_in_each_stage_then_resume_gives_the_uninterrupted_scene(tmp_path
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-@pytest.mark.parametrize("stage", ["motion", "photometric"])
+@pytest.mark.parametrize("stage", [pytest.param("motion", marks=pytest.mark.slow), "photometric"])
 def test_ctrl_c_then_the_same_command_again_starts_over(tmp_path, capsys, monkeypatch, fitted, stage):
     clip, whole = fitted
     with monkeypatch.context() as patch:
