@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from random_scene import FRAMES, random_scene
+from scipy.ndimage import binary_dilation
 
 from f4x_core.clip.images import as_bytes
 from f4x_core.errors import F4xError
@@ -137,6 +138,17 @@ def test_bad_truth_is_one_sentence(tmp_path: Path, content, words):
         score_against_truth(random_scene(), tmp_path)
 
 
+def test_a_wrong_focal_length_is_told_and_applied(tmp_path: Path):
+    scene = random_scene()
+    write_truth(tmp_path, scene, extra=False)
+    intrinsics = scene.cameras.intrinsics.copy()
+    intrinsics[:, :2, :2] *= 1.1
+    wrong = dataclasses.replace(scene, cameras=dataclasses.replace(scene.cameras, intrinsics=intrinsics))
+    assert score_against_truth(wrong, tmp_path)["focal_ratio"] == pytest.approx(1.1)
+    camera = into_scene(scene.cameras[0], (1.0, np.eye(3), np.zeros(3)), 1.1)
+    np.testing.assert_allclose(camera.intrinsics, wrong.cameras[0].intrinsics)
+
+
 def test_seen_surface_leaves_out_what_no_camera_saw():
     """A wall seen from one place, looked at from the side: the strip beyond the first picture is not covered."""
     camera = random_scene().cameras[0]
@@ -148,6 +160,46 @@ def test_seen_surface_leaves_out_what_no_camera_saw():
     mask = seen.covers(moved, 3)
     assert mask[:, :54].all() and not mask[:, 54:].any()
     assert not seen.covers(moved, 2)[camera.height // 2 + 1 :].any()  # what moves is seen at its own time only
+
+
+def write_passes(folder: Path, scene, depth: float) -> None:
+    """Every clip frame saw one wall at `depth` (true unit), Blender's way."""
+    import OpenEXR
+
+    (folder / "truth").mkdir()
+    plane = np.full((scene.cameras.height, scene.cameras.width), depth, np.float32)
+    channels = {"ViewLayer.Depth.Z": plane, "ViewLayer.IndexOB.X": np.zeros_like(plane)}
+    for frame in range(len(scene.cameras)):
+        OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(folder / "truth" / f"{frame:05d}.exr"))
+
+
+def seen_by_some_frame(scene, camera, depth: float) -> np.ndarray:
+    """(H,W) bool, ray by ray: whether what `camera` sees of the wall z = `depth` lies inside a used frame's picture."""
+    rays = camera.unproject(camera.pixel_grid(), np.ones((camera.height, camera.width))) - camera.center
+    wall = camera.center + rays * ((depth - camera.center[2]) / rays[..., 2])[..., None]
+    seen = np.zeros((camera.height, camera.width), bool)
+    for frame in set(range(FRAMES)) - set(scene.held_out):
+        pixels, _ = scene.cameras[frame].project(wall)
+        seen |= ((pixels > 0) & (pixels < (camera.width, camera.height))).all(-1)
+    return seen
+
+
+def test_what_the_clip_never_saw_does_not_count_as_covered(tmp_path: Path):
+    """Extra pictures that differ only beyond the clip's pictures: bad over all pixels, perfect over the covered ones."""
+    scene = random_scene()
+    write_truth(tmp_path, scene)
+    write_passes(tmp_path, scene, depth=2 * SCALE)
+    shares = []
+    for view, time in zip(trajectory.orbit(scene.cameras, degrees=10, depth=2, count=3), (0, 2, 4), strict=True):
+        seen = seen_by_some_frame(scene, view.camera, depth=2)
+        shares.append(seen.mean())
+        file = tmp_path / "images_left10" / f"{time:05d}.png"
+        beyond = ~binary_dilation(seen, np.ones((3, 3)))  # a point covers its pixel, also where it hits a corner
+        Image.fromarray(np.where(beyond[..., None], 255 - np.asarray(Image.open(file)), Image.open(file))).save(file)
+    scores = score_against_truth(scene, tmp_path)
+    assert [row["covered_share"] for row in scores["views"]] == pytest.approx(shares, abs=0.02)
+    assert scores["unseen_covered_share"] == pytest.approx(np.mean(shares), abs=0.02)
+    assert scores["unseen_psnr_covered"] > 55 > scores["unseen_psnr"] + 20
 
 
 def test_truth_of_another_clip_is_refused(tmp_path: Path):
