@@ -193,7 +193,7 @@ def test_an_output_that_is_a_file_is_refused_and_kept(tmp_path, capsys):
     [
         (np.repeat(filmed(1, speed=0), 5, 0), 12),
         (np.zeros((5, HEIGHT, WIDTH, 3), np.uint8), 40),
-        (np.full((5, HEIGHT, WIDTH, 3), 200, np.uint8), 20),
+        pytest.param(np.full((5, HEIGHT, WIDTH, 3), 200, np.uint8), 20, marks=pytest.mark.slow),
         (np.arange(5, dtype=np.uint8)[:, None, None, None] % 2 * np.full((5, HEIGHT, WIDTH, 3), 255, np.uint8), 0),
     ],
     ids=["nothing moves", "black", "flat", "flashing"],
@@ -326,7 +326,7 @@ def test_an_unreadable_mask_is_named(tmp_path, capsys, fitted):
     assert "004.png" in refuses(capsys, "fit", fitted[0], "-o", tmp_path / "out", "--masks", folder)
 
 
-@pytest.mark.parametrize("share", [0, 0.3, 1])
+@pytest.mark.parametrize("share", [pytest.param(0, marks=pytest.mark.slow), 0.3, 1])
 def test_masks_of_another_resolution_are_used_whatever_they_cover(tmp_path, capsys, fitted, share):
     masks = np.zeros((6, 2 * HEIGHT, 2 * WIDTH), np.uint8)
     masks[:, :, : round(share * 2 * WIDTH)] = 255
@@ -454,7 +454,7 @@ def test_a_full_disk_stops_the_fit_with_one_sentence_and_can_be_resumed(tmp_path
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no such limits there")
-@pytest.mark.parametrize("channels", ["rgb", "depth"])
+@pytest.mark.parametrize("channels", ["rgb", pytest.param("depth", marks=pytest.mark.slow)])
 def test_a_full_disk_while_rendering_leaves_no_broken_picture(tmp_path, fitted, channels):
     out = tmp_path / "out"
     stopped = run_limited(1_500, "render", fitted[1] / "scene.f4x", "-o", out, "--channels", channels, "--json")
