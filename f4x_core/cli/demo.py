@@ -188,7 +188,8 @@ def told(scores: dict[str, Any]) -> list[str]:
         lines += [
             f"  two cameras 10° off the path: {scores['unseen_psnr']:.2f} dB, SSIM {scores['unseen_ssim']:.3f}"
             f" over {len(scores['views'])} pictures",
-            f"  of these, what the clip did see: {scores['unseen_psnr_covered']:.2f} dB,"
+            f"  of these, what the clip did see ({scores['unseen_covered_share']:.0%} of the pixels):"
+            f" {scores['unseen_psnr_covered']:.2f} dB,"
             f" {scores['unseen_psnr_covered_refined']:.2f} dB with the camera refined on the picture",
         ]
     else:

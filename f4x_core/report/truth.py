@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.ndimage import binary_dilation, binary_erosion
+from scipy.ndimage import binary_closing
 
 from ..clip.images import read_color, resize_color, resize_nearest
 from ..errors import F4xError
@@ -211,7 +211,8 @@ class SeenSurface:
             column, row = np.floor(pixels[depth > 0]).astype(int).T
             inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
             mask[row[inside], column[inside]] = True
-        return binary_erosion(binary_dilation(mask, np.ones((3, 3))), np.ones((3, 3)), border_value=True)
+        # Beyond the picture it goes on as at its border, so that a strip of one pixel there is no gap between points.
+        return binary_closing(np.pad(mask, 2, mode="edge"), np.ones((3, 3)))[2:-2, 2:-2]
 
 
 def _score_view(
