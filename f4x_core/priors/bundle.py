@@ -149,6 +149,8 @@ def adjust(
     `times (F,)` in clip frames space the smoothness of the path (default: every frame). World unit, origin and axes are
     only held by the damping. Source: Triggs et al., "Bundle Adjustment - A Modern Synthesis", 2000.
     """
+    if not len(observations.frame):
+        return bundle
     config = config or BundleConfig()
     times = np.arange(len(bundle.center), dtype=np.float64) if times is None else np.asarray(times, np.float64)
     acceleration = _acceleration(times)
@@ -170,6 +172,13 @@ def adjust(
         if finished:
             return bundle
     return bundle
+
+
+def acceleration_px(bundle: Bundle, observations: Observations, times: np.ndarray) -> float:
+    """Root mean square acceleration of the path in pixels per frame^2, as `BundleConfig.smoothness` weighs it."""
+    depth = float(np.median(bundle.local(observations)[:, 2]))
+    parts = np.concatenate(_path_residuals(bundle, _acceleration(np.asarray(times, np.float64)), depth))
+    return float(np.sqrt((parts**2).mean())) if parts.size else 0.0
 
 
 def resect(

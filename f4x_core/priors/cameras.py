@@ -3,8 +3,8 @@
 1. Evidence decides the kind: nothing static moves -> `static`; turning alone explains the static tracks -> `pan`; else
    `moving`. 2. A first solution: aligned depth where a depth prior exists, pycolmap on keyframes, or own structure from
    motion. 3. The focal length is searched over the whole plausible range, because turning cameras pull it to nonsense.
-4. All frames are resected and adjusted together on static tracks; a weak prior on acceleration keeps the path smooth,
-   because cameras of held-out frames are interpolated from it. Held-out frames are never looked at.
+4. All frames are resected and adjusted together on static tracks. Held-out frames are never looked at; how much real shake
+   their interpolated cameras will miss is measured (`statistics["cameras"]["interpolation_px"]`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ import numpy as np
 from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..progress import Progress
-from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
+from .bundle import Bundle, BundleConfig, Observations, acceleration_px, adjust, resect, triangulate
 from .config import CamerasConfig, PriorsConfig
 from .sfm import (
+    DEFAULT_FOCAL,
     FOCALS,
     Solution,
     adjust_known,
@@ -42,13 +43,16 @@ PAN_PX = 1.0
 """A clip is a pan when turning explains nine tenths of the static sightings to within this many pixels."""
 STATIC_MOTION = 0.5
 """Tracks with a motion score below this hold the cameras."""
-DEFAULT_FOCAL = 1.0
-"""Focal length in picture widths (53 degrees across) where nothing tells it: a phone's main camera is 0.7 to 0.9."""
+
 MIN_REGISTERED = 0.9
 MAX_ERROR_PX = 1.5
 """A solution is accepted with this share of frames and this reprojection error."""
 ADJUSTED_TRACKS = 2000
 """Most tracks in the final adjustment; more cost time and hold the cameras no better."""
+MIN_SHAKE_PX = 0.3
+"""Root mean square acceleration in pixels per frame^2 below which a path is not made any smoother."""
+TRACK_WEIGHT = 0.2
+"""Weight of a track's sighting against a matched feature's: chained flow drifts, and its errors are shared over time."""
 MIN_TRACKS = 12
 """With fewer static tracks than this nothing can be said about the camera."""
 
@@ -73,13 +77,13 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         progress("cameras", 3, 4, "refine the path")
         translating = kind == "moving"
         if translating:
-            solution = complete(solution, tracks, visible, static, times, settings.smoothness, settings.focal is None)
+            solution = complete(solution, tracks, visible, static, times, settings.smoothness)
         solution = replace(solution, bundle=_first_camera_at_origin(solution.bundle))
         inliers = solution.bundle.errors(solution.observations)
-        statistics |= {
-            "reprojection_px": {"median": _json(np.median(inliers)), "p90": _json(np.percentile(inliers, 90))},
-            "interpolation_px": interpolation_error(solution.bundle, solution.observations, times),
-        }
+        if len(inliers):
+            middle, outer = np.percentile(inliers, (50, 90))
+            statistics["reprojection_px"] = {"median": _json(middle), "p90": _json(outer)}
+        statistics["interpolation_px"] = interpolation_error(solution.bundle, solution.observations, times)
     path = solution.bundle.path(times, priors.width, priors.height)
     depth = _median_depth(solution)
     priors.cameras = path.scaled_world(1 / depth)
@@ -128,7 +132,6 @@ def complete(
     static: np.ndarray,
     times: np.ndarray,
     smoothness: float,
-    refine_focal: bool,
 ) -> Solution:
     """All frames registered and adjusted together on the solution's own observations and the static tracks.
 
@@ -142,7 +145,7 @@ def complete(
         np.concatenate([own.frame, extra.frame]),
         np.concatenate([own.point, extra.point + offset]),
         np.concatenate([own.uv, extra.uv]),
-        np.concatenate([own.weight, extra.weight]),
+        np.concatenate([own.weight, TRACK_WEIGHT * extra.weight]),
     )
     bundle = replace(bundle, points=np.vstack([bundle.points, np.full((len(order), 3), np.nan)]))
     while not registered.all():
@@ -155,10 +158,13 @@ def complete(
         registered[ring] = True
     bundle = _triangulated(bundle, observations, registered, offset)
     bundle, observations = _without_outliers(bundle, observations)
-    settings = BundleConfig(iterations=12, refine_focal=refine_focal, smoothness=smoothness)
+    settings = BundleConfig(iterations=10, refine_focal=False)
     refined = adjust(bundle, observations, settings, times)
-    if refine_focal and not 0.8 < refined.focal / bundle.focal < 1.25:
-        refined = adjust(bundle, observations, replace(settings, refine_focal=False), times)
+    if smoothness and len(times) > 2:
+        # Relative to the path's own shake: a weight that calms a tripod would bend a hand-held run.
+        shake = acceleration_px(refined, observations, times)
+        settings = replace(settings, iterations=6, smoothness=smoothness / max(shake, MIN_SHAKE_PX) ** 2)
+        refined = adjust(refined, observations, settings, times)
     return Solution(*_without_outliers(refined, observations), registered)
 
 
@@ -226,10 +232,12 @@ def _solve(
         sample, statistics["focal_search"] = search_focal(solution, priors.width, FOCALS)
         if not np.isclose(sample.bundle.focal, solution.bundle.focal, rtol=0.1):
             solution = refocused(solution, sample.bundle.focal)
-            known = adjust_known(
-                solution.bundle, solution.observations, solution.registered, BundleConfig(refine_focal=False)
-            )
-            solution = replace(solution, bundle=known)
+        # The solver's own observations decide the focal length: the drift of long tracks would bend it.
+        free = adjust_known(solution.bundle, solution.observations, solution.registered, BundleConfig(iterations=10))
+        if not 0.8 < free.focal / sample.bundle.focal < 1.25:
+            held = BundleConfig(iterations=10, refine_focal=False)
+            free = adjust_known(solution.bundle, solution.observations, solution.registered, held)
+        solution = replace(solution, bundle=free)
     return solution, "moving"
 
 
@@ -361,7 +369,7 @@ def _without_outliers(bundle: Bundle, observations: Observations) -> tuple[Bundl
     error = np.nan_to_num(bundle.errors(observations), nan=np.inf)
     usual = np.median(error) if len(error) else 0.0
     observations = observations.keep(error < max(3.0, 4 * usual if np.isfinite(usual) else 0.0))
-    enough = np.bincount(observations.point, minlength=len(bundle.points)) >= 3
+    enough = np.bincount(observations.point, minlength=len(bundle.points)) >= min(3, len(bundle.center))
     observations = observations.keep(enough[observations.point])
     row = np.cumsum(enough) - 1
     return replace(bundle, points=bundle.points[enough]), replace(observations, point=row[observations.point])

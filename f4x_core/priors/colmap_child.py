@@ -99,7 +99,7 @@ def main(path: str) -> None:
         (image for image in (model.images.values() if model else ()) if image.has_pose),
         key=lambda image: index[image.name],
     )
-    points = model.points3D if model else {}
+    points = dict(model.points3D.items()) if model else {}
     point_ids = {point: i for i, point in enumerate(points)}
     seen = [
         (index[image.name], point_ids[point.point3D_id], *point.xy)

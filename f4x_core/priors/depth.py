@@ -41,10 +41,10 @@ FARTHEST = 50.0
 """Depths beyond this many median depths cannot be told apart; sky is put here."""
 SLOPE = 0.01
 """Usual change of inverse depth between neighbouring samples, relative to the inverse depth itself."""
-EDGE_GREY, EDGE_SLACK = 10.0, 0.03
+EDGE_GREY, EDGE_SLACK = 10.0, 0.003
 """Grey step that weakens smoothness by 1/e, and the share of smoothness that survives the strongest step."""
-MOVING_MARGIN = 3
-"""Pixels around moving regions whose flow is not trusted as static."""
+MOVING_MARGIN = 6
+"""Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of what moves."""
 MOVING_CONFIDENCE = 0.2
 GUESS_CONFIDENCE = 0.05
 """Most confidence of the plausible depth of moving pixels, and of everything in a clip without parallax."""
@@ -115,13 +115,19 @@ def inverse_depth_from_flow(
         weights.append(weight)
     gain, offset = np.stack(gains), np.stack(offsets)  # (g, n, 2)
     given, focal = np.stack(weights), here.intrinsics[0, 0]  # (g, n)
-    weight = given
-    for _ in range(5):
-        information = (weight * (gain**2).sum(-1)).sum(0)
-        inverse = (weight * (gain * offset).sum(-1)).sum(0) / np.maximum(information, 1e-20)
+    square = (gain**2).sum(-1)
+    # Least absolute deviations to start with, a weighted median over the gaps: the longest gap alone could pull squares away.
+    each = (gain * offset).sum(-1) / np.maximum(square, 1e-20)
+    order = np.argsort(each, axis=0)
+    half = np.cumsum(np.take_along_axis(given * np.sqrt(square), order, axis=0), axis=0)
+    middle = np.argmax(half >= half[-1] / 2, axis=0)
+    inverse = np.take_along_axis(each, np.take_along_axis(order, middle[None], axis=0), axis=0)[0]
+    for _ in range(4):
         residual = focal * np.linalg.norm(gain * inverse[:, None] - offset, axis=-1)
         weight = given / (1 + (residual / FLOW_OUTLIER_PX) ** 2)
-    return inverse, information * (focal / FLOW_NOISE_PX) ** 2
+        inverse = (weight * (gain * offset).sum(-1)).sum(0) / np.maximum((weight * square).sum(0), 1e-20)
+    # Errors of flow are shared by its gaps: the best gap tells the precision, more gaps only help against outliers.
+    return inverse, (weight * square).max(0) * (focal / FLOW_NOISE_PX) ** 2
 
 
 def fill_inverse_depth(
@@ -278,13 +284,13 @@ def _track_samples(priors: Priors) -> list[tuple[np.ndarray, np.ndarray, np.ndar
     rms = np.sqrt(np.bincount(point, error.sum(1), tracks.shape[1]) / count)
     behind = np.bincount(point, z <= 0, tracks.shape[1]) > 0
     good = (rms < TRACK_OUTLIER_PX) & ~behind & np.isfinite(rms)
-    # Angular noise over half the spread of the rays is the relative error of the distance.
-    relative = (TRACK_NOISE_PX + rms) / focal.mean() / np.maximum(spread / 2, 1e-6) / np.sqrt(np.maximum(count / 4, 1))
+    # Angular noise over the spread of the rays is the relative error of the distance.
+    relative = (TRACK_NOISE_PX + rms) / focal.mean() / np.maximum(spread, 1e-6)
     samples: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     for i in range(frames):
         chosen = (frame == i) & good[point]
         inverse = 1 / z[chosen]
-        precision = 1 / (relative[point[chosen]] * inverse) ** 2
+        precision: np.ndarray = 1 / (relative[point[chosen]] * inverse) ** 2
         samples.append((tracks[i, point[chosen]].astype(np.float64), inverse, precision))
     return samples
 
@@ -316,7 +322,7 @@ def _confidence(filled: np.ndarray, rho: np.ndarray, precision: np.ndarray) -> n
     relative = precision * filled**2  # 1 / (relative error)^2
     known = ndimage.gaussian_filter(np.minimum(relative, 400.0), 3)
     miss = ndimage.gaussian_filter(np.where(precision > 0, np.minimum(abs(rho / filled - 1), 1), 0), 1.5)
-    return known / (known + 25.0) / (1 + (miss / 0.2) ** 2)
+    return known / (known + 50.0) / (1 + (miss / 0.2) ** 2)
 
 
 def _enlarged(values: np.ndarray, width: int, height: int) -> np.ndarray:
@@ -347,6 +353,7 @@ def _place_objects(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarr
 
     An object is a connected region of the mask in space and time.
     """
+    static_confidence = confidence.copy()
     confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
     labels, _ = ndimage.label(moving)
     objects = 0
@@ -357,7 +364,9 @@ def _place_objects(inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarr
         if pixels.mean() < SMALLEST_OBJECT:
             continue
         objects += 1
-        contacts = np.array([_contact(inverse[f], moving[f], labels[f] == number) for f in frames])
+        contacts = np.array(
+            [_contact(inverse[f], static_confidence[f], moving[f], labels[f] == number) for f in frames]
+        )
         size = np.array([_growth(priors, f, labels[f] == number) for f in frames[:-1]])
         middle, tilt, trust = contacts.T
         solved, certain = smooth_object_depth(middle, trust, size)
@@ -394,7 +403,9 @@ def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarr
     return np.exp(solution), np.clip(trust, 0.25, 1.0)
 
 
-def _contact(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> tuple[float, float, float]:
+def _contact(
+    inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray
+) -> tuple[float, float, float]:
     """Where a region stands: inverse depth at its mean column, relative change per column, and trust 0..1.
 
     The region is a plane that stands on the ground: inverse depth `a (1 + b (column - mean))`, fitted to the static inverse
@@ -415,19 +426,20 @@ def _contact(inverse: np.ndarray, moving: np.ndarray, own: np.ndarray) -> tuple[
         rim = ndimage.binary_dilation(own, iterations=2 * MOVING_MARGIN) & ~moving
         return float(np.median(inverse[rim] if rim.any() else inverse)), 0.0, 0.05
     values, offset = inverse[y, x].astype(np.float64), x - np.nonzero(own)[1].mean()
-    a, b, weight = float(np.median(values)), 0.0, np.ones(len(x))
+    given = confidence[y, x].astype(np.float64) ** 2 + 1e-3
+    a, b, weight = float(np.median(values)), 0.0, given
     for _ in range(5):
         # The ridge asks for evidence before a region turns: it may change by a third over the picture's width at once.
         normal = np.array([[weight.sum(), weight @ offset], [weight @ offset, weight @ offset**2]])
-        normal[1, 1] += len(x) * (TILT_RIDGE * width) ** 2
+        normal[1, 1] += given.sum() * (TILT_RIDGE * width) ** 2
         a, b = np.linalg.solve(normal, [weight @ values, weight @ (values * offset)])
-        weight = 1 / (1 + ((values - a - b * offset) / (CONTACT_NOISE * abs(a) + 1e-9)) ** 2)
+        weight = given / (1 + ((values - a - b * offset) / (CONTACT_NOISE * abs(a) + 1e-9)) ** 2)
     a = float(np.clip(a, values.min(), values.max()))
     hidden = float((bottom >= height - 2).mean())  # it leaves the picture below: the true contact is nearer
     return (
         a,
         float(b / a),
-        float(np.clip(1 - 2 * hidden, 0.1, 1.0) * min(len(np.unique(x)) / max(stands.sum(), 1), 1.0)),
+        float(np.clip(1 - 2 * hidden, 0.1, 1.0) * np.sqrt(given.mean()).clip(0.1, 1)),
     )
 
 

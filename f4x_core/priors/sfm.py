@@ -23,8 +23,10 @@ MATCH_GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 """Keyframe distances whose pictures are matched: dense nearby, sparse for loops; all pairs would cost 5x the time."""
 FOCALS = (0.5, 0.6, 0.72, 0.86, 1.0, 1.2, 1.45, 1.75, 2.1, 2.5)
 """Candidate focal lengths in picture widths (90 to 23 degrees across), about 20 % apart."""
+DEFAULT_FOCAL = 0.9
+"""Focal length in picture widths (58 degrees across) where nothing tells it: a phone's main camera films at 0.75 to 0.9."""
 FOCAL_PRIOR = 0.1
-"""Relative error that a focal length `e` times away from one width must save: decides only where pictures do not."""
+"""Relative error that a focal length `e` times away from the default must save: decides only where pictures do not."""
 MIN_SHARED = 30
 """Fewest tracks two frames must share to be related to each other."""
 MIN_SPREAD = np.deg2rad(0.5)
@@ -46,7 +48,8 @@ class Solution:
     @property
     def error(self) -> float:
         """Root mean square reprojection error in pixels over the registered frames, misses above 10 px counted as 10."""
-        seen = self.observations.keep(self.registered[self.observations.frame])
+        known = np.isfinite(self.bundle.points).all(1)
+        seen = self.observations.keep(self.registered[self.observations.frame] & known[self.observations.point])
         return float(np.sqrt(np.mean(np.minimum(self.bundle.errors(seen), 10.0) ** 2))) if len(seen.frame) else np.inf
 
 
@@ -55,11 +58,11 @@ def sightings(
 ) -> tuple[Observations, np.ndarray]:
     """Observations of at most `most` of the `chosen (N,)` tracks and their indices `(P,)`; longest tracks first.
 
-    `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times count.
+    `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times (or in every frame) count.
     """
     length = (visible & chosen).sum(0)
     order = np.argsort(-length, kind="stable")[:most]
-    order = np.sort(order[length[order] >= 3])
+    order = np.sort(order[length[order] >= min(3, len(tracks))])
     frame, point = np.nonzero(visible[:, order])
     uv = tracks[:, order][frame, point].astype(np.float64)
     return Observations(frame, point, uv, np.ones(len(frame))), order
@@ -170,7 +173,7 @@ def solve_with_depth(
         a, b, c = curve[best - 1 : best + 2]
         found = float(width / 2 / np.tan((fovs[best] + 0.5 * (a - c) / (a - 2 * b + c) * (fovs[1] - fovs[0])) / 2))
     elif not focal and not np.isfinite(curve[best]):
-        found = float(width)
+        found = DEFAULT_FOCAL * width
 
     matrices = [np.eye(4)]
     for i in range(len(tracks) - 1):
@@ -255,7 +258,7 @@ def search_focal(
         start = refocused(sample, factor * width, translating)
         found.append(replace(start, bundle=adjust(start.bundle, start.observations, settings)))
     errors = np.array([solution.error for solution in found])
-    penalised = errors * (1 + FOCAL_PRIOR * np.log(candidates) ** 2)
+    penalised = errors * (1 + FOCAL_PRIOR * np.log(np.array(candidates) / DEFAULT_FOCAL) ** 2)
     curve = {"focal_over_width": list(candidates), "error_px": errors.round(4).tolist()}
     return found[int(np.argmin(penalised))], curve
 

@@ -1,0 +1,242 @@
+"""Cameras and depth from synthetic geometry: no pictures are rendered, tracks are projected points."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from f4x_core.clip import Clip
+from f4x_core.geometry import quaternion
+from f4x_core.geometry.camera import CameraPath
+from f4x_core.geometry.pose import align_similarity
+from f4x_core.priors import CamerasConfig, Priors, PriorsConfig
+from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
+from f4x_core.priors.cameras import complete, interpolation_error, provide, static_shift
+from f4x_core.priors.sfm import FOCALS, refocused, search_focal, solve_with_depth, solve_with_tracks
+from f4x_core.progress import silent
+
+WIDTH, HEIGHT, FOCAL = 320, 180, 260.0
+PRINCIPAL = np.array([WIDTH / 2, HEIGHT / 2])
+
+
+def fov(focal):
+    return np.rad2deg(2 * np.arctan(WIDTH / 2 / focal))
+
+
+def truth(frames=12, travel=0.5, turn=0.25, points=300, seed=0):
+    """A bundle of cameras that move sideways and turn in front of a deep cloud of points."""
+    rng = np.random.default_rng(seed)
+    s = np.linspace(-0.5, 0.5, frames)[:, None]
+    center = s * np.array([travel, 0.1 * travel, 0.4 * travel]) + 0.02 * travel * np.sin(7 * s)
+    rotation = quaternion.to_matrix(quaternion.from_rotation_vector(s * np.array([0.3 * turn, turn, 0.1])))
+    xyz = rng.uniform([-1.2, -0.7, 1.0], [1.2, 0.7, 3.0], (points, 3))
+    return Bundle(FOCAL, PRINCIPAL, rotation, center, xyz)
+
+
+def project(bundle, noise=0.0, seed=1):
+    """Tracks (F, N, 2) and visibility (F, N) of all points."""
+    local = np.einsum("fij,fnj->fni", bundle.rotation, bundle.points[None] - bundle.center[:, None])
+    uv = bundle.focal * local[..., :2] / local[..., 2:] + bundle.principal
+    uv += noise * np.random.default_rng(seed).standard_normal(uv.shape)
+    inside = (uv > 0).all(-1) & (uv[..., 0] < WIDTH) & (uv[..., 1] < HEIGHT) & (local[..., 2] > 0)
+    return uv.astype(np.float32), inside
+
+
+def observe(bundle, noise=0.0):
+    tracks, visible = project(bundle, noise)
+    frame, point = np.nonzero(visible)
+    return Observations(frame, point, tracks[frame, point].astype(np.float64), np.ones(len(frame)))
+
+
+def path_error(found, true):
+    """Root mean square distance of aligned centres, as a share of the path."""
+    s, R, t = align_similarity(found.center, true.center)
+    ate = np.sqrt(((s * found.center @ R.T + t - true.center) ** 2).sum(1).mean())
+    return ate / np.linalg.norm(np.diff(true.center, axis=0), axis=1).sum()
+
+
+def clip_and_priors(tracks, visible, motion=None):
+    frames = len(tracks)
+    pictures = np.zeros((frames, HEIGHT, WIDTH, 3), np.uint8)
+    clip = Clip("toy", pictures, np.arange(frames, dtype=np.float64), 24.0, np.zeros(frames, bool), "toy")
+    priors = Priors.empty(clip)
+    priors.tracks, priors.tracks_visible = tracks, visible
+    priors.tracks_motion = np.zeros(tracks.shape[1], np.float32) if motion is None else motion
+    return clip, priors
+
+
+def test_adjustment_undoes_disturbed_cameras_points_and_focal():
+    true = truth()
+    observations = observe(true)
+    rng = np.random.default_rng(2)
+    wobble = quaternion.to_matrix(quaternion.from_rotation_vector(0.02 * rng.standard_normal((12, 3))))
+    start = replace(
+        true,
+        focal=1.15 * FOCAL,
+        rotation=wobble @ true.rotation,
+        center=true.center + 0.03 * rng.standard_normal((12, 3)),
+        points=true.points + 0.05 * rng.standard_normal(true.points.shape),
+    )
+    assert np.median(start.errors(observations)) > 5
+    found = adjust(start, observations, BundleConfig(iterations=60))
+    assert np.median(found.errors(observations)) < 0.02
+    assert path_error(found, true) < 0.01
+    assert abs(fov(found.focal) - fov(FOCAL)) < 1
+
+
+def test_normal_equations_are_the_derivative_of_the_cost():
+    """The gradient that moves cameras, focal length and points against finite differences of the robust cost."""
+    from f4x_core.priors import bundle as module
+
+    true = truth(frames=4, points=20)
+    observations, config = observe(true, noise=1.0), BundleConfig(smoothness=0.0)
+    acceleration = module._acceleration(np.arange(4.0))
+    _, gradient, _, _, point_gradient = module._normal_equations(true, observations, config, acceleration, 2.0)
+
+    def cost(cameras, focal, points):
+        moved = module._moved(true, cameras, focal, points, config)
+        return module._cost(moved, observations, config, acceleration, 2.0) / 2
+
+    zero, still = np.zeros((4, 6)), np.zeros((20, 3))
+    h = 1e-6
+    for row in (1, 7, 16, 23):
+        step = zero.copy()
+        step.flat[row] = h
+        slope = (cost(step, 0.0, still) - cost(-step, 0.0, still)) / (2 * h)
+        assert slope == pytest.approx(gradient[row], rel=1e-4, abs=1e-3)
+    assert (cost(zero, h, still) - cost(zero, -h, still)) / (2 * h) == pytest.approx(gradient[-1], rel=1e-4, abs=1e-3)
+    step = still.copy()
+    step[3, 2] = h
+    assert (cost(zero, 0.0, step) - cost(zero, 0.0, -step)) / (2 * h) == pytest.approx(
+        point_gradient[3, 2], rel=1e-4, abs=1e-3
+    )
+
+
+def test_triangulation_is_exact_and_knows_its_angle():
+    true = truth()
+    points, spread = triangulate(true, observe(true), len(true.points))
+    seen = np.isfinite(points).all(1)
+    assert seen.sum() > 200
+    assert np.abs(points[seen] - true.points[seen]).max() < 1e-4
+    far = replace(true, points=true.points * 50)
+    _, narrow = triangulate(far, observe(far), len(far.points))
+    assert np.median(narrow) < 0.1 * np.median(spread)
+
+
+def test_resection_finds_one_lost_camera():
+    true = truth()
+    rotation, center = true.rotation.copy(), true.center.copy()
+    rotation[5], center[5] = true.rotation[2], true.center[2]
+    found = resect(replace(true, rotation=rotation, center=center), observe(true), np.array([5]), iterations=30)
+    assert np.linalg.norm(found.center[5] - true.center[5]) < 1e-3
+    np.testing.assert_array_equal(found.center[4], true.center[4])
+
+
+def test_own_structure_from_motion_recovers_fov_and_path():
+    true = truth(travel=0.8)
+    tracks, visible = project(true, noise=0.2)
+    static = np.ones(tracks.shape[1], bool)
+    start = solve_with_tracks(tracks, visible, static, 1.3 * FOCAL, PRINCIPAL)
+    assert start is not None and start.registered.all()
+    sample, curve = search_focal(start, WIDTH, FOCALS)
+    assert 0 < int(np.argmin(curve["error_px"])) < len(FOCALS) - 1
+    focused = refocused(start, sample.bundle.focal)
+    focused = replace(focused, bundle=adjust(focused.bundle, *_finite(focused), BundleConfig(iterations=40)))
+    assert abs(fov(focused.bundle.focal) - fov(FOCAL)) < 1
+    solution = complete(focused, tracks, visible, static, np.arange(12.0), 0.0)
+    assert path_error(solution.bundle, true) < 0.01
+
+
+def _finite(solution):
+    return (solution.observations.keep(np.isfinite(solution.bundle.points).all(1)[solution.observations.point]),)
+
+
+def test_depth_prior_gives_fov_path_and_its_own_scale():
+    true = truth(frames=24, travel=0.8)
+    tracks, visible = project(true)
+    local = np.einsum("fij,fnj->fni", true.rotation, true.points[None] - true.center[:, None])
+    depth = np.full((24, HEIGHT, WIDTH), np.nan, np.float32)
+    for f in range(24):
+        x, y = tracks[f, visible[f]].astype(int).T
+        depth[f, y, x] = local[f, visible[f], 2]
+    solution, curve = solve_with_depth(tracks, visible, np.ones(300, bool), depth, None, WIDTH)
+    assert abs(fov(solution.bundle.focal) - fov(FOCAL)) < 1
+    assert len(curve["degrees"]) == len(curve["error_px"]) > 50
+    assert path_error(solution.bundle, true) < 0.02
+    scale, _, _ = align_similarity(solution.bundle.center, true.center)
+    assert scale == pytest.approx(1, abs=0.05)
+
+
+def test_standing_camera_is_static_in_spite_of_movers():
+    true = truth(frames=8, travel=0.0, turn=0.0)
+    true = replace(true, rotation=np.tile(np.eye(3), (8, 1, 1)))
+    tracks, visible = project(true, noise=0.1)
+    motion = np.zeros(300, np.float32)
+    motion[:60] = 1
+    tracks[:, :60] += np.arange(8)[:, None, None] * 4
+    clip, priors = clip_and_priors(tracks, visible, motion)
+    assert static_shift(tracks, visible, motion < 0.5) < 0.5
+    provide(clip, priors, PriorsConfig(), silent)
+    assert priors.camera_kind == "static"
+    np.testing.assert_array_equal(priors.cameras.world_to_camera, np.tile(np.eye(4), (8, 1, 1)))
+
+
+def test_turning_camera_is_a_pan_with_the_right_turn():
+    true = truth(frames=12, travel=0.0, turn=0.6)
+    tracks, visible = project(true, noise=0.1)
+    clip, priors = clip_and_priors(tracks, visible)
+    provide(clip, priors, PriorsConfig(), silent)
+    assert priors.camera_kind == "pan"
+    assert np.abs(priors.cameras.centers).max() < 1e-9
+    assert any("only turns" in line for line in priors.warnings)
+    turn = priors.cameras.world_to_camera[-1, :3, :3]
+    expected = true.rotation[-1] @ true.rotation[0].T
+    angle = np.rad2deg(np.linalg.norm(quaternion.to_rotation_vector(quaternion.from_matrix(turn @ expected.T))))
+    assert angle < 2  # of 35 degrees: focal length and turn trade against each other
+
+
+def test_moving_camera_from_tracks_alone():
+    true = truth(travel=0.8)
+    tracks, visible = project(true, noise=0.1)
+    clip, priors = clip_and_priors(tracks, visible)
+    provide(clip, priors, PriorsConfig(cameras=CamerasConfig(solver="tracks")), silent)
+    statistics = priors.statistics["cameras"]
+    assert priors.camera_kind == "moving" and statistics["solver"] == "tracks"
+    assert abs(statistics["fov_degrees"] - fov(FOCAL)) < 1
+    found = Bundle(1, PRINCIPAL, priors.cameras.world_to_camera[:, :3, :3], priors.cameras.centers, np.zeros((0, 3)))
+    assert path_error(found, true) < 0.01
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_very_short_clips_get_finite_cameras(frames):
+    tracks, visible = project(truth(frames=12))
+    clip, priors = clip_and_priors(tracks[:frames], visible[:frames])
+    provide(clip, priors, PriorsConfig(), silent)
+    assert len(priors.cameras) == frames
+    assert np.isfinite(priors.cameras.world_to_camera).all()
+
+
+def test_no_tracks_at_all_gives_a_standing_camera_and_says_so():
+    clip, priors = clip_and_priors(np.zeros((5, 0, 2), np.float32), np.zeros((5, 0), bool))
+    provide(clip, priors, PriorsConfig(), silent)
+    assert priors.camera_kind == "static"
+    assert any("Too few points" in line for line in priors.warnings)
+
+
+def test_interpolation_error_measures_shake():
+    true = truth()
+    observations, times = observe(true), np.arange(12.0)
+    calm = interpolation_error(true, observations, times)["mean"]
+    shaken = replace(true, center=true.center + 0.02 * (-1.0) ** np.arange(12)[:, None])
+    assert interpolation_error(shaken, observations, times)["mean"] > 10 * calm
+
+
+def test_solution_is_the_same_twice():
+    tracks, visible = project(truth(frames=8, points=150), noise=0.2)
+    paths = []
+    for _ in range(2):
+        clip, priors = clip_and_priors(tracks, visible)
+        provide(clip, priors, PriorsConfig(cameras=CamerasConfig(solver="tracks")), silent)
+        paths.append(priors.cameras)
+    assert isinstance(paths[0], CameraPath)
+    np.testing.assert_array_equal(paths[0].world_to_camera, paths[1].world_to_camera)
