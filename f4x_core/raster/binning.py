@@ -26,7 +26,7 @@ class TileLists(NamedTuple):
     """(B,) tile that owns the block."""
     first: Tensor
     """(tiles,) first block of the tile."""
-    count: Tensor
+    length: Tensor
     """(tiles,) number of blocks of the tile."""
     slots: Tensor
     """(P,) slot of every pair, splat by splat: the transposed list that gathers gradients."""
@@ -72,11 +72,11 @@ def build_tile_lists(ellipses: Ellipses, width: int, height: int, block: int, co
     tile = (row * columns + column_low - pair_starts)[pair] + number
 
     tile, order = torch.sort(tile.to(torch.int32), stable=True)
-    length = torch.bincount(tile, minlength=columns * rows)
-    count = (length + block - 1) // block
-    first = _starts(count)
-    blocks = int(count.sum()) + 1
-    slot = (first * block - _starts(length))[tile] + number
+    pairs = torch.bincount(tile, minlength=columns * rows)  # per tile
+    length = (pairs + block - 1) // block
+    first = _starts(length)
+    blocks = int(length.sum()) + 1
+    slot = (first * block - _starts(pairs))[tile] + number
     ids = torch.full((blocks * block,), -1, device=tile.device)
     ids[slot] = item_splat[pair[order]]
     slots = torch.empty_like(slot)
@@ -85,9 +85,9 @@ def build_tile_lists(ellipses: Ellipses, width: int, height: int, block: int, co
     return TileLists(
         ids=ids.clamp_min(0),
         padding=ids < 0,
-        tile=torch.cat((torch.repeat_interleave(count), count.new_zeros(1))),
+        tile=torch.cat((torch.repeat_interleave(length), length.new_zeros(1))),
         first=first,
-        count=count,
+        length=length,
         slots=slots,
         splats=splats,
         offsets=torch.cat((pair_starts, pair_starts.new_tensor([len(pair)])))[_starts(row_count)],

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, TypeVar
 import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
-from torch.nn.functional import embedding_bag, pad, threshold_
+from torch.nn.functional import embedding_bag, pad
 
 from .binning import TileLists, build_tile_lists
 from .contract import RasterConfig, RasterOutput
@@ -37,7 +37,8 @@ PADDING = -1000.0
 # alpha = 2^(log2 opacity + HALF q).
 HALF = -0.5 / math.log(2)
 
-Item, Result = TypeVar("Item"), TypeVar("Result")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 def rasterize_torch(
@@ -189,7 +190,7 @@ class _Composite(torch.autograd.Function):
     ) -> tuple[Tensor, Tensor, Tensor]:
         scene = _Scene(_polynomials(table, lists, grid), features, lists, grid.basis(table), config)
         recording = any(ctx.needs_input_grad[:2])
-        tiles = _scratch("tiles", features, len(lists.count), features.shape[1], grid.pixels).zero_()
+        tiles = _scratch("tiles", features, len(lists.length), features.shape[1], grid.pixels).zero_()
         batches = _batches(lists, grid.pixels)
         slabs = _map(lambda batch: _blend(batch, scene, tiles, recording), batches, _threads(config, table))
         if recording:
@@ -206,7 +207,7 @@ class _Composite(torch.autograd.Function):
         table, features, theta = ctx.saved_tensors
         lists, grid, config, attached = ctx.arguments
         scene = _Scene(theta, features, lists, grid.basis(table), config)
-        grad_tiles = _scratch("tiles", features, len(lists.count), features.shape[1], grid.pixels)
+        grad_tiles = _scratch("tiles", features, len(lists.length), features.shape[1], grid.pixels)
         for part, grad in zip((slice(2, None), slice(1, 2), slice(0, 1)), grads, strict=True):
             if grad is None:
                 grad_tiles[:, part] = 0
@@ -221,7 +222,7 @@ def _threads(config: RasterConfig, like: Tensor) -> int:
 
 def _batches(lists: TileLists, pixels: int) -> list[Tensor]:
     """Tiles that have anything to blend, in batches of similar list length."""
-    order = torch.argsort(lists.count, descending=True, stable=True)[: int((lists.count > 0).sum())]
+    order = torch.argsort(lists.length, descending=True, stable=True)[: int((lists.length > 0).sum())]
     elements = ELEMENTS_CPU if order.device.type == "cpu" else ELEMENTS_ACCELERATOR
     return list(order.split(max(1, elements // (SLAB * pixels)))) if len(order) else []
 
@@ -253,11 +254,11 @@ def _local(table: Tensor, ids: Tensor, tile: Tensor, grid: _Grid) -> tuple[Tenso
 
 def _blend(tiles: Tensor, scene: _Scene, out: Tensor, recording: bool) -> list[_Slab]:
     """Composite a batch of tiles, longest list first, front to back into their rows of `out` (tiles, 2 + C, pixels)."""
-    first, count = scene.lists.first[tiles], scene.lists.count[tiles]
+    first, count = scene.lists.first[tiles], scene.lists.length[tiles]
     light = out.new_ones(len(tiles), out.shape[2])
     total = out.new_zeros(len(tiles), *out.shape[1:])
     padding = len(scene.lists.ids) - 1
-    slabs = []
+    slabs: list[_Slab] = []
     for level in range(int(count[0])):
         alive = (count > level) & (light.amax(1) > 0)
         living, ancestors = int(alive.sum()), None
@@ -287,11 +288,11 @@ def _weights(blocks: Tensor, light: Tensor, scene: _Scene) -> tuple[Tensor, Tens
     alpha, keep, after = (_scratch(name, theta, *shape) for name in ("alpha", "keep", "after"))
     slab_theta = torch.index_select(theta, 0, blocks, out=_scratch("theta", theta, len(blocks), 6, SLAB))
     torch.bmm(basis.t().expand(len(blocks), -1, -1), slab_theta, out=alpha)
-    threshold_(alpha.exp2_(), config.alpha_min, 0.0).clamp_max_(config.alpha_max)
+    torch.threshold_(alpha.exp2_(), config.alpha_min, 0.0).clamp_max_(config.alpha_max)
     torch.sub(theta.new_ones(()), alpha, out=keep)
     torch.cumprod(keep, -1, out=after)
     # The product never rises, so one threshold drops the stopping splat and everything behind it.
-    threshold_(after.mul_(light[..., None]), config.transmittance_min, 0.0)
+    torch.threshold_(after.mul_(light[..., None]), config.transmittance_min, 0.0)
     light = after[..., -1].clone()
     ratio = alpha.div_(keep)
     return after.mul_(ratio), ratio, keep, light
