@@ -45,10 +45,12 @@ THRESHOLD_LIFT = 0.05
 """Added to Otsu's threshold: between the classes lies the blurred flow around silhouettes, which is mostly background."""
 VOTE_SIGMA = 4.0
 """Gaussian (pixels) by which a track's vote spreads; half the spacing of the seeds."""
-SURE = 0.25
+SURE = 0.15
 """Score above the threshold from which a pixel is foreground whatever its colour; half the threshold is background."""
 CUT_SCALE, CUT_ROUNDS, CUT_MARGIN = 2, 2, 12
 """GrabCut works at half size, for two rounds, this many (small) pixels around the region."""
+AGREEMENT = 0.4
+"""Weighted share of the masks of five neighbouring frames, carried along the flow, that makes a pixel foreground."""
 SMALLEST_SHARE = 0.001
 """Regions and whole masks smaller than this share of the picture are noise."""
 STATIC_TRACK = 0.5
@@ -68,6 +70,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     score = (score + vote(score, priors.tracks, priors.tracks_visible)) / 2
     threshold = statistics["threshold"] = config.motion.threshold or find_threshold(score)
     crisp = cut_out(clip.frames[clip.supervised], score, threshold)
+    crisp = _smooth_in_time(crisp.astype(np.float32), flows) > AGREEMENT  # colours mislead in single frames
     if priors.mask is None:
         priors.mask = crisp
     priors.motion = np.clip((score + _softened(crisp)) / 2 if crisp.any() else score, 0, 1).astype(np.float16)
