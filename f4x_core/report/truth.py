@@ -53,7 +53,8 @@ def score_against_truth(
         `ate` (true world units), `ate_share` (of the true path), `path_length`, `rotation_error` (degrees, root mean square
         after the alignment) over supervised frames; `scale` true units per scene unit; `focal_ratio` fitted to true; with
         extra cameras `unseen_psnr`, `unseen_ssim`, `unseen_psnr_covered` (only pixels whose surface some used frame saw, by
-        the truth) and on request `unseen_psnr_covered_refined` (means over frames), and `views`, one row for each frame.
+        the truth: DyCheck's co-visible ones), `unseen_covered_share` (0..1, how many these are) and on request
+        `unseen_psnr_covered_refined` (means over frames), and `views`, one row for each frame.
         Views are left out when the fitted camera stands still: its unit is then unknown, and so are places in it.
 
     Raises:
