@@ -33,7 +33,9 @@ def base_python() -> str:
     name = ".".join(map(str, PYTHON))
     found = shutil.which(f"python{name}")
     if found is None:
-        sys.exit(f"Feature4X needs Python {name} (Blender's own module is built for it); install it and call this again.")
+        sys.exit(
+            f"Feature4X needs Python {name} (Blender's own module is built for it); install it and call this again."
+        )
     return found
 
 
