@@ -16,13 +16,11 @@ from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress
 from ..scene import Scene, read_scene
-from ..scene.picture import colour_depth, colour_motion
+from ..scene.picture import colour_depth, colour_motion, depth_range
 from ..scene.ply import export_frame, export_sequence
 from ..scene.view import render
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
-# Depth colours span these quantiles of the clip's depth, so that one far pixel does not flatten them.
-DEPTH_QUANTILES = (0.02, 0.98)
 # Motion of this share of the picture's width per frame gets the full colour.
 FULL_MOTION = 0.02
 
@@ -81,8 +79,7 @@ def depth_span(scene: Scene, backend: str = "auto") -> tuple[float, float]:
     """Near and far depth (world units) that the colours of the clip's depth pictures span."""
     middle = len(scene.cameras) // 2
     depth = render(scene, scene.cameras[middle], float(scene.cameras.times[middle]), ("depth",), backend)["depth"]
-    near, far = np.nanquantile(depth, DEPTH_QUANTILES) if np.isfinite(depth).any() else (0.5, 2.0)
-    return float(near), float(far)
+    return depth_range([depth])
 
 
 def picture_of(channel: str, values: np.ndarray, span: tuple[float, float], largest: float) -> np.ndarray:

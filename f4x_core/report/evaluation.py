@@ -131,8 +131,9 @@ def refine(moment: FrozenMoment, rig: CameraRig, target: Tensor) -> Tensor:
     for _ in range(REFINE_STEPS + 1):
         picture, _ = moment.draw(rig.view(0), rig.intrinsics(0, width, height), width, height)
         error = (picture - target).square().mean()
-        if float(error) < best_error:
-            best, best_error = picture.detach(), float(error)
+        value = float(error.detach())
+        if value < best_error:
+            best, best_error = picture.detach(), value
         optimiser.zero_grad()
         error.backward()
         optimiser.step()
