@@ -99,8 +99,6 @@ class BundleConfig:
     """Solve for the focal length too."""
     refine_centers: bool = True
     """Solve for camera centres; off, only rotations move (pan-only clips: points are directions)."""
-    smoothness: float = 0.0
-    """Weight of the squared acceleration of the path: rotation and centre (at median depth) in pixels per frame^2."""
     robust_px: float = ROBUST_PX
     """Cauchy scale in pixels."""
 
@@ -141,27 +139,23 @@ def triangulate(
     return points, spread
 
 
-def adjust(
-    bundle: Bundle, observations: Observations, config: BundleConfig | None = None, times: np.ndarray | None = None
-) -> Bundle:
+def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | None = None) -> Bundle:
     """Move cameras, focal length and points to the least robust reprojection error.
 
-    `times (F,)` in clip frames space the smoothness of the path (default: every frame). World unit, origin and axes are
-    only held by the damping. Source: Triggs et al., "Bundle Adjustment - A Modern Synthesis", 2000.
+    World unit, origin and axes are only held by the damping. There is no smoothness prior on the path: on rendered truth
+    any weight moved the cameras away from it, because hand shake is real. Source: Triggs et al., "Bundle Adjustment - A
+    Modern Synthesis", 2000.
     """
     if not len(observations.frame):
         return bundle
     config = config or BundleConfig()
-    times = np.arange(len(bundle.center), dtype=np.float64) if times is None else np.asarray(times, np.float64)
-    acceleration = _acceleration(times)
-    depth = np.median(bundle.local(observations)[:, 2])
-    damping, cost = 1e-4, _cost(bundle, observations, config, acceleration, depth)
+    damping, cost = 1e-4, _cost(bundle, observations, config)
     for _ in range(config.iterations):
-        system = _normal_equations(bundle, observations, config, acceleration, depth)
+        system = _normal_equations(bundle, observations, config)
         for _ in range(8):
             step = _solve(*system, damping)
             moved = _moved(bundle, *step, config)
-            moved_cost = _cost(moved, observations, config, acceleration, depth)
+            moved_cost = _cost(moved, observations, config)
             if moved_cost < cost:
                 break
             damping *= 8
@@ -172,13 +166,6 @@ def adjust(
         if finished:
             return bundle
     return bundle
-
-
-def acceleration_px(bundle: Bundle, observations: Observations, times: np.ndarray) -> float:
-    """Root mean square acceleration of the path in pixels per frame^2, as `BundleConfig.smoothness` weighs it."""
-    depth = float(np.median(bundle.local(observations)[:, 2]))
-    parts = np.concatenate(_path_residuals(bundle, _acceleration(np.asarray(times, np.float64)), depth))
-    return float(np.sqrt((parts**2).mean())) if parts.size else 0.0
 
 
 def resect(
@@ -225,36 +212,13 @@ def _robust(squared: np.ndarray, config: BundleConfig) -> np.ndarray:
     return scale * np.log1p(np.where(np.isfinite(squared), squared, 1e6) / scale)
 
 
-def _cost(
-    bundle: Bundle, observations: Observations, config: BundleConfig, acceleration: np.ndarray, depth: float
-) -> float:
-    data = (observations.weight * _robust((bundle.residuals(observations) ** 2).sum(1), config)).sum()
-    turning, shift = _path_residuals(bundle, acceleration, depth)
-    return float(data + config.smoothness * ((turning**2).sum() + (shift**2).sum()))
+def _cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
+    return float((observations.weight * _robust((bundle.residuals(observations) ** 2).sum(1), config)).sum())
 
 
 def _frame_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> np.ndarray:
     cost = observations.weight * _robust((bundle.residuals(observations) ** 2).sum(1), config)
     return np.bincount(observations.frame, cost, len(bundle.center))
-
-
-def _acceleration(times: np.ndarray) -> np.ndarray:
-    """Rows `(F - 2, F)` that turn positions at `times` into accelerations per frame^2."""
-    rows = np.zeros((max(len(times) - 2, 0), len(times)))
-    for i in range(len(rows)):
-        left, right = times[i + 1] - times[i], times[i + 2] - times[i + 1]
-        rows[i, i : i + 3] = np.array([1 / left, -1 / left - 1 / right, 1 / right]) * 2 / (left + right)
-    return rows
-
-
-def _path_residuals(bundle: Bundle, acceleration: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """Acceleration of rotation and of centres, `(F - 2, 3)` each, as pixels at the picture's centre and median depth."""
-    if not len(acceleration):
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    turned = quaternion.from_matrix(bundle.rotation)
-    step = quaternion.to_rotation_vector(quaternion.multiply(turned[1:], quaternion.conjugate(turned[:-1])))  # (F-1, 3)
-    rotation = acceleration @ np.vstack([np.zeros(3), np.cumsum(step, axis=0)])
-    return bundle.focal * rotation, bundle.focal / depth * (acceleration @ bundle.center)
 
 
 def _linearise(
@@ -277,7 +241,7 @@ def _linearise(
 
 
 def _normal_equations(
-    bundle: Bundle, observations: Observations, config: BundleConfig, acceleration: np.ndarray, depth: float
+    bundle: Bundle, observations: Observations, config: BundleConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Camera block `(6F+1, 6F+1)`, its gradient, coupling `(6F+1, P, 3)`, point blocks `(P, 3, 3)`, point gradient."""
     frames, count = len(bundle.center), len(bundle.points)
@@ -308,17 +272,6 @@ def _normal_equations(
     scaled = to_point * weight[:, None, None]
     points = (by_point @ np.einsum("oki,okj->oij", scaled, to_point).reshape(-1, 9)).reshape(-1, 3, 3)
     point_gradient = by_point @ np.einsum("oki,ok->oi", scaled, residual)
-
-    if config.smoothness and len(acceleration):
-        turning, shift = _path_residuals(bundle, acceleration, depth)
-        squared = config.smoothness * acceleration.T @ acceleration
-        for axis in range(3):
-            for offset, gain, path in ((axis, bundle.focal, turning), (3 + axis, bundle.focal / depth, shift)):
-                if offset >= 3 and not config.refine_centers:
-                    continue
-                rows = np.arange(frames) * 6 + offset
-                camera[np.ix_(rows, rows)] += gain**2 * squared
-                gradient[rows] += config.smoothness * gain * (acceleration.T @ path[:, axis])
     return camera, gradient, coupling, points, point_gradient
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..progress import Progress
-from .bundle import Bundle, BundleConfig, Observations, acceleration_px, adjust, resect, triangulate
+from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
 from .config import CamerasConfig, PriorsConfig
 from .sfm import (
     DEFAULT_FOCAL,
@@ -49,8 +49,6 @@ MAX_ERROR_PX = 1.5
 """A solution is accepted with this share of frames and this reprojection error."""
 ADJUSTED_TRACKS = 2000
 """Most tracks in the final adjustment; more cost time and hold the cameras no better."""
-MIN_SHAKE_PX = 0.3
-"""Root mean square acceleration in pixels per frame^2 below which a path is not made any smoother."""
 TRACK_WEIGHT = 0.2
 """Weight of a track's sighting against a matched feature's: chained flow drifts, and its errors are shared over time."""
 MIN_TRACKS = 12
@@ -77,7 +75,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         progress("cameras", 3, 4, "refine the path")
         translating = kind == "moving"
         if translating:
-            solution = complete(solution, tracks, visible, static, times, settings.smoothness)
+            solution = complete(solution, tracks, visible, static, times)
         solution = replace(solution, bundle=_first_camera_at_origin(solution.bundle))
         inliers = solution.bundle.errors(solution.observations)
         if len(inliers):
@@ -131,7 +129,6 @@ def complete(
     visible: np.ndarray,
     static: np.ndarray,
     times: np.ndarray,
-    smoothness: float,
 ) -> Solution:
     """All frames registered and adjusted together on the solution's own observations and the static tracks.
 
@@ -158,13 +155,7 @@ def complete(
         registered[ring] = True
     bundle = _triangulated(bundle, observations, registered, offset)
     bundle, observations = _without_outliers(bundle, observations)
-    settings = BundleConfig(iterations=10, refine_focal=False)
-    refined = adjust(bundle, observations, settings, times)
-    if smoothness and len(times) > 2:
-        # Relative to the path's own shake: a weight that calms a tripod would bend a hand-held run.
-        shake = acceleration_px(refined, observations, times)
-        settings = replace(settings, iterations=6, smoothness=smoothness / max(shake, MIN_SHAKE_PX) ** 2)
-        refined = adjust(refined, observations, settings, times)
+    refined = adjust(bundle, observations, BundleConfig(iterations=10, refine_focal=False))
     return Solution(*_without_outliers(refined, observations), registered)
 
 
@@ -172,7 +163,8 @@ def interpolation_error(bundle: Bundle, observations: Observations, times: np.nd
     """How far a frame's picture shifts, in pixels, when its camera is interpolated from the other frames.
 
     Leave one out, inner frames: median over the frame's points of the projection difference at the points' own depth;
-    then mean and 90th percentile over frames. What remains after smoothing is real shake: held-out cameras miss it.
+    then mean and 90th percentile over frames. On rendered truth it equals that of the true path:
+    it is real shake, which held-out cameras will miss.
     """
     path = bundle.path(times, *(2 * bundle.principal).astype(int))
     errors = []

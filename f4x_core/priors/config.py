@@ -70,9 +70,6 @@ class CamerasConfig:
     """Most frames given to pycolmap; the others are resected."""
     features: int = 2500
     """Most SIFT features per keyframe."""
-    smoothness: float = 0.0
-    """Weight of the path's squared acceleration relative to its own mean, against one per squared pixel of a sighting.
-    0 is best on rendered truth: shake is real, and any smoothing moves the cameras away from it."""
     threads: int = 2
     """Threads of pycolmap."""
     seed: int = 0

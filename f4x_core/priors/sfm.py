@@ -281,7 +281,6 @@ def adjust_known(
     observations: Observations,
     registered: np.ndarray,
     config: BundleConfig,
-    times: np.ndarray | None = None,
 ) -> Bundle:
     """`bundle.adjust` on the registered frames and the finite points only; all others are left as they are."""
     frames, points = np.flatnonzero(registered), np.flatnonzero(np.isfinite(bundle.points).all(1))
@@ -292,7 +291,7 @@ def adjust_known(
     frame_row[frames], point_row[points] = np.arange(len(frames)), np.arange(len(points))
     part = replace(bundle, rotation=bundle.rotation[frames], center=bundle.center[frames], points=bundle.points[points])
     seen = replace(seen, frame=frame_row[seen.frame], point=point_row[seen.point])
-    part = adjust(part, seen, config, None if times is None else times[frames])
+    part = adjust(part, seen, config)
     rotation, center, xyz = bundle.rotation.copy(), bundle.center.copy(), bundle.points.copy()
     rotation[frames], center[frames], xyz[points] = part.rotation, part.center, part.points
     return replace(part, rotation=rotation, center=center, points=xyz)

@@ -89,13 +89,12 @@ def test_normal_equations_are_the_derivative_of_the_cost():
     from f4x_core.priors import bundle as module
 
     true = truth(frames=4, points=20)
-    observations, config = observe(true, noise=1.0), BundleConfig(smoothness=0.0)
-    acceleration = module._acceleration(np.arange(4.0))
-    _, gradient, _, _, point_gradient = module._normal_equations(true, observations, config, acceleration, 2.0)
+    observations, config = observe(true, noise=1.0), BundleConfig()
+    _, gradient, _, _, point_gradient = module._normal_equations(true, observations, config)
 
     def cost(cameras, focal, points):
         moved = module._moved(true, cameras, focal, points, config)
-        return module._cost(moved, observations, config, acceleration, 2.0) / 2
+        return module._cost(moved, observations, config) / 2
 
     zero, still = np.zeros((4, 6)), np.zeros((20, 3))
     h = 1e-6
@@ -143,7 +142,7 @@ def test_own_structure_from_motion_recovers_fov_and_path():
     focused = refocused(start, sample.bundle.focal)
     focused = replace(focused, bundle=adjust(focused.bundle, *_finite(focused), BundleConfig(iterations=40)))
     assert abs(fov(focused.bundle.focal) - fov(FOCAL)) < 1
-    solution = complete(focused, tracks, visible, static, np.arange(12.0), 0.0)
+    solution = complete(focused, tracks, visible, static, np.arange(12.0))
     assert path_error(solution.bundle, true) < 0.01
 
 
