@@ -34,6 +34,7 @@ EXTRA_DEGREES = {"left10": -10.0, "right10": 10.0}  # orbit about the vertical t
 EXTRA_STRIDE = 4  # the extra cameras see every 4th moment
 SCENE_CENTRE = Vector((0.0, 0.0, 0.75))  # where the subject stays close to, metres
 CAMERA_DISTANCE = 4.6  # metres from SCENE_CENTRE
+FLOOR_COVER = 0.02  # metres: top of the carpet, on which the subjects move
 HANDHELD_STRIDE = 2  # recorded cameras per clip frame (the recording runs at twice our pace)
 WALK_SPEED = {"knight": 1.1, "fox": 1.3}  # metres per second, so that the feet do not slide much
 SUBJECT_HEIGHT = {"knight": 2.0, "fox": 1.1}  # metres
@@ -325,7 +326,7 @@ def _build_room(random: np.random.Generator) -> None:
     for name, centre, size, pattern in walls:
         _box(name, centre, size, _material(name, pattern, offset=offset()), casts_shadow=False)
     carpet = _material("carpet", _cells(3.0, "7a2f3a", "c9a15a", "2f3f5f", "e0d2b0", "8a4a3a"), offset=offset())
-    _box("carpet", (0.1, -0.3, 0.01), (3.4, 2.6, 0.02), carpet, 8)
+    _box("carpet", (0.1, -0.3, FLOOR_COVER / 2), (3.4, 2.6, FLOOR_COVER), carpet, 8)
 
     pictures: tuple[tuple[_Triple, _Triple, _Pattern], ...] = (
         ((-1.9, 2.52, 1.75), (1.3, 0.06, 0.95), _clouds(3.0, "1d3b6f", "e8b04a", "d94f3d", "f5efe0", "2a6f6f")),
@@ -397,20 +398,28 @@ def _build_deforming_subject(frames: int) -> None:
     times = _keyed_times(frames)
     phase = {t: t / FPS for t in times}  # seconds
     _key_linear(
-        subject,
-        "location",
-        {
-            t: (-0.75 + 1.5 * s, -0.25 + 0.3 * math.sin(2.5 * s), 0.82 + 0.22 * abs(math.sin(3.6 * s)))
-            for t, s in phase.items()
-        },
-    )
-    _key_linear(
         subject, "rotation_euler", {t: (-0.2, 0.12 * math.sin(5 * s), -0.35 + 0.7 * s) for t, s in phase.items()}
     )
     _key_linear(subject, 'modifiers["bend"].angle', {t: 0.45 * math.sin(4.5 * s) for t, s in phase.items()})
     _key_linear(subject, 'modifiers["twist"].angle', {t: 0.3 * math.sin(3.3 * s + 1) for t, s in phase.items()})
     _key_linear(
         mesh.shape_keys, 'key_blocks["swell"].value', {t: 0.5 + 0.5 * math.sin(7 * s) for t, s in phase.items()}
+    )
+    lowest = {}  # of the deformed body while its origin rests at height 0: hops start and end on the floor
+    for t in times:
+        bpy.context.scene.frame_set(t)
+        lowest[t] = _world_bounds([subject])[0].z
+    _key_linear(
+        subject,
+        "location",
+        {
+            t: (
+                -0.75 + 1.5 * s,
+                -0.25 + 0.3 * math.sin(2.5 * s),
+                FLOOR_COVER - lowest[t] + 0.22 * abs(math.sin(3.6 * s)),
+            )
+            for t, s in phase.items()
+        },
     )
 
 
@@ -451,7 +460,7 @@ def _import_walker(settings: ClipSettings) -> None:
     step = WALK_SPEED[settings.scene] / FPS
     direction = Vector((math.sin(carrier.rotation_euler.z), -math.cos(carrier.rotation_euler.z), 0.0))
     middle = 0.5 * (settings.frames - 1)
-    floor = Vector((0.0, 0.0, 0.02 - lowest.z * carrier.scale.z))
+    floor = Vector((0.0, 0.0, FLOOR_COVER - lowest.z * carrier.scale.z))
     _key_linear(
         carrier, "location", {t: floor + direction * step * (t - middle) for t in _keyed_times(settings.frames)}
     )

@@ -39,8 +39,12 @@ TRACK_OUTLIER_PX = 2.0
 """A track whose root mean square reprojection error is larger is no static point."""
 FARTHEST = 50.0
 """Depths beyond this many median depths cannot be told apart; sky is put here."""
-SLOPE = 0.01
-"""Usual change of inverse depth between neighbouring samples, relative to the inverse depth itself."""
+SAMPLE_NOISE = 0.005
+"""Least relative error of one sample: errors of flow are shared by neighbours, so no sample outweighs them without limit."""
+SLOPE, CURVATURE = 0.03, 0.01
+"""Usual first and second difference of inverse depth along a line of samples, relative to it; planes have no second one."""
+COARSEST_SIDE = 16
+"""Samples along the shorter side of the coarsest grid that depth is filled on."""
 EDGE_GREY, EDGE_SLACK = 10.0, 0.003
 """Grey step that weakens smoothness by 1/e, and the share of smoothness that survives the strongest step."""
 MOVING_MARGIN = 6
@@ -48,11 +52,18 @@ MOVING_MARGIN = 6
 MOVING_CONFIDENCE = 0.2
 GUESS_CONFIDENCE = 0.05
 """Most confidence of the plausible depth of moving pixels, and of everything in a clip without parallax."""
+GROUND_SHARE, GROUND_NOISE = 0.2, 0.03
+"""How far below a moving region its ground is fitted (picture heights), and how flat ground is (relative inverse depth)."""
+TURN_LIMIT, TURNS, TURN_COST = 1.5, 31, 0.05
+"""Largest turn of a region against the view (relative inverse depth over the picture's width), how many are tried, and the
+share of touching columns that a turn of 1 must win."""
+HOVERING = 0.03
+"""Say of a contact behind the object's depth: what jumps or flies is seen in front of farther ground, never behind nearer."""
 SMALLEST_CONTACT = 8
 """With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
-TILT_RIDGE, TILT_FRAMES, TILT_RANGE = 0.05, 3.0, (0.5, 2.0)
-"""Ridge on the turn of a region against the view (in picture widths), frames over which it is smoothed, and its bounds."""
-SIZE_NOISE, CONTACT_NOISE = 0.01, 0.1
+TILT_FRAMES, TILT_RANGE = 3.0, (0.5, 2.0)
+"""Frames over which the turn of a region is smoothed, and the bounds of what it may do to the inverse depth."""
+SIZE_NOISE, CONTACT_NOISE = 0.02, 0.05
 """Relative errors of the frame-to-frame size change and of one contact depth, used to smooth an object's depth."""
 SMALLEST_OBJECT = 30
 """Moving regions with fewer pixels per frame than this follow the static depth around them."""
@@ -131,35 +142,71 @@ def inverse_depth_from_flow(
 
 
 def fill_inverse_depth(
-    inverse: np.ndarray, precision: np.ndarray, guide: np.ndarray, iterations: int = 60, slope: float = SLOPE
+    inverse: np.ndarray, precision: np.ndarray, guide: np.ndarray, iterations: int = 60, curvature: float = CURVATURE
 ) -> np.ndarray:
     """Inverse depth everywhere `(h, w)` from samples of different precision; `guide (h, w)` are grey levels 0..255.
 
-    `argmin sum precision (rho - sample)^2 + lambda sum_edges e^{-|dI|} (rho_p - rho_q)^2`, lambda from `SLOPE`, by
-    conjugate gradients started at the normalised convolution over a pyramid; three rounds reweigh outliers. Unknown
-    samples have precision 0.
+    `argmin sum precision (rho - sample)^2 + sum e^{-|dI|} ((rho_p - rho_q)^2 / s^2 + (rho_p - 2 rho_q + rho_r)^2 / c^2)`
+    over neighbours along rows and columns, `s` and `c` from `SLOPE` and `curvature` (the inverse depth of a plane is linear
+    in the picture), by conjugate gradients started at the solution for half the size; three rounds reweigh outliers.
+    Unknown samples have precision 0.
     """
+    import cv2
+
     height, width = inverse.shape
-    start = _pyramid_mean(inverse, precision)
-    smooth = 1 / (slope * max(float(np.median(start)), 1e-6)) ** 2
-    number = np.arange(height * width).reshape(height, width)
-    pairs = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
-    a, b = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
-    step = guide.ravel().astype(np.float64)
-    edge = smooth * (EDGE_SLACK + (1 - EDGE_SLACK) * np.exp(-abs(step[a] - step[b]) / EDGE_GREY))
-    size = height * width
-    links = csr_matrix((np.r_[edge, edge], (np.r_[a, b], np.r_[b, a])), shape=(size, size))
-    degree = np.asarray(links.sum(1)).ravel()
+    if min(height, width) >= 2 * COARSEST_SIDE:
+        half = (width // 2, height // 2)
+        mean = cv2.resize(precision.astype(np.float64), half, interpolation=cv2.INTER_AREA)
+        total = cv2.resize(precision * inverse, half, interpolation=cv2.INTER_AREA)
+        coarse = fill_inverse_depth(
+            np.divide(total, mean, out=np.zeros_like(total), where=mean > 0),
+            4 * mean,
+            cv2.resize(guide, half, interpolation=cv2.INTER_AREA),
+            2 * iterations,
+            2
+            * curvature,  # the same surface bends four times as much between samples twice as far apart, a quarter as many
+        )
+        start = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR)
+    else:
+        start = _pyramid_mean(inverse, precision)
+    usual = max(float(np.median(start)), 1e-6)
+    system = _roughness(guide, 1 / (SLOPE * usual) ** 2, 1 / (curvature * usual) ** 2)
     data, solution = precision.ravel().astype(np.float64), start.ravel()
-    # No sample may outweigh its neighbourhood without limit: flow errors are shared by neighbours.
-    trusted = np.minimum(data, 4 * smooth)
+    limit = 1 / (SAMPLE_NOISE * usual) ** 2
+    trusted = np.minimum(data, limit)
+    stiff = system.diagonal()
     for _ in range(3):
-        miss = (inverse.ravel() - solution) * np.sqrt(np.minimum(data, 25 * smooth))
+        miss = (inverse.ravel() - solution) * np.sqrt(np.minimum(data, 6 * limit))
         weight = trusted / (1 + (miss / 3) ** 2)
-        diagonal = weight + degree
-        system = diags(diagonal) - links
-        solution, _ = cg(system, weight * inverse.ravel(), x0=solution, maxiter=iterations // 3, M=diags(1 / diagonal))
+        scale = diags(1 / (stiff + weight))
+        solution, _ = cg(system + diags(weight), weight * inverse.ravel(), solution, maxiter=iterations // 3, M=scale)
     return solution.reshape(height, width)
+
+
+def _roughness(guide: np.ndarray, smooth: float, flat: float) -> csr_matrix:
+    """Normal matrix `(hw, hw)` of the smoothness terms: differences of neighbours and of those differences along lines."""
+    height, width = guide.shape
+    number = np.arange(height * width).reshape(height, width)
+    step = guide.ravel().astype(np.float64)
+    total = csr_matrix((number.size, number.size))
+    for lines in (number, number.T):
+        a, b = lines[:, :-1].ravel(), lines[:, 1:].ravel()
+        same = np.exp(-abs(step[a] - step[b]) / EDGE_GREY)
+        first = _differences([a, b], [-1.0, 1.0], number.size)
+        total = total + first.T @ diags(smooth * (EDGE_SLACK + (1 - EDGE_SLACK) * same)) @ first
+        links = same.reshape(len(lines), -1)
+        second = _differences(
+            [lines[:, k : k + lines.shape[1] - 2].ravel() for k in range(3)], [1.0, -2.0, 1.0], number.size
+        )
+        total = total + second.T @ diags(flat * np.minimum(links[:, :-1], links[:, 1:]).ravel()) @ second
+    return total
+
+
+def _differences(columns: list[np.ndarray], factors: list[float], size: int) -> csr_matrix:
+    """Sparse rows `sum factor * value[column]`, one per entry of the columns."""
+    count = len(columns[0])
+    rows = np.tile(np.arange(count), len(columns))
+    return csr_matrix((np.repeat(factors, count), (rows, np.concatenate(columns))), shape=(count, size))
 
 
 def ground_prior(cameras: CameraPath) -> np.ndarray:
@@ -385,7 +432,7 @@ def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarr
     `contact (f,)` inverse depths where it touches the ground with `trust (f,)` 0..1, `growth (f - 1,)` logarithm of its
     change of picture size to the next frame (NaN = unknown). Size is inverse depth times a constant, so
     `argmin sum trust (x - log contact)^2 / c^2 + sum (x' - x - growth)^2 / s^2`, x = log inverse depth; Cauchy weights
-    on the contacts.
+    on the contacts, and little weight where the ground is seen behind the object (`HOVERING`).
     """
     count, measured = len(contact), np.log(contact)
     known = np.isfinite(growth)
@@ -399,6 +446,7 @@ def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarr
     solution = np.full(count, np.average(measured, weights=trust + 1e-6))
     for _ in range(5):
         weight = (trust + 1e-3) / CONTACT_NOISE**2 / (1 + ((measured - solution) / (2 * CONTACT_NOISE)) ** 2)
+        weight *= np.where(measured < solution, HOVERING, 1.0)
         solution = np.linalg.solve(laplacian + np.diag(weight), right + weight * measured)
     return np.exp(solution), np.clip(trust, 0.25, 1.0)
 
@@ -408,53 +456,43 @@ def _contact(
 ) -> tuple[float, float, float]:
     """Where a region stands: inverse depth at its mean column, relative change per column, and trust 0..1.
 
-    The region is a plane that stands on the ground: inverse depth `a (1 + b (column - mean))`, fitted to the static inverse
-    depth just below the lower convex hull of the region (feet and wheels lie on the hull, the belly above it does not).
+    The ground is a plane, so its inverse depth is linear in the picture; fitted below the region, where flow is free of it, it
+    is carried up to the region's lower edge. Nothing is behind the ground that it is seen in front of, so the region, an
+    upright plane of inverse depth `a (1 + b (column - mean))`, lies above the ground's values on that edge and touches them at
+    its feet; of all turns `b` the one that touches most columns is taken (feet and wheels do, bellies and tails do not).
     """
     height, width = own.shape
     columns = np.flatnonzero(own.any(0))
     bottom = height - 1 - np.argmax(own[::-1], axis=0)[columns]
-    slack = max(0.05 * (bottom.max() - np.flatnonzero(own.any(1))[0]), 2.0)
-    stands = _lower_hull(columns, bottom) - bottom <= slack
-    below = bottom[stands, None] + np.arange(MOVING_MARGIN, 2 * MOVING_MARGIN + 2)  # (n, k)
-    across = np.broadcast_to(columns[stands, None], below.shape)
-    inside = below < height
-    x, y = across[inside], below[inside]
-    free = ~moving[y, x]
-    x, y = x[free], y[free]
-    if len(x) < SMALLEST_CONTACT:
+    rows = np.arange(height)[:, None]
+    lowest = int(bottom.max()) + MOVING_MARGIN + round(GROUND_SHARE * height)
+    ground = (rows > bottom + MOVING_MARGIN) & (rows <= lowest) & ~moving[:, columns]
+    y, which = np.nonzero(ground)
+    if len(y) < SMALLEST_CONTACT:
         rim = ndimage.binary_dilation(own, iterations=2 * MOVING_MARGIN) & ~moving
         return float(np.median(inverse[rim] if rim.any() else inverse)), 0.0, 0.05
-    values, offset = inverse[y, x].astype(np.float64), x - np.nonzero(own)[1].mean()
-    given = confidence[y, x].astype(np.float64) ** 2 + 1e-3
-    a, b, weight = float(np.median(values)), 0.0, given
-    for _ in range(5):
-        # The ridge asks for evidence before a region turns: it may change by a third over the picture's width at once.
-        normal = np.array([[weight.sum(), weight @ offset], [weight @ offset, weight @ offset**2]])
-        normal[1, 1] += given.sum() * (TILT_RIDGE * width) ** 2
-        a, b = np.linalg.solve(normal, [weight @ values, weight @ (values * offset)])
-        weight = given / (1 + ((values - a - b * offset) / (CONTACT_NOISE * abs(a) + 1e-9)) ** 2)
-    a = float(np.clip(a, values.min(), values.max()))
+    run = columns - np.nonzero(own)[1].mean()  # (n,)
+    values = inverse[y, columns[which]].astype(np.float64)
+    offset = np.stack([np.ones(len(y)), run[which], y - bottom.max() - 1.0], 1)
+    given = confidence[y, columns[which]].astype(np.float64) ** 2 + 1e-3
+    weight = given
+    for _ in range(6):
+        normal = (offset * weight[:, None]).T @ offset + np.diag(
+            [0.0, 1.0, 1.0]
+        ) * given.sum()  # ridge: one pixel's worth
+        plane = np.linalg.solve(normal, offset.T @ (weight * values))
+        weight = given / (1 + ((values - offset @ plane) / (GROUND_NOISE * abs(plane[0]) + 1e-9)) ** 2)
+    edge = plane[0] + plane[1] * run + plane[2] * (bottom - bottom.max())  # (n,) ground behind the lower edge
+    usual = max(float(edge.max()), 1e-6)
+    best, a, b = -np.inf, usual, 0.0
+    for turn in np.linspace(-TURN_LIMIT, TURN_LIMIT, TURNS) / width:  # relative change per column
+        touching = float(np.quantile(edge / (1 + turn * run), 0.98))
+        gap = 1 - edge / (touching * (1 + turn * run))
+        score = float(np.exp(-((gap / GROUND_NOISE) ** 2)).mean()) - TURN_COST * (turn * width) ** 2
+        if score > best:
+            best, a, b = score, touching, turn
     hidden = float((bottom >= height - 2).mean())  # it leaves the picture below: the true contact is nearer
-    return (
-        a,
-        float(b / a),
-        float(np.clip(1 - 2 * hidden, 0.1, 1.0) * np.sqrt(given.mean()).clip(0.1, 1)),
-    )
-
-
-def _lower_hull(columns: np.ndarray, bottom: np.ndarray) -> np.ndarray:
-    """Row of the convex hull's lower side (in the picture) at every column; both `(n,)`, columns ascending."""
-    hull: list[int] = []
-    for i in range(len(columns)):
-        while len(hull) >= 2:
-            o, p = hull[-2], hull[-1]
-            run, rise = columns[p] - columns[o], bottom[p] - bottom[o]
-            if run * (bottom[i] - bottom[o]) < rise * (columns[i] - columns[o]):
-                break
-            hull.pop()
-        hull.append(i)
-    return np.interp(columns, columns[hull], bottom[hull])
+    return max(a, 0.3 * usual), b, float(np.clip(1 - 2 * hidden, 0.1, 1.0) * np.sqrt(given.mean()).clip(0.1, 1))
 
 
 def _growth(priors: Priors, frame: int, own: np.ndarray) -> float:
