@@ -26,6 +26,8 @@ class LiftingConfig:
     """Curves with fewer believed samples are removed (in clips of fewer frames: with fewer than the frames)."""
     minimal_fraction: float = 0.1
     """Curves believed in a smaller fraction of the frames are removed."""
+    carriers: int = 8
+    """So many nearest seen curves carry a curve through frames in which it was not seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,7 @@ class LiftedTracks:
     """Curves in the world, defined at every frame."""
 
     xyz: np.ndarray
-    """(F, N, 3) float32 world units; linear between believed samples, held before the first and after the last."""
+    """(F, N, 3) float32 world units; where a curve was not seen, it moves as the seen curves near it (`complete_curves`)."""
     certain: np.ndarray
     """(F, N) bool, True where the position was measured."""
     index: np.ndarray
@@ -84,7 +86,8 @@ def lift_tracks(
     least = max(min(config.minimal_samples, frames), int(np.ceil(config.minimal_fraction * frames)))
     kept = np.flatnonzero(certain.sum(axis=0) >= least)
     certain = certain[:, kept]
-    return LiftedTracks(fill_gaps(xyz[:, kept], certain, times).astype(np.float32), certain, kept)
+    xyz = complete_curves(xyz[:, kept], certain, times, config.carriers)
+    return LiftedTracks(xyz.astype(np.float32), certain, kept)
 
 
 def nearest_valid_depth(pixels: np.ndarray, depth: np.ndarray, valid: np.ndarray, search: int) -> np.ndarray:
@@ -126,6 +129,50 @@ def fill_gaps(xyz: np.ndarray, certain: np.ndarray, times: np.ndarray) -> np.nda
     first, last = (np.take_along_axis(xyz, which[..., None], axis=0) for which in (start, end))
     filled = (first + fraction * (last - first)).astype(xyz.dtype)
     return np.where((certain | ~certain.any(axis=0))[..., None], xyz, filled)
+
+
+def complete_curves(xyz: np.ndarray, certain: np.ndarray, times: np.ndarray, carriers: int) -> np.ndarray:
+    """Return `xyz (F, N, 3)` with unseen samples carried along by the `carriers` nearest curves seen at that time.
+
+    From its last certain sample on, a curve takes the mean step (weights 1 / distance^2) of the curves nearest to it that are
+    certain before and after the step; likewise backwards from its next one. Inside a gap the two are blended linearly in time,
+    so both ends meet their samples. Steps that no curve was seen to make are zero; curves without any sample keep theirs.
+    """
+    ahead, steps_ahead = _carried(xyz, certain, carriers)
+    behind, steps_behind = (part[::-1] for part in _carried(xyz[::-1], certain[::-1], carriers))
+    # A side without any certain sample is infinitely far away and has no say.
+    fraction = np.where(np.isinf(steps_behind), 0.0, np.where(np.isinf(steps_ahead), 1.0, np.nan))
+    inside = np.isnan(fraction)
+    frame = np.nonzero(inside)[0]
+    start, end = frame - steps_ahead[inside].astype(int), frame + steps_behind[inside].astype(int)
+    fraction[inside] = (times[frame] - times[start]) / np.maximum(times[end] - times[start], np.finfo(np.float64).tiny)
+    fraction = fraction[..., None]
+    filled = ahead * (1 - fraction) + behind * fraction
+    return np.where((certain | ~certain.any(axis=0))[..., None], xyz, filled)
+
+
+def _carried(xyz: np.ndarray, certain: np.ndarray, carriers: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return curves `(F, N, 3)` carried on from their last certain sample, and how many steps ago `(F, N)` that was.
+
+    Infinitely many steps mark frames before the first certain sample, where positions mean nothing.
+    """
+    from scipy.spatial import cKDTree
+
+    carried = xyz.astype(np.float64, copy=True)
+    steps = np.where(certain, 0.0, np.inf)
+    for f in range(1, len(xyz)):
+        lost = np.flatnonzero(~certain[f] & np.isfinite(steps[f - 1]))
+        steps[f, lost] = steps[f - 1, lost] + 1
+        seen = np.flatnonzero(certain[f] & certain[f - 1])
+        carried[f, lost] = carried[f - 1, lost]
+        if len(lost) == 0 or len(seen) == 0:
+            continue
+        distance, near = cKDTree(xyz[f - 1, seen]).query(carried[f - 1, lost], min(carriers, len(seen)))
+        distance, near = distance.reshape(len(lost), -1), near.reshape(len(lost), -1)
+        weight = 1 / np.maximum(distance**2, np.finfo(np.float32).eps)
+        step = (xyz[f, seen] - xyz[f - 1, seen])[near]  # (lost, K, 3)
+        carried[f, lost] += (weight[..., None] * step).sum(1) / weight.sum(1, keepdims=True)
+    return carried, steps
 
 
 def _outliers(points: np.ndarray, config: LiftingConfig) -> np.ndarray:

@@ -161,3 +161,9 @@ def test_object_depth_follows_size_and_forgives_a_wrong_contact():
     assert ((certain > 0) & (certain <= 1)).all()
     alone, _ = smooth_object_depth(np.array([0.7]), np.ones(1), np.zeros(0))
     np.testing.assert_allclose(alone, 0.7)
+
+
+def test_what_hovers_is_not_put_on_the_ground_behind_it():
+    contact = np.where(np.arange(12) % 6 == 0, 0.5, 0.35)  # it lands twice, and is seen before farther ground else
+    found, _ = smooth_object_depth(contact, np.ones(12), np.zeros(11))
+    np.testing.assert_allclose(found, 0.5, rtol=0.1)
