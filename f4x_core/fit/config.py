@@ -65,9 +65,9 @@ class RateConfig:
     """View-dependent colour."""
     dw: float = 5e-3
     """Skinning offsets of Eq. 1."""
-    node_xyz: tuple[float, float] = (5e-4, 1e-5)
+    node_xyz: tuple[float, float] = (1.5e-3, 3e-5)
     """Node positions."""
-    node_quat: tuple[float, float] = (1e-3, 2e-5)
+    node_quat: tuple[float, float] = (3e-3, 6e-5)
     """Node orientations."""
     radius: float = 3e-3
     """Logarithm of the node radii."""
@@ -85,6 +85,8 @@ class LossConfig:
 
     ssim: float = 0.3
     """1 - SSIM beside the L1 of the picture, which is summed over channels."""
+    moving: float = 3.0
+    """Weight of a moving pixel in the picture losses; a static one has 1. What moves is small but looked at."""
     depth: float = 0.05
     """Confidence-weighted inverse depth."""
     mask: float = 0.05

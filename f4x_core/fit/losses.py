@@ -43,11 +43,14 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
 
 
 def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float) -> Tensor:
-    """Masked L1 (summed over channels) + `ssim_weight` * (1 - SSIM of the masked images); images (H,W,3) in [0,1]."""
+    """L1 (summed over channels) + `ssim_weight` * (1 - SSIM), both averaged over pixels with `weight` (H,W).
+
+    Images (H,W,3) in [0,1].
+    """
     loss = masked_l1(image, target, weight)
     if ssim_weight:
-        masked = weight[..., None]
-        loss = loss + ssim_weight * (1 - ssim_map(image * masked, target * masked).mean())
+        unlike = 1 - ssim_map(image, target).mean(0)  # (H,W)
+        loss = loss + ssim_weight * (unlike * weight).sum() / weight.sum().clamp_min(LEAST_WEIGHT)
     return loss
 
 

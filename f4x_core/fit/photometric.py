@@ -205,8 +205,8 @@ class PhotometricStage:
             backend=config.backend,
         )
         target = data.rgb[frame].float() / 255
-        everywhere = torch.ones(data.height, data.width)
-        loss = rgb_loss(out.channels[..., :3], target, everywhere, weights.ssim)
+        attention = 1 + (weights.moving - 1) * data.motion[frame].float()  # (H,W)
+        loss = rgb_loss(out.channels[..., :3], target, attention, weights.ssim)
         if weights.depth:
             confidence = data.confidence[frame].float()
             loss = loss + weights.depth * depth_loss(out.depth, out.alpha, data.depth[frame], confidence)
