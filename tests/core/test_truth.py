@@ -10,11 +10,14 @@ from PIL import Image
 from random_scene import FRAMES, random_scene
 from scipy.ndimage import binary_dilation
 
+from f4x_core.cli import main
+from f4x_core.clip import write_images
 from f4x_core.clip.images import as_bytes
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion, trajectory
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.report.truth import SeenSurface, align_cameras, into_scene, rotation_error, score_against_truth
+from f4x_core.scene import write_scene
 from f4x_core.scene.view import render
 
 SCALE, SHIFT = 2.5, np.array([0.3, -2.0, 5.0])
@@ -66,6 +69,18 @@ def test_a_perfect_scene_on_a_straight_path_is_perfect(tmp_path: Path):
     assert scores["scale"] == pytest.approx(SCALE, rel=1e-6)
     assert [(row["camera"], row["frame"]) for row in scores["views"]] == [("left10", 0), ("left10", 2), ("left10", 4)]
     assert scores["unseen_psnr"] > 55 and scores["unseen_ssim"] > 0.999  # what 8-bit pictures leave
+
+
+def test_the_command_line_adds_the_scores_against_the_truth(tmp_path: Path, capsys):
+    scene = random_scene()
+    write_truth(tmp_path, scene)
+    write_scene(scene, tmp_path / "scene.f4x")
+    frames = (render(scene, scene.cameras[i], float(i), ("rgb",))["rgb"] for i in range(len(scene.cameras)))
+    write_images(tmp_path / "images", frames)
+    command = ["eval", str(tmp_path / "scene.f4x"), "--clip", str(tmp_path / "images"), "--truth", str(tmp_path)]
+    assert main([*command, "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["ate_share"] < 1e-6 and printed["used_psnr"] > 45 and printed["unseen_psnr"] > 45
 
 
 def test_errors_are_seen(tmp_path: Path):

@@ -36,7 +36,7 @@ def test_a_moving_clip_is_rebuilt_and_its_held_out_frames_are_foreseen(train):
 
 
 def test_a_frozen_world_needs_no_scaffold_and_no_dynamic_set(train, tmp_path):
-    clip, scene = train
+    _, scene = train
     views = trajectory.frozen(scene.cameras, 10.0)
     frames = [render(scene, view.camera, view.time)["rgb"] for view in views]
     write_images(tmp_path / "frozen", frames)
