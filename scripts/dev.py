@@ -65,7 +65,7 @@ def ensure_environment() -> None:
 
 def build_kernel() -> None:
     """Build the native raster when a compiler is there; without one the torch backend serves."""
-    subprocess.run([str(venv_python()), "-m", "f4x_core.raster.native.build", "--quiet"], cwd=ROOT, check=False)
+    subprocess.run([str(venv_python()), "-m", "f4x_core.native.build", "--quiet"], cwd=ROOT, check=False)
 
 
 def run(command: list[str]) -> int:

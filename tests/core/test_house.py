@@ -8,14 +8,27 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = (
-    *("geometry", "clip", "priors", "scaffold", "gaussians", "raster", "features", "fit", "scene", "query", "edit"),
+    *(
+        "native",
+        "geometry",
+        "clip",
+        "priors",
+        "scaffold",
+        "gaussians",
+        "raster",
+        "features",
+        "fit",
+        "scene",
+        "query",
+        "edit",
+    ),
     *("report", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
 SHARED = ("errors", "files", "progress", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
-TORCH_FREE = ("geometry", "clip", "priors", "scene", "query", "edit", "errors", "files", "progress")
-NUMPY_ONLY = ("geometry", "clip", "scene", "query", "edit", "errors", "files", "progress")
+TORCH_FREE = ("native", "geometry", "clip", "priors", "scene", "query", "edit", "errors", "files", "progress")
+NUMPY_ONLY = ("native", "geometry", "clip", "scene", "query", "edit", "errors", "files", "progress")
 """What Blender's own Python imports: numpy is the only wheel there."""
 WHEELS = {"torch", "cv2", "av", "scipy", "PIL", "pycolmap", "matplotlib", "OpenEXR", "rich", "trimesh"}
 UNSAFE_MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}
@@ -136,7 +149,7 @@ def test_nothing_runs_text_or_bytes_as_code(file):
     [
         ("from ..fit.config import profile", "f4x_core/raster/tiles.py"),
         ("def f():\n    from ..raster import rasterize", "f4x_core/priors/flow.py"),
-        ("from ...fit import model", "f4x_core/raster/native/build.py"),
+        ("from ..fit import model", "f4x_core/native/build.py"),
         ("from .. import scene", "f4x_core/fit/model.py"),
         ("from .clip import Clip", "f4x_core/files.py"),
         ("from f4x_core.errors import F4xError", "f4x_core/fit/model.py"),

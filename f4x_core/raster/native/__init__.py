@@ -1,4 +1,4 @@
-"""Native raster backend: C++17 behind plain C functions, loaded with ctypes. Imports torch only when tensors come in."""
+"""Native raster backend. Imports torch only when tensors come in."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .library import forward, open_library
 if TYPE_CHECKING:
     from ..contract import Array
 
-__all__ = ["available", "forward_numpy", "instruction_set", "rasterize_native", "why_not"]
+__all__ = ["available", "forward_numpy", "rasterize_native", "why_not"]
 
 
 def available() -> bool:
@@ -24,11 +24,6 @@ def available() -> bool:
 def why_not() -> str:
     """Why `available` is False, as part of a sentence; empty when it is True."""
     return open_library()[1]
-
-
-def instruction_set() -> str:
-    """Which version of the kernel this processor runs: `avx2` or `plain`."""
-    return _library().f4x_instruction_set().decode()
 
 
 def rasterize_native(

@@ -1,11 +1,8 @@
-"""The compiled kernel behind numpy arrays: loading, self-check, forward and backward. No torch here."""
+"""The compiled raster behind numpy arrays: self-check, forward and backward. No torch here."""
 
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import sys
-import sysconfig
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -14,11 +11,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import F4xError
+from ...native import address
+from ...native import open_library as open_unchecked
 from ..contract import RasterConfig, RasterOutput
-
-SOURCE = Path(__file__).with_name("kernel.cpp")
-FOLDER = Path(__file__).with_name("_build")
-SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 SELF_CHECK = Path(__file__).with_name("self_check.npz")
 # The largest relative error (L2) against the stored float64 values at which the library is still trusted: float32
@@ -29,7 +24,7 @@ _POINTER = ctypes.c_void_p
 
 
 class _Problem(ctypes.Structure):
-    """`struct Problem` of kernel.cpp."""
+    """`struct Problem` of raster.cpp."""
 
     _fields_ = (
         [("count", ctypes.c_int64)]
@@ -41,7 +36,7 @@ class _Problem(ctypes.Structure):
 
 
 class _Gradients(ctypes.Structure):
-    """`struct Gradients` of kernel.cpp."""
+    """`struct Gradients` of raster.cpp."""
 
     _fields_ = [
         (n, _POINTER)
@@ -71,26 +66,14 @@ class Render:
     state: _State | None
 
 
-def library_path() -> Path:
-    """Where the library of the present source and platform lies, or would lie: an old one is never taken for it."""
-    digest = hashlib.sha256(SOURCE.read_bytes() + Path(__file__).with_name("build.py").read_bytes()).hexdigest()[:16]
-    return FOLDER / f"raster-{digest}-{sysconfig.get_platform()}{SUFFIX}"
-
-
 def open_library() -> tuple[ctypes.CDLL | None, str]:
-    """The checked library, or None and the reason why there is none; looked for once per process."""
-    return _open(library_path())
+    """The library after its self-check, or None and the reason why there is none; checked once per process."""
+    library, reason = open_unchecked()
+    return (None, reason) if library is None else _checked(library)
 
 
 @lru_cache
-def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
-    if not path.is_file():
-        return None, "the kernel is not built for its present source: run `python -m f4x_core.raster.native.build`"
-    try:
-        library = ctypes.CDLL(str(path))
-    except OSError as error:
-        return None, f"{path.name} does not load: {error}"
-    library.f4x_instruction_set.restype = ctypes.c_char_p
+def _checked(library: ctypes.CDLL) -> tuple[ctypes.CDLL | None, str]:
     library.f4x_forward.restype = _POINTER
     library.f4x_forward.argtypes = [
         ctypes.POINTER(_Problem),
@@ -103,7 +86,7 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
     library.f4x_release.restype = None
     difference = self_check(library)
     if not difference < SELF_CHECK_ERROR:
-        return None, f"{path.name} disagrees with the float64 reference by {difference:.1e} in its self-check"
+        return None, f"the library disagrees with the float64 reference by {difference:.1e} in its self-check"
     return library, ""
 
 
@@ -159,7 +142,7 @@ def forward(
         intrinsics=tuple(held["K"].ravel()),
         viewmat=tuple(held["viewmat"].ravel()),
         **{
-            n: _address(held.get(n))
+            n: address(held.get(n))
             for n in ("means", "quats", "scales", "opacities", "colors", "background", "mean2d_offset")
         },
     )
@@ -168,7 +151,7 @@ def forward(
     visible = np.empty(count, bool)
     failed = ctypes.c_int32()
     pointer = library.f4x_forward(
-        problem, keep, _address(image), _address(depth), _address(alpha), _address(visible), failed
+        problem, keep, address(image), address(depth), address(alpha), address(visible), failed
     )
     _check(failed.value, problem)
     return Render(RasterOutput(image, depth, alpha, visible), held, problem, _State(library, pointer) if keep else None)
@@ -201,13 +184,9 @@ def backward(
     }
     got["mean2d_offset"] = np.empty((n, 2), np.float32)
     assert render.state is not None
-    gradients = _Gradients(*map(_address, [*sent, *got.values()]))
+    gradients = _Gradients(*map(address, [*sent, *got.values()]))
     _check(library.f4x_backward(render.state.pointer, render.problem, gradients), render.problem)
     return got
-
-
-def _address(array: np.ndarray | None) -> int | None:
-    return None if array is None else array.ctypes.data
 
 
 def _check(failed: int, problem: _Problem) -> None:

@@ -10,101 +10,25 @@
 //
 // Rows are summed in a fixed order, so the result is the same bit for bit for every number of threads.
 //
-// The file includes itself: the second half, between F4X_ISA and its end, is compiled once for the plain target and, on
-// x86 with GCC or clang, once more for AVX2 + FMA; the processor picks at run time.
+// The second half is compiled once per instruction set (lanes.hpp); the processor picks at run time.
 
 #ifndef F4X_ISA
 
-#include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <exception>
 #include <limits>
 #include <memory>
 #include <mutex>
-#include <new>
-#include <system_error>
-#include <thread>
 #include <utility>
 #include <vector>
 
-#if defined(__GNUC__) && (defined(__x86_64__) || defined(__i386__))
-#define F4X_X86 1
-#include <cpuid.h>
-#include <immintrin.h>
-#endif
-
-#if defined(_WIN32)
-#define F4X_API extern "C" __declspec(dllexport)
-#else
-#define F4X_API extern "C" __attribute__((visibility("default")))
-#endif
-
-#if defined(__GNUC__)
-#define F4X_INLINE inline __attribute__((always_inline))
-#else
-#define F4X_INLINE inline
-#endif
-
-// Loops over small arrays of vectors must be unrolled completely, or the arrays live in memory instead of registers.
-#if defined(__clang__)
-#define F4X_UNROLL _Pragma("unroll")
-#elif defined(__GNUC__)
-#define F4X_UNROLL _Pragma("GCC unroll 16")
-#else
-#define F4X_UNROLL
-#endif
-
-// ------------------------------------------------------------------------------------------------- eight lanes at once
-
-#if defined(__GNUC__) && !defined(F4X_PLAIN)
-typedef float f8 __attribute__((vector_size(32)));
-typedef int32_t i8 __attribute__((vector_size(32)));
-#else
-// The same arithmetic for compilers without vector extensions.
-template <class T>
-struct Eight {
-    T lane[8];
-    Eight() = default;
-    Eight(T x) { std::fill(lane, lane + 8, x); }
-    Eight(T a, T b, T c, T d, T e, T f, T g, T h) : lane{a, b, c, d, e, f, g, h} {}
-    T& operator[](int i) { return lane[i]; }
-    const T& operator[](int i) const { return lane[i]; }
-    template <class U>
-    explicit operator Eight<U>() const {
-        Eight<U> bits;
-        std::memcpy(&bits, this, sizeof bits);
-        return bits;
-    }
-};
-typedef Eight<float> f8;
-typedef Eight<int32_t> i8;
-#define F4X_LANES(V, R, OP, EXPRESSION)                                                      \
-    inline R operator OP(const V& a, const V& b) {                                           \
-        R r;                                                                                 \
-        for (int i = 0; i < 8; ++i) r[i] = EXPRESSION;                                       \
-        return r;                                                                            \
-    }
-F4X_LANES(f8, f8, +, a[i] + b[i])
-F4X_LANES(f8, f8, -, a[i] - b[i])
-F4X_LANES(f8, f8, *, a[i] * b[i])
-F4X_LANES(f8, f8, /, a[i] / b[i])
-F4X_LANES(f8, i8, <, -(a[i] < b[i]))
-F4X_LANES(f8, i8, <=, -(a[i] <= b[i]))
-F4X_LANES(f8, i8, >=, -(a[i] >= b[i]))
-F4X_LANES(f8, i8, >, -(a[i] > b[i]))
-F4X_LANES(i8, i8, +, a[i] + b[i])
-F4X_LANES(i8, i8, -, a[i] - b[i])
-F4X_LANES(i8, i8, &, a[i] & b[i])
-F4X_LANES(i8, i8, <<, int32_t(uint32_t(a[i]) << b[i]))
-inline f8& operator+=(f8& a, const f8& b) { return a = a + b; }
-#endif
+#include "lanes.hpp"
+#include "threads.hpp"
 
 // ------------------------------------------------------------------------------------------------ what C callers hand in
 
-// Mirrored field by field in __init__.py.
+// Mirrored field by field in raster/native/library.py.
 struct Problem {
     int64_t count;      // N
     int32_t channels;   // C
@@ -121,6 +45,8 @@ struct Gradients {
     float *means, *quats, *scales, *opacities, *colors, *viewmat, *offset;  // of the inputs, all written
 };
 
+using namespace f4x;
+
 namespace {
 
 constexpr int TILE = 16;                       // pixels on a side; the block lists below are written for this
@@ -129,7 +55,6 @@ constexpr int STRIPS = TILE / BLOCK_HEIGHT;    // 8: one lane per strip when bin
 constexpr int COLUMNS = TILE / BLOCK_WIDTH;    // 4
 constexpr int BLOCKS = STRIPS * COLUMNS;       // 32: one bit each; block = column * STRIPS + strip
 constexpr int CHUNK = 256;                     // splats binned at a time: one byte per list entry
-constexpr int GRAIN = 1024;                    // Gaussians per unit of parallel work
 constexpr int MOMENTS = 6;                     // sums of v (1, u, dy, u u, u dy, dy dy), v = dL/d(log alpha)
 constexpr float LOG2E = 1.44269504088896340736f;
 constexpr float SLACK = 0.02f;                 // px added around ellipses so that rounding never loses a pixel
@@ -153,33 +78,6 @@ struct Entry {
 
 struct Span {
     uint16_t begin, end;  // tile columns
-};
-
-// Uninitialised, 64-byte aligned, keeps its memory when it shrinks.
-template <class T>
-class Buffer {
-    T* data_ = nullptr;
-    size_t capacity_ = 0;
-
-public:
-    Buffer() = default;
-    Buffer(const Buffer&) = delete;
-    Buffer& operator=(const Buffer&) = delete;
-    ~Buffer() { release(); }
-    void release() {
-        if (data_) ::operator delete(data_, std::align_val_t(64));
-        data_ = nullptr;
-        capacity_ = 0;
-    }
-    T* resize(size_t n) {
-        if (n > capacity_) {
-            release();
-            data_ = static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(64)));
-            capacity_ = n;
-        }
-        return data_;
-    }
-    operator T*() const { return data_; }
 };
 
 // What the backward pass needs of the forward pass.
@@ -234,43 +132,6 @@ struct Kernels {
 };
 
 inline int stride_of_row(const Problem& p) { return MOMENTS + 1 + p.channels; }
-
-// ------------------------------------------------------------------------------------------------------------ threads
-
-// Runs body(cursor) on every worker; bodies draw work items from the shared cursor. Threads live for one call only:
-// nothing to shut down at exit, nothing to lose in a fork.
-template <class Body>
-void parallel(int threads, int64_t items, const Body& body) {
-    std::atomic<int64_t> cursor{0};
-    std::exception_ptr failure;
-    std::mutex mutex;
-    auto work = [&] {
-        try {
-            body(cursor);
-        } catch (...) {
-            std::lock_guard<std::mutex> lock(mutex);
-            failure = std::current_exception();
-        }
-    };
-    std::vector<std::thread> team;
-    const int64_t helpers = std::min<int64_t>(threads, items) - 1;
-    try {
-        for (int64_t i = 0; i < helpers; ++i) team.emplace_back(work);
-    } catch (const std::system_error&) {
-        // No more threads to be had: the ones that started do the work.
-    }
-    work();
-    for (auto& thread : team) thread.join();
-    if (failure) std::rethrow_exception(failure);
-}
-
-template <class Work>
-void parallel_ranges(int threads, int64_t count, const Work& work) {
-    const int64_t items = (count + GRAIN - 1) / GRAIN;
-    parallel(threads, items, [&](std::atomic<int64_t>& cursor) {
-        for (int64_t i; (i = cursor++) < items;) work(i * GRAIN, std::min(count, (i + 1) * GRAIN));
-    });
-}
 
 // -------------------------------------------------------------------------------------------------- order and tile lists
 
@@ -366,33 +227,21 @@ void bind(const Problem& p, State& s, const Kernels& kernels) {
 
 #define F4X_ISA plain
 #define F4X_TARGET
-#include "kernel.cpp"
+#include "raster.cpp"
 #undef F4X_ISA
 #undef F4X_TARGET
-#if defined(F4X_X86) && !defined(F4X_PLAIN) && !defined(F4X_NO_AVX2)
+#if defined(F4X_HAS_AVX2)
 #define F4X_ISA avx2
 #define F4X_AVX2 1
 #define F4X_TARGET __attribute__((target("avx2,fma")))
-#include "kernel.cpp"
+#include "raster.cpp"
 #endif
 
 namespace {
 
-#if defined(F4X_AVX2)
-// Processor and operating system both; asked directly because __builtin_cpu_supports says no in zig's clang.
-bool has_avx2() {
-    unsigned a, b, c, d, saved, high;
-    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_FMA) || !(c & bit_OSXSAVE)) return false;
-    __asm__("xgetbv" : "=a"(saved), "=d"(high) : "c"(0));
-    if ((saved & 6) != 6) return false;  // the upper halves of the registers survive a task switch
-    return __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & bit_AVX2);
-}
-#endif
-
 const Kernels& kernels() {
-#if defined(F4X_AVX2)
-    static const bool fast = has_avx2();
-    if (fast) return avx2::kernels;
+#if defined(F4X_HAS_AVX2)
+    if (has_avx2()) return avx2::kernels;
 #endif
     return plain::kernels;
 }
@@ -507,60 +356,7 @@ F4X_API void f4x_release(void* state) { give_back_state(std::unique_ptr<State>(s
 namespace {
 namespace F4X_ISA {
 
-#define F4X_HOT F4X_TARGET static F4X_INLINE
-
-F4X_HOT f8 load(const float* from) {
-    f8 v;
-    std::memcpy(&v, from, sizeof v);
-    return v;
-}
-F4X_HOT void store(float* to, const f8& v) { std::memcpy(to, &v, sizeof v); }
-F4X_HOT f8 broadcast(float x) { return f8{x, x, x, x, x, x, x, x}; }
-F4X_HOT f8 keep_where(const i8& mask, const f8& v) { return (f8)(mask & (i8)v); }
-F4X_HOT f8 select(const i8& mask, const f8& yes, const f8& no) {
-#if defined(__GNUC__) && !defined(F4X_PLAIN)
-    return mask ? yes : no;
-#else
-    f8 r;
-    for (int i = 0; i < 8; ++i) r[i] = mask[i] ? yes[i] : no[i];
-    return r;
-#endif
-}
-F4X_HOT f8 minimum(const f8& a, const f8& b) { return select(a < b, a, b); }
-F4X_HOT f8 maximum(const f8& a, const f8& b) { return select(a > b, a, b); }
-F4X_HOT float minimum(float a, float b) { return a < b ? a : b; }
-F4X_HOT float maximum(float a, float b) { return a > b ? a : b; }
-F4X_HOT float root(float x) { return std::sqrt(x); }
-
-#if defined(F4X_AVX2)
-F4X_HOT f8 root(const f8& x) { return (f8)_mm256_sqrt_ps((__m256)x); }
-F4X_HOT uint32_t mask_bits(const i8& mask) { return uint32_t(_mm256_movemask_ps((__m256)mask)); }
-#else
-F4X_HOT f8 root(const f8& x) {
-    f8 r;
-    for (int i = 0; i < 8; ++i) r[i] = std::sqrt(x[i]);
-    return r;
-}
-F4X_HOT uint32_t mask_bits(const i8& mask) {
-    const i8 bits = mask & i8{1, 2, 4, 8, 16, 32, 64, 128};
-    return uint32_t(bits[0] + bits[1] + bits[2] + bits[3] + bits[4] + bits[5] + bits[6] + bits[7]);
-}
-#endif
-
-// 2^x for -126 < x < 126 (degree-5 fit, relative error below 2.5e-7); any value outside.
-F4X_HOT f8 exp2_fast(const f8& x) {
-    const f8 shifter = broadcast(12582912.0f);  // 1.5 * 2^23: adding it rounds to the nearest integer
-    const f8 shifted = x + shifter;
-    const i8 whole = (i8)shifted - (i8)shifter;
-    const f8 f = x - (shifted - shifter);  // [-0.5, 0.5]
-    f8 y = broadcast(1.327647178e-3f);
-    y = y * f + broadcast(9.675541333e-3f);
-    y = y * f + broadcast(5.550713274e-2f);
-    y = y * f + broadcast(2.402211972e-1f);
-    y = y * f + broadcast(6.931469671e-1f);
-    y = y * f + broadcast(1.0f);
-    return (f8)((i8)y + (whole << i8{23, 23, 23, 23, 23, 23, 23, 23}));
-}
+#include "lanes_isa.hpp"
 
 // Left and right end, relative to the centre, of the part of the ellipse with lo <= dy <= hi. Exact: the extreme lies at
 // the ellipse's own tip or, where the strip cuts that off, on the nearer edge. Returns the clipped strip in lo, hi

@@ -1,0 +1,5 @@
+"""The compiled library: C++17 behind plain C functions, loaded with ctypes; its Python faces live in the rooms that use it."""
+
+from .library import address, instruction_set, open_library
+
+__all__ = ["address", "instruction_set", "open_library"]

@@ -1,0 +1,56 @@
+// Arithmetic on eight lanes for one instruction set: included inside the namespace F4X_ISA, so it has no include guard.
+
+#define F4X_HOT F4X_TARGET static F4X_INLINE
+
+F4X_HOT f8 load(const float* from) {
+    f8 v;
+    std::memcpy(&v, from, sizeof v);
+    return v;
+}
+F4X_HOT void store(float* to, const f8& v) { std::memcpy(to, &v, sizeof v); }
+F4X_HOT f8 broadcast(float x) { return f8{x, x, x, x, x, x, x, x}; }
+F4X_HOT f8 keep_where(const i8& mask, const f8& v) { return (f8)(mask & (i8)v); }
+F4X_HOT f8 select(const i8& mask, const f8& yes, const f8& no) {
+#if defined(__GNUC__) && !defined(F4X_PLAIN)
+    return mask ? yes : no;
+#else
+    f8 r;
+    for (int i = 0; i < 8; ++i) r[i] = mask[i] ? yes[i] : no[i];
+    return r;
+#endif
+}
+F4X_HOT f8 minimum(const f8& a, const f8& b) { return select(a < b, a, b); }
+F4X_HOT f8 maximum(const f8& a, const f8& b) { return select(a > b, a, b); }
+F4X_HOT float minimum(float a, float b) { return a < b ? a : b; }
+F4X_HOT float maximum(float a, float b) { return a > b ? a : b; }
+F4X_HOT float root(float x) { return std::sqrt(x); }
+
+#if defined(F4X_AVX2)
+F4X_HOT f8 root(const f8& x) { return (f8)_mm256_sqrt_ps((__m256)x); }
+F4X_HOT uint32_t mask_bits(const i8& mask) { return uint32_t(_mm256_movemask_ps((__m256)mask)); }
+#else
+F4X_HOT f8 root(const f8& x) {
+    f8 r;
+    for (int i = 0; i < 8; ++i) r[i] = std::sqrt(x[i]);
+    return r;
+}
+F4X_HOT uint32_t mask_bits(const i8& mask) {
+    const i8 bits = mask & i8{1, 2, 4, 8, 16, 32, 64, 128};
+    return uint32_t(bits[0] + bits[1] + bits[2] + bits[3] + bits[4] + bits[5] + bits[6] + bits[7]);
+}
+#endif
+
+// 2^x for -126 < x < 126 (degree-5 fit, relative error below 2.5e-7); any value outside.
+F4X_HOT f8 exp2_fast(const f8& x) {
+    const f8 shifter = broadcast(12582912.0f);  // 1.5 * 2^23: adding it rounds to the nearest integer
+    const f8 shifted = x + shifter;
+    const i8 whole = (i8)shifted - (i8)shifter;
+    const f8 f = x - (shifted - shifter);  // [-0.5, 0.5]
+    f8 y = broadcast(1.327647178e-3f);
+    y = y * f + broadcast(9.675541333e-3f);
+    y = y * f + broadcast(5.550713274e-2f);
+    y = y * f + broadcast(2.402211972e-1f);
+    y = y * f + broadcast(6.931469671e-1f);
+    y = y * f + broadcast(1.0f);
+    return (f8)((i8)y + (whole << i8{23, 23, 23, 23, 23, 23, 23, 23}));
+}

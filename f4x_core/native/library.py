@@ -1,0 +1,52 @@
+"""Where the compiled library lies and how it is opened. Standard library and numpy alone."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import sys
+import sysconfig
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+ROOM = Path(__file__).parent
+FOLDER = ROOM / "_build"
+SOURCES = tuple(sorted(ROOM.glob("*.cpp")))
+SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+
+
+def library_path() -> Path:
+    """Where the library of the present sources and platform lies, or would lie: an old one is never taken for it."""
+    digest = hashlib.sha256()
+    for source in (*SOURCES, *sorted(ROOM.glob("*.hpp")), ROOM / "build.py"):
+        digest.update(source.read_bytes())
+    return FOLDER / f"f4x-{digest.hexdigest()[:16]}-{sysconfig.get_platform()}{SUFFIX}"
+
+
+def open_library() -> tuple[ctypes.CDLL | None, str]:
+    """The library, or None and the reason why there is none; looked for once per process."""
+    return _open(library_path())
+
+
+@lru_cache
+def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
+    if not path.is_file():
+        return None, "the library is not built for its present source: run `python -m f4x_core.native.build`"
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        return None, f"{path.name} does not load: {error}"
+    library.f4x_instruction_set.restype = ctypes.c_char_p
+    return library, ""
+
+
+def instruction_set(library: ctypes.CDLL) -> str:
+    """Which version of the kernels this processor runs: `avx2` or `plain`."""
+    return library.f4x_instruction_set().decode()
+
+
+def address(array: np.ndarray | None) -> int | None:
+    """Address of a C-contiguous array's memory, as kernels take it; None stays None."""
+    return None if array is None else array.ctypes.data
