@@ -155,6 +155,8 @@ class FitConfig:
     """Steps between two rebuilds of the node graph before it is frozen."""
     track_every: int = 4
     """Every n-th step carries the track loss."""
+    motion_every: int = 2
+    """Every n-th step carries the physics-inspired losses, n times as heavy."""
     shifts: tuple[int, ...] = (1, 3, 8)
     """Frame shifts of the as-rigid-as-possible losses."""
     shift_weights: tuple[float, ...] = (0.6, 0.2, 0.2)

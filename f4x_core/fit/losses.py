@@ -6,6 +6,8 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from .similarity_native import NativeDissimilarity
+
 # SSIM's stabilising constants for images in [0, 1] (Wang et al. 2004).
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
 SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
@@ -19,11 +21,11 @@ def masked_l1(image: Tensor, target: Tensor, weight: Tensor) -> Tensor:
 
 
 @lru_cache(maxsize=8)
-def _window(channels: int, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+def _window(dtype: torch.dtype) -> Tensor:
+    """(11,) the blur, summing to 1."""
     offsets = torch.arange(SSIM_WINDOW, dtype=torch.float64) - (SSIM_WINDOW - 1) / 2
     kernel = torch.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
-    kernel = (kernel / kernel.sum()).to(dtype)
-    return kernel.view(1, 1, 1, -1).repeat(channels, 1, 1, 1), kernel.view(1, 1, -1, 1).repeat(channels, 1, 1, 1)
+    return (kernel / kernel.sum()).to(dtype)
 
 
 def ssim_map(image: Tensor, target: Tensor) -> Tensor:
@@ -31,7 +33,9 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
     x, y = image.permute(2, 0, 1), target.permute(2, 0, 1)  # (C,H,W)
     channels = len(x)
     maps = torch.cat([x, y, x * x + y * y, x * y])[None]  # (1,4C,H,W): the two variances are only needed as a sum
-    across, down = _window(4 * channels, image.dtype)
+    window = _window(image.dtype)
+    across = window.view(1, 1, 1, -1).repeat(4 * channels, 1, 1, 1)
+    down = across.transpose(2, 3)
     half = SSIM_WINDOW // 2
     blurred = torch.nn.functional.conv2d(maps, across, padding=(0, half), groups=4 * channels)
     blurred = torch.nn.functional.conv2d(blurred, down, padding=(half, 0), groups=4 * channels)[0]
@@ -42,15 +46,19 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
     return luminance * (2 * covariance + SSIM_C2) / (squares - mean_squares + SSIM_C2)
 
 
-def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float) -> Tensor:
+def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float, threads: int = 0) -> Tensor:
     """L1 (summed over channels) + `ssim_weight` * (1 - SSIM), both averaged over pixels with `weight` (H,W).
 
-    Images (H,W,3) in [0,1].
+    Images (H,W,3) in [0,1]. With `threads` the compiled library compares the structure (float32 on the CPU).
     """
     loss = masked_l1(image, target, weight)
     if ssim_weight:
-        unlike = 1 - ssim_map(image, target).mean(0)  # (H,W)
-        loss = loss + ssim_weight * (unlike * weight).sum() / weight.sum().clamp_min(LEAST_WEIGHT)
+        if threads:
+            constants = (SSIM_C1, SSIM_C2)
+            unlike = NativeDissimilarity.apply(image, target, weight, _window(image.dtype), constants, threads)
+        else:
+            unlike = ((1 - ssim_map(image, target).mean(0)) * weight).sum()
+        loss = loss + ssim_weight * unlike / weight.sum().clamp_min(LEAST_WEIGHT)
     return loss
 
 

@@ -19,7 +19,7 @@ from ..errors import Cancelled
 from ..gaussians import DensityControl, DynamicGaussians, SetOptimiser, StaticGaussians
 from ..priors import Priors
 from ..progress import Progress, silent
-from ..raster import RasterConfig
+from ..raster import RasterConfig, choose_backend
 from ..scaffold.losses import arap_losses, smoothness_losses
 from ..scaffold.optimise import with_graph
 from .checkpoint import save_checkpoint
@@ -95,6 +95,8 @@ class PhotometricStage:
         self.history: list[dict[str, float]] = []
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
         self.raster = RasterConfig(threads=config.threads or os.cpu_count() or 1)
+        native = choose_backend(config.backend, model.static.parameters["xyz"]) == "native"
+        self.native_threads = self.raster.threads if native else 0
         self._start_optimisers()
 
     def _start_optimisers(self) -> None:
@@ -206,7 +208,7 @@ class PhotometricStage:
         )
         target = data.rgb[frame].float() / 255
         attention = 1 + (weights.moving - 1) * data.motion[frame].float()  # (H,W)
-        loss = rgb_loss(out.channels[..., :3], target, attention, weights.ssim)
+        loss = rgb_loss(out.channels[..., :3], target, attention, weights.ssim, self.native_threads)
         if weights.depth:
             confidence = data.confidence[frame].float()
             loss = loss + weights.depth * depth_loss(out.depth, out.alpha, data.depth[frame], confidence)
@@ -218,7 +220,8 @@ class PhotometricStage:
                 loss = loss + weights.mask * (error * certain).mean()
             if partner is not None:
                 loss = loss + weights.track * self._track_loss(frame, partner, out.channels[..., 4:7], out.alpha, data)
-            loss = loss + self._motion_loss(frame)
+            if self.step % config.motion_every == 0:
+                loss = loss + config.motion_every * self._motion_loss(frame)
         if self.config.losses.camera_smoothness:
             pixels = self.levels[0].width
             loss = loss + config.losses.camera_smoothness * model.rig.smoothness() * pixels
@@ -257,7 +260,7 @@ class PhotometricStage:
         """The physics-inspired losses on the frames around `frame`."""
         config, nodes, w = self.config, self.model.nodes, self.config.losses
         assert nodes is not None
-        reach = 2 * max(config.shifts)
+        reach = max(config.shifts)
         window = slice(max(0, frame - reach), frame + reach + 1)
         xyz, quat = nodes.parameters["node_xyz"][window], nodes.quat[window]
         coordinate, length = arap_losses(xyz, quat, nodes.edges, config.shifts, config.shift_weights)

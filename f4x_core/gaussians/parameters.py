@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..geometry import pose, quaternion, spherical_harmonics
+from .appearance_native import COEFFICIENTS, NativeAppearance
 
 # Opacities are kept this far from 0 and 1 before taking the logit, so that its gradient stays finite.
 OPACITY_MARGIN = 1e-4
@@ -85,8 +86,14 @@ def localise(
     return quaternion.rotate(inverse, x - node_t), quaternion.multiply(inverse, q)
 
 
-def appearance(sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor) -> Tensor:
-    """Colours (N,3) seen from a camera centre (3,): SH evaluated along the view direction in the Gaussian's own frame."""
+def appearance(sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor, threads: int = 0) -> Tensor:
+    """Colours (N,3) seen from a camera centre (3,): SH evaluated along the view direction in the Gaussian's own frame.
+
+    `quats` (N,4) may have any length. With `threads` the compiled library does it (float32 on the CPU, degree 3 at most;
+    higher degrees stay in torch); the centre then has no gradient.
+    """
+    if threads and sh.shape[1] in COEFFICIENTS:
+        return NativeAppearance.apply(sh, means, quats, centre, threads)
     if sh.shape[1] == 1:
         return (sh[:, 0] * spherical_harmonics.C0 + 0.5).clamp_min(0)
     direction = torch.nn.functional.normalize(means - centre, dim=-1)  # (N,3)

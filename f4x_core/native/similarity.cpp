@@ -1,0 +1,196 @@
+// Structural similarity (Wang et al. 2004) as a loss: the weighted sum of 1 - SSIM over pixels, and its gradient to the
+// picture. Gaussian window of 11 pixels, zero padding, as in fit/losses.py.
+
+#ifndef F4X_ISA
+
+#include <cstdint>
+
+#include "lanes.hpp"
+#include "threads.hpp"
+
+// Mirrored field by field in fit/similarity_native.py.
+struct Similarity {
+    int32_t width, height, channels, threads;
+    int64_t stride;                 // floats between two pixels of the picture
+    const float *image, *target;    // (H, W, stride) of which the first C are read, (H, W, C)
+    const float* weight;            // (H, W)
+    const float* window;            // (11,)
+    float c1, c2;
+    float* gradient;                // (H, W, C); may be null
+};
+
+using namespace f4x;
+
+namespace {
+
+constexpr int HALF = 5, MAPS = 4, SLOPES = 3;
+
+// Rows are planar, one after another per channel, with HALF zeros before and enough after to read whole vectors.
+struct Plan {
+    const Similarity& p;
+    int pitch;       // floats of a row
+    float* across;   // rows of MAPS maps blurred across
+    float* slopes;   // rows of SLOPES derivatives, also blurred across
+};
+
+struct SimilarityKernels {
+    void (*blur_row)(Plan&, int row, float* scratch);
+    double (*compare_row)(Plan&, int row, float* scratch);
+    void (*gradient_row)(Plan&, int row, float* scratch);
+};
+
+}  // namespace
+
+#define F4X_ISA plain
+#define F4X_TARGET
+#include "similarity.cpp"
+#undef F4X_ISA
+#undef F4X_TARGET
+#if defined(F4X_HAS_AVX2)
+#define F4X_ISA avx2
+#define F4X_AVX2 1
+#define F4X_TARGET __attribute__((target("avx2,fma")))
+#include "similarity.cpp"
+#endif
+
+namespace {
+const SimilarityKernels& kernels() {
+#if defined(F4X_HAS_AVX2)
+    if (has_avx2()) return avx2::kernels;
+#endif
+    return plain::kernels;
+}
+
+template <class Work>
+void each_row(const Plan& plan, const Work& work) {
+    const int rows = plan.p.height * plan.p.channels;
+    parallel(plan.p.threads, rows, [&](std::atomic<int64_t>& cursor) {
+        Buffer<float> scratch;
+        scratch.resize(size_t(MAPS) * plan.pitch);
+        for (int64_t row; (row = cursor++) < rows;) work(int(row), scratch);
+    });
+}
+}  // namespace
+
+// Weighted sum over pixels of 1 - SSIM (mean over channels); NaN when memory ran out.
+F4X_API double f4x_dissimilarity(const Similarity* problem) {
+    try {
+        // Kept by the calling thread, so that a training loop does not fault in fresh pages at every step.
+        static thread_local Buffer<float> across, slopes;
+        const int rows = problem->height * problem->channels, pitch = (problem->width + 7) / 8 * 8 + 16;
+        across.resize(size_t(rows) * MAPS * pitch);
+        if (problem->gradient) slopes.resize(size_t(rows) * SLOPES * pitch);
+        Plan plan{*problem, pitch, across, slopes};
+        std::vector<double> sums(rows);  // summed in a fixed order: the same for every number of threads
+        each_row(plan, [&](int row, float* scratch) { kernels().blur_row(plan, row, scratch); });
+        each_row(plan, [&](int row, float* scratch) { sums[row] = kernels().compare_row(plan, row, scratch); });
+        if (plan.p.gradient) each_row(plan, [&](int row, float* scratch) { kernels().gradient_row(plan, row, scratch); });
+        double sum = 0;
+        for (double part : sums) sum += part;
+        return sum / plan.p.channels;
+    } catch (const std::exception&) {
+        return std::numeric_limits<double>::quiet_NaN();
+    }
+}
+
+#else  // ------------------------------------------------------------------------------- compiled once per instruction set
+
+namespace {
+namespace F4X_ISA {
+
+#include "lanes_isa.hpp"
+
+// out[x] = sum_k window[k] in[x + k] for a padded row.
+F4X_HOT void blur_across(const float* window, const float* in, float* out, int width) {
+    for (int x = 0; x < width; x += 8) {
+        f8 sum = broadcast(window[0]) * load(in + x);
+        F4X_UNROLL
+        for (int k = 1; k <= 2 * HALF; ++k) sum += broadcast(window[k]) * load(in + x + k);
+        store(out + x, sum);
+    }
+}
+
+// Eight pixels from `x` on of map `map` blurred down, for the row of `channel` at `y`.
+F4X_HOT f8 blur_down(const float* window, const float* maps, int pitch, int count, int map, int channel, int y, int height, int x) {
+    f8 sum = broadcast(0.0f);
+    for (int k = std::max(0, HALF - y); k <= std::min(2 * HALF, height - 1 + HALF - y); ++k) {
+        const int row = channel * height + y + k - HALF;
+        sum += broadcast(window[k]) * load(maps + (size_t(row) * count + map) * pitch + x);
+    }
+    return sum;
+}
+
+F4X_TARGET void blur_row(Plan& plan, int row, float* scratch) {
+    const Similarity& p = plan.p;
+    const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
+    std::memset(scratch, 0, sizeof(float) * MAPS * pitch);
+    const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
+    const float* target = p.target + int64_t(y) * p.width * p.channels + channel;
+    float *a = scratch + HALF, *b = a + pitch, *squares = b + pitch, *product = squares + pitch;
+    for (int x = 0; x < p.width; ++x) {
+        a[x] = image[x * p.stride];
+        b[x] = target[x * p.channels];
+        squares[x] = a[x] * a[x] + b[x] * b[x];
+        product[x] = a[x] * b[x];
+    }
+    float* out = plan.across + size_t(row) * MAPS * pitch;
+    for (int map = 0; map < MAPS; ++map) blur_across(p.window, scratch + map * pitch, out + map * pitch, p.width);
+}
+
+F4X_TARGET double compare_row(Plan& plan, int row, float* scratch) {
+    const Similarity& p = plan.p;
+    const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
+    const f8 one = broadcast(1.0f), two = broadcast(2.0f), c1 = broadcast(p.c1), c2 = broadcast(p.c2);
+    std::memset(scratch, 0, sizeof(float) * MAPS * pitch);
+    alignas(32) float weight[8];
+    double total = 0;
+    for (int x = 0; x < p.width; x += 8) {
+        f8 map[MAPS];
+        for (int m = 0; m < MAPS; ++m)
+            map[m] = blur_down(p.window, plan.across, pitch, MAPS, m, channel, y, p.height, x);
+        const f8 mean_a = map[0], mean_b = map[1], means = mean_a * mean_a + mean_b * mean_b;
+        const f8 b1 = means + c1, b2 = map[2] - means + c2;
+        const f8 luminance = (two * mean_a * mean_b + c1) / b1;
+        const f8 structure = (two * (map[3] - mean_a * mean_b) + c2) / b2;
+        for (int lane = 0; lane < 8; ++lane) weight[lane] = x + lane < p.width ? p.weight[int64_t(y) * p.width + x + lane] : 0;
+        const f8 w = load(weight), unlike = w * (one - luminance * structure);
+        for (int lane = 0; lane < 8; ++lane) total += unlike[lane];
+        if (!p.gradient) continue;
+        // Derivatives of -w SSIM by the blurred picture, the blurred squares and the blurred product.
+        const f8 by_product = two * luminance / b2, by_squares = luminance * structure / b2;
+        const f8 by_mean = structure * two * (mean_b - luminance * mean_a) / b1 + two * mean_a * by_squares - mean_b * by_product;
+        const f8 minus = broadcast(0.0f) - w;
+        store(scratch + HALF + x, minus * by_mean);
+        store(scratch + pitch + HALF + x, w * by_squares);
+        store(scratch + 2 * pitch + HALF + x, minus * by_product);
+    }
+    if (p.gradient) {
+        float* out = plan.slopes + size_t(row) * SLOPES * pitch;
+        for (int m = 0; m < SLOPES; ++m) blur_across(p.window, scratch + m * pitch, out + m * pitch, p.width);
+    }
+    return total;
+}
+
+F4X_TARGET void gradient_row(Plan& plan, int row, float* scratch) {
+    const Similarity& p = plan.p;
+    const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
+    for (int x = 0; x < p.width; x += 8)
+        for (int m = 0; m < SLOPES; ++m)
+            store(scratch + m * pitch + x, blur_down(p.window, plan.slopes, pitch, SLOPES, m, channel, y, p.height, x));
+    const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
+    const float* target = p.target + int64_t(y) * p.width * p.channels + channel;
+    float* out = p.gradient + int64_t(y) * p.width * p.channels + channel;
+    const float share = 1.0f / p.channels;
+    for (int x = 0; x < p.width; ++x)
+        out[x * p.channels] = share * (scratch[x] + 2 * image[x * p.stride] * scratch[pitch + x] +
+                                       target[x * p.channels] * scratch[2 * pitch + x]);
+}
+
+const SimilarityKernels kernels = {blur_row, compare_row, gradient_row};
+
+#undef F4X_HOT
+
+}  // namespace F4X_ISA
+}  // namespace
+
+#endif

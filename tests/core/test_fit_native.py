@@ -1,0 +1,89 @@
+"""The compiled colours and picture loss against their plain torch forms in float64."""
+
+import pytest
+import torch
+
+from f4x_core.fit.losses import masked_l1, rgb_loss, ssim_map
+from f4x_core.gaussians import appearance
+from f4x_core.native import open_library
+from f4x_core.native.build import build, find_compiler
+
+
+@pytest.fixture(scope="module", autouse=True)
+def built():
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler and no ziglang here")
+    build()
+    assert open_library()[0] is not None
+
+
+def relative(got: torch.Tensor, expected: torch.Tensor) -> float:
+    return float((got.double() - expected).norm() / expected.norm().clamp_min(1e-12))
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+@pytest.mark.parametrize("count", [1, 7, 3001])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_colours_and_gradients_are_those_of_the_formula(degree, count, threads):
+    generator = torch.Generator().manual_seed(degree)
+    sh = 0.4 * torch.randn(count, (degree + 1) ** 2, 3, generator=generator)
+    means, quats = torch.randn(count, 3, generator=generator), 3 * torch.randn(count, 4, generator=generator)
+    centre, sent = torch.tensor([0.2, -0.1, -4.0]), torch.randn(count, 3, generator=generator)
+    fast = [t.clone().requires_grad_() for t in (sh, means, quats)]
+    plain = [t.double().requires_grad_() for t in (sh, means, quats)]
+    colours, expected = appearance(*fast, centre, threads), appearance(*plain, centre.double())
+    assert relative(colours, expected) < 1e-6
+    got = torch.autograd.grad(colours, fast, sent)
+    wanted = torch.autograd.grad(expected, plain, sent.double(), allow_unused=True)
+    for g, w in zip(got, wanted, strict=True):
+        assert relative(g, torch.zeros_like(g).double() if w is None else w) < 5e-6
+
+
+def test_a_gaussian_without_direction_or_orientation_keeps_finite_gradients():
+    sh, means, quats = torch.rand(9, 4, 3), torch.randn(9, 3), torch.randn(9, 4)
+    centre = means[2].clone()  # the camera sits on this one
+    quats[5] = 0
+    leaves = [t.requires_grad_() for t in (sh, means, quats)]
+    colours = appearance(*leaves, centre, 1)
+    assert torch.allclose(colours[2], sh[2, 0] * 0.28209479 + 0.5)
+    turned = torch.tensor([1.0, 0, 0, 0]).expand(9, 4)
+    assert torch.allclose(colours[5], appearance(sh, means, turned, centre)[5], atol=1e-6)
+    assert all(g.isfinite().all() for g in torch.autograd.grad(colours.sum(), leaves))
+
+
+@pytest.mark.parametrize(("height", "width"), [(40, 61), (5, 7), (1, 1), (33, 8), (11, 200)])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_picture_loss_is_that_of_the_formula(height, width, threads):
+    generator = torch.Generator().manual_seed(height)
+    wide = torch.rand(height, width, 7, generator=generator)  # the picture is a slice of all rendered channels
+    target, weight = torch.rand(height, width, 3, generator=generator), torch.rand(height, width, generator=generator)
+    fast, plain = wide.clone().requires_grad_(), wide.double().requires_grad_()
+    loss = rgb_loss(fast[..., :3], target, weight, 0.3, threads)
+    expected = rgb_loss(plain[..., :3], target.double(), weight.double(), 0.3)
+    assert float(loss) == pytest.approx(float(expected), rel=2e-6)
+    assert relative(torch.autograd.grad(loss, fast)[0], torch.autograd.grad(expected, plain)[0]) < 1e-5
+
+
+def test_structure_alone_is_compared_closely():
+    """Of nearly equal pictures: where SSIM is close to 1 its gradient is a small difference of large terms."""
+    generator = torch.Generator().manual_seed(0)
+    target = torch.rand(32, 48, 3, generator=generator)
+    image = (target + 0.02 * torch.randn(32, 48, 3, generator=generator)).requires_grad_()
+    weight = torch.ones(32, 48)
+    plain = image.detach().double().requires_grad_()
+    got = rgb_loss(image, target, weight, 1.0, 2) - masked_l1(image, target, weight)
+    expected = 1 - ssim_map(plain, target.double()).mean()
+    assert float(got) == pytest.approx(float(expected), abs=1e-6)
+    assert relative(torch.autograd.grad(got, image)[0], torch.autograd.grad(expected, plain)[0]) < 1e-4
+
+
+def test_threads_do_not_change_a_bit():
+    generator = torch.Generator().manual_seed(1)
+    image, target = torch.rand(2, 50, 70, 3, generator=generator)
+    weight = torch.rand(50, 70, generator=generator)
+    results = []
+    for threads in (1, 2, 5):
+        leaf = image.clone().requires_grad_()
+        loss = rgb_loss(leaf, target, weight, 0.3, threads)
+        results.append((loss.detach(), torch.autograd.grad(loss, leaf)[0]))
+    assert all(torch.equal(a, b) for other in results[1:] for a, b in zip(results[0], other, strict=True))
