@@ -110,7 +110,8 @@ def _add_gaussians(name, gaussians, collection, material) -> bpy.types.Object:
         write_attribute(cloud, f"radiance:sh_{i - 1}", "FLOAT_VECTOR", sh[:, i])
     write_attribute(cloud, "gid", "INT", gaussians.ids)
     write_attribute(cloud, "rgb", "FLOAT_COLOR", np.concatenate([linear_from_srgb(rgb), alpha], 1))
-    write_attribute(cloud, "radius", "FLOAT", gaussians.scale.mean(axis=1))
+    # Engines that know no splats draw balls: of the ellipsoid's own volume, or flat splats would bulge out of their surface.
+    write_attribute(cloud, "radius", "FLOAT", np.prod(gaussians.scale, axis=1) ** (1 / 3))
     cloud.materials.append(material)
     return item
 

@@ -71,8 +71,9 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     scene = scene_of(clip, result)
     metrics = evaluate(scene, clip, baselines=True, backend=config.backend, progress=progress)
     figures = {name: value for name, value in metrics.items() if name != "frames"}
-    figures |= {"seconds": result.seconds, "gaussians": len(scene.static) + len(scene.dynamic)}
+    figures["gaussians"] = len(scene.static) + len(scene.dynamic)
     scene = dataclasses.replace(scene, metrics=figures)
+    figures = {**figures, "seconds": result.seconds}
     path = folder / "scene.f4x"
     write_scene(scene, path)
     with replace_file(folder / "metrics.json") as file:

@@ -41,6 +41,9 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         areas = {index: float(mask.sum()) for index, mask in enumerate(clip.masks)}
         result |= joint_accuracy(scene, joints, areas, args.backend)
     lines = [f"{name}: {value:.3f}" for name, value in result.items() if name != "frames"]
+    fitted = str(scene.provenance.get("source", ""))
+    if fitted and Path(fitted).name != Path(clip.source).name:
+        lines.insert(0, f"note: the scene was fitted from {fitted}, not from {clip.source}")
     return {**result, "text": "\n".join(lines)}
 
 

@@ -47,7 +47,7 @@ def _opened(file: Path):
 
 
 def write_video(file: str | Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """Write H.264 in yuv420p (BT.709), playable everywhere: `frames` (H, W, 3) uint8, or float in [0, 1].
+    """Write H.264 in yuv420p (BT.709), playable everywhere: `frames` (H, W, 3), or (H, W) grey, uint8 or float in [0, 1].
 
     An odd last row or column is doubled, as the format wants even sizes. `frames` may be a generator; nothing is left
     at `file` when it fails. Raises F4xError for no frames or frames of several sizes.
@@ -59,6 +59,7 @@ def write_video(file: str | Path, frames: Iterable[np.ndarray], fps: float) -> N
         stream = None
         for frame in frames:
             pixels = as_bytes(frame)
+            pixels = np.repeat(pixels[..., None], 3, 2) if pixels.ndim == 2 else pixels
             height, width = pixels.shape[:2]
             if stream is None:
                 first = pixels.shape

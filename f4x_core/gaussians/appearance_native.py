@@ -49,9 +49,7 @@ class NativeAppearance(torch.autograd.Function):
         got = [torch.empty_like(tensor) for tensor in (sh, means, quats)]
         arrays = dict(zip(("d_sh", "d_means", "d_quats"), got, strict=True))
         sent = sent.contiguous()
-        _call(
-            "f4x_appearance_backward", centre, ctx.threads, sh=sh, means=means, quats=quats, sent=sent, **arrays
-        )
+        _call("f4x_appearance_backward", centre, ctx.threads, sh=sh, means=means, quats=quats, sent=sent, **arrays)
         return *got, None, None
 
 

@@ -36,7 +36,7 @@ class DensityConfig:
     prune_opacity: float = 0.02
     """Gaussians fainter than this are removed."""
     most_scale: float = 0.1
-    """Standard deviations (world units, median depth = 1) are capped to this each round: larger ones are fog."""
+    """Standard deviations (world units, median depth = 1) are capped to this: larger ones are fog."""
     reset_every: int = 0
     """Steps between two opacity resets; 0 = never (short schedules cannot afford the dip)."""
     reset_opacity: float = 0.05
@@ -69,6 +69,8 @@ class DensityControl:
     def after_step(self, step: int, next_id: int, generator: torch.Generator) -> int:
         """Change the set if this step asks for it; returns the next unused id."""
         config = self.config
+        with torch.no_grad():
+            self.optimiser.gaussians.parameters["log_scale"].clamp_(max=math.log(config.most_scale))
         active = config.start * self.total <= step < config.stop * self.total
         if active and config.every and step % config.every == 0 and step > 0:
             next_id = self._densify(next_id, generator)
@@ -108,8 +110,6 @@ class DensityControl:
 
     def _prune(self) -> None:
         gaussians, config = self.optimiser.gaussians, self.config
-        with torch.no_grad():
-            gaussians.parameters["log_scale"].clamp_(max=math.log(config.most_scale))
         keep = gaussians.opacity.detach() >= config.prune_opacity
         if int(keep.sum()) < config.least:
             keep[gaussians.opacity.detach().topk(min(config.least, len(gaussians))).indices] = True

@@ -145,6 +145,13 @@ def test_video_colours_keep_their_hue(tmp_path):
     np.testing.assert_allclose(read_clip(tmp_path / "c.mp4").frames.mean((1, 2)), colors, atol=2)
 
 
+def test_grey_frames_become_a_grey_video(tmp_path):
+    frames = np.broadcast_to(np.array([30, 200], np.uint8)[:, None, None], (2, 17, 16))
+    write_video(tmp_path / "alpha.mp4", frames, fps=24)
+    got = read_clip(tmp_path / "alpha.mp4").frames.astype(int)
+    assert np.abs(got - np.array([30, 200])[:, None, None, None]).max() <= 3
+
+
 def test_odd_sizes_are_padded(tmp_path):
     write_video(tmp_path / "odd.mp4", (picture(i, 25, 17) for i in range(3)), fps=29.97)
     clip = read_clip(tmp_path / "odd.mp4")
