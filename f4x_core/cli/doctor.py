@@ -27,17 +27,39 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         except PackageNotFoundError:
             packages[name] = "missing"
     backends = {name: _trial(name) for name in ("native", "torch")}
+    native = _native()
     result: dict[str, Any] = {
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "cores": os.cpu_count(),
         "packages": packages,
         "backends": backends,
+        "native": native,
     }
     lines = [f"Python {result['python']} on {result['system']}, {result['cores']} cores"]
     lines += [f"{name}: {number}" for name, number in packages.items()]
     lines += [f"raster {name}: {state}" for name, state in backends.items()]
+    lines += [f"native {name}: {state}" for name, state in native.items()]
     return {**result, "text": "\n".join(lines)}
+
+
+def _native() -> dict[str, str]:
+    """What the compiled library is built with, what it runs on, and how well it agrees with its stored float64 values."""
+    from ..native import instruction_set
+    from ..native import open_library as open_unchecked
+    from ..native.build import find_compiler
+    from ..raster.native.library import SELF_CHECK_ERROR, open_library, self_check
+
+    library, reason = open_unchecked()
+    compiler = " ".join(find_compiler() or ["none: install one, or the package ziglang"])
+    if library is None:
+        return {"compiler": compiler, "library": reason}
+    open_library()  # declares the functions that the self-check calls
+    return {
+        "compiler": compiler,
+        "instruction set": instruction_set(library),
+        "self-check error": f"{self_check(library):.1e} (trusted below {SELF_CHECK_ERROR:.0e})",
+    }
 
 
 def _trial(backend: str) -> str:

@@ -17,6 +17,7 @@ SOURCES = tuple(sorted(ROOM.glob("*.cpp")))
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
+@lru_cache  # the sources do not change under a running process, and several kernels ask at every step
 def library_path() -> Path:
     """Where the library of the present sources and platform lies, or would lie: an old one is never taken for it."""
     digest = hashlib.sha256()
@@ -39,12 +40,19 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
     except OSError as error:
         return None, f"{path.name} does not load: {error}"
     library.f4x_instruction_set.restype = ctypes.c_char_p
+    library.f4x_peak.restype = ctypes.c_double
+    library.f4x_peak.argtypes = [ctypes.c_double]
     return library, ""
 
 
 def instruction_set(library: ctypes.CDLL) -> str:
     """Which version of the kernels this processor runs: `avx2` or `plain`."""
     return library.f4x_instruction_set().decode()
+
+
+def measure_peak(library: ctypes.CDLL, seconds: float = 0.2) -> float:
+    """Float operations per second of independent multiply-adds on one thread."""
+    return library.f4x_peak(seconds)
 
 
 def address(array: np.ndarray | None) -> int | None:

@@ -128,6 +128,7 @@ struct Kernels {
     void (*measure)(const Problem&, State&, int64_t begin, int64_t end);
     void (*forward_tile)(const Problem&, State&, Scratch&, int tile, bool keep, float* channels, float* depth, float* alpha);
     void (*backward_tile)(const Problem&, State&, Scratch&, int tile, const Gradients&);
+    int64_t (*count_tile)(const Problem&, State&, Scratch&, int tile);
     void (*gather)(const Problem&, State&, int64_t begin, int64_t end, const Gradients&, double* viewmat);
 };
 
@@ -346,6 +347,19 @@ F4X_API int32_t f4x_backward(void* state, const Problem* problem, const Gradient
         return 0;
     } catch (const std::exception&) {
         return 1;
+    }
+}
+
+// (pixel, splat) pairs that contributed to the render that gave `state`, for the same problem; -1 when memory ran out.
+F4X_API int64_t f4x_count_pairs(void* state, const Problem* problem) {
+    try {
+        State& s = *static_cast<State*>(state);
+        auto scratch = std::make_unique<Scratch>(*problem, false);
+        int64_t pairs = 0;
+        for (int tile = 0; tile < s.tile_columns * s.tile_rows; ++tile) pairs += kernels().count_tile(*problem, s, *scratch, tile);
+        return pairs;
+    } catch (const std::exception&) {
+        return -1;
     }
 }
 
@@ -880,6 +894,24 @@ F4X_TARGET void backward_tile(const Problem& p, State& s, Scratch& w, int tile, 
     }
 }
 
+// How many (pixel, splat) pairs of a kept forward pass contributed: what its work is measured by.
+F4X_TARGET int64_t count_tile(const Problem& p, State& s, Scratch& w, int tile) {
+    const Tile t = tile_of(s, tile);
+    int64_t pairs = 0;
+    for (int c = 0; c < s.chunks_done[tile]; ++c) {
+        const int64_t begin = t.begin + int64_t(c) * CHUNK;
+        const f8* before = s.running + (s.chunk_start[tile] + c) * BLOCKS;
+        stage<false>(p, s, t, begin, int(std::min<int64_t>(CHUNK, t.end - begin)), ~0u, w);
+        for (int block = 0; block < BLOCKS; ++block) {
+            f8 running = before[block], final = running;
+            const int m = block_weights(p, w, block, block_x(t, block), block_y(t, block), running, final, w.alpha, w.weight);
+            for (int k = 0; k < m; ++k)
+                for (uint32_t bits = mask_bits(load(w.weight + 8 * k) > broadcast(0.0f)); bits; bits &= bits - 1) ++pairs;
+        }
+    }
+    return pairs;
+}
+
 // From the sums over pixels (moments, depth) back to the parameters of one Gaussian; camera gradient added to `camera`.
 F4X_HOT void unproject_one(const Problem& p, int64_t i, const float* sum, const Gradients& g, double* camera) {
     Projection o;
@@ -987,7 +1019,7 @@ const Kernels kernels = {
 #else
     NAMES[0],
 #endif
-    project, measure, forward_tile, backward_tile, gather};
+    project, measure, forward_tile, backward_tile, count_tile, gather};
 
 #undef F4X_HOT
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import statistics
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ..errors import F4xError
 from ..progress import Progress, silent
+from ..timing import measure_in_turn
 from . import BACKENDS, RasterConfig, choose_backend, rasterize
 
 if TYPE_CHECKING:
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 # Scene of the error check: small, because the reference lets every splat meet every pixel.
 CHECK_WIDTH, CHECK_HEIGHT, CHECK_GAUSSIANS, CHECK_CHANNELS = 137, 101, 600, 11
 SHEETS = 6
+# Least float operations of a contributing (pixel, Gaussian) pair, forward and backward: offset, quadratic form, exponential,
+# transmittance, six moments; and per channel one blend, one dot product and one gradient.
+PAIR_OPERATIONS, PAIR_CHANNEL_OPERATIONS = 22 + 47, 2 + 4
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmat")
 
 
@@ -68,11 +71,12 @@ def benchmark(
     repeats: int = 5,
     progress: Progress = silent,
 ) -> dict[str, Any]:
-    """Measure every backend that runs here.
+    """Measure every backend that runs here, all of them in turn `repeats` times, so that a ratio compares like with like.
 
     Returns:
         `timings`: list of backend, gaussians, channels, threads, forward_ms (no gradients), train_ms (forward and
-        backward), medians of `repeats` wall times. `errors`: per backend image_max, image_rmse and relative L2
+        backward), medians of wall times, and for `native` pairs_per_pixel and peak_share (of the multiply-add peak of as
+        many threads). `ratios`: named quotients of train_ms. `errors`: per backend image_max, image_rmse and relative L2
         `gradients` against the float64 reference. `skipped`: backend -> reason.
     """
     skipped: dict[str, str] = {}
@@ -83,42 +87,78 @@ def benchmark(
         except F4xError as error:
             skipped[name] = str(error)
     errors = {name: _measure_error(name) for name in names}
-    cases = [(n, c, t, name) for n in counts for c in channels for t in threads for name in names]
+    cases = [(n, c) for n in counts for c in channels]
     timings = []
-    for done, (n, c, t, name) in enumerate(cases):
-        progress("bench raster", done, len(cases), f"{name}: {n} Gaussians, {c} channels")
+    for done, (n, c) in enumerate(cases):
+        progress("bench raster", done, len(cases), f"{n:,} Gaussians, {c} channels")
         scene = make_wavy_scene(n, c, width, height)
-        forward, train = _measure_time(scene, name, RasterConfig(threads=t), repeats)
-        row = {"backend": name, "gaussians": n, "channels": c, "threads": t}
-        timings.append({**row, "forward_ms": 1e3 * forward, "train_ms": 1e3 * train})
-    return {"width": width, "height": height, "timings": timings, "errors": errors, "skipped": skipped}
+        variants = [(name, t) for name in names for t in threads]
+        seconds = _measure_times(scene, variants, repeats)
+        for (name, t), (forward, train) in zip(variants, seconds, strict=True):
+            row = {"backend": name, "gaussians": n, "channels": c, "threads": t}
+            row |= {"forward_ms": 1e3 * forward, "train_ms": 1e3 * train}
+            if name == "native":
+                row |= _measure_work(scene, t, train)
+            timings.append(row)
+    return {
+        "width": width,
+        "height": height,
+        "timings": timings,
+        "ratios": _ratios(timings),
+        "errors": errors,
+        "skipped": skipped,
+    }
 
 
-def _measure_time(scene: dict[str, Any], backend: str, config: RasterConfig, repeats: int) -> tuple[float, float]:
-    """Median seconds of a forward pass without gradients, and of a forward and backward pass."""
+def _ratios(timings: list[dict[str, Any]]) -> dict[str, float]:
+    """torch / native, most / fewest channels and one / more threads, wherever both were measured."""
+    times = {(r["gaussians"], r["channels"], r["threads"], r["backend"]): r["train_ms"] for r in timings}
+    fewest, single = min(key[1] for key in times), min(key[2] for key in times)
+    ratios = {}
+    for (n, c, t, name), train in times.items():
+        case = f"{n} Gaussians, {c} channels, {t} threads"
+        if name == "native" and (n, c, t, "torch") in times:
+            ratios[f"torch / native, {case}"] = times[n, c, t, "torch"] / train
+        if c > fewest:
+            ratios[f"{c} / {fewest} channels, {name}, {n} Gaussians, {t} threads"] = train / times[n, fewest, t, name]
+        if t > single:
+            ratios[f"{single} / {t} threads, {name}, {n} Gaussians, {c} channels"] = times[n, c, single, name] / train
+    return ratios
+
+
+def _measure_times(scene: dict[str, Any], variants: list[tuple[str, int]], repeats: int) -> list[tuple[float, float]]:
+    """Median seconds of a forward pass without gradients and of a forward and backward pass, per (backend, threads)."""
     import torch
 
     leaves = {name: scene[name].requires_grad_() for name in GRADIENTS}
 
-    def preview() -> None:
+    def preview(backend: str, threads: int) -> None:
         with torch.no_grad():
-            rasterize(**scene, backend=backend, config=config)
+            rasterize(**scene, backend=backend, config=RasterConfig(threads=threads))
 
-    def train() -> None:
-        out = rasterize(**scene, backend=backend, config=config)
+    def train(backend: str, threads: int) -> None:
+        out = rasterize(**scene, backend=backend, config=RasterConfig(threads=threads))
         torch.autograd.grad(out.channels.sum(), list(leaves.values()))
 
-    return _median(preview, repeats), _median(train, repeats)
+    medians = measure_in_turn([partial(f, *v) for v in variants for f in (preview, train)], repeats)
+    return list(zip(medians[::2], medians[1::2], strict=True))
 
 
-def _median(function: Callable[[], None], repeats: int) -> float:
-    function()  # the first call pays for page faults and thread starts
-    seconds = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        function()
-        seconds.append(time.perf_counter() - start)
-    return statistics.median(seconds)
+def _measure_work(scene: dict[str, Any], threads: int, train: float) -> dict[str, float]:
+    """Contributing pairs per pixel, and the share of the multiply-add peak that `train` seconds amount to."""
+    from ..native import measure_peak
+    from .native.library import count_pairs, forward, open_library
+
+    library, _ = open_library()
+    assert library is not None
+    inputs = {name: scene[name].detach().numpy() for name in (*GRADIENTS, "K")}
+    width, height, channels = scene["width"], scene["height"], scene["colors"].shape[1]
+    pairs = count_pairs(
+        library, forward(library, inputs, width, height, RasterConfig(threads=threads), None, keep=True)
+    )
+    operations = pairs * (PAIR_OPERATIONS + PAIR_CHANNEL_OPERATIONS * channels)
+    share = operations / (train * threads * measure_peak(library))
+    return {"pairs_per_pixel": pairs / (width * height), "peak_share": share}
 
 
 def _measure_error(backend: str) -> dict[str, Any]:

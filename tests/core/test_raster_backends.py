@@ -399,3 +399,17 @@ def test_benchmark_reports_every_backend():
     assert [row["backend"] for row in report["timings"]] == ["torch"] and "gsplat" in report["skipped"]
     assert report["errors"]["torch"]["image_max"] < 1e-4
     assert max(report["errors"]["torch"]["gradients"].values()) < 1e-4
+
+
+def test_benchmark_compares_like_with_like():
+    report = benchmark(
+        counts=(200,), channels=(3, 5), threads=(1, 2), width=48, height=32, repeats=1, backends=("torch",)
+    )
+    assert set(report["ratios"]) == {
+        "5 / 3 channels, torch, 200 Gaussians, 1 threads",
+        "5 / 3 channels, torch, 200 Gaussians, 2 threads",
+        "1 / 2 threads, torch, 200 Gaussians, 3 channels",
+        "1 / 2 threads, torch, 200 Gaussians, 5 channels",
+    }
+    times = {(row["channels"], row["threads"]): row["train_ms"] for row in report["timings"]}
+    assert report["ratios"]["5 / 3 channels, torch, 200 Gaussians, 2 threads"] == times[5, 2] / times[3, 2]

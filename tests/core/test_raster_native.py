@@ -290,6 +290,23 @@ def test_other_builds_of_the_kernel_agree(flag, tmp_path, monkeypatch):
     assert instruction_set(library.open_library()[0]) == "plain"
 
 
+def test_pairs_are_the_pixels_that_each_splat_reaches():
+    scene = make_scene(2, 1, 40, 30, seed=3, size=0.05)
+    alone = [{n: a if n in ("viewmat", "K") else a[i : i + 1] for n, a in scene.items()} for i in (0, 1)]
+    loaded, _ = library.open_library()
+
+    def count(arrays):
+        inputs = {n: a.numpy() for n, a in arrays.items() if n != "background"}
+        return library.count_pairs(loaded, library.forward(loaded, inputs, 40, 30, ONE, None, keep=True))
+
+    for arrays in alone:
+        reached = (
+            rasterize_reference(**{n: a for n, a in arrays.items() if n != "background"}, width=40, height=30).alpha > 0
+        )
+        assert count(arrays) == int(reached.sum()) > 0
+    assert count(scene) == sum(map(count, alone))  # neither hides the other: no pixel is full
+
+
 def test_a_missing_library_says_how_to_get_one(tmp_path, monkeypatch):
     monkeypatch.setattr("f4x_core.native.library.library_path", lambda: tmp_path / "absent.so")
     assert not native.available()

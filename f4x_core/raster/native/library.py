@@ -82,6 +82,8 @@ def _checked(library: ctypes.CDLL) -> tuple[ctypes.CDLL | None, str]:
         ctypes.POINTER(ctypes.c_int32),
     ]
     library.f4x_backward.argtypes = [_POINTER, ctypes.POINTER(_Problem), ctypes.POINTER(_Gradients)]
+    library.f4x_count_pairs.argtypes = [_POINTER, ctypes.POINTER(_Problem)]
+    library.f4x_count_pairs.restype = ctypes.c_int64
     library.f4x_release.argtypes = [_POINTER]
     library.f4x_release.restype = None
     difference = self_check(library)
@@ -187,6 +189,12 @@ def backward(
     gradients = _Gradients(*map(address, [*sent, *got.values()]))
     _check(library.f4x_backward(render.state.pointer, render.problem, gradients), render.problem)
     return got
+
+
+def count_pairs(library: ctypes.CDLL, render: Render) -> int:
+    """(pixel, Gaussian) pairs that contributed to a kept render."""
+    assert render.state is not None
+    return library.f4x_count_pairs(render.state.pointer, render.problem)
 
 
 def _check(failed: int, problem: _Problem) -> None:

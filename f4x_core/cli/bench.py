@@ -1,0 +1,49 @@
+"""`f4x bench`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ..progress import Progress
+
+
+def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Speed against error of the raster backends, or of the scaffold's deformation."""
+    import torch
+
+    torch.set_num_threads(1)  # threads are the backends' own, so that one thread means one
+    return _raster(args, progress) if args.what == "raster" else _deform(args, progress)
+
+
+def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from ..raster.benchmark import benchmark
+
+    report = benchmark(tuple(args.counts), threads=tuple(args.threads), repeats=args.repeats, progress=progress)
+    lines = [f"{report['width']}x{report['height']}, medians of {args.repeats} interleaved runs"]
+    for row in report["timings"]:
+        line = (
+            f"{row['backend']:<7} {row['gaussians']:>9,} Gaussians {row['channels']:>3} channels {row['threads']} threads:"
+            f" {row['forward_ms']:7.1f} ms forward, {row['train_ms']:7.1f} ms with backward"
+        )
+        if "peak_share" in row:
+            line += f", {row['pairs_per_pixel']:.0f} pairs per pixel, {100 * row['peak_share']:.1f} % of the FMA peak"
+        lines.append(line)
+    lines += [f"{value:5.2f}  {name}" for name, value in report["ratios"].items()]
+    for name, error in report["errors"].items():
+        worst = max(error["gradients"].items(), key=lambda item: item[1])
+        lines.append(f"{name}: image error {error['image_max']:.1e}, worst gradient {worst[0]} {worst[1]:.1e}")
+    lines += [f"{name} skipped: {reason}" for name, reason in report["skipped"].items()]
+    return {**report, "text": "\n".join(lines)}
+
+
+def _deform(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from ..scaffold.benchmark import benchmark
+
+    report = benchmark(tuple(args.counts), repeats=args.repeats, progress=progress)
+    lines = [f"medians of {args.repeats} interleaved runs, one thread"]
+    for row in report["timings"]:
+        lines.append(f"{row['gaussians']:>9,} Gaussians x {row['neighbours']}: {row['name']:<22} {row['ms']:7.1f} ms")
+    lines += [f"{value:5.2f}  {name}" for name, value in report["ratios"].items()]
+    lines += [f"{name}: largest error {error:.1e}" for name, error in report["errors"].items()]
+    return {**report, "text": "\n".join(lines)}
