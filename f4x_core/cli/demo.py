@@ -67,7 +67,7 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         F4xError: unreadable clip; without `--clip`, a place without the repository's scripts or without bpy.
     """
     start = time.perf_counter()
-    folder = Path(args.output)
+    folder, config = Path(args.output), config_of(args)
     folder.mkdir(parents=True, exist_ok=True)
     rendered = args.clip is None
     if rendered:
@@ -75,8 +75,8 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             raise F4xError("--frames chooses from your own video; give --clip VIDEO with it.")
         render_clip(folder / "clip", DemoClip(seed=args.seed), progress)
         args.clip = str(folder / "clip" / "images")
-    clip = clip_of(args)
-    fitted = fit_to_folder(clip, folder, config_of(args), progress, resume=False)
+    clip = clip_of(args, progress)
+    fitted = fit_to_folder(clip, folder, config, progress, resume=False)
     scene = read_scene(fitted["scene"])
     made = ["scene.f4x", "diagnostics.html", *write_pictures(folder, scene, clip, args.backend, progress)]
     lines = [fitted["text"]]
@@ -127,6 +127,7 @@ def render_clip(folder: Path, settings: DemoClip, progress: Progress) -> None:
         progress("render clip", count, settings.frames)
 
     run_script("synthetic_clip.py", str(folder), *settings.arguments(), "--extra-cameras", look=look)
+    look()
     with replace_file(done) as file:
         file.write(json.dumps(wanted).encode())
 

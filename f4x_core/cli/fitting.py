@@ -21,9 +21,9 @@ from ..scene import DynamicSet, Scene, StaticSet, write_scene
 from ..scene.view import render
 
 
-def clip_of(args: argparse.Namespace) -> Clip:
+def clip_of(args: argparse.Namespace, progress: Progress) -> Clip:
     """The clip that the arguments name."""
-    return read_clip(args.clip, frames=args.frames, width=args.width, hold_out=args.hold_out, masks=args.masks)
+    return read_clip(args.clip, args.frames, args.width, args.hold_out, args.masks, progress)
 
 
 def config_of(args: argparse.Namespace) -> FitConfig:
@@ -35,7 +35,7 @@ def config_of(args: argparse.Namespace) -> FitConfig:
     files = {}
     for entry in args.prior:
         name, separator, path = entry.partition("=")
-        if not separator:
+        if not (separator and path):
             raise F4xError(f"--prior {entry}: write NAME=PATH, for example depth=my_depth_folder.")
         files[name] = path
     priors = config.priors.with_provider(args.provider)
@@ -45,7 +45,8 @@ def config_of(args: argparse.Namespace) -> FitConfig:
 
 def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Compute the priors folder only."""
-    clip, config = clip_of(args), config_of(args)
+    config = config_of(args)
+    clip = clip_of(args, progress)
     require_enough(clip)
     folder = args.output / "priors"
     priors = build_priors(clip, folder, config.priors, progress)
@@ -62,7 +63,8 @@ def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Fit a clip and write the scene, its metrics and the diagnostics page."""
-    return fit_to_folder(clip_of(args), args.output, config_of(args), progress, args.resume)
+    config = config_of(args)
+    return fit_to_folder(clip_of(args, progress), args.output, config, progress, args.resume)
 
 
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:
@@ -103,7 +105,11 @@ def scene_of(clip: Clip, result: FitResult) -> Scene:
 
 
 def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:
-    lines = [f"{path}: {len(scene.static):,} static and {len(scene.dynamic):,} dynamic Gaussians"]
+    cameras = scene.cameras
+    lines = [
+        f"{path}: {len(scene.static):,} static and {len(scene.dynamic):,} dynamic Gaussians"
+        f" from {len(cameras)} frames of {cameras.width}x{cameras.height} pixels"
+    ]
     lines += [f"PSNR of used frames {figures['used_psnr']:.2f} dB"]
     if "held_out_psnr" in figures:
         lines[-1] += f", held-out frames {figures['held_out_psnr']:.2f} dB"

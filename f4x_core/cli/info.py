@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import Any
 
 from ..progress import Progress
@@ -13,4 +12,27 @@ from ..scene import read_scene
 def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Counts, sizes and provenance of a scene file."""
     info = read_scene(args.scene).info()
-    return {**info, "text": json.dumps(info, indent=2, default=str)}
+    return {**info, "text": "\n".join(f"{name + ':':<11}{value}" for name, value in told(info).items())}
+
+
+def told(info: dict[str, Any]) -> dict[str, str]:
+    """What `Scene.info` says in about ten lines, by their titles."""
+    width, height = info["size"]
+    parts = info["megabytes"]
+    by_part = ", ".join(f"{part} {megabytes:.1f}" for part, megabytes in parts.items() if megabytes)
+    metrics, made = info["metrics"], info["provenance"]
+    quality = {"used_psnr": "used frames", "held_out_psnr": "held-out frames"}
+    measured = [f"{metrics[name]:.2f} dB ({title})" for name, title in quality.items() if name in metrics]
+    return {
+        "name": info["name"],
+        "frames": f"{info['frames']}, {info['held_out']} of them held out",
+        "pictures": f"{width}x{height} pixels",
+        "video": f"{info['frames'] / info['fps']:.2f} s at {info['fps']:g} frames per second",
+        "Gaussians": f"{info['static']:,} static, {info['dynamic']:,} dynamic, SH degree {info['sh_degree']}",
+        "nodes": f"{info['nodes']:,}",
+        "memory": f"{sum(parts.values()):.1f} MB: {by_part}",
+        "PSNR": ", ".join(measured) or "not measured",
+        "edits": str(info["edits"]),
+        "source": made.get("source", "unknown"),
+        "made by": f"Feature4X {made['feature4x']}" if "feature4x" in made else "unknown",
+    }

@@ -3,24 +3,40 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import Cancelled, F4xError
+from ..raster import BACKENDS
+from .checks import output_folder, path_argument, require_backend, require_folder
 from .terminal import TerminalProgress
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
+ADVICE = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room there or choose another place"),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "choose another place, or change who may write there"),
+}
+"""What helps against an error of the disk."""
+
+
+class Parser(argparse.ArgumentParser):
+    """Tells what is wrong with a command line as every other bad input is told: in one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise F4xError in place of printing the usage."""
+        raise F4xError(f"{message}; `{self.prog} --help` shows what is possible.")
 
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of every verb."""
-    parser = argparse.ArgumentParser(prog="f4x", description="From one video to a 4D scene that moves, in Blender too.")
+    parser = Parser(prog="f4x", description="From one video to a 4D scene that moves, in Blender too.")
     parser.add_argument("--version", action="version", version=f"f4x {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
 
@@ -31,9 +47,15 @@ def build_parser() -> argparse.ArgumentParser:
         )
         return sub
 
+    def output_option(sub: argparse.ArgumentParser, metavar: str = "DIR", **more: Any) -> None:
+        sub.add_argument("-o", "--output", type=path_argument, metavar=metavar, **more)
+
+    def backend_option(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument("--backend", choices=("auto", *BACKENDS), default="auto", help="what draws (default: auto)")
+
     def clip_options(sub: argparse.ArgumentParser) -> None:
         sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the frames to use")
-        sub.add_argument("--width", type=int, help="fit at this picture width in pixels")
+        sub.add_argument("--width", type=int, help="fit at this picture width in pixels; pictures are never enlarged")
         sub.add_argument("--hold-out", type=int, metavar="N", help="keep frames with index %% N == N-1 for measuring")
         sub.add_argument(
             "--masks", metavar="DIR", help="folder of masks of what moves, or 'layout' for the data set's own"
@@ -43,7 +65,7 @@ def build_parser() -> argparse.ArgumentParser:
         sub.add_argument("--profile", choices=PROFILES, default="wild", help="how much work to spend (default: wild)")
         sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
         sub.add_argument("--threads", type=int, default=0, help="threads (default: all cores)")
-        sub.add_argument("--backend", default="auto", help="raster backend: auto, native, torch, reference")
+        backend_option(sub)
         sub.add_argument(
             "--provider",
             default="classical",
@@ -58,55 +80,70 @@ def build_parser() -> argparse.ArgumentParser:
         )
 
     sub = verb("fit", "Turn a clip into DIR/scene.f4x.")
-    sub.add_argument("clip", help="video file, image folder, or NVIDIA / DyCheck / DAVIS data set")
-    sub.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    sub.add_argument("clip", type=path_argument, help="video file, image folder, or NVIDIA / DyCheck / DAVIS data set")
+    output_option(sub, required=True)
     clip_options(sub)
     fit_options(sub)
     sub.add_argument("--resume", action="store_true", help="continue an interrupted fit")
 
     sub = verb("priors", "Only compute the priors of a clip into DIR/priors.")
-    sub.add_argument("clip")
-    sub.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
+    sub.add_argument("clip", type=path_argument)
+    output_option(sub, required=True)
     clip_options(sub)
     fit_options(sub)
 
     sub = verb("render", "Draw a scene along a camera path.")
-    sub.add_argument("scene", type=Path)
-    sub.add_argument("-o", "--output", type=Path, required=True, metavar="OUT")
+    sub.add_argument("scene", type=path_argument)
+    output_option(sub, required=True)
     sub.add_argument(
-        "--path", default="original", help="original, orbit, frozen:T, or a camera path file (default: original)"
+        "--path",
+        default="original",
+        help="original, orbit, frozen:T (T a clip frame), or a camera path file (default: original)",
     )
     sub.add_argument("--channels", default="rgb", help="comma-separated: rgb,depth,alpha,motion (default: rgb)")
-    sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit (default: 5)")
-    sub.add_argument("--video", action="store_true", help="also write OUT/CHANNEL.mp4")
-    sub.add_argument("--backend", default="auto")
+    sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit, above 0 and below 90 (default: 5)")
+    sub.add_argument("--video", action="store_true", help="also write DIR/CHANNEL.mp4")
+    backend_option(sub)
 
     sub = verb("eval", "Measure a scene against its clip.")
-    sub.add_argument("scene", type=Path)
-    sub.add_argument("--clip", required=True)
+    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("--clip", type=path_argument, required=True)
     sub.add_argument("--frames", metavar="A:B:S")
     sub.add_argument("--refine-camera", action="store_true", help="also refine the camera on each held-out frame")
     sub.add_argument(
         "--baselines", action="store_true", help="also score the nearest frame and the half-way flow blend"
     )
-    sub.add_argument("--truth", type=Path, metavar="DIR", help="rendered clip with truth: cameras and unseen views")
-    sub.add_argument("--joints", type=Path, help="hand-set joints (JSON): track accuracy of the fitted scene")
+    sub.add_argument(
+        "--truth", type=path_argument, metavar="DIR", help="rendered clip with truth: cameras and unseen views"
+    )
+    sub.add_argument("--joints", type=path_argument, help="hand-set joints (JSON): track accuracy of the fitted scene")
     sub.add_argument("--masks", metavar="DIR", help="masks of the animal, for the joints' scale")
-    sub.add_argument("--backend", default="auto")
+    backend_option(sub)
 
     sub = verb("info", "What is in a scene file.")
-    sub.add_argument("scene", type=Path)
+    sub.add_argument("scene", type=path_argument)
 
     sub = verb("export", "Write one frame, or all, as ordinary 3DGS PLY.")
-    sub.add_argument("scene", type=Path)
-    sub.add_argument("-o", "--output", type=Path, required=True, metavar="FILE_OR_DIR")
-    sub.add_argument("--time", type=float, help="clip frame to write; all frames when left out")
+    sub.add_argument("scene", type=path_argument)
+    output_option(
+        sub,
+        "FILE.ply|DIR",
+        required=True,
+        help="with --time the file, which ends in .ply; else the folder for NAME_0000.ply, NAME_0001.ply, …",
+    )
+    sub.add_argument("--time", type=float, metavar="T", help="clip frame to write, from 0; all frames when left out")
 
     verb("doctor", "What this machine has, and whether it works.")
 
+    sub = verb("bench", "Speed against error of the kernels on this machine.")
+    sub.add_argument("what", choices=("raster", "deform"))
+    sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
+    sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
+    sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")
+
     sub = verb("demo", "A short rendered clip (or your own) all the way to a Blender file.")
-    sub.add_argument("--clip", help="your own video instead of the rendered one")
-    sub.add_argument("-o", "--output", type=Path, default=Path("demo"), metavar="DIR")
+    sub.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
+    output_option(sub, default=Path("demo"), help="default: demo")
     clip_options(sub)
     fit_options(sub)
     sub.set_defaults(profile="quick")
@@ -124,15 +161,22 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit code."""
-    args = build_parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    args = argparse.Namespace(verb=(*arguments, "")[0], json="--json" in arguments)  # until it is parsed
     try:
+        args = build_parser().parse_args(arguments)
         with TerminalProgress(quiet=args.json and not sys.stderr.isatty()) as progress:
+            if "output" in args:
+                require_folder(output_folder(args))
+            if "backend" in args:
+                require_backend(args.backend)
             result = find_verb(args.verb)(args, progress)
     except F4xError as error:
         return _fail(args, str(error), EXIT_BAD_INPUT)
     except OSError as error:
         where = error.filename or getattr(args, "output", None) or "the output folder"
-        return _fail(args, f"{where}: {error.strerror or error}; nothing half-written was left behind.", EXIT_BAD_INPUT)
+        told = [str(error.strerror or error), "nothing half-written was left behind", ADVICE.get(error.errno or 0)]
+        return _fail(args, f"{where}: {'; '.join(filter(None, told))}.", EXIT_BAD_INPUT)
     except (KeyboardInterrupt, Cancelled):
         again = "; the same command with --resume continues" if args.verb == "fit" else ""
         return _fail(args, f"Stopped{again}.", EXIT_INTERRUPTED)
@@ -145,7 +189,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _fail(args: argparse.Namespace, sentence: str, code: int) -> int:
-    print(f"f4x {args.verb}: {sentence}", file=sys.stderr)
+    print(f"f4x {args.verb}".rstrip() + f": {sentence}", file=sys.stderr)
     if args.json:
         print(json.dumps({"error": sentence}))
     return code

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from ..scene import Scene, read_scene
 from ..scene.picture import colour_depth, colour_motion, depth_range
 from ..scene.ply import export_frame, export_sequence
 from ..scene.view import render
+from .checks import require_time
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
 # Motion of this share of the picture's width per frame gets the full colour.
@@ -34,9 +36,16 @@ def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
         return trajectory.orbit(cameras, degrees=degrees)
     if path.startswith("frozen:"):
         try:
-            return trajectory.frozen(cameras, float(path.partition(":")[2]))
+            time = float(path.removeprefix("frozen:"))
         except ValueError as error:
             raise F4xError(f"--path {path}: write frozen:T with T a clip frame, for example frozen:12.") from error
+        require_time(scene, time, f"--path {path}")
+        return trajectory.frozen(cameras, time)
+    if not Path(path).is_file():
+        raise F4xError(
+            f"--path {path}: there is no such file; give original, orbit, frozen:T with T a clip frame"
+            f" (0 to {len(cameras) - 1}), or a camera path file."
+        )
     return trajectory.read_path(path)
 
 
@@ -49,6 +58,8 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(
             f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(CHANNELS)}."
         )
+    if not 0 < args.degrees < 90:
+        raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, args.path, args.degrees)
     folders = {name: Path(args.output) / name for name in channels}
     for folder in folders.values():
@@ -59,20 +70,39 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     for index, (camera, time) in enumerate(views):
         progress("render", index, len(views))
         maps = render(scene, camera, time, channels=channels, backend=args.backend)
-        for name in channels:
-            picture = picture_of(name, maps[name], span, largest)
-            with replace_file(folders[name] / f"{index:05d}.png") as file:
-                Image.fromarray(picture).save(file, "PNG")
-            if name in ("depth", "motion"):
-                with replace_file(folders[name] / f"{index:05d}.npy") as file:
-                    np.save(file, maps[name].astype(np.float32))
-            if args.video:
+        shown = {name: picture_of(name, maps[name], span, largest) for name in channels}
+        try:
+            write_frame(folders, index, maps, shown)
+        except F4xError as error:
+            raise F4xError(f"{error}; {index} of {len(views)} frames were written whole.") from error
+        if args.video:
+            for name, picture in shown.items():
                 pictures[name].append(picture)
     progress("render", len(views), len(views))
     for name, frames in pictures.items():
         if frames:
             write_video(Path(args.output) / f"{name}.mp4", np.stack(frames), scene.fps)
     return {"frames": len(views), "output": str(args.output), "text": f"{args.output}: {len(views)} frames"}
+
+
+def write_frame(
+    folders: Mapping[str, Path], index: int, maps: Mapping[str, np.ndarray], shown: Mapping[str, np.ndarray]
+) -> None:
+    """Write the pictures, and of depth and motion also the numbers, of one frame: all of them or none."""
+    written: list[Path] = []
+    try:
+        for name, folder in folders.items():
+            written.append(folder / f"{index:05d}.png")
+            with replace_file(written[-1]) as file:
+                Image.fromarray(shown[name]).save(file, "PNG")
+            if name in ("depth", "motion"):
+                written.append(folder / f"{index:05d}.npy")
+                with replace_file(written[-1]) as file:
+                    np.save(file, maps[name].astype(np.float32))
+    except BaseException:
+        for path in written:
+            path.unlink(missing_ok=True)
+        raise
 
 
 def depth_span(scene: Scene, backend: str = "auto") -> tuple[float, float]:
@@ -95,6 +125,7 @@ def run_export(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write the scene at one time, or at every clip frame, as 3DGS PLY."""
     scene = read_scene(args.scene)
     if args.time is not None:
+        require_time(scene, args.time, f"--time {args.time:g}")
         export_frame(scene, args.time, args.output)
         return {"output": str(args.output), "text": str(args.output)}
     files = export_sequence(scene, args.output, progress=progress)

@@ -1,4 +1,4 @@
-"""What a person sees while waiting: one bar per stage with the time left, on standard error."""
+"""What a person sees while waiting, on standard error: one bar per stage; in a log, one line per stage."""
 
 from __future__ import annotations
 
@@ -8,28 +8,37 @@ from types import FrameType, TracebackType
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
+from rich.table import Column
+
+# Narrow enough to leave a terminal of 80 columns room for a message.
+BAR_WIDTH = 14
 
 
 class TerminalProgress:
     """A `Progress` that draws bars; used as a context manager. `quiet` draws nothing.
 
-    Ctrl-C is answered at the next report, so that the work stops between two steps and what it saves is whole; pressed
-    once more it is answered at once.
+    Ctrl-C is answered at once before the first report, when there is nothing to save yet. Afterwards it is answered at the
+    next report, so that the work stops between two steps and what it saves is whole; pressed once more, at once.
     """
 
     def __init__(self, quiet: bool = False):
         """Prepare the bars."""
+        self.console = Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
         self.bars = Bars(
-            TextColumn("{task.description:<12}"),
-            BarColumn(),
+            TextColumn("{task.description}", markup=False),
+            BarColumn(BAR_WIDTH),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[message]}"),
-            console=Console(stderr=True),
-            disable=quiet,
+            TextColumn(
+                "{task.fields[message]}",
+                markup=False,
+                table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
+            ),
+            console=self.console,
+            expand=True,
+            disable=quiet or not self.console.is_terminal,
         )
         self.tasks: dict[str, TaskID] = {}
         self.interrupted = False
@@ -38,23 +47,36 @@ class TerminalProgress:
     def __enter__(self) -> TerminalProgress:
         if threading.current_thread() is threading.main_thread():  # no other may set handlers
             self.handler = signal.signal(signal.SIGINT, self._interrupt)
-        self.bars.start()
         return self
 
     def __exit__(self, kind: type | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        if kind is None:  # a stage that ended early, having reached its limit, is complete too
+            for task in self.bars.tasks:
+                self.bars.update(task.id, completed=task.total)
         self.bars.stop()
         if self.handler is not None:
             signal.signal(signal.SIGINT, self.handler)
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        if self.interrupted:
+        if self.interrupted or not self.tasks:
             raise KeyboardInterrupt
         self.interrupted = True
+        self.console.print("Stopping after this step; press Ctrl-C again to stop at once.")
 
     def __call__(self, stage: str, done: int, total: int, message: str = "") -> None:
         """Draw the state of one stage; raises KeyboardInterrupt after Ctrl-C."""
         if self.interrupted:
             raise KeyboardInterrupt
         if stage not in self.tasks:
-            self.tasks[stage] = self.bars.add_task(stage, total=total, message=message)
-        self.bars.update(self.tasks[stage], completed=done, total=total, message=message)
+            self._begin(stage, total)
+        task = self.tasks[stage]
+        if done == 0 and self.bars.tasks[task].finished:  # once more: its clock starts again
+            self.bars.reset(task)
+        self.bars.update(task, completed=done, total=total, message=message)
+
+    def _begin(self, stage: str, total: int) -> None:
+        self.tasks[stage] = self.bars.add_task(stage, total=total, message="")
+        if self.console.is_terminal:
+            self.bars.start()  # not earlier: bars without a stage would leave an empty line
+        else:
+            self.console.print(stage)

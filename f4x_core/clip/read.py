@@ -9,11 +9,13 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry.camera import CameraPath
+from ..progress import Progress, silent
 from .images import even_size, list_images, read_color, read_mask, resize_color, resize_nearest
 from .layouts import DEFAULT_FPS, Distortion, Layout, find_layout
 from .model import Clip
 from .video import decode, describe
 
+STAGE = "reading clip"
 ASPECT_TOLERANCE = 0.01  # relative; rounding to even sizes changes the aspect of a 200-pixel frame by this much
 
 
@@ -23,6 +25,7 @@ def read_clip(
     width: int | None = None,
     hold_out: int | None = None,
     masks: str | Path | None = None,
+    progress: Progress = silent,
 ) -> Clip:
     """Read a video file, a folder of pictures, or an NVIDIA/RoDynRF, DyCheck/Nerfies or DAVIS folder.
 
@@ -36,19 +39,24 @@ def read_clip(
     source = Path(source).expanduser()
     span = _parse_span(frames)
     if width is not None and width < 2:
-        raise F4xError(f"width {width} is too small; give at least 2 pixels")
+        raise F4xError(f"--width {width} is too small; give at least 2 pixels")
     if hold_out is not None and hold_out < 2:
-        raise F4xError(f"hold_out {hold_out} would leave no frame to learn from; give 2 or more")
+        raise F4xError(f"--hold-out {hold_out} would leave no frame to learn from; give 2 or more")
     layout = None if source.is_file() else find_layout(_existing(source))
     if layout is None:
         name = source.stem
         fps, claimed = describe(source)
-        indices, pictures, seen = _read_video(source, span, width)
+        indices, pictures, seen = _read_video(source, span, width, claimed, progress)
         total = max(seen, claimed)
     else:
         name, fps, total = layout.name, layout.fps, len(layout.images)
         indices = _select(span, total, source)
-        pictures = _read_pictures(layout, indices, width)
+        pictures = _read_pictures(layout, indices, width, progress)
+    if hold_out is not None and hold_out > len(indices):
+        raise F4xError(
+            f"--hold-out {hold_out} holds out none of the {len(indices)} frames of {source}; give a smaller number, or"
+            " leave it out"
+        )
     height, width = pictures.shape[1:3]
     return Clip(
         name=name,
@@ -100,23 +108,28 @@ def _select(span: slice, count: int, source: Path) -> np.ndarray:
     return np.arange(count)[span]
 
 
-def _read_video(file: Path, span: slice, width: int | None) -> tuple[np.ndarray, np.ndarray, int]:
+def _read_video(
+    file: Path, span: slice, width: int | None, claimed: int, progress: Progress
+) -> tuple[np.ndarray, np.ndarray, int]:
     """Return (indices, frames, number of frames decoded); keeps only selected frames, already small."""
     kept: list[np.ndarray] = []
-    count = 0
+    count, expected = 0, min(filter(None, (span.stop, claimed)), default=0)
     for count, image in enumerate(islice(decode(file), span.stop), start=1):
+        progress(STAGE, count - 1, max(count, expected))
         index = count - 1 - (span.start or 0)
         if index >= 0 and index % (span.step or 1) == 0:
             kept.append(resize_color(image, *even_size(image.shape[1], image.shape[0], width)))
+    progress(STAGE, count, count)
     indices = _select(span, count, file)
     return indices, np.stack(kept), count
 
 
-def _read_pictures(layout: Layout, indices: np.ndarray, width: int | None) -> np.ndarray:
+def _read_pictures(layout: Layout, indices: np.ndarray, width: int | None, progress: Progress) -> np.ndarray:
     """Return `(T, H, W, 3)`, undistorted and resized; raises F4xError for pictures of several sizes."""
     kept: list[np.ndarray] = []
     native: tuple[int, ...] = ()
-    for index in indices:
+    for done, index in enumerate(indices):
+        progress(STAGE, done, len(indices))
         image = read_color(layout.images[index])
         native = native or image.shape
         if image.shape != native:
@@ -125,6 +138,7 @@ def _read_pictures(layout: Layout, indices: np.ndarray, width: int | None) -> np
         if layout.distortions and layout.size:
             image = _undistort(image, layout.distortions[index], layout.size)
         kept.append(resize_color(image, *even_size(image.shape[1], image.shape[0], width)))
+    progress(STAGE, len(indices), len(indices))
     return np.stack(kept)
 
 
@@ -159,7 +173,10 @@ def _mask_files(masks: str | Path, layout: Layout | None, source: Path, indices:
     if len(files) == total:
         return [files[index] for index in indices]
     if len(files) != len(indices):
-        raise F4xError(f"{files[0].parent} holds {len(files)} masks for {len(indices)} frames; give one per frame")
+        raise F4xError(
+            f"{files[0].parent} holds {len(files)} masks for {len(indices)} frames; give one per frame of the clip ({total})"
+            f" or of the chosen frames ({len(indices)})"
+        )
     return files
 
 

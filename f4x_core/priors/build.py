@@ -14,7 +14,7 @@ from ..errors import F4xError
 from ..progress import Progress, silent
 from . import files
 from .config import PriorsConfig, config_hash
-from .folder import FIELDS, Priors, digest, file_of, read_field, read_head
+from .folder import FIELDS, Priors, digest, file_of, read_field, read_head, sources_in
 from .providers import STAGES, find
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def build_priors(
     if len(priors.frames) == 0:
         raise F4xError(f"{clip.source}: every frame is held out; supervise at least one.")
     own = _read_own(folder, priors)
-    fixed = files.take(priors, clip, config, own)
+    fixed = files.take(priors, clip, config, own, folder)
     priors.write(folder, [name for name in fixed if name not in own])
     picture = _clip_digest(clip)
     for index, (stage, fields) in enumerate(STAGES.items()):
@@ -83,7 +83,7 @@ def _resume(stage: str, wanted: list[str], folder: Path, priors: Priors, config:
         return False
     for name in wanted:
         setattr(priors, name, read_field(folder, name))
-    priors.validate(wanted)
+    priors.validate(wanted, sources_in(folder))
     return True
 
 
@@ -117,7 +117,7 @@ def _run(
             setattr(priors, name, value)
         else:
             revised.append(name)
-    priors.validate([*wanted, *revised])
+    priors.validate([*wanted, *revised], sources_in(folder))
     entry = {
         "provider": settings.provider,
         "settings": asdict(settings),

@@ -83,6 +83,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         priors.warn("Without parallax no depth can be measured: depth is a ground-like guess with low confidence.")
     progress("depth", frames, frames + 1, "moving objects")
     objects = _place_objects(inverse, confidence, moving, priors)
+    progress("depth", frames + 1, frames + 1)
     depth = 1 / inverse
     unit = float(np.median(depth))
     if priors.provenance.get("cameras", {}).get("provider") in ("user", "files"):

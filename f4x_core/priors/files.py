@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import F4xError
 from .config import PriorsConfig
 from .flow import consistent
-from .folder import ARRAYS, FIELDS, UNREADABLE, Priors
+from .folder import ARRAYS, FIELDS, UNREADABLE, Priors, sources_in
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -29,10 +29,10 @@ STATIC_SHIFT, STATIC_DEGREES = 1e-4, 0.05
 """A given camera that moves (world units) and turns less than this stands still."""
 
 
-def take(priors: Priors, clip: Clip, config: PriorsConfig, own: list[str]) -> list[str]:
+def take(priors: Priors, clip: Clip, config: PriorsConfig, own: list[str], folder: Path) -> list[str]:
     """Put everything the user gave into `priors` (validated) and return the names that no provider may touch.
 
-    `own` are files of the folder that are loaded already; they win over `config.files`, those over the clip's arrays.
+    `own` are files of `folder` that are loaded already; they win over `config.files`, those over the clip's arrays.
     What follows from given priors alone is derived: confidence of depth, visibility of tracks, flow masks, camera kind.
     """
     for name, path in config.files.items():
@@ -52,13 +52,10 @@ def take(priors: Priors, clip: Clip, config: PriorsConfig, own: list[str]) -> li
     derived = _derive(priors, (*own, *given))
     for name, value in derived.items():
         setattr(priors, name, value)
-    for name, (_, source) in given.items():
-        try:
-            priors.validate([name])
-        except F4xError as error:
-            raise F4xError(f"{source} (given for {name}): {error}") from error
     fixed = [*own, *given, *derived]
-    priors.validate(fixed)
+    priors.validate(
+        fixed, sources_in(folder) | {name: f"{source} (given for {name})" for name, (_, source) in given.items()}
+    )
     for name in (*given, *derived):
         entry = {"provider": "files", "settings": {"source": given[name][1] if name in given else "derived"}}
         priors.provenance[name] = entry | {"key": "given", "digest": priors.provenance.get(name, {}).get("digest")}

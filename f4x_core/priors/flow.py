@@ -136,6 +136,7 @@ def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progr
             half = signed // 2  # exact: a power of two, either sign
             for t in range(max(0, -signed), min(frames, frames - signed)):
                 out[t] = compose(flows[half][t].astype(np.float32), flows[half][t + half].astype(np.float32))
+    progress("long flows", len(gaps), len(gaps))
     priors.scratch["long_flows"] = flows
     return flows
 
@@ -167,5 +168,6 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         there, back = flow(pictures[i], pictures[i + 1]), flow(pictures[i + 1], pictures[i])
         forward[i], backward[i] = there, back
         masks[0, i], masks[1, i] = consistent(there, back), consistent(back, there)
+    progress("flow", pairs, pairs)
     priors.flow_forward, priors.flow_backward = forward, backward
     priors.flow_forward_mask, priors.flow_backward_mask = masks

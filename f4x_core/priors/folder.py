@@ -22,7 +22,7 @@ import json
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -112,75 +112,79 @@ class Priors:
         sizes |= {"N": count}
         return tuple(int(axis) if axis.isdigit() else sizes[axis] for axis in ARRAYS[name][0])
 
-    def validate(self, fields: Iterable[str] = FIELDS) -> None:
-        """Check the present ones of `fields`; F4xError names the first problem. Tracks outside turn invisible."""
+    def validate(self, fields: Iterable[str] = FIELDS, sources: Mapping[str, str] | None = None) -> None:
+        """Check the present ones of `fields`; F4xError names the first problem. Tracks outside turn invisible.
+
+        `sources`: what the sentence calls the origin of a field, by name; its bare file name when left out.
+        """
+        source = {name: file_of(Path(), name).name for name in FIELDS} | dict(sources or {})
         for name in fields:
             if getattr(self, name) is None:
                 continue
             if name == "cameras":
-                self._validate_cameras()
+                self._validate_cameras(source["cameras"])
                 continue
-            self._validate_array(name)
+            self._validate_array(name, source[name])
         if "depth" in fields and self.depth is not None:
-            self._validate_depth()
+            self._validate_depth(source["depth"])
         if "tracks" in fields and self.tracks is not None and self.tracks_visible is not None:
-            self._validate_tracks()
+            self._validate_tracks(source["tracks"], source["tracks_visible"])
         if self.camera_kind is not None and self.camera_kind not in CAMERA_KINDS:
             raise F4xError(f"priors.json: camera_kind is '{self.camera_kind}'; use one of {', '.join(CAMERA_KINDS)}.")
 
-    def _validate_array(self, name: str) -> None:
+    def _validate_array(self, name: str, source: str) -> None:
         array, expected, dtype = getattr(self, name), self.expected_shape(name), ARRAYS[name][1]
         if array.ndim != len(expected) or any(e not in (None, n) for e, n in zip(expected, array.shape, strict=True)):
             wanted = "(" + ", ".join("any" if e is None else str(e) for e in expected) + ")"
             raise F4xError(
-                f"{name}.npy has shape {array.shape}, this clip needs {wanted} for its {len(self.frames)}"
+                f"{source} has shape {array.shape}, this clip needs {wanted} for its {len(self.frames)}"
                 " supervised frames; make it again at this size."
             )
         if array.dtype != dtype:
-            raise F4xError(f"{name}.npy has dtype {array.dtype}; save it as {np.dtype(dtype).name}.")
+            raise F4xError(f"{source} has dtype {array.dtype}; save it as {np.dtype(dtype).name}.")
         if name.startswith("flow") and array.dtype != np.bool_ and not np.isfinite(array).all():
-            raise F4xError(f"{name}.npy contains NaN or infinite flow; use 0 and clear {name}_mask.npy there.")
+            raise F4xError(f"{source} contains NaN or infinite flow; use 0 and clear {name}_mask.npy there.")
         if name in UNIT_INTERVAL and not ((array >= 0) & (array <= 1)).all():
-            raise F4xError(f"{name}.npy leaves the range 0..1 (or is NaN); rescale it.")
+            raise F4xError(f"{source} leaves the range 0..1 (or is NaN); rescale it.")
 
-    def _validate_depth(self) -> None:
+    def _validate_depth(self, source: str) -> None:
         assert self.depth is not None
         valid = np.isfinite(self.depth) & (self.depth > 0)
         if not valid.any():
-            raise F4xError("depth.npy holds no positive depth at all; write z depth, NaN = unknown.")
+            raise F4xError(f"{source} holds no positive depth at all; write z depth, NaN = unknown.")
         empty = self.frames[~valid.any(axis=(1, 2))]
         if len(empty):
-            raise F4xError(f"depth.npy has no positive depth in clip frame {empty[0]}; fill it or leave the frame out.")
+            raise F4xError(f"{source} has no positive depth in clip frame {empty[0]}; fill it or leave the frame out.")
         if (self.depth[np.isfinite(self.depth)] <= 0).any():
-            raise F4xError("depth.npy holds zero or negative depth; write NaN where depth is unknown.")
+            raise F4xError(f"{source} holds zero or negative depth; write NaN where depth is unknown.")
 
-    def _validate_tracks(self) -> None:
+    def _validate_tracks(self, source: str, visible_source: str) -> None:
         assert self.tracks is not None and self.tracks_visible is not None
         known = np.isfinite(self.tracks).all(-1)  # (F, N)
         if (self.tracks_visible & ~known).any():
-            raise F4xError("tracks_visible.npy is true where tracks.npy is NaN; clear it there.")
+            raise F4xError(f"{visible_source} is true where {source} is NaN; clear it there.")
         inside = (self.tracks >= 0).all(-1) & (self.tracks[..., 0] <= self.width) & (self.tracks[..., 1] <= self.height)
         visible, outside = self.tracks_visible.sum(), (self.tracks_visible & ~inside).sum()
         if outside > OUTSIDE_TOLERANCE * visible:
             raise F4xError(
-                f"tracks.npy: {outside} of {visible} visible samples lie outside {self.width}x{self.height};"
+                f"{source}: {outside} of {visible} visible samples lie outside {self.width}x{self.height};"
                 " give (x, y) in pixels of this clip's size."
             )
         if outside:
             self.tracks_visible = self.tracks_visible & inside
 
-    def _validate_cameras(self) -> None:
+    def _validate_cameras(self, source: str) -> None:
         path = self.cameras
         assert path is not None
         if len(path) != len(self.frames):
-            raise F4xError(f"cameras.json has {len(path)} cameras, this clip has {len(self.frames)} supervised frames.")
+            raise F4xError(f"{source} has {len(path)} cameras, this clip has {len(self.frames)} supervised frames.")
         if (path.width, path.height) != (self.width, self.height):
             raise F4xError(
-                f"cameras.json is for {path.width}x{path.height} pictures, this clip is {self.width}x{self.height};"
+                f"{source} is for {path.width}x{path.height} pictures, this clip is {self.width}x{self.height};"
                 " rescale the intrinsics."
             )
         if not (np.isfinite(path.intrinsics).all() and np.isfinite(path.world_to_camera).all()):
-            raise F4xError("cameras.json contains NaN; every supervised frame needs a finite camera.")
+            raise F4xError(f"{source} contains NaN; every supervised frame needs a finite camera.")
 
     @classmethod
     def read(cls, folder: str | Path) -> Priors:
@@ -203,7 +207,7 @@ class Priors:
         for name in FIELDS:
             if file_of(folder, name).exists():
                 setattr(priors, name, read_field(folder, name))
-        priors.validate()
+        priors.validate(sources=sources_in(folder))
         return priors
 
     def write(self, folder: str | Path, fields: Iterable[str] = FIELDS) -> None:
@@ -240,6 +244,11 @@ class Priors:
 def file_of(folder: Path, name: str) -> Path:
     """Where prior `name` lives."""
     return folder / (f"{name}.json" if name == "cameras" else f"{name}.npy")
+
+
+def sources_in(folder: Path) -> dict[str, str]:
+    """The whole path of every prior's file, for `Priors.validate`."""
+    return {name: str(file_of(folder, name)) for name in FIELDS}
 
 
 def read_head(folder: Path) -> dict[str, Any]:

@@ -119,6 +119,7 @@ def motion_score(
             residual[t, j], share = (flow, 1.0) if static else _off_homography(points, flow, good, unit)
             inliers[gap].append(share)
             trust[t, j] = np.where(good, 1.0, DOUBT)
+    progress("motion", frames, frames)
     score = _score(length(residual), trust, unit)  # (F,P)
     edge = border.ravel()
     unexplained = score[:, edge] > 0.5

@@ -125,6 +125,7 @@ class Truth:
             forward[i] = np.stack([-vector[..., 2], vector[..., 3]], axis=-1)
             backward[i] = np.stack([vector[..., 0], -vector[..., 1]], axis=-1)
             moving[i] = np.isin(passes["Object Index"].round(), moving_index)
+        progress("truth", count, count)
         return cls(cameras, depth, forward, backward, moving)
 
     @property
@@ -193,6 +194,7 @@ def provide_flow(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pro
             mask[i] = visible.reshape(height, width)
         setattr(priors, f"flow_{name}", flow)
         setattr(priors, f"flow_{name}_mask", mask)
+        progress("flow", shape[0], shape[0])
 
 
 def provide_tracks(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
@@ -206,6 +208,7 @@ def provide_tracks(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
             seeds = _seeds(truth, int(frames[start]), moving, spacing, [(t[start], v[start]) for t, v in found])
             if len(seeds):
                 found.append(_tracked(truth, frames, start, seeds, moving))
+    progress("tracks", len(frames), len(frames))
     tracks = np.concatenate([t for t, _ in found], axis=1) if found else np.zeros((len(frames), 0, 2))
     visible = np.concatenate([v for _, v in found], axis=1) if found else np.zeros((len(frames), 0), bool)
     longest = np.sort(np.argsort(-visible.sum(0), kind="stable")[: settings.count])

@@ -88,6 +88,7 @@ def track_points(
             drift[t, open_] = best
             if surface is not None:
                 position[t, open_] = surface.pull(position[t, open_], t)
+    progress("tracks", 2 * frames, 2 * frames)
     return (position + offset).astype(np.float32), visible & inside(position + offset, height, width)
 
 

@@ -14,9 +14,9 @@ from .contract import RasterConfig, RasterOutput
 if TYPE_CHECKING:
     from .contract import Array
 
-__all__ = ["BACKENDS", "RasterConfig", "RasterOutput", "choose_backend", "rasterize"]
+__all__ = ["BACKENDS", "RasterConfig", "RasterOutput", "choose_backend", "rasterize", "why_not"]
 
-BACKENDS = ("reference", "torch", "native", "gsplat")
+BACKENDS = ("native", "torch", "reference", "gsplat")
 
 
 def rasterize(
@@ -83,10 +83,8 @@ def rasterize(
         return rasterize_native(width=width, height=height, **arguments, **options)
     if chosen == "reference":
         from .reference import rasterize_reference as function
-    elif chosen == "torch":
-        from .tiles import rasterize_torch as function
     else:
-        raise F4xError("The gsplat backend is not connected in this version: use backend='torch', which runs on CUDA.")
+        from .tiles import rasterize_torch as function
     if isinstance(means, np.ndarray):
         return _through_numpy(function, width, height, arguments, options)
     return function(width=width, height=height, **arguments, **options)
@@ -104,12 +102,22 @@ def choose_backend(backend: str, means: Array | None = None) -> str:
         return "native" if plain and _native() and _native().available() else "torch"
     if backend not in BACKENDS:
         raise F4xError(f"Unknown raster backend '{backend}': use auto, {', '.join(BACKENDS)}.")
-    if backend == "native" and not (_native() and _native().available()):
-        reason = _native().why_not() if _native() else "it is not part of this installation"
-        raise F4xError(f"The native raster backend cannot run here ({reason}): use backend='torch'.")
-    if backend == "gsplat" and find_spec("gsplat") is None:
-        raise F4xError("The gsplat raster backend needs the package gsplat and a CUDA GPU: use backend='torch'.")
+    reason = why_not(backend)
+    if reason is not None:
+        raise F4xError(f"The {backend} raster backend cannot run here ({reason}): use backend='torch'.")
     return backend
+
+
+def why_not(backend: str) -> str | None:
+    """Why one of `BACKENDS` cannot run here; None when it can."""
+    if backend == "gsplat":
+        return "it is not connected in this version, and torch runs on CUDA"
+    if backend != "native":
+        return None
+    native = _native()
+    if native is None:
+        return "it is not part of this installation"
+    return None if native.available() else str(native.why_not())
 
 
 def _native() -> Any:

@@ -162,7 +162,7 @@ def export_frame(scene: Scene, time: float, path: Path | str) -> None:
 def export_sequence(
     scene: Scene, folder: Path | str, times: list[float] | None = None, progress: Progress = silent
 ) -> list[Path]:
-    """Write `name_0001.ply`, ... into `folder` (made if absent), one per time, and return their paths.
+    """Write `name_0000.ply`, ... into `folder` (made if absent), one per time, and return their paths.
 
     `times`: clip times; every clip frame when None. The shared prefix with a zero-padded number is what splat editors
     recognise as a sequence. Raises F4xError when the disk refuses.
@@ -170,12 +170,12 @@ def export_sequence(
     folder = Path(folder)
     times = [float(time) for time in scene.cameras.times] if times is None else times
     prefix = re.sub(r"[^\w-]+", "_", scene.name).strip("_") or "scene"
-    digits = max(4, len(str(len(times))))
+    digits = max(4, len(str(len(times) - 1)))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise F4xError(f"{folder}: this folder cannot be made ({error.strerror}); choose another one") from error
-    paths = [folder / f"{prefix}_{number:0{digits}d}.ply" for number in range(1, len(times) + 1)]
+    paths = [folder / f"{prefix}_{number:0{digits}d}.ply" for number in range(len(times))]
     for done, (time, path) in enumerate(zip(times, paths, strict=True)):
         progress("export", done, len(times), path.name)
         export_frame(scene, time, path)

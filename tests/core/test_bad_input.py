@@ -1,6 +1,7 @@
 """Bad input, a full disk, interrupts: one sentence, the right exit code, nothing half-written; through the command line."""
 
 import dataclasses
+import errno
 import json
 import os
 import shutil
@@ -164,13 +165,20 @@ def test_a_clip_that_cannot_be_fitted_is_refused_before_any_work(tmp_path, capsy
     ("options", "words"),
     [
         (("--hold-out", 3), "2 frames are too few"),
-        (("--hold-out", 1), "hold_out"),
+        (("--hold-out", 0), "--hold-out 0"),
+        (("--hold-out", 1), "--hold-out 1"),
+        (("--hold-out", -2), "--hold-out -2"),
+        (("--hold-out", 100), "holds out none of the 3 frames"),
         (("--frames", "0:2"), "2 frames are too few"),
         (("--frames", "2:9"), "reach beyond"),
         (("--width", 8), "8x4 are too small"),
         (("--seed", -1), "--seed -1"),
         (("--threads", -1), "--threads -1"),
-        (("--backend", "abacus"), "abacus"),
+        (("--backend", "abacus"), "'abacus' (choose from 'auto', 'native', 'torch', 'reference', 'gsplat')"),
+        (("--backend", "gsplat"), "use --backend auto or torch"),
+        (("-o", ""), "-o/--output: the path is empty"),
+        (("--output=",), "-o/--output: the path is empty"),
+        (("--no-such-option",), "unrecognized arguments: --no-such-option"),
         (("--prior", "smell=x"), "smell"),
         (("--prior", "depth"), "--prior depth"),
     ],
@@ -184,7 +192,9 @@ def test_options_that_make_no_sense_are_refused_before_any_work(tmp_path, capsys
 def test_an_output_that_is_a_file_is_refused_and_kept(tmp_path, capsys):
     clip = write_frames(tmp_path / "clip", filmed(3))
     (tmp_path / "out").write_text("mine")
-    assert str(tmp_path / "out") in refuses(capsys, "fit", clip, "-o", tmp_path / "out")
+    for verb in (("fit", clip), ("priors", clip), ("demo",), ("render", "x.f4x"), ("export", "x.f4x")):
+        sentence = refuses(capsys, *verb, "-o", tmp_path / "out")
+        assert f"{tmp_path / 'out'} is a file; give a folder" in sentence
     assert (tmp_path / "out").read_text() == "mine"
 
 
@@ -290,6 +300,13 @@ def test_a_wrong_prior_is_named_before_any_work(tmp_path, capsys, fitted, name):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_wrong_file_in_the_priors_folder_is_named_in_full(tmp_path, capsys, fitted):
+    file = tmp_path / "out" / "priors" / "depth.npy"
+    file.parent.mkdir(parents=True)
+    np.save(file, np.full((6, HEIGHT, WIDTH), np.nan, np.float32))
+    assert f"{file} holds no positive depth" in refuses(capsys, "fit", fitted[0], "-o", tmp_path / "out")
+
+
 def test_holes_in_given_depth_and_some_tracks_outside_do_no_harm(tmp_path, capsys, fitted):
     depth = np.full((6, HEIGHT, WIDTH), 2, np.float32)
     depth[:, :20], depth[:, 20:25], depth[2, 25:30], depth[3, 25:30] = np.nan, 0, -1, np.inf
@@ -309,7 +326,7 @@ def test_holes_in_given_depth_and_some_tracks_outside_do_no_harm(tmp_path, capsy
     ("change", "words"),
     [
         (lambda masks: masks[:, :, :30], "30x40"),
-        (lambda masks: masks[:4], "4 masks for 6 frames"),
+        (lambda masks: masks[:4], "one per frame of the clip (6) or of the chosen frames (6)"),
         (lambda masks: masks[:0], "no masks"),
     ],
 )
@@ -409,7 +426,8 @@ def test_writing_where_nothing_can_be_written_is_one_sentence(tmp_path, capsys, 
     assert (tmp_path / "file").read_text() == "mine"
     if os.name != "nt" and os.geteuid():  # root may write anywhere
         (tmp_path / "locked").mkdir(mode=0o500)
-        assert "locked" in refuses(capsys, verb, scene, "-o", tmp_path / "locked" / "below")
+        sentence = refuses(capsys, verb, scene, "-o", tmp_path / "locked" / "below")
+        assert "locked" in sentence and "choose another" in sentence
 
 
 # ------------------------------------------------------------------------------------------------------------ full disk
@@ -454,15 +472,29 @@ def test_a_full_disk_stops_the_fit_with_one_sentence_and_can_be_resumed(tmp_path
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no such limits there")
-@pytest.mark.parametrize("channels", ["rgb", pytest.param("depth", marks=pytest.mark.slow)])
-def test_a_full_disk_while_rendering_leaves_no_broken_picture(tmp_path, fitted, channels):
+@pytest.mark.parametrize(("limit", "channels"), [(1_500, "rgb"), (9_000, "rgb,depth")])
+def test_a_full_disk_while_rendering_leaves_whole_frames_and_counts_them(tmp_path, fitted, limit, channels):
     out = tmp_path / "out"
-    stopped = run_limited(1_500, "render", fitted[1] / "scene.f4x", "-o", out, "--channels", channels, "--json")
+    stopped = run_limited(limit, "render", fitted[1] / "scene.f4x", "-o", out, "--channels", channels, "--json")
     assert stopped.returncode == 2, stopped.stderr
     assert len(stopped.stderr.strip().splitlines()) == 1 and str(out) in stopped.stderr
-    for file in out.rglob("*.png"):
-        Image.open(file).load()
-    assert not unfinished(out)
+    assert "0 of 6 frames were written whole" in stopped.stderr
+    assert not [path for path in out.rglob("*") if path.is_file()]
+
+
+def test_a_disk_that_fills_up_while_rendering_leaves_the_frames_before(tmp_path, capsys, monkeypatch, fitted):
+    save = np.save
+
+    def full_at_the_third(file, array):
+        if len(list(tmp_path.rglob("*.npy"))) == 2:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        save(file, array)
+
+    monkeypatch.setattr(np, "save", full_at_the_third)
+    sentence = refuses(capsys, "render", fitted[1] / "scene.f4x", "-o", tmp_path / "r", "--channels", "rgb,depth")
+    assert "No space left" in sentence and "2 of 6 frames were written whole" in sentence
+    names = sorted(path.name for path in (tmp_path / "r").rglob("*") if path.is_file())
+    assert names == ["00000.npy", "00000.png", "00000.png", "00001.npy", "00001.png", "00001.png"]
 
 
 # ------------------------------------------------------------------------------------------------------------ interrupts

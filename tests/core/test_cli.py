@@ -1,14 +1,18 @@
 """The command line: what it prints, how it fails, what it leaves behind."""
 
 import json
+import re
+import signal
 
 import numpy as np
 import pytest
 from PIL import Image
 from toy import clip_and_priors
 
+from f4x_core import __version__
 from f4x_core.cli import fitting as cli_fitting
 from f4x_core.cli import main
+from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.fit import pipeline
 from f4x_core.scene import read_scene
 
@@ -23,9 +27,9 @@ def write_frames(folder, frames):
 def fails(capsys, *arguments):
     """Run a command that must fail; return its one sentence."""
     assert main([*map(str, arguments)]) == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and lines[0].startswith(f"f4x {arguments[0]}: ")
-    return lines[0]
+    *stages, sentence = capsys.readouterr().err.splitlines()
+    assert stages in ([], ["reading clip"]) and sentence.startswith(f"f4x {arguments[0]}: ")
+    return sentence
 
 
 @pytest.fixture
@@ -56,7 +60,11 @@ def test_fit_leaves_its_files_and_the_other_verbs_read_them(toy_fit, tmp_path, c
     assert scene.held_out == (3, 7) and len(scene.cameras) == 8 and scene.needs
 
     assert main(["info", str(out / "scene.f4x"), "--json"]) == 0
-    json.loads(capsys.readouterr().out)
+    assert json.loads(capsys.readouterr().out)["frames"] == 8
+    assert main(["info", str(out / "scene.f4x")]) == 0
+    told = capsys.readouterr()
+    assert told.err == "" and 8 <= len(told.out.splitlines()) <= 12
+    assert "64x40" in told.out and str(folder) in told.out and __version__ in told.out
 
     assert main(["eval", str(out / "scene.f4x"), "--clip", str(folder), "--json", "--refine-camera"]) == 0
     measured = json.loads(capsys.readouterr().out)
@@ -72,6 +80,8 @@ def test_fit_leaves_its_files_and_the_other_verbs_read_them(toy_fit, tmp_path, c
     for path in ("orbit", "frozen:2.5"):
         assert main(["render", str(out / "scene.f4x"), "-o", str(tmp_path / path[:4]), "--path", path, "--json"]) == 0
     assert main(["export", str(out / "scene.f4x"), "-o", str(tmp_path / "one.ply"), "--time", "2", "--json"]) == 0
+    assert main(["export", str(out / "scene.f4x"), "-o", str(tmp_path / "all"), "--json"]) == 0
+    assert sorted(path.name for path in (tmp_path / "all").iterdir())[0] == "clip_0000.ply"
 
 
 def test_eval_of_another_clip_is_refused(toy_fit, tmp_path, capsys):
@@ -112,8 +122,18 @@ def test_render_refuses_unknown_channels_and_paths(toy_fit, tmp_path, capsys):
     scene = out / "scene.f4x"
     assert "smell" in fails(capsys, "render", scene, "-o", tmp_path / "r", "--channels", "smell")
     assert "frozen:T" in fails(capsys, "render", scene, "-o", tmp_path / "r", "--path", "frozen:now")
-    fails(capsys, "render", scene, "-o", tmp_path / "r", "--path", tmp_path / "absent.json")
-    assert not (tmp_path / "r").exists()
+    for path in (tmp_path / "absent.json", "sideways", "frozen"):
+        sentence = fails(capsys, "render", scene, "-o", tmp_path / "r", "--path", path)
+        assert "original, orbit, frozen:T" in sentence and "(0 to 7)" in sentence
+    for time in ("nan", 99, -1):
+        assert "frames, 0 to 7" in fails(capsys, "render", scene, "-o", tmp_path / "r", "--path", f"frozen:{time}")
+        assert "frames, 0 to 7" in fails(capsys, "export", scene, "-o", tmp_path / "r.ply", f"--time={time}")
+    for degrees in ("nan", 0, -5, 90, 400):
+        assert "above 0 and below 90" in fails(capsys, "render", scene, "-o", tmp_path / "r", f"--degrees={degrees}")
+    assert "use --backend auto" in fails(capsys, "render", scene, "-o", tmp_path / "r", "--backend", "gsplat")
+    assert "FILE.ply" in fails(capsys, "export", scene, "-o", tmp_path / "r", "--time", 2)
+    assert "FILE.ply" in fails(capsys, "export", scene, "-o", tmp_path / "r.ply")
+    assert not (tmp_path / "r").exists() and not (tmp_path / "r.ply").exists()
 
 
 def test_doctor_names_every_backend(capsys):
@@ -121,3 +141,33 @@ def test_doctor_names_every_backend(capsys):
     report = json.loads(capsys.readouterr().out)
     assert set(report["backends"]) == {"native", "torch"}
     assert "ms for" in report["backends"]["torch"]
+
+
+def test_a_log_gets_one_line_per_stage(capsys):
+    with TerminalProgress() as progress:
+        for done in range(4):
+            progress("flow", done, 3)
+            progress("tracks", done, 9, "a message")
+    assert capsys.readouterr().err.splitlines() == ["flow", "tracks"]
+
+
+def test_bars_are_complete_in_the_end_and_fit_a_narrow_terminal(capsys, monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # rich draws as on a terminal
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "80")
+    with TerminalProgress() as progress:
+        progress("scaffold geometry", 2901, 3000, "a long message that no narrow terminal has room for, not at all")
+    last = capsys.readouterr().err.replace("\r", "\n").splitlines()[-2:]
+    plain = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", "".join(last)).strip()
+    assert "3000/3000" in plain and plain.endswith("…") and len(plain) <= 80
+
+
+def test_ctrl_c_is_announced_and_before_the_first_report_answered_at_once(capsys):
+    with pytest.raises(KeyboardInterrupt), TerminalProgress():
+        signal.raise_signal(signal.SIGINT)
+    assert capsys.readouterr().err == ""
+    with pytest.raises(KeyboardInterrupt), TerminalProgress() as progress:
+        progress("flow", 0, 2)
+        signal.raise_signal(signal.SIGINT)
+        progress("flow", 1, 2)
+    assert "press Ctrl-C again" in capsys.readouterr().err

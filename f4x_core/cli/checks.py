@@ -1,0 +1,53 @@
+"""What arguments have to be, whichever verb they belong to; refused before any work."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import F4xError
+from ..raster import why_not
+
+if TYPE_CHECKING:
+    from ..scene import Scene
+
+
+def path_argument(text: str) -> Path:
+    """The path that a person gave. An empty one, which is what an unset shell variable gives, is not the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the path is empty; write one, or . for the current folder")
+    return Path(text)
+
+
+def output_folder(args: argparse.Namespace) -> Path:
+    """The folder that a verb with `-o` writes into; for the one file of `export --time`, the folder it lies in."""
+    output: Path = args.output
+    if args.verb != "export":
+        return output
+    if (args.time is not None) != (output.suffix.lower() == ".ply"):
+        raise F4xError(f"-o {output}: give FILE.ply together with --time T, and a folder for all frames.")
+    return output if args.time is None else output.parent
+
+
+def require_folder(folder: Path) -> None:
+    """Raise F4xError when a file is in the way of an output folder."""
+    for place in (folder, *folder.parents):
+        if place.is_dir():
+            return
+        if place.exists():
+            raise F4xError(f"-o {folder}: {place} is a file; give a folder, which is made where it does not exist.")
+
+
+def require_backend(name: str) -> None:
+    """Raise F4xError when the backend that `--backend` names cannot run here."""
+    reason = why_not(name)
+    if reason is not None:
+        raise F4xError(f"--backend {name} cannot run here ({reason}); use --backend auto or torch.")
+
+
+def require_time(scene: Scene, time: float, flag: str) -> None:
+    """Raise F4xError when `time`, given by `flag`, lies outside the clip of `scene`."""
+    first, last = scene.cameras.times[[0, -1]]
+    if not first <= time <= last:
+        raise F4xError(f"{flag}: T must lie within the clip's frames, {first:g} to {last:g}.")
