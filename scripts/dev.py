@@ -8,6 +8,7 @@ import argparse
 import hashlib
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import venv
@@ -19,6 +20,12 @@ REQUIREMENTS = ROOT / "scripts" / "requirements.txt"
 STAMP = VENV / "installed.sha256"
 # Blender 4.5 LTS ships its Python module for this version only.
 PYTHON = (3, 11)
+VERBS = {
+    "demo": "a rendered clip all the way to a Blender file; takes the options of `f4x demo` (demo --help)",
+    "test": "the everyday tests; takes the options of pytest, such as a file, or -m real for the real clips",
+    "lint": "ruff check, ruff format --check and mypy",
+    "setup": "only make .venv, install what is pinned, and build the native kernel",
+}
 
 
 def venv_python() -> Path:
@@ -69,7 +76,11 @@ def build_kernel() -> None:
 
 
 def run(command: list[str]) -> int:
-    """Run a command of the environment from the repository's root; returns its exit code."""
+    """Run a command of the environment from the repository's root; returns its exit code.
+
+    Ctrl-C is the command's to answer, which may have to save something first; this process waits for its end.
+    """
+    signal.signal(signal.SIGINT, lambda *_: None)  # unlike SIG_IGN, a handler is not inherited by the command
     return subprocess.run([str(venv_python()), *command], cwd=ROOT, check=False).returncode
 
 
@@ -90,15 +101,22 @@ def lint() -> int:
 
 def main() -> int:
     """Parse the command line and run one verb."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("verb", choices=["demo", "test", "lint", "setup"])
-    verb, rest = parser.parse_known_args()
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="verbs:\n" + "\n".join(f"  {name:<7}{description}" for name, description in VERBS.items()),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("verb", choices=VERBS, metavar="VERB", help="one of: " + ", ".join(VERBS))
+    parser.add_argument("options", nargs=argparse.REMAINDER, help="what the verb takes, --help too")
+    args = parser.parse_args()
+    if args.options and args.verb in ("lint", "setup"):
+        parser.error(f"{args.verb} takes no options")
     ensure_environment()
-    if verb.verb == "demo":
-        return run(["-m", "f4x_core", "demo", *rest])
-    if verb.verb == "test":
-        return test(rest)
-    return lint() if verb.verb == "lint" else 0
+    if args.verb == "demo":
+        return run(["-m", "f4x_core", "demo", *args.options])
+    if args.verb == "test":
+        return test(args.options)
+    return lint() if args.verb == "lint" else 0
 
 
 if __name__ == "__main__":

@@ -28,8 +28,18 @@ def load_extension() -> ModuleType:
 
 
 def arguments() -> list[str]:
-    """The arguments meant for the script: what follows `--` in Blender, all of them in plain Python."""
-    return sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    """The arguments meant for the script: what follows `--` in Blender, all of them in plain Python.
+
+    Raises:
+        F4xError: Blender without `--`.
+    """
+    if "--" in sys.argv:
+        return sys.argv[sys.argv.index("--") + 1 :]
+    if Path(sys.argv[0]).suffix != ".py":  # then it is Blender's own path, and all that follows is Blender's
+        from feature4x.f4x_core.errors import F4xError
+
+        raise F4xError("write -- before the arguments of the script: blender -b -P SCRIPT.py -- SCENE.f4x OUT.blend")
+    return sys.argv[1:]
 
 
 def run(main: Callable[[list[str]], None]) -> None:

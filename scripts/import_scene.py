@@ -6,6 +6,7 @@ blender -b --factory-startup --python-exit-code 1 -P scripts/import_scene.py -- 
 
 import argparse
 import sys
+import tempfile
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
@@ -26,12 +27,27 @@ def main(arguments: list[str]) -> None:
     root = import_scene(options.scene)
     bpy.context.scene.render.engine = "CYCLES"  # the one engine that also works without a display
     bpy.context.scene.cycles.samples = 16
+    out = options.out.resolve()
     try:
-        options.out.resolve().parent.mkdir(parents=True, exist_ok=True)
-        bpy.ops.wm.save_as_mainfile(filepath=str(options.out.resolve()))
+        out.parent.mkdir(parents=True, exist_ok=True)
+        bpy.ops.wm.save_as_mainfile(filepath=str(out))
     except (OSError, RuntimeError) as error:
-        raise F4xError(f"{options.out} cannot be written ({error}); choose another place.") from error
+        reason = refusal(out.parent, options.scene.stat().st_size) or " ".join(str(error).split())
+        raise F4xError(
+            f"{options.out} cannot be written ({reason}); make room there or choose another place."
+        ) from error
     print(f"{options.out}: {root.name} with {len(root.children)} objects")
+
+
+def refusal(folder: Path, size: int) -> str | None:
+    """Why `folder` does not take a file of `size` bytes; None when it does. Blender calls a full disk a missing file."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(size))
+            file.flush()
+    except OSError as error:
+        return error.strerror
+    return None
 
 
 door.run(main)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import F4xError
-from ..raster import why_not
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -41,6 +40,8 @@ def require_folder(folder: Path) -> None:
 
 def require_backend(name: str) -> None:
     """Raise F4xError when the backend that `--backend` names cannot run here."""
+    from ..raster import why_not
+
     reason = why_not(name)
     if reason is not None:
         raise F4xError(f"--backend {name} cannot run here ({reason}); use --backend auto or torch.")

@@ -12,7 +12,6 @@ from ..clip import Clip, read_clip
 from ..errors import F4xError
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
-from ..fit.diagnostics import worst_frames, write_diagnostics
 from ..fit.pipeline import FitResult, fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress
@@ -70,6 +69,8 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:
     """Fit, measure, and leave `scene.f4x`, `metrics.json`, `diagnostics.html` and checkpoints in `folder`."""
     result = fit_clip(clip, folder, config, progress, resume)
+    from ..fit.diagnostics import worst_frames, write_diagnostics  # matplotlib: a second that the start need not wait
+
     scene = scene_of(clip, result)
     metrics = evaluate(scene, clip, baselines=True, backend=config.backend, progress=progress)
     figures = {name: value for name, value in metrics.items() if name != "frames"}

@@ -12,12 +12,13 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import Cancelled, F4xError
-from ..raster import BACKENDS
 from .checks import output_folder, path_argument, require_backend, require_folder
 from .terminal import TerminalProgress
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+# What all figures of the project were measured at; a phone's full size would take a CPU a day.
+WIDTH = 480
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
 ADVICE = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room there or choose another place"),
@@ -36,6 +37,8 @@ class Parser(argparse.ArgumentParser):
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of every verb."""
+    from ..raster import BACKENDS  # with numpy: where an early Ctrl-C is answered already
+
     parser = Parser(prog="f4x", description="From one video to a 4D scene that moves, in Blender too.")
     parser.add_argument("--version", action="version", version=f"f4x {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
@@ -55,7 +58,12 @@ def build_parser() -> argparse.ArgumentParser:
 
     def clip_options(sub: argparse.ArgumentParser) -> None:
         sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the frames to use")
-        sub.add_argument("--width", type=int, help="fit at this picture width in pixels; pictures are never enlarged")
+        sub.add_argument(
+            "--width",
+            type=int,
+            default=WIDTH,
+            help=f"fit at this picture width in pixels (default: {WIDTH}); pictures are never enlarged",
+        )
         sub.add_argument("--hold-out", type=int, metavar="N", help="keep frames with index %% N == N-1 for measuring")
         sub.add_argument(
             "--masks", metavar="DIR", help="folder of masks of what moves, or 'layout' for the data set's own"

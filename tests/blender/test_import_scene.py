@@ -207,3 +207,23 @@ def test_a_bad_file_is_one_sentence(tmp_path, content):
     assert done.returncode == 2
     assert "broken.f4x" in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "out.blend").exists()
+
+
+def test_blender_without_the_two_dashes_is_told_so():
+    """Blender names itself first, and without `--` every argument is its own."""
+    start = f"import sys; sys.argv[0] = 'blender'; sys.path.insert(0, {str(SCRIPT.parent)!r}); import import_scene"
+    done = run("-c", start, "-b", "-P", str(SCRIPT), "tiny.f4x", "tiny.blend")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "write -- before" in done.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no such limits there")
+def test_a_full_disk_is_named(tmp_path):
+    file = tmp_path / "tiny.f4x"
+    write_scene(tiny_scene(), file)
+    limited = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)); import runpy, sys"
+    start = f"{limited}; sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0], run_name='__main__')"
+    done = run("-c", start, str(SCRIPT), str(file), str(tmp_path / "out.blend"))
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "out.blend" in done.stderr and "File too large" in done.stderr
+    assert not (tmp_path / "out.blend").exists()
