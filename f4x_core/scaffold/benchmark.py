@@ -68,18 +68,18 @@ def _forms(count: int) -> tuple[dict[str, Any], dict[str, float]]:
     deformer = Deformer(times, np.zeros(count, np.int64), neighbours, NODES)
     pairs, last = deformer.pairs, times[-1]
     table = relative_motions(times, xyz, quat, pairs, last)
-    nodes = [torch.from_numpy(a).requires_grad_() for a in (xyz, quat)]
+    place, turn = (torch.from_numpy(a).requires_grad_() for a in (xyz, quat))
     weight = torch.from_numpy(weights).requires_grad_()
     index = torch.from_numpy(pairs.index)
 
     def gather() -> None:
-        motions = relative_motions(times, *nodes, pairs, last)
+        motions = relative_motions(times, place, turn, pairs, last)
         q, t = blend_reference(motions[index], weight, torch.ones(count))
-        torch.autograd.grad(q.sum() + t.sum(), [*nodes, weight])
+        torch.autograd.grad(q.sum() + t.sum(), [place, turn, weight])
 
     def sparse() -> None:
-        q, t = deformer(*nodes, weight, None, last)
-        torch.autograd.grad(q.sum() + t.sum(), [*nodes, weight])
+        q, t = deformer(place, turn, weight, None, last)
+        torch.autograd.grad(q.sum() + t.sum(), [place, turn, weight])
 
     def through_numpy() -> tuple[np.ndarray, np.ndarray]:
         rotation, xyz = pose.compose(*blend(table, pairs.index, weights, strength), quats, means)
