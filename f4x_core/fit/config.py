@@ -4,12 +4,14 @@ Lengths are in world units (median scene depth = 1), steps are optimiser steps, 
 """
 
 import dataclasses
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ..errors import F4xError
 from ..gaussians import DensityConfig, SpawnConfig
 from ..priors import PriorsConfig, TracksConfig
+from ..raster import choose_backend
 from ..scaffold.skinning import Kernel
 
 
@@ -173,6 +175,16 @@ class FitConfig:
     """Raster backend."""
     threads: int = 0
     """Threads of raster and torch; 0 = all cores. Results are bit-equal for an equal count."""
+
+    @property
+    def all_threads(self) -> int:
+        """`threads` as a number."""
+        return self.threads or os.cpu_count() or 1
+
+    @property
+    def native_threads(self) -> int:
+        """Threads of the compiled library; 0 where torch does its work."""
+        return self.all_threads if choose_backend(self.backend) == "native" else 0
 
 
 def _quick() -> FitConfig:

@@ -13,8 +13,9 @@ from torch import Tensor
 from ..gaussians import DynamicGaussians, StaticGaussians, appearance
 from ..geometry import quaternion
 from ..geometry.camera import CameraPath
-from ..raster import RasterConfig, RasterOutput, rasterize
+from ..raster import RasterConfig, RasterOutput, choose_backend, rasterize
 from ..scaffold import Scaffold
+from ..scaffold.deformation_native import NativeDeformer
 from ..scaffold.deformation_torch import Deformer
 from ..scaffold.distance import curve_distance
 from ..scaffold.graph import GraphConfig, multilevel_edges
@@ -160,15 +161,21 @@ class SceneModel:
         nodes: NodeSet | None,
         rig: CameraRig,
         kernel: Kernel,
+        threads: int = 0,
     ):
-        """Put the parts together; `dynamic` and `nodes` are None where nothing moves. `kernel`: skinning kernel."""
+        """Put the parts together; `dynamic` and `nodes` are None where nothing moves. `kernel`: skinning kernel.
+
+        With `threads` the compiled library moves the Gaussians, without torch does.
+        """
         self.static, self.dynamic, self.nodes, self.rig, self.kernel = static, dynamic, nodes, rig, kernel
+        self.threads = threads
         self.times = rig.path.times
         self.topology_changed()
 
     def topology_changed(self) -> None:
         """Forget what was derived from the graph and from which Gaussian hangs where."""
-        self.__dict__.pop("_carried", None)
+        for name in ("_carried", "_native"):
+            self.__dict__.pop(name, None)
 
     @cached_property
     def _carried(self) -> tuple[Tensor, Deformer]:
@@ -177,6 +184,12 @@ class SceneModel:
         attach, reference = self.dynamic.labels["attach"], self.dynamic.labels["reference"]
         deformer = Deformer(self.times, reference, self.nodes.neighbours[attach], len(self.nodes.scaffold))
         return self.nodes.edge_mask[attach], deformer
+
+    @cached_property
+    def _native(self) -> NativeDeformer:
+        """The deformer of the compiled library."""
+        mask, deformer = self._carried
+        return NativeDeformer(deformer, mask, self.kernel, self.threads)
 
     def skinning(self, x_reference: Tensor) -> tuple[Tensor, Tensor]:
         """Weights (N,K) and identity strength (N,) of the dynamic Gaussians at their reference positions (N,3)."""
@@ -192,7 +205,13 @@ class SceneModel:
     def dynamic_at(self, *times: float) -> list[tuple[Tensor, Tensor]]:
         """Positions (N,3) and orientations (N,4) of the dynamic Gaussians at each of `times` (clip frame indices)."""
         assert self.dynamic is not None and self.nodes is not None
-        xyz, quat = self.nodes.parameters["node_xyz"], self.nodes.quat
+        xyz = self.nodes.parameters["node_xyz"]
+        if self.threads:
+            own = self.dynamic.parameters
+            dw = own["dw"] if self.dynamic.use_dw else None
+            poses = xyz, self.nodes.parameters["node_quat"], self.nodes.radius
+            return self._native(own["local_xyz"], own["local_quat"], dw, *poses, times)
+        quat = self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)
         weights, strength = self.skinning(x)
         deformer = self._carried[1]
@@ -230,7 +249,9 @@ class SceneModel:
     ) -> RasterOutput:
         """Composite rgb (3 channels), then `extra` (N,E) channels; the background (3,) is added to rgb only."""
         centre = -(view[:3, :3].T @ view[:3, 3]).detach()
-        colors = appearance(posed.sh, posed.means, quaternion.normalize(posed.quats), centre)
+        config = config or RasterConfig()
+        threads = config.threads if choose_backend(backend, posed.means) == "native" else 0
+        colors = appearance(posed.sh, posed.means, posed.quats, centre, threads)
         if extra is not None:
             colors = torch.cat([colors, extra], 1)
         if background is not None and extra is not None:

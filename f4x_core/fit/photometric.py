@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from ..errors import Cancelled
 from ..gaussians import DensityControl, DynamicGaussians, SetOptimiser, StaticGaussians
 from ..priors import Priors
 from ..progress import Progress, silent
-from ..raster import RasterConfig, choose_backend
+from ..raster import RasterConfig
 from ..scaffold.losses import arap_losses, smoothness_losses
 from ..scaffold.optimise import with_graph
 from .checkpoint import save_checkpoint
@@ -94,9 +93,7 @@ class PhotometricStage:
         self.step = 0
         self.history: list[dict[str, float]] = []
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
-        self.raster = RasterConfig(threads=config.threads or os.cpu_count() or 1)
-        native = choose_backend(config.backend, model.static.parameters["xyz"]) == "native"
-        self.native_threads = self.raster.threads if native else 0
+        self.raster = RasterConfig(threads=config.all_threads)
         self._start_optimisers()
 
     def _start_optimisers(self) -> None:
@@ -208,7 +205,7 @@ class PhotometricStage:
         )
         target = data.rgb[frame].float() / 255
         attention = 1 + (weights.moving - 1) * data.motion[frame].float()  # (H,W)
-        loss = rgb_loss(out.channels[..., :3], target, attention, weights.ssim, self.native_threads)
+        loss = rgb_loss(out.channels[..., :3], target, attention, weights.ssim, model.threads)
         if weights.depth:
             confidence = data.confidence[frame].float()
             loss = loss + weights.depth * depth_loss(out.depth, out.alpha, data.depth[frame], confidence)

@@ -158,11 +158,11 @@ def _start(
     if len(static) == 0:
         raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
     if scaffold is None:
-        model = SceneModel(static, None, None, rig, config.scaffold.kernel)
+        model = SceneModel(static, None, None, rig, config.scaffold.kernel, config.native_threads)
         return PhotometricStage(model, clip, priors, config, next_id=len(static)), needs
     nodes = NodeSet(scaffold, GraphConfig(neighbours=config.scaffold.neighbours))
     dynamic = _spawn_dynamic(clip, priors, config, degree, static, nodes, rig, rng, progress)
-    model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel)
+    model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.native_threads)
     return PhotometricStage(model, clip, priors, config, next_id=len(static) + len(dynamic)), needs
 
 
@@ -227,7 +227,7 @@ def _spawn_dynamic(
         existing = np.zeros((0, 3), np.float32)
         if dynamic is not None and len(dynamic):
             with torch.no_grad():
-                model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel)
+                model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.native_threads)
                 existing = model.dynamic_at(float(priors.cameras.times[frame]))[0][0].numpy()
         depth = priors.depth[frame]
         valid = np.isfinite(depth) & (depth > 0) & priors.mask[frame]

@@ -25,6 +25,37 @@ F4X_HOT float minimum(float a, float b) { return a < b ? a : b; }
 F4X_HOT float maximum(float a, float b) { return a > b ? a : b; }
 F4X_HOT float root(float x) { return std::sqrt(x); }
 
+// Eight rows of eight become their columns, in place.
+F4X_HOT void transpose(f8* rows) {
+#if defined(F4X_AVX2)
+    __m256 pairs[8], fours[8];
+    F4X_UNROLL
+    for (int i = 0; i < 8; i += 2) {
+        pairs[i] = _mm256_unpacklo_ps((__m256)rows[i], (__m256)rows[i + 1]);
+        pairs[i + 1] = _mm256_unpackhi_ps((__m256)rows[i], (__m256)rows[i + 1]);
+    }
+    F4X_UNROLL
+    for (int i = 0; i < 8; i += 4) {
+        fours[i] = _mm256_shuffle_ps(pairs[i], pairs[i + 2], 0x44);
+        fours[i + 1] = _mm256_shuffle_ps(pairs[i], pairs[i + 2], 0xee);
+        fours[i + 2] = _mm256_shuffle_ps(pairs[i + 1], pairs[i + 3], 0x44);
+        fours[i + 3] = _mm256_shuffle_ps(pairs[i + 1], pairs[i + 3], 0xee);
+    }
+    F4X_UNROLL
+    for (int i = 0; i < 4; ++i) {
+        rows[i] = (f8)_mm256_permute2f128_ps(fours[i], fours[i + 4], 0x20);
+        rows[i + 4] = (f8)_mm256_permute2f128_ps(fours[i], fours[i + 4], 0x31);
+    }
+#else
+    for (int i = 0; i < 8; ++i)
+        for (int j = 0; j < i; ++j) {
+            const float swapped = rows[i][j];
+            rows[i][j] = rows[j][i];
+            rows[j][i] = swapped;
+        }
+#endif
+}
+
 #if defined(F4X_AVX2)
 F4X_HOT f8 root(const f8& x) { return (f8)_mm256_sqrt_ps((__m256)x); }
 F4X_HOT uint32_t mask_bits(const i8& mask) { return uint32_t(_mm256_movemask_ps((__m256)mask)); }

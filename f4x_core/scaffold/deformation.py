@@ -30,7 +30,7 @@ class Pairs:
     reference: np.ndarray
     """(P,) int64 index into the scaffold's times; pairs are ordered by reference, then node."""
     index: np.ndarray
-    """(N, K) int64 table row of every Gaussian's every slot, the attach node's first."""
+    """(N, K) int32 table row of every Gaussian's every slot, the attach node's first."""
 
 
 def pairs_of(neighbours: np.ndarray, reference: np.ndarray) -> Pairs:
@@ -38,7 +38,7 @@ def pairs_of(neighbours: np.ndarray, reference: np.ndarray) -> Pairs:
     stride = int(neighbours.max(initial=0)) + 1
     keys = reference[:, None].astype(np.int64) * stride + neighbours
     used, index = np.unique(keys, return_inverse=True)
-    return Pairs(used % stride, used // stride, index.reshape(neighbours.shape))
+    return Pairs(used % stride, used // stride, index.reshape(neighbours.shape).astype(np.int32))
 
 
 def interpolation_stencil(times: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray]:

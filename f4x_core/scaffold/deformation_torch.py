@@ -6,6 +6,7 @@ structures depend only on the topology and are built once.
 """
 
 import warnings
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -211,16 +212,32 @@ class Deformer:
         neighbours, reference = _numpy(neighbours), _numpy(reference)
         pairs = pairs_of(neighbours, reference)
         self.pairs = pairs
-        self.structure = SparseRows(pairs.index, len(pairs.node), device)
         self.node = torch.as_tensor(pairs.node, device=device)  # (P,)
         self.then = torch.as_tensor(pairs.reference * nodes + pairs.node, device=device)  # (P,) row of (F M)
-        # The signs of equal (attach row, slot row) edges are equal, and there are fewer edges than slots.
-        keys = pairs.index[:, :1].astype(np.int64) * max(len(pairs.node), 1) + pairs.index
-        edges, edge_of_slot = np.unique(keys, return_inverse=True)
-        self.edge_attach = torch.as_tensor(edges // max(len(pairs.node), 1), device=device)  # (E,)
-        self.edge_slot = torch.as_tensor(edges % max(len(pairs.node), 1), device=device)
-        self.edge_of_slot = torch.as_tensor(edge_of_slot.reshape(-1), device=device)  # (N K,)
-        self.neighbour_structure = SparseRows(neighbours, nodes, device)
+        self._neighbours, self._nodes, self._device = neighbours, nodes, device
+
+    # Built when first used: the compiled library does without.
+
+    @cached_property
+    def structure(self) -> SparseRows:
+        """Which pairs each Gaussian follows."""
+        return SparseRows(self.pairs.index, len(self.pairs.node), self._device)
+
+    @cached_property
+    def neighbour_structure(self) -> SparseRows:
+        """Which nodes each Gaussian follows."""
+        return SparseRows(self._neighbours, self._nodes, self._device)
+
+    @cached_property
+    def edges(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Table rows `(E,)` of attach node and neighbour for every different two, and the edge `(N K,)` of each slot.
+
+        The signs of equal edges are equal, and there are fewer edges than slots.
+        """
+        index, stride = self.pairs.index, max(len(self.pairs.node), 1)
+        edges, edge_of_slot = np.unique(index[:, :1].astype(np.int64) * stride + index, return_inverse=True)
+        attach, slot = (torch.as_tensor(part, device=self._device) for part in (edges // stride, edges % stride))
+        return attach, slot, torch.as_tensor(edge_of_slot.reshape(-1), device=self._device)
 
     def __call__(
         self,
@@ -252,9 +269,10 @@ class Deformer:
     def slot_signs(self, table: torch.Tensor) -> torch.Tensor:
         """Return `(N, K)` +1 or -1, without gradient, see `deformation.slot_signs`."""
         real = table.detach()[:, :4]
-        dots = (real.index_select(0, self.edge_attach) * real.index_select(0, self.edge_slot)).sum(1)
+        attach, slot, edge_of_slot = self.edges
+        dots = (real.index_select(0, attach) * real.index_select(0, slot)).sum(1)
         signs = torch.where(dots < -SIGN_BAND, -1.0, 1.0).to(table.dtype)
-        return signs.index_select(0, self.edge_of_slot).view(-1, self.structure.slots)
+        return signs.index_select(0, edge_of_slot).view(-1, self.structure.slots)
 
     def skinning(
         self,

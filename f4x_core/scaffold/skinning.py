@@ -8,9 +8,9 @@ from ..geometry.arrays import Array, namespace
 
 Kernel = Literal["sigma", "paper"]
 
-_FLOOR = 1e-6
+FLOOR = 1e-6
 """Every valid neighbour weighs at least this, so a far point still follows its neighbours in proportion (MoSca v2)."""
-_SMALLEST_SPREAD = 1e-12
+SMALLEST_SPREAD = 1e-12
 """Lower bound of sigma^2 or r: a node with radius 0 carries exactly the points that lie on it."""
 
 
@@ -35,12 +35,12 @@ def skinning_weights(
     offset = x[..., None, :] - node_x  # (N, K, 3)
     squared = (offset * offset).sum(axis=-1)
     spread = radius * radius if kernel == "sigma" else radius
-    raw = (xp.exp(-0.5 * squared / xp.clip(spread, _SMALLEST_SPREAD, None)) + _FLOOR) * mask
+    raw = (xp.exp(-0.5 * squared / xp.clip(spread, SMALLEST_SPREAD, None)) + FLOOR) * mask
     if dw is not None:
         corrected = abs(raw + dw) * mask
         if keep_sum:
             before, after = raw.sum(axis=-1, keepdims=True), corrected.sum(axis=-1, keepdims=True)
-            corrected = corrected * (before / xp.clip(after, _FLOOR, None))
+            corrected = corrected * (before / xp.clip(after, FLOOR, None))
         raw = corrected
     total = raw.sum(axis=-1, keepdims=True)
     # The divisor is made safe first: a point without weights keeps zeros, and its gradient stays finite.

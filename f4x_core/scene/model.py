@@ -15,10 +15,11 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from ..errors import F4xError
-from ..geometry import pose, quaternion, spherical_harmonics
+from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera, CameraPath
 from ..scaffold import Scaffold
-from ..scaffold.deformation import Pairs, deform, pairs_of
+from ..scaffold.deformation import Pairs, pairs_of, relative_motions
+from ..scaffold.deformation_library import carry
 
 GAUSSIAN_ARRAYS = {
     "ids": ("<i8", ("N",)),
@@ -258,10 +259,10 @@ class Scene:
         if len(self.dynamic):
             scaffold = self.scaffold
             assert scaffold is not None  # checked on construction
-            carried = self._pairs, self.dynamic.weight, self.dynamic.strength
-            q, t = deform(scaffold.times, scaffold.xyz, scaffold.quat, *carried, time)
-            moved_rotation, moved_xyz = pose.compose(q, t, self.dynamic.rotation, self.dynamic.xyz)
-            xyz, rotation = np.concatenate([xyz, moved_xyz]), np.concatenate([rotation, moved_rotation])
+            dynamic, pairs = self.dynamic, self._pairs
+            table = relative_motions(scaffold.times, scaffold.xyz, scaffold.quat, pairs, time)
+            moved = carry(table, pairs.index, dynamic.weight, dynamic.strength, dynamic.xyz, dynamic.rotation)
+            xyz, rotation = (np.concatenate(parts) for parts in zip((xyz, rotation), moved, strict=True))
         return Posed(
             means=xyz.astype(np.float32, copy=False),
             quats=quaternion.normalize(rotation).astype(np.float32, copy=False),
