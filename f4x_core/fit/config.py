@@ -1,4 +1,4 @@
-"""Every setting of the fit, one documented field each, and the named profiles (algorithm notes 19).
+"""Every setting of the fit, one documented field each, and the named profiles.
 
 Lengths are in world units (median scene depth = 1), steps are optimiser steps, rates are Adam's.
 """
@@ -83,7 +83,7 @@ class RateConfig:
 
 @dataclass(frozen=True)
 class LossConfig:
-    """Weights of the losses (algorithm notes 10.1); 0 switches one off."""
+    """Weights of the losses; 0 switches one off."""
 
     ssim: float = 0.3
     """1 - SSIM beside the L1 of the picture, which is summed over channels."""

@@ -1,4 +1,4 @@
-"""Image losses of the photometric stage (algorithm notes 10.1). Every loss is 0 on an empty mask instead of dividing by zero."""
+"""Image losses of the photometric stage. Every loss is 0 on an empty mask instead of dividing by zero."""
 
 import math
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""Nodes come where Gaussians are carried badly, and go where they carry nothing (algorithm notes 10.6).
+"""Nodes come where Gaussians are carried badly, and go where they carry nothing.
 
 The reference copies Gaussians onto new nodes; here those that are nearest to a new node at their reference time move over to
 it instead, keeping their place in the world, and density control adds what is missing.

@@ -1,4 +1,4 @@
-"""The joint photometric stage: all Gaussians, the scaffold and the cameras against the frames (algorithm notes 10, 11)."""
+"""The joint photometric stage: all Gaussians, the scaffold and the cameras against the frames."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .node_control import add_nodes, drop_nodes
 NODE_RATES = {"node_xyz": "node_xyz", "node_quat": "node_quat", "radius_logit": "radius"}
 CAMERA_RATES = {"camera_rotation": "camera_rotation", "camera_position": "camera_position", "focal": "focal"}
 SCAFFOLD_ARRAYS = ("xyz", "quat", "radius", "certain", "ids", "neighbours", "edge_mask")
-# A correspondence further off than this many pixels is an outlier whose pull is capped (algorithm notes 10.2).
+# A correspondence further off than this many pixels is an outlier whose pull is capped.
 TRACK_CLAMP = 20.0
 # Frames rendered for one point of the quality curve.
 MEASURED_FRAMES = 4
@@ -236,7 +236,7 @@ class PhotometricStage:
     def _track_loss(self, frame: int, partner: int, there: Tensor, alpha: Tensor, data: FrameData) -> Tensor:
         """Mean capped distance (full-size pixels) between the tracks in `partner` and what is rendered to move there.
 
-        `there` (H,W,3): composited world positions at the partner's time, seen from `frame` (algorithm notes 10.2).
+        `there` (H,W,3): composited world positions at the partner's time, seen from `frame`.
         """
         both = self.tracks_visible[frame] & self.tracks_visible[partner]
         full = self.levels[0]

@@ -101,13 +101,14 @@ def fit_clip(
     stage.run(checkpoint, key, progress)
     lap("photometric")
     needs += [*more, _gaussian_need(stage, config)]
+    # Wall times stay out of the scene: the same clip, settings and seed give the same file.
+    unsaid = ("key", "seconds")
     provenance = {
         "feature4x": __version__,
         "source": clip.source,
         "config": resolved(config),
-        "priors": {name: {k: v for k, v in entry.items() if k != "key"} for name, entry in priors.provenance.items()},
+        "priors": {n: {k: v for k, v in entry.items() if k not in unsaid} for n, entry in priors.provenance.items()},
         "backend": choose_backend(config.backend, stage.model.static.parameters["xyz"]),
-        "seconds": seconds,
     }
     return _result(clip, stage, needs, priors, provenance, seconds)
 
@@ -195,6 +196,7 @@ def _spawn_static(
         existing = np.concatenate([existing, part.xyz])
         if len(existing) >= spawn.most:
             break
+    progress("spawn", len(chosen), len(chosen), "static")
     return spawn_static(_joined(parts, spawn.most), degree, spawn)
 
 
@@ -239,6 +241,7 @@ def _spawn_dynamic(
         dynamic = spawn_dynamic(joined, reference, node_xyz, node_quat, neighbours, degree, spawn, first_id=len(static))
         if len(joined.xyz) >= spawn.most:
             break
+    progress("spawn", len(chosen), len(chosen), "dynamic")
     assert dynamic is not None
     return dynamic
 

@@ -1,4 +1,4 @@
-"""Density control: where Gaussians are missing more are made, where they do nothing they go (algorithm notes 10.5).
+"""Density control: where Gaussians are missing more are made, where they do nothing they go.
 
 A strategy object records the screen-space gradient each step and changes the set at its period; the training loop only calls it.
 """

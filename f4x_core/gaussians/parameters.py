@@ -1,7 +1,7 @@
 """The two parameter sets that are optimised: Gaussians of the static world, and Gaussians carried by the scaffold.
 
 Values are stored unactivated (`log_scale`, `opacity_logit`). Colours are spherical harmonics whose directions are taken in
-the Gaussian's own frame, so that appearance turns with the surface (MoSca; algorithm notes 2.2).
+the Gaussian's own frame, so that appearance turns with the surface (MoSca).
 """
 
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Standard ways to look at a 4D scene: which camera at which time, one view per output frame (algorithm.md 15)."""
+"""Standard ways to look at a 4D scene: which camera at which time, one view per output frame."""
 
 from pathlib import Path
 from typing import NamedTuple

@@ -149,8 +149,8 @@ def solve_with_depth(
     """Cameras from tracks and a depth prior: field-of-view search, chained alignments, points from depth.
 
     `tracks (F, N, 2)`, `depth (F, H, W)` in any unit. Pairs of frames 10 and 20 apart are aligned by a similarity of their
-    lifted tracks for every candidate field of view; the least symmetric reprojection error wins (MoSca, section 4.1 b-c of
-    algorithm.md). Returns the solution in the unit of the depth, and the search curve.
+    lifted tracks for every candidate field of view; the least symmetric reprojection error wins (as in MoSca).
+    Returns the solution in the unit of the depth, and the search curve.
     """
     height = depth.shape[1]
     principal = np.array([width / 2, height / 2])

@@ -1,4 +1,4 @@
-"""Nodes come and go during the fit (algorithm.md 10.6). numpy; `rebase_local` also torch."""
+"""Nodes come and go during the fit. numpy; `rebase_local` also torch."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The curve distance D: how far two trajectories ever get apart (algorithm.md 5.2). numpy."""
+"""The curve distance D: how far two trajectories ever get apart. numpy."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The node graph: nearest curves, edges within reach, coarse levels for ARAP (algorithm.md 5.5). numpy."""
+"""The node graph: nearest curves, edges within reach, coarse levels for ARAP. numpy."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ def build_graph(
 
 
 def thin(distance_from: Callable[[int], np.ndarray], unit: float, order: np.ndarray) -> np.ndarray:
-    """Return the indices, in `order`, that are each farther than `unit` from all accepted before (algorithm.md 5.3).
+    """Return the indices, in `order`, that are each farther than `unit` from all accepted before.
 
     `distance_from(i)` gives the distances `(M,)` from `i` to all; it is asked for accepted indices only. Every index is
     within `unit` of an accepted one.

@@ -1,4 +1,4 @@
-"""Tracks and depth to 3-D curves over all supervised frames (algorithm.md 5.1). Needs scipy."""
+"""Tracks and depth to 3-D curves over all supervised frames. Needs scipy."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""As-rigid-as-possible and smoothness losses of the scaffold (algorithm.md 6.1). torch.
+"""As-rigid-as-possible and smoothness losses of the scaffold. torch.
 
 All losses are means over time and nodes, so their weights keep their meaning whatever the clip's length or the number
 of nodes. Norms are plain L2; where a norm is 0 its gradient is taken as 0.

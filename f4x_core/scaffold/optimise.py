@@ -1,4 +1,4 @@
-"""Geometric optimisation: the graph fills in what the tracks did not see and settles the rotations (algorithm.md 6)."""
+"""Geometric optimisation: the graph fills in what the tracks did not see and settles the rotations."""
 
 from dataclasses import dataclass, field, replace
 from typing import Literal

@@ -1,4 +1,4 @@
-"""The control radius `sigma = sigma_max * sigmoid(logit)` (algorithm.md 5.4). numpy or torch."""
+"""The control radius `sigma = sigma_max * sigmoid(logit)`. numpy or torch."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""First node rotations from the motion of the points around each node (algorithm.md 5.6). numpy."""
+"""First node rotations from the motion of the points around each node. numpy."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Which tracks become nodes, and how many a scene needs (algorithm.md 5.3). numpy and scipy."""
+"""Which tracks become nodes, and how many a scene needs. numpy and scipy."""
 
 from dataclasses import dataclass, field
 

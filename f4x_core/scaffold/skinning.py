@@ -1,4 +1,4 @@
-"""How strongly each node carries a Gaussian (MoSca Eq. 1; algorithm.md 5.7). numpy or torch; needs numpy alone."""
+"""How strongly each node carries a Gaussian (MoSca Eq. 1). numpy or torch; needs numpy alone."""
 
 from typing import Literal
 

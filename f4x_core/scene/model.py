@@ -252,8 +252,8 @@ class Scene:
     def posed(self, time: float) -> Posed:
         """Return all Gaussians at clip time `time` (frame index, float allowed).
 
-        Dynamic ones follow the dual-quaternion blend of their nodes' motion from their own reference time to `time`
-        (algorithm notes 5.7): x' = R x + t, R_g' = R R_g; scale, opacity and SH stay.
+        Dynamic ones follow the dual-quaternion blend of their nodes' motion from their own reference time to `time`:
+        x' = R x + t, R_g' = R R_g; scale, opacity and SH stay.
         """
         xyz, rotation = self.static.xyz, self.static.rotation
         if len(self.dynamic):

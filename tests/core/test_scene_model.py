@@ -24,7 +24,7 @@ def dual_quaternion(R, t):
 
 
 def posed_by_loop(scene, time):
-    """One Gaussian at a time, algorithm notes 5.7 written out with matrices: (means, rotation matrices)."""
+    """One Gaussian at a time, the blend written out with matrices: (means, rotation matrices)."""
     scaffold, dynamic = scene.scaffold, scene.dynamic
     x_now, q_now = node_poses_at(scaffold.times, scaffold.xyz.astype(float), scaffold.quat.astype(float), time)
     means, rotations = [], []
