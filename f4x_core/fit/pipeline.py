@@ -76,8 +76,8 @@ def fit_clip(
     """
     require_enough(clip)
     choose_backend(config.backend)
-    if config.threads:
-        torch.set_num_threads(config.threads)
+    # The compiled library brings its own threads; torch's beside them gain nothing and collapse when other work wants the cores.
+    torch.set_num_threads(1 if config.native_threads else config.all_threads)
     seconds: dict[str, float] = {}
     clock = time.perf_counter()
 
