@@ -1,4 +1,4 @@
-"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|lint|setup`.
+"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|lint|kernels|setup`.
 
 Standard library only. The first call makes `.venv`, installs the pinned packages and builds the native kernel; later calls
 find nothing to do and start at once.
@@ -20,10 +20,13 @@ REQUIREMENTS = ROOT / "scripts" / "requirements.txt"
 STAMP = VENV / "installed.sha256"
 # Blender 4.5 LTS ships its Python module for this version only.
 PYTHON = (3, 11)
+# The C++ compiler that builds for all platforms from any of them; 100 MB, so it comes only when it is asked for.
+ZIG = "ziglang==0.17.1"
 VERBS = {
     "demo": "a rendered clip all the way to a Blender file; takes the options of `f4x demo` (demo --help)",
     "test": "the everyday tests; takes the options of pytest, such as a file, or -m real for the real clips",
     "lint": "ruff check, ruff format --check and mypy",
+    "kernels": "compile the native library; with --all for every platform of the extension, by the package ziglang",
     "setup": "only make .venv, install what is pinned, and build the native kernel",
 }
 
@@ -99,6 +102,15 @@ def lint() -> int:
     return max(codes)
 
 
+def kernels(arguments: list[str]) -> int:
+    """Compile the native library, here or for every platform."""
+    if "--all" in arguments:
+        code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ZIG])
+        if code:
+            return code
+    return run(["-m", "f4x_core.native.build", *arguments])
+
+
 def main() -> int:
     """Parse the command line and run one verb."""
     parser = argparse.ArgumentParser(
@@ -116,6 +128,8 @@ def main() -> int:
         return run(["-m", "f4x_core", "demo", *args.options])
     if args.verb == "test":
         return test(args.options)
+    if args.verb == "kernels":
+        return kernels(args.options)
     return lint() if args.verb == "lint" else 0
 
 

@@ -67,9 +67,9 @@ class RateConfig:
     """View-dependent colour."""
     dw: float = 5e-3
     """Skinning offsets of Eq. 1."""
-    node_xyz: tuple[float, float] = (1.5e-3, 3e-5)
+    node_xyz: tuple[float, float] = (8e-4, 1.6e-5)
     """Node positions."""
-    node_quat: tuple[float, float] = (3e-3, 6e-5)
+    node_quat: tuple[float, float] = (1.6e-3, 3.2e-5)
     """Node orientations."""
     radius: float = 3e-3
     """Logarithm of the node radii."""
@@ -119,7 +119,7 @@ class FitConfig:
 
     name: str = "wild"
     """Name of the profile."""
-    steps: int = 4000
+    steps: int = 3200
     """Steps of the joint photometric stage."""
     coarse: float = 0.1
     """Share of the steps done at half resolution."""
@@ -129,13 +129,13 @@ class FitConfig:
     """Motion scaffold."""
     nodes: NodeConfig = field(default_factory=NodeConfig)
     """Node control during the photometric stage."""
-    spawn_static: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.65, most=90_000))
+    spawn_static: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=2.0, most=65_000))
     """Start of the static set."""
-    spawn_dynamic: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.3, most=30_000))
+    spawn_dynamic: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.5, most=22_000))
     """Start of the dynamic set."""
-    density_static: DensityConfig = field(default_factory=lambda: DensityConfig(most=120_000))
+    density_static: DensityConfig = field(default_factory=lambda: DensityConfig(most=80_000))
     """Growth of the static set."""
-    density_dynamic: DensityConfig = field(default_factory=lambda: DensityConfig(most=45_000, gradient=1e-4))
+    density_dynamic: DensityConfig = field(default_factory=lambda: DensityConfig(most=30_000, gradient=1e-4))
     """Growth of the dynamic set."""
     sh_degree: int | None = None
     """Degree of the spherical harmonics; None = by the evidence in the tracks, at most `most_sh_degree`."""
@@ -194,6 +194,7 @@ def _quick() -> FitConfig:
         coarse=0.15,
         priors=PriorsConfig(tracks=TracksConfig(count=6000)),
         scaffold=ScaffoldConfig(most_nodes=150, geometry_steps=150),
+        rates=RateConfig(node_xyz=(1.5e-3, 3e-5), node_quat=(3e-3, 6e-5)),  # fewer steps have to go as far
         spawn_static=SpawnConfig(spacing=2.4, most=40_000),
         spawn_dynamic=SpawnConfig(spacing=1.8, most=14_000),
         density_static=DensityConfig(most=50_000, every=200),

@@ -1,29 +1,40 @@
-"""Where the compiled library lies and how it is opened. Standard library and numpy alone."""
+"""Where the compiled library lies and how it is opened. Standard library alone: the build asks here too."""
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
+import platform
 import sys
-import sysconfig
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 ROOM = Path(__file__).parent
 FOLDER = ROOM / "_build"
 SOURCES = tuple(sorted(ROOM.glob("*.cpp")))
-SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+SUFFIXES = {"windows": ".dll", "macos": ".dylib"}  # others: .so
+
+
+def this_platform() -> str:
+    """Operating system and processor as in library names, for example `linux-x86_64` or `macos-arm64`."""
+    system = {"win32": "windows", "darwin": "macos"}.get(sys.platform, sys.platform)
+    machine = platform.machine().lower()
+    machine = {"amd64": "x86_64", "aarch64": "arm64"}.get(machine, machine)
+    return f"{system}-{machine}"
 
 
 @lru_cache  # the sources do not change under a running process, and several kernels ask at every step
-def library_path() -> Path:
-    """Where the library of the present sources and platform lies, or would lie: an old one is never taken for it."""
+def library_path(target: str | None = None) -> Path:
+    """Where the library of the present sources lies, or would lie, for a platform (this one): an old one is never taken for it."""
     digest = hashlib.sha256()
     for source in (*SOURCES, *sorted(ROOM.glob("*.hpp")), ROOM / "build.py"):
-        digest.update(source.read_bytes())
-    return FOLDER / f"f4x-{digest.hexdigest()[:16]}-{sysconfig.get_platform()}{SUFFIX}"
+        digest.update(source.read_bytes().replace(b"\r\n", b"\n"))  # whatever line ends a checkout writes
+    target = target or this_platform()
+    return FOLDER / f"f4x-{digest.hexdigest()[:16]}-{target}{SUFFIXES.get(target.partition('-')[0], '.so')}"
 
 
 def open_library() -> tuple[ctypes.CDLL | None, str]:

@@ -1,0 +1,40 @@
+"""Compiles the native library into the wheel; without a compiler the wheel has none and the torch backend serves."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from setuptools import setup
+from setuptools.command.bdist_wheel import bdist_wheel
+from setuptools.command.build_py import build_py
+
+ROOT = Path(__file__).parent
+BUILT = ROOT / "f4x_core" / "native" / "_build"
+
+
+class BuildWithLibrary(build_py):
+    """The packages, and the library for this platform beside its sources."""
+
+    def run(self) -> None:
+        """Compile first, so that package data finds the library."""
+        if not self.editable_mode:
+            command = [sys.executable, "-m", "f4x_core.native.build"]
+            done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+            self.announce((done.stdout or done.stderr).strip(), level=2)
+        super().run()
+
+
+class PlatformWheel(bdist_wheel):
+    """One wheel per platform for every Python: the library knows no Python ABI."""
+
+    def finalize_options(self) -> None:
+        """A library makes the wheel a platform's own."""
+        super().finalize_options()
+        self.root_is_pure = False
+
+    def get_tag(self) -> tuple[str, str, str]:
+        """Any Python 3, no ABI, this platform."""
+        return "py3", "none", super().get_tag()[2]
+
+
+setup(cmdclass={"build_py": BuildWithLibrary, "bdist_wheel": PlatformWheel})
