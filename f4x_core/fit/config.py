@@ -119,7 +119,7 @@ class FitConfig:
 
     name: str = "wild"
     """Name of the profile."""
-    steps: int = 3200
+    steps: int = 3600
     """Steps of the joint photometric stage."""
     coarse: float = 0.1
     """Share of the steps done at half resolution."""

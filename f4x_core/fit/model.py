@@ -13,7 +13,7 @@ from torch import Tensor
 from ..gaussians import DynamicGaussians, StaticGaussians, appearance
 from ..geometry import quaternion
 from ..geometry.camera import CameraPath
-from ..raster import RasterConfig, RasterOutput, choose_backend, rasterize
+from ..raster import RasterConfig, RasterOutput, rasterize
 from ..scaffold import Scaffold
 from ..scaffold.deformation_native import NativeDeformer
 from ..scaffold.deformation_torch import Deformer
@@ -165,7 +165,7 @@ class SceneModel:
     ):
         """Put the parts together; `dynamic` and `nodes` are None where nothing moves. `kernel`: skinning kernel.
 
-        With `threads` the compiled library moves the Gaussians, without torch does.
+        With `threads` the compiled library moves and colours the Gaussians, without torch does.
         """
         self.static, self.dynamic, self.nodes, self.rig, self.kernel = static, dynamic, nodes, rig, kernel
         self.threads = threads
@@ -249,9 +249,7 @@ class SceneModel:
     ) -> RasterOutput:
         """Composite rgb (3 channels), then `extra` (N,E) channels; the background (3,) is added to rgb only."""
         centre = -(view[:3, :3].T @ view[:3, 3]).detach()
-        config = config or RasterConfig()
-        threads = config.threads if choose_backend(backend, posed.means) == "native" else 0
-        colors = appearance(posed.sh, posed.means, posed.quats, centre, threads)
+        colors = appearance(posed.sh, posed.means, posed.quats, centre, self.threads)
         if extra is not None:
             colors = torch.cat([colors, extra], 1)
         if background is not None and extra is not None:
