@@ -1,0 +1,160 @@
+"""Runs the native library under AddressSanitizer, UndefinedBehaviorSanitizer and ThreadSanitizer: `python scripts/sanitize.py`.
+
+Linux with GCC. Each build is exercised in a process of its own; ThreadSanitizer's without torch, whose own threads would
+drown real reports. Exits with 1 when a sanitizer reports anything.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from f4x_core.native import library as native  # noqa: E402
+from f4x_core.native.build import compile_command, find_compiler  # noqa: E402
+from f4x_core.raster.contract import RasterConfig  # noqa: E402
+
+# Name -> compiler flags and the runtime that has to be in the process before Python starts.
+SANITIZERS = {
+    "address": (["-fsanitize=address"], "libasan.so"),
+    "undefined": (["-fsanitize=undefined", "-fno-sanitize-recover=undefined"], "libubsan.so"),
+    "thread": (["-fsanitize=thread"], "libtsan.so"),
+}
+OPTIONS = {"ASAN_OPTIONS": "detect_leaks=0", "TSAN_OPTIONS": "exitcode=66", "UBSAN_OPTIONS": "print_stacktrace=1"}
+
+
+def main() -> int:
+    """Build, exercise and report every sanitizer; or, as a child, exercise one build."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--exercise", type=Path, metavar="LIBRARY", help="only call the kernels of this library")
+    parser.add_argument("--torch", action="store_true", help="with --exercise: also those that torch calls")
+    args = parser.parse_args()
+    if args.exercise:
+        native.library_path.cache_clear()
+        native.library_path = lambda target=None: args.exercise  # type: ignore[assignment]
+        exercise()
+        if args.torch:
+            exercise_with_torch()
+        return 0
+    failed = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in SANITIZERS:
+            ok = check(name, Path(folder) / f"{name}.so")
+            print(f"{name}: {'clean' if ok else 'FAILED'}", flush=True)
+            failed += [] if ok else [name]
+    return 1 if failed else 0
+
+
+def check(name: str, output: Path) -> bool:
+    """Whether the kernels run clean under one sanitizer; its report goes to standard error."""
+    flags, runtime = SANITIZERS[name]
+    compiler = find_compiler()
+    if compiler is None:
+        sys.exit("sanitize: no C++ compiler is on the path; install g++.")
+    command = [*compile_command(compiler, output), *flags, "-g", "-O1"]
+    command = [part for part in command if not part.startswith("-static")]  # a sanitizer's runtime is shared
+    subprocess.run(command, check=True)
+    found = subprocess.run([*compiler, f"-print-file-name={runtime}"], capture_output=True, text=True, check=True)
+    environment = {**os.environ, **OPTIONS, "LD_PRELOAD": found.stdout.strip()}
+    child = [sys.executable, __file__, "--exercise", str(output), *([] if name == "thread" else ["--torch"])]
+    return subprocess.run(child, env=environment, check=False).returncode == 0
+
+
+def exercise() -> None:
+    """Call every kernel forward and backward, with one and several threads, on ordinary and on hard input."""
+    from f4x_core.raster.native import library as raster
+    from f4x_core.scaffold import deformation_library as deformation
+
+    loaded, reason = raster.open_library()
+    assert loaded is not None, reason
+    for seed, (count, channels, width, height) in enumerate(
+        [(0, 1, 1, 1), (1, 3, 17, 1), (700, 5, 83, 61), (3000, 35, 64, 48)]
+    ):
+        rng = np.random.default_rng(seed)
+        for threads in (1, 4):
+            render = raster.forward(
+                loaded,
+                _splats(rng, count, channels, width),
+                width,
+                height,
+                RasterConfig(threads=threads),
+                None,
+                keep=True,
+            )
+            raster.backward(
+                loaded, render, np.ones_like(render.output.channels), np.ones_like(render.output.depth), None
+            )
+            raster.count_pairs(loaded, render)
+    rng = np.random.default_rng(9)
+    for count in (0, 1, 5000):
+        frames, nodes, slots, times = 6, 20, 5, 2
+        node, then = (rng.integers(0, limit, 60) for limit in (nodes, frames * nodes))
+        arrays = {
+            "node_xyz": rng.normal(size=(frames, nodes, 3)),
+            "node_quat": rng.normal(size=(frames, nodes, 4)),
+            "radius": rng.uniform(0.1, 1, nodes),
+            "node": node,
+            "then": then,
+            "now_xyz": rng.normal(size=(times, nodes, 3)),
+            "now_quat": np.tile([1.0, 0, 0, 0], (times, nodes, 1)),
+            "xyz": rng.normal(size=(count, 3)),
+            "quat": rng.normal(size=(count, 4)),
+            "index": rng.integers(0, 60, (count, slots)),
+            "mask": rng.uniform(size=(count, slots)) > 0.2,
+            "dw": rng.normal(size=(count, slots)),
+        }
+        tables = deformation.relate(arrays)
+        posed = arrays | {"nodes": tables[0], "motions": tables[1:]}
+        for threads in (1, 4):
+            means, quats = deformation.forward(posed, "sigma", threads)
+            got = deformation.backward(posed, "sigma", threads, np.ones_like(means), np.ones_like(quats))
+            deformation.relate_backward(arrays, got["tables"])
+
+
+def exercise_with_torch() -> None:
+    """Call the colours and the picture loss, forward and backward."""
+    import torch
+
+    from f4x_core.fit.losses import rgb_loss
+    from f4x_core.gaussians import appearance
+
+    for threads in (1, 4):
+        for coefficients in (1, 4, 9, 16):
+            for count in (1, 9, 3000):
+                inputs = [torch.randn(count, *shape, requires_grad=True) for shape in ((coefficients, 3), (3,), (4,))]
+                appearance(*inputs, torch.zeros(3), threads).sum().backward()
+        for height, width in ((1, 1), (5, 7), (61, 83)):
+            image = torch.rand(height, width, 4, requires_grad=True)
+            target, weight = torch.rand(height, width, 3), torch.rand(height, width)
+            rgb_loss(image[..., :3], target, weight, 0.3, threads).backward()
+
+
+def _splats(rng: np.random.Generator, count: int, channels: int, width: int) -> dict[str, np.ndarray | None]:
+    """Random Gaussians, some of them broken: behind the camera, of no size, huge, not a number."""
+    scene: dict[str, np.ndarray | None] = {
+        "means": rng.normal([0, 0, 2], 1, (count, 3)),
+        "quats": rng.normal(size=(count, 4)),
+        "scales": np.exp(rng.normal(-3, 2, (count, 3))),
+        "opacities": rng.uniform(0, 1, count),
+        "colors": rng.normal(size=(count, channels)),
+        "viewmat": np.eye(4),
+        "K": np.array([[width, 0, width / 2], [0, width, width / 3], [0, 0, 1.0]]),
+        "background": None,
+        "mean2d_offset": None,
+    }
+    if count > 100:
+        for name, value in (("means", np.nan), ("scales", 0.0), ("scales", 1e4), ("quats", 0.0), ("opacities", np.inf)):
+            array = scene[name]
+            assert array is not None
+            array[rng.integers(0, count, 10)] = value
+    return scene
+
+
+if __name__ == "__main__":
+    sys.exit(main())
