@@ -45,6 +45,7 @@
 #if defined(__GNUC__) && !defined(F4X_PLAIN)
 typedef float f8 __attribute__((vector_size(32)));
 typedef int32_t i8 __attribute__((vector_size(32)));
+typedef uint32_t u8 __attribute__((vector_size(32)));  // wraps around where i8 must not overflow
 #else
 // The same arithmetic for compilers without vector extensions.
 template <class T>
@@ -64,6 +65,7 @@ struct Eight {
 };
 typedef Eight<float> f8;
 typedef Eight<int32_t> i8;
+typedef Eight<uint32_t> u8;
 #define F4X_LANES(V, R, OP, EXPRESSION)                                                      \
     inline R operator OP(const V& a, const V& b) {                                           \
         R r;                                                                                 \
@@ -78,10 +80,10 @@ F4X_LANES(f8, i8, <, -(a[i] < b[i]))
 F4X_LANES(f8, i8, <=, -(a[i] <= b[i]))
 F4X_LANES(f8, i8, >=, -(a[i] >= b[i]))
 F4X_LANES(f8, i8, >, -(a[i] > b[i]))
-F4X_LANES(i8, i8, +, a[i] + b[i])
-F4X_LANES(i8, i8, -, a[i] - b[i])
 F4X_LANES(i8, i8, &, a[i] & b[i])
-F4X_LANES(i8, i8, <<, int32_t(uint32_t(a[i]) << b[i]))
+F4X_LANES(u8, u8, +, a[i] + b[i])
+F4X_LANES(u8, u8, -, a[i] - b[i])
+F4X_LANES(u8, u8, <<, a[i] << b[i])
 inline f8& operator+=(f8& a, const f8& b) { return a = a + b; }
 #endif
 

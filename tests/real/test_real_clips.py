@@ -17,13 +17,9 @@ SHORT = dataclasses.replace(profile("quick"), steps=400)
 
 
 @pytest.fixture(scope="module")
-def train(tmp_path_factory):
+def train(shared, tmp_path_factory):
     """A fitted stretch of `train`: (clip, scene)."""
-    from conftest import SHARED
-
-    if not SHARED.is_dir():
-        pytest.skip("../shared with the real clips and assets is absent")
-    clip = read_clip(SHARED / "clips" / "train", frames="0:20", width=240, hold_out=8)
+    clip = read_clip(shared / "clips" / "train", frames="0:20", width=240, hold_out=8)
     return clip, scene_of(clip, fit_clip(clip, tmp_path_factory.mktemp("train"), SHORT))
 
 
