@@ -127,8 +127,9 @@ def exercise_with_torch() -> None:
     for threads in (1, 4):
         for coefficients in (1, 4, 9, 16):
             for count in (1, 9, 3000):
-                inputs = [torch.randn(count, *shape, requires_grad=True) for shape in ((coefficients, 3), (3,), (4,))]
-                appearance(*inputs, torch.zeros(3), threads).sum().backward()
+                shapes = (coefficients, 3), (3,), (4,)
+                sh, means, quats = (torch.randn(count, *shape, requires_grad=True) for shape in shapes)
+                appearance(sh, means, quats, torch.zeros(3), threads).sum().backward()
         for height, width in ((1, 1), (5, 7), (61, 83)):
             image = torch.rand(height, width, 4, requires_grad=True)
             target, weight = torch.rand(height, width, 3), torch.rand(height, width)
