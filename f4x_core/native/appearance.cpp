@@ -28,26 +28,8 @@ struct AppearanceKernels {
 };
 }  // namespace
 
-#define F4X_ISA plain
-#define F4X_TARGET
-#include "appearance.cpp"
-#undef F4X_ISA
-#undef F4X_TARGET
-#if defined(F4X_HAS_AVX2)
-#define F4X_ISA avx2
-#define F4X_AVX2 1
-#define F4X_TARGET __attribute__((target("avx2,fma")))
-#include "appearance.cpp"
-#endif
-
-namespace {
-const AppearanceKernels& kernels() {
-#if defined(F4X_HAS_AVX2)
-    if (has_avx2()) return avx2::kernels;
-#endif
-    return plain::kernels;
-}
-}  // namespace
+#define F4X_FILE "appearance.cpp"
+#include "each_isa.hpp"
 
 F4X_API void f4x_appearance(const Appearance* a) {
     parallel_ranges(a->threads, a->count, [&](int64_t begin, int64_t end) { kernels().forward(*a, begin, end); });

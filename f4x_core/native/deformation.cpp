@@ -77,26 +77,10 @@ struct DeformationKernels {
 
 }  // namespace
 
-#define F4X_ISA plain
-#define F4X_TARGET
-#include "deformation.cpp"
-#undef F4X_ISA
-#undef F4X_TARGET
-#if defined(F4X_HAS_AVX2)
-#define F4X_ISA avx2
-#define F4X_AVX2 1
-#define F4X_TARGET __attribute__((target("avx2,fma")))
-#include "deformation.cpp"
-#endif
+#define F4X_FILE "deformation.cpp"
+#include "each_isa.hpp"
 
 namespace {
-
-const DeformationKernels& kernels() {
-#if defined(F4X_HAS_AVX2)
-    if (has_avx2()) return avx2::kernels;
-#endif
-    return plain::kernels;
-}
 
 void backward(const Deformation& d) {
     const int64_t batches = (d.count + 7) / 8, size = (1 + d.times) * d.pairs * ROW;

@@ -1,7 +1,7 @@
 // Eight lanes at once, and the processor's choice of instruction set. Shared by all kernels of this folder.
 //
 // A kernel file includes itself: its second half, between F4X_ISA and its end, is compiled once for the plain target and,
-// on x86 with GCC or clang, once more for AVX2 + FMA. That half begins by including lanes_isa.hpp.
+// on x86 with GCC or clang, once more for AVX2 + FMA (each_isa.hpp). That half begins by including lanes_isa.hpp.
 
 #pragma once
 

@@ -6,17 +6,14 @@
 
 #include "lanes.hpp"
 
-#define F4X_ISA plain
-#define F4X_TARGET
-#include "peak.cpp"
-#undef F4X_ISA
-#undef F4X_TARGET
-#if defined(F4X_HAS_AVX2)
-#define F4X_ISA avx2
-#define F4X_AVX2 1
-#define F4X_TARGET __attribute__((target("avx2,fma")))
-#include "peak.cpp"
-#endif
+namespace {
+struct PeakKernels {
+    float (*multiply_add)(int64_t rounds);
+};
+}  // namespace
+
+#define F4X_FILE "peak.cpp"
+#include "each_isa.hpp"
 
 // Float operations per second of a loop of independent multiply-adds, on the calling thread, over about `seconds`.
 F4X_API double f4x_peak(double seconds) {
@@ -25,11 +22,7 @@ F4X_API double f4x_peak(double seconds) {
     volatile float sink = 0;  // keeps the loop
     double operations = 0, elapsed = 0;
     for (const auto start = clock::now(); elapsed < seconds; operations += double(ROUNDS) * f4x::PEAK_OPERATIONS) {
-#if defined(F4X_HAS_AVX2)
-        sink = f4x::has_avx2() ? avx2::multiply_add(ROUNDS) : plain::multiply_add(ROUNDS);
-#else
-        sink = plain::multiply_add(ROUNDS);
-#endif
+        sink = kernels().multiply_add(ROUNDS);
         elapsed = std::chrono::duration<double>(clock::now() - start).count();
     }
     (void)sink;
@@ -63,6 +56,8 @@ F4X_TARGET float multiply_add(int64_t rounds) {
     for (int k = 0; k < f4x::PEAK_CHAINS; ++k) sum += chain[k][k % 8];
     return sum;
 }
+
+const PeakKernels kernels = {multiply_add};
 
 #undef F4X_HOT
 

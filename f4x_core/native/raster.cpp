@@ -226,26 +226,10 @@ void bind(const Problem& p, State& s, const Kernels& kernels) {
 
 }  // namespace
 
-#define F4X_ISA plain
-#define F4X_TARGET
-#include "raster.cpp"
-#undef F4X_ISA
-#undef F4X_TARGET
-#if defined(F4X_HAS_AVX2)
-#define F4X_ISA avx2
-#define F4X_AVX2 1
-#define F4X_TARGET __attribute__((target("avx2,fma")))
-#include "raster.cpp"
-#endif
+#define F4X_FILE "raster.cpp"
+#include "each_isa.hpp"
 
 namespace {
-
-const Kernels& kernels() {
-#if defined(F4X_HAS_AVX2)
-    if (has_avx2()) return avx2::kernels;
-#endif
-    return plain::kernels;
-}
 
 // Finished states wait here with their memory, so that a training loop does not fault in fresh pages at every step.
 constexpr size_t MAX_SPARE = 2;

@@ -41,26 +41,10 @@ struct SimilarityKernels {
 
 }  // namespace
 
-#define F4X_ISA plain
-#define F4X_TARGET
-#include "similarity.cpp"
-#undef F4X_ISA
-#undef F4X_TARGET
-#if defined(F4X_HAS_AVX2)
-#define F4X_ISA avx2
-#define F4X_AVX2 1
-#define F4X_TARGET __attribute__((target("avx2,fma")))
-#include "similarity.cpp"
-#endif
+#define F4X_FILE "similarity.cpp"
+#include "each_isa.hpp"
 
 namespace {
-const SimilarityKernels& kernels() {
-#if defined(F4X_HAS_AVX2)
-    if (has_avx2()) return avx2::kernels;
-#endif
-    return plain::kernels;
-}
-
 template <class Work>
 void each_row(const Plan& plan, const Work& work) {
     const int rows = plan.p.height * plan.p.channels;

@@ -1,0 +1,26 @@
+// Compiles the second half of F4X_FILE once per instruction set, into the namespaces `plain` and `avx2`, each with its own
+// constant `kernels`; kernels() is the one for this processor. Included once per kernel file, so it has no include guard.
+
+#define F4X_ISA plain
+#define F4X_TARGET
+#include F4X_FILE
+#undef F4X_ISA
+#undef F4X_TARGET
+#if defined(F4X_HAS_AVX2)
+#define F4X_ISA avx2
+#define F4X_AVX2 1
+#define F4X_TARGET __attribute__((target("avx2,fma")))
+#include F4X_FILE
+#undef F4X_ISA
+#undef F4X_AVX2
+#undef F4X_TARGET
+#endif
+
+namespace {
+inline const decltype(plain::kernels)& kernels() {
+#if defined(F4X_HAS_AVX2)
+    if (f4x::has_avx2()) return avx2::kernels;
+#endif
+    return plain::kernels;
+}
+}  // namespace
