@@ -174,7 +174,7 @@ class FitConfig:
     backend: str = "auto"
     """Raster backend."""
     threads: int = 0
-    """Threads of raster and torch; 0 = all cores. Results are bit-equal for an equal count."""
+    """Threads of the compiled library, or of torch where that does its work; 0 = all. Results are bit-equal for an equal count."""
 
     @property
     def all_threads(self) -> int:

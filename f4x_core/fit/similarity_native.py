@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ..native import open_library
+from ..native import require_library
 
 _POINTERS = ("image", "target", "weight", "window")
 
@@ -45,9 +45,6 @@ class NativeDissimilarity(torch.autograd.Function):
         threads: int,
     ) -> Tensor:
         """The sum, a scalar."""
-        library, reason = open_library()
-        assert library is not None, reason
-        library.f4x_dissimilarity.restype = ctypes.c_double
         height, width, channels = image.shape
         image = image.detach()
         if image.stride(2) != 1 or image.stride(0) != width * image.stride(1):
@@ -68,7 +65,7 @@ class NativeDissimilarity(torch.autograd.Function):
             c2=constants[1],
             gradient=None if gradient is None else gradient.data_ptr(),
         )
-        total = library.f4x_dissimilarity(ctypes.byref(problem))
+        total = require_library().f4x_dissimilarity(ctypes.byref(problem))
         ctx.save_for_backward(gradient)
         return image.new_tensor(total)
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ..native import open_library
+from ..native import require_library
 
 # Coefficients per colour that the kernel knows: degree 0 to 3.
 COEFFICIENTS = (1, 4, 9, 16)
@@ -54,8 +54,6 @@ class NativeAppearance(torch.autograd.Function):
 
 
 def _call(name: str, centre: Tensor, threads: int, **tensors: Tensor) -> None:
-    library, reason = open_library()
-    assert library is not None, reason
     sh = tensors["sh"]
     problem = _Appearance(
         count=len(sh),
@@ -64,4 +62,4 @@ def _call(name: str, centre: Tensor, threads: int, **tensors: Tensor) -> None:
         centre=tuple(centre.tolist()),
         **{key: tensor.data_ptr() for key, tensor in tensors.items()},
     )
-    getattr(library, name)(ctypes.byref(problem))
+    getattr(require_library(), name)(ctypes.byref(problem))

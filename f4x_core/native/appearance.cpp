@@ -152,12 +152,15 @@ F4X_HOT void look(const Appearance& a, int64_t i, int n, Sight& s) {
     s.own[2] = d[2] + two * (u[0] * c[1] - u[1] * c[0]);
 }
 
+// Colours before they are cut off at 0, and what they were made of.
 template <int DEGREE>
-F4X_HOT void add_up(const Appearance& a, int64_t i, int n, const f8* basis, f8* rgb) {
+F4X_HOT void shade(const Appearance& a, int64_t i, int n, Sight& s, f8* basis, f8* rgb) {
     constexpr int S = (DEGREE + 1) * (DEGREE + 1);
+    if (DEGREE > 0) look(a, i, n, s);
+    evaluate_basis<DEGREE>(s.own[0], s.own[1], s.own[2], basis);
     for (int c = 0; c < 3; ++c) {
         rgb[c] = broadcast(0.5f);
-        for (int s = 0; s < S; ++s) rgb[c] += basis[s] * column(a.sh + 3 * s + c, 3 * S, i, n);
+        for (int k = 0; k < S; ++k) rgb[c] += basis[k] * column(a.sh + 3 * k + c, 3 * S, i, n);
     }
 }
 
@@ -167,9 +170,7 @@ F4X_TARGET void forward_range(const Appearance& a, int64_t begin, int64_t end) {
     Sight s;
     for (int64_t i = begin; i < end; i += 8) {
         const int n = int(std::min<int64_t>(8, end - i));
-        if (DEGREE > 0) look(a, i, n, s);
-        evaluate_basis<DEGREE>(s.own[0], s.own[1], s.own[2], basis);
-        add_up<DEGREE>(a, i, n, basis, rgb);
+        shade<DEGREE>(a, i, n, s, basis, rgb);
         for (int c = 0; c < 3; ++c) put(a.colors + c, 3, i, n, maximum(rgb[c], broadcast(0.0f)));
     }
 }
@@ -182,9 +183,7 @@ F4X_TARGET void backward_range(const Appearance& a, int64_t begin, int64_t end) 
     Sight s;
     for (int64_t i = begin; i < end; i += 8) {
         const int n = int(std::min<int64_t>(8, end - i));
-        if (DEGREE > 0) look(a, i, n, s);
-        evaluate_basis<DEGREE>(s.own[0], s.own[1], s.own[2], basis);
-        add_up<DEGREE>(a, i, n, basis, rgb);
+        shade<DEGREE>(a, i, n, s, basis, rgb);
         for (int c = 0; c < 3; ++c) sent[c] = keep_where(rgb[c] > zero, column(a.sent + c, 3, i, n));
         for (int k = 0; k < S; ++k) {
             t[k] = zero;

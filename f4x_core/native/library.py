@@ -53,7 +53,15 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
     library.f4x_instruction_set.restype = ctypes.c_char_p
     library.f4x_peak.restype = ctypes.c_double
     library.f4x_peak.argtypes = [ctypes.c_double]
+    library.f4x_dissimilarity.restype = ctypes.c_double
     return library, ""
+
+
+def require_library() -> ctypes.CDLL:
+    """The library, for callers that were chosen because it is there."""
+    library, reason = open_library()
+    assert library is not None, reason
+    return library
 
 
 def instruction_set(library: ctypes.CDLL) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry import pose
-from ..native import address, open_library
+from ..native import address, open_library, require_library
 from .deformation import COLLAPSED, SIGN_BAND, blend
 from .skinning import FLOOR, SMALLEST_SPREAD, Kernel
 
@@ -150,13 +150,7 @@ def _relate(function: str, arrays: dict[str, np.ndarray]) -> None:
     times, nodes = arrays["now_xyz"].shape[:2]
     addresses = {name: address(a) for name, a in arrays.items()}
     problem = _Relations(pairs=len(arrays["node"]), nodes=nodes, times=times, **addresses)
-    getattr(_library(), function)(ctypes.byref(problem))
-
-
-def _library() -> ctypes.CDLL:
-    library, reason = open_library()
-    assert library is not None, reason
-    return library
+    getattr(require_library(), function)(ctypes.byref(problem))
 
 
 def _call(function: str, arrays: dict[str, np.ndarray], kernel: Kernel, threads: int) -> None:
@@ -175,5 +169,5 @@ def _call(function: str, arrays: dict[str, np.ndarray], kernel: Kernel, threads:
         collapsed=COLLAPSED,
         **{name: address(a) for name, a in arrays.items()},
     )
-    if getattr(_library(), function)(ctypes.byref(problem)):
+    if getattr(require_library(), function)(ctypes.byref(problem)):
         raise F4xError(f"Memory ran out moving {count} Gaussians with {pairs} node poses: use fewer threads.")
