@@ -75,7 +75,6 @@ F4X_HOT uint32_t mask_bits(const i8& mask) {
 F4X_HOT f8 exp2_fast(const f8& x) {
     const f8 shifter = broadcast(12582912.0f);  // 1.5 * 2^23: adding it rounds to the nearest integer
     const f8 shifted = x + shifter;
-    const u8 whole = (u8)shifted - (u8)shifter;
     const f8 f = x - (shifted - shifter);  // [-0.5, 0.5]
     f8 y = broadcast(1.327647178e-3f);
     y = y * f + broadcast(9.675541333e-3f);
@@ -83,5 +82,6 @@ F4X_HOT f8 exp2_fast(const f8& x) {
     y = y * f + broadcast(2.402211972e-1f);
     y = y * f + broadcast(6.931469671e-1f);
     y = y * f + broadcast(1.0f);
-    return (f8)((u8)y + (whole << u8{23, 23, 23, 23, 23, 23, 23, 23}));
+    // The integer stands in the low bits of `shifted`, below nine zeros of the shifter.
+    return (f8)((u8)y + ((u8)shifted << u8{23, 23, 23, 23, 23, 23, 23, 23}));
 }

@@ -63,13 +63,19 @@ constexpr float SLACK = 0.02f;                 // px added around ellipses so th
 // avoids the cancellation that the usual three-term form suffers for needles. The rows of the ellipse alpha = alpha_min
 // are |dy| <= reach, |u| <= half_width sqrt(1 - (dy/reach)^2); it is widest to the right at dy = tip.
 struct alignas(64) Splat {
-    float x, y, a, slope, c, log2_opacity;
-    float reach, inverse_reach, half_width, tip, depth;
-    int32_t row0, row1;  // tile rows that it meets; row0 == row1 where it is culled
+    float x, y, a, slope, c, log2_opacity, reach, inverse_reach;
+    float half_width, tip, depth;
 };
 
-struct Hot {  // the first fields of Splat
-    float x, y, a, slope, c, log2_opacity;
+struct alignas(32) Hot {  // the first eight fields of Splat
+    float x, y, a, slope, c, log2_opacity, reach, inverse_reach;
+};
+
+// Where a splat's tiles are written down: rows row0 <= row < row1 (none where it is culled), one Span each from `span` on,
+// and its pairs from `pair` on.
+struct Extent {
+    uint32_t span, pair;
+    uint16_t row0, row1;
 };
 
 struct Entry {
@@ -84,8 +90,8 @@ struct Span {
 struct State {
     int tile_columns = 0, tile_rows = 0;
     Buffer<Splat> splats;
-    Buffer<uint32_t> order, order_swap, key, key_swap;
-    Buffer<int64_t> span_start, pair_start;   // per Gaussian
+    Buffer<uint32_t> depth_bits, order, order_swap, key, key_swap;
+    Buffer<Extent> extents;                   // per Gaussian and one more
     Buffer<Span> spans;
     Buffer<int64_t> tile_start, tile_cursor;  // per tile
     Buffer<Entry> entries;                    // tile after tile, each front to back
@@ -94,14 +100,15 @@ struct State {
     Buffer<int32_t> chunks_done;              // per tile: chunks up to the early stop
     Buffer<f8> running;                       // per chunk and block: transmittance before it, 0 where stopped
     Buffer<f8> final;                         // per tile and block: transmittance left
-    Buffer<float> rows;                       // per pair: MOMENTS, depth, channels
+    Buffer<f8> rows;                          // per pair: MOMENTS and padding, then depth, channels and padding
     Buffer<uint8_t> touched;                  // per pair
 };
 
 // Work memory of one thread.
 struct Scratch {
     alignas(64) Hot hot[CHUNK];
-    alignas(64) uint8_t list[BLOCKS][CHUNK];
+    alignas(64) uint8_t met[COLUMNS][CHUNK];           // per splat and block column: the strips met, one bit each
+    alignas(64) uint8_t list[BLOCKS][CHUNK + 8];       // written eight at a time
     int length[BLOCKS];
     alignas(64) float alpha[CHUNK * 8], weight[CHUNK * 8], dot[CHUNK * 8], moments[CHUNK * 8];
     Buffer<float> feature, feature_gradient;  // CHUNK rows of `stride`: depth, channels, padding
@@ -132,7 +139,9 @@ struct Kernels {
     void (*gather)(const Problem&, State&, int64_t begin, int64_t end, const Gradients&, double* viewmat);
 };
 
-inline int stride_of_row(const Problem& p) { return MOMENTS + 1 + p.channels; }
+inline int row_vectors(const Problem& p) { return 1 + (1 + p.channels + 7) / 8; }
+
+inline bool culled(const Extent& extent) { return extent.row0 == extent.row1; }
 
 // -------------------------------------------------------------------------------------------------- order and tile lists
 
@@ -144,9 +153,8 @@ int64_t sort_by_depth(State& s, int64_t count) {
     std::vector<uint32_t> histogram(PASSES * BUCKETS, 0);
     int64_t n = 0;
     for (int64_t i = 0; i < count; ++i) {
-        if (s.splats[i].row0 >= s.splats[i].row1) continue;
-        uint32_t bits;
-        std::memcpy(&bits, &s.splats[i].depth, sizeof bits);
+        if (culled(s.extents[i])) continue;
+        const uint32_t bits = s.depth_bits[i];
         for (int pass = 0; pass < PASSES; ++pass) ++histogram[pass * BUCKETS + (bits >> (pass * BITS)) % BUCKETS];
         key[n] = bits;
         order[n++] = uint32_t(i);
@@ -167,52 +175,56 @@ int64_t sort_by_depth(State& s, int64_t count) {
     return n;
 }
 
+inline void prefetch(const void* from, size_t bytes = 1) {
+#if defined(__GNUC__)
+    for (size_t i = 0; i < bytes; i += 64) __builtin_prefetch(static_cast<const char*>(from) + i);
+#endif
+}
+
 // Lists of splats per tile, front to back: measure the tile rows of every splat, count, then scatter in depth order.
 // Tile rows are cut into bands, one per thread; what a band holds does not depend on the cut.
 void bind(const Problem& p, State& s, const Kernels& kernels) {
-    int64_t* span_start = s.span_start.resize(p.count + 1);
-    int64_t* pair_start = s.pair_start.resize(p.count + 1);
-    int64_t spans = 0;
+    Extent* extents = s.extents;
+    uint64_t spans = 0, pairs = 0;
     for (int64_t i = 0; i < p.count; ++i) {
-        span_start[i] = spans;
-        spans += s.splats[i].row1 - s.splats[i].row0;
+        extents[i].span = uint32_t(spans);
+        spans += extents[i].row1 - extents[i].row0;
     }
-    span_start[p.count] = spans;
     s.spans.resize(spans);
     parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) { kernels.measure(p, s, begin, end); });
-    int64_t pairs = 0;
-    for (int64_t i = 0; i < p.count; ++i) pairs += std::exchange(pair_start[i], pairs);
-    pair_start[p.count] = pairs;
+    for (int64_t i = 0; i < p.count; ++i) pairs += std::exchange(extents[i].pair, uint32_t(pairs));
+    if (std::max(spans, pairs) > std::numeric_limits<uint32_t>::max()) throw std::bad_alloc();
+    extents[p.count] = {uint32_t(spans), uint32_t(pairs), 0, 0};
 
     const int64_t n = sort_by_depth(s, p.count);
     const int tiles = s.tile_columns * s.tile_rows;
     const int bands = std::max(1, std::min(p.threads, s.tile_rows));
     int64_t* tile_start = s.tile_start.resize(tiles + 1);
     int64_t* tile_cursor = s.tile_cursor.resize(tiles);
-    auto scan_band = [&](int band, auto&& visit) {
-        const int first = s.tile_rows * band / bands, last = s.tile_rows * (band + 1) / bands;
-        for (int64_t rank = 0; rank < n; ++rank) {
-            const uint32_t i = s.order[rank];
-            const Splat& splat = s.splats[i];
-            if (splat.row1 <= first || splat.row0 >= last) continue;
-            const Span* span = s.spans + span_start[i];
-            int64_t pair = pair_start[i];
-            for (int row = splat.row0; row < std::min(splat.row1, last); ++row, ++span) {
-                if (row < first)
-                    pair += span->end - span->begin;
-                else
-                    for (int column = span->begin; column < span->end; ++column)
-                        visit(row * s.tile_columns + column, i, pair++);
-            }
+    // Calls visit(tile, pair) for what splat i has in tile rows first <= row < last.
+    auto scan = [&](uint32_t i, int first, int last, auto&& visit) {
+        const Extent& extent = extents[i];
+        if (extent.row1 <= first || extent.row0 >= last) return;
+        const Span* span = s.spans + extent.span;
+        uint32_t pair = extent.pair;
+        for (int row = extent.row0; row < std::min<int>(extent.row1, last); ++row, ++span) {
+            if (row < first)
+                pair += span->end - span->begin;
+            else
+                for (int column = span->begin; column < span->end; ++column) visit(row * s.tile_columns + column, pair++);
         }
     };
-    auto each_band = [&](auto&& visit) {
+    auto each_band = [&](auto&& work) {
         parallel(p.threads, bands, [&](std::atomic<int64_t>& cursor) {
-            for (int64_t band; (band = cursor++) < bands;) scan_band(int(band), visit);
+            for (int64_t band; (band = cursor++) < bands;)
+                work(int(s.tile_rows * band / bands), int(s.tile_rows * (band + 1) / bands));
         });
     };
     std::fill(tile_cursor, tile_cursor + tiles, 0);
-    each_band([&](int tile, uint32_t, int64_t) { ++tile_cursor[tile]; });
+    each_band([&](int first, int last) {
+        for (int64_t i = 0; i < p.count; ++i)
+            scan(uint32_t(i), first, last, [&](int tile, uint32_t) { ++tile_cursor[tile]; });
+    });
     int64_t sum = 0;
     for (int tile = 0; tile < tiles; ++tile) {
         tile_start[tile] = sum;
@@ -221,7 +233,39 @@ void bind(const Problem& p, State& s, const Kernels& kernels) {
     tile_start[tiles] = sum;
     Entry* entries = s.entries.resize(sum);
     s.blocks.resize(sum);
-    each_band([&](int tile, uint32_t splat, int64_t pair) { entries[tile_cursor[tile]++] = {splat, uint32_t(pair)}; });
+    constexpr int64_t LATER = 32, SOON = 16;  // ranks fetched ahead: first the extent, then the spans it points to
+    each_band([&](int first, int last) {
+        for (int64_t rank = 0; rank < n; ++rank) {
+            if (rank + LATER < n) {
+                prefetch(&extents[s.order[rank + LATER]]);
+                prefetch(&s.spans[extents[s.order[rank + SOON]].span]);
+            }
+            const uint32_t i = s.order[rank];
+            scan(i, first, last, [&](int tile, uint32_t pair) { entries[tile_cursor[tile]++] = {i, pair}; });
+        }
+    });
+}
+
+// The places of the set bits of a byte, lowest first, one byte each, and how many there are.
+struct SetBits {
+    uint64_t places[256] = {};
+    uint8_t count[256] = {};
+    constexpr SetBits() {
+        for (int byte = 0; byte < 256; ++byte)
+            for (int bit = 0; bit < 8; ++bit)
+                if (byte >> bit & 1) places[byte] |= uint64_t(bit) << (8 * count[byte]++);
+    }
+};
+constexpr SetBits SET_BITS;
+
+// Rows and columns of a matrix of 8 x 8 bits exchanged; byte r is row r (Warren, Hacker's Delight, 7-3).
+inline uint64_t transpose_bits(uint64_t x) {
+    uint64_t t = (x ^ x >> 7) & 0x00aa00aa00aa00aa;
+    x ^= t ^ t << 7;
+    t = (x ^ x >> 14) & 0x0000cccc0000cccc;
+    x ^= t ^ t << 14;
+    t = (x ^ x >> 28) & 0x00000000f0f0f0f0;
+    return x ^ t ^ t << 28;
 }
 
 }  // namespace
@@ -259,7 +303,9 @@ std::unique_ptr<State> forward(const Problem& p, bool keep, float* channels, flo
     s.tile_columns = (p.width + TILE - 1) / TILE;
     s.tile_rows = (p.height + TILE - 1) / TILE;
     const int tiles = s.tile_columns * s.tile_rows;
-    s.splats.resize(p.count);
+    s.splats.resize(p.count + 7);  // written eight at a time
+    s.depth_bits.resize(p.count);
+    s.extents.resize(p.count + 1);
     parallel_ranges(p.threads, p.count, [&](int64_t begin, int64_t end) { k.project(p, s, begin, end, visible); });
     bind(p, s, k);
 
@@ -286,8 +332,8 @@ std::unique_ptr<State> forward(const Problem& p, bool keep, float* channels, flo
 void backward(State& s, const Problem& p, const Gradients& g) {
     const Kernels& k = kernels();
     const int tiles = s.tile_columns * s.tile_rows;
-    const int64_t pairs = s.pair_start[p.count];
-    s.rows.resize(pairs * stride_of_row(p));
+    const int64_t pairs = s.extents[p.count].pair;
+    s.rows.resize(pairs * row_vectors(p));
     std::fill_n(s.touched.resize(pairs), pairs, uint8_t(0));
     parallel(p.threads, tiles, [&](std::atomic<int64_t>& cursor) {
         auto scratch = std::make_unique<Scratch>(p, true);
@@ -373,110 +419,154 @@ F4X_HOT void ellipse_span(const V& reach, const V& inverse_reach, const V& slope
 
 // ---------------------------------------------------------------------------------------------------------- projection
 
-// The camera-side quantities of one Gaussian, shared by the forward and the backward projection.
-struct Projection {
-    float p[3];                 // camera frame
-    float rotation[9], norm;    // of the normalised quaternion; its length before
-    float q[4];
-    float u, v;                 // x/z, y/z clamped for the Jacobian
-    bool u_free, v_free;        // not clamped
-    float j00, j02, j11, j12;   // Jacobian, the other two entries are 0
-    float world[9];             // W R: camera-from-local rotation
-    float side[2][3];           // J W R
-    float t[2][3];              // J W R diag(scale); covariance = t t^T + blur
-    float sxx, sxy, syy, det;   // covariance and its determinant
-};
-
-F4X_HOT void multiply3(const float* a, const float* b, float* c) {
-    for (int i = 0; i < 3; ++i)
-        for (int j = 0; j < 3; ++j) c[3 * i + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[3 + j] + a[3 * i + 2] * b[6 + j];
+// Columns of eight consecutive rows of W floats, starting at row i; rows from `end` on repeat the last one.
+template <int W>
+F4X_HOT void load_rows(const float* rows, int64_t i, int64_t end, f8* columns) {
+    alignas(32) float cut[W][8];
+    for (int lane = 0; lane < 8; ++lane)
+        for (int c = 0; c < W; ++c) cut[c][lane] = rows[std::min(i + lane, end - 1) * W + c];
+    for (int c = 0; c < W; ++c) columns[c] = load(cut[c]);
 }
 
-F4X_HOT void project_one(const Problem& p, int64_t i, Projection& o) {
-    const float *m = p.means + 3 * i, *q = p.quats + 4 * i, *s = p.scales + 3 * i, *w = p.viewmat;
-    const float view[9] = {w[0], w[1], w[2], w[4], w[5], w[6], w[8], w[9], w[10]};
-    const float fx = p.intrinsics[0], cx = p.intrinsics[2], fy = p.intrinsics[4], cy = p.intrinsics[5];
-    for (int r = 0; r < 3; ++r) o.p[r] = w[4 * r] * m[0] + w[4 * r + 1] * m[1] + w[4 * r + 2] * m[2] + w[4 * r + 3];
+// The way back; rows from `end` on are not written.
+template <int W>
+F4X_HOT void store_rows(float* rows, int64_t i, int64_t end, const f8* columns) {
+    alignas(32) float cut[W][8];
+    for (int c = 0; c < W; ++c) store(cut[c], columns[c]);
+    for (int lane = 0; lane < 8 && i + lane < end; ++lane)
+        for (int c = 0; c < W; ++c) rows[(i + lane) * W + c] = cut[c][lane];
+}
 
-    o.norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    const bool turned = !(o.norm < 1e-12f);  // a zero quaternion counts as the identity
-    for (int k = 0; k < 4; ++k) o.q[k] = turned ? q[k] / o.norm : float(k == 0);
-    const float a = o.q[0], b = o.q[1], c = o.q[2], d = o.q[3];
-    const float rotation[9] = {1 - 2 * (c * c + d * d), 2 * (b * c - a * d), 2 * (b * d + a * c),
-                               2 * (b * c + a * d), 1 - 2 * (b * b + d * d), 2 * (c * d - a * b),
-                               2 * (b * d - a * c), 2 * (c * d + a * b), 1 - 2 * (b * b + c * c)};
-    std::memcpy(o.rotation, rotation, sizeof rotation);
-    multiply3(view, o.rotation, o.world);
+// The camera-side quantities of eight Gaussians, shared by the forward and the backward projection.
+struct Projection {
+    f8 mean[3], scale[3];
+    f8 p[3];                 // camera frame
+    f8 inverse_z;
+    f8 q[4], norm;           // normalised quaternion; its length before
+    f8 rotation[9];
+    i8 u_free, v_free;       // x/z, y/z not clamped for the Jacobian
+    f8 j00, j02, j11, j12;   // Jacobian, the other two entries are 0
+    f8 world[9];             // W R: camera-from-local rotation
+    f8 side[2][3];           // J W R
+    f8 t[2][3];              // J W R diag(scale); covariance = t t^T + blur
+    f8 sxx, sxy, syy, det;   // covariance and its determinant
+};
+
+F4X_HOT void project_eight(const Problem& p, int64_t i, int64_t end, Projection& o) {
+    const float *w = p.viewmat, fx = p.intrinsics[0], cx = p.intrinsics[2], fy = p.intrinsics[4], cy = p.intrinsics[5];
+    const f8 zero = broadcast(0.0f), one = broadcast(1.0f), two = broadcast(2.0f), blur = broadcast(p.blur);
+    load_rows<3>(p.means, i, end, o.mean);
+    load_rows<3>(p.scales, i, end, o.scale);
+    load_rows<4>(p.quats, i, end, o.q);
+    for (int r = 0; r < 3; ++r)
+        o.p[r] = broadcast(w[4 * r]) * o.mean[0] + broadcast(w[4 * r + 1]) * o.mean[1] +
+                 broadcast(w[4 * r + 2]) * o.mean[2] + broadcast(w[4 * r + 3]);
+
+    o.norm = root(o.q[0] * o.q[0] + o.q[1] * o.q[1] + o.q[2] * o.q[2] + o.q[3] * o.q[3]);
+    const i8 none = o.norm < broadcast(1e-12f);  // a zero quaternion counts as the identity
+    for (int k = 0; k < 4; ++k) o.q[k] = select(none, k ? zero : one, o.q[k] / o.norm);
+    const f8 a = o.q[0], b = o.q[1], c = o.q[2], d = o.q[3];
+    f8* r = o.rotation;
+    r[0] = one - two * (c * c + d * d);
+    r[1] = two * (b * c - a * d);
+    r[2] = two * (b * d + a * c);
+    r[3] = two * (b * c + a * d);
+    r[4] = one - two * (b * b + d * d);
+    r[5] = two * (c * d - a * b);
+    r[6] = two * (b * d - a * c);
+    r[7] = two * (c * d + a * b);
+    r[8] = one - two * (b * b + c * c);
+    for (int k = 0; k < 3; ++k)
+        for (int j = 0; j < 3; ++j)
+            o.world[3 * k + j] =
+                broadcast(w[4 * k]) * r[j] + broadcast(w[4 * k + 1]) * r[3 + j] + broadcast(w[4 * k + 2]) * r[6 + j];
 
     // The Jacobian is linearised no further out than 0.3 half-fields of view beyond the image (gsplat _torch_impl.py).
     const float margin_x = 0.15f * p.width / fx, margin_y = 0.15f * p.height / fy;
-    const float x = o.p[0] / o.p[2], y = o.p[1] / o.p[2];
-    const float left = -cx / fx - margin_x, right = (p.width - cx) / fx + margin_x;
-    const float top = -cy / fy - margin_y, bottom = (p.height - cy) / fy + margin_y;
-    o.u_free = x >= left && x <= right;
-    o.v_free = y >= top && y <= bottom;
-    o.u = minimum(maximum(x, left), right);
-    o.v = minimum(maximum(y, top), bottom);
-    o.j00 = fx / o.p[2];
-    o.j11 = fy / o.p[2];
-    o.j02 = -o.j00 * o.u;
-    o.j12 = -o.j11 * o.v;
+    const f8 left = broadcast(-cx / fx - margin_x), right = broadcast((p.width - cx) / fx + margin_x);
+    const f8 top = broadcast(-cy / fy - margin_y), bottom = broadcast((p.height - cy) / fy + margin_y);
+    o.inverse_z = one / o.p[2];
+    const f8 x = o.p[0] * o.inverse_z, y = o.p[1] * o.inverse_z;
+    o.u_free = (x >= left) & (x <= right);
+    o.v_free = (y >= top) & (y <= bottom);
+    o.j00 = broadcast(fx) * o.inverse_z;
+    o.j11 = broadcast(fy) * o.inverse_z;
+    o.j02 = zero - o.j00 * minimum(maximum(x, left), right);
+    o.j12 = zero - o.j11 * minimum(maximum(y, top), bottom);
+    f8 sxx = zero, syy = zero;
+    o.sxy = zero;
     for (int k = 0; k < 3; ++k) {
         o.side[0][k] = o.j00 * o.world[k] + o.j02 * o.world[6 + k];
         o.side[1][k] = o.j11 * o.world[3 + k] + o.j12 * o.world[6 + k];
-        o.t[0][k] = o.side[0][k] * s[k];
-        o.t[1][k] = o.side[1][k] * s[k];
+        o.t[0][k] = o.side[0][k] * o.scale[k];
+        o.t[1][k] = o.side[1][k] * o.scale[k];
+        sxx += o.t[0][k] * o.t[0][k];
+        o.sxy += o.t[0][k] * o.t[1][k];
+        syy += o.t[1][k] * o.t[1][k];
     }
-    const float sxx = o.t[0][0] * o.t[0][0] + o.t[0][1] * o.t[0][1] + o.t[0][2] * o.t[0][2];
-    const float syy = o.t[1][0] * o.t[1][0] + o.t[1][1] * o.t[1][1] + o.t[1][2] * o.t[1][2];
-    o.sxy = o.t[0][0] * o.t[1][0] + o.t[0][1] * o.t[1][1] + o.t[0][2] * o.t[1][2];
-    o.sxx = sxx + p.blur;
-    o.syy = syy + p.blur;
+    o.sxx = sxx + blur;
+    o.syy = syy + blur;
     // det(t t^T) as a sum of squared minors (Cauchy-Binet): no cancellation for needles, unlike sxx syy - sxy^2.
-    float minors = 0;
+    f8 minors = zero;
     for (int k = 0; k < 3; ++k) {
         const int n = (k + 1) % 3;
-        const float minor = o.t[0][k] * o.t[1][n] - o.t[0][n] * o.t[1][k];
+        const f8 minor = o.t[0][k] * o.t[1][n] - o.t[0][n] * o.t[1][k];
         minors += minor * minor;
     }
-    o.det = minors + p.blur * (sxx + syy) + p.blur * p.blur;
+    o.det = minors + blur * (sxx + syy) + blur * blur;
 }
 
 F4X_HOT int32_t clamp_to_int(float x, int hi) { return int32_t(minimum(maximum(x, 0.0f), float(hi))); }
 
 F4X_TARGET void project(const Problem& p, State& s, int64_t begin, int64_t end, uint8_t* visible) {
-    const float log2_min = std::log2(p.alpha_min);
-    for (int64_t i = begin; i < end; ++i) {
-        Splat& splat = s.splats[i];
-        splat.row0 = splat.row1 = 0;
-        visible[i] = 0;
-        const float opacity = p.opacities[i];
-        if (!(opacity >= p.alpha_min)) continue;  // also NaN, here and below
+    const f8 zero = broadcast(0.0f), one = broadcast(1.0f), half = broadcast(0.5f);
+    const f8 huge = broadcast(std::numeric_limits<float>::max());
+    const f8 alpha_min = broadcast(p.alpha_min), log2_min = broadcast(std::log2(p.alpha_min));
+    for (int64_t i = begin; i < end; i += 8) {
         Projection o;
-        project_one(p, i, o);
-        if (!(o.p[2] > p.near_plane && o.p[2] <= std::numeric_limits<float>::max())) continue;
-        if (!(o.det > 0 && o.det <= std::numeric_limits<float>::max())) continue;
-        splat.depth = o.p[2];
-        splat.x = o.j00 * o.p[0] + p.intrinsics[2] + (p.offset ? p.offset[2 * i] : 0.0f);
-        splat.y = o.j11 * o.p[1] + p.intrinsics[5] + (p.offset ? p.offset[2 * i + 1] : 0.0f);
-        splat.a = 0.5f * LOG2E * o.syy / o.det;
-        splat.slope = o.sxy / o.syy;
-        splat.c = 0.5f * LOG2E / o.syy;
-        splat.log2_opacity = std::log2(opacity);
+        project_eight(p, i, end, o);
+        f8 opacity, offset[2] = {zero, zero};
+        load_rows<1>(p.opacities, i, end, &opacity);
+        if (p.offset) load_rows<2>(p.offset, i, end, offset);
+        alignas(32) float log2_opacity[8];
+        for (int lane = 0; lane < 8; ++lane) log2_opacity[lane] = std::log2(opacity[lane]);
 
+        // Every comparison is false for NaN.
+        i8 seen = (opacity >= alpha_min) & (o.p[2] > broadcast(p.near_plane)) & (o.p[2] <= huge);
+        seen = seen & (o.det > zero) & (o.det <= huge);
+        const f8 x = o.j00 * o.p[0] + broadcast(p.intrinsics[2]) + offset[0];
+        const f8 y = o.j11 * o.p[1] + broadcast(p.intrinsics[5]) + offset[1];
+        const f8 bits = load(log2_opacity), log2e_half = broadcast(0.5f * LOG2E);
         // Ellipse alpha >= alpha_min, a hair larger than exact.
-        const float limit = (splat.log2_opacity - log2_min) * (2.0f / LOG2E) * 1.0001f + 1e-5f;
-        splat.reach = std::sqrt(limit * o.syy);
-        splat.inverse_reach = 1 / splat.reach;
-        splat.half_width = std::sqrt(limit * o.det / o.syy);
-        splat.tip = o.sxy * std::sqrt(limit / o.sxx);
-        const float reach_x = std::sqrt(limit * o.sxx);
-        if (!(splat.x + reach_x >= 0.5f && splat.x - reach_x <= p.width - 0.5f)) continue;
-        if (!(splat.y + splat.reach >= 0.5f && splat.y - splat.reach <= p.height - 0.5f)) continue;
-        visible[i] = 1;
-        splat.row0 = clamp_to_int(std::ceil((splat.y - splat.reach - SLACK - (TILE - 0.5f)) / TILE), s.tile_rows);
-        splat.row1 = clamp_to_int(std::floor((splat.y + splat.reach + SLACK - 0.5f) / TILE) + 1, s.tile_rows);
-        if (splat.row1 < splat.row0) splat.row1 = splat.row0;
+        const f8 limit = (bits - log2_min) * broadcast(2.0f / LOG2E * 1.0001f) + broadcast(1e-5f);
+        const f8 reach_x = root(limit * o.sxx), reach = root(limit * o.syy);
+        seen = seen & (x + reach_x >= half) & (x - reach_x <= broadcast(p.width - 0.5f));
+        seen = seen & (y + reach >= half) & (y - reach <= broadcast(p.height - 0.5f));
+        const uint32_t mask = mask_bits(seen);
+
+        const f8 inverse_syy = one / o.syy;
+        const f8 a = log2e_half * o.syy / o.det, c = log2e_half * inverse_syy, slope = o.sxy * inverse_syy;
+        const f8 half_width = root(limit * o.det * inverse_syy), tip = o.sxy * root(limit / o.sxx);
+        f8 hot[8] = {x, y, a, slope, c, bits, reach, one / reach};
+        f8 rest[8] = {half_width, tip, o.p[2], zero, zero, zero, zero, zero};
+        transpose(hot);
+        transpose(rest);
+        const f8 last_row = y + reach, first_row = y - reach;
+        for (int lane = 0; lane < 8 && i + lane < end; ++lane) {
+            Splat* splat = s.splats + i + lane;
+            std::memcpy(splat, &hot[lane], sizeof(f8));
+            std::memcpy(reinterpret_cast<char*>(splat) + sizeof(f8), &rest[lane], sizeof(f8));
+            std::memcpy(&s.depth_bits[i + lane], &splat->depth, sizeof(float));
+            Extent& extent = s.extents[i + lane];
+            extent.row0 = extent.row1 = 0;
+            extent.pair = 0;
+            visible[i + lane] = mask >> lane & 1;
+            if (!visible[i + lane]) continue;
+            const int row0 = clamp_to_int(std::ceil((first_row[lane] - SLACK - (TILE - 0.5f)) / TILE), s.tile_rows);
+            const int row1 = clamp_to_int(std::floor((last_row[lane] + SLACK - 0.5f) / TILE) + 1, s.tile_rows);
+            extent.row0 = uint16_t(row0);
+            extent.row1 = uint16_t(std::max(row0, row1));
+        }
     }
 }
 
@@ -484,9 +574,10 @@ F4X_TARGET void project(const Problem& p, State& s, int64_t begin, int64_t end, 
 F4X_TARGET void measure(const Problem& p, State& s, int64_t begin, int64_t end) {
     for (int64_t i = begin; i < end; ++i) {
         const Splat& splat = s.splats[i];
-        Span* span = s.spans + s.span_start[i];
-        int64_t pairs = 0;
-        for (int row = splat.row0; row < splat.row1; ++row, ++span) {
+        Extent& extent = s.extents[i];
+        Span* span = s.spans + extent.span;
+        uint32_t pairs = 0;
+        for (int row = extent.row0; row < extent.row1; ++row, ++span) {
             float lo = row * TILE + 0.5f - splat.y - SLACK;
             float hi = std::min((row + 1) * TILE, int(p.height)) - 0.5f - splat.y + SLACK;
             float left, right;
@@ -498,7 +589,7 @@ F4X_TARGET void measure(const Problem& p, State& s, int64_t begin, int64_t end) 
             if (span->end < span->begin) span->end = span->begin;
             pairs += span->end - span->begin;
         }
-        s.pair_start[i] = pairs;
+        extent.pair = pairs;
     }
 }
 
@@ -546,20 +637,21 @@ F4X_HOT uint32_t blocks_met(const Tile& t, const Splat& splat) {
     return bits;
 }
 
-F4X_HOT int lowest_bit(uint32_t bits) {
-#if defined(__GNUC__)
-    return __builtin_ctz(bits);
-#else
-    int i = 0;
-    while (!(bits >> i & 1)) ++i;
-    return i;
-#endif
-}
-
-F4X_HOT void prefetch(const void* from, size_t bytes) {
-#if defined(__GNUC__)
-    for (size_t i = 0; i < bytes; i += 64) __builtin_prefetch(static_cast<const char*>(from) + i);
-#endif
+// Writes down, for every block, the entries (numbers in the chunk, ascending) whose bit is set in `met`.
+F4X_HOT void list_blocks(int n, Scratch& w) {
+    for (int& length : w.length) length = 0;
+    for (int first = 0; first < n; first += 8)
+        for (int column = 0; column < COLUMNS; ++column) {
+            uint64_t bytes;
+            std::memcpy(&bytes, &w.met[column][first], sizeof bytes);
+            bytes = transpose_bits(bytes);  // one byte per strip
+            for (int strip = 0; strip < STRIPS; ++strip, bytes >>= 8) {
+                const int block = column * STRIPS + strip, set = bytes & 255;
+                const uint64_t places = SET_BITS.places[set] + 0x0101010101010101 * uint64_t(first);
+                std::memcpy(&w.list[block][w.length[block]], &places, sizeof places);
+                w.length[block] += SET_BITS.count[set];
+            }
+        }
 }
 
 // Copies a chunk of the tile's splats into scratch and lists, for every live block, the ones that meet it. The forward
@@ -568,11 +660,10 @@ template <bool FIND>
 F4X_HOT void stage(const Problem& p, const State& s, const Tile& t, int64_t begin, int n, uint32_t live, Scratch& w) {
     constexpr int AHEAD = 12;
     const size_t bytes = p.channels * sizeof(float);
-    for (int& length : w.length) length = 0;
     for (int k = 0; k < n; ++k) {
         if (begin + k + AHEAD < t.end) {
             const uint32_t next = s.entries[begin + k + AHEAD].splat;
-            prefetch(&s.splats[next], sizeof(Splat));
+            prefetch(&s.splats[next]);
             prefetch(p.colors + int64_t(next) * p.channels, bytes);
         }
         const uint32_t i = s.entries[begin + k].splat;
@@ -583,11 +674,12 @@ F4X_HOT void stage(const Problem& p, const State& s, const Tile& t, int64_t begi
         row[0] = splat.depth;
         for (int c = 0; c < p.channels; ++c) row[1 + c] = color[c];
         if (FIND) s.blocks[begin + k] = blocks_met(t, splat);
-        for (uint32_t bits = s.blocks[begin + k] & live; bits; bits &= bits - 1) {
-            const int block = lowest_bit(bits);
-            w.list[block][w.length[block]++] = uint8_t(k);
-        }
+        const uint32_t met = s.blocks[begin + k] & live;
+        for (int column = 0; column < COLUMNS; ++column) w.met[column][k] = uint8_t(met >> (column * STRIPS));
     }
+    for (int k = n; k % 8; ++k)
+        for (int column = 0; column < COLUMNS; ++column) w.met[column][k] = 0;
+    list_blocks(n, w);
 }
 
 // Alpha and weight (alpha T) of the listed splats in the 8 pixels of a block. `running` is the transmittance, 0 once a
@@ -780,7 +872,8 @@ F4X_HOT void spread_group(const Scratch& w, const uint8_t* list, const float* we
 template <int V>
 F4X_HOT void spread_columns(const Scratch& w, const uint8_t* list, int n, int first) {
     int k = 0;
-    for (; k + 2 <= n; k += 2) spread_group<V, 2>(w, list + k, w.weight + 8 * k, first);
+    constexpr int N = V == 1 ? 6 : V == 2 ? 4 : 2;  // as many sums as registers hold
+    for (; k + N <= n; k += N) spread_group<V, N>(w, list + k, w.weight + 8 * k, first);
     for (; k < n; ++k) spread_group<V, 1>(w, list + k, w.weight + 8 * k, first);
 }
 
@@ -799,39 +892,47 @@ F4X_TARGET void spread(const Scratch& w, int block, int n) {
     }
 }
 
-// moments[entry] += sum over pixels of v (1, u, dy, u^2, u dy, dy^2), u = dx - slope dy. The sum over the 8 lanes is taken
-// as a product with the constant 8 x 6 matrix of block coordinates, then sheared and moved from the block centre to the mean.
+// moments[entry] += sum over pixels of v (1, u, dy, u^2, u dy, dy^2), u = dx - slope dy. Eight entries at once: the sums
+// are taken about the block's centre, then sheared and moved to the mean.
 F4X_TARGET void add_moments(Scratch& w, int block, int n, float centre_x, float centre_y, const float* v) {
-    f8 basis[8];
-    for (int lane = 0; lane < 8; ++lane) {
-        const float x = lane % BLOCK_WIDTH - 1.5f, y = lane / BLOCK_WIDTH - 0.5f;
-        basis[lane] = f8{1, x, y, x * x, x * y, y * y, 0, 0};
-    }
-    for (int k = 0; k < n; ++k) {
-        const int i = w.list[block][k];
-        const float* value = v + 8 * k;
-        f8 even = broadcast(value[0]) * basis[0], odd = broadcast(value[1]) * basis[1];
-        for (int lane = 2; lane < 8; lane += 2) {
-            even += broadcast(value[lane]) * basis[lane];
-            odd += broadcast(value[lane + 1]) * basis[lane + 1];
+    const uint8_t* list = w.list[block];
+    const f8 half = broadcast(0.5f), quarter = broadcast(0.25f);
+    for (int first = 0; first < n; first += 8) {
+        f8 pixel[8], hot[8];  // entries behind the last hold anything: nothing of them is stored
+        for (int k = 0; k < 8; ++k) {
+            pixel[k] = load(v + 8 * (first + k));
+            std::memcpy(&hot[k], &w.hot[list[first + k]], sizeof(f8));
         }
-        const f8 m = even + odd;
-        const float slope = w.hot[i].slope, y = centre_y - w.hot[i].y, u = centre_x - w.hot[i].x - slope * y;
-        const float m0 = m[0], mu = m[1] - slope * m[2], my = m[2], muy = m[4] - slope * m[5], myy = m[5];
-        const float muu = m[3] - slope * (m[4] + muy), sum_u = mu + u * m0;
-        float* sum = w.moments + 8 * i;
-        sum[0] += m0;
-        sum[1] += sum_u;
-        sum[2] += my + y * m0;
-        sum[3] += muu + u * (mu + sum_u);
-        sum[4] += muy + u * my + y * sum_u;
-        sum[5] += myy + y * (2 * my + y * m0);
+        transpose(pixel);
+        transpose(hot);
+        f8 sum[4], difference[4];  // lower row plus and minus upper row, per column x = -1.5, -0.5, 0.5, 1.5
+        for (int x = 0; x < 4; ++x) {
+            sum[x] = pixel[4 + x] + pixel[x];
+            difference[x] = pixel[4 + x] - pixel[x];
+        }
+        const f8 outer = sum[0] + sum[3], inner = sum[1] + sum[2];
+        const f8 m0 = outer + inner, mx = broadcast(1.5f) * (sum[3] - sum[0]) + half * (sum[2] - sum[1]);
+        const f8 my = half * (difference[0] + difference[1] + difference[2] + difference[3]);
+        const f8 mxx = broadcast(2.25f) * outer + quarter * inner, myy = quarter * m0;
+        const f8 mxy = broadcast(0.75f) * (difference[3] - difference[0]) + quarter * (difference[2] - difference[1]);
+
+        const f8 slope = hot[3], y = broadcast(centre_y) - hot[1], u = broadcast(centre_x) - hot[0] - slope * y;
+        const f8 mu = mx - slope * my, muy = mxy - slope * myy, muu = mxx - slope * (mxy + muy), sum_u = mu + u * m0;
+        const f8 two_my = my + my, zero = broadcast(0.0f);
+        f8 row[8] = {m0, sum_u, my + y * m0, muu + u * (mu + sum_u), muy + u * my + y * sum_u, myy + y * (two_my + y * m0),
+                     zero, zero};
+        transpose(row);
+        const int last = std::min(n - first, 8);
+        for (int k = 0; k < last; ++k) {
+            float* total = w.moments + 8 * list[first + k];
+            store(total, load(total) + row[k]);
+        }
     }
 }
 
 F4X_TARGET void backward_tile(const Problem& p, State& s, Scratch& w, int tile, const Gradients& g) {
     const Tile t = tile_of(s, tile);
-    const int columns = 1 + p.attached, row_stride = stride_of_row(p);
+    const int columns = 1 + p.attached, vectors = row_vectors(p);
     f8 behind[BLOCKS];  // per pixel: gradient carried by what lies behind, sum of w S over later splats + background
     bool started[BLOCKS] = {};
     const int chunks = s.chunks_done[tile];
@@ -870,9 +971,10 @@ F4X_TARGET void backward_tile(const Problem& p, State& s, Scratch& w, int tile, 
         }
         for (int k = 0; k < n; ++k) {
             const int64_t pair = s.entries[begin + k].pair;
-            float* row = s.rows + pair * row_stride;
-            std::memcpy(row, w.moments + 8 * k, MOMENTS * sizeof(float));
-            std::memcpy(row + MOMENTS, w.feature_gradient + size_t(k) * w.stride, (1 + p.channels) * sizeof(float));
+            f8* row = s.rows + pair * vectors;
+            const float* gradient = w.feature_gradient + size_t(k) * w.stride;
+            row[0] = load(w.moments + 8 * k);
+            for (int v = 1; v < vectors; ++v) row[v] = load(gradient + 8 * (v - 1));
             s.touched[pair] = 1;
         }
     }
@@ -896,31 +998,38 @@ F4X_TARGET int64_t count_tile(const Problem& p, State& s, Scratch& w, int tile) 
     return pairs;
 }
 
-// From the sums over pixels (moments, depth) back to the parameters of one Gaussian; camera gradient added to `camera`.
-F4X_HOT void unproject_one(const Problem& p, int64_t i, const float* sum, const Gradients& g, double* camera) {
+// From the sums over pixels, moments and depth, back to the parameters of eight Gaussians; zeros where `any` is not set.
+// Adds the camera gradient to `camera`, lane by lane.
+F4X_HOT void unproject_eight(const Problem& p, int64_t i, int64_t end, const f8* sum, const f8& depth, const i8& any,
+                             const Gradients& g, double (*camera)[8]) {
     Projection o;
-    project_one(p, i, o);
-    const float *m = p.means + 3 * i, *s = p.scales + 3 * i, *w = p.viewmat;
-    const float fx = p.intrinsics[0], fy = p.intrinsics[4], inverse_z = 1 / o.p[2];
-    g.opacities[i] = sum[0] / p.opacities[i];
+    project_eight(p, i, end, o);
+    const float *w = p.viewmat;
+    const f8 zero = broadcast(0.0f), two = broadcast(2.0f);
+    f8 opacity;
+    load_rows<1>(p.opacities, i, end, &opacity);
+    opacity = keep_where(any, sum[0] / opacity);
+    store_rows<1>(g.opacities, i, end, &opacity);
 
-    const float a = o.syy / o.det, slope = o.sxy / o.syy, c = 1 / o.syy;
-    const float mean_x = a * sum[1], mean_y = c * sum[2] - slope * mean_x;
-    g.offset[2 * i] = mean_x;
-    g.offset[2 * i + 1] = mean_y;
+    const f8 inverse_syy = broadcast(1.0f) / o.syy;
+    const f8 a = o.syy / o.det, slope = o.sxy * inverse_syy, c = inverse_syy;
+    const f8 mean_x = a * sum[1], mean_y = c * sum[2] - slope * mean_x;
+    const f8 offset[2] = {keep_where(any, mean_x), keep_where(any, mean_y)};
+    store_rows<2>(g.offset, i, end, offset);
 
     // With Q the conic and M the second moments, dL/dQ = -M/2 and Q = (t t^T + blur)^-1, hence dL/dt = (Q M Q) t; here in
     // the sheared frame of u, where Q = diag(a, c).
-    const float h00 = a * a * sum[3], h01 = a * c * sum[4], h11 = c * c * sum[5];
-    float side[2][3];  // dL/d(J W R)
+    const f8 h00 = a * a * sum[3], h01 = a * c * sum[4], h11 = c * c * sum[5];
+    f8 side[2][3], scale[3];  // dL/d(J W R), dL/dscale
     for (int k = 0; k < 3; ++k) {
-        const float tu = o.t[0][k] - slope * o.t[1][k], ty = o.t[1][k];
-        const float d0 = h00 * tu + h01 * ty, d1 = h01 * tu + h11 * ty - slope * d0;
-        g.scales[3 * i + k] = d0 * o.side[0][k] + d1 * o.side[1][k];
-        side[0][k] = d0 * s[k];
-        side[1][k] = d1 * s[k];
+        const f8 tu = o.t[0][k] - slope * o.t[1][k], ty = o.t[1][k];
+        const f8 d0 = h00 * tu + h01 * ty, d1 = h01 * tu + h11 * ty - slope * d0;
+        scale[k] = keep_where(any, d0 * o.side[0][k] + d1 * o.side[1][k]);
+        side[0][k] = d0 * o.scale[k];
+        side[1][k] = d1 * o.scale[k];
     }
-    float j00 = 0, j02 = 0, j11 = 0, j12 = 0, world[9];
+    store_rows<3>(g.scales, i, end, scale);
+    f8 j00 = zero, j02 = zero, j11 = zero, j12 = zero, world[9];
     for (int k = 0; k < 3; ++k) {
         j00 += side[0][k] * o.world[k];
         j02 += side[0][k] * o.world[6 + k];
@@ -932,68 +1041,74 @@ F4X_HOT void unproject_one(const Problem& p, int64_t i, const float* sum, const 
     }
 
     // Camera-frame point: through the pixel, the Jacobian and the depth channel.
-    const float x = o.p[0] * inverse_z, y = o.p[1] * inverse_z;
-    float point[3] = {mean_x * o.j00, mean_y * o.j11, sum[MOMENTS]};
-    point[2] -= point[0] * x + point[1] * y;
-    point[2] -= (j00 * o.j00 + j02 * o.j02 + j11 * o.j11 + j12 * o.j12) * inverse_z;
-    if (o.u_free) {
-        const float u = -j02 * fx * inverse_z * inverse_z;
-        point[0] += u;
-        point[2] -= u * x;
-    }
-    if (o.v_free) {
-        const float v = -j12 * fy * inverse_z * inverse_z;
-        point[1] += v;
-        point[2] -= v * y;
-    }
+    const f8 x = o.p[0] * o.inverse_z, y = o.p[1] * o.inverse_z, square = o.inverse_z * o.inverse_z;
+    const f8 u = keep_where(o.u_free, zero - j02 * broadcast(p.intrinsics[0]) * square);
+    const f8 v = keep_where(o.v_free, zero - j12 * broadcast(p.intrinsics[4]) * square);
+    f8 point[3] = {mean_x * o.j00, mean_y * o.j11, depth};
+    const f8 stretch = j00 * o.j00 + j02 * o.j02 + j11 * o.j11 + j12 * o.j12;
+    point[0] += u;
+    point[1] += v;
+    point[2] = depth - point[0] * x - point[1] * y - stretch * o.inverse_z;
 
-    float rotation[9];  // dL/dR = W^T dL/d(W R)
-    for (int r = 0; r < 3; ++r) {
-        g.means[3 * i + r] = w[r] * point[0] + w[4 + r] * point[1] + w[8 + r] * point[2];
-        for (int k = 0; k < 3; ++k)
-            rotation[3 * r + k] = w[r] * world[k] + w[4 + r] * world[3 + k] + w[8 + r] * world[6 + k];
+    f8 mean[3], r[9];  // r = dL/dR = W^T dL/d(W R)
+    for (int k = 0; k < 3; ++k) {
+        const f8 w0 = broadcast(w[k]), w1 = broadcast(w[4 + k]), w2 = broadcast(w[8 + k]);
+        mean[k] = keep_where(any, w0 * point[0] + w1 * point[1] + w2 * point[2]);
+        for (int j = 0; j < 3; ++j) r[3 * k + j] = w0 * world[j] + w1 * world[3 + j] + w2 * world[6 + j];
     }
-    for (int r = 0; r < 3; ++r) {
-        for (int k = 0; k < 3; ++k)
-            camera[4 * r + k] += point[r] * m[k] + world[3 * r] * o.rotation[3 * k] +
-                                 world[3 * r + 1] * o.rotation[3 * k + 1] + world[3 * r + 2] * o.rotation[3 * k + 2];
-        camera[4 * r + 3] += point[r];
-    }
+    store_rows<3>(g.means, i, end, mean);
+    for (int k = 0; k < 3; ++k)
+        for (int j = 0; j < 4; ++j) {
+            const f8 sent = j == 3 ? point[k]
+                                   : point[k] * o.mean[j] + world[3 * k] * o.rotation[3 * j] +
+                                         world[3 * k + 1] * o.rotation[3 * j + 1] + world[3 * k + 2] * o.rotation[3 * j + 2];
+            alignas(32) float lanes[8];
+            store(lanes, keep_where(any, sent));
+            for (int lane = 0; lane < 8; ++lane) camera[4 * k + j][lane] += lanes[lane];
+        }
 
-    const float qw = o.q[0], qx = o.q[1], qy = o.q[2], qz = o.q[3];
-    const float* r = rotation;
-    const float q[4] = {
-        2 * (qx * (r[7] - r[5]) + qy * (r[2] - r[6]) + qz * (r[3] - r[1])),
-        2 * (qw * (r[7] - r[5]) + qy * (r[1] + r[3]) + qz * (r[2] + r[6]) - 2 * qx * (r[4] + r[8])),
-        2 * (qw * (r[2] - r[6]) + qx * (r[1] + r[3]) + qz * (r[5] + r[7]) - 2 * qy * (r[0] + r[8])),
-        2 * (qw * (r[3] - r[1]) + qx * (r[2] + r[6]) + qy * (r[5] + r[7]) - 2 * qz * (r[0] + r[4]))};
-    const float along = q[0] * qw + q[1] * qx + q[2] * qy + q[3] * qz;
-    for (int k = 0; k < 4; ++k) g.quats[4 * i + k] = o.norm < 1e-12f ? 0.0f : (q[k] - along * o.q[k]) / o.norm;
+    const f8 qw = o.q[0], qx = o.q[1], qy = o.q[2], qz = o.q[3];
+    f8 q[4] = {
+        two * (qx * (r[7] - r[5]) + qy * (r[2] - r[6]) + qz * (r[3] - r[1])),
+        two * (qw * (r[7] - r[5]) + qy * (r[1] + r[3]) + qz * (r[2] + r[6]) - two * qx * (r[4] + r[8])),
+        two * (qw * (r[2] - r[6]) + qx * (r[1] + r[3]) + qz * (r[5] + r[7]) - two * qy * (r[0] + r[8])),
+        two * (qw * (r[3] - r[1]) + qx * (r[2] + r[6]) + qy * (r[5] + r[7]) - two * qz * (r[0] + r[4]))};
+    const f8 along = q[0] * qw + q[1] * qx + q[2] * qy + q[3] * qz;
+    const i8 turns = any & (o.norm >= broadcast(1e-12f));
+    for (int k = 0; k < 4; ++k) q[k] = keep_where(turns, (q[k] - along * o.q[k]) / o.norm);
+    store_rows<4>(g.quats, i, end, q);
 }
 
+// Sums the rows of every Gaussian and carries them on to its parameters; adds to camera[12].
 F4X_TARGET void gather(const Problem& p, State& s, int64_t begin, int64_t end, const Gradients& g, double* camera) {
-    const int stride = stride_of_row(p);
-    std::vector<float> sum(stride);
-    for (int64_t i = begin; i < end; ++i) {
-        std::fill(sum.begin(), sum.end(), 0.0f);
-        bool any = false;
-        for (int64_t pair = s.pair_start[i]; pair < s.pair_start[i + 1]; ++pair) {
-            if (!s.touched[pair]) continue;
-            any = true;
-            const float* row = s.rows + pair * stride;
-            for (int k = 0; k < stride; ++k) sum[k] += row[k];
+    const int vectors = row_vectors(p);
+    Buffer<f8> table;
+    f8* sums = table.resize(size_t(8) * vectors);
+    double cameras[12][8] = {};
+    for (int64_t i = begin; i < end; i += 8) {
+        std::memset(sums, 0, sizeof(f8) * 8 * vectors);
+        i8 any = {};
+        for (int lane = 0; lane < 8 && i + lane < end; ++lane) {
+            f8* sum = sums + lane * vectors;
+            for (int64_t pair = s.extents[i + lane].pair; pair < s.extents[i + lane + 1].pair; ++pair) {
+                if (!s.touched[pair]) continue;
+                any[lane] = -1;
+                const f8* row = s.rows + pair * vectors;
+                for (int v = 0; v < vectors; ++v) sum[v] += row[v];
+            }
+            const float* colors = reinterpret_cast<const float*>(sum + 1) + 1;
+            std::memcpy(g.colors + (i + lane) * p.channels, colors, p.channels * sizeof(float));
         }
-        std::memcpy(g.colors + i * p.channels, sum.data() + MOMENTS + 1, p.channels * sizeof(float));
-        if (any) {
-            unproject_one(p, i, sum.data(), g, camera);
-            continue;
+        f8 moments[8], depth = broadcast(0.0f);
+        for (int lane = 0; lane < 8; ++lane) {
+            moments[lane] = sums[lane * vectors];
+            depth[lane] = sums[lane * vectors + 1][0];
         }
-        std::fill_n(g.means + 3 * i, 3, 0.0f);
-        std::fill_n(g.quats + 4 * i, 4, 0.0f);
-        std::fill_n(g.scales + 3 * i, 3, 0.0f);
-        std::fill_n(g.offset + 2 * i, 2, 0.0f);
-        g.opacities[i] = 0;
+        transpose(moments);
+        unproject_eight(p, i, end, moments, depth, any, g, cameras);
     }
+    for (int k = 0; k < 12; ++k)
+        for (int lane = 0; lane < 8; ++lane) camera[k] += cameras[k][lane];
 }
 
 constexpr const char* NAMES[] = {"plain", "avx2"};
