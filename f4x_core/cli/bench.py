@@ -17,9 +17,12 @@ def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    from ..raster.benchmark import benchmark
+    from ..raster.benchmark import benchmark, compare_decoding, measure_memory, measure_thread_ceiling
 
     report = benchmark(tuple(args.counts), threads=tuple(args.threads), repeats=args.repeats, progress=progress)
+    progress("bench raster", 0, 0, "latent, memory and threads")
+    decoding, memory = compare_decoding(repeats=args.repeats), measure_memory()
+    report |= {"decoding": decoding, "memory_mb": memory, "thread_ceiling": measure_thread_ceiling()}
     lines = [f"{report['width']}x{report['height']}, medians of {args.repeats} interleaved runs"]
     for row in report["timings"]:
         line = (
@@ -33,6 +36,14 @@ def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     for name, error in report["errors"].items():
         worst = max(error["gradients"].items(), key=lambda item: item[1])
         lines.append(f"{name}: image error {error['image_max']:.1e}, worst gradient {worst[0]} {worst[1]:.1e}")
+    lines.append(
+        f"{decoding['ratio']:5.2f}  512 channels rendered ({decoding['rendered_ms']:.0f} ms) / 32 rendered and decoded"
+        f" ({decoding['decoded_ms']:.0f} ms)"
+    )
+    if report["thread_ceiling"] is not None:
+        lines.append(f"{report['thread_ceiling']:5.2f}  the most that two threads can gain on this machine")
+    if memory is not None:
+        lines.append(f"200,000 Gaussians with 35 channels: peak memory grows by {memory:.0f} MB")
     lines += [f"{name} skipped: {reason}" for name, reason in report["skipped"].items()]
     return {**report, "text": "\n".join(lines)}
 

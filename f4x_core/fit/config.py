@@ -23,7 +23,7 @@ class ScaffoldConfig:
     """Pixels within which 90 % of the held-out tracks must be carried; the fewest nodes that do so are taken."""
     least_nodes: int = 4
     """Never fewer nodes than this."""
-    most_nodes: int = 400
+    most_nodes: int = 256
     """Never more nodes than this."""
     neighbours: int = 8
     """Nodes (itself included) that a Gaussian follows."""
@@ -67,9 +67,9 @@ class RateConfig:
     """View-dependent colour."""
     dw: float = 5e-3
     """Skinning offsets of Eq. 1."""
-    node_xyz: tuple[float, float] = (8e-4, 1.6e-5)
+    node_xyz: tuple[float, float] = (2.5e-4, 5e-6)
     """Node positions."""
-    node_quat: tuple[float, float] = (1.6e-3, 3.2e-5)
+    node_quat: tuple[float, float] = (5e-4, 1e-5)
     """Node orientations."""
     radius: float = 3e-3
     """Logarithm of the node radii."""

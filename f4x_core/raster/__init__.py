@@ -51,7 +51,7 @@ def rasterize(
         background: (C,) added where light is left; none = black.
         config: constants of the rule and thread count.
         backend: `auto`, or one of `BACKENDS`. `auto` takes `native` for float32 on the CPU when it is there and agrees
-            with its self-check, else `torch`.
+            with its self-check, `gsplat` for float32 on CUDA where that package is installed, else `torch`.
         detached_from: channels from this index on send no gradient to opacity, geometry or camera, only to `colors`.
         mean2d_offset: (N, 2) added to the projected means, in pixels; pass zeros to read the density-control statistic
             from its gradient.
@@ -83,6 +83,8 @@ def rasterize(
         return rasterize_native(width=width, height=height, **arguments, **options)
     if chosen == "reference":
         from .reference import rasterize_reference as function
+    elif chosen == "gsplat":
+        from .gsplat import rasterize_gsplat as function
     else:
         from .tiles import rasterize_torch as function
     if isinstance(means, np.ndarray):
@@ -97,9 +99,10 @@ def choose_backend(backend: str, means: Array | None = None) -> str:
         F4xError: an unknown name, or a backend that cannot run here (the sentence says why).
     """
     if backend == "auto":
-        kind, device = str(getattr(means, "dtype", "float32")), str(getattr(means, "device", "cpu"))
-        plain = kind.endswith("float32") and device == "cpu"
-        return "native" if plain and _native() and _native().available() else "torch"
+        single = str(getattr(means, "dtype", "float32")).endswith("float32")
+        device = str(getattr(means, "device", "cpu")).partition(":")[0]
+        fastest = {"cpu": "native", "cuda": "gsplat"}.get(device)
+        return fastest if single and fastest and why_not(fastest) is None else "torch"
     if backend not in BACKENDS:
         raise F4xError(f"Unknown raster backend '{backend}': use auto, {', '.join(BACKENDS)}.")
     reason = why_not(backend)
@@ -111,13 +114,21 @@ def choose_backend(backend: str, means: Array | None = None) -> str:
 def why_not(backend: str) -> str | None:
     """Why one of `BACKENDS` cannot run here; None when it can."""
     if backend == "gsplat":
-        return "it is not connected in this version, and torch runs on CUDA"
+        return _why_not_gsplat()
     if backend != "native":
         return None
     native = _native()
     if native is None:
         return "it is not part of this installation"
     return None if native.available() else str(native.why_not())
+
+
+def _why_not_gsplat() -> str | None:
+    if not find_spec("gsplat"):  # asked first: it does not take importing torch
+        return "the package gsplat is not installed"
+    import torch
+
+    return None if torch.cuda.is_available() else "there is no CUDA device"
 
 
 def _native() -> Any:

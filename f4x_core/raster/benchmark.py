@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
+import subprocess
+import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import F4xError
@@ -21,6 +26,10 @@ SHEETS = 6
 # Least float operations of a contributing (pixel, Gaussian) pair, forward and backward: offset, quadratic form, exponential,
 # transmittance, six moments; and per channel one blend, one dot product and one gradient.
 PAIR_OPERATIONS, PAIR_CHANNEL_OPERATIONS = 22 + 47, 2 + 4
+# The comparison of a decoded latent with rendering what it stands for, and the case whose memory is measured.
+LATENT, DECODED, LATENT_GAUSSIANS = 32, 512, 50_000
+MEMORY_GAUSSIANS, MEMORY_CHANNELS = 200_000, 35
+MEGABYTE = 2**20
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmat")
 
 
@@ -108,6 +117,90 @@ def benchmark(
         "errors": errors,
         "skipped": skipped,
     }
+
+
+def compare_decoding(
+    gaussians: int = LATENT_GAUSSIANS, width: int = 480, height: int = 270, repeats: int = 5, backend: str = "auto"
+) -> dict[str, float]:
+    """What a latent saves: `DECODED` channels rendered against `LATENT` channels rendered and decoded per pixel.
+
+    Both forward and backward on one thread, the decoder is one linear layer.
+
+    Returns:
+        rendered_ms, decoded_ms and their ratio.
+    """
+    import torch
+
+    decoder = torch.nn.Linear(LATENT, DECODED)
+    scenes = {c: make_wavy_scene(gaussians, c, width, height) for c in (LATENT, DECODED)}
+
+    def train(channels: int) -> None:
+        scene = {**scenes[channels], "backend": backend, "config": RasterConfig(threads=1)}
+        leaves = [scene[name].requires_grad_() for name in GRADIENTS]
+        image = rasterize(**scene).channels
+        if channels == LATENT:
+            image, leaves = decoder(image), [*leaves, *decoder.parameters()]
+        torch.autograd.grad(image.sum(), leaves)
+
+    rendered, decoded = measure_in_turn([partial(train, DECODED), partial(train, LATENT)], repeats)
+    return {"rendered_ms": 1e3 * rendered, "decoded_ms": 1e3 * decoded, "ratio": rendered / decoded}
+
+
+def measure_memory(
+    gaussians: int = MEMORY_GAUSSIANS, channels: int = MEMORY_CHANNELS, width: int = 480, height: int = 270
+) -> float | None:
+    """Peak memory (MB) of making a scene and two training steps above that of the imports, in a process of its own.
+
+    None where the operating system does not tell (Windows).
+    """
+    if sys.platform == "win32":
+        return None
+    call = f"report_memory({gaussians}, {channels}, {width}, {height})"
+    command = [sys.executable, "-c", f"from {__name__} import report_memory; {call}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)
+
+
+def report_memory(gaussians: int, channels: int, width: int, height: int) -> None:
+    """Child of `measure_memory`: print the growth of the peak."""
+    import torch
+
+    def train(scene: dict[str, Any]) -> None:
+        leaves = [scene[name].requires_grad_() for name in GRADIENTS]
+        torch.autograd.grad(rasterize(**scene, config=RasterConfig(threads=1)).channels.sum(), leaves)
+
+    train(make_wavy_scene(10, channels, 16, 16))  # loads the library and torch's autograd
+    before = _peak_memory()
+    scene = make_wavy_scene(gaussians, channels, width, height)
+    for _ in range(2):
+        train(scene)
+    print(json.dumps(_peak_memory() - before))
+
+
+def _peak_memory() -> float:
+    """Most memory (MB) that this process has held."""
+    status = Path("/proc/self/status")
+    if status.is_file():  # on Linux getrusage also counts what the parent held before this program was started
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
+        return int(line.split()[1]) / 1024
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MEGABYTE  # macOS counts bytes
+
+
+def measure_thread_ceiling(threads: int = 2, seconds: float = 0.3) -> float | None:
+    """How much faster `threads` independent loops of multiply-adds run than one: the most that threads can gain here.
+
+    2 on two cores, little above 1 on two hardware threads of one core. None without the native library.
+    """
+    from ..native import measure_peak, open_library
+
+    library, _ = open_library()
+    if library is None:
+        return None
+    single = measure_peak(library, seconds)
+    with ThreadPoolExecutor(threads) as pool:
+        return sum(pool.map(lambda _: measure_peak(library, seconds), range(threads))) / single
 
 
 def _ratios(timings: list[dict[str, Any]]) -> dict[str, float]:

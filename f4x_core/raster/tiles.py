@@ -67,11 +67,11 @@ def rasterize_torch(
     grid = _Grid(width, height, config.tile)
     channels, depth, alpha = _Composite.apply(ellipses.table, features, lists, grid, config, attached)
     if background is not None:
-        channels = _add_background(channels, alpha, background.to(means), detached_from)
+        channels = add_background(channels, alpha, background.to(means), detached_from)
     return RasterOutput(channels, depth, alpha, ellipses.visible)
 
 
-def _add_background(channels: Tensor, alpha: Tensor, background: Tensor, detached_from: int | None) -> Tensor:
+def add_background(channels: Tensor, alpha: Tensor, background: Tensor, detached_from: int | None) -> Tensor:
     """Channels (H, W, C) plus background (C,) times the light left, 1 - alpha (H, W); detached channels detach it."""
     light = (1 - alpha)[..., None]
     if detached_from is None:

@@ -4,6 +4,7 @@ import json
 
 from f4x_core.cli.main import main
 from f4x_core.native import measure_peak, open_library
+from f4x_core.raster.benchmark import compare_decoding, measure_memory, measure_thread_ceiling
 from f4x_core.scaffold.benchmark import benchmark
 
 
@@ -25,3 +26,12 @@ def test_the_peak_is_one_of_a_processor():
     library, _ = open_library()
     if library is not None:
         assert 1e8 < measure_peak(library, 0.02) < 1e13
+
+
+def test_a_latent_and_its_memory_are_measured():
+    decoding = compare_decoding(50, 32, 24, repeats=1)
+    assert abs(decoding["ratio"] - decoding["rendered_ms"] / decoding["decoded_ms"]) < 1e-9
+    memory = measure_memory(50_000, 35, 64, 48)
+    assert memory is None or 14 < memory < 300  # colours and their gradients alone are 14 MB
+    ceiling = measure_thread_ceiling(2, 0.02)
+    assert ceiling is None or 0 < ceiling < 3

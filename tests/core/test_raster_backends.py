@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import types
 from functools import cache
 
 import numpy as np
@@ -387,6 +388,61 @@ def test_numpy_in_numpy_out(backend):
 def test_bad_calls_are_answered_in_one_sentence(change, words):
     with pytest.raises(F4xError, match=words):
         rasterize(**make_scene() | change)
+
+
+class _TileKernels(types.ModuleType):
+    """The three functions of gsplat that are used, dense and on the CPU, to check what goes in and comes out of them."""
+
+    def isect_tiles(self, means2d, radii, depths, tile_size, tile_width, tile_height):
+        assert tile_size == 16 and not means2d.requires_grad and radii.dtype == torch.int32
+        seen = (radii[0] > 0).all(1).nonzero()[:, 0]
+        return None, "keys", seen[torch.argsort(depths[0, seen], stable=True)]
+
+    def isect_offset_encode(self, isect_ids, n_images, tile_width, tile_height):
+        assert (isect_ids, n_images) == ("keys", 1)
+        return torch.zeros(1, tile_height, tile_width)
+
+    def rasterize_to_pixels(self, means2d, conics, colors, opacities, width, height, tile_size, offsets, ids):
+        assert colors.shape[-1] <= 32 and offsets.shape == (1, -(-height // 16), -(-width // 16))
+        y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
+        dx, dy = x[..., None] - means2d[0, ids, 0], y[..., None] - means2d[0, ids, 1]  # (H, W, n)
+        a, b, c = conics[0, ids].unbind(1)
+        alpha = opacities[0, ids] * torch.exp(-0.5 * (a * dx * dx + 2 * b * dx * dy + c * dy * dy))
+        alpha = torch.where(alpha < 1 / 255, 0.0, alpha.clamp_max(0.999))
+        after = torch.cumprod(1 - alpha, -1)
+        before = torch.cat((torch.ones_like(after[..., :1]), after[..., :-1]), -1)
+        weight = torch.where(after > 1e-4, alpha * before, 0.0)
+        return (weight @ colors[0, ids])[None], weight.sum(-1)[None, ..., None]
+
+
+@pytest.mark.parametrize(("channels", "detached_from"), [(3, None), (5, 3), (70, 0), (70, 40), (5, 5)])
+def test_gsplat_is_called_as_it_wants(channels, detached_from, monkeypatch):
+    monkeypatch.setitem(sys.modules, "gsplat", _TileKernels("gsplat"))
+    monkeypatch.setattr("f4x_core.raster._why_not_gsplat", lambda: None)
+    monkeypatch.setattr("f4x_core.raster.gsplat._check", lambda means, config: None)
+    scene = make_scene(channels=channels)
+    scene["opacities"] = scene["opacities"].clamp_max(0.98)  # above, gsplat clamps later
+    assert_agrees(scene, ("gsplat", torch.float32), detached_from=detached_from)
+
+
+def test_gsplat_says_what_it_cannot_do():
+    from f4x_core.raster.gsplat import rasterize_gsplat
+
+    with pytest.raises(F4xError, match="float32 tensors on a CUDA device"):
+        rasterize_gsplat(**make_scene())
+
+
+@pytest.mark.parametrize("detached_from", [None, 3])
+def test_gsplat_on_a_device(detached_from):
+    require("gsplat")
+    scene = make_scene(2000, 5, 160, 120)
+    scene["opacities"] = scene["opacities"].clamp_max(0.98)
+    truth = differentiate(scene, "reference", torch.float64, detached_from=detached_from)
+    device = {k: v.cuda() if isinstance(v, torch.Tensor) else v for k, v in scene.items()}
+    out, gradients = differentiate(device, "gsplat", detached_from=detached_from)
+    assert (out.channels.cpu().double() - truth[0].channels).abs().max() < 1e-4
+    for name, expected in truth[1].items():
+        assert (gradients[name].cpu().double() - expected).norm() <= 1e-3 * expected.norm(), name
 
 
 def test_importing_the_room_needs_no_torch():

@@ -1,0 +1,100 @@
+"""The `gsplat` backend: our projection, and the tile kernels of the package gsplat (nerfstudio) on a CUDA device.
+
+Only three of gsplat's functions are used, with the meaning they have since gsplat 1.5: `isect_tiles`, `isect_offset_encode` and
+`rasterize_to_pixels`. Their constants are compiled in: alpha is clamped to 0.999 there, so where a splat is more opaque
+than `RasterConfig.alpha_max` this backend differs from the others.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..errors import F4xError
+from .contract import RasterConfig, RasterOutput
+from .projection import project
+from .tiles import add_background
+
+TILE = 16
+"""Side of gsplat's tiles in pixels."""
+CHANNELS = 32
+"""Channels composited at a time, gsplat's own habit: more do not fit a block's shared memory on every device."""
+
+
+def rasterize_gsplat(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    colors: Tensor,
+    viewmat: Tensor,
+    K: Tensor,
+    width: int,
+    height: int,
+    *,
+    background: Tensor | None = None,
+    config: RasterConfig | None = None,
+    detached_from: int | None = None,
+    mean2d_offset: Tensor | None = None,
+) -> RasterOutput:
+    """Composite Gaussians; arguments and result as in `rasterize`, float32 tensors on a CUDA device only.
+
+    Raises:
+        F4xError: other dtypes or devices, or an alpha cut or stop that gsplat does not have.
+    """
+    config = config or RasterConfig()
+    _check(means, config)
+    viewmat, K = viewmat.to(means), K.to(means)
+    ellipses = project(means, quats, scales, opacities, viewmat, K, width, height, config, mean2d_offset)
+    x, y, a, slope, r, _ = ellipses.table
+    mean2d = torch.stack((x, y), 1)[None]  # (1, N, 2): gsplat takes a batch of images
+    conic = torch.stack((a, -a * slope, a * slope * slope + r), 1)[None]  # (1, N, 3) upper triangle
+    features = torch.cat((ellipses.depth[:, None], colors), 1)[None]  # (1, N, 1 + C)
+    attached = 1 + (colors.shape[1] if detached_from is None else detached_from)
+    lists = _build_lists(mean2d, ellipses.half_box, ellipses.visible, ellipses.depth, width, height)
+
+    shape = (mean2d, conic, opacities[None])
+    first, alpha = _composite(shape, features[..., :attached], lists, width, height)
+    rest, _ = _composite(tuple(t.detach() for t in shape), features[..., attached:], lists, width, height)
+    channels = torch.cat((first[..., 1:], rest), -1)
+    if background is not None:
+        channels = add_background(channels, alpha, background.to(means), detached_from)
+    return RasterOutput(channels, first[..., 0], alpha, ellipses.visible)
+
+
+def _check(means: Tensor, config: RasterConfig) -> None:
+    if means.dtype != torch.float32 or means.device.type != "cuda":
+        raise F4xError(
+            f"The gsplat raster backend takes float32 tensors on a CUDA device, these are {means.dtype} on "
+            f"{means.device}: use backend='torch'."
+        )
+    own = RasterConfig()
+    if (config.alpha_min, config.transmittance_min) != (own.alpha_min, own.transmittance_min):
+        raise F4xError("The gsplat raster backend has a fixed alpha_min and transmittance_min: use backend='torch'.")
+
+
+def _build_lists(
+    mean2d: Tensor, half_box: Tensor, visible: Tensor, depth: Tensor, width: int, height: int
+) -> tuple[Tensor, Tensor]:
+    """Offsets (1, tile rows, tile columns) and splat ids, tile after tile, front to back; splats of radius 0 are in none."""
+    from gsplat import isect_offset_encode, isect_tiles
+
+    columns, rows = -(-width // TILE), -(-height // TILE)
+    radii = torch.where(visible, half_box.ceil(), 0).t().int()[None]  # (1, N, 2)
+    _, keys, ids = isect_tiles(mean2d.detach(), radii, depth.detach()[None], TILE, columns, rows)
+    return isect_offset_encode(keys, 1, columns, rows), ids
+
+
+def _composite(
+    shape: tuple[Tensor, ...], features: Tensor, lists: tuple[Tensor, Tensor], width: int, height: int
+) -> tuple[Tensor, Tensor]:
+    """Features (H, W, F) and alpha (H, W) of splats (mean2d, conic, opacities); alpha is empty where there is no feature."""
+    from gsplat import rasterize_to_pixels
+
+    images, alpha = [features.new_empty(height, width, 0)], features.new_empty(0)
+    for part in features.split(CHANNELS, -1) if features.shape[-1] else ():
+        mean2d, conic, opacities = shape
+        image, light = rasterize_to_pixels(mean2d, conic, part, opacities, width, height, TILE, *lists)
+        images.append(image[0])
+        alpha = light[0, ..., 0]
+    return torch.cat(images, -1), alpha
