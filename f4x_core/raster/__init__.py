@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..errors import F4xError
 from .contract import RasterConfig, RasterOutput
+from .inputs import Arguments, check_shapes, leave_out_broken, make_floating
 
 if TYPE_CHECKING:
     from .contract import Array
@@ -56,14 +58,17 @@ def rasterize(
         mean2d_offset: (N, 2) added to the projected means, in pixels; pass zeros to read the density-control statistic
             from its gradient.
 
-    Tensors (any float dtype, one device) give tensors with gradients to means, quats, scales, opacities, colors,
-    viewmat, background and mean2d_offset; numpy arrays give numpy arrays, without gradients. `reference` answers in
-    float64 always.
+    Tensors (any dtype, one device; whole numbers count as float32) give tensors with gradients to means, quats, scales,
+    opacities, colors, viewmat, background and mean2d_offset; numpy arrays give numpy arrays, without gradients.
+    `reference` answers in float64 always.
+
+    A Gaussian with a NaN or infinity among its values is left out and counted in `dropped`.
 
     Raises:
-        F4xError: shapes that do not fit, an unknown backend, or one that is not installed.
+        F4xError: shapes that do not fit, a camera that is not finite, an unknown backend, or one that is not installed; with
+            `config.debug` also Gaussians that are not finite.
     """
-    arguments: dict[str, Any] = {
+    arguments: Arguments = {
         "means": means,
         "quats": quats,
         "scales": scales,
@@ -74,22 +79,24 @@ def rasterize(
         "background": background,
         "mean2d_offset": mean2d_offset,
     }
-    _check_shapes(arguments, width, height, detached_from)
-    options: dict[str, Any] = {"config": config or RasterConfig(), "detached_from": detached_from}
-    chosen = choose_backend(backend, means)
+    config = config or RasterConfig()
+    check_shapes(arguments, width, height, detached_from)
+    arguments, dropped = leave_out_broken(make_floating(arguments), config.debug)
+    options: dict[str, Any] = {"config": config, "detached_from": detached_from}
+    chosen = choose_backend(backend, arguments["means"])
     if chosen == "native":
-        from .native import rasterize_native
-
-        return rasterize_native(width=width, height=height, **arguments, **options)
-    if chosen == "reference":
+        from .native import rasterize_native as function
+    elif chosen == "reference":
         from .reference import rasterize_reference as function
     elif chosen == "gsplat":
         from .gsplat import rasterize_gsplat as function
     else:
         from .tiles import rasterize_torch as function
-    if isinstance(means, np.ndarray):
-        return _through_numpy(function, width, height, arguments, options)
-    return function(width=width, height=height, **arguments, **options)
+    if chosen != "native" and isinstance(means, np.ndarray):
+        out = _through_numpy(function, width, height, arguments, options)
+    else:
+        out = function(width=width, height=height, **arguments, **options)
+    return replace(out, dropped=dropped) if dropped else out
 
 
 def choose_backend(backend: str, means: Array | None = None) -> str:
@@ -136,30 +143,7 @@ def _native() -> Any:
     return import_module(".native", __name__) if find_spec(f"{__name__}.native") else None
 
 
-def _check_shapes(arguments: dict[str, Any], width: int, height: int, detached_from: int | None) -> None:
-    n = len(arguments["means"])
-    channels = arguments["colors"].shape[-1]
-    wanted = {
-        "means": (n, 3),
-        "quats": (n, 4),
-        "scales": (n, 3),
-        "opacities": (n,),
-        "colors": (n, channels),
-        "viewmat": (4, 4),
-        "K": (3, 3),
-        "background": (channels,),
-        "mean2d_offset": (n, 2),
-    }
-    for name, shape in wanted.items():
-        if arguments[name] is not None and tuple(arguments[name].shape) != shape:
-            raise F4xError(f"rasterize: {name} has shape {tuple(arguments[name].shape)}, it must be {shape}.")
-    if width < 1 or height < 1:
-        raise F4xError(f"rasterize: an image of {width} x {height} pixels cannot be drawn, give at least 1 x 1.")
-    if detached_from is not None and not 0 <= detached_from <= channels:
-        raise F4xError(f"rasterize: detached_from is {detached_from}, it must lie in 0..{channels}.")
-
-
-def _through_numpy(function: Any, width: int, height: int, arguments: dict[str, Any], options: Any) -> RasterOutput:
+def _through_numpy(function: Any, width: int, height: int, arguments: Arguments, options: Any) -> RasterOutput:
     import torch
 
     tensors = {k: None if v is None else torch.from_numpy(np.ascontiguousarray(v)) for k, v in arguments.items()}

@@ -31,6 +31,8 @@ class RasterConfig:
     """Side of a square tile in pixels (`torch` backend; never changes the result)."""
     threads: int = field(default_factory=lambda: min(os.cpu_count() or 1, MAX_DEFAULT_THREADS))
     """Worker threads of the CPU backends; never changes the result."""
+    debug: bool = False
+    """Raise an error where a Gaussian's values are not finite, instead of leaving it out."""
 
 
 @dataclass(frozen=True)
@@ -45,3 +47,5 @@ class RasterOutput:
     """(H, W) opacity of the pixel, 1 - transmittance left, in [0, 1)."""
     visible: Array
     """(N,) bool: in front of the near plane and the box around its `alpha >= alpha_min` ellipse meets the image."""
+    dropped: int = 0
+    """Gaussians that were left out because a value of theirs is NaN or infinite."""
