@@ -22,6 +22,10 @@ class BuildWithLibrary(build_py):
             done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
             self.announce((done.stdout or done.stderr).strip(), level=2)
         super().run()
+        if not self.editable_mode:  # a used checkout also holds libraries of other sources and platforms
+            for library in (Path(self.build_lib) / BUILT.relative_to(ROOT)).glob("*"):
+                if library.name != Path(done.stdout.strip()).name:
+                    library.unlink()
 
 
 class PlatformWheel(bdist_wheel):

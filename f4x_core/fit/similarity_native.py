@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from ..errors import F4xError
 from ..native import require_library
 
 _POINTERS = ("image", "target", "weight", "window")
@@ -44,7 +45,7 @@ class NativeDissimilarity(torch.autograd.Function):
         constants: tuple[float, float],
         threads: int,
     ) -> Tensor:
-        """The sum, a scalar."""
+        """The sum, a scalar; raises F4xError where memory runs out."""
         height, width, channels = image.shape
         image = image.detach()
         if image.stride(2) != 1 or image.stride(0) != width * image.stride(1):
@@ -65,9 +66,11 @@ class NativeDissimilarity(torch.autograd.Function):
             c2=constants[1],
             gradient=None if gradient is None else gradient.data_ptr(),
         )
-        total = require_library().f4x_dissimilarity(ctypes.byref(problem))
+        total = ctypes.c_double()
+        if require_library().f4x_dissimilarity(ctypes.byref(problem), ctypes.byref(total)):
+            raise F4xError(f"The picture loss ran out of memory at {width} x {height} pixels: fit at a smaller --width.")
         ctx.save_for_backward(gradient)
-        return image.new_tensor(total)
+        return image.new_tensor(total.value)
 
     @staticmethod
     @once_differentiable

@@ -53,7 +53,6 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
     library.f4x_instruction_set.restype = ctypes.c_char_p
     library.f4x_peak.restype = ctypes.c_double
     library.f4x_peak.argtypes = [ctypes.c_double]
-    library.f4x_dissimilarity.restype = ctypes.c_double
     return library, ""
 
 

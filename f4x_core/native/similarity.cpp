@@ -56,8 +56,8 @@ void each_row(const Plan& plan, const Work& work) {
 }
 }  // namespace
 
-// Weighted sum over pixels of 1 - SSIM (mean over channels); NaN when memory ran out.
-F4X_API double f4x_dissimilarity(const Similarity* problem) {
+// Weighted sum over pixels of 1 - SSIM (mean over channels) in `*total`. Returns 1 when memory ran out.
+F4X_API int32_t f4x_dissimilarity(const Similarity* problem, double* total) {
     try {
         // Kept by the calling thread, so that a training loop does not fault in fresh pages at every step.
         static thread_local Buffer<float> across, slopes;
@@ -71,9 +71,10 @@ F4X_API double f4x_dissimilarity(const Similarity* problem) {
         if (plan.p.gradient) each_row(plan, [&](int row, float* scratch) { kernels().gradient_row(plan, row, scratch); });
         double sum = 0;
         for (double part : sums) sum += part;
-        return sum / plan.p.channels;
+        *total = sum / plan.p.channels;
+        return 0;
     } catch (const std::exception&) {
-        return std::numeric_limits<double>::quiet_NaN();
+        return 1;
     }
 }
 
