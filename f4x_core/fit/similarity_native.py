@@ -68,7 +68,9 @@ class NativeDissimilarity(torch.autograd.Function):
         )
         total = ctypes.c_double()
         if require_library().f4x_dissimilarity(ctypes.byref(problem), ctypes.byref(total)):
-            raise F4xError(f"The picture loss ran out of memory at {width} x {height} pixels: fit at a smaller --width.")
+            raise F4xError(
+                f"The picture loss ran out of memory at {width} x {height} pixels: fit at a smaller --width."
+            )
         ctx.save_for_backward(gradient)
         return image.new_tensor(total.value)
 

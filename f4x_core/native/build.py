@@ -91,7 +91,8 @@ def build(target: str | None = None) -> Path:
             done = subprocess.run(compile_command(compiler, output), cwd=folder, capture_output=True, text=True)
             if done.returncode or not output.is_file():
                 lines = (done.stderr or done.stdout).strip().splitlines() or ["no message"]
-                raise F4xError(f"The native library does not compile with {' '.join(compiler)}: {lines[0]}")
+                message = next((line for line in lines if "error" in line), lines[0])
+                raise F4xError(f"The native library does not compile with {' '.join(compiler)}: {message}")
             os.replace(output, library)
     except OSError as error:
         raise F4xError(f"The native library cannot be written to {FOLDER} ({error}); make it writable.") from error

@@ -71,17 +71,31 @@ F4X_HOT uint32_t mask_bits(const i8& mask) {
 }
 #endif
 
-// 2^x for -126 < x < 126 (degree-5 fit, relative error below 2.5e-7); any value outside.
-F4X_HOT f8 exp2_fast(const f8& x) {
+// 2^x for -126 < x < 126 (degree-5 fit, relative error below 2.5e-7); any value outside. Of N vectors step by step.
+template <int N>
+F4X_HOT void exp2_fast(const f8* x, f8* y) {
     const f8 shifter = broadcast(12582912.0f);  // 1.5 * 2^23: adding it rounds to the nearest integer
-    const f8 shifted = x + shifter;
-    const f8 f = x - (shifted - shifter);  // [-0.5, 0.5]
-    f8 y = broadcast(1.327647178e-3f);
-    y = y * f + broadcast(9.675541333e-3f);
-    y = y * f + broadcast(5.550713274e-2f);
-    y = y * f + broadcast(2.402211972e-1f);
-    y = y * f + broadcast(6.931469671e-1f);
-    y = y * f + broadcast(1.0f);
+    f8 shifted[N], f[N];
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) shifted[k] = x[k] + shifter;
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) f[k] = x[k] - (shifted[k] - shifter);  // [-0.5, 0.5]
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) y[k] = broadcast(1.327647178e-3f) * f[k] + broadcast(9.675541333e-3f);
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) y[k] = y[k] * f[k] + broadcast(5.550713274e-2f);
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) y[k] = y[k] * f[k] + broadcast(2.402211972e-1f);
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) y[k] = y[k] * f[k] + broadcast(6.931469671e-1f);
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) y[k] = y[k] * f[k] + broadcast(1.0f);
     // The integer stands in the low bits of `shifted`, below nine zeros of the shifter.
-    return (f8)((u8)y + ((u8)shifted << u8{23, 23, 23, 23, 23, 23, 23, 23}));
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) y[k] = (f8)((u8)y[k] + ((u8)shifted[k] << u8{23, 23, 23, 23, 23, 23, 23, 23}));
+}
+F4X_HOT f8 exp2_fast(const f8& x) {
+    f8 y;
+    exp2_fast<1>(&x, &y);
+    return y;
 }

@@ -682,6 +682,29 @@ F4X_HOT void stage(const Problem& p, const State& s, const Tile& t, int64_t begi
     list_blocks(n, w);
 }
 
+// Alpha of N listed splats in 8 pixels, 0 below the cut. Step by step for all N: one splat's chain of dependent operations is
+// too long for a processor to look past.
+template <int N>
+F4X_HOT void alphas_of(const Hot* hot, const uint8_t* list, const f8& pixel_x, const f8& pixel_y, const f8& log2_min,
+                       const f8& alpha_max, float* alphas) {
+    f8 x[N], y[N], exponent[N];
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) {
+        x[k] = pixel_x - broadcast(hot[list[k]].x);
+        y[k] = pixel_y - broadcast(hot[list[k]].y);
+    }
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) x[k] = x[k] - broadcast(hot[list[k]].slope) * y[k];
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k)
+        exponent[k] = broadcast(hot[list[k]].log2_opacity) - broadcast(hot[list[k]].a) * x[k] * x[k];
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) exponent[k] = exponent[k] - broadcast(hot[list[k]].c) * y[k] * y[k];
+    exp2_fast<N>(exponent, x);
+    F4X_UNROLL
+    for (int k = 0; k < N; ++k) store(alphas + 8 * k, keep_where(exponent[k] >= log2_min, minimum(x[k], alpha_max)));
+}
+
 // Alpha and weight (alpha T) of the listed splats in the 8 pixels of a block. `running` is the transmittance, 0 once a
 // pixel has stopped; `final` the transmittance left behind the last blended splat. Returns how many splats were looked at
 // before all pixels had stopped. Not inlined: forward and backward must decide alike.
@@ -698,13 +721,11 @@ F4X_TARGET int block_weights(const Problem& p, const Scratch& w, int block, int 
     const int n = w.length[block];
     f8 running = running_, final = final_;
     int k = 0;
-    while (k < n) {
+    while (k < n) {  // splats behind the last are computed and not looked at
+        alphas_of<4>(w.hot, list + k, pixel_x, pixel_y, log2_min, alpha_max, alphas + 8 * k);
+        alphas_of<4>(w.hot, list + k + 4, pixel_x, pixel_y, log2_min, alpha_max, alphas + 8 * k + 32);
         for (const int end = std::min(k + 8, n); k < end; ++k) {
-            const Hot& h = w.hot[list[k]];
-            const f8 dx = pixel_x - broadcast(h.x), dy = pixel_y - broadcast(h.y);
-            const f8 u = dx - broadcast(h.slope) * dy;
-            const f8 exponent = broadcast(h.log2_opacity) - broadcast(h.a) * u * u - broadcast(h.c) * dy * dy;
-            f8 alpha = keep_where(exponent >= log2_min, minimum(exp2_fast(exponent), alpha_max));
+            f8 alpha = load(alphas + 8 * k);
             const f8 next = running - running * alpha;
             const i8 go = next > stop;
             alpha = keep_where(go, alpha);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import statistics
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -27,9 +28,10 @@ SHEETS = 6
 # transmittance, six moments; and per channel one blend, one dot product and one gradient.
 PAIR_OPERATIONS, PAIR_CHANNEL_OPERATIONS = 22 + 47, 2 + 4
 # The comparison of a decoded latent with rendering what it stands for, and the case whose memory is measured.
-LATENT, DECODED, LATENT_GAUSSIANS = 32, 512, 50_000
+LATENT, DECODED, LATENT_GAUSSIANS, STRIP = 32, 512, 50_000, 8
 MEMORY_GAUSSIANS, MEMORY_CHANNELS = 200_000, 35
 MEGABYTE = 2**20
+PEAK_SECONDS = 0.05
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmat")
 
 
@@ -102,12 +104,12 @@ def benchmark(
         progress("bench raster", done, len(cases), f"{n:,} Gaussians, {c} channels")
         scene = make_wavy_scene(n, c, width, height)
         variants = [(name, t) for name in names for t in threads]
-        seconds = _measure_times(scene, variants, repeats)
+        seconds, peak = _measure_times(scene, variants, repeats)
         for (name, t), (forward, train) in zip(variants, seconds, strict=True):
             row = {"backend": name, "gaussians": n, "channels": c, "threads": t}
             row |= {"forward_ms": 1e3 * forward, "train_ms": 1e3 * train}
             if name == "native":
-                row |= _measure_work(scene, t, train)
+                row |= _measure_work(scene, t * peak * train)
             timings.append(row)
     return {
         "width": width,
@@ -138,9 +140,14 @@ def compare_decoding(
         scene = {**scenes[channels], "backend": backend, "config": RasterConfig(threads=1)}
         leaves = [scene[name].requires_grad_() for name in GRADIENTS]
         image = rasterize(**scene).channels
-        if channels == LATENT:
-            image, leaves = decoder(image), [*leaves, *decoder.parameters()]
-        torch.autograd.grad(image.sum(), leaves)
+        if channels == DECODED:
+            torch.autograd.grad(image.sum(), leaves)
+            return
+        # Strip by strip, as the picture of all channels is never needed at once.
+        latent = image.detach().requires_grad_()
+        for strip in latent.split(STRIP):
+            decoder(strip).sum().backward()
+        torch.autograd.grad(image, leaves, latent.grad)
 
     rendered, decoded = measure_in_turn([partial(train, DECODED), partial(train, LATENT)], repeats)
     return {"rendered_ms": 1e3 * rendered, "decoded_ms": 1e3 * decoded, "ratio": rendered / decoded}
@@ -219,11 +226,21 @@ def _ratios(timings: list[dict[str, Any]]) -> dict[str, float]:
     return ratios
 
 
-def _measure_times(scene: dict[str, Any], variants: list[tuple[str, int]], repeats: int) -> list[tuple[float, float]]:
-    """Median seconds of a forward pass without gradients and of a forward and backward pass, per (backend, threads)."""
+def _measure_times(
+    scene: dict[str, Any], variants: list[tuple[str, int]], repeats: int
+) -> tuple[list[tuple[float, float]], float]:
+    """Median seconds of a forward pass without gradients and of a forward and backward pass, per (backend, threads).
+
+    Also the median multiply-add peak of one thread (operations per second; 0 without the native library), taken in the same
+    rounds: on a shared machine a processor's speed is not the same a minute later.
+    """
     import torch
 
+    from ..native import measure_peak, open_library
+
+    library, _ = open_library()
     leaves = {name: scene[name].requires_grad_() for name in GRADIENTS}
+    peaks: list[float] = []
 
     def preview(backend: str, threads: int) -> None:
         with torch.no_grad():
@@ -233,25 +250,24 @@ def _measure_times(scene: dict[str, Any], variants: list[tuple[str, int]], repea
         out = rasterize(**scene, backend=backend, config=RasterConfig(threads=threads))
         torch.autograd.grad(out.channels.sum(), list(leaves.values()))
 
-    medians = measure_in_turn([partial(f, *v) for v in variants for f in (preview, train)], repeats)
-    return list(zip(medians[::2], medians[1::2], strict=True))
+    def peak() -> None:
+        peaks.append(measure_peak(library, PEAK_SECONDS) if library else 0.0)
+
+    medians = measure_in_turn([*(partial(f, *v) for v in variants for f in (preview, train)), peak], repeats)
+    return list(zip(medians[:-1:2], medians[1:-1:2], strict=True)), statistics.median(peaks)
 
 
-def _measure_work(scene: dict[str, Any], threads: int, train: float) -> dict[str, float]:
-    """Contributing pairs per pixel, and the share of the multiply-add peak that `train` seconds amount to."""
-    from ..native import measure_peak
+def _measure_work(scene: dict[str, Any], possible: float) -> dict[str, float]:
+    """Contributing pairs per pixel, and the share of the `possible` multiply-adds that they amount to."""
     from .native.library import count_pairs, forward, open_library
 
     library, _ = open_library()
     assert library is not None
     inputs = {name: scene[name].detach().numpy() for name in (*GRADIENTS, "K")}
     width, height, channels = scene["width"], scene["height"], scene["colors"].shape[1]
-    pairs = count_pairs(
-        library, forward(library, inputs, width, height, RasterConfig(threads=threads), None, keep=True)
-    )
+    pairs = count_pairs(library, forward(library, inputs, width, height, RasterConfig(threads=1), None, keep=True))
     operations = pairs * (PAIR_OPERATIONS + PAIR_CHANNEL_OPERATIONS * channels)
-    share = operations / (train * threads * measure_peak(library))
-    return {"pairs_per_pixel": pairs / (width * height), "peak_share": share}
+    return {"pairs_per_pixel": pairs / (width * height), "peak_share": operations / possible}
 
 
 def _measure_error(backend: str) -> dict[str, Any]:
