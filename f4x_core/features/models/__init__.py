@@ -1,0 +1,47 @@
+"""Foundation models through transformers. The modules import it (3 s) and torch: reach them through the registry, lazily."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...errors import F4xError
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Published weights of one model."""
+
+    name: str
+    """What `f4x models` calls it; also its folder below `$F4X_MODELS`."""
+    hub: str
+    """Hugging Face id."""
+    megabytes: int
+    """Size of the download."""
+    licence: str
+    """SPDX id of the weights."""
+    architecture: str
+    """`model_type` in its `config.json`."""
+
+
+CHECKPOINTS = {
+    entry.name: entry
+    for entry in (
+        Checkpoint("sam2-tiny", "facebook/sam2.1-hiera-tiny", 156, "Apache-2.0", "sam2_video"),
+        Checkpoint("sam2-small", "facebook/sam2.1-hiera-small", 184, "Apache-2.0", "sam2_video"),
+        Checkpoint("sam2-base", "facebook/sam2.1-hiera-base-plus", 323, "Apache-2.0", "sam2_video"),
+        Checkpoint("sam2-large", "facebook/sam2.1-hiera-large", 898, "Apache-2.0", "sam2_video"),
+        Checkpoint("tipsv2", "google/tipsv2-b14", 784, "CC-BY-4.0", "tipsv2"),
+        Checkpoint("clip", "openai/clip-vit-base-patch16", 599, "MIT", "clip"),
+        Checkpoint("smolvlm-256m", "HuggingFaceTB/SmolVLM2-256M-Video-Instruct", 1026, "Apache-2.0", "smolvlm"),
+        Checkpoint("smolvlm-500m", "HuggingFaceTB/SmolVLM2-500M-Video-Instruct", 2030, "Apache-2.0", "smolvlm"),
+        Checkpoint("depth-anything", "depth-anything/Depth-Anything-V2-Small-hf", 99, "Apache-2.0", "depth_anything"),
+    )
+}
+"""Name -> weights that the modules of this folder can open."""
+
+
+def checkpoint(name: str) -> Checkpoint:
+    """The entry called `name`; F4xError lists the known ones otherwise."""
+    if name not in CHECKPOINTS:
+        raise F4xError(f"There is no model '{name}'; the known ones are {', '.join(CHECKPOINTS)}.")
+    return CHECKPOINTS[name]
