@@ -16,7 +16,7 @@ def randomise(model, seed=0):
                 weight.copy_(noise / weight[0].numel() ** 0.5)
             else:
                 around_one = name.endswith(("norm.weight", "norm1.weight", "norm2.weight", "lambda1"))
-                weight.copy_(0.1 * noise + float(around_one or "layer_norm" in name and name.endswith("weight")))
+                weight.copy_(0.1 * noise + float(around_one or ("layer_norm" in name and name.endswith("weight"))))
     return model.eval()
 
 
@@ -62,4 +62,111 @@ def tiny_sam2(folder: Path, seed=0, **changes) -> Path:
     with torch.no_grad():  # an object on every frame: masks, not the constant that stands for "nothing here"
         model.mask_decoder.pred_obj_score_head.proj_out.bias.fill_(5.0)
     model.save_pretrained(folder)
+    return Path(folder)
+
+
+WORDS = "a photo of the large small bad art itap origami in video game . cat dog sky".split()
+
+
+def tiny_tokenizer(folder: Path, specials: dict[str, str], extra=()) -> None:
+    """Words split at blanks and known from `WORDS`; enough to run a text tower."""
+    from tokenizers import Tokenizer, models, pre_tokenizers
+
+    names = [*dict.fromkeys(specials.values()), *extra]
+    vocabulary = {word: index for index, word in enumerate([*names, *WORDS])}
+    tokenizer = Tokenizer(models.WordLevel(vocabulary, unk_token=specials["unk_token"]))
+    tokenizer.pre_tokenizer = pre_tokenizers.Whitespace()
+    fast = transformers.PreTrainedTokenizerFast(tokenizer_object=tokenizer, **specials)
+    fast.add_special_tokens({"additional_special_tokens": list(extra)})
+    fast.save_pretrained(folder)
+
+
+def tiny_tipsv2(folder: Path, seed=0) -> Path:
+    """TIPSv2 with 16 channels, windows of 4 x 4 patches of 14 px."""
+    torch.manual_seed(seed)
+    sizes = {"hidden_size": 16, "num_hidden_layers": 2, "num_attention_heads": 2}
+    config = transformers.Tipsv2Config(
+        vision_config={**sizes, "image_size": 56},
+        text_config={**sizes, "intermediate_size": 32, "vocab_size": 64, "max_position_embeddings": 16},
+    )
+    model = randomise(transformers.Tipsv2Model(config), seed)
+    with torch.no_grad():
+        model.temperature.fill_(0.005)
+    model.save_pretrained(folder)
+    tiny_tokenizer(folder, {"unk_token": "<unk>", "pad_token": "<pad>"})
+    return Path(folder)
+
+
+def tiny_clip(folder: Path, seed=0) -> Path:
+    """CLIP with 16 channels into a space of 12, windows of 4 x 4 patches of 16 px."""
+    torch.manual_seed(seed)
+    sizes = {"hidden_size": 16, "intermediate_size": 32, "num_hidden_layers": 2, "num_attention_heads": 2}
+    tokens = {"bos_token_id": 1, "eos_token_id": 2, "pad_token_id": 2}
+    config = transformers.CLIPConfig(
+        vision_config={**sizes, "image_size": 64, "patch_size": 16},
+        text_config={**sizes, **tokens, "vocab_size": 64, "max_position_embeddings": 20},
+        projection_dim=12,
+    )
+    model = randomise(transformers.CLIPModel(config), seed)
+    with torch.no_grad():
+        model.logit_scale.fill_(4.6)
+    model.save_pretrained(folder)
+    specials = {"unk_token": "<unk>", "bos_token": "<start>", "eos_token": "<end>", "pad_token": "<end>"}
+    tiny_tokenizer(folder, specials)
+    return Path(folder)
+
+
+VLM_TOKENS = ("<|im_start|>", "<end_of_utterance>", "<fake_token_around_image>", "<global-img>", "<image>")
+
+
+def tiny_smolvlm(folder: Path, seed=0) -> Path:
+    """SmolVLM with an 8 x 8 vision grid of 16 channels that becomes 4 image tokens per frame."""
+    torch.manual_seed(seed)
+    tiny_tokenizer(folder, {"unk_token": "<unk>", "pad_token": "<pad>", "eos_token": "<eos>"}, VLM_TOKENS)
+    config = transformers.SmolVLMConfig(
+        vision_config={
+            "hidden_size": 16,
+            "intermediate_size": 32,
+            "num_hidden_layers": 2,
+            "num_attention_heads": 2,
+            "image_size": 64,
+            "patch_size": 8,
+        },
+        text_config={
+            "model_type": "llama",
+            "hidden_size": 16,
+            "intermediate_size": 32,
+            "num_hidden_layers": 2,
+            "num_attention_heads": 2,
+            "num_key_value_heads": 1,
+            "vocab_size": 64,
+            "pad_token_id": 1,
+            "eos_token_id": 2,
+            "bos_token_id": 3,
+        },
+        image_token_id=3 + VLM_TOKENS.index("<image>"),
+        scale_factor=4,
+    )
+    randomise(transformers.SmolVLMForConditionalGeneration(config), seed).save_pretrained(folder)
+    return Path(folder)
+
+
+def tiny_depth_anything(folder: Path, seed=0) -> Path:
+    """Depth Anything on a DINOv2 of 16 channels."""
+    torch.manual_seed(seed)
+    config = transformers.DepthAnythingConfig(
+        backbone_config=transformers.Dinov2Config(
+            hidden_size=16,
+            num_hidden_layers=4,
+            num_attention_heads=2,
+            image_size=56,
+            out_indices=[1, 2, 3, 4],
+            reshape_hidden_states=False,
+        ),
+        reassemble_hidden_size=16,
+        neck_hidden_sizes=[8, 8, 8, 8],
+        fusion_hidden_size=8,
+        head_hidden_size=8,
+    )
+    transformers.DepthAnythingForDepthEstimation(config).save_pretrained(folder)
     return Path(folder)
