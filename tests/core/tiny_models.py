@@ -65,7 +65,7 @@ def tiny_sam2(folder: Path, seed=0, **changes) -> Path:
     return Path(folder)
 
 
-WORDS = "a photo of the large small bad art itap origami in video game . cat dog sky".split()
+WORDS = "a photo of the large small bad art itap origami in video game . cat dog sky".split()  # noqa: SIM905
 
 
 def tiny_tokenizer(folder: Path, specials: dict[str, str], extra=()) -> None:

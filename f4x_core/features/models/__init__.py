@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...errors import F4xError
-
 
 @dataclass(frozen=True)
 class Checkpoint:
@@ -38,10 +36,3 @@ CHECKPOINTS = {
     )
 }
 """Name -> weights that the modules of this folder can open."""
-
-
-def checkpoint(name: str) -> Checkpoint:
-    """The entry called `name`; F4xError lists the known ones otherwise."""
-    if name not in CHECKPOINTS:
-        raise F4xError(f"There is no model '{name}'; the known ones are {', '.join(CHECKPOINTS)}.")
-    return CHECKPOINTS[name]

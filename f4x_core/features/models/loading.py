@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from ...errors import F4xError
-from . import Checkpoint
+from . import CHECKPOINTS, Checkpoint
 
 try:
     import transformers
@@ -25,35 +26,51 @@ MODELS_FOLDER = "F4X_MODELS"
 """Environment variable: a folder whose sub-folders are checkpoints by their `Checkpoint.name`."""
 
 
-def locate(entry: Checkpoint, model: str | Path | None = None) -> str:
-    """Folder or hub id to open: `model` if given, else `$F4X_MODELS/<name>` if it is there, else the published id."""
-    if model is not None:
-        return str(model)
-    own = Path(os.environ.get(MODELS_FOLDER, "")) / entry.name
-    return str(own) if MODELS_FOLDER in os.environ and own.is_dir() else entry.hub
+@dataclass(frozen=True)
+class Weights:
+    """Where the weights of a model are looked for."""
+
+    entry: Checkpoint
+    """What they are."""
+    place: str
+    """Folder or hub id."""
+
+    @property
+    def name(self) -> str:
+        """What provenance calls them: the hub id, or a folder's own name (never its path)."""
+        return Path(self.place).name if Path(self.place).is_dir() else self.place
 
 
-def name_of(entry: Checkpoint, model: str | Path | None = None) -> str:
-    """What provenance calls the weights: the hub id, or a folder's own name (never its path)."""
-    place = locate(entry, model)
-    return Path(place).name if Path(place).is_dir() else place
+def find(default: str, model: str | Path | None = None) -> Weights:
+    """Weights for the architecture of the checkpoint `default`.
+
+    `model` is a folder, a hub id, or a name of `CHECKPOINTS`; None is `default`. A name means `$F4X_MODELS/<name>` where that
+    folder exists, else the published id in the local cache. Errors: F4xError when `model` names another architecture.
+    """
+    known = {key: entry for entry in CHECKPOINTS.values() for key in (entry.name, entry.hub)}
+    name = default if model is None else str(model)
+    entry = known.get(name, known[default])
+    if entry.architecture != known[default].architecture:
+        raise _another_architecture(name, entry.architecture, known[default])
+    folder = Path(os.environ.get(MODELS_FOLDER, "")) / entry.name
+    if name in known:
+        return Weights(entry, str(folder) if os.environ.get(MODELS_FOLDER) and folder.is_dir() else entry.hub)
+    return Weights(entry, name)
 
 
-def load(model_class: type, entry: Checkpoint, model: str | Path | None = None) -> Any:
+def load(model_class: type, weights: Weights) -> Any:
     """The model in evaluation mode, float32 on the CPU, without gradients.
 
     Errors: F4xError when the weights are not here, are of another architecture, damaged or incomplete.
     """
-    place = locate(entry, model)
+    entry, place = weights.entry, weights.place
     with _quiet():
         try:
             config = transformers.AutoConfig.from_pretrained(place, local_files_only=True)
         except (OSError, ValueError, KeyError) as error:
             raise _missing(entry, place, error) from error
         if config.model_type != entry.architecture:
-            raise F4xError(
-                f"{place}: these weights are a '{config.model_type}' model, '{entry.name}' needs '{entry.architecture}'."
-            )
+            raise _another_architecture(place, config.model_type, entry)
         try:
             loaded, report = model_class.from_pretrained(  # type: ignore[attr-defined]
                 place, local_files_only=True, output_loading_info=True, dtype=torch.float32
@@ -72,9 +89,9 @@ def load(model_class: type, entry: Checkpoint, model: str | Path | None = None) 
     return loaded.eval().requires_grad_(False)
 
 
-def load_tokenizer(entry: Checkpoint, model: str | Path | None = None) -> Any:
+def load_tokenizer(weights: Weights) -> Any:
     """The tokenizer stored beside the weights; F4xError when it is not here."""
-    place = locate(entry, model)
+    entry, place = weights.entry, weights.place
     with _quiet():
         try:
             return transformers.AutoTokenizer.from_pretrained(place, local_files_only=True)
@@ -106,6 +123,10 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         logging.set_verbosity(level)
+
+
+def _another_architecture(place: str, found: str, entry: Checkpoint) -> F4xError:
+    return F4xError(f"{place}: these weights are a '{found}' model, '{entry.name}' needs '{entry.architecture}'.")
 
 
 def _missing(entry: Checkpoint, place: str, error: Exception) -> F4xError:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,10 @@ from torch.nn import functional
 from ...errors import F4xError
 from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor
 from ..spec import FeatureSpec
-from . import checkpoint
-from .loading import load, memory_guard, name_of, transformers
+from .loading import find, load, memory_guard, transformers
 from .prompt import Prompt, check_frame, check_prompt
 
+DEFAULT = "sam2-tiny"
 LEVELS = {"sam2_s0": 0, "sam2_s1": 1, "sam2": 2}
 """Head -> level of the feature pyramid, fine to coarse; the fine two are the skip connections of the mask decoder."""
 BOX_LABELS = (2, 3)
@@ -38,11 +39,10 @@ FeatureSource = Callable[[int], np.ndarray]
 class Sam2Teacher:
     """Frames to one level of SAM 2's feature pyramid (`LEVELS`), not normalised, without the no-memory embedding."""
 
-    def __init__(self, model: str | Path | None = None, head: str = "sam2", variant: str = "sam2-tiny") -> None:
+    def __init__(self, model: str | Path | None = None, head: str = "sam2") -> None:
         self.head, self.level = head, LEVELS[head]
-        self.entry = checkpoint(variant)
-        self.model: Any = load(transformers.Sam2VideoModel, self.entry, model)
-        self.source = name_of(self.entry, model)
+        self.weights = find(DEFAULT, model)
+        self.model: Any = load(transformers.Sam2VideoModel, self.weights)
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
         """The spec for pictures of any size: they are stretched to the model's square."""
@@ -56,7 +56,11 @@ class Sam2Teacher:
             text_encoder=None,
             temperature=None,
             has_global=False,
-            provenance={"model": self.source, "licence": self.entry.licence, "input": [self.model.image_size] * 2},
+            provenance={
+                "model": self.weights.name,
+                "licence": self.weights.entry.licence,
+                "input": [self.model.image_size] * 2,
+            },
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
@@ -67,6 +71,10 @@ class Sam2Teacher:
             flat = self.model.get_image_features(pixels, return_dict=True).fpn_hidden_states[self.level]  # (hw,1,C)
         height, width = self.model.backbone_feature_sizes[self.level]
         return flat[:, 0].reshape(height, width, -1).numpy().astype(np.float32)
+
+
+fine_skips = partial(Sam2Teacher, head="sam2_s0")
+coarse_skips = partial(Sam2Teacher, head="sam2_s1")
 
 
 class FeatureSam2(transformers.Sam2VideoModel):
@@ -80,7 +88,7 @@ class FeatureSam2(transformers.Sam2VideoModel):
         self.source: Callable[[int], list[torch.Tensor]] | None = None
         """Frame number -> maps (C,h,w) of the three levels, fine to coarse."""
 
-    def get_input_embeddings(self) -> None:
+    def get_input_embeddings(self) -> None:  # type: ignore[override]
         """None: there is no encoder."""
 
     def get_image_features(self, pixel_values: torch.Tensor, **_: Any) -> Any:
@@ -90,9 +98,8 @@ class FeatureSam2(transformers.Sam2VideoModel):
         flat = [level.flatten(1).T[:, None] for level in maps]
         position = sine_position_encoding(*maps[-1].shape).flatten(1).T[:, None]
         # The tracker reads the coarsest position encoding only.
-        return transformers.models.sam2_video.modeling_sam2_video.Sam2VideoVisionEncoderOutput(
-            last_hidden_state=None, fpn_hidden_states=flat, fpn_position_encoding=[*flat[:-1], position]
-        )
+        output: Any = transformers.models.sam2_video.modeling_sam2_video.Sam2VideoVisionEncoderOutput
+        return output(last_hidden_state=None, fpn_hidden_states=flat, fpn_position_encoding=[*flat[:-1], position])
 
 
 def sine_position_encoding(channels: int, height: int, width: int) -> torch.Tensor:
@@ -109,9 +116,12 @@ def sine_position_encoding(channels: int, height: int, width: int) -> torch.Tens
     return torch.cat((rows, columns), 2).permute(2, 0, 1)
 
 
-def load_sam2(model: str | Path | None = None, variant: str = "sam2-tiny") -> FeatureSam2:
-    """Everything of SAM 2 behind the encoder, from a full checkpoint or from a folder of `save_decoder`."""
-    return load(FeatureSam2, checkpoint(variant), model)
+def load_sam2(model: str | Path | None = None) -> FeatureSam2:
+    """Everything of SAM 2 behind the encoder, from a full checkpoint or from a folder of `save_decoder`.
+
+    It must be of the variant that the teacher used: `FeatureSpec.provenance["model"]` says which.
+    """
+    return load(FeatureSam2, find(DEFAULT, model))
 
 
 def save_decoder(model: FeatureSam2, folder: str | Path) -> None:
@@ -157,7 +167,8 @@ class Sam2MaskDecoder:
         size: tuple[int, int],
         skips: Callable[[int], tuple[np.ndarray, np.ndarray]] | None = None,
     ) -> None:
-        self.model, self.count, self.size = model, count, size
+        self.model: Any = model
+        self.count, self.size = count, size
         self._features, self._skips = features, skips
         self._prompts: dict[int, Prompt] = {}
         self._session: Any = None

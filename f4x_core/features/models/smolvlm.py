@@ -17,22 +17,21 @@ import torch
 from ...errors import F4xError
 from ..preprocess import picture_tensor
 from ..spec import FeatureSpec
-from . import checkpoint
-from .loading import load, load_tokenizer, memory_guard, name_of, transformers
+from .loading import find, load, load_tokenizer, memory_guard, transformers
 
 MEAN, STD = (0.5,) * 3, (0.5,) * 3
+DEFAULT = "smolvlm-256m"
 FRAMES = 8
-"""Frames shown to the model unless told otherwise: 64 tokens each in the published sizes."""
+"""Frames worth showing to the model: 64 tokens each in the published sizes."""
 IMAGE, AROUND, WHOLE = "<image>", "<fake_token_around_image>", "<global-img>"
 
 
 class SmolVlmTeacher:
     """Frames to the grid of the vision tower's last hidden state, not normalised."""
 
-    def __init__(self, model: str | Path | None = None, variant: str = "smolvlm-256m") -> None:
-        self.entry = checkpoint(variant)
-        self.model: Any = load(transformers.SmolVLMForConditionalGeneration, self.entry, model).model.vision_model
-        self.source = name_of(self.entry, model)
+    def __init__(self, model: str | Path | None = None) -> None:
+        self.weights = find(DEFAULT, model)
+        self.model: Any = load(transformers.SmolVLMForConditionalGeneration, self.weights).model.vision_model
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
         """The spec for pictures of any size: they are stretched to the model's square."""
@@ -46,7 +45,11 @@ class SmolVlmTeacher:
             text_encoder=None,
             temperature=None,
             has_global=False,
-            provenance={"model": self.source, "licence": self.entry.licence, "input": [vision.image_size] * 2},
+            provenance={
+                "model": self.weights.name,
+                "licence": self.weights.entry.licence,
+                "input": [vision.image_size] * 2,
+            },
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
@@ -60,11 +63,11 @@ class SmolVlmTeacher:
 class SmolVlm:
     """Answers questions about frames that are given as feature maps."""
 
-    def __init__(self, model: str | Path | None = None, variant: str = "smolvlm-256m") -> None:
-        entry = checkpoint(variant)
-        self.name = name_of(entry, model)
-        self.model: Any = load(transformers.SmolVLMForConditionalGeneration, entry, model)
-        self.tokenizer = load_tokenizer(entry, model)
+    def __init__(self, model: str | Path | None = None) -> None:
+        weights = find(DEFAULT, model)
+        self.name = weights.name
+        self.model: Any = load(transformers.SmolVLMForConditionalGeneration, weights)
+        self.tokenizer = load_tokenizer(weights)
         vision = self.model.config.vision_config
         self.grid = (vision.image_size // vision.patch_size,) * 2
         self.tokens_per_frame = self.grid[0] * self.grid[1] // self.model.config.scale_factor**2
@@ -84,8 +87,14 @@ class SmolVlm:
         """
         if not question.strip():
             raise F4xError("The question is empty: ask something.")
+        if any(sign in question for sign in (IMAGE, AROUND, WHOLE)):
+            raise F4xError(
+                f"The question contains {IMAGE} or a sign like it, which the model reserves for pictures: leave it out."
+            )
         if not len(features) or len(features) != len(seconds):
-            raise F4xError(f"{len(features)} feature maps with {len(seconds)} times: give one time for each, and at least one.")
+            raise F4xError(
+                f"{len(features)} feature maps with {len(seconds)} times: give one time for each, and at least one."
+            )
         width = self.model.config.vision_config.hidden_size
         for frame in features:
             if np.shape(frame) != (*self.grid, width):
@@ -111,7 +120,11 @@ class SmolVlm:
         turns = [*history, (question, None)]
         text = "<|im_start|>"
         for index, (asked, answered) in enumerate(turns):
-            text += "User: " + (f"{intro}{shown}\n\n" if index == 0 else "") + f"{asked.strip()}<end_of_utterance>\nAssistant:"
+            text += (
+                "User: "
+                + (f"{intro}{shown}\n\n" if index == 0 else "")
+                + f"{asked.strip()}<end_of_utterance>\nAssistant:"
+            )
             text += "" if answered is None else f" {answered}<end_of_utterance>\n"
         return text
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,10 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from ...errors import F4xError
 from ..preprocess import picture_tensor
 from ..spec import FeatureSpec
-from . import checkpoint
-from .loading import load, load_tokenizer, memory_guard, name_of, transformers
+from ..text import average_templates
+from .loading import find, load, load_tokenizer, memory_guard, transformers
 
 CLIP_MEAN, CLIP_STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 OVERLAP = {"tipsv2": 0.25, "clip": 0.5}
@@ -71,9 +71,8 @@ class TextImageTeacher:
     """Frames to unit vectors in the space of a text encoder; one cell per patch of the magnified picture."""
 
     def __init__(self, name: str, model: str | Path | None = None) -> None:
-        self.name, self.entry = name, checkpoint(name)
-        self.model: Any = load(_CLASSES[name], self.entry, model)
-        self.source = name_of(self.entry, model)
+        self.name, self.weights = name, find(name, model)
+        self.model: Any = load(_CLASSES[name], self.weights)
         vision = self.model.config.vision_config
         self.patch = int(vision.patch_size)
         self.cells = int(vision.image_size) // self.patch
@@ -94,8 +93,8 @@ class TextImageTeacher:
             temperature=_temperature(self.name, self.model),
             has_global=False,
             provenance={
-                "model": self.source,
-                "licence": self.entry.licence,
+                "model": self.weights.name,
+                "licence": self.weights.entry.licence,
                 "input": [columns * self.patch, rows * self.patch],
             },
         )
@@ -126,7 +125,7 @@ class TextImageTeacher:
         else:
             layer = vision.encoder.layer[-1]
             x = vision.layernorm(tipsv2_block(layer, tokens_before(vision, layer.norm1, pixels), values_only))
-        patches = x[0, -self.cells**2 :]  # class and register tokens come first
+        patches = x[0, -(self.cells**2) :]  # class and register tokens come first
         return functional.normalize(patches, dim=-1).unflatten(0, (self.cells, self.cells))
 
 
@@ -134,28 +133,27 @@ class TextImageEncoder:
     """Labels to unit vectors in the space of the teacher of the same name; averaged over `TEMPLATES`."""
 
     def __init__(self, name: str, model: str | Path | None = None) -> None:
-        self.name, entry = name, checkpoint(name)
-        self.model: Any = load(_CLASSES[name], entry, model)
-        self.tokenizer = load_tokenizer(entry, model)
+        weights = find(name, model)
+        self.name = name
+        self.model: Any = load(_CLASSES[name], weights)
+        self.tokenizer = load_tokenizer(weights)
         self.dim, self.temperature = _dim(name, self.model), _temperature(name, self.model)
 
     def encode(self, labels: list[str]) -> np.ndarray:
         """Unit vectors (L,dim) float32; F4xError for an empty label."""
-        if not labels or not all(label.strip() for label in labels):
-            raise F4xError("A label is empty: give at least one word for each.")
-        limit = self.model.config.text_config.max_position_embeddings
-        vectors = []
-        with torch.inference_mode():
-            for label in labels:
-                sentences = [template.format(label.strip()) for template in TEMPLATES]
-                tokens = self.tokenizer(
-                    sentences, padding=True, truncation=True, max_length=limit, return_tensors="pt"
-                )
-                found = self.model.get_text_features(tokens["input_ids"], attention_mask=tokens["attention_mask"])
-                pooled = getattr(found, "pooler_output", found)  # older releases return the tensor itself
-                vectors.append(functional.normalize(pooled, dim=-1).mean(0))
-        return functional.normalize(torch.stack(vectors), dim=-1).numpy()
+        return average_templates(labels, TEMPLATES, self._embed)
 
+    def _embed(self, sentences: list[str]) -> np.ndarray:
+        """(n,dim) float32 of whole sentences, of any length."""
+        limit = self.model.config.text_config.max_position_embeddings
+        with torch.inference_mode():
+            tokens = self.tokenizer(sentences, padding=True, truncation=True, max_length=limit, return_tensors="pt")
+            found = self.model.get_text_features(tokens["input_ids"], attention_mask=tokens["attention_mask"])
+        return getattr(found, "pooler_output", found).numpy()  # older releases return the tensor itself
+
+
+tipsv2_teacher, clip_teacher = partial(TextImageTeacher, "tipsv2"), partial(TextImageTeacher, "clip")
+tipsv2_text, clip_text = partial(TextImageEncoder, "tipsv2"), partial(TextImageEncoder, "clip")
 
 _CLASSES = {"tipsv2": transformers.Tipsv2Model, "clip": transformers.CLIPModel}
 
