@@ -20,6 +20,8 @@ TRIAL = (10_000, 240, 136)
 
 def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Versions, backends, self-check and a speed line."""
+    from ..raster import why_not
+
     packages = {}
     for name in PACKAGES:
         try:
@@ -27,6 +29,8 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         except PackageNotFoundError:
             packages[name] = "missing"
     backends = {name: _trial(name) for name in ("native", "torch")}
+    reason = why_not("gsplat")
+    backends["gsplat"] = "serves tensors on CUDA" if reason is None else reason
     native = _native()
     result: dict[str, Any] = {
         "python": platform.python_version(),
