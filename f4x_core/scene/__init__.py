@@ -1,13 +1,17 @@
 """The scene file `name.f4x`, identity of every Gaussian, posing, export formats and views. Needs numpy alone."""
 
+from .field import FeatureField, FieldHead, Vocabulary
 from .file import append_edit, read_header, read_scene, write_edits, write_scene
 from .model import DynamicSet, Posed, Scene, StaticSet
 
 __all__ = [
     "DynamicSet",
+    "FeatureField",
+    "FieldHead",
     "Posed",
     "Scene",
     "StaticSet",
+    "Vocabulary",
     "append_edit",
     "read_header",
     "read_scene",

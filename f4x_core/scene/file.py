@@ -25,6 +25,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..geometry.camera import CameraPath
 from ..scaffold import Scaffold
+from .field import FeatureField
 from .model import (
     CAMERA_ARRAYS,
     DYNAMIC_ARRAYS,
@@ -37,7 +38,8 @@ from .model import (
 )
 
 FORMAT = "f4x"
-VERSION = 1
+VERSION = 2
+"""The newest that this program reads. 1: no feature field. 2: with one. Written is the smallest that holds the scene."""
 HEADER = "scene.json"
 GROUPS = {"static": GAUSSIAN_ARRAYS, "dynamic": DYNAMIC_ARRAYS, "scaffold": SCAFFOLD_ARRAYS, "cameras": CAMERA_ARRAYS}
 
@@ -123,7 +125,7 @@ def write_scene(scene: Scene, path: Path | str) -> None:
         entries[name] = {"shape": list(array.shape), "dtype": array.dtype.str, "sha256": digest.hexdigest()}
     header = {
         "format": FORMAT,
-        "version": VERSION,
+        "version": 1 if scene.features is None else VERSION,
         "name": scene.name,
         "size": [scene.cameras.width, scene.cameras.height],
         "fps": scene.fps,
@@ -135,6 +137,7 @@ def write_scene(scene: Scene, path: Path | str) -> None:
         "edits": scene.edits,
         "arrays": entries,
         **({} if scene.scaffold is None else {"scaffold_unit": scene.scaffold.unit}),
+        **({} if scene.features is None else {"features": scene.features.to_json()}),
     }
     header |= {name: value for name, value in scene.extra_fields.items() if name not in header}
     text = _json_bytes(header, path)
@@ -318,7 +321,9 @@ def _scene(header: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> Scene:
         if type(unit) not in (int, float) or not 0 < unit < math.inf:
             raise F4xError("'scaffold_unit' is not a positive number")
         scaffold["unit"] = float(unit)
-    known = {*FIELDS, "format", "version", "arrays", "scaffold_unit"}
+    told = header.get("features") if header["version"] >= 2 else None
+    features = None if told is None else FeatureField.take_from(arrays, told)
+    known = {*FIELDS, "format", "version", "arrays", "scaffold_unit", *([] if told is None else ["features"])}
     return Scene(
         name=header["name"],
         static=StaticSet(**static),
@@ -332,6 +337,7 @@ def _scene(header: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> Scene:
         metrics=header["metrics"],
         edits=tuple(header["edits"]),
         next_id=header["next_id"],
+        features=features,
         extra=arrays,  # what no group took
         extra_fields={name: value for name, value in header.items() if name not in known},
     )
@@ -354,10 +360,14 @@ def _scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
         if parts[group] is not None and (group != "dynamic" or len(scene.dynamic))
         for name, (dtype, _) in layout.items()
     }
-    reserved = {f"{group}/{name}" for group, layout in GROUPS.items() for name in layout}
-    for name, value in scene.extra.items():
-        if name in reserved or not MEMBER_NAME.fullmatch(name) or value.dtype.kind not in "biuf":
-            raise F4xError(f"extra array {name!r}: use a new name of letters, digits, '_' and '/', and plain numbers")
+    features = {} if scene.features is None else scene.features.to_arrays()
+    clashes = scene.extra.keys() & {
+        *(f"{group}/{name}" for group, layout in GROUPS.items() for name in layout),
+        *features,
+    }
+    for name, value in [*features.items(), *scene.extra.items()]:
+        if name in clashes or not MEMBER_NAME.fullmatch(name) or value.dtype.kind not in "biuf":
+            raise F4xError(f"array {name!r}: use a new name of letters, digits, '_', '-' and '/', and plain numbers")
         arrays[name] = np.ascontiguousarray(value, value.dtype.newbyteorder("<")).reshape(value.shape)
     return arrays
 

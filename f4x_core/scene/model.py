@@ -20,6 +20,7 @@ from ..geometry.camera import Camera, CameraPath
 from ..scaffold import Scaffold
 from ..scaffold.deformation import Pairs, pairs_of, relative_motions
 from ..scaffold.deformation_library import carry
+from .field import FeatureField
 
 GAUSSIAN_ARRAYS = {
     "ids": ("<i8", ("N",)),
@@ -201,9 +202,11 @@ class Scene:
     """The edit stack: ordered typed operations beside the untouched base arrays (JSON; the edit room types them)."""
     next_id: int = 0
     """The first Gaussian id never used; raised to one past the largest id on construction."""
+    features: FeatureField | None = None
+    """What foundation models see in the scene; None until something is distilled into it."""
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """More arrays of the file by member name, such as "static/latent"; those under static/ and dynamic/ have one row
-    per Gaussian. Kept as they are."""
+    """More arrays of the file by member name; those under static/ and dynamic/ have one row per Gaussian. Kept as they
+    are."""
     extra_fields: Mapping[str, Any] = field(default_factory=dict)
     """More top-level fields of scene.json. Kept as they are."""
 
@@ -226,6 +229,8 @@ class Scene:
             self._check_scaffold(self.scaffold)
         elif len(self.dynamic):
             raise F4xError("there are dynamic Gaussians but no scaffold to carry them")
+        if self.features is not None:
+            self.features.check(len(self.static), 0 if self.scaffold is None else len(self.scaffold.ids))
         for part, rows in (("static/", len(self.static)), ("dynamic/", len(self.dynamic))):
             for name, value in self.extra.items():
                 if name.startswith(part) and (value.ndim == 0 or len(value) != rows):
@@ -288,6 +293,7 @@ class Scene:
             "dynamic": vars(self.dynamic).values(),
             "scaffold": scaffold,
             "cameras": [getattr(self.cameras, name) for name in CAMERA_ARRAYS],
+            "features": [] if self.features is None else self.features.to_arrays().values(),
             "extra": self.extra.values(),
         }
         return {
@@ -302,6 +308,8 @@ class Scene:
             "sh_degree": self.sh_degree,
             "megabytes": {part: sum(array.nbytes for array in arrays) / 1e6 for part, arrays in parts.items()},
             "edits": len(self.edits),
+            "heads": {} if self.features is None else {h.spec.name: dict(h.report) for h in self.features.heads},
+            "latent": 0 if self.features is None else self.features.width,
             "extra": sorted(self.extra),
             "needs": list(self.needs),
             "metrics": dict(self.metrics),

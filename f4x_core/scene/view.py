@@ -11,12 +11,15 @@ from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress, silent
+from .field import FeatureField
 from .model import Posed, Scene
 
 if TYPE_CHECKING:
     from ..raster import RasterConfig
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
+HEAD = "head:"
+"""`head:NAME` is the channel of decoded features."""
 COVERED = 0.1
 """A pixel whose alpha is less has too little in it to speak of its depth or motion."""
 NEAR = 0.01
@@ -40,13 +43,21 @@ def render(
     * `alpha (H,W)` in [0, 1).
     * `motion (H,W,2)` pixels (right, down) from `time` to `time + 1` through this same, standing camera; alpha-weighted
       mean of the Gaussians, 0 for static ones and where alpha < 0.1.
+    * `latent (H,W,D)` of the scene's feature field, alpha-weighted mean of the Gaussians, 0 where alpha < 0.1.
+    * `head:NAME (H,W,C)` what that head decodes from it, 0 where alpha < 0.1.
     * every name in `values`: `(N,C)` numbers of the posed Gaussians, composited like colours over 0 -> `(H,W,C)`.
 
     `backend` and `config` go to `raster.rasterize`. Raises F4xError for an unknown channel or a missing backend.
     """
-    unknown = set(channels) - set(CHANNELS)
+    heads = [name for name in channels if name.startswith(HEAD)]
+    unknown = set(channels) - {*CHANNELS, *heads, "latent"}
     if unknown:
-        raise F4xError(f"render: unknown channel {', '.join(sorted(unknown))}; choose from {', '.join(CHANNELS)}")
+        raise F4xError(
+            f"render: unknown channel {', '.join(sorted(unknown))}; choose from {', '.join(CHANNELS)}, latent"
+        )
+    features = (
+        field_of(scene, [name.removeprefix(HEAD) for name in heads]) if {"latent", *heads} & {*channels} else None
+    )
     from ..raster import rasterize
 
     posed = scene.posed(time)
@@ -55,6 +66,8 @@ def render(
         layers["rgb"] = scene.colors(posed, camera)
     if "motion" in channels:
         layers["motion"] = screen_motion(scene, camera, time, posed)
+    if features is not None:
+        layers["latent"] = features.latents(scene)
     layers |= values or {}
     # depth and alpha come with any channel, so a render of them alone carries one empty channel
     colors = np.concatenate([*layers.values()] or [np.zeros((len(posed.ids), 1))], axis=1, dtype=np.float32)
@@ -87,6 +100,10 @@ def render(
         pictures["depth"] = np.where(covered, np.asarray(out.depth, np.float32) / share, np.float32(np.nan))
     if "motion" in channels:
         pictures["motion"] = np.where(covered[..., None], pictures["motion"] / share[..., None], 0)
+    if features is not None:
+        pictures["latent"] = np.where(covered[..., None], pictures["latent"] / share[..., None], 0)
+        for name in heads:
+            pictures[name] = covered[..., None] * features.decode(name.removeprefix(HEAD), pictures["latent"])
     return pictures
 
 
@@ -104,6 +121,17 @@ def render_trajectory(
         progress("render", done, len(trajectory))
         yield render(scene, camera, time, channels, backend, background, config=config)
     progress("render", len(trajectory), len(trajectory))
+
+
+def field_of(scene: Scene, heads: Sequence[str] = ()) -> FeatureField:
+    """The feature field of `scene`; F4xError when it has none, or lacks one of `heads`."""
+    if scene.features is None:
+        raise F4xError(
+            f"{scene.name}: the scene has no feature field; add one with `f4x distill SCENE --teacher NAME`."
+        )
+    for name in heads:
+        scene.features.head(name)
+    return scene.features
 
 
 def screen_motion(scene: Scene, camera: Camera, time: float, posed: Posed | None = None) -> np.ndarray:

@@ -16,6 +16,7 @@ from random_scene import arrays_of, assert_same, random_scene
 
 from f4x_core.errors import F4xError
 from f4x_core.scene import append_edit, read_header, read_scene, write_edits, write_scene
+from f4x_core.scene.file import VERSION
 
 BASE = random_scene(static=6, dynamic=4)
 
@@ -231,7 +232,7 @@ HOSTILE = {
     "not a whole scene file": lambda path: path.write_bytes(b"PK\x05\x06 nothing"),
     "without scene.json": lambda path: rewritten(path, members={"scene.json": None}),
     "format 'f4x'": with_header(format="glb"),
-    "newer version of Feature4X": with_header(version=2),
+    "newer version of Feature4X": with_header(version=VERSION + 1),
     "no valid version": with_header(version="1"),
     "lacks a valid 'edits'": with_header(edits={}),
     "lacks a valid 'next_id'": with_header(next_id=1.5),

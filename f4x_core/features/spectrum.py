@@ -1,0 +1,79 @@
+"""How wide the latent must be: principal components of all teachers' features together. numpy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .maps import FeatureMaps
+
+WIDTHS = (8, 16, 32, 64)
+"""What the raster and the scene file are made for."""
+KEPT = 0.9
+"""Share of the variance of the stacked features that the linear part of the latent must hold; the heads' bends add to it."""
+SAMPLES = 6000
+"""Cells of which the spectrum is estimated, all frames together: ten for each direction of a thousand channels."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Principal components of the stacked features of several teachers, each scaled to the same total variance."""
+
+    means: tuple[np.ndarray, ...]
+    """(C,) of each teacher."""
+    scales: tuple[float, ...]
+    """What each teacher's centred features are divided by: the root of their total variance."""
+    values: np.ndarray
+    """(S,) variances along the components, descending; S is the sum of all C."""
+    vectors: np.ndarray
+    """(S,S) components as rows."""
+
+    @cached_property
+    def kept(self) -> np.ndarray:
+        """(S,) share of the variance that the first 1, 2, … components hold."""
+        total = self.values.sum()
+        return np.cumsum(self.values) / total if total > 0 else np.ones(len(self.values))
+
+    def coordinates(self, features: Sequence[np.ndarray], width: int) -> np.ndarray:
+        """(…,width) of one map (…,C) per teacher, all on the same grid; 0 beyond the last component."""
+        stacked = np.concatenate(
+            [(map_ - mean) / scale for map_, mean, scale in zip(features, self.means, self.scales, strict=True)], -1
+        )
+        found = stacked @ self.vectors[:width].T.astype(np.float32)
+        return np.pad(found, [(0, 0)] * (found.ndim - 1) + [(0, width - found.shape[-1])])
+
+    def width(self, least: float = KEPT) -> int:
+        """The smallest width that keeps `least` of the variance; the largest there is where none does."""
+        enough = [width for width in WIDTHS if self.kept[min(width, len(self.kept)) - 1] >= least]
+        return enough[0] if enough else WIDTHS[-1]
+
+    def evidence(self) -> str:
+        """One line for the needs table."""
+        shares = ", ".join(f"{width}: {self.kept[min(width, len(self.kept)) - 1]:.1%}" for width in WIDTHS)
+        return f"variance of all teachers' features that so many components hold: {shares}"
+
+
+def measure_spectrum(maps: Sequence[FeatureMaps], frames: Sequence[int], seed: int = 0) -> Spectrum:
+    """The spectrum of `maps` over clip frames `frames`.
+
+    Teachers have different grids: a place is drawn in the picture, and each gives the cell that the place falls into.
+    """
+    rng = np.random.default_rng(seed)
+    places = rng.random((len(frames), -(-SAMPLES // max(len(frames), 1)), 2))  # (row, column), 0 to 1
+    stacks, means, scales = [], [], []
+    for teacher in maps:
+        grid = np.array(teacher.spec.grid)
+        cells = (places * grid).astype(int)  # (F,n,2)
+        picked = np.concatenate(
+            [teacher.expand(np.asarray(teacher.stored[t], np.float32)[tuple(cells[i].T)]) for i, t in enumerate(frames)]
+        )
+        means.append(picked.mean(0))
+        picked = picked - means[-1]
+        scales.append(float(max(np.sqrt((picked**2).sum(1).mean()), 1e-12)))
+        stacks.append(picked / scales[-1])
+    stacked = np.concatenate(stacks, 1).astype(np.float64)
+    values, vectors = np.linalg.eigh(stacked.T @ stacked / max(len(stacked), 1))  # ascending
+    return Spectrum(tuple(means), tuple(scales), np.maximum(values[::-1], 0), vectors.T[::-1])
