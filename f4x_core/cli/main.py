@@ -141,6 +141,25 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--time", type=float, metavar="T", help="clip frame to write, from 0; all frames when left out")
 
+    sub = verb("features", "Let teachers look at a clip: feature maps in DIR/features/TEACHER.")
+    sub.add_argument("clip", type=path_argument)
+    output_option(sub, required=True)
+    sub.add_argument("--teacher", required=True, metavar="NAME[,NAME]", help="names as `f4x models list` shows them")
+    sub.add_argument(
+        "--rank", type=int, metavar="K", help="keep the K strongest directions of every teacher's features"
+    )
+    sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the frames to use")
+    sub.add_argument("--width", type=int, default=WIDTH, help=f"picture width in pixels (default: {WIDTH})")
+    sub.add_argument(
+        "--model",
+        metavar="PATH",
+        help="a folder of weights (or of maps), or a name of `f4x models list`; for one teacher",
+    )
+
+    sub = verb("models", "Teachers and weights: what there is, fetch one, or where it lies.")
+    sub.add_argument("what", choices=("list", "get", "path"))
+    sub.add_argument("name", nargs="?", help="of the weights, or of a teacher")
+
     verb("doctor", "What this machine has, and whether it works.")
 
     sub = verb("bench", "Speed against error of the kernels on this machine.")
@@ -163,6 +182,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     from importlib import import_module
 
     modules = {"fit": "fitting", "priors": "fitting", "eval": "measuring", "render": "rendering", "export": "rendering"}
+    modules |= {"models": "features"}
     module = import_module(f".{modules.get(name, name)}", __package__)
     return getattr(module, f"run_{name}")
 

@@ -127,16 +127,18 @@ class MiniLm:
 
     def embed(self, sentences: list[str]) -> np.ndarray:
         """(n, 384) float32: the mean over the tokens of each sentence."""
-        rows = []
+        rows = np.empty((len(sentences), self.dim), np.float32)
+        order = np.argsort([len(sentence) for sentence in sentences], kind="stable")  # equal lengths need no padding
         with torch.inference_mode():
-            for start in range(0, len(sentences), self.BATCH):
+            for start in range(0, len(order), self.BATCH):
+                batch = order[start : start + self.BATCH]
                 tokens = self.tokenizer(
-                    sentences[start : start + self.BATCH], padding=True, truncation=True, return_tensors="pt"
+                    [sentences[i] for i in batch], padding=True, truncation=True, return_tensors="pt"
                 )
-                hidden = self.network(**tokens).last_hidden_state
+                hidden = self.network(**tokens).last_hidden_state  # (n, tokens, 384)
                 mask = tokens["attention_mask"][..., None].float()
-                rows.append((hidden * mask).sum(1) / mask.sum(1))
-        return torch.cat(rows).numpy()
+                rows[batch] = ((hidden * mask).sum(1) / mask.sum(1)).numpy()
+        return rows
 
 
 def class_embeddings(encode: Callable[[list[str]], np.ndarray]) -> np.ndarray:
