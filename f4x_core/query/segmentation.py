@@ -1,0 +1,345 @@
+"""Masks of an object through a video from feature maps: the interface, and the answer that needs no model.
+
+Without a model, a cell of a new frame asks the cells of the frames before it that look most alike and lie near: they vote with
+their masks (k nearest neighbours of unit features; label propagation, e.g. Jabri et al. 2020, sec. 4). Needs numpy alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
+
+from ..errors import F4xError
+from ..features.models.prompt import Prompt, check_frame, check_prompt
+
+BLOCK = 8
+"""Cells are compared in square blocks of this side, so that the work is matrix products."""
+UNCERTAIN = 1e-4
+"""Least distance of a probability from 0 and 1: logits stay finite."""
+
+
+class MaskDecoder(Protocol):
+    """Turns prompts on the frames 0 .. count - 1 of one video into masks of one object."""
+
+    count: int
+    """Number of frames."""
+    size: tuple[int, int]
+    """(H, W) of the pictures that prompts and logits refer to."""
+
+    def prompt(
+        self,
+        t: int,
+        points: ArrayLike | None = None,
+        labels: ArrayLike | None = None,
+        box: ArrayLike | None = None,
+        mask: ArrayLike | None = None,
+    ) -> np.ndarray:
+        """Logits (H,W) float32 of the object on frame `t`, above 0 where it is; replaces an earlier prompt there.
+
+        `points (N,2)` x, y in pixels with `labels (N,)` (True = on the object, all of them by default), `box (4,)` left,
+        top, right, bottom, both together, or a `mask (H,W)` alone. F4xError for a prompt that means nothing.
+        """
+        ...
+
+    def propagate(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
+        ...
+
+    def everything(self, t: int) -> np.ndarray:
+        """Masks (n,H,W) bool of whatever stands out on frame `t`, without a prompt."""
+        ...
+
+    def reset(self) -> None:
+        """Forget all prompts."""
+        ...
+
+
+@dataclass(frozen=True)
+class PropagationConfig:
+    """How masks travel from frame to frame in feature space."""
+
+    memory: int = 2
+    """Frames before the present one that are asked, besides the prompted ones."""
+    reach: int = 4
+    """Cells that an object may move from one frame to the next."""
+    neighbours: int = 30
+    """Cells that vote on a cell."""
+    temperature: float = 0.1
+    """A vote weighs exp(cosine / temperature)."""
+    parts: int = 8
+    """Looks that `everything` tells apart on a frame."""
+    least_cells: int = 6
+    """Smaller regions are dropped by `everything`."""
+
+
+class FeaturePropagation:
+    """`MaskDecoder` by nearest neighbours among feature maps (`visual` is best): no model, no encoder, numpy alone.
+
+    `features(t)` gives the map (h,w,C) of frame t in [0, count), rendered or extracted, of any length per cell.
+    """
+
+    def __init__(
+        self,
+        features: Callable[[int], np.ndarray],
+        count: int,
+        size: tuple[int, int],
+        config: PropagationConfig | None = None,
+    ) -> None:
+        self.count, self.size, self.config = count, size, config or PropagationConfig()
+        self._features = features
+        self._shares: dict[int, np.ndarray] = {}  # prompted frame -> (h,w) share of each cell that is the object
+
+    def prompt(
+        self,
+        t: int,
+        points: ArrayLike | None = None,
+        labels: ArrayLike | None = None,
+        box: ArrayLike | None = None,
+        mask: ArrayLike | None = None,
+    ) -> np.ndarray:
+        """Logits (H,W) of the object on frame `t` (see `MaskDecoder`); a mask comes back as it is on the grid of features."""
+        prompt = check_prompt(t, self.count, self.size, points, labels, box, mask)
+        cells = self._cells(t)
+        if prompt.mask is not None:
+            share = shrink(prompt.mask.astype(np.float32), cells.shape[:2])
+        else:
+            share = grow_prompt(cells, prompt, self.size)
+        self._shares[t] = share
+        return self._logits(share)
+
+    def propagate(self) -> Iterator[tuple[int, np.ndarray]]:
+        """Every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
+        if not self._shares:
+            raise F4xError("Nothing is prompted yet: give points, a box or a mask on some frame first.")
+        start = min(self._shares)
+        known = {t: (self._cells(t), share) for t, share in self._shares.items()}
+        yield start, self._logits(self._shares[start])
+        for order in (range(start + 1, self.count), range(start - 1, -1, -1)):
+            recent = [known[start]]
+            for t in order:
+                if t in known:
+                    recent.append(known[t])
+                else:
+                    cells = self._cells(t)
+                    recent.append((cells, self._vote(cells, known, recent)))
+                recent = recent[-self.config.memory :]
+                yield t, self._logits(recent[-1][1])
+
+    def everything(self, t: int) -> np.ndarray:
+        """Masks (n,H,W) bool of connected regions of one look on frame `t`, largest first."""
+        check_frame(t, self.count)
+        cells = self._cells(t)
+        regions = connected_regions(kinds_of(cells, self.config.parts))
+        names, areas = np.unique(regions, return_counts=True)
+        large = [name for area, name in sorted(zip(-areas, names, strict=True)) if -area >= self.config.least_cells]
+        masks = [enlarge((regions == name).astype(np.float32), self.size) > 0.5 for name in large]
+        return np.stack(masks) if masks else np.zeros((0, *self.size), bool)
+
+    def reset(self) -> None:
+        """Forget all prompts."""
+        self._shares = {}
+
+    def _vote(
+        self,
+        cells: np.ndarray,
+        known: dict[int, tuple[np.ndarray, np.ndarray]],
+        recent: list[tuple[np.ndarray, np.ndarray]],
+    ) -> np.ndarray:
+        """Share of the object (h,w) in the cells (h,w,C) of a frame, by the frames it can ask."""
+        height, width = cells.shape[:2]
+        latest = recent[-1][1]
+        asked = [(other, share, (0, 0)) for other, share in recent]
+        for other, share in known.values():
+            if all(share is not seen for _, seen in recent):
+                # The window into a prompted frame, perhaps long ago, goes along with the object.
+                asked.append((other, share, tuple(np.round(_centre(latest) - _centre(share)).astype(int))))
+        keys = [windows(shifted(other, move), self.config.reach) for other, _, move in asked]
+        shares = [windows(shifted(share, move)[..., None], self.config.reach)[..., 0] for _, share, move in asked]
+        votes = np.concatenate(shares, 1)  # (blocks,n)
+        possible = votes.max(1) > UNCERTAIN  # elsewhere nobody near was ever the object
+        queries = windows(cells, 0)[possible]  # (p,64,C)
+        cosine = np.concatenate([queries @ key[possible].swapaxes(1, 2) for key in keys], 2)  # (p,64,n)
+        rank = cosine.shape[2] - min(self.config.neighbours, cosine.shape[2])
+        least = np.partition(cosine, rank, axis=2)[:, :, rank, None]
+        weight = np.exp((cosine - 1) / self.config.temperature) * (cosine >= least)
+        answer = np.zeros((len(votes), BLOCK * BLOCK), np.float32)
+        answer[possible] = (weight @ votes[possible][..., None])[..., 0] / weight.sum(2)
+        across = -(-width // BLOCK)
+        rows = answer.reshape(-1, across, BLOCK, BLOCK).swapaxes(1, 2).reshape(-1, across * BLOCK)
+        return rows[:height, :width]
+
+    def _cells(self, t: int) -> np.ndarray:
+        """Unit features (h,w,C) float32 of frame `t`."""
+        cells = np.asarray(self._features(t), np.float32)
+        return cells / np.maximum(np.linalg.norm(cells, axis=-1, keepdims=True), 1e-12)
+
+    def _logits(self, share: np.ndarray) -> np.ndarray:
+        probability = np.clip(enlarge(share, self.size), UNCERTAIN, 1 - UNCERTAIN)
+        return np.log(probability / (1 - probability))
+
+
+def windows(values: np.ndarray, reach: int) -> np.ndarray:
+    """(blocks, (BLOCK + 2 reach)^2, C): for each square block of cells of (h,w,C), the cells in it and `reach` around it."""
+    height, width, channels = values.shape
+    down, across = -(-height // BLOCK), -(-width // BLOCK)
+    padded = np.zeros((down * BLOCK + 2 * reach, across * BLOCK + 2 * reach, channels), np.float32)
+    padded[reach : reach + height, reach : reach + width] = values
+    side = BLOCK + 2 * reach
+    views = sliding_window_view(padded, (side, side), axis=(0, 1))[::BLOCK, ::BLOCK]  # (down,across,C,side,side)
+    return np.moveaxis(views, 2, -1).reshape(down * across, side * side, channels)
+
+
+def shifted(values: np.ndarray, move: tuple[int, ...]) -> np.ndarray:
+    """(h,w,...) moved by (rows, columns); zeros come in at the rim."""
+    if move == (0, 0):
+        return values
+    result = np.zeros_like(values)
+    target, source = zip(*(_overlap(move[axis], values.shape[axis]) for axis in (0, 1)), strict=True)
+    result[target] = values[source]
+    return result
+
+
+def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
+    """Share of the object (h,w) in unit features (h,w,C) from points and a box on a picture of `size (H,W)`.
+
+    A random walker with priors (Grady 2005): `x = argmin sum w (x_i - x_j)^2 + PRIOR sum (x_i - p_i)^2` over 4-neighbours, with
+    `w = exp((cosine - 1) / EDGE)` and x fixed at the points and outside the box. The prior `p` compares the likeness to what is
+    known to be the object (positive points, else the middle of the box) with that to what is known not to be (negative points,
+    outside of the box, and the rim of the picture).
+    """
+    height, width = cells.shape[:2]
+    scale = np.array([width / size[1], height / size[0]])
+    at = np.minimum((prompt.points * scale).astype(int), (width - 1, height - 1))  # (N,2) column, row
+    fixed = np.full((height, width), np.nan, np.float32)
+    rim = np.ones((height, width), bool)
+    rim[1:-1, 1:-1] = False
+    inside = np.ones((height, width), bool)
+    if prompt.box is not None:
+        left, top, right, bottom = prompt.box * np.tile(scale, 2)
+        rows, columns = np.arange(height) + 0.5, np.arange(width) + 0.5
+        inside = ((rows >= top) & (rows <= bottom))[:, None] & ((columns >= left) & (columns <= right))
+        inside[int((top + bottom) / 2), int((left + right) / 2)] = True  # a box smaller than a cell
+        fixed[~inside] = 0.0
+        middle_y, middle_x = np.mean([top, bottom]), np.mean([left, right])
+        core = (abs(rows - middle_y) <= (bottom - top) / 4)[:, None] & (abs(columns - middle_x) <= (right - left) / 4)
+        core[int(middle_y), int(middle_x)] = True
+    fixed[at[:, 1], at[:, 0]] = prompt.labels
+    positive = fixed == 1
+    if not positive.any():
+        positive = core & (fixed != 0)
+    negative = (fixed == 0) | (rim & ~positive)
+    likeness = [
+        np.sort(cells[kind] @ cells.reshape(-1, cells.shape[2]).T, axis=0)[-SEEDS:].mean(0).reshape(height, width)
+        for kind in (positive, negative)
+    ]
+    prior = 1 / (1 + np.exp(np.clip((likeness[1] - likeness[0]) / LIKENESS, -30, 30)))
+    return random_walk(cells, prior, fixed)
+
+
+LIKENESS, EDGE, PRIOR, SEEDS = 0.05, 0.1, 0.05, 5
+"""Difference of cosines that counts as clearly more alike; cosine step that separates neighbours by 1/e; weight of the prior
+against one bond; most alike seeds that are averaged."""
+
+
+def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Minimiser (h,w) of `grow_prompt`'s energy, by conjugate gradients; `fixed` is NaN where free."""
+    down = np.exp(((cells[1:] * cells[:-1]).sum(-1) - 1) / EDGE)  # (h-1,w)
+    across = np.exp(((cells[:, 1:] * cells[:, :-1]).sum(-1) - 1) / EDGE)  # (h,w-1)
+    free = np.isnan(fixed)
+
+    def apply(x: np.ndarray) -> np.ndarray:
+        result = PRIOR * x
+        flow = down * np.diff(x, axis=0)
+        result[1:] += flow
+        result[:-1] -= flow
+        flow = across * np.diff(x, axis=1)
+        result[:, 1:] += flow
+        result[:, :-1] -= flow
+        return result
+
+    x = np.where(free, prior, fixed).astype(np.float64)
+    residual = (PRIOR * prior - apply(x)) * free
+    direction, power = residual.copy(), (residual**2).sum()
+    for _ in range(500):
+        if power < 1e-10:
+            break
+        image = apply(direction) * free
+        step = power / (direction * image).sum()
+        x += step * direction
+        residual -= step * image
+        direction, power = residual + (residual**2).sum() / power * direction, (residual**2).sum()
+    return np.clip(x, 0, 1).astype(np.float32)
+
+
+def kinds_of(cells: np.ndarray, kinds: int, rounds: int = 10) -> np.ndarray:
+    """(h,w) int: which of at most `kinds` looks a cell has (spherical k-means from farthest points; deterministic)."""
+    flat = cells.reshape(-1, cells.shape[2])
+    centres = [flat.mean(0)]
+    for _ in range(kinds):
+        centres.append(flat[np.argmin((flat @ np.stack(centres).T).max(1))])
+    table = np.stack(centres[1:])
+    for _ in range(rounds):
+        kind = (flat @ table.T).argmax(1)
+        sums = np.stack([flat[kind == index].sum(0) for index in range(kinds)])
+        table = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
+    return kind.reshape(cells.shape[:2])
+
+
+def connected_regions(kind: np.ndarray) -> np.ndarray:
+    """(h,w) int: one number for each 4-connected region of equal `kind (h,w)`."""
+    number = np.arange(kind.size).reshape(kind.shape)
+    same = [kind[1:] == kind[:-1], kind[:, 1:] == kind[:, :-1]]
+    while True:
+        before = number.copy()
+        for axis in (0, 1):
+            view, alike = (number, same[0]) if axis == 0 else (number.T, same[1].T)
+            for order in (range(len(alike)), range(len(alike) - 1, -1, -1)):
+                for row in order:  # the smallest number runs along whole columns at once
+                    least = np.minimum(view[row], view[row + 1])
+                    view[row] = np.where(alike[row], least, view[row])
+                    view[row + 1] = np.where(alike[row], least, view[row + 1])
+        if (before == number).all():
+            return number
+
+
+def shrink(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Means (h,w) of `values (H,W)` over the cells of a coarser grid, whole or in part."""
+    down, across = (_area_matrix(new, old) for new, old in zip(size, values.shape, strict=True))
+    return down @ values @ across.T
+
+
+def enlarge(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """`values (h,w)` interpolated bilinearly to (H,W), corners of both grids on each other."""
+    down, across = (_linear_matrix(new, old) for new, old in zip(size, values.shape, strict=True))
+    return down @ values @ across.T
+
+
+def _area_matrix(new: int, old: int) -> np.ndarray:
+    """(new,old): share of each old cell in the mean over a new one."""
+    edges, low = np.arange(new + 1) * old / new, np.arange(old)
+    covered = np.minimum(edges[1:, None], low + 1) - np.maximum(edges[:-1, None], low)
+    return (np.clip(covered, 0, 1) * new / old).astype(np.float32)
+
+
+def _linear_matrix(new: int, old: int) -> np.ndarray:
+    """(new,old): weights of linear interpolation at the centres of the new cells."""
+    place = np.clip((np.arange(new) + 0.5) * old / new - 0.5, 0, old - 1)
+    return np.maximum(0, 1 - abs(place[:, None] - np.arange(old))).astype(np.float32)
+
+
+def _centre(share: np.ndarray) -> np.ndarray:
+    """(row, column) of the centre of mass of `share (h,w)`."""
+    total = max(float(share.sum()), 1e-12)
+    rows, columns = share.sum(1), share.sum(0)
+    return np.array([rows @ np.arange(len(rows)), columns @ np.arange(len(columns))]) / total
+
+
+def _overlap(move: int, length: int) -> tuple[slice, slice]:
+    """Where values go and where they come from when they move by `move` cells."""
+    move = int(np.clip(move, -length, length))
+    return slice(max(move, 0), length + min(move, 0)), slice(max(-move, 0), length - max(move, 0))
