@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Self
+from typing import Self, cast
 
 import numpy as np
 import torch
@@ -25,13 +25,19 @@ class Head(nn.Module):
     def __init__(self, widths: list[int]):
         """Layers of the given widths, first D and last C."""
         super().__init__()
-        self.layers = nn.ModuleList(nn.Linear(before, after) for before, after in pairwise(widths))
+        self.chain = nn.ModuleList(nn.Linear(before, after) for before, after in pairwise(widths))
+
+    @property
+    def layers(self) -> list[nn.Linear]:
+        """The linear layers, first to last."""
+        return [cast(nn.Linear, layer) for layer in self.chain]
 
     def forward(self, latent: Tensor) -> Tensor:
         """Features (…,C) of `latent (…,D)`."""
-        for layer in self.layers[:-1]:
+        *inner, last = self.layers
+        for layer in inner:
             latent = torch.relu(layer(latent))
-        return self.layers[-1](latent)
+        return last(latent)
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """`weight_i` (in,out) and `bias_i` (out,) float32, as the scene file names them."""

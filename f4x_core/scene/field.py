@@ -72,7 +72,7 @@ class FieldHead:
             for weight, bias in layers[:-1]:
                 x = np.maximum(x @ weight + bias, 0)
             out[start : start + ROWS] = x @ layers[-1][0] + layers[-1][1]
-        return out.reshape(*latent.shape[:-1], -1)
+        return out.reshape(*latent.shape[:-1], out.shape[1])
 
     def picture(self, latent: np.ndarray) -> np.ndarray:
         """(…,3) uint8 colours of the features of `latent (…,D)`.

@@ -1,0 +1,508 @@
+"""Distillation: foundation models' feature maps become latents on Gaussians and nodes, and heads that decode them.
+
+A stage of its own after the photometric one: geometry, opacity, colour and cameras stand still, so pictures cannot
+change. What stands still is measured once per frame (`features.footprint`); a step is then a sparse product, not a drawing.
+
+Light is divided by alpha before heads decode it, here and wherever the field is read: a cell that is half covered has the
+features of what covers it, and no head has to learn what "nothing" looks like. Cells with less than `COVERED` do not count.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from scipy import sparse
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+from torch.nn import functional
+
+from ..errors import F4xError
+from ..features.footprint import cell_light
+from ..features.heads import Head, head_widths
+from ..features.maps import FeatureMaps
+from ..features.pictures import fit_pca
+from ..features.spec import FeatureSpec
+from ..features.spectrum import WIDTHS, measure_spectrum
+from ..progress import Progress, silent
+from ..raster import RasterConfig
+from ..scene import FeatureField, FieldHead, Scene
+from ..scene.field import quantise
+from .needs import Need
+
+COVERED = 0.5
+"""Share of a cell that Gaussians must cover for the cell to count."""
+PIXELS_PER_CELL = 4
+"""Size at which light is measured, in pixels along a cell's shorter side: 16 samples per cell differ from the full picture's
+by 0.2 % of a smooth latent (dog) and take half the time."""
+PICTURE_SAMPLES = 20_000
+"""Cells of all frames that the colours of feature pictures are fitted to."""
+LATENT_END, HEAD_END = 0.05, 0.05
+"""Share of the learning rates that is left at the last step."""
+
+
+@dataclass(frozen=True)
+class DistilConfig:
+    """How features are distilled."""
+
+    width: int | None = None
+    """D, channels of the latent: 8, 16, 32 or 64; None asks the spectrum of the teachers."""
+    steps: int = 600
+    """Optimiser steps."""
+    frames_per_step: int = 2
+    """Frames that one step looks at."""
+    latent_rate: float = 0.02
+    """Adam's rate of latents, whose spread is about 1; falls along a cosine."""
+    head_rate: float = 3e-3
+    """Adam's rate of the heads; falls along a cosine."""
+    ssim: float = 0.1
+    """Weight of 1 - SSIM of the feature maps beside their relative L1."""
+    ssim_channels: int = 64
+    """A head with more channels has no SSIM term: it costs more there than the head itself."""
+    cosine: float = 0.0
+    """Weight of 1 - cosine between features, for heads that are read by direction."""
+    head_weights: Mapping[str, float] | None = None
+    """Weight of single heads in the loss by name; 1 where not named."""
+    keep: float = 1.0
+    """Weight of what the heads that the scene already has decode: the latent may move only where they do not see it. With
+    `math.inf` the latent does not move at all."""
+    feature_grad_to_skinning: bool = False
+    """Let features also move the skinning weights. Motion, and with it the picture, then changes."""
+    seed: int = 0
+    """Seed of everything random."""
+    threads: int = 0
+    """Threads of the raster and of torch; 0: all cores."""
+    backend: str = "auto"
+    """What draws."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What one frame sees: cells of the common grid from columns (static Gaussians, then nodes or dynamic Gaussians)."""
+
+    frame: int
+    """Clip frame."""
+    mix: sparse.csr_matrix
+    """(h*w, columns) float32; a row sums to 1, or to 0 where nothing is."""
+    gather: sparse.csr_matrix
+    """Its transpose."""
+    alpha: Tensor
+    """(h,w) covered share of every cell."""
+
+
+class _Mix(torch.autograd.Function):
+    """`matrix @ latents`, with the transpose made before."""
+
+    @staticmethod
+    def forward(ctx: Any, latents: Tensor, view: View) -> Tensor:
+        """(cells,D) of `latents (columns,D)`."""
+        ctx.view = view
+        return torch.from_numpy(view.mix @ latents.detach().numpy())
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> Any:
+        """Gradient of the latents."""
+        return torch.from_numpy(ctx.view.gather @ gradient.numpy()), None
+
+
+class HeadTask:
+    """One head and the maps that it learns."""
+
+    def __init__(self, maps: FeatureMaps, frames: Sequence[int], width: int, config: DistilConfig):
+        """Measure mean and spread of the maps over `frames`, so that the head starts out right in size."""
+        self.maps, self.spec = maps, maps.spec
+        sample = np.concatenate([maps.at(t).reshape(-1, self.spec.dim)[::7] for t in frames])
+        self.mean = torch.from_numpy(sample.mean(0))
+        self.spread = float(max(sample.std(0).mean(), 1e-9))
+        self.size = float(max(np.abs(sample).mean(), 1e-9))
+        """Mean of |features|: what errors are told relative to."""
+        self.range = float(max(np.subtract(*np.percentile(sample, [99, 1])), 1e-9))
+        self.head = Head(head_widths(width, self.spec.dim))
+        self.config = config
+        self.weight = (config.head_weights or {}).get(self.spec.name, 1.0)
+
+    def decode(self, latent: Tensor) -> Tensor:
+        """Features (…,C)."""
+        return self.mean + self.spread * self.head(latent)
+
+    def loss(self, latent: Tensor, alpha: Tensor, frame: int) -> Tensor:
+        """Relative L1 + SSIM + cosine terms of a view's latent (H,W,D), over cells that are covered."""
+        z, covered = to_grid(latent, alpha, self.spec)
+        seen = covered > COVERED  # (h,w)
+        wanted = torch.from_numpy(self.maps.at(frame))
+        found = self.decode(z)
+        count = seen.sum().clamp_min(1)
+        loss = ((found - wanted).abs().mean(-1) * seen).sum() / count / self.size
+        if self.config.ssim and self.spec.dim <= self.config.ssim_channels:
+            loss = loss + self.config.ssim * dissimilarity(found, wanted, seen, self.range)
+        if self.config.cosine:
+            unlike = 1 - functional.cosine_similarity(found, wanted, dim=-1)
+            loss = loss + self.config.cosine * (unlike * seen).sum() / count
+        return self.weight * loss
+
+    def folded(self) -> Head:
+        """The head with mean and spread inside its last layer."""
+        head = Head.from_arrays(self.head.to_arrays())
+        last = head.layers[-1]
+        with torch.no_grad():
+            last.weight.mul_(self.spread)
+            last.bias.mul_(self.spread).add_(self.mean)
+        return head
+
+
+class KeptHead:
+    """A head that the scene already has, whose output must stay."""
+
+    def __init__(self, stored: FieldHead):
+        """Freeze the head."""
+        layers = range(len(stored.weights))
+        arrays = {f"weight_{i}": stored.weights[i] for i in layers} | {f"bias_{i}": stored.biases[i] for i in layers}
+        self.stored, self.head = stored, Head.from_arrays(arrays).requires_grad_(False)
+
+    def loss(self, latent: Tensor, before: Tensor, alpha: Tensor) -> Tensor:
+        """Relative L1 between what is decoded from the latent (H,W,D) now and before."""
+        seen = (alpha > COVERED)[..., None]
+        with torch.no_grad():
+            wanted = self.head(before) * seen
+        return (self.head(latent) * seen - wanted).abs().sum() / wanted.abs().sum().clamp_min(1e-9)
+
+
+def distil(
+    scene: Scene, maps: Sequence[FeatureMaps], config: DistilConfig | None = None, progress: Progress = silent
+) -> Scene:
+    """The scene with a head for each of `maps` (and the heads it already had), trained on its used frames.
+
+    Gaussians, scaffold and cameras are the same objects (with `feature_grad_to_skinning`: but for the skinning weights).
+    Each head's `report` tells relative error mean|found - wanted| / mean|wanted| and cosine on used and held-out frames, as
+    decoded from the stored bytes, and what storing in bytes changed (`stored_change`). Heads that were there before tell
+    their `drift`, the relative change of what they decode. A head whose teacher is among `maps` is learnt anew.
+
+    Raises:
+        F4xError: no maps, two of one name, maps of another number of frames, a width that is not 8, 16, 32 or 64, or one
+            that differs from the width of a field whose heads are kept.
+    """
+    config = config or DistilConfig()
+    threads = torch.get_num_threads()
+    if config.threads:
+        torch.set_num_threads(config.threads)
+    try:
+        return _Distillation(scene, maps, config, progress).run()
+    finally:
+        torch.set_num_threads(threads)
+
+
+class _Distillation:
+    """All that one call of `distil` knows."""
+
+    def __init__(self, scene: Scene, maps: Sequence[FeatureMaps], config: DistilConfig, progress: Progress):
+        self.scene, self.maps, self.config, self.progress = scene, maps, config, progress
+        _check(scene, maps, config)
+        self.used = [t for t in range(len(scene.cameras)) if t not in set(scene.held_out)]
+        torch.manual_seed(config.seed)
+        self.rng = np.random.default_rng(config.seed)
+        names = {each.spec.name for each in maps}
+        old = scene.features
+        self.kept = [KeptHead(head) for head in old.heads if head.spec.name not in names] if old is not None else []
+        if self.kept and old is not None and config.width not in (None, old.width):
+            raise F4xError(
+                f"--width {config.width}: the scene's heads {', '.join(h.stored.spec.name for h in self.kept)} read"
+                f" {old.width} channels; leave --width out, or distil all of them again."
+            )
+        self.spectrum = measure_spectrum(maps, self.used, config.seed)
+        self.width = old.width if self.kept and old is not None else config.width or self.spectrum.width()
+        self.grid = common_grid([*(m.spec for m in maps), *(h.stored.spec for h in self.kept)], scene)
+        self.tasks = [HeadTask(each, self.used, self.width, config) for each in maps]
+        self.nodes = 0 if scene.scaffold is None else len(scene.scaffold.ids)
+
+    @property
+    def skinning(self) -> sparse.csr_matrix:
+        """(Nd,M) weights of the nodes."""
+        node, weight = self.scene.dynamic.node, self.scene.dynamic.weight
+        rows = np.repeat(np.arange(len(node)), node.shape[1])
+        return sparse.csr_matrix((weight.ravel(), (rows, node.ravel())), (len(node), self.nodes), dtype=np.float32)
+
+    def run(self) -> Scene:
+        """Look, start, train, store, report."""
+        views = [self.look(t) for t in self.steps("light", self.used)]
+        latents = self.first_latents(views)
+        latents, weight = self.train(views, latents)
+        static, nodes, low, step = quantise(*np.split(latents, [len(self.scene.static)]))
+        stored = low + step * np.concatenate([static, nodes]).astype(np.float32)
+        again = list(self.scene.held_out)
+        if weight is not None:  # everything has moved a little
+            self.scene = replace(self.scene, dynamic=replace(self.scene.dynamic, weight=weight))
+            again, views = [*self.used, *again], []
+        views += [self.look(t) for t in self.steps("light for the report", again)]
+        heads, pca = self.report(views, latents, stored)
+        old = self.scene.features
+        field = FeatureField(static, nodes, low, step, heads, {} if old is None else old.vocabularies, pca)
+        needs = [row for row in self.scene.needs if row.get("what") != "latent"]
+        return replace(self.scene, features=field, needs=(*needs, self.need().row()))
+
+    def steps(self, stage: str, items: Sequence[Any]) -> Iterator[Any]:
+        """`items` one by one, told to `progress`."""
+        for done, item in enumerate(items):
+            self.progress(stage, done, len(items))
+            yield item
+        self.progress(stage, len(items), len(items))
+
+    def look(self, frame: int) -> View:
+        """Measure the light of one clip frame."""
+        scene, (rows, columns) = self.scene, self.grid
+        camera = scene.cameras[frame]
+        share = min(1.0, PIXELS_PER_CELL * max(rows / camera.height, columns / camera.width))
+        camera = camera.resized(max(columns, round(share * camera.width)), max(rows, round(share * camera.height)))
+        # The footprint's blur shrinks with the picture, so that light is that of the full one, sampled.
+        config = RasterConfig(blur=RasterConfig.blur * share**2)
+        config = replace(config, threads=self.config.threads) if self.config.threads else config
+        posed = scene.posed(float(scene.cameras.times[frame]))
+        light = cell_light(
+            *(posed.means, posed.quats, posed.scales, posed.opacities, camera, self.grid),
+            config=config,
+            backend=self.config.backend,
+        )
+        area = np.asarray(light.sum(1))[:, 0]
+        alpha = np.clip(area * rows * columns / (camera.width * camera.height), 0, 1).reshape(self.grid)
+        mix = sparse.diags(1 / np.maximum(area, 1e-6)) @ light
+        if not self.config.feature_grad_to_skinning:
+            count = len(scene.static)
+            mix = sparse.hstack([mix[:, :count], mix[:, count:] @ self.skinning])
+        mix = sparse.csr_matrix(mix, dtype=np.float32)
+        return View(frame, mix, sparse.csr_matrix(mix.T), torch.from_numpy(alpha.astype(np.float32)))
+
+    def first_latents(self, views: Sequence[View]) -> np.ndarray:
+        """(Ns+M,D) where training starts: the scene's own latents, or each column's mean of the principal components that
+        its cells show, spread 1."""
+        old = self.scene.features
+        if self.kept and old is not None:
+            return old.low + old.step * np.concatenate([old.static, old.nodes]).astype(np.float32)
+        total, light = 0.0, 0.0
+        for view in views:
+            seen = (view.alpha > COVERED).float().reshape(-1, 1).numpy()
+            total = total + view.gather @ (self.components(view.frame) * seen)
+            light = light + view.gather @ seen
+        latents = total / np.maximum(light, 1e-6)
+        if self.config.feature_grad_to_skinning:
+            parts = np.split(np.concatenate([latents * light, light], 1), [len(self.scene.static)])
+            moved = self.skinning.T @ parts[1]
+            latents = np.concatenate([latents[: len(parts[0])], moved[:, :-1] / np.maximum(moved[:, -1:], 1e-6)])
+        spread = latents.std() if latents.size else 1.0
+        return (latents / max(spread, 1e-6)).astype(np.float32)
+
+    def components(self, frame: int) -> np.ndarray:
+        """(cells,D) principal components of all teachers' maps of a frame, on the common grid."""
+        found = []
+        for each in self.maps:
+            map_ = torch.from_numpy(each.at(frame)).permute(2, 0, 1)[None]  # (1,C,h,w)
+            map_ = functional.interpolate(map_, self.grid, mode="bilinear", align_corners=False)
+            found.append(map_[0].flatten(1).T.numpy())
+        return self.spectrum.coordinates(found, self.width)
+
+    def train(self, views: Sequence[View], start: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Latents (Ns+M,D) after training and, where they may move, skinning weights (Nd,K)."""
+        config = self.config
+        before = torch.from_numpy(start.astype(np.float32))
+        latents = before.clone().requires_grad_(not math.isinf(config.keep) or not self.kept)
+        skin = _Skinning(self.scene) if config.feature_grad_to_skinning else None
+        groups: list[dict[str, Any]] = [
+            {"params": [p for task in self.tasks for p in task.head.parameters()], "lr": config.head_rate}
+        ]
+        if latents.requires_grad:
+            groups.append({"params": [latents], "lr": config.latent_rate})
+        if skin is not None:
+            groups.append({"params": [skin.logits], "lr": config.latent_rate})
+        optimiser = torch.optim.Adam(groups)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.steps)
+        order: list[int] = []
+        for done in range(config.steps):
+            self.progress("distil", done, config.steps)
+            optimiser.zero_grad()
+            loss = latents.new_zeros(())
+            columns = latents if skin is None else skin.columns(latents)
+            for _ in range(min(config.frames_per_step, len(views))):
+                order = order or list(self.rng.permutation(len(views)))
+                view = views[order.pop()]
+                seen = self.seen(columns, view)
+                loss = loss + sum(task.loss(seen, view.alpha, view.frame) for task in self.tasks)
+                if self.kept and latents.requires_grad:
+                    with torch.no_grad():
+                        was = self.seen(before if skin is None else skin.columns(before), view)
+                    loss = loss + config.keep * sum(kept.loss(seen, was, view.alpha) for kept in self.kept)
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+        self.progress("distil", config.steps, config.steps)
+        return latents.detach().numpy(), None if skin is None else skin.weights().detach().numpy()
+
+    def seen(self, columns: Tensor, view: View) -> Tensor:
+        """(h,w,D) latent that a view sees."""
+        mixed: Tensor = _Mix.apply(columns, view)
+        return mixed.reshape(*self.grid, -1)
+
+    def need(self) -> Need:
+        """The row of the needs table."""
+        chosen = f"{self.width} channels, {len(self.kept) + len(self.tasks)} heads"
+        evidence = self.spectrum.evidence() if self.config.width is None and not self.kept else "given"
+        if self.kept:
+            evidence = f"the width of the heads that are kept; {self.spectrum.evidence()}"
+        saved = f"{WIDTHS[-1] - self.width} of {WIDTHS[-1]} channels per Gaussian and node"
+        return Need("latent", chosen, evidence, saved)
+
+    def report(
+        self, views: Sequence[View], latents: np.ndarray, stored: np.ndarray
+    ) -> tuple[tuple[FieldHead, ...], Any]:
+        """The heads as they are stored, with colours and figures, kept ones first; and the latent's own colours.
+
+        `latents (Ns+M,D)` as trained, `stored` the same after its way through bytes.
+        """
+        heads = [kept.stored for kept in self.kept] + [_stored(task) for task in self.tasks]
+        plain = [kept.head for kept in self.kept] + [task.folded() for task in self.tasks]
+        figures = {head.spec.name: _Figures() for head in heads}
+        before = self.first_latents(views) if self.kept else latents
+        per_frame = max(1, PICTURE_SAMPLES // len(views))
+        samples = []
+        for view in self.steps("report", views):
+            z, exact, was = (
+                self.seen(self.columns(part), view) for part in (torch.from_numpy(a) for a in (stored, latents, before))
+            )
+            cells = z[view.alpha > COVERED].numpy()
+            samples.append(cells[self.rng.permutation(len(cells))[:per_frame]])
+            group = "held_out" if view.frame in self.scene.held_out else "used"
+            for head, network in zip(heads, plain, strict=True):
+                at, alpha = to_grid(z, view.alpha, head.spec)
+                known = (alpha > COVERED).numpy()
+                found = head(at.numpy())[known]
+                told = figures[head.spec.name]
+                if any(kept.stored is head for kept in self.kept):
+                    told.add("drift", found, head(to_grid(was, view.alpha, head.spec)[0].numpy())[known])
+                    continue
+                task = next(task for task in self.tasks if task.spec.name == head.spec.name)
+                told.add(group, found, task.maps.at(view.frame)[known])
+                with torch.no_grad():
+                    unrounded = network(to_grid(exact, view.alpha, head.spec)[0]).numpy()[known]
+                told.add("stored_change", found, unrounded)
+        latent = np.concatenate(samples) if samples else np.zeros((0, self.width), np.float32)
+        done = tuple(
+            replace(head, pca=fit_pca(head(latent)), report={**head.report, **figures[head.spec.name].rows()})
+            for head in heads
+        )
+        return done, fit_pca(latent)
+
+    def columns(self, latents: Tensor) -> Tensor:
+        """What `View.mix` mixes: latents (Ns+M,D) as they are, or of each dynamic Gaussian in the nodes' place."""
+        if not self.config.feature_grad_to_skinning:
+            return latents
+        static, nodes = latents.split([len(self.scene.static), self.nodes])
+        return torch.cat([static, torch.from_numpy(self.skinning @ nodes.numpy())])
+
+
+class _Skinning:
+    """Skinning weights of the dynamic Gaussians that follow the features: softmax over the slots that are used."""
+
+    def __init__(self, scene: Scene):
+        weight = torch.from_numpy(np.ascontiguousarray(scene.dynamic.weight))
+        self.used = weight > 0
+        self.logits = torch.where(self.used, weight.clamp_min(1e-9).log(), weight).requires_grad_()
+        self.node = torch.from_numpy(scene.dynamic.node.astype(np.int64))
+        self.static = len(scene.static)
+
+    def weights(self) -> Tensor:
+        """(Nd,K), 0 where they were 0."""
+        return torch.softmax(self.logits.masked_fill(~self.used, -math.inf), 1).nan_to_num(0.0)
+
+    def columns(self, latents: Tensor) -> Tensor:
+        """(Ns+Nd,D) latents of all Gaussians from those of static ones and nodes."""
+        nodes = latents[self.static :]
+        return torch.cat([latents[: self.static], (self.weights()[..., None] * nodes[self.node]).sum(1)])
+
+
+class _Figures:
+    """Sums of errors per group of frames."""
+
+    def __init__(self) -> None:
+        self.sums: dict[str, np.ndarray] = {}
+
+    def add(self, group: str, found: np.ndarray, wanted: np.ndarray) -> None:
+        """Compare features (n,C)."""
+        lengths = np.linalg.norm(found, axis=1) * np.linalg.norm(wanted, axis=1)
+        cosine = (found * wanted).sum(1) / np.maximum(lengths, 1e-12)
+        sums = np.array([np.abs(found - wanted).sum(), np.abs(wanted).sum(), cosine.sum(), len(found)], np.float64)
+        self.sums[group] = self.sums.get(group, 0) + sums
+
+    def rows(self) -> dict[str, Any]:
+        """Per group: relative error and, against a teacher, mean cosine; groups without a cell are left out."""
+        rows: dict[str, Any] = {}
+        for group, (error, size, cosine, count) in self.sums.items():
+            if count:
+                error = round(float(error / max(size, 1e-12)), 5)
+                against = {"relative_error": error, "cosine": round(float(cosine / count), 5)}
+                rows[group] = against if group in ("used", "held_out") else error
+        return rows
+
+
+def common_grid(specs: Sequence[FeatureSpec], scene: Scene) -> tuple[int, int]:
+    """(h,w) on which light is measured: the teachers' grid where they share one, else twice the finest, at most the picture."""
+    rows, columns = (max(spec.grid[axis] for spec in specs) for axis in (0, 1))
+    finer = 1 if len({spec.grid for spec in specs}) == 1 else 2
+    return min(finer * rows, scene.cameras.height), min(finer * columns, scene.cameras.width)
+
+
+def to_grid(latent: Tensor, alpha: Tensor, spec: FeatureSpec) -> tuple[Tensor, Tensor]:
+    """Latent (h,w,D) and alpha (h,w) on the grid of `spec`, from any other; empty cells are no part of the mean.
+
+    Shrinking is anti-aliased: means over area, or a triangle as wide as the new cells for `bilinear`.
+    """
+    if tuple(alpha.shape) == spec.grid:
+        return latent, alpha
+    stack = torch.cat([latent * alpha[..., None], alpha[..., None]], -1).permute(2, 0, 1)[None]  # (1,D+1,H,W)
+    if spec.resize == "area":
+        found = functional.adaptive_avg_pool2d(stack, spec.grid)
+    else:
+        found = functional.interpolate(stack, spec.grid, mode="bilinear", align_corners=False, antialias=True)
+    found = found[0].permute(1, 2, 0)
+    return found[..., :-1] / found[..., -1:].clamp_min(1e-6), found[..., -1]
+
+
+def dissimilarity(found: Tensor, wanted: Tensor, seen: Tensor, span: float) -> Tensor:
+    """1 - mean SSIM of features (h,w,C) that span `span`, with cells out of `seen` (h,w) black; window max(h // 40, 2)."""
+    x, y = ((features * seen[..., None]).permute(2, 0, 1) for features in (found, wanted))  # (C,h,w)
+    window = max(len(seen) // 40, 2)
+    mean = [functional.avg_pool2d(each, window, 1) for each in (x, y, x * x, y * y, x * y)]
+    c1, c2 = (0.01 * span) ** 2, (0.03 * span) ** 2
+    product = mean[0] * mean[1]
+    squares = mean[0] ** 2 + mean[1] ** 2
+    like = (2 * product + c1) * (2 * (mean[4] - product) + c2)
+    return 1 - (like / ((squares + c1) * (mean[2] + mean[3] - squares + c2))).mean()
+
+
+def _stored(task: HeadTask) -> FieldHead:
+    """The trained head in the scene file's form."""
+    arrays = {name: array.astype(np.float16) for name, array in task.folded().to_arrays().items()}
+    layers = range(len(arrays) // 2)
+    glob = None if task.maps.glob is None else np.asarray(task.maps.glob, np.float16)
+    weights, biases = (tuple(arrays[f"{kind}_{i}"] for i in layers) for kind in ("weight", "bias"))
+    return FieldHead(task.spec, weights, biases, glob=glob)
+
+
+def _check(scene: Scene, maps: Sequence[FeatureMaps], config: DistilConfig) -> None:
+    """Raise F4xError for what cannot be distilled."""
+    if not maps:
+        raise F4xError("There is nothing to distil: name at least one teacher.")
+    names = [each.spec.name for each in maps]
+    if len(set(names)) < len(names):
+        raise F4xError(f"Two of the teachers are called the same ({', '.join(names)}); distil one of them.")
+    for each in maps:
+        if len(each) != len(scene.cameras):
+            raise F4xError(
+                f"{each.folder}: maps of {len(each)} frames, the scene has {len(scene.cameras)}; extract them again from"
+                " the clip that the scene was fitted to, with the same --frames."
+            )
+    if config.width not in (None, *WIDTHS):
+        raise F4xError(f"--width {config.width}: give auto, {', '.join(map(str, WIDTHS))}.")
+    if config.steps < 1:
+        raise F4xError(f"--steps {config.steps}: give at least 1.")
