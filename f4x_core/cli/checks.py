@@ -20,13 +20,27 @@ def path_argument(text: str) -> Path:
 
 
 def output_folder(args: argparse.Namespace) -> Path:
-    """The folder that a verb with `-o` writes into; for the one file of `export --time`, the folder it lies in."""
+    """The folder that a verb with `-o` writes into; for a file (`export --time`, `distill`), the one it lies in."""
+    if args.verb == "distill":
+        return (args.output or args.scene).parent
     output: Path = args.output
     if args.verb != "export":
         return output
     if (args.time is not None) != (output.suffix.lower() == ".ply"):
         raise F4xError(f"-o {output}: give FILE.ply together with --time T, and a folder for all frames.")
     return output if args.time is None else output.parent
+
+
+def listed_teachers(text: str, flag: str) -> list[str]:
+    """The teachers that `flag` lists with commas, each once; F4xError for an unknown one or an empty list."""
+    from ..features.teachers import TEACHERS, find_teacher
+
+    names = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+    if not names:
+        raise F4xError(f"{flag} is empty; choose from {', '.join(TEACHERS)}.")
+    for name in names:
+        find_teacher(name)
+    return names
 
 
 def require_folder(folder: Path) -> None:

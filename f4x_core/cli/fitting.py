@@ -12,12 +12,15 @@ from ..clip import Clip, read_clip
 from ..errors import F4xError
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
+from ..fit.distil import DistilConfig
 from ..fit.pipeline import FitResult, fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress
 from ..report.evaluation import evaluate
 from ..scene import DynamicSet, Scene, StaticSet, write_scene
 from ..scene.view import render
+from .checks import listed_teachers
+from .distilling import distill_into
 
 
 def clip_of(args: argparse.Namespace, progress: Progress) -> Clip:
@@ -63,7 +66,15 @@ def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Fit a clip and write the scene, its metrics and the diagnostics page."""
     config = config_of(args)
-    return fit_to_folder(clip_of(args, progress), args.output, config, progress, args.resume)
+    names = [] if args.features is None else listed_teachers(args.features, "--features")
+    clip = clip_of(args, progress)
+    told = fit_to_folder(clip, args.output, config, progress, args.resume)
+    if names:
+        settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
+        path = Path(told["scene"])
+        added = distill_into(path, clip, names, args.output / "features", settings, progress)
+        told |= {"features": added, "text": told["text"] + "\n" + added.pop("text")}
+    return told
 
 
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:

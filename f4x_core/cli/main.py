@@ -19,6 +19,7 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 # What all figures of the project were measured at; a phone's full size would take a CPU a day.
 WIDTH = 480
+DISTIL_STEPS = 600
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
 ADVICE = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room there or choose another place"),
@@ -93,12 +94,37 @@ def build_parser() -> argparse.ArgumentParser:
     clip_options(sub)
     fit_options(sub)
     sub.add_argument("--resume", action="store_true", help="continue an interrupted fit")
+    sub.add_argument(
+        "--features", metavar="NAME[,NAME]", help="also distil these teachers' features, see `f4x models list`"
+    )
 
     sub = verb("priors", "Only compute the priors of a clip into DIR/priors.")
     sub.add_argument("clip", type=path_argument)
     output_option(sub, required=True)
     clip_options(sub)
     fit_options(sub)
+
+    sub = verb("distill", "Distil teachers' features into a scene: a latent on it, a head for each.")
+    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("--teacher", metavar="NAME[,NAME]", help="whose features, see `f4x models list`")
+    output_option(sub, "SCENE2", help="write there (default: the scene itself)")
+    sub.add_argument(
+        "--features", type=path_argument, metavar="DIR", help="folder of maps, DIR/TEACHER (default: beside the scene)"
+    )
+    sub.add_argument(
+        "--clip", type=path_argument, help="the scene's clip; needed where the maps are not there and it has moved"
+    )
+    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit")
+    sub.add_argument(
+        "--width", dest="latent_width", default="auto", metavar="D", help="latent channels: auto, 8, 16, 32 or 64"
+    )
+    sub.add_argument("--steps", type=int, default=DISTIL_STEPS, help=f"optimiser steps (default: {DISTIL_STEPS})")
+    sub.add_argument(
+        "--vocabulary", metavar="FILE|WORDS", help="labels to store: words with commas, or a file with one per line"
+    )
+    sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
+    sub.add_argument("--threads", type=int, default=0, help="threads (default: all cores)")
+    backend_option(sub)
 
     sub = verb("render", "Draw a scene along a camera path.")
     sub.add_argument("scene", type=path_argument)
@@ -108,7 +134,11 @@ def build_parser() -> argparse.ArgumentParser:
         default="original",
         help="original, orbit, frozen:T (T a clip frame), or a camera path file (default: original)",
     )
-    sub.add_argument("--channels", default="rgb", help="comma-separated: rgb,depth,alpha,motion (default: rgb)")
+    sub.add_argument(
+        "--channels",
+        default="rgb",
+        help="comma-separated: rgb,depth,alpha,motion,latent, or a head (default: rgb)",
+    )
     sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit, above 0 and below 90 (default: 5)")
     sub.add_argument("--video", action="store_true", help="also write DIR/CHANNEL.mp4")
     backend_option(sub)
@@ -182,7 +212,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     from importlib import import_module
 
     modules = {"fit": "fitting", "priors": "fitting", "eval": "measuring", "render": "rendering", "export": "rendering"}
-    modules |= {"models": "features"}
+    modules |= {"models": "features", "distill": "distilling"}
     module = import_module(f".{modules.get(name, name)}", __package__)
     return getattr(module, f"run_{name}")
 

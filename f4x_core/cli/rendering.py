@@ -19,7 +19,7 @@ from ..progress import Progress
 from ..scene import Scene, read_scene
 from ..scene.picture import colour_depth, colour_motion, depth_range
 from ..scene.ply import export_frame, export_sequence
-from ..scene.view import render
+from ..scene.view import COVERED, field_of, render
 from .checks import require_time
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
@@ -53,11 +53,10 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write OUT/CHANNEL/00000.png … along a path; depth and motion also as .npy."""
     scene = read_scene(args.scene)
     channels = tuple(args.channels.split(","))
-    unknown = [name for name in channels if name not in CHANNELS]
+    known = (*CHANNELS, *feature_channels(scene))
+    unknown = [name for name in channels if name not in known]
     if unknown:
-        raise F4xError(
-            f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(CHANNELS)}."
-        )
+        raise F4xError(f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(known)}.")
     if not 0 < args.degrees < 90:
         raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, args.path, args.degrees)
@@ -69,8 +68,15 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     pictures: dict[str, list[np.ndarray]] = {name: [] for name in channels}
     for index, (camera, time) in enumerate(views):
         progress("render", index, len(views))
-        maps = render(scene, camera, time, channels=channels, backend=args.backend)
-        shown = {name: picture_of(name, maps[name], span, largest) for name in channels}
+        plain = [name for name in channels if name in CHANNELS]
+        wanted = plain if len(plain) == len(channels) else [*plain, "latent", "alpha"]
+        maps = render(scene, camera, time, channels=wanted, backend=args.backend)
+        shown = {
+            name: picture_of(name, maps[name], span, largest)
+            if name in plain
+            else feature_picture(scene, name, maps["latent"], maps["alpha"])
+            for name in channels
+        }
         try:
             write_frame(folders, index, maps, shown)
         except F4xError as error:
@@ -119,6 +125,23 @@ def picture_of(channel: str, values: np.ndarray, span: tuple[float, float], larg
     if channel == "motion":
         return colour_motion(values, largest)
     return (np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def feature_channels(scene: Scene) -> tuple[str, ...]:
+    """Channels that show the feature field of `scene`: the latent and every head."""
+    return () if scene.features is None else ("latent", *scene.features.names)
+
+
+def feature_picture(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """(H,W,3) uint8 of the latent or of what a head decodes from `latent (H,W,D)`; black where nothing is."""
+    field = field_of(scene)
+    if name != "latent":
+        picture = field.head(name).picture(latent)
+    elif field.pca is not None:
+        picture = field.pca.picture(latent)
+    else:
+        raise F4xError(f"{scene.name}: the latent has no colours; distil a teacher again.")
+    return picture * (alpha >= COVERED)[..., None]
 
 
 def run_export(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

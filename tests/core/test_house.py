@@ -150,7 +150,7 @@ def test_nothing_runs_text_or_bytes_as_code(file):
         ("from ..fit.config import profile", "f4x_core/raster/tiles.py"),
         ("def f():\n    from ..raster import rasterize", "f4x_core/priors/flow.py"),
         ("from ..fit import model", "f4x_core/native/build.py"),
-        ("from .. import scene", "f4x_core/fit/model.py"),
+        ("from .. import report", "f4x_core/fit/model.py"),
         ("from .clip import Clip", "f4x_core/files.py"),
         ("from f4x_core.errors import F4xError", "f4x_core/fit/model.py"),
         ("import f4x_core", "f4x_core/cli/main.py"),

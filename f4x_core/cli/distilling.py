@@ -1,0 +1,137 @@
+"""`f4x distill`, and the features of `f4x fit --features`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..clip import Clip, read_clip
+from ..errors import F4xError
+from ..features.maps import FeatureMaps, read_maps
+from ..features.spectrum import WIDTHS
+from ..features.teachers import extract
+from ..fit.distil import DistilConfig, distil
+from ..fit.vocabulary import EVERYDAY, with_vocabulary
+from ..progress import Progress
+from ..scene import Scene, read_scene, write_scene
+from .checks import listed_teachers
+
+
+def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Add heads to a scene, or words, and write it back or to another file."""
+    names = listed_teachers(args.teacher, "--teacher") if args.teacher is not None else []
+    labels = labels_of(args.vocabulary) if args.vocabulary is not None else []
+    if not names and not labels:
+        raise F4xError("there is nothing to do; give --teacher NAME, --vocabulary WORDS, or both.")
+    config = config_of(args)
+    scene = read_scene(args.scene)
+    if names:
+        folder = args.features or args.scene.parent / "features"
+        clip = clip_of_scene(scene, args.clip, args.frames, progress) if args.clip else None
+        maps = [maps_of(scene, folder / name, name, clip, progress) for name in names]
+        scene = distil(scene, maps, config, progress)
+    return finished(scene, args.output or args.scene, names, labels)
+
+
+def distill_into(
+    path: Path, clip: Clip, names: Sequence[str], folder: Path, config: DistilConfig, progress: Progress
+) -> dict[str, Any]:
+    """Extract the maps of teachers into `folder` and distil them into the scene file at `path`."""
+    scene = read_scene(path)
+    maps = [extract(clip, name, folder / name, progress=progress) for name in names]
+    return finished(distil(scene, maps, config, progress), path, names, [])
+
+
+def finished(scene: Scene, path: Path, names: Sequence[str], labels: Sequence[str]) -> dict[str, Any]:
+    """Add the vocabulary, write the scene, and tell what is in it; a head for words brings everyday ones along."""
+    assert scene.features is not None or labels
+    if scene.features is not None and not labels:
+        asked = {scene.features.spec(name).text_encoder for name in names} - {None}
+        labels = EVERYDAY if asked - scene.features.vocabularies.keys() else []
+    if labels:
+        scene = with_vocabulary(scene, labels)
+    assert scene.features is not None
+    write_scene(scene, path)
+    field, megabytes = scene.features, scene.info()["megabytes"]
+    heads = {head.spec.name: dict(head.report) for head in field.heads}
+    share = megabytes["features"] / max(sum(megabytes.values()) - megabytes["features"], 1e-9)
+    lines = [f"{path}: latent of {field.width} channels, +{megabytes['features']:.1f} MB ({share:.0%} of the rest)"]
+    lines += [f"  {name}: {_told(report)}" for name, report in heads.items()]
+    lines += [f"  {encoder}: {len(words.labels)} labels" for encoder, words in field.vocabularies.items()]
+    return {
+        "scene": str(path),
+        "width": field.width,
+        "heads": heads,
+        "vocabularies": {encoder: list(words.labels) for encoder, words in field.vocabularies.items()},
+        "megabytes": megabytes,
+        "text": "\n".join(lines),
+    }
+
+
+def config_of(args: argparse.Namespace) -> DistilConfig:
+    """The settings that the arguments name."""
+    width = None
+    if args.latent_width != "auto":
+        if args.latent_width not in map(str, WIDTHS):
+            raise F4xError(f"--width {args.latent_width}: give auto, {', '.join(map(str, WIDTHS))}.")
+        width = int(args.latent_width)
+    if args.steps < 1:
+        raise F4xError(f"--steps {args.steps}: give at least 1.")
+    return DistilConfig(width=width, steps=args.steps, seed=args.seed, threads=args.threads, backend=args.backend)
+
+
+def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Progress) -> Clip:
+    """The clip that a scene was fitted to, at the scene's size."""
+    clip = read_clip(source, frames, scene.cameras.width, progress=progress)
+    cameras = scene.cameras
+    if len(clip) != len(cameras) or (clip.width, clip.height) != (cameras.width, cameras.height):
+        raise F4xError(
+            f"{source}: the clip has {len(clip)} frames of {clip.width}x{clip.height}, the scene {len(cameras)} of"
+            f" {cameras.width}x{cameras.height}; give the clip that it was fitted to, with the same --frames."
+        )
+    return clip
+
+
+def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | None, progress: Progress) -> FeatureMaps:
+    """Maps that lie in `folder`, or extracted from the clip into it; without `clip`, the one the scene names."""
+    if clip is None and (folder / "spec.json").is_file():
+        return read_maps(folder)
+    if clip is None:
+        source = scene.provenance.get("source")
+        if not source or not Path(source).exists():
+            raise F4xError(
+                f"{folder} holds no feature maps and the scene's clip is not at {source}; give --clip CLIP, or --features"
+                " DIR with the maps."
+            )
+        clip = clip_of_scene(scene, Path(source), None, progress)
+    return extract(clip, name, folder, progress=progress)
+
+
+def labels_of(text: str) -> list[str]:
+    """Labels of a file with one per line, or of a list with commas."""
+    path = Path(text)
+    try:
+        words = path.read_text(encoding="utf-8").splitlines() if path.is_file() else text.split(",")
+    except (OSError, UnicodeDecodeError) as error:
+        raise F4xError(
+            f"--vocabulary {text}: cannot be read ({error}); give a text file with one label per line."
+        ) from error
+    found = [word.strip() for word in words if word.strip()]
+    if not found:
+        raise F4xError(
+            f"--vocabulary {text}: has no label; write words with commas, or a file with one label per line."
+        )
+    return found
+
+
+def _told(report: dict[str, Any]) -> str:
+    parts = [
+        f"{title} relative error {report[group]['relative_error']:.1%}, cosine {report[group]['cosine']:.3f}"
+        for group, title in (("used", "used frames"), ("held_out", "held-out frames"))
+        if group in report
+    ]
+    if "drift" in report:
+        parts.append(f"moved by {report['drift']:.1%} when the last head was added")
+    return "; ".join(parts) or "not seen by any camera"
