@@ -6,7 +6,7 @@ their masks (k nearest neighbours of unit features; label propagation, e.g. Jabr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,10 +15,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from ..errors import F4xError
-from ..features.models.prompt import Prompt, check_frame, check_prompt
+from ..features.models.prompt import check_frame, check_prompt
+from .growing import grow_prompt
 
 BLOCK = 8
 """Cells are compared in square blocks of this side, so that the work is matrix products."""
+NOBODY = 0.02
+"""Where no cell in reach was the object by more than this share, it is not."""
 UNCERTAIN = 1e-4
 """Least distance of a probability from 0 and 1: logits stay finite."""
 
@@ -106,7 +109,7 @@ class FeaturePropagation:
         prompt = check_prompt(t, self.count, self.size, points, labels, box, mask)
         cells = self._cells(t)
         if prompt.mask is not None:
-            share = shrink(prompt.mask.astype(np.float32), cells.shape[:2])
+            share = shrink(prompt.mask.astype(np.float32), (cells.shape[0], cells.shape[1]))
         else:
             share = grow_prompt(cells, prompt, self.size)
         self._shares[t] = share
@@ -117,18 +120,17 @@ class FeaturePropagation:
         if not self._shares:
             raise F4xError("Nothing is prompted yet: give points, a box or a mask on some frame first.")
         start = min(self._shares)
-        known = {t: (self._cells(t), share) for t, share in self._shares.items()}
+        known = {t: _Masked(self._cells(t), share, self.config.reach) for t, share in self._shares.items()}
         yield start, self._logits(self._shares[start])
         for order in (range(start + 1, self.count), range(start - 1, -1, -1)):
             recent = [known[start]]
             for t in order:
-                if t in known:
-                    recent.append(known[t])
-                else:
+                frame = known.get(t)
+                if frame is None:
                     cells = self._cells(t)
-                    recent.append((cells, self._vote(cells, known, recent)))
-                recent = recent[-self.config.memory :]
-                yield t, self._logits(recent[-1][1])
+                    frame = _Masked(cells, self._vote(cells, known.values(), recent), self.config.reach)
+                recent = [*recent, frame][-self.config.memory :]
+                yield t, self._logits(frame.share)
 
     def everything(self, t: int) -> np.ndarray:
         """Masks (n,H,W) bool of connected regions of one look on frame `t`, largest first."""
@@ -144,26 +146,20 @@ class FeaturePropagation:
         """Forget all prompts."""
         self._shares = {}
 
-    def _vote(
-        self,
-        cells: np.ndarray,
-        known: dict[int, tuple[np.ndarray, np.ndarray]],
-        recent: list[tuple[np.ndarray, np.ndarray]],
-    ) -> np.ndarray:
+    def _vote(self, cells: np.ndarray, known: Collection[_Masked], recent: list[_Masked]) -> np.ndarray:
         """Share of the object (h,w) in the cells (h,w,C) of a frame, by the frames it can ask."""
         height, width = cells.shape[:2]
-        latest = recent[-1][1]
-        asked = [(other, share, (0, 0)) for other, share in recent]
-        for other, share in known.values():
-            if all(share is not seen for _, seen in recent):
+        here = _centre(recent[-1].share)
+        asked = [frame.windows((0, 0)) for frame in recent]
+        for frame in known:
+            if all(frame is not other for other in recent):
                 # The window into a prompted frame, perhaps long ago, goes along with the object.
-                asked.append((other, share, tuple(np.round(_centre(latest) - _centre(share)).astype(int))))
-        keys = [windows(shifted(other, move), self.config.reach) for other, _, move in asked]
-        shares = [windows(shifted(share, move)[..., None], self.config.reach)[..., 0] for _, share, move in asked]
-        votes = np.concatenate(shares, 1)  # (blocks,n)
-        possible = votes.max(1) > UNCERTAIN  # elsewhere nobody near was ever the object
+                row, column = np.round(here - _centre(frame.share)).astype(int)
+                asked.append(frame.windows((int(row), int(column))))
+        votes = np.concatenate([vote for _, vote in asked], 1)  # (blocks,n)
+        possible = votes.max(1) > NOBODY
         queries = windows(cells, 0)[possible]  # (p,64,C)
-        cosine = np.concatenate([queries @ key[possible].swapaxes(1, 2) for key in keys], 2)  # (p,64,n)
+        cosine = np.concatenate([queries @ key[possible].swapaxes(1, 2) for key, _ in asked], 2)  # (p,64,n)
         rank = cosine.shape[2] - min(self.config.neighbours, cosine.shape[2])
         least = np.partition(cosine, rank, axis=2)[:, :, rank, None]
         weight = np.exp((cosine - 1) / self.config.temperature) * (cosine >= least)
@@ -183,6 +179,21 @@ class FeaturePropagation:
         return np.log(probability / (1 - probability))
 
 
+class _Masked:
+    """A frame whose mask is known."""
+
+    def __init__(self, cells: np.ndarray, share: np.ndarray, reach: int) -> None:
+        self.cells, self.share, self.reach = cells, share, reach
+        self._made: tuple[tuple[int, int], tuple[np.ndarray, np.ndarray]] | None = None
+
+    def windows(self, move: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """Features (blocks,n,C) and shares (blocks,n) of its cells after a move by (rows, columns)."""
+        if self._made is None or self._made[0] != move:
+            features = windows(shifted(self.cells, move), self.reach)
+            self._made = move, (features, windows(shifted(self.share, move)[..., None], self.reach)[..., 0])
+        return self._made[1]
+
+
 def windows(values: np.ndarray, reach: int) -> np.ndarray:
     """(blocks, (BLOCK + 2 reach)^2, C): for each square block of cells of (h,w,C), the cells in it and `reach` around it."""
     height, width, channels = values.shape
@@ -190,11 +201,11 @@ def windows(values: np.ndarray, reach: int) -> np.ndarray:
     padded = np.zeros((down * BLOCK + 2 * reach, across * BLOCK + 2 * reach, channels), np.float32)
     padded[reach : reach + height, reach : reach + width] = values
     side = BLOCK + 2 * reach
-    views = sliding_window_view(padded, (side, side), axis=(0, 1))[::BLOCK, ::BLOCK]  # (down,across,C,side,side)
+    views = sliding_window_view(padded, (side, side), (0, 1))[::BLOCK, ::BLOCK]  # type: ignore[call-overload]  # (down,across,C,side,side)
     return np.moveaxis(views, 2, -1).reshape(down * across, side * side, channels)
 
 
-def shifted(values: np.ndarray, move: tuple[int, ...]) -> np.ndarray:
+def shifted(values: np.ndarray, move: tuple[int, int]) -> np.ndarray:
     """(h,w,...) moved by (rows, columns); zeros come in at the rim."""
     if move == (0, 0):
         return values
@@ -202,78 +213,6 @@ def shifted(values: np.ndarray, move: tuple[int, ...]) -> np.ndarray:
     target, source = zip(*(_overlap(move[axis], values.shape[axis]) for axis in (0, 1)), strict=True)
     result[target] = values[source]
     return result
-
-
-def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
-    """Share of the object (h,w) in unit features (h,w,C) from points and a box on a picture of `size (H,W)`.
-
-    A random walker with priors (Grady 2005): `x = argmin sum w (x_i - x_j)^2 + PRIOR sum (x_i - p_i)^2` over 4-neighbours, with
-    `w = exp((cosine - 1) / EDGE)` and x fixed at the points and outside the box. The prior `p` compares the likeness to what is
-    known to be the object (positive points, else the middle of the box) with that to what is known not to be (negative points,
-    outside of the box, and the rim of the picture).
-    """
-    height, width = cells.shape[:2]
-    scale = np.array([width / size[1], height / size[0]])
-    at = np.minimum((prompt.points * scale).astype(int), (width - 1, height - 1))  # (N,2) column, row
-    fixed = np.full((height, width), np.nan, np.float32)
-    rim = np.ones((height, width), bool)
-    rim[1:-1, 1:-1] = False
-    inside = np.ones((height, width), bool)
-    if prompt.box is not None:
-        left, top, right, bottom = prompt.box * np.tile(scale, 2)
-        rows, columns = np.arange(height) + 0.5, np.arange(width) + 0.5
-        inside = ((rows >= top) & (rows <= bottom))[:, None] & ((columns >= left) & (columns <= right))
-        inside[int((top + bottom) / 2), int((left + right) / 2)] = True  # a box smaller than a cell
-        fixed[~inside] = 0.0
-        middle_y, middle_x = np.mean([top, bottom]), np.mean([left, right])
-        core = (abs(rows - middle_y) <= (bottom - top) / 4)[:, None] & (abs(columns - middle_x) <= (right - left) / 4)
-        core[int(middle_y), int(middle_x)] = True
-    fixed[at[:, 1], at[:, 0]] = prompt.labels
-    positive = fixed == 1
-    if not positive.any():
-        positive = core & (fixed != 0)
-    negative = (fixed == 0) | (rim & ~positive)
-    likeness = [
-        np.sort(cells[kind] @ cells.reshape(-1, cells.shape[2]).T, axis=0)[-SEEDS:].mean(0).reshape(height, width)
-        for kind in (positive, negative)
-    ]
-    prior = 1 / (1 + np.exp(np.clip((likeness[1] - likeness[0]) / LIKENESS, -30, 30)))
-    return random_walk(cells, prior, fixed)
-
-
-LIKENESS, EDGE, PRIOR, SEEDS = 0.05, 0.1, 0.05, 5
-"""Difference of cosines that counts as clearly more alike; cosine step that separates neighbours by 1/e; weight of the prior
-against one bond; most alike seeds that are averaged."""
-
-
-def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Minimiser (h,w) of `grow_prompt`'s energy, by conjugate gradients; `fixed` is NaN where free."""
-    down = np.exp(((cells[1:] * cells[:-1]).sum(-1) - 1) / EDGE)  # (h-1,w)
-    across = np.exp(((cells[:, 1:] * cells[:, :-1]).sum(-1) - 1) / EDGE)  # (h,w-1)
-    free = np.isnan(fixed)
-
-    def apply(x: np.ndarray) -> np.ndarray:
-        result = PRIOR * x
-        flow = down * np.diff(x, axis=0)
-        result[1:] += flow
-        result[:-1] -= flow
-        flow = across * np.diff(x, axis=1)
-        result[:, 1:] += flow
-        result[:, :-1] -= flow
-        return result
-
-    x = np.where(free, prior, fixed).astype(np.float64)
-    residual = (PRIOR * prior - apply(x)) * free
-    direction, power = residual.copy(), (residual**2).sum()
-    for _ in range(500):
-        if power < 1e-10:
-            break
-        image = apply(direction) * free
-        step = power / (direction * image).sum()
-        x += step * direction
-        residual -= step * image
-        direction, power = residual + (residual**2).sum() / power * direction, (residual**2).sum()
-    return np.clip(x, 0, 1).astype(np.float32)
 
 
 def kinds_of(cells: np.ndarray, kinds: int, rounds: int = 10) -> np.ndarray:
