@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from typing import Any
 import torch
 
 from ...errors import F4xError
+from ..weights import require_path
 from . import CHECKPOINTS, Checkpoint
 
 try:
@@ -22,43 +22,39 @@ except ImportError as error:
         f"This needs the package transformers ({error}); install it with: pip install transformers."
     ) from error
 
-MODELS_FOLDER = "F4X_MODELS"
-"""Environment variable: a folder whose sub-folders are checkpoints by their `Checkpoint.name`."""
-
 
 @dataclass(frozen=True)
-class Weights:
-    """Where the weights of a model are looked for."""
+class Located:
+    """Where the weights of a model are."""
 
     entry: Checkpoint
     """What they are."""
     place: str
-    """Folder or hub id."""
+    """Folder, or hub id in the local cache."""
 
     @property
     def name(self) -> str:
         """What provenance calls them: the hub id, or a folder's own name (never its path)."""
-        return Path(self.place).name if Path(self.place).is_dir() else self.place
+        folder = Path(self.place)
+        if folder.parent.name == "snapshots":  # the cache: models--OWNER--NAME/snapshots/REVISION
+            return "/".join(folder.parents[1].name.split("--")[1:])
+        return folder.name if folder.is_dir() else self.place
 
 
-def find(default: str, model: str | Path | None = None) -> Weights:
+def find(default: str, model: str | Path | None = None) -> Located:
     """Weights for the architecture of the checkpoint `default`.
 
-    `model` is a folder, a hub id, or a name of `CHECKPOINTS`; None is `default`. A name means `$F4X_MODELS/<name>` where that
-    folder exists, else the published id in the local cache. Errors: F4xError when `model` names another architecture.
+    `model` is a folder, a hub id in the local cache, or a name of `CHECKPOINTS`; None is `default`. Errors: F4xError when the
+    named one is not on this machine or is of another architecture.
     """
-    known = {key: entry for entry in CHECKPOINTS.values() for key in (entry.name, entry.hub)}
     name = default if model is None else str(model)
-    entry = known.get(name, known[default])
-    if entry.architecture != known[default].architecture:
-        raise _another_architecture(name, entry.architecture, known[default])
-    folder = Path(os.environ.get(MODELS_FOLDER, "")) / entry.name
-    if name in known:
-        return Weights(entry, str(folder) if os.environ.get(MODELS_FOLDER) and folder.is_dir() else entry.hub)
-    return Weights(entry, name)
+    entry = CHECKPOINTS.get(name, CHECKPOINTS[default])
+    if entry.architecture != CHECKPOINTS[default].architecture:
+        raise _another_architecture(name, entry.architecture, CHECKPOINTS[default])
+    return Located(entry, str(require_path(name)) if name in CHECKPOINTS else name)
 
 
-def load(model_class: type, weights: Weights) -> Any:
+def load(model_class: type, weights: Located) -> Any:
     """The model in evaluation mode, float32 on the CPU, without gradients.
 
     Errors: F4xError when the weights are not here, are of another architecture, damaged or incomplete.
@@ -89,7 +85,7 @@ def load(model_class: type, weights: Weights) -> Any:
     return loaded.eval().requires_grad_(False)
 
 
-def load_tokenizer(weights: Weights) -> Any:
+def load_tokenizer(weights: Located) -> Any:
     """The tokenizer stored beside the weights; F4xError when it is not here."""
     entry, place = weights.entry, weights.place
     with _quiet():
@@ -132,9 +128,7 @@ def _another_architecture(place: str, found: str, entry: Checkpoint) -> F4xError
 def _missing(entry: Checkpoint, place: str, error: Exception) -> F4xError:
     if Path(place).is_dir():
         return F4xError(f"{place}: no checkpoint of '{entry.name}' can be read there ({_line(error)}).")
-    return F4xError(
-        f"The model '{entry.name}' ({place}) is not downloaded ({entry.megabytes} MB): f4x models get {entry.name}"
-    )
+    return F4xError(f"{place} is neither a folder nor in the local cache of models; give a folder, or '{entry.name}'.")
 
 
 def _line(error: Exception) -> str:

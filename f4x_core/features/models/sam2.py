@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -71,10 +70,6 @@ class Sam2Teacher:
             flat = self.model.get_image_features(pixels, return_dict=True).fpn_hidden_states[self.level]  # (hw,1,C)
         height, width = self.model.backbone_feature_sizes[self.level]
         return flat[:, 0].reshape(height, width, -1).numpy().astype(np.float32)
-
-
-fine_skips = partial(Sam2Teacher, head="sam2_s0")
-coarse_skips = partial(Sam2Teacher, head="sam2_s1")
 
 
 class FeatureSam2(transformers.Sam2VideoModel):

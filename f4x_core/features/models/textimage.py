@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +69,7 @@ def tipsv2_block(layer: Any, x: torch.Tensor, mix: Mixing) -> torch.Tensor:
 class TextImageTeacher:
     """Frames to unit vectors in the space of a text encoder; one cell per patch of the magnified picture."""
 
-    def __init__(self, name: str, model: str | Path | None = None) -> None:
+    def __init__(self, model: str | Path | None = None, name: str = "tipsv2") -> None:
         self.name, self.weights = name, find(name, model)
         self.model: Any = load(_CLASSES[name], self.weights)
         vision = self.model.config.vision_config
@@ -132,7 +131,7 @@ class TextImageTeacher:
 class TextImageEncoder:
     """Labels to unit vectors in the space of the teacher of the same name; averaged over `TEMPLATES`."""
 
-    def __init__(self, name: str, model: str | Path | None = None) -> None:
+    def __init__(self, model: str | Path | None = None, name: str = "tipsv2") -> None:
         weights = find(name, model)
         self.name = name
         self.model: Any = load(_CLASSES[name], weights)
@@ -151,9 +150,6 @@ class TextImageEncoder:
             found = self.model.get_text_features(tokens["input_ids"], attention_mask=tokens["attention_mask"])
         return getattr(found, "pooler_output", found).numpy()  # older releases return the tensor itself
 
-
-tipsv2_teacher, clip_teacher = partial(TextImageTeacher, "tipsv2"), partial(TextImageTeacher, "clip")
-tipsv2_text, clip_text = partial(TextImageEncoder, "tipsv2"), partial(TextImageEncoder, "clip")
 
 _CLASSES = {"tipsv2": transformers.Tipsv2Model, "clip": transformers.CLIPModel}
 
