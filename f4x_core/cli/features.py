@@ -9,19 +9,18 @@ from typing import Any
 from ..clip import read_clip
 from ..errors import F4xError
 from ..features.maps import FeatureMaps
-from ..features.teachers import TEACHERS, extract, find_teacher
+from ..features.teachers import TEACHERS, extract
 from ..features.weights import WEIGHTS, describe, fetch, require_path
 from ..progress import Progress
+from .checks import listed_teachers
 
 MEGABYTE = 1e6
 
 
 def run_features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write the feature maps of one or more teachers into `OUTPUT/features`."""
-    names = list(dict.fromkeys(name.strip() for name in args.teacher.split(",") if name.strip()))
-    if not names:
-        raise F4xError(f"--teacher is empty; choose from {', '.join(TEACHERS)}.")
-    for weights in (weights for name in names for weights in find_teacher(name).weights if not args.model):
+    names = listed_teachers(args.teacher, "--teacher")
+    for weights in (weights for name in names for weights in TEACHERS[name].weights if not args.model):
         require_path(weights)  # before any work
     if args.model and len(names) > 1:
         raise F4xError("--model belongs to one teacher; call `f4x features` once for each.")

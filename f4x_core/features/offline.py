@@ -28,7 +28,7 @@ CLASS_NAMES = Path(__file__).with_name("imagenet_classes.txt")
 """The 1000 classes of ILSVRC 2012 in the order of the logits, one a line: the synonyms of the WordNet synset, then, after a
 tab and where there is an everyday word for it, the kind of thing."""
 KIND_WEIGHT = 2.0
-"""How much the kind counts beside the name; 1 and 2 do equally well, 0 loses a fifth of the precision."""
+"""How much the kind counts beside the name; mean AP of four clips: 0.63 at 0, 0.68 at 1, 0.69 at 2."""
 
 
 class Visual:
