@@ -65,8 +65,8 @@ class Sam2Teacher:
     def encode(self, rgb: np.ndarray) -> np.ndarray:
         """Features (h,w,C) float32 of a picture (H,W,3) uint8."""
         side = self.model.image_size
-        pixels = picture_tensor(rgb, (side, side), IMAGENET_MEAN, IMAGENET_STD)  # (1,3,side,side)
         with torch.inference_mode(), memory_guard(f"SAM 2 on {side} x {side} pixels"):
+            pixels = picture_tensor(rgb, (side, side), IMAGENET_MEAN, IMAGENET_STD)  # (1,3,side,side)
             flat = self.model.get_image_features(pixels, return_dict=True).fpn_hidden_states[self.level]  # (hw,1,C)
         height, width = self.model.backbone_feature_sizes[self.level]
         return flat[:, 0].reshape(height, width, -1).numpy().astype(np.float32)

@@ -1,0 +1,506 @@
+"""The transformers models: production code opens tiny random checkpoints, and what it does by hand equals what they do."""
+
+import json
+import shutil
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+transformers = pytest.importorskip("transformers")
+
+import tiny_models  # noqa: E402
+
+from f4x_core.errors import F4xError  # noqa: E402
+from f4x_core.features.models import CHECKPOINTS, loading, sam2, smolvlm, textimage  # noqa: E402
+from f4x_core.features.models.prompt import check_prompt  # noqa: E402
+from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor  # noqa: E402
+from f4x_core.features.teachers import TEACHERS  # noqa: E402
+
+FRAMES = np.random.default_rng(0).integers(0, 255, (5, 48, 64, 3), dtype=np.uint8)
+SIZE = (32, 32)
+"""The tiny SAM 2's own mask size: its logits come through unresized."""
+
+
+@pytest.fixture(scope="session")
+def tiny(tmp_path_factory):
+    """Name -> folder of a tiny checkpoint, written once."""
+    root, made = tmp_path_factory.mktemp("models"), {}
+
+    def folder(name):
+        if name not in made:
+            made[name] = getattr(tiny_models, f"tiny_{name}")(root / name)
+        return made[name]
+
+    return folder
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Counts how often the two expensive towers run."""
+    count = SimpleNamespace(sam2=0, smolvlm=0)
+    for name, tower in (
+        ("sam2", transformers.models.sam2.modeling_sam2.Sam2VisionModel),
+        ("smolvlm", transformers.models.smolvlm.modeling_smolvlm.SmolVLMVisionTransformer),
+    ):
+
+        def forward(self, *args, _name=name, _forward=tower.forward, **options):
+            setattr(count, _name, getattr(count, _name) + 1)
+            return _forward(self, *args, **options)
+
+        monkeypatch.setattr(tower, "forward", forward)
+    return count
+
+
+# SAM 2
+
+
+@pytest.fixture(scope="session")
+def levels(tiny):
+    """Head -> maps of all frames, as the teachers extract them."""
+    teachers = {head: sam2.Sam2Teacher(tiny("sam2"), head=head) for head in sam2.LEVELS}
+    return {head: np.stack([teacher.encode(frame) for frame in FRAMES]) for head, teacher in teachers.items()}
+
+
+@pytest.fixture(scope="session")
+def bypass(tiny):
+    return sam2.load_sam2(tiny("sam2"))
+
+
+def decoder(bypass, levels, skips=True, size=SIZE):
+    fine = (lambda t: (levels["sam2_s0"][t], levels["sam2_s1"][t])) if skips else None
+    return sam2.Sam2MaskDecoder(bypass, levels["sam2"].__getitem__, len(FRAMES), size, fine)
+
+
+def pixel_path(model, t, points=None, labels=None, box=None, mask=None):
+    """Frame -> logits of the unchanged model on the frames themselves, called as its documentation says."""
+    side = model.image_size
+    video = torch.cat([picture_tensor(frame, (side, side), IMAGENET_MEAN, IMAGENET_STD) for frame in FRAMES])
+    session = transformers.Sam2VideoInferenceSession(
+        video=video, video_height=SIZE[0], video_width=SIZE[1], dtype=torch.float32
+    )
+    index = session.obj_id_to_idx(1)
+    if mask is not None:
+        full = torch.from_numpy(mask[None, None].astype(np.float32))
+        full = torch.nn.functional.interpolate(full, (side, side), mode="bilinear", antialias=True) >= 0.5
+        session.add_mask_inputs(index, t, full.float())
+    else:
+        xy = ([] if box is None else np.reshape(box, (2, 2)).tolist()) + ([] if points is None else list(points))
+        kinds = ([] if box is None else [2, 3]) + ([] if points is None else list(labels))
+        place = torch.tensor(xy).reshape(1, 1, -1, 2).float() / SIZE[0] * side
+        session.add_point_inputs(
+            index, t, {"point_coords": place, "point_labels": torch.tensor(kinds, dtype=torch.int32)[None, None]}
+        )
+    session.obj_with_new_inputs.append(1)
+    model(session, frame_idx=t)
+    found = {out.frame_idx: out.pred_masks for out in model.propagate_in_video_iterator(session, start_frame_idx=t)}
+    for out in model.propagate_in_video_iterator(session, start_frame_idx=t, reverse=True):
+        found.setdefault(out.frame_idx, out.pred_masks)
+    return {frame: logits[0, 0].numpy() for frame, logits in found.items()}
+
+
+MASK = np.zeros(SIZE, bool)
+MASK[8:20, 5:17] = True
+PROMPTS = {
+    "point": {"points": [[12.0, 9.5]], "labels": [1]},
+    "points": {"points": [[12.0, 9.5], [20.0, 25.0], [3.0, 3.0]], "labels": [1, 1, 0]},
+    "box": {"box": [4.0, 6.0, 25.0, 20.0]},
+    "box and point": {"box": [4.0, 6.0, 25.0, 20.0], "points": [[10.0, 10.0]], "labels": [0]},
+    "mask": {"mask": MASK},
+}
+
+
+@pytest.mark.parametrize("name", PROMPTS)
+def test_sam2_from_its_own_features_equals_the_pixel_path_and_never_encodes(name, tiny, levels, bypass, calls):
+    expected = pixel_path(transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval(), 2, **PROMPTS[name])
+    assert calls.sam2 >= len(FRAMES)
+    calls.sam2 = 0
+    masks = decoder(bypass, levels)
+    first = masks.prompt(2, **PROMPTS[name])
+    found = dict(masks.propagate())
+    assert calls.sam2 == 0
+    assert not hasattr(bypass, "vision_encoder")
+    assert list(found) == [2, 3, 4, 1, 0]
+    assert np.abs(first - expected[2]).max() <= 1e-5
+    assert max(np.abs(found[t] - expected[t]).max() for t in expected) <= 1e-5
+    assert np.std([found[t] for t in found]) > 0.1  # random weights do say something
+
+
+def test_zero_skips_equal_a_pixel_path_whose_fine_levels_are_silent(tiny, levels, bypass):
+    model = transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval()
+    with torch.no_grad():
+        for convolution in (model.mask_decoder.conv_s0, model.mask_decoder.conv_s1):
+            convolution.weight.zero_()
+            convolution.bias.zero_()
+    expected = pixel_path(model, 1, **PROMPTS["point"])
+    masks, full = decoder(bypass, levels, skips=False), decoder(bypass, levels)
+    assert (masks.skips, full.skips) == ("zero", "distilled")
+    assert np.abs(masks.prompt(1, **PROMPTS["point"]) - full.prompt(1, **PROMPTS["point"])).max() > 1e-2
+    found = dict(masks.propagate())
+    assert max(np.abs(found[t] - expected[t]).max() for t in expected) <= 1e-5
+
+
+def test_two_decoders_may_share_a_model_in_turns(levels, bypass):
+    other = {head: maps[::-1] for head, maps in levels.items()}
+    one, two = decoder(bypass, levels), decoder(bypass, other)
+    one.prompt(0, points=[[9, 9]])
+    alone = dict(one.propagate())
+    two.prompt(0, points=[[9, 9]])
+    turns = {}
+    for (t, logits), _ in zip(one.propagate(), two.propagate(), strict=True):
+        turns[t] = logits
+    assert max(np.abs(turns[t] - alone[t]).max() for t in alone) <= 1e-5
+
+
+def test_prompting_a_frame_again_forgets_its_first_prompt(levels, bypass):
+    masks, fresh = decoder(bypass, levels), decoder(bypass, levels)
+    masks.prompt(1, points=[[3, 4]])
+    found, expected = (one.prompt(1, points=[[20, 20]]) for one in (masks, fresh))
+    assert np.abs(found - expected).max() <= 1e-5
+    masks.reset()
+    with pytest.raises(F4xError, match="Nothing is prompted"):
+        next(masks.propagate())
+
+
+def test_a_second_prompted_frame_changes_the_frames_between(levels, bypass):
+    masks = decoder(bypass, levels)
+    masks.prompt(0, points=[[3, 4]])
+    before = dict(masks.propagate())
+    masks.prompt(4, mask=MASK)
+    after = dict(masks.propagate())
+    assert set(after) == set(before)
+    assert ((after[4] > 0) == MASK).mean() > 0.97
+    assert np.abs(after[2] - before[2]).max() > 1e-4
+
+
+def test_sine_position_encoding_is_the_models_own(tiny):
+    model = transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval()
+    with torch.no_grad():
+        output = model.get_image_features(torch.zeros(1, 3, 128, 128), return_dict=True)
+    expected = output.fpn_position_encoding[-1]  # (hw,1,C)
+    found = sam2.sine_position_encoding(128, 8, 8).flatten(1).T[:, None]
+    assert torch.equal(found, expected)
+
+
+def test_teachers_give_the_pyramid_that_their_spec_promises(tiny, levels):
+    model = transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval()
+    with torch.no_grad():
+        pixels = picture_tensor(FRAMES[3], (128, 128), IMAGENET_MEAN, IMAGENET_STD)
+        pyramid = model.get_image_features(pixels, return_dict=True).fpn_hidden_states
+    for head, level in sam2.LEVELS.items():
+        spec = sam2.Sam2Teacher(tiny("sam2"), head=head).spec_for(64, 48)
+        assert levels[head].shape == (5, *spec.grid, spec.dim)
+        assert spec.name == head
+        assert spec.provenance["model"] == "sam2"
+        assert np.array_equal(levels[head][3].reshape(-1, spec.dim), pyramid[level][:, 0].numpy())
+
+
+def test_the_decoder_alone_is_saved_and_read_back(tmp_path, tiny, levels, bypass):
+    sam2.save_decoder(bypass, tmp_path / "decoder")
+    again = sam2.load_sam2(tmp_path / "decoder")
+    names = set(dict(again.named_parameters()))
+    assert not [name for name in names if name.startswith("vision_encoder")]
+    assert names == set(dict(bypass.named_parameters()))
+    prompt = PROMPTS["points"]
+    found, expected = (decoder(model, levels).prompt(0, **prompt) for model in (again, bypass))
+    assert np.abs(found - expected).max() <= 1e-5
+
+
+def test_everything_comes_from_features_alone(levels, bypass, calls):
+    masks = decoder(bypass, levels, size=(48, 64))
+    config = sam2.EverythingConfig(points_per_side=6, batch=10, quality=0.0, stability=0.0, overlap=0.6)
+    found = masks.everything(1, config)
+    assert calls.sam2 == 0
+    assert found.shape[1:] == (48, 64)
+    assert 1 <= len(found) <= 6 * 6 * 3
+    assert (found.sum((1, 2)) > 0).all()
+    strict = masks.everything(1, sam2.EverythingConfig(points_per_side=6, quality=1.1))
+    assert strict.shape == (0, 48, 64)
+    assert len(masks.everything(1, sam2.EverythingConfig(6, 10, 0.0, 0.0, overlap=0.2))) < len(found)
+
+
+def test_suppression_keeps_the_better_of_two_overlapping_masks():
+    masks = torch.zeros(4, 10, 10, dtype=torch.bool)
+    masks[0, :4], masks[1, :5], masks[2, 6:], masks[3, :2] = True, True, True, True  # 40, 50, 40, 20 cells
+    scores = torch.tensor([0.5, 0.9, 0.1, 0.8])
+    assert sam2.suppress(masks, scores, overlap=0.7) == [1, 3, 2]  # 40 of 50 with the best: dropped; 20 of 50: kept
+    assert sam2.suppress(masks, scores, overlap=0.85) == [1, 3, 0, 2]
+    assert sam2.suppress(masks[:0], scores[:0], 0.5) == []
+
+
+def test_features_of_another_shape_are_refused(levels, bypass):
+    masks = sam2.Sam2MaskDecoder(bypass, lambda t: np.zeros((4, 4, 128), np.float32), 3, SIZE)
+    with pytest.raises(F4xError, match=r"'sam2' features of frame 1 have shape \(4, 4, 128\).*\(8, 8, 128\)"):
+        masks.prompt(1, points=[[2, 2]])
+
+
+@pytest.mark.parametrize(
+    ("prompt", "told"),
+    [
+        ({"t": 0}, "The prompt is empty"),
+        ({"t": 9, "points": [[1, 1]]}, "There is no frame 9: the clip has frames 0 to 4"),
+        ({"t": -1, "points": [[1, 1]]}, "There is no frame -1"),
+        ({"t": 0, "points": [[70, 1]]}, r"Point \(70, 1\) lies outside the picture of 64 x 48"),
+        ({"t": 0, "points": [[np.nan, 1]]}, "lies outside"),
+        ({"t": 0, "points": [[1, 1]], "labels": [1, 0]}, "1 points and 2 labels"),
+        ({"t": 0, "points": [[1, 1]], "labels": [0]}, "at least one positive point"),
+        ({"t": 0, "points": []}, "at least one positive point"),
+        ({"t": 0, "box": [9, 1, 3, 8]}, "left < right"),
+        ({"t": 0, "box": [1, 2, 3]}, "left < right"),
+        ({"t": 0, "box": [65, 1, 80, 8]}, "lies outside"),
+        ({"t": 0, "mask": np.zeros((48, 64))}, "mask is empty"),
+        ({"t": 0, "mask": np.ones((4, 4))}, "48 rows x 64 columns"),
+        ({"t": 0, "mask": np.ones((48, 64)), "points": [[1, 1]]}, "complete prompt"),
+    ],
+)
+def test_prompts_that_mean_nothing_are_refused(prompt, told):
+    with pytest.raises(F4xError, match=told):
+        check_prompt(prompt.pop("t"), 5, (48, 64), **prompt)
+
+
+# Text and pictures
+
+
+def softmax_attention(queries, keys, values):
+    return (queries @ keys.transpose(2, 3) * queries.shape[3] ** -0.5).softmax(3) @ values
+
+
+def test_tipsv2_block_with_attention_is_the_models_forward(tiny):
+    vision = transformers.Tipsv2Model.from_pretrained(tiny("tipsv2")).eval().vision_model
+    pixels = torch.rand(1, 3, 56, 56, generator=torch.Generator().manual_seed(0))
+    layer = vision.encoder.layer[-1]
+    with torch.no_grad():
+        tokens = textimage.tokens_before(vision, layer.norm1, pixels)
+        found = vision.layernorm(textimage.tipsv2_block(layer, tokens, softmax_attention))
+        expected = vision(pixels).last_hidden_state
+        values = vision.layernorm(textimage.tipsv2_block(layer, tokens, textimage.values_only))
+    assert (found - expected).abs().max() <= 1e-6
+    assert (values - expected).abs().max() > 1e-2
+
+
+def test_clip_attention_by_hand_is_the_models_own(tiny):
+    vision = transformers.CLIPModel.from_pretrained(tiny("clip")).eval().vision_model
+    pixels = torch.rand(1, 3, 64, 64, generator=torch.Generator().manual_seed(0))
+    layer = vision.encoder.layers[-1]
+    with torch.no_grad():
+        tokens = textimage.tokens_before(vision, layer.layer_norm1, pixels)
+        mixed = tokens + textimage.attend(layer.self_attn, layer.layer_norm1(tokens), softmax_attention)
+        found = mixed + layer.mlp(layer.layer_norm2(mixed))
+        expected = vision(pixels).last_hidden_state
+    assert (found - expected).abs().max() <= 1e-5
+
+
+@pytest.mark.parametrize(("name", "grid"), [("tipsv2", (4, 7)), ("clip", (8, 14))])
+def test_text_image_features_keep_their_spec(name, grid, tiny):
+    teacher = textimage.TextImageTeacher(tiny(name), name=name)
+    picture = np.random.default_rng(1).integers(0, 255, (50, 88, 3), dtype=np.uint8)
+    spec, features = teacher.spec_for(88, 50), teacher.encode(picture)
+    assert (spec.name, spec.text_encoder, spec.grid) == (name, name, grid)
+    assert features.shape == (*grid, spec.dim)
+    assert np.allclose(np.linalg.norm(features, axis=-1), 1, atol=1e-5)
+    assert np.array_equal(features, teacher.encode(picture))
+    encoder = textimage.TextImageEncoder(tiny(name), name=name)
+    assert (encoder.dim, encoder.temperature) == (spec.dim, spec.temperature)
+    assert encoder.temperature == pytest.approx({"tipsv2": 0.005, "clip": float(np.exp(-4.6))}[name], rel=1e-5)
+
+
+def test_a_picture_of_one_window_is_read_as_one(tiny):
+    teacher = textimage.TextImageTeacher(tiny("tipsv2"), name="tipsv2")
+    picture = np.random.default_rng(2).integers(0, 255, (56, 56, 3), dtype=np.uint8)
+    with torch.no_grad():
+        vision = teacher.model.vision_model
+        layer = vision.encoder.layer[-1]
+        tokens = textimage.tokens_before(vision, layer.norm1, picture_tensor(picture, (56, 56)))
+        cells = vision.layernorm(textimage.tipsv2_block(layer, tokens, textimage.values_only))[0, 2:]
+    expected = torch.nn.functional.normalize(cells, dim=-1).reshape(4, 4, -1).numpy()
+    assert np.abs(teacher.encode(picture) - expected).max() <= 1e-6
+
+
+@pytest.mark.parametrize("name", ["tipsv2", "clip"])
+def test_labels_are_averaged_over_templates_in_the_models_space(name, tiny):
+    encoder = textimage.TextImageEncoder(tiny(name), name=name)
+    found = encoder.encode(["cat", "dog sky"])
+    expected = []
+    for label in ("cat", "dog sky"):
+        vectors = []
+        for template in textimage.TEMPLATES:
+            tokens = encoder.tokenizer([template.format(label)], return_tensors="pt")
+            side = 56 if name == "tipsv2" else 64
+            with torch.no_grad():
+                output = encoder.model(
+                    input_ids=tokens["input_ids"],
+                    attention_mask=tokens["attention_mask"],
+                    pixel_values=torch.zeros(1, 3, side, side),
+                )
+            vectors.append(output.text_embeds[0].numpy())
+        mean = np.mean(vectors, 0)
+        expected.append(mean / np.linalg.norm(mean))
+    assert np.abs(found - expected).max() <= 1e-5
+    assert np.abs(found[0] - found[1]).max() > 1e-2
+    with pytest.raises(F4xError, match="empty"):
+        encoder.encode(["cat", " "])
+
+
+@pytest.mark.parametrize(("length", "starts"), [(4, [0]), (7, [0, 3]), (10, [0, 3, 6]), (11, [0, 3, 6, 7])])
+def test_windows_cover_every_cell(length, starts):
+    assert textimage._starts(length, 4, 3) == starts
+    assert set().union(*(range(start, start + 4) for start in starts)) == set(range(length))
+
+
+# SmolVLM
+
+
+@pytest.fixture(scope="session")
+def vlm(tiny):
+    return smolvlm.SmolVlm(tiny("smolvlm"))
+
+
+@pytest.fixture(scope="session")
+def vision_grid(tiny):
+    teacher = smolvlm.SmolVlmTeacher(tiny("smolvlm"))
+    return np.stack([teacher.encode(frame) for frame in FRAMES[:2]])
+
+
+def test_features_in_the_embeddings_equal_pixels(vlm, vision_grid, calls):
+    text = vlm.prompt([0, 1], "a photo of the cat")
+    side = vlm.model.config.vision_config.image_size
+    pixels = torch.cat(
+        [picture_tensor(frame, (side, side), smolvlm.MEAN, smolvlm.STD, mode="bicubic") for frame in FRAMES[:2]]
+    )
+    ids = vlm.tokenizer(text, return_tensors="pt", add_special_tokens=False)
+    with torch.no_grad():
+        embeds = vlm.embeddings(text, vision_grid)
+        found = vlm.model(inputs_embeds=embeds).logits
+        assert calls.smolvlm == 0
+        expected = vlm.model(input_ids=ids["input_ids"], pixel_values=pixels[None]).logits
+        blind = vlm.model(input_ids=ids["input_ids"]).logits
+        options = {"max_new_tokens": 6, "do_sample": False, "pad_token_id": 1}
+        told = vlm.model.generate(input_ids=ids["input_ids"], pixel_values=pixels[None], **options)
+    assert calls.smolvlm > 0
+    assert (found - expected).abs().max() <= 1e-5
+    assert (blind - expected).abs().max() > 1e-2
+    new = told[0, ids["input_ids"].shape[1] :]
+    calls.smolvlm = 0
+    answer = vlm.answer(list(vision_grid), [0, 1], "a photo of the cat", longest=6)
+    assert calls.smolvlm == 0
+    assert answer == vlm.tokenizer.decode(new, skip_special_tokens=True).strip()
+
+
+def test_the_conversation_is_written_as_the_model_was_trained(vlm):
+    picture = "<fake_token_around_image><global-img><image><image><image><image><fake_token_around_image>"
+    assert vlm.prompt([0.0, 75.2], "what?", [("who?", "a cat")]) == (
+        "<|im_start|>User: You are provided the following series of 2 frames from a 0:01:15 [H:MM:SS] video.\n"
+        f"\nFrame from 00:00:{picture}\nFrame from 01:15:{picture}\n\nwho?<end_of_utterance>\n"
+        "Assistant: a cat<end_of_utterance>\nUser: what?<end_of_utterance>\nAssistant:"
+    )
+
+
+@pytest.mark.parametrize(
+    ("maps", "seconds", "question", "told"),
+    [
+        (1, [0], " ", "question is empty"),
+        (0, [], "what?", "0 feature maps"),
+        (1, [0, 1], "what?", "1 feature maps with 2 times"),
+        (1, [0], "what is <image>?", "reserves for pictures"),
+    ],
+)
+def test_questions_that_cannot_be_asked_are_refused(maps, seconds, question, told, vlm, vision_grid):
+    with pytest.raises(F4xError, match=told):
+        vlm.answer(list(vision_grid[:maps]), seconds, question)
+
+
+def test_maps_of_another_grid_are_refused(vlm):
+    with pytest.raises(F4xError, match=r"shape \(4, 4, 16\).*\(8, 8, 16\)"):
+        vlm.answer([np.zeros((4, 4, 16))], [0], "what?")
+
+
+# Loading
+
+
+def test_the_registry_opens_every_tiny_checkpoint(tiny):
+    picture = FRAMES[0]
+    for name in ("sam2", "clip", "tipsv2", "smolvlm"):
+        teacher = TEACHERS[name].load(tiny(name))
+        spec = teacher.spec_for(64, 48)
+        assert teacher.encode(picture).shape == (*spec.grid, spec.dim)
+
+
+@pytest.fixture
+def nothing_cached(tmp_path, monkeypatch):
+    monkeypatch.setenv("F4X_MODELS", str(tmp_path / "none"))
+    monkeypatch.setattr("huggingface_hub.constants.HF_HUB_CACHE", str(tmp_path / "cache"))
+
+
+def told(call, *args, **options) -> str:
+    with pytest.raises(F4xError) as caught:
+        call(*args, **options)
+    sentence = str(caught.value)
+    assert "\n" not in sentence
+    return sentence
+
+
+def test_a_model_that_was_not_downloaded_says_how_to_get_it(nothing_cached):
+    sentence = told(sam2.load_sam2)
+    assert "sam2-tiny" in sentence
+    assert "156 MB" in sentence
+    assert "f4x models get sam2-tiny" in sentence
+    assert "neither a folder nor" in told(sam2.load_sam2, "nobody/nothing")
+
+
+def test_a_folder_of_models_is_searched_by_name(tmp_path, monkeypatch, tiny):
+    monkeypatch.setenv("F4X_MODELS", str(tmp_path))
+    shutil.copytree(tiny("clip"), tmp_path / "clip")
+    assert textimage.TextImageTeacher(name="clip").spec_for(64, 64).provenance["model"] == "clip"
+
+
+def test_provenance_names_the_hub_id_of_cached_weights(tmp_path, tiny):
+    cached = tmp_path / "models--openai--clip-vit-base-patch16" / "snapshots" / "0123abc"
+    shutil.copytree(tiny("clip"), cached)
+    assert loading.find("clip", cached).name == "openai/clip-vit-base-patch16"
+
+
+def test_weights_of_another_architecture_are_refused(tiny):
+    assert "'clip' model" in told(sam2.Sam2Teacher, tiny("clip"))
+    assert "'sam2_video' model" in told(textimage.TextImageTeacher, tiny("sam2"), name="tipsv2")
+    assert "'tipsv2' needs 'tipsv2'" in told(loading.find, "tipsv2", "clip")
+
+
+def test_damaged_and_incomplete_weights_are_refused(tmp_path, tiny):
+    from safetensors.torch import load_file, save_file
+
+    folder = tmp_path / "broken"
+    shutil.copytree(tiny("clip"), folder)
+    weights = folder / "model.safetensors"
+    whole = load_file(weights)
+    missing = {name: value for name, value in whole.items() if "visual_projection" not in name}
+    save_file(missing, weights, metadata={"format": "pt"})
+    assert "1 weights of 'clip' are missing (the first is visual_projection.weight)" in told(
+        textimage.TextImageTeacher, folder, name="clip"
+    )
+    save_file({**whole, "visual_projection.weight": torch.zeros(3, 5)}, weights, metadata={"format": "pt"})
+    assert "cannot be read" in told(textimage.TextImageTeacher, folder, name="clip")
+    weights.write_bytes(weights.read_bytes()[:1000])
+    assert "cannot be read" in told(textimage.TextImageTeacher, folder, name="clip")
+    weights.unlink()
+    assert str(folder) in told(textimage.TextImageTeacher, folder, name="clip")
+    (folder / "config.json").write_text("{")
+    assert str(folder) in told(textimage.TextImageTeacher, folder, name="clip")
+    (folder / "config.json").write_text(json.dumps({"model_type": "martian"}))
+    assert str(folder) in told(textimage.TextImageTeacher, folder, name="clip")
+
+
+def test_a_grid_beyond_memory_is_one_sentence(tiny):
+    teacher = sam2.Sam2Teacher(tiny("sam2"))
+    teacher.model.image_size = 10**7
+    assert "does not fit in memory" in told(teacher.encode, FRAMES[0])
+    with pytest.raises(RuntimeError, match="shapes"), loading.memory_guard("x"):
+        torch.zeros(2, 3) @ torch.zeros(2, 3)
+
+
+def test_every_checkpoint_tells_what_a_person_wants_to_know():
+    for name, entry in CHECKPOINTS.items():
+        assert entry.name == name
+        assert entry.hub.count("/") == 1
+        assert entry.megabytes > 50
+        assert entry.licence in ("Apache-2.0", "MIT", "CC-BY-4.0")
