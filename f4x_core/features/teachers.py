@@ -16,7 +16,7 @@ from ..progress import Progress, silent
 from .maps import FeatureMaps, read_maps, stored_facts, write_maps
 from .spec import FeatureSpec
 from .text import factory_of
-from .weights import WEIGHTS, describe, require_path
+from .weights import describe
 
 
 class Teacher(Protocol):
@@ -83,6 +83,16 @@ TEACHERS = {
             ".offline:Conse",
         ),
         TeacherEntry("sam2", "masks from points, boxes or nothing", ("sam2-tiny",), ".models.sam2:Sam2Teacher"),
+        *(
+            TeacherEntry(
+                f"sam2_{level}",
+                "finer outlines for sam2: a skip connection",
+                ("sam2-tiny",),
+                ".models.sam2:Sam2Teacher",
+                {"head": f"sam2_{level}"},
+            )
+            for level in ("s0", "s1")
+        ),
         TeacherEntry(
             "clip", "text queries, any words", ("clip",), ".models.textimage:TextImageTeacher", {"name": "clip"}
         ),
@@ -118,13 +128,12 @@ def extract(
     """The maps of teacher `name` for every frame of `clip`, in `folder` (which gets `spec.json`, `maps.npy`, …).
 
     Does nothing when `folder` holds maps of the same teacher, weights, frames and rank. `model` is a folder with the
-    weights (or with the maps, of teachers that read files), a hub id, or another name of `weights.WEIGHTS`; `rank` as in
+    weights (or with the maps, of teachers that read files), a hub id, or the name of another checkpoint; `rank` as in
     `write_maps`. A cancelled or failed run leaves what was there before.
     """
     import torch  # here, so that the registry can be listed without waiting for it
 
     folder, entry = Path(folder), find_teacher(name)
-    model = require_path(model) if isinstance(model, str) and model in WEIGHTS else model
     settings = {
         "teacher": name,
         "version": entry.version,

@@ -381,3 +381,18 @@ def test_features_from_the_command_line(clip, tmp_path, capsys):
     assert main([*command, "--teacher", "visual,lseg", "--model", "x"]) == 2
     assert main([*command, "--teacher", ","]) == 2
     assert main([*command, "--teacher", "visual", "--rank", "0"]) == 2
+
+
+def test_a_checkpoint_in_a_folder_of_ones_own_teaches(clip, tmp_path, capsys):
+    import tiny_models
+
+    folder = tiny_models.tiny_clip(tmp_path / "my-clip")
+    write_images(tmp_path / "clip", clip.frames)
+    command = ["features", str(tmp_path / "clip"), "-o", str(tmp_path / "out"), "--json"]
+    assert main([*command, "--teacher", "clip", "--model", str(folder)]) == 0
+    row = json.loads(capsys.readouterr().out)["features"][0]
+    assert row["frames"] == 3 and row["spec"]["provenance"]["model"] == "my-clip"
+    vectors = load_text_encoder("clip", folder).encode(["dog", "cat"])
+    assert vectors.shape == (2, row["spec"]["dim"])
+    assert main([*command, "--teacher", "tipsv2", "--model", str(folder)]) == 2
+    assert "tipsv2" in capsys.readouterr().err
