@@ -14,6 +14,8 @@ RESTART, STEPS = 0.002, 300
 """Share of the walkers that start anew in each step, and the number of steps."""
 SMALLEST, LARGEST = 0.004, 0.6
 """Bounds of a region grown from points, in shares of the frame."""
+AS_GOOD = 1e-4
+"""Of regions whose conductance is this near to the least one, the smallest is meant."""
 TYPICAL = 0.4
 """Share of a box, least like its outside, that is taken for the object at first."""
 LIKENESS, EDGE, PRIOR = 0.05, 0.2, 0.1
@@ -104,7 +106,8 @@ def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) ->
     conductance = cut / np.maximum(np.minimum(volume, volume[-1] - volume), 1e-9)
     least = min(max(9, int(SMALLEST * order.size)), order.size - 1)
     most = max(least + 1, min(int(LARGEST * order.size), int(possible.sum())))
-    return (rank <= least + int(np.argmin(conductance[least:most]))) & possible
+    good = conductance[least:most] <= conductance[least:most].min() + AS_GOOD
+    return (rank <= least + int(np.argmax(good))) & possible
 
 
 def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray) -> np.ndarray:

@@ -12,11 +12,16 @@ transformers = pytest.importorskip("transformers")
 
 import tiny_models  # noqa: E402
 
+from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
-from f4x_core.features.models import CHECKPOINTS, loading, sam2, smolvlm, textimage  # noqa: E402
+from f4x_core.features.models import CHECKPOINTS, depth, loading, providers, sam2, smolvlm, textimage  # noqa: E402
 from f4x_core.features.models.prompt import check_prompt  # noqa: E402
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor  # noqa: E402
 from f4x_core.features.teachers import TEACHERS  # noqa: E402
+from f4x_core.geometry.camera import CameraPath  # noqa: E402
+from f4x_core.priors import DepthConfig, Priors, PriorsConfig  # noqa: E402
+from f4x_core.priors.providers import find  # noqa: E402
+from f4x_core.progress import silent  # noqa: E402
 
 FRAMES = np.random.default_rng(0).integers(0, 255, (5, 48, 64, 3), dtype=np.uint8)
 SIZE = (32, 32)
@@ -504,3 +509,75 @@ def test_every_checkpoint_tells_what_a_person_wants_to_know():
         assert entry.hub.count("/") == 1
         assert entry.megabytes > 50
         assert entry.licence in ("Apache-2.0", "MIT", "CC-BY-4.0")
+
+
+# Depth
+
+
+def test_a_fit_to_the_measurement_undoes_scale_and_shift():
+    rng = np.random.default_rng(0)
+    truth = 0.5 + rng.random((60, 80)).astype(np.float32)
+    sure = (rng.random(truth.shape) < 0.3).astype(np.float32)
+    measured = np.where(sure > 0, truth, 9.0).astype(np.float32)
+    measured[:, :8] = 4.0  # a region that is surely and wrongly measured
+    sure[:, :8] = 1.0
+    found, difference = depth.fit_to_measurement(37 * truth - 5, measured, sure * (np.arange(80) >= 8))
+    assert np.abs(found - truth).max() < 1e-3
+    assert difference < 1e-4
+    bent, _ = depth.fit_to_measurement(37 * truth - 5, measured, sure)
+    assert np.abs(bent - truth)[:, 40:].max() < 0.02  # far from the wrong region
+
+
+def test_a_model_that_contradicts_the_measurement_is_flattened():
+    truth = np.tile(np.linspace(1, 2, 50, dtype=np.float32), (40, 1))
+    found, difference = depth.fit_to_measurement(-truth, truth, np.ones_like(truth))
+    assert (found > 0).all()
+    assert difference > 0.05
+
+
+@pytest.mark.parametrize("kind", ["moving", "static"])
+def test_depth_anything_completes_the_measurement(kind, tiny, monkeypatch):
+    frames, height, width = 3, 48, 64
+    clip = Clip("c", FRAMES[:3], np.arange(3.0), 24.0, np.zeros(3, bool), "c")
+    matrices = np.tile(np.eye(4), (frames, 1, 1))
+    matrices[:, 0, 3] = np.arange(3) * 0.1
+    intrinsics = np.tile(np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]]), (frames, 1, 1))
+    priors = Priors.empty(clip)
+    priors.cameras = CameraPath(intrinsics, matrices, np.arange(3.0), width, height)
+    priors.camera_kind = kind
+    truth = 0.4 + np.random.default_rng(3).random((frames, height, width)).astype(np.float32)
+    priors.mask = np.zeros(truth.shape, bool)
+    priors.mask[:, 20:40, 20:40] = True
+
+    def measure(clip, priors, config, progress):
+        priors.depth = np.where(priors.mask, 3.0, 1 / truth).astype(np.float32)
+        priors.depth_confidence = np.full(truth.shape, 0.9, np.float16)
+        priors.statistics["depth"] = {}
+
+    shown = iter(truth * 11 + 2)
+    monkeypatch.setattr(depth.classical, "provide", measure)
+    monkeypatch.setattr(depth.DepthAnything, "inverse_depth", lambda self, rgb: next(shown))
+    monkeypatch.setenv("F4X_MODELS", str(tiny("depth_anything").parent / "by_name"))
+    named = tiny("depth_anything").parent / "by_name" / "depth-anything"
+    if not named.exists():
+        shutil.copytree(tiny("depth_anything"), named)
+    providers.offer_models()
+    find("depth", "depth-anything")(clip, priors, PriorsConfig(depth=DepthConfig("depth-anything")), silent)
+    priors.validate(["depth", "depth_confidence", "cameras"])
+    assert np.median(priors.depth) == pytest.approx(1, abs=1e-3)
+    assert priors.statistics["depth"]["model"] == "depth-anything"
+    if kind == "moving":
+        scale = np.linalg.norm(priors.cameras.centers[2]) / 0.2
+        assert np.abs(priors.depth * truth / scale - 1).max() < 0.02  # moving pixels too
+        assert priors.depth_confidence.min() > 0.6
+    else:
+        assert np.corrcoef((1 / priors.depth).ravel(), truth.ravel())[0, 1] > 0.99
+        assert np.allclose(priors.depth_confidence, depth.GUESS, atol=1e-3)
+
+
+def test_depth_anything_opens_a_checkpoint_and_reads_a_picture(tiny):
+    network = depth.DepthAnything(tiny("depth_anything"))
+    found = network.inverse_depth(FRAMES[0])
+    assert found.shape == (48, 64)
+    assert np.isfinite(found).all()
+    assert np.abs(found - network.inverse_depth(FRAMES[1])).max() > 0
