@@ -1,0 +1,98 @@
+"""Words to vectors: from the vocabulary that the scene carries, else from a text encoder where one is installed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
+
+from ..errors import F4xError
+from ..scene import Scene
+from ..scene.field import FieldHead
+from ..scene.view import field_of
+
+BACKGROUND = ("sky", "tree", "grass", "sand", "water", "road", "wall", "fence", "building", "floor")
+"""What an asked word is weighed against when no other words are given: what surrounds things."""
+Encode = Callable[[str, list[str]], np.ndarray]
+"""(name of a text encoder, labels) -> (L,dim) unit vectors."""
+
+
+@dataclass(frozen=True, eq=False)
+class TextQuery:
+    """Labels with their vectors in the space of one head; the first `targets` of them are looked for."""
+
+    head: FieldHead
+    """The head that decodes features of the labels' space."""
+    labels: tuple[str, ...]
+    """L labels: the targets, then what they are weighed against."""
+    vectors: np.ndarray
+    """(L,C) float32."""
+    targets: int
+    """Number of targets."""
+
+
+def words_of(text: str) -> list[str]:
+    """Labels of a list with commas, without doubles; F4xError when there is none."""
+    words = list(dict.fromkeys(word for part in text.split(",") if (word := " ".join(part.split()))))
+    if not words:
+        raise F4xError("The query names no label; give at least one word, for example --text swan.")
+    return words
+
+
+def ask_for(
+    scene: Scene,
+    labels: Sequence[str],
+    negatives: Sequence[str] | None = None,
+    head: str | None = None,
+    encode: Encode | None = None,
+) -> TextQuery:
+    """The query for `labels`, weighed against `negatives` (`BACKGROUND` when None), in the head `head`.
+
+    By default the first head whose spec names a text encoder. Vectors come from the scene's vocabulary; labels that it
+    lacks from `encode`. Raises F4xError: a scene without field or without such a head, a label that nobody knows.
+    """
+    targets = words_of(",".join(labels))
+    decoder = text_head(scene, head)
+    encoder = decoder.spec.text_encoder
+    assert encoder is not None
+    given = negatives is not None
+    against = words_of(",".join(negatives)) if negatives else []
+    known, table = ((), np.zeros((0, decoder.spec.dim), np.float32))
+    if encoder in field_of(scene).vocabularies:
+        known, table = field_of(scene).vocabulary(encoder)
+    rows = {word.lower(): row for word, row in zip(known, table, strict=True)}
+    if not given:  # of the default ones, those at hand: no encoder is started for them alone
+        against = [word for word in BACKGROUND if word in rows] if rows else list(BACKGROUND)
+    against = [word for word in against if word.lower() not in {target.lower() for target in targets}]
+    missing = [word for word in (*targets, *against) if word.lower() not in rows]
+    if missing and encode is None:
+        raise F4xError(unknown_label(scene, missing[0], list(known), encoder))
+    if missing:
+        assert encode is not None
+        rows |= {word.lower(): row for word, row in zip(missing, encode(encoder, missing), strict=True)}
+    everything = (*targets, *against)
+    return TextQuery(decoder, everything, np.stack([rows[word.lower()] for word in everything]), len(targets))
+
+
+def text_head(scene: Scene, name: str | None = None) -> FieldHead:
+    """The head `name`, or the first that understands words; F4xError when there is none."""
+    heads = [field_of(scene).head(name)] if name else list(field_of(scene).heads)
+    for head in heads:
+        if head.spec.text_encoder is not None:
+            return head
+    raise F4xError(
+        f"{scene.name}: {f'the head {name} does not understand' if name else 'no head of the scene understands'} words;"
+        " add one with `f4x distill SCENE --teacher text`."
+    )
+
+
+def unknown_label(scene: Scene, label: str, known: Sequence[str], encoder: str) -> str:
+    """The sentence about a label that the vocabulary lacks."""
+    near = get_close_matches(label, known, 3, 0.6)
+    hint = f"; near it are {', '.join(near)}" if near else ""
+    return (
+        f"{scene.name}: the scene's vocabulary of {len(known)} labels lacks '{label}'{hint}; add it with"
+        f' `f4x distill SCENE --vocabulary "{label}"` where the text encoder {encoder} is installed.'
+    )

@@ -1,0 +1,83 @@
+"""Queries seen as pictures, from any camera at any time: text scores, shares of a selection, heat maps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..geometry.camera import Camera
+from ..geometry.trajectory import Trajectory
+from ..progress import Progress, silent
+from ..scene import Scene
+from ..scene.picture import SPECTRUM
+from ..scene.view import COVERED, render
+from .labels import TextQuery
+from .score import text_scores
+from .selection import Selection
+
+ROWS = 1 << 14
+"""Pixels scored at once: 512 channels of them take 34 MB."""
+HEAT = 0.6
+"""Share of the heat map's colour over the picture."""
+
+
+def label_scores(query: TextQuery, latents: np.ndarray) -> np.ndarray:
+    """(…,L) float32 probabilities of the query's labels for `latents (…,D)`, decoded piece by piece."""
+    rows = latents.reshape(-1, latents.shape[-1])
+    out = np.empty((len(rows), len(query.labels)), np.float32)
+    for start in range(0, len(rows), ROWS):
+        part = slice(start, start + ROWS)
+        out[part] = text_scores(query.head(rows[part]), query.vectors, query.head.spec.temperature)
+    return out.reshape(*latents.shape[:-1], len(query.labels))
+
+
+def text_picture(
+    scene: Scene, query: TextQuery, camera: Camera, time: float, backend: str = "auto", step: int = 1
+) -> np.ndarray:
+    """(H,W,L) float32 probability of each label at each pixel; 0 where alpha < 0.1.
+
+    The latent is composited and then decoded, as in training. `step` n draws every n-th pixel only.
+    """
+    if step > 1:
+        camera = camera.resized(max(1, camera.width // step), max(1, camera.height // step))
+    drawn = render(scene, camera, time, ("latent", "alpha"), backend)
+    return label_scores(query, drawn["latent"]) * (drawn["alpha"] >= COVERED)[..., None]
+
+
+def share_picture(
+    scene: Scene, selection: Selection, camera: Camera, time: float, backend: str = "auto", soft: bool = False
+) -> np.ndarray:
+    """(H,W) float32 in [0, 1]: share of each pixel's light that comes from the chosen Gaussians at clip time `time`.
+
+    With `soft` the Gaussians count with their scores. 0 everywhere outside the selection's span.
+    """
+    if not selection.holds_at(time):
+        return np.zeros((camera.height, camera.width), np.float32)
+    chosen = selection.scores if soft else selection.chosen
+    drawn = render(scene, camera, time, (), backend, values={"share": chosen[:, None].astype(np.float32)})
+    return np.clip(drawn["share"][..., 0], 0, 1)
+
+
+def mask_video(
+    scene: Scene,
+    selection: Selection,
+    trajectory: Trajectory,
+    backend: str = "auto",
+    soft: bool = False,
+    progress: Progress = silent,
+) -> Iterator[np.ndarray]:
+    """Yield `share_picture` of every view; above 0.5 is the mask."""
+    selection = selection.for_ids(scene.posed(0.0).ids)
+    for done, (camera, time) in enumerate(trajectory):
+        progress("mask", done, len(trajectory))
+        yield share_picture(scene, selection, camera, time, backend, soft)
+    progress("mask", len(trajectory), len(trajectory))
+
+
+def heat_map(picture: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """(H,W,3) uint8: `score (H,W)` in [0, 1] as colours, dark violet 0 to dark red 1, over the grey of `picture (H,W,3)`."""
+    grey = np.clip(picture, 0, 1) @ np.array([0.299, 0.587, 0.114])
+    at = np.linspace(0, 1, len(SPECTRUM))
+    colours = np.stack([np.interp(np.clip(score, 0, 1), at, SPECTRUM[:, c]) for c in range(3)], -1)
+    return ((HEAT * colours + (1 - HEAT) * grey[..., None]) * 255 + 0.5).astype(np.uint8)

@@ -1,0 +1,213 @@
+"""From words, points, boxes and masks to scores of Gaussians."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import F4xError
+from ..features.models.prompt import check_frame, check_prompt
+from ..geometry import spherical_harmonics
+from ..progress import Progress, silent
+from ..scene import Scene
+from ..scene.view import render
+from .labels import Encode, TextQuery, ask_for
+from .light import lift_masks
+from .pixels import label_scores
+from .score import THRESHOLD, target_score
+from .segmentation import FeaturePropagation, MaskDecoder
+from .selection import Selection
+
+LOOKS_ALIKE = "visual"
+"""The head whose features carry masks through the clip when no other decoder is given."""
+STAND_IN_GRID = 64
+"""Columns of the grid on which rendered colour, motion and depth stand in for features that a scene lacks."""
+
+
+@dataclass(frozen=True)
+class FollowConfig:
+    """How a mask on one frame becomes a selection for all of them."""
+
+    lifted: int = 20
+    """Frames, evenly over the clip, whose masks are lifted to Gaussians."""
+    prompted_weight: float = 3.0
+    """A prompted frame counts as so many others: its mask is the user's."""
+    least_light: float = 0.05
+    """Pixels of light in all lifted frames below which a Gaussian's score comes from its neighbours."""
+    neighbours: int = 8
+    """Number of those neighbours."""
+    colour_weight: float = 4.0
+    """World units (1 = median depth) that a colour difference of 1 is worth when neighbours are looked for."""
+
+
+def select_by_text(
+    scene: Scene,
+    labels: Sequence[str],
+    negatives: Sequence[str] | None = None,
+    threshold: float = THRESHOLD,
+    *,
+    head: str | None = None,
+    encode: Encode | None = None,
+    span: tuple[float, float] | None = None,
+) -> Selection:
+    """Gaussians whose decoded latent says one of `labels` rather than one of `negatives` (see `labels.ask_for`)."""
+    return text_selection(scene, ask_for(scene, labels, negatives, head, encode), threshold, span)
+
+
+def text_selection(
+    scene: Scene, query: TextQuery, threshold: float = THRESHOLD, span: tuple[float, float] | None = None
+) -> Selection:
+    """The selection of a query: score = summed probability of the targets, wins = a target is the best label."""
+    assert scene.features is not None
+    total, best = target_score(label_scores(query, scene.features.latents(scene)), range(query.targets))
+    names = ", ".join(query.labels[: query.targets])
+    return _selection(scene, np.clip(total, 0, 1), best, threshold, span, names)
+
+
+def select_by_mask(scene: Scene, mask: np.ndarray, frame: int, **options) -> Selection:
+    """Gaussians of what the bool `mask (H,W)`, of any size, shows on clip frame `frame`; options of `select_by_prompts`."""
+    check_frame(frame, len(scene.cameras))
+    cameras = scene.cameras
+    inside = np.asarray(mask) > 0
+    if inside.ndim != 2:
+        raise F4xError(f"The mask has shape {inside.shape}; give one number for each pixel.")
+    rows = ((np.arange(cameras.height) + 0.5) * inside.shape[0] / cameras.height).astype(int)
+    columns = ((np.arange(cameras.width) + 0.5) * inside.shape[1] / cameras.width).astype(int)
+    return select_by_prompts(scene, {frame: {"mask": inside[rows[:, None], columns]}}, **options)
+
+
+def select_by_points(
+    scene: Scene, points: ArrayLike, frame: int, labels: ArrayLike | None = None, **options
+) -> Selection:
+    """Gaussians of the object at `points (n,2)` (x, y in pixels; `labels (n,)` False = beside it) on clip frame `frame`."""
+    return select_by_prompts(scene, {frame: {"points": points, "labels": labels}}, **options)
+
+
+def select_by_box(scene: Scene, box: ArrayLike, frame: int, **options) -> Selection:
+    """Gaussians of the object in `box` (left, top, right, bottom in pixels) on clip frame `frame`."""
+    return select_by_prompts(scene, {frame: {"box": box}}, **options)
+
+
+def select_by_prompts(
+    scene: Scene,
+    prompts: dict[int, dict],
+    *,
+    threshold: float = THRESHOLD,
+    span: tuple[float, float] | None = None,
+    decoder: MaskDecoder | None = None,
+    config: FollowConfig | None = None,
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> Selection:
+    """Gaussians of one object that is prompted on one frame or several: `{clip frame: arguments of MaskDecoder.prompt}`.
+
+    The decoder (features of the scene when None, see `decoder_of`) carries the prompts to the other frames as masks. A
+    Gaussian's score is the share of its light that falls inside the masks; where it sends none, its neighbours' mean.
+
+    Raises F4xError: no prompt, an empty or contradictory one, a point outside the picture, a frame outside the clip.
+    """
+    config = config or FollowConfig()
+    cameras = scene.cameras
+    if not prompts:
+        raise F4xError("Nothing is prompted; give a point, a box or a mask on some frame.")
+    for frame, prompt in prompts.items():
+        check_prompt(frame, len(cameras), (cameras.height, cameras.width), **prompt)
+    decoder = decoder_of(scene, backend) if decoder is None else decoder
+    masks = {}
+    for frame, prompt in prompts.items():
+        logits = decoder.prompt(frame, **prompt)
+        masks[frame] = np.asarray(prompt["mask"] if prompt.get("mask") is not None else logits > 0, np.float32)
+    prompted, followed = dict(masks), {}
+    wanted = set(np.linspace(0, len(cameras) - 1, min(config.lifted, len(cameras))).round().astype(int)) - set(prompts)
+    for done, (frame, logits) in enumerate(decoder.propagate()):
+        progress("follow", done, len(cameras))
+        if frame in wanted:
+            followed[frame] = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
+    share, light = lift_masks(scene, prompted, progress)
+    later, dim = lift_masks(scene, followed, progress)
+    weight = config.prompted_weight * light
+    total = weight + dim
+    scores = (weight * share + dim * later) / np.maximum(total, 1e-12)
+    scores = _from_neighbours(scene, scores, total > config.least_light, config)
+    what = "mask" if len(prompts) == 1 and "mask" in next(iter(prompts.values())) else "prompt"
+    return _selection(
+        scene, scores, np.zeros(len(scores), bool), threshold, span, f"{what} at {', '.join(map(str, prompts))}"
+    )
+
+
+def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
+    """The decoder that needs no model: nearest neighbours in the `visual` features of the scene.
+
+    Without them rendered colour, place, motion and depth stand in: then only what differs in these is told apart.
+    """
+    cameras = scene.cameras
+    named = scene.features is not None and LOOKS_ALIKE in scene.features.names
+    features = _head_features(scene, backend) if named else _stand_in_features(scene, backend)
+    return FeaturePropagation(features, len(cameras), (cameras.height, cameras.width))
+
+
+def _head_features(scene: Scene, backend: str) -> Callable[[int], np.ndarray]:
+    assert scene.features is not None
+    rows, columns = scene.features.spec(LOOKS_ALIKE).grid
+    head = f"head:{LOOKS_ALIKE}"
+
+    def at(t: int) -> np.ndarray:
+        camera = scene.cameras[t].resized(columns, rows)
+        return render(scene, camera, float(scene.cameras.times[t]), (head,), backend)[head]
+
+    return at
+
+
+def _stand_in_features(scene: Scene, backend: str) -> Callable[[int], np.ndarray]:
+    cameras = scene.cameras
+    rows = max(1, round(STAND_IN_GRID * cameras.height / cameras.width))
+
+    def at(t: int) -> np.ndarray:
+        camera, time = cameras[t].resized(STAND_IN_GRID, rows), float(cameras.times[t])
+        moving = np.arange(len(scene.static) + len(scene.dynamic)) >= len(scene.static)
+        values = {"moving": moving[:, None].astype(np.float32)}
+        drawn = render(scene, camera, time, ("rgb", "depth", "alpha"), backend, values=values)
+        inverse = 1 / np.nan_to_num(drawn["depth"], nan=np.inf)
+        numbers = np.concatenate([np.clip(drawn["rgb"], 0, 1), drawn["moving"], inverse[..., None]], -1)
+        angle = np.pi / 2 * numbers  # the cosine of two cells is the mean of cos(pi/2 difference): 0 for opposites
+        return np.concatenate([np.cos(angle), np.sin(angle)], -1)
+
+    return at
+
+
+def _from_neighbours(scene: Scene, scores: np.ndarray, seen: np.ndarray, config: FollowConfig) -> np.ndarray:
+    """Scores of Gaussians that no lifted frame sees: the mean of the nearest seen ones of their kind.
+
+    Nearest at the Gaussian's own reference time (static ones: the first frame) and in colour.
+    """
+    scores = scores.copy()
+    posed = scene.posed(float(scene.cameras.times[0]))
+    places = np.concatenate([posed.means, config.colour_weight * spherical_harmonics.rgb_from_dc(posed.sh[:, 0])], 1)
+    for kind in (posed.dynamic, ~posed.dynamic):
+        missing, known = np.flatnonzero(kind & ~seen), np.flatnonzero(kind & seen)
+        if not len(known):
+            scores[missing] = 0
+            continue
+        if len(known) > 4096:  # enough to say what is near, and a block of distances stays small
+            known = known[np.linspace(0, len(known) - 1, 4096).astype(int)]
+        squares = (places[known] ** 2).sum(1)
+        for part in np.array_split(missing, max(1, len(missing) // 2048)):
+            far = squares - 2 * places[part] @ places[known].T
+            count = min(config.neighbours, len(known))
+            near = np.argpartition(far, count - 1, axis=1)[:, :count]
+            scores[part] = scores[known[near]].mean(1)
+    return scores
+
+
+def _selection(scene, scores, wins, threshold, span, label) -> Selection:
+    if span is not None:
+        first, last = scene.cameras.times[[0, -1]]
+        if not first <= span[0] <= span[1] <= last:
+            raise F4xError(
+                f"The span {span[0]:g}:{span[1]:g} does not lie within the clip's frames, {first:g} to {last:g}."
+            )
+    ids = np.concatenate([scene.static.ids, scene.dynamic.ids])
+    return Selection(ids, scores, wins, threshold, span, label)

@@ -1,0 +1,154 @@
+"""Which Gaussians are meant: stable ids with scores, thresholds that can be moved later, and JSON both ways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import F4xError
+from .score import THRESHOLD
+
+FORMAT = "f4x-selection"
+DECIMALS = 4
+"""Of the scores in JSON; rounding never moves a Gaussian across the threshold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """A score for each Gaussian of a scene. Chosen: the score reaches the threshold, or the Gaussian `wins`."""
+
+    ids: np.ndarray
+    """(N,) int64, as in `Scene.posed`."""
+    scores: np.ndarray
+    """(N,) float in [0, 1]."""
+    wins: np.ndarray
+    """(N,) bool: chosen at any threshold, because the target is its best label."""
+    threshold: float = THRESHOLD
+    """In [0, 1]."""
+    span: tuple[float, float] | None = None
+    """First and last clip frame at which the selection holds; None = always."""
+    label: str = ""
+    """What was asked for, for people."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if not 0 <= self.threshold <= 1:
+            raise F4xError(f"A threshold of {self.threshold:g} is no share; give a number from 0 to 1.")
+        if self.span is not None and not self.span[0] <= self.span[1]:
+            raise F4xError(f"The span {self.span[0]:g} to {self.span[1]:g} ends before it starts.")
+        if not len(self.ids) == len(self.scores) == len(self.wins):
+            raise F4xError("A selection needs one score for each id.")
+
+    @property
+    def chosen(self) -> np.ndarray:
+        """(N,) bool."""
+        return (self.scores >= self.threshold) | self.wins
+
+    @property
+    def chosen_ids(self) -> np.ndarray:
+        """(n,) int64 ids of the chosen Gaussians."""
+        return self.ids[self.chosen]
+
+    def at_threshold(self, threshold: float, keep_wins: bool = True) -> Selection:
+        """The same scores, chosen by another threshold; `keep_wins=False` lets the threshold decide alone."""
+        return replace(self, threshold=threshold, wins=self.wins & keep_wins)
+
+    def within(self, first: float, last: float) -> Selection:
+        """The same, holding from clip frame `first` to `last` alone."""
+        return replace(self, span=(first, last))
+
+    def holds_at(self, time: float) -> bool:
+        """Whether the selection means anything at clip time `time`."""
+        return self.span is None or self.span[0] <= time <= self.span[1]
+
+    def for_ids(self, ids: np.ndarray) -> Selection:
+        """The selection with its rows in the order of `ids`: of another scene file, whose new Gaussians have score 0."""
+        order = np.argsort(self.ids)
+        place = np.minimum(np.searchsorted(self.ids[order], ids), max(len(self.ids) - 1, 0))
+        row = order[place] if len(self.ids) else place
+        known = self.ids[row] == ids if len(self.ids) else np.zeros(len(ids), bool)
+        return replace(
+            self,
+            ids=np.asarray(ids, np.int64),
+            scores=np.where(known, self.scores[row], 0) if len(self.ids) else np.zeros(len(ids)),
+            wins=known & self.wins[row] if len(self.ids) else known,
+        )
+
+    def __and__(self, other: Selection) -> Selection:
+        """Chosen by both; scores are the smaller ones."""
+        other = other.for_ids(self.ids)
+        return self._combined(other, self.chosen & other.chosen, np.minimum(self.scores, other._scaled(self)), "and")
+
+    def __or__(self, other: Selection) -> Selection:
+        """Chosen by either; scores are the larger ones. Holds over both spans and what lies between them."""
+        other = other.for_ids(self.ids)
+        return self._combined(other, self.chosen | other.chosen, np.maximum(self.scores, other._scaled(self)), "or")
+
+    def __invert__(self) -> Selection:
+        """Everything that is not chosen."""
+        threshold = 1 - self.threshold
+        scores = _agree(1 - self.scores, ~self.chosen, threshold)
+        return replace(
+            self, scores=scores, wins=~self.chosen & (threshold == 0), threshold=threshold, label=f"not {self.label}"
+        )
+
+    def _scaled(self, other: Selection) -> np.ndarray:
+        """The scores with this threshold moved onto that of `other`."""
+        return np.interp(self.scores, [0, self.threshold, 1], [0, other.threshold, 1])
+
+    def _combined(self, other: Selection, chosen: np.ndarray, scores: np.ndarray, word: str) -> Selection:
+        spans = [self.span, other.span]
+        if word == "and":
+            known = [span for span in spans if span is not None]
+            span = (max(s[0] for s in known), min(s[1] for s in known)) if known else None
+            if span is not None and span[0] > span[1]:
+                raise F4xError(f"The spans of '{self.label}' and '{other.label}' do not overlap.")
+        else:
+            first, last = spans
+            span = None if first is None or last is None else (min(first[0], last[0]), max(first[1], last[1]))
+        label = f"({self.label} {word} {other.label})"
+        scores = _agree(scores, chosen, self.threshold)
+        return replace(self, scores=scores, wins=np.zeros_like(self.wins), span=span, label=label)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for `json.dumps`; Gaussians with score 0 are left out."""
+        scale = 10**DECIMALS
+        rounded = np.where(self.scores >= self.threshold, np.ceil(self.scores * scale), np.floor(self.scores * scale))
+        kept = (rounded > 0) | self.wins
+        return {
+            "format": FORMAT,
+            "label": self.label,
+            "threshold": self.threshold,
+            "span": None if self.span is None else list(self.span),
+            "count": int(self.chosen.sum()),
+            "ids": self.ids[kept].tolist(),
+            "scores": (np.minimum(rounded[kept], scale) / scale).tolist(),
+            "wins": self.ids[self.wins].tolist(),
+        }
+
+    @classmethod
+    def from_json(cls, data: Any) -> Selection:
+        """The selection that `to_json` wrote, without the rows of score 0; `for_ids` brings them back. F4xError."""
+        if not isinstance(data, dict) or data.get("format") != FORMAT:
+            raise F4xError("This is no selection; write one with `f4x query SCENE … -o DIR`.")
+        try:
+            ids = np.array(data["ids"], np.int64)
+            span = None if data["span"] is None else (float(data["span"][0]), float(data["span"][1]))
+            return cls(
+                ids,
+                np.array(data["scores"], float),
+                np.isin(ids, np.array(data["wins"], np.int64)),
+                float(data["threshold"]),
+                span,
+                str(data["label"]),
+            )
+        except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
+            raise F4xError(f"This selection is damaged ({type(error).__name__}: {error}); write it anew.") from error
+
+
+def _agree(scores: np.ndarray, chosen: np.ndarray, threshold: float) -> np.ndarray:
+    """`scores` held on that side of `threshold` on which `chosen` says they are, where rounding or a win would differ."""
+    below = max(np.nextafter(threshold, -1), 0.0)
+    return np.where(chosen, np.maximum(scores, threshold), np.minimum(scores, below))
