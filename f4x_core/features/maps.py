@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from ..progress import Progress, silent
 from .spec import FeatureSpec
 
 SPEC, STORED = "spec.json", "stored.json"
+HALF = "<f2"
 UNREADABLE = (ValueError, OSError, EOFError, tokenize.TokenError)
 """What numpy and json raise on damaged files."""
 
@@ -90,36 +91,34 @@ def write_maps(
         raise F4xError(f"rank {rank}: keep at least one direction of '{spec.name}'.")
     stage = f"features {spec.name}"
     with replace_folder(Path(folder), SPEC) as part:
-        shape = (count, *spec.grid, spec.dim)
-        full = _create(part / ("full.npy" if rank else "maps.npy"), shape)
+        written = part / ("full.npy" if rank else "maps.npy")
         moments = _Moments(spec.dim) if rank else None
         done = 0
         progress(stage, 0, count)
-        for frame in frames:
-            if done == count:
-                raise F4xError(f"{folder}: more than the {count} maps that the clip has frames.")
-            full[done] = _checked(frame, spec, done)
-            if moments is not None:
-                moments.add(full[done])
-            done += 1
-            progress(stage, done, count)
+        with _array_file(written, (count, *spec.grid, spec.dim)) as file:
+            for frame in frames:
+                if done == count:
+                    raise F4xError(f"{folder}: more than the {count} maps that the clip has frames.")
+                half = _checked(frame, spec, done)
+                file.write(half.tobytes())
+                if moments is not None:
+                    moments.add(half)
+                done += 1
+                progress(stage, done, count)
         if done != count:
             raise F4xError(f"{folder}: {done} maps for {count} frames; give one per frame of the clip.")
         lost = 0.0
         if moments is not None and rank is not None:
             basis, mean, lost = moments.project(rank)
-            small = _create(part / "maps.npy", (count, *spec.grid, rank))
-            for t in range(count):
-                small[t] = (full[t].astype(np.float32) - mean) @ basis.T
-                progress(f"{stage}, rank {rank}", t + 1, count)
+            full = _load(written, mapped=True)
+            with _array_file(part / "maps.npy", (count, *spec.grid, rank)) as file:
+                for t in range(count):
+                    file.write(((full[t].astype(np.float32) - mean) @ basis.T).astype(HALF).tobytes())
+                    progress(f"{stage}, rank {rank}", t + 1, count)
             np.save(part / "basis.npy", basis, allow_pickle=False)
             np.save(part / "mean.npy", mean, allow_pickle=False)
-            small.flush()
-            del small
-        full.flush()
-        del full  # Windows keeps mapped files from being removed or renamed
-        if rank:
-            (part / "full.npy").unlink()
+            del full  # Windows keeps mapped files from being removed
+            written.unlink()
         if spec.has_global:
             vector = np.asarray(glob() if callable(glob) else glob, np.float32)
             if vector.shape != (spec.dim,) or not np.isfinite(vector).all():
@@ -216,14 +215,18 @@ def _checked(frame: np.ndarray, spec: FeatureSpec, t: int) -> np.ndarray:
     if frame.shape != (*spec.grid, spec.dim):
         raise F4xError(f"'{spec.name}': the map of frame {t} is {frame.shape}, expected {(*spec.grid, spec.dim)}.")
     with np.errstate(over="ignore"):
-        half = np.asarray(frame, np.float16)
+        half = np.asarray(frame, HALF)
     if not np.isfinite(half).all():
         raise F4xError(f"'{spec.name}': the map of frame {t} has values that are NaN, infinite or beyond 65504.")
     return half
 
 
-def _create(path: Path, shape: tuple[int, ...]) -> np.memmap:
-    return np.lib.format.open_memmap(path, mode="w+", dtype=np.float16, shape=shape)
+@contextmanager
+def _array_file(path: Path, shape: tuple[int, ...]) -> Iterator[BinaryIO]:
+    """A float16 `.npy` file to append to; a mapping to write to would kill the process when the disk is full."""
+    with path.open("wb") as file:
+        np.lib.format.write_array_header_1_0(file, {"descr": HALF, "fortran_order": False, "shape": shape})
+        yield file
 
 
 def _load(path: Path, mapped: bool = False) -> np.ndarray:

@@ -129,6 +129,28 @@ def test_stopping_leaves_nothing_half_written(tmp_path, stage):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
+@pytest.mark.parametrize("rank", [None, 4])
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(tmp_path, rank):
+    program = f"""
+import resource, sys
+import numpy as np
+from f4x_core.errors import F4xError
+from f4x_core.features.maps import write_maps
+from f4x_core.features.spec import FeatureSpec
+resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
+try:
+    write_maps(sys.argv[1], FeatureSpec("plain", 6, (30, 40)), np.zeros((5, 30, 40, 6)), 5, rank={rank})
+except F4xError as error:
+    sys.exit(str(error))
+"""
+    root = Path(__file__).resolve().parents[2]
+    command = [sys.executable, "-c", program, str(tmp_path / "plain")]
+    result = subprocess.run(command, cwd=root, capture_output=True, text=True)
+    assert result.returncode == 1 and "cannot be written" in result.stderr and "Traceback" not in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_foreign_folder_is_not_replaced(tmp_path):
     (tmp_path / "plain").mkdir()
     (tmp_path / "plain" / "thesis.txt").write_text("years of work")
