@@ -74,8 +74,10 @@ class PropagationConfig:
     """Cells that vote on a cell."""
     temperature: float = 0.1
     """A vote weighs exp(cosine / temperature)."""
-    parts: int = 8
-    """Looks that `everything` tells apart on a frame."""
+    parts: tuple[int, ...] = (3, 4, 6, 8)
+    """Numbers of looks that `everything` tells apart on a frame, one after the other."""
+    overlap: float = 0.7
+    """Of two of its regions that overlap more (intersection over union), the larger stays."""
     least_cells: int = 6
     """Smaller regions are dropped by `everything`."""
 
@@ -133,13 +135,20 @@ class FeaturePropagation:
                 yield t, self._logits(frame.share)
 
     def everything(self, t: int) -> np.ndarray:
-        """Masks (n,H,W) bool of connected regions of one look on frame `t`, largest first."""
+        """Masks (n,H,W) bool of connected regions of one look on frame `t`, told apart finely and coarsely; largest first."""
         check_frame(t, self.count)
-        cells = self._cells(t)
-        regions = connected_regions(kinds_of(cells, self.config.parts))
-        names, areas = np.unique(regions, return_counts=True)
-        large = [name for area, name in sorted(zip(-areas, names, strict=True)) if -area >= self.config.least_cells]
-        masks = [enlarge((regions == name).astype(np.float32), self.size) > 0.5 for name in large]
+        cells = blur(self._cells(t))
+        regions = []
+        for parts in self.config.parts:
+            numbers = connected_regions(kinds_of(cells, parts))
+            names, areas = np.unique(numbers, return_counts=True)
+            regions += [numbers == name for name in names[areas >= self.config.least_cells]]
+        chosen: list[np.ndarray] = []
+        for region in sorted(regions, key=np.count_nonzero, reverse=True):
+            shared = (np.count_nonzero(region & other) / np.count_nonzero(region | other) for other in chosen)
+            if max(shared, default=0.0) <= self.config.overlap:
+                chosen.append(region)
+        masks = [enlarge(region.astype(np.float32), self.size) > 0.5 for region in chosen]
         return np.stack(masks) if masks else np.zeros((0, *self.size), bool)
 
     def reset(self) -> None:
@@ -213,6 +222,14 @@ def shifted(values: np.ndarray, move: tuple[int, int]) -> np.ndarray:
     target, source = zip(*(_overlap(move[axis], values.shape[axis]) for axis in (0, 1)), strict=True)
     result[target] = values[source]
     return result
+
+
+def blur(cells: np.ndarray) -> np.ndarray:
+    """Unit features (h,w,C): means over 3 x 3 cells, so that a region is not torn by single odd ones."""
+    height, width = cells.shape[:2]
+    padded = np.pad(cells, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    total = sum(padded[y : y + height, x : x + width] for y in range(3) for x in range(3))
+    return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-12)
 
 
 def kinds_of(cells: np.ndarray, kinds: int, rounds: int = 10) -> np.ndarray:
