@@ -38,7 +38,7 @@ COVERED = 0.5
 """Share of a cell that Gaussians must cover for the cell to count."""
 PIXELS_PER_CELL = 4
 """Size at which light is measured, in pixels along a cell's shorter side: 16 samples per cell differ from the full picture's
-by 0.2 % of a smooth latent (dog) and take half the time."""
+by 0.2 to 0.3 % of a smooth latent (dog) and take half the time."""
 PICTURE_SAMPLES = 20_000
 """Cells of all frames that the colours of feature pictures are fitted to."""
 LATENT_END, HEAD_END = 0.05, 0.05
@@ -75,9 +75,11 @@ class DistilConfig:
     seed: int = 0
     """Seed of everything random."""
     threads: int = 0
-    """Threads of the raster and of torch; 0: all cores."""
+    """Threads of the raster; 0: all cores."""
     backend: str = "auto"
     """What draws."""
+    bits: int = 4
+    """Bits per channel of a stored latent, 4 or 8: a cell is the mean of so many Gaussians that rounding averages out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,13 +189,7 @@ def distil(
             that differs from the width of a field whose heads are kept.
     """
     config = config or DistilConfig()
-    threads = torch.get_num_threads()
-    if config.threads:
-        torch.set_num_threads(config.threads)
-    try:
-        return _Distillation(scene, maps, config, progress).run()
-    finally:
-        torch.set_num_threads(threads)
+    return _Distillation(scene, maps, config, progress).run()
 
 
 class _Distillation:
@@ -217,6 +213,7 @@ class _Distillation:
         self.width = old.width if self.kept and old is not None else config.width or self.spectrum.width()
         self.grid = common_grid([*(m.spec for m in maps), *(h.stored.spec for h in self.kept)], scene)
         self.tasks = [HeadTask(each, self.used, self.width, config) for each in maps]
+        self.frozen = bool(self.kept) and math.isinf(config.keep)
         self.nodes = 0 if scene.scaffold is None else len(scene.scaffold.ids)
 
     @property
@@ -231,7 +228,11 @@ class _Distillation:
         views = [self.look(t) for t in self.steps("light", self.used)]
         latents = self.first_latents(views)
         latents, weight = self.train(views, latents)
-        static, nodes, low, step = quantise(*np.split(latents, [len(self.scene.static)]))
+        old, bits = self.scene.features, self.config.bits
+        if self.frozen and old is not None:  # not rounded a second time
+            static, nodes, low, step, bits = old.static, old.nodes, old.low, old.step, old.bits
+        else:
+            static, nodes, low, step = quantise(*np.split(latents, [len(self.scene.static)]), bits)
         stored = low + step * np.concatenate([static, nodes]).astype(np.float32)
         again = list(self.scene.held_out)
         if weight is not None:  # everything has moved a little
@@ -239,8 +240,8 @@ class _Distillation:
             again, views = [*self.used, *again], []
         views += [self.look(t) for t in self.steps("light for the report", again)]
         heads, pca = self.report(views, latents, stored)
-        old = self.scene.features
-        field = FeatureField(static, nodes, low, step, heads, {} if old is None else old.vocabularies, pca)
+        words = {} if old is None else old.vocabularies
+        field = FeatureField(static, nodes, low, step, heads, words, pca, bits)
         needs = [row for row in self.scene.needs if row.get("what") != "latent"]
         return replace(self.scene, features=field, needs=(*needs, self.need().row()))
 
@@ -307,7 +308,7 @@ class _Distillation:
         """Latents (Ns+M,D) after training and, where they may move, skinning weights (Nd,K)."""
         config = self.config
         before = torch.from_numpy(start.astype(np.float32))
-        latents = before.clone().requires_grad_(not math.isinf(config.keep) or not self.kept)
+        latents = before.clone().requires_grad_(not self.frozen)
         skin = _Skinning(self.scene) if config.feature_grad_to_skinning else None
         groups: list[dict[str, Any]] = [
             {"params": [p for task in self.tasks for p in task.head.parameters()], "lr": config.head_rate}
@@ -446,9 +447,10 @@ class _Figures:
 
 
 def common_grid(specs: Sequence[FeatureSpec], scene: Scene) -> tuple[int, int]:
-    """(h,w) on which light is measured: the teachers' grid where they share one, else twice the finest, at most the picture."""
+    """(h,w) on which light is measured, at most the picture's: the finest of the teachers' grids where its cells fill the
+    others' exactly, else twice as fine, because a cell cut in two belongs to both sides."""
     rows, columns = (max(spec.grid[axis] for spec in specs) for axis in (0, 1))
-    finer = 1 if len({spec.grid for spec in specs}) == 1 else 2
+    finer = 1 if all(rows % spec.grid[0] == 0 == columns % spec.grid[1] for spec in specs) else 2
     return min(finer * rows, scene.cameras.height), min(finer * columns, scene.cameras.width)
 
 

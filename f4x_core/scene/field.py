@@ -21,8 +21,10 @@ from ..features.spec import FeatureSpec
 if TYPE_CHECKING:
     from .model import Scene
 
-LEVELS = 255
-"""Steps of a stored latent between its channel's low and high end."""
+BITS = (4, 8)
+"""What one channel of a static Gaussian's latent may take in the file; with 4, two channels share a byte."""
+TAIL = 0.1
+"""Percent of the latents that may be clipped at either end of a channel's range, so that no outlier makes all steps coarse."""
 ROWS = 1 << 15
 """Pixels that are decoded at once: 1408 channels of them take 180 MB."""
 
@@ -112,7 +114,7 @@ class FeatureField:
     """Latents in bytes (value = low + step * byte), and what decodes them."""
 
     static: np.ndarray
-    """(Ns,D) uint8."""
+    """(Ns,D) uint8, below 2 ** bits."""
     nodes: np.ndarray
     """(M,D) uint8; M = 0 where nothing moves."""
     low: np.ndarray
@@ -125,6 +127,8 @@ class FeatureField:
     """By the name of the text encoder."""
     pca: Pca | None = None
     """Colours of the latent's own pictures."""
+    bits: int = 8
+    """Bits that a channel of `static` takes in the file, 4 or 8."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -139,6 +143,8 @@ class FeatureField:
                 raise F4xError(
                     f"{name} is {array.dtype} {array.shape}, expected {np.dtype(dtype)} {shape}, one width for all"
                 )
+        if self.bits not in BITS or (self.bits == 4 and (width % 2 or (self.static > 15).any())):
+            raise F4xError(f"static/latent does not fit into {self.bits} bits per channel")
         if not (np.isfinite(self.low).all() and np.isfinite(self.step).all()):
             raise F4xError("latent/low or latent/step holds NaN or infinity")
         if len({head.spec.name for head in self.heads}) != len(self.heads):
@@ -208,7 +214,8 @@ class FeatureField:
 
     def to_arrays(self) -> dict[str, np.ndarray]:
         """Every array by its name in the scene file."""
-        arrays = {"static/latent": self.static, "latent/low": self.low, "latent/step": self.step}
+        packed = self.static if self.bits == 8 else self.static[:, 0::2] << 4 | self.static[:, 1::2]
+        arrays = {"static/latent": packed, "latent/low": self.low, "latent/step": self.step}
         if len(self.nodes):
             arrays["scaffold/latent"] = self.nodes
         if self.pca is not None:
@@ -235,7 +242,13 @@ class FeatureField:
             for head in self.heads
         ]
         words = {name: list(vocabulary.labels) for name, vocabulary in self.vocabularies.items()}
-        return {"width": self.width, "pca": _pca_json(self.pca), "heads": heads, "vocabularies": words}
+        return {
+            "width": self.width,
+            "bits": self.bits,
+            "pca": _pca_json(self.pca),
+            "heads": heads,
+            "vocabularies": words,
+        }
 
     @classmethod
     def take_from(cls, arrays: dict[str, np.ndarray], told: Any) -> Self:
@@ -252,6 +265,11 @@ class FeatureField:
         if not isinstance(told, dict) or not isinstance(told.get("heads"), list):
             raise F4xError("'features' is not an object with a list of heads")
         static, low, step = (taken(name) for name in ("static/latent", "latent/low", "latent/step"))
+        bits = told.get("bits")
+        if type(bits) is not int or bits not in BITS or static.ndim != 2 or static.dtype != np.uint8:
+            raise F4xError("static/latent is not rows of bytes with 4 or 8 'bits' per channel")
+        if bits == 4:
+            static = np.stack([static >> 4, static & 15], -1).reshape(len(static), -1)
         if low.ndim != 1 or told.get("width") != len(low):
             raise F4xError(f"'features' says a latent of {told.get('width')} channels, latent/low has {low.shape}")
         nodes = arrays.pop("scaffold/latent", np.zeros((0, len(low)), np.uint8))
@@ -280,20 +298,22 @@ class FeatureField:
             raise F4xError("'vocabularies' is not a table of lists of labels")
         vocabularies = {name: Vocabulary(tuple(labels), taken(f"vocabulary/{name}")) for name, labels in words.items()}
         pca = _pca(told.get("pca"), arrays, "latent/pca", len(low))
-        return cls(static, nodes, low, step, tuple(heads), vocabularies, pca)
+        return cls(static, nodes, low, step, tuple(heads), vocabularies, pca, bits)
 
 
-def quantise(static: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def quantise(
+    static: np.ndarray, nodes: np.ndarray, bits: int = 8
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(static, nodes) as uint8 with the (low, step) float32 per channel that gives them back to half a step.
 
-    `static (Ns,D)`, `nodes (M,D)` float.
+    `static (Ns,D)`, `nodes (M,D)` float; `bits` 4 or 8. `TAIL` of the values are clipped at either end.
     """
+    levels = 2**bits - 1
     both = np.concatenate([static, nodes])
-    if not len(both):
-        both = np.zeros((1, static.shape[1]))
-    low = both.min(0).astype(np.float32)
-    step = np.maximum((both.max(0) - low) / LEVELS, np.finfo(np.float32).tiny).astype(np.float32)
-    stored = [np.clip(np.round((part - low) / step), 0, LEVELS).astype(np.uint8) for part in (static, nodes)]
+    ends = np.percentile(both, [TAIL, 100 - TAIL], axis=0) if len(both) else np.zeros((2, static.shape[1]))
+    low = ends[0].astype(np.float32)
+    step = np.maximum((ends[1] - ends[0]) / levels, np.finfo(np.float32).tiny).astype(np.float32)
+    stored = [np.clip(np.round((part - low) / step), 0, levels).astype(np.uint8) for part in (static, nodes)]
     return stored[0], stored[1], low, step
 
 

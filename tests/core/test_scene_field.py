@@ -36,12 +36,14 @@ def head_of(spec=SPEC, seed=0, widths=(WIDTH, 10, 12)):
     return FieldHead(spec, weights, biases, pca, glob, {"used": {"cosine": 0.9}})
 
 
-def field_of(static=STATIC, nodes=NODES, seed=0):
+def field_of(static=STATIC, nodes=NODES, seed=0, bits=8):
     rng = np.random.default_rng(seed)
-    a, b, low, step = quantise(rng.normal(size=(static, WIDTH)), rng.normal(size=(nodes, WIDTH)))
+    a, b, low, step = quantise(rng.normal(size=(static, WIDTH)), rng.normal(size=(nodes, WIDTH)), bits)
     words = Vocabulary(("cat", "a black dog"), rng.normal(size=(2, 12)).astype(np.float16))
     second = head_of(FeatureSpec("visual-2", 5, (3, 3)), 1, (WIDTH, 5))
-    return FeatureField(a, b, low, step, (head_of(), second), {"words": words}, fit_pca(rng.normal(size=(99, WIDTH))))
+    return FeatureField(
+        a, b, low, step, (head_of(), second), {"words": words}, fit_pca(rng.normal(size=(99, WIDTH))), bits
+    )
 
 
 SCENE = random_scene(features=field_of())
@@ -53,12 +55,15 @@ def path(tmp_path):
     return tmp_path / "scene.f4x"
 
 
+@pytest.mark.parametrize("bits", [4, 8])
 @pytest.mark.parametrize("dynamic", [0, 20])
-def test_round_trip_is_exact_and_bytes_repeat(tmp_path, dynamic):
-    scene = random_scene(dynamic=dynamic, features=field_of(nodes=NODES if dynamic else 0))
+def test_round_trip_is_exact_and_bytes_repeat(tmp_path, dynamic, bits):
+    scene = random_scene(dynamic=dynamic, features=field_of(nodes=NODES if dynamic else 0, bits=bits))
     write_scene(scene, tmp_path / "a.f4x")
     read = read_scene(tmp_path / "a.f4x")
     before, after = scene.features.to_arrays(), read.features.to_arrays()
+    assert before["static/latent"].shape == (STATIC, WIDTH * bits // 8)
+    np.testing.assert_array_equal(read.features.static, scene.features.static)
     assert before.keys() == after.keys() and not read.extra and not read.extra_fields
     for name, array in before.items():
         assert array.dtype == after[name].dtype, name
@@ -84,12 +89,15 @@ def test_a_version_1_file_with_arrays_of_the_same_names_keeps_them_as_unknown(tm
     assert read.features is None and read.extra.keys() == extra.keys() and read.extra_fields == {"features": 7}
 
 
-def test_bytes_give_latents_back_to_half_a_step():
+@pytest.mark.parametrize("bits", [4, 8])
+def test_bytes_give_latents_back_to_half_a_step(bits):
     rng = np.random.default_rng(3)
     static, nodes = rng.normal(size=(50, 4)) * [1, 10, 0, 1e-3], rng.normal(size=(7, 4)) * [2, 1, 0, 1]
-    a, b, low, step = quantise(static, nodes)
+    a, b, low, step = quantise(static, nodes, bits)
+    assert max(a.max(), b.max()) == 2**bits - 1
     for part, stored in ((static, a), (nodes, b)):
-        assert (np.abs(low + step * stored - part) <= step / 2 + 1e-5).all()
+        error = np.abs(low + step * stored - np.clip(part, low, low + (2**bits - 1) * step))
+        assert (error <= step / 2 + 1e-5).all()
     assert quantise(np.zeros((0, 4)), np.zeros((0, 4)))[0].shape == (0, 4)
 
 
@@ -182,6 +190,8 @@ def test_missing_node_latents_do_not_fit_the_scaffold(path):
     ("change", "words"),
     [
         (lambda f: f.update(width=9), "latent of 9 channels"),
+        (lambda f: f.update(bits=5), "4 or 8 'bits'"),
+        (lambda f: f.update(bits=4), "one width for all"),
         (lambda f: f.update(heads=5), "list of heads"),
         (lambda f: f["heads"][0].update(layers=3), "weight_2 is missing"),
         (lambda f: f["heads"][0].update(layers="2"), "how many layers"),
