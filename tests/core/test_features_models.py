@@ -179,6 +179,21 @@ def test_a_second_prompted_frame_changes_the_frames_between(levels, bypass):
     assert np.abs(after[2] - before[2]).max() > 1e-4
 
 
+def test_a_short_memory_forgets_earlier_frames(levels, bypass):
+    found = {}
+    for memory in (None, 7, 2):
+        fine = lambda t: (levels["sam2_s0"][t], levels["sam2_s1"][t])  # noqa: E731
+        masks = sam2.Sam2MaskDecoder(bypass, levels["sam2"].__getitem__, 5, SIZE, fine, memory)
+        masks.prompt(0, **PROMPTS["point"])
+        found[memory] = dict(masks.propagate())
+    gap = {t: np.abs(found[7][t] - found[2][t]).max() for t in range(5)}
+    assert max(np.abs(found[None][t] - found[7][t]).max() for t in range(5)) <= 1e-5
+    assert max(gap[0], gap[1], gap[2]) <= 1e-5  # the prompted frame and one more are all there is
+    assert min(gap[3], gap[4]) > 1e-5
+    with pytest.raises(F4xError, match="remembers 1 to 7 frames, not 8"):
+        sam2.Sam2MaskDecoder(bypass, levels["sam2"].__getitem__, 5, SIZE, memory=8)
+
+
 def test_sine_position_encoding_is_the_models_own(tiny):
     model = transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval()
     with torch.no_grad():

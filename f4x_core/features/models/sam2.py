@@ -152,6 +152,7 @@ class Sam2MaskDecoder:
 
     `features(t)` gives the `sam2` map (64,64,256) of frame t in [0, count), rendered or extracted; `skips(t)` the maps of
     `sam2_s0` (256,256,32) and `sam2_s1` (128,128,64), zeros without it. `size (H, W)` are the pictures of prompts and logits.
+    `memory` counts the frames remembered, a prompted one among them (7 as trained, and the time grows with it).
     """
 
     def __init__(
@@ -161,10 +162,15 @@ class Sam2MaskDecoder:
         count: int,
         size: tuple[int, int],
         skips: Callable[[int], tuple[np.ndarray, np.ndarray]] | None = None,
+        memory: int | None = None,
     ) -> None:
         self.model: Any = model
         self.count, self.size = count, size
         self._features, self._skips = features, skips
+        most = self.model.config.num_maskmem
+        self._memory = most if memory is None else memory
+        if not 1 <= self._memory <= most:
+            raise F4xError(f"SAM 2 remembers 1 to {most} frames, not {memory}.")
         self._prompts: dict[int, Prompt] = {}
         self._session: Any = None
 
@@ -259,7 +265,7 @@ class Sam2MaskDecoder:
         return session
 
     def _use(self) -> None:
-        self.model.source = self._maps
+        self.model.source, self.model.num_maskmem = self._maps, self._memory
 
     def _show(self, t: int, prompt: Prompt) -> torch.Tensor:
         """Put a prompt into the session and decode its frame: (1,1,h,w) logits."""
