@@ -171,6 +171,38 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--time", type=float, metavar="T", help="clip frame to write, from 0; all frames when left out")
 
+    def path_options(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument(
+            "--path",
+            default="original",
+            help="seen along: original, orbit, frozen:T (T a clip frame), or a camera path file (default: original)",
+        )
+        sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit (default: 5)")
+
+    sub = verb("query", "Select what a word, a point, a box or a mask means: Gaussians and masks.")
+    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
+    sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
+    sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
+    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
+    sub.add_argument("--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame")
+    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the point, box or mask, from 0")
+    sub.add_argument("--threshold", type=float, default=0.5, metavar="P", help="least score, 0 to 1 (default: 0.5)")
+    sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
+    output_option(sub, help="write DIR/selection.json, DIR/mask/00000.png …, DIR/heat.mp4")
+    path_options(sub)
+    backend_option(sub)
+
+    sub = verb("ask", "Ask a scene a question; the answer names who gave it.")
+    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("question")
+    sub.add_argument(
+        "--endpoint", metavar="URL", help="send rendered frames to this OpenAI-compatible server (or F4X_CHAT_URL)"
+    )
+    sub.add_argument("--model", metavar="PATH", help="folder of SmolVLM2: it reads the scene's smolvlm features")
+    path_options(sub)
+    backend_option(sub)
+
     sub = verb("features", "Let teachers look at a clip: feature maps in DIR/features/TEACHER.")
     sub.add_argument("clip", type=path_argument)
     output_option(sub, required=True)
@@ -212,6 +244,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     from importlib import import_module
 
     modules = {"fit": "fitting", "priors": "fitting", "eval": "measuring", "render": "rendering", "export": "rendering"}
+    modules |= {"query": "querying", "ask": "querying"}
     modules |= {"models": "features", "distill": "distilling"}
     module = import_module(f".{modules.get(name, name)}", __package__)
     return getattr(module, f"run_{name}")
@@ -224,7 +257,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         args = build_parser().parse_args(arguments)
         with TerminalProgress(quiet=args.json and not sys.stderr.isatty()) as progress:
-            if "output" in args:
+            if getattr(args, "output", None) is not None:
                 require_folder(output_folder(args))
             if "backend" in args:
                 require_backend(args.backend)

@@ -59,10 +59,11 @@ def ask_for(
     assert encoder is not None
     given = negatives is not None
     against = words_of(",".join(negatives)) if negatives else []
-    known, table = ((), np.zeros((0, decoder.spec.dim), np.float32))
+    known: tuple[str, ...] = ()
+    rows: dict[str, np.ndarray] = {}
     if encoder in field_of(scene).vocabularies:
         known, table = field_of(scene).vocabulary(encoder)
-    rows = {word.lower(): row for word, row in zip(known, table, strict=True)}
+        rows = {word.lower(): row for word, row in zip(known, table, strict=True)}
     if not given:  # of the default ones, those at hand: no encoder is started for them alone
         against = [word for word in BACKGROUND if word in rows] if rows else list(BACKGROUND)
     against = [word for word in against if word.lower() not in {target.lower() for target in targets}]

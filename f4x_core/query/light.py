@@ -7,6 +7,7 @@ Gaussian g is `sum_p m_p w_gp`: the light that g sends into the mask m. One back
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,7 @@ def light_into(scene: Scene, time: float, index: int | None, layers: np.ndarray)
 
     from ..raster import rasterize
 
-    tensors = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in inputs.items()}
+    tensors: dict[str, Any] = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in inputs.items()}
     colors = tensors["colors"].requires_grad_()
     rasterize(**tensors, width=width, height=height, backend="torch").channels.backward(torch.from_numpy(layers))
     assert colors.grad is not None

@@ -11,9 +11,10 @@ from ..geometry.trajectory import Trajectory
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.picture import SPECTRUM
-from ..scene.view import COVERED, render
+from ..scene.view import COVERED, field_of, render
 from .labels import TextQuery
 from .score import text_scores
+from .segmentation import shrink
 from .selection import Selection
 
 ROWS = 1 << 14
@@ -30,6 +31,14 @@ def label_scores(query: TextQuery, latents: np.ndarray) -> np.ndarray:
         part = slice(start, start + ROWS)
         out[part] = text_scores(query.head(rows[part]), query.vectors, query.head.spec.temperature)
     return out.reshape(*latents.shape[:-1], len(query.labels))
+
+
+def head_map(scene: Scene, head: str, camera: Camera, time: float, backend: str = "auto") -> np.ndarray:
+    """(h,w,C) float32 that `head` sees from `camera`, on its own grid: the latent is averaged over each cell, then decoded."""
+    features = field_of(scene, [head])
+    latent = render(scene, camera, time, ("latent",), backend)["latent"]
+    cells = np.stack([shrink(latent[..., c], features.spec(head).grid) for c in range(features.width)], -1)
+    return features.decode(head, cells)
 
 
 def text_picture(

@@ -16,7 +16,7 @@ from ..scene import Scene
 from ..scene.view import render
 from .labels import Encode, TextQuery, ask_for
 from .light import lift_masks
-from .pixels import label_scores
+from .pixels import head_map, label_scores
 from .score import THRESHOLD, target_score
 from .segmentation import FeaturePropagation, MaskDecoder
 from .selection import Selection
@@ -150,13 +150,8 @@ def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
 
 
 def _head_features(scene: Scene, backend: str) -> Callable[[int], np.ndarray]:
-    assert scene.features is not None
-    rows, columns = scene.features.spec(LOOKS_ALIKE).grid
-    head = f"head:{LOOKS_ALIKE}"
-
     def at(t: int) -> np.ndarray:
-        camera = scene.cameras[t].resized(columns, rows)
-        return render(scene, camera, float(scene.cameras.times[t]), (head,), backend)[head]
+        return head_map(scene, LOOKS_ALIKE, scene.cameras[t], float(scene.cameras.times[t]), backend)
 
     return at
 

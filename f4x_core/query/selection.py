@@ -11,6 +11,8 @@ from ..errors import F4xError
 from .score import THRESHOLD
 
 FORMAT = "f4x-selection"
+LEAST = 1e-6
+"""Threshold of a combination, at least: 0 would choose everything."""
 DECIMALS = 4
 """Of the scores in JSON; rounding never moves a Gaussian across the threshold."""
 
@@ -88,10 +90,10 @@ class Selection:
 
     def __invert__(self) -> Selection:
         """Everything that is not chosen."""
-        threshold = 1 - self.threshold
+        threshold = max(1 - self.threshold, LEAST)
         scores = _agree(1 - self.scores, ~self.chosen, threshold)
         return replace(
-            self, scores=scores, wins=~self.chosen & (threshold == 0), threshold=threshold, label=f"not {self.label}"
+            self, scores=scores, wins=np.zeros_like(self.wins), threshold=threshold, label=f"not {self.label}"
         )
 
     def _scaled(self, other: Selection) -> np.ndarray:
@@ -109,8 +111,9 @@ class Selection:
             first, last = spans
             span = None if first is None or last is None else (min(first[0], last[0]), max(first[1], last[1]))
         label = f"({self.label} {word} {other.label})"
-        scores = _agree(scores, chosen, self.threshold)
-        return replace(self, scores=scores, wins=np.zeros_like(self.wins), span=span, label=label)
+        threshold = max(self.threshold, LEAST)
+        scores, wins = _agree(scores, chosen, threshold), np.zeros_like(self.wins)
+        return replace(self, scores=scores, wins=wins, threshold=threshold, span=span, label=label)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for `json.dumps`; Gaussians with score 0 are left out."""
@@ -150,5 +153,5 @@ class Selection:
 
 def _agree(scores: np.ndarray, chosen: np.ndarray, threshold: float) -> np.ndarray:
     """`scores` held on that side of `threshold` on which `chosen` says they are, where rounding or a win would differ."""
-    below = max(np.nextafter(threshold, -1), 0.0)
+    below = np.nextafter(threshold, 0)
     return np.where(chosen, np.maximum(scores, threshold), np.minimum(scores, below))

@@ -1,0 +1,153 @@
+"""`f4x query` and `f4x ask`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..clip import write_video
+from ..clip.images import read_mask
+from ..errors import F4xError
+from ..files import replace_file
+from ..progress import Progress
+from ..query.chat import ChatServer
+from ..query.labels import words_of
+from ..query.pixels import heat_map, mask_video, share_picture
+from ..query.prompts import select_by_box, select_by_mask, select_by_points, select_by_text
+from ..query.questions import Answer, answer, ask_features
+from ..query.selection import Selection
+from ..scene import Scene, read_scene
+from ..scene.view import render
+from .checks import require_time
+from .rendering import trajectory_of
+
+
+def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Select Gaussians by words or by a prompt on one frame; with -o write masks, a heat map video and the selection."""
+    given = [name for name in ("text", "point", "box", "mask") if getattr(args, name) is not None]
+    if len(given) != 1:
+        raise F4xError(f"give exactly one of --text, --point, --box and --mask; got {', '.join(given) or 'none'}.")
+    if not 0 <= args.threshold <= 1:
+        raise F4xError(f"--threshold {args.threshold:g}: give a number from 0 to 1.")
+    scene = read_scene(args.scene)
+    span = _span(scene, args.span) if args.span is not None else None
+    views = trajectory_of(scene, args.path, args.degrees)
+    selection = _selection(scene, args, given[0], span, progress)
+    result: dict[str, Any] = {
+        "label": selection.label,
+        "chosen": int(selection.chosen.sum()),
+        "static": int(selection.chosen[: len(scene.static)].sum()),
+        "gaussians": len(selection.ids),
+        "threshold": selection.threshold,
+        "span": selection.span,
+    }
+    lines = [
+        f"{selection.label}: {result['chosen']} of {result['gaussians']} Gaussians, {result['static']} of them standing"
+    ]
+    if args.output is not None:
+        _write(scene, selection, views, args.output, args.backend, progress)
+        result["output"] = str(args.output)
+        lines.append(f"{args.output}: selection.json, mask/ with {len(views)} pictures, heat.mp4")
+    return {**result, "text": "\n".join(lines)}
+
+
+def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Answer a question about a scene and name who answered."""
+    scene = read_scene(args.scene)
+    views = trajectory_of(scene, args.path, args.degrees)
+    if args.model is not None:
+        from ..features.models.smolvlm import SmolVlm
+
+        said: Answer = ask_features(scene, args.question, views, SmolVlm(args.model), args.backend, progress)
+    else:
+        server = ChatServer.from_environment(args.endpoint)
+        said = answer(scene, args.question, views, server=server, backend=args.backend, progress=progress)
+    return {
+        "answer": said.text,
+        "answered_by": said.answered_by,
+        "evidence": said.evidence,
+        "text": f"[{said.answered_by}] {said.text}",
+    }
+
+
+def encode_labels(encoder: str, labels: list[str]) -> np.ndarray:
+    """Vectors of labels that a scene's vocabulary lacks, from the installed text encoder."""
+    from ..features.text import load_text_encoder
+
+    return load_text_encoder(encoder).encode(labels)
+
+
+def _selection(
+    scene: Scene, args: argparse.Namespace, kind: str, span: tuple[float, float] | None, progress: Progress
+) -> Selection:
+    if kind == "text":
+        negatives = words_of(args.negatives) if args.negatives is not None else None
+        try:
+            return select_by_text(scene, words_of(args.text), negatives, args.threshold, span=span)
+        except F4xError as lacking:
+            if scene.features is None or "lacks" not in str(lacking):
+                raise
+            return select_by_text(
+                scene, words_of(args.text), negatives, args.threshold, encode=encode_labels, span=span
+            )
+    if args.negatives is not None:
+        raise F4xError("--not goes with --text; a point beside the object is not offered here.")
+    if args.frame is None:
+        raise F4xError(f"--{kind} needs --frame T: the clip frame that it belongs to.")
+    options: dict[str, Any] = {
+        "threshold": args.threshold,
+        "span": span,
+        "backend": args.backend,
+        "progress": progress,
+    }
+    if kind == "point":
+        return select_by_points(scene, [_numbers(args.point, 2, "--point", "X,Y")], args.frame, **options)
+    if kind == "box":
+        return select_by_box(scene, _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1"), args.frame, **options)
+    return select_by_mask(scene, read_mask(args.mask), args.frame, **options)
+
+
+def _numbers(text: str, count: int, flag: str, form: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise F4xError(f"{flag} {text}: write {form} in pixels, for example {flag} {','.join(['120'] * count)}.")
+    return numbers
+
+
+def _span(scene: Scene, text: str) -> tuple[float, float]:
+    try:
+        first, last = (float(part) for part in text.split(":"))
+    except ValueError as error:
+        raise F4xError(f"--span {text}: write A:B, the first and the last clip frame.") from error
+    for time in (first, last):
+        require_time(scene, time, f"--span {text}")
+    if first > last:
+        raise F4xError(f"--span {text}: it ends before it starts.")
+    return first, last
+
+
+def _write(scene: Scene, selection: Selection, views, folder: Path, backend: str, progress: Progress) -> None:
+    """selection.json, mask/00000.png …, heat.mp4 (scores over the grey picture)."""
+    from PIL import Image
+
+    (folder / "mask").mkdir(parents=True, exist_ok=True)
+    with replace_file(folder / "selection.json") as file:
+        file.write(json.dumps(selection.to_json()).encode())
+
+    def pictures() -> Iterator[np.ndarray]:
+        for index, share in enumerate(mask_video(scene, selection, views, backend, progress=progress)):
+            with replace_file(folder / "mask" / f"{index:05d}.png") as file:
+                Image.fromarray((share > 0.5).astype(np.uint8) * 255).save(file, "PNG")
+            camera, time = views[index]
+            rgb = render(scene, camera, time, ("rgb",), backend)["rgb"]
+            yield heat_map(rgb, share_picture(scene, selection, camera, time, backend, soft=True))
+
+    write_video(folder / "heat.mp4", pictures(), scene.fps)

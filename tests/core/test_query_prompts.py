@@ -1,0 +1,182 @@
+"""Words, points, boxes and masks on a scene whose meaning is known, and the pictures of the answers."""
+
+import numpy as np
+import pytest
+from labelled_scene import FRAMES, HEIGHT, LABELS, VECTORS, WIDTH, labelled_scene, square_mask
+
+from f4x_core.errors import F4xError
+from f4x_core.geometry.trajectory import freeze_camera, orbit, original
+from f4x_core.query.labels import ask_for
+from f4x_core.query.light import lift_masks, light_into
+from f4x_core.query.pixels import head_map, heat_map, mask_video, share_picture, text_picture
+from f4x_core.query.prompts import (
+    select_by_box,
+    select_by_mask,
+    select_by_points,
+    select_by_prompts,
+    select_by_text,
+)
+from f4x_core.query.score import overlap
+from f4x_core.scene.view import render
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return labelled_scene()
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return labelled_scene(features=False)
+
+
+def is_square(scene):
+    return np.arange(len(scene.static) + len(scene.dynamic)) >= len(scene.static)
+
+
+def test_light_is_what_each_gaussian_adds_to_the_picture(plain):
+    """Light into a mask, by drawing each Gaussian's own weight: the picture of a one-hot channel."""
+    mask = square_mask(2).astype(np.float32)
+    light = light_into(plain, 2.0, 2, np.stack([mask, np.ones_like(mask)], -1))
+    some = np.r_[400:404, len(plain.static) : len(plain.static) + 4]
+    values = np.zeros((len(light), len(some)), np.float32)
+    values[some, np.arange(len(some))] = 1
+    drawn = render(plain, plain.cameras[2], 2.0, ("alpha",), values={"own": values})
+    np.testing.assert_allclose(light[some, 0], (drawn["own"] * mask[..., None]).sum((0, 1)), atol=1e-3)
+    assert light[:, 1].sum() == pytest.approx(drawn["alpha"].sum(), rel=1e-4)
+
+
+def test_lifted_masks_tell_square_from_wall(plain):
+    share, light = lift_masks(plain, {t: square_mask(t) for t in range(FRAMES)})
+    seen = light > 0.5
+    assert np.median(share[is_square(plain) & seen]) > 0.9
+    assert np.median(share[~is_square(plain) & seen]) < 0.01
+
+
+def test_a_word_selects_by_its_latent(scene):
+    found = select_by_text(scene, ["square"])
+    np.testing.assert_array_equal(found.chosen, is_square(scene))
+    np.testing.assert_array_equal(select_by_text(scene, ["Wall"], ["square"]).chosen, ~is_square(scene))
+    assert select_by_text(scene, ["square", "wall"]).chosen.all()
+    assert not select_by_text(scene, ["sky"], ["square", "wall"]).chosen.any()
+    np.testing.assert_array_equal(found.ids, scene.posed(0.0).ids)
+
+
+def test_default_background_words_are_left_out_when_asked_for(scene):
+    assert set(ask_for(scene, ["square"]).labels) == set(LABELS)
+    assert ask_for(scene, ["sky"]).labels.count("sky") == 1
+
+
+def test_a_word_that_only_the_encoder_knows(scene):
+    asked = []
+
+    def encode(encoder, labels):
+        asked.append((encoder, labels))
+        return VECTORS[[0]]
+
+    assert select_by_text(scene, ["red thing"], encode=encode).chosen.sum() == len(scene.dynamic)
+    assert asked == [("words", ["red thing"])]
+
+
+@pytest.mark.parametrize(
+    ("labels", "words"),
+    [
+        (["sqare"], "lacks 'sqare'; near it are square"),
+        (["zebra"], "lacks 'zebra'; add it with"),
+        ([""], "no label"),
+        ([], "no label"),
+    ],
+)
+def test_words_that_nobody_knows(scene, labels, words):
+    with pytest.raises(F4xError, match=words):
+        select_by_text(scene, labels)
+
+
+def test_a_scene_without_field_has_no_words(plain):
+    with pytest.raises(F4xError, match=r"no feature field.*f4x distill"):
+        select_by_text(plain, ["square"])
+
+
+def test_text_pictures_are_probabilities_from_any_view(scene):
+    query = ask_for(scene, ["square"], ["wall"])
+    for camera, time in (*original(scene.cameras)[::3], *orbit(scene.cameras, degrees=4, count=3)):
+        picture = text_picture(scene, query, camera, time)
+        mask = share_picture(scene, select_by_text(scene, ["square"]), camera, time) > 0.5
+        assert overlap(picture[..., 0] > 0.5, mask) > 0.9
+        np.testing.assert_allclose(picture[mask].sum(-1), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["scene", "plain"])
+def test_a_mask_on_one_frame_follows_the_square(request, kind):
+    scene = request.getfixturevalue(kind)
+    found = select_by_mask(scene, square_mask(0), 0)
+    for (_, time), share in zip(
+        original(scene.cameras), mask_video(scene, found, original(scene.cameras)), strict=True
+    ):
+        assert overlap(share > 0.5, square_mask(time)) > 0.85, time
+
+
+@pytest.mark.parametrize("kind", ["scene", "plain"])
+def test_points_and_boxes_find_the_square(request, kind):
+    scene = request.getfixturevalue(kind)
+    rows, columns = np.nonzero(square_mask(3))
+    middle = (columns.mean() + 0.5, rows.mean() + 0.5)
+    box = (columns.min() - 2, rows.min() - 2, columns.max() + 3, rows.max() + 3)
+    for found in (select_by_points(scene, [middle], 3), select_by_box(scene, box, 3)):
+        share = share_picture(scene, found, scene.cameras[0], 0.0)
+        assert overlap(share > 0.5, square_mask(0)) > 0.7
+
+
+def test_several_frames_add_up(scene):
+    prompts = {0: {"mask": square_mask(0)}, 5: {"mask": square_mask(5)}}
+    found = select_by_prompts(scene, prompts, span=(1, 4))
+    assert (found.chosen == is_square(scene)).mean() > 0.99
+    camera = scene.cameras[0]
+    assert not share_picture(scene, found, camera, 0.0).any() and share_picture(scene, found, camera, 1.0).any()
+
+
+def test_masks_of_another_size_are_scaled(scene):
+    big = square_mask(0).repeat(2, 0).repeat(2, 1)
+    np.testing.assert_array_equal(select_by_mask(scene, big, 0).scores, select_by_mask(scene, square_mask(0), 0).scores)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda s: select_by_points(s, [(-1, 3)], 0), "outside the picture"),
+        (lambda s: select_by_points(s, [(WIDTH + 1, 3)], 0), "outside the picture"),
+        (lambda s: select_by_points(s, [(3, 3)], FRAMES), f"no frame {FRAMES}"),
+        (lambda s: select_by_points(s, [], 0), "no place"),
+        (lambda s: select_by_box(s, (5, 5, 5, 9), 0), "box"),
+        (lambda s: select_by_mask(s, np.zeros((HEIGHT, WIDTH)), 0), "empty"),
+        (lambda s: select_by_mask(s, np.ones((4, 4, 3)), 0), "shape"),
+        (lambda s: select_by_mask(s, square_mask(0), -1), "no frame -1"),
+        (lambda s: select_by_mask(s, square_mask(0), 0, span=(0, 99)), "within the clip"),
+        (lambda s: select_by_prompts(s, {}), "Nothing is prompted"),
+    ],
+)
+def test_prompts_that_mean_nothing(scene, call, words):
+    with pytest.raises(F4xError, match=words):
+        call(scene)
+
+
+def test_a_head_map_is_on_the_heads_grid(scene):
+    features = head_map(scene, "visual", scene.cameras[0], 0.0)
+    assert features.shape == (20, 32, 8)
+    assert features[0, 0].argmax() == 1  # the wall is in the corner
+
+
+def test_heat_maps(scene):
+    picture = np.full((4, 6, 3), 0.5)
+    score = np.zeros((4, 6))
+    score[1, 2] = 1
+    heat = heat_map(picture, score)
+    assert heat.shape == (4, 6, 3) and heat.dtype == np.uint8
+    assert heat[1, 2, 0] > heat[1, 2, 2] and heat[0, 0, 2] > heat[0, 0, 0] // 2
+
+
+def test_selections_hold_from_a_standing_camera_too(scene):
+    found = select_by_text(scene, ["square"])
+    shares = list(mask_video(scene, found, freeze_camera(scene.cameras, 0.0)))
+    centres = [np.nonzero(share > 0.5)[1].mean() for share in shares]
+    assert np.diff(centres).min() > 1
