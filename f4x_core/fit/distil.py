@@ -232,7 +232,8 @@ class _Distillation:
         if self.frozen and old is not None:  # not rounded a second time
             static, nodes, low, step, bits = old.static, old.nodes, old.low, old.step, old.bits
         else:
-            static, nodes, low, step = quantise(*np.split(latents, [len(self.scene.static)]), bits)
+            count = len(self.scene.static)
+            static, nodes, low, step = quantise(latents[:count], latents[count:], bits)
         stored = low + step * np.concatenate([static, nodes]).astype(np.float32)
         again = list(self.scene.held_out)
         if weight is not None:  # everything has moved a little
