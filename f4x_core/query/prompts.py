@@ -120,6 +120,10 @@ def select_by_prompts(
     for frame, prompt in prompts.items():
         logits = decoder.prompt(frame, **prompt)
         masks[frame] = np.asarray(prompt["mask"] if prompt.get("mask") is not None else logits > 0, np.float32)
+        if not masks[frame].any():
+            raise F4xError(
+                f"The prompt on frame {frame} marks nothing that stands out there; give a mask, or another point."
+            )
     prompted, followed = dict(masks), {}
     wanted = set(np.linspace(0, len(cameras) - 1, min(config.lifted, len(cameras))).round().astype(int)) - set(prompts)
     for done, (frame, logits) in enumerate(decoder.propagate()):

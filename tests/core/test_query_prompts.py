@@ -17,6 +17,7 @@ from f4x_core.query.prompts import (
     select_by_text,
 )
 from f4x_core.query.score import overlap
+from f4x_core.query.segmentation import FeaturePropagation
 from f4x_core.scene.view import render
 
 
@@ -116,15 +117,23 @@ def test_a_mask_on_one_frame_follows_the_square(request, kind):
         assert overlap(share > 0.5, square_mask(time)) > 0.85, time
 
 
-@pytest.mark.parametrize("kind", ["scene", "plain"])
-def test_points_and_boxes_find_the_square(request, kind):
-    scene = request.getfixturevalue(kind)
+def test_points_and_boxes_find_the_square(scene):
     rows, columns = np.nonzero(square_mask(3))
     middle = (columns.mean() + 0.5, rows.mean() + 0.5)
     box = (columns.min() - 2, rows.min() - 2, columns.max() + 3, rows.max() + 3)
     for found in (select_by_points(scene, [middle], 3), select_by_box(scene, box, 3)):
         share = share_picture(scene, found, scene.cameras[0], 0.0)
         assert overlap(share > 0.5, square_mask(0)) > 0.7
+
+
+def test_a_prompt_that_marks_nothing_is_told(scene):
+    class Blind(FeaturePropagation):
+        def prompt(self, t, **marks):
+            return np.full(self.size, -1.0)
+
+    blind = Blind(lambda t: None, FRAMES, (HEIGHT, WIDTH))
+    with pytest.raises(F4xError, match="marks nothing"):
+        select_by_box(scene, (1, 1, 9, 9), 0, decoder=blind)
 
 
 def test_several_frames_add_up(scene):
