@@ -5,15 +5,16 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..errors import F4xError
 from ..progress import Progress
 
 
 def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Speed against error of the raster backends, or of the scaffold's deformation."""
+    """Speed against error of the raster backends or of the scaffold's deformation; or how well a scene answers."""
     import torch
 
     torch.set_num_threads(1)  # threads are the backends' own, so that one thread means one
-    return _raster(args, progress) if args.what == "raster" else _deform(args, progress)
+    return {"raster": _raster, "deform": _deform, "features": _features}[args.what](args, progress)
 
 
 def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -57,4 +58,20 @@ def _deform(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         lines.append(f"{row['gaussians']:>9,} Gaussians x {row['neighbours']}: {row['name']:<22} {row['ms']:7.1f} ms")
     lines += [f"{value:5.2f}  {name}" for name, value in report["ratios"].items()]
     lines += [f"{name}: largest error {error:.1e}" for name, error in report["errors"].items()]
+    return {**report, "text": "\n".join(lines)}
+
+
+def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from ..query.benchmark import benchmark
+    from ..scene import read_scene
+    from .querying import encode_labels, read_masks
+
+    if args.scene is None or args.masks is None:
+        raise F4xError("bench features needs --scene SCENE and --masks DIR, and --label WORD to measure words.")
+    scene = read_scene(args.scene)
+    masks = read_masks(args.masks, scene)
+    report = benchmark(scene, masks, args.label, encode_labels, repeats=args.repeats, progress=progress)
+    lines = [
+        f"{name}: {value:.3f}" if isinstance(value, float) else f"{name}: {value}" for name, value in report.items()
+    ]
     return {**report, "text": "\n".join(lines)}

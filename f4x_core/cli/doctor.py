@@ -13,7 +13,18 @@ import numpy as np
 
 from ..progress import Progress
 
-PACKAGES = ("numpy", "torch", "scipy", "opencv-python-headless", "av", "OpenEXR", "trimesh", "pycolmap", "transformers", "bpy")
+PACKAGES = (
+    "numpy",
+    "torch",
+    "scipy",
+    "opencv-python-headless",
+    "av",
+    "OpenEXR",
+    "trimesh",
+    "pycolmap",
+    "transformers",
+    "bpy",
+)
 # A small scene for the speed line: Gaussians, width, height.
 TRIAL = (10_000, 240, 136)
 

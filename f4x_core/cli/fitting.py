@@ -10,6 +10,7 @@ from typing import Any
 
 from ..clip import Clip, read_clip
 from ..errors import F4xError
+from ..features.models.providers import offer_models
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
 from ..fit.distil import DistilConfig
@@ -41,6 +42,9 @@ def config_of(args: argparse.Namespace) -> FitConfig:
             raise F4xError(f"--prior {entry}: write NAME=PATH, for example depth=my_depth_folder.")
         files[name] = path
     priors = config.priors.with_provider(args.provider)
+    if args.depth:
+        offer_models()
+        priors = dataclasses.replace(priors, depth=dataclasses.replace(priors.depth, provider=args.depth))
     priors = dataclasses.replace(priors, files=files) if files else priors
     return dataclasses.replace(config, seed=args.seed, threads=args.threads, backend=args.backend, priors=priors)
 

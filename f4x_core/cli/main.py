@@ -81,6 +81,11 @@ def build_parser() -> argparse.ArgumentParser:
             help="who makes the priors: classical, or synthetic (a rendered clip's truth)",
         )
         sub.add_argument(
+            "--depth",
+            metavar="PROVIDER",
+            help="who makes the depth alone, e.g. depth-anything (see `f4x models get depth-anything`)",
+        )
+        sub.add_argument(
             "--prior",
             action="append",
             default=[],
@@ -185,7 +190,9 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
     sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
     sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
-    sub.add_argument("--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame")
+    sub.add_argument(
+        "--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame"
+    )
     sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the point, box or mask, from 0")
     sub.add_argument("--threshold", type=float, default=0.5, metavar="P", help="least score, 0 to 1 (default: 0.5)")
     sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
@@ -225,10 +232,15 @@ def build_parser() -> argparse.ArgumentParser:
     verb("doctor", "What this machine has, and whether it works.")
 
     sub = verb("bench", "Speed against error of the kernels on this machine.")
-    sub.add_argument("what", choices=("raster", "deform"))
+    sub.add_argument("what", choices=("raster", "deform", "features"))
     sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
     sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
     sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")
+    sub.add_argument("--scene", type=path_argument, help="scene whose answers are measured (features)")
+    sub.add_argument(
+        "--masks", type=path_argument, metavar="DIR", help="true masks, one for each clip frame (features)"
+    )
+    sub.add_argument("--label", metavar="WORD", help="what the masks show (features)")
 
     sub = verb("demo", "A short rendered clip (or your own) all the way to a Blender file.")
     sub.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..clip import write_video
-from ..clip.images import read_mask
+from ..clip.images import list_images, read_mask, resize_nearest
 from ..errors import F4xError
 from ..files import replace_file
 from ..progress import Progress
@@ -73,6 +73,17 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "evidence": said.evidence,
         "text": f"[{said.answered_by}] {said.text}",
     }
+
+
+def read_masks(folder: Path, scene: Scene) -> dict[int, np.ndarray]:
+    """Clip frame -> (H,W) bool of a folder with one picture for each frame, at the size of the scene's pictures."""
+    files = list_images(folder)
+    if len(files) != len(scene.cameras):
+        raise F4xError(
+            f"--masks {folder}: it has {len(files)} pictures, the clip {len(scene.cameras)} frames; give one each."
+        )
+    cameras = scene.cameras
+    return {t: resize_nearest(read_mask(file), cameras.width, cameras.height) for t, file in enumerate(files)}
 
 
 def encode_labels(encoder: str, labels: list[str]) -> np.ndarray:

@@ -19,7 +19,7 @@ from ..progress import Progress
 from ..scene import Scene, read_scene
 from ..scene.picture import colour_depth, colour_motion, depth_range
 from ..scene.ply import export_frame, export_sequence
-from ..scene.view import COVERED, field_of, render
+from ..scene.view import COVERED, render
 from .checks import require_time
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
@@ -134,7 +134,7 @@ def feature_channels(scene: Scene) -> tuple[str, ...]:
 
 def feature_picture(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """(H,W,3) uint8 of the latent or of what a head decodes from `latent (H,W,D)`; black where nothing is."""
-    field = field_of(scene)
+    field = scene.require_field()
     if name != "latent":
         picture = field.head(name).picture(latent)
     elif field.pca is not None:

@@ -10,7 +10,6 @@ import numpy as np
 from ..errors import F4xError
 from ..features.text import TextEncoder, load_text_encoder
 from ..scene import Scene, Vocabulary
-from ..scene.view import field_of
 
 EVERYDAY = (
     *("person", "man", "woman", "child", "face", "hand", "dog", "cat", "horse", "cow", "sheep", "camel", "elephant"),
@@ -62,7 +61,7 @@ def with_vocabulary(
     labels = list(dict.fromkeys(label.strip() for label in labels if label.strip()))
     if not labels:
         raise F4xError("The vocabulary has no label; give words, or a file with one label per line.")
-    field = field_of(scene)
+    field = scene.require_field()
     encoders = sorted({head.spec.text_encoder for head in field.heads if head.spec.text_encoder})
     if not encoders:
         raise F4xError(

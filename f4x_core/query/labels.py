@@ -11,7 +11,6 @@ import numpy as np
 from ..errors import F4xError
 from ..scene import Scene
 from ..scene.field import FieldHead
-from ..scene.view import field_of
 
 BACKGROUND = ("sky", "tree", "grass", "sand", "water", "road", "wall", "fence", "building", "floor")
 """What an asked word is weighed against when no other words are given: what surrounds things."""
@@ -61,8 +60,8 @@ def ask_for(
     against = words_of(",".join(negatives)) if negatives else []
     known: tuple[str, ...] = ()
     rows: dict[str, np.ndarray] = {}
-    if encoder in field_of(scene).vocabularies:
-        known, table = field_of(scene).vocabulary(encoder)
+    if encoder in scene.require_field().vocabularies:
+        known, table = scene.require_field().vocabulary(encoder)
         rows = {word.lower(): row for word, row in zip(known, table, strict=True)}
     if not given:  # of the default ones, those at hand: no encoder is started for them alone
         against = [word for word in BACKGROUND if word in rows] if rows else list(BACKGROUND)
@@ -79,7 +78,7 @@ def ask_for(
 
 def text_head(scene: Scene, name: str | None = None) -> FieldHead:
     """The head `name`, or the first that understands words; F4xError when there is none."""
-    heads = [field_of(scene).head(name)] if name else list(field_of(scene).heads)
+    heads = [scene.require_field().head(name)] if name else list(scene.require_field().heads)
     for head in heads:
         if head.spec.text_encoder is not None:
             return head

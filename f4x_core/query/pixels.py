@@ -11,7 +11,7 @@ from ..geometry.trajectory import Trajectory
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.picture import SPECTRUM
-from ..scene.view import COVERED, field_of, render
+from ..scene.view import COVERED, render
 from .labels import TextQuery
 from .score import text_scores
 from .segmentation import shrink
@@ -19,6 +19,8 @@ from .selection import Selection
 
 ROWS = 1 << 14
 """Pixels scored at once: 512 channels of them take 34 MB."""
+PER_CELL = 2
+"""Pixels along each side of a head's cell that are drawn and averaged."""
 HEAT = 0.6
 """Share of the heat map's colour over the picture."""
 
@@ -36,8 +38,10 @@ def label_scores(query: TextQuery, latents: np.ndarray) -> np.ndarray:
 def head_map(scene: Scene, head: str, camera: Camera, time: float, backend: str = "auto") -> np.ndarray:
     """(h,w,C) float32 that `head` sees from `camera`, on its own grid: the latent is averaged over each cell, then decoded."""
     features = field_of(scene, [head])
-    latent = render(scene, camera, time, ("latent",), backend)["latent"]
-    cells = np.stack([shrink(latent[..., c], features.spec(head).grid) for c in range(features.width)], -1)
+    rows, columns = features.spec(head).grid
+    fine = camera.resized(min(camera.width, PER_CELL * columns), min(camera.height, PER_CELL * rows))
+    latent = render(scene, fine, time, ("latent",), backend)["latent"]
+    cells = np.stack([shrink(latent[..., c], (rows, columns)) for c in range(features.width)], -1)
     return features.decode(head, cells)
 
 

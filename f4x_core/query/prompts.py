@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..clip.images import resize_nearest
 from ..errors import F4xError
 from ..features.models.prompt import check_frame, check_prompt
 from ..geometry import spherical_harmonics
@@ -61,8 +62,7 @@ def text_selection(
     scene: Scene, query: TextQuery, threshold: float = THRESHOLD, span: tuple[float, float] | None = None
 ) -> Selection:
     """The selection of a query: score = summed probability of the targets, wins = a target is the best label."""
-    assert scene.features is not None
-    total, best = target_score(label_scores(query, scene.features.latents(scene)), range(query.targets))
+    total, best = target_score(label_scores(query, scene.latents()), range(query.targets))
     names = ", ".join(query.labels[: query.targets])
     return _selection(scene, np.clip(total, 0, 1), best, threshold, span, names)
 
@@ -74,9 +74,8 @@ def select_by_mask(scene: Scene, mask: np.ndarray, frame: int, **options) -> Sel
     inside = np.asarray(mask) > 0
     if inside.ndim != 2:
         raise F4xError(f"The mask has shape {inside.shape}; give one number for each pixel.")
-    rows = ((np.arange(cameras.height) + 0.5) * inside.shape[0] / cameras.height).astype(int)
-    columns = ((np.arange(cameras.width) + 0.5) * inside.shape[1] / cameras.width).astype(int)
-    return select_by_prompts(scene, {frame: {"mask": inside[rows[:, None], columns]}}, **options)
+    inside = resize_nearest(inside, cameras.width, cameras.height)
+    return select_by_prompts(scene, {frame: {"mask": inside}}, **options)
 
 
 def select_by_points(

@@ -13,7 +13,7 @@ from ..errors import F4xError
 from ..geometry.trajectory import Trajectory, original
 from ..progress import Progress, silent
 from ..scene import Scene
-from ..scene.view import field_of, render
+from ..scene.view import render
 from .chat import ChatServer, picture_part
 from .labels import BACKGROUND, Encode, ask_for, text_head
 from .pixels import head_map, text_picture
@@ -139,7 +139,7 @@ def ask_features(
     head: str = "smolvlm",
 ) -> Answer:
     """Let a model answer from the scene's own features `head`, seen along `trajectory`; no picture is encoded."""
-    spec = field_of(scene, [head]).spec(head)
+    spec = scene.require_field([head]).spec(head)
     views = _spread(trajectory)
     maps = []
     for done, (camera, time) in enumerate(views):

@@ -10,16 +10,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 from ..errors import F4xError
 from ..features.pictures import Pca
 from ..features.spec import FeatureSpec
-
-if TYPE_CHECKING:
-    from .model import Scene
 
 BITS = (4, 8)
 """What one channel of a static Gaussian's latent may take in the file; with 4, two channels share a byte."""
@@ -192,13 +189,12 @@ class FeatureField:
         stored = self.vocabularies[encoder]
         return stored.labels, stored.vectors.astype(np.float32)
 
-    def latents(self, scene: Scene) -> np.ndarray:
-        """(N,D) float32 of every Gaussian, static first as in `Scene.posed`; a dynamic one blends its nodes' latents."""
+    def latents(self, node: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """(N,D) float32 of every Gaussian, static first; a dynamic one blends its nodes' latents, `node` and `weight` (Nd,K)."""
         static, nodes = (self.low + self.step * part for part in (self.static, self.nodes))
-        dynamic = scene.dynamic
-        blended = np.zeros((len(dynamic), self.width), np.float32)
-        for k in range(dynamic.node.shape[1] if len(dynamic) else 0):  # slot by slot: no (Nd,K,D) array
-            blended += dynamic.weight[:, k, None] * nodes[dynamic.node[:, k]]
+        blended = np.zeros((len(node), self.width), np.float32)
+        for k in range(node.shape[1] if len(node) else 0):  # slot by slot: no (Nd,K,D) array
+            blended += weight[:, k, None] * nodes[node[:, k]]
         return np.concatenate([static, blended], dtype=np.float32)
 
     def check(self, static: int, nodes: int) -> None:

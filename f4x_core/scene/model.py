@@ -7,7 +7,7 @@ Gaussians, S = (degree+1)^2 SH coefficients, K neighbours, M nodes, F supervised
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, NamedTuple, Self
@@ -273,6 +273,20 @@ class Scene:
             quats=quaternion.normalize(rotation).astype(np.float32, copy=False),
             **self._constant,
         )
+
+    def latents(self) -> np.ndarray:
+        """(N,D) float32 latents of the feature field, in the order of `posed`; F4xError where there is no field."""
+        return self.require_field().latents(self.dynamic.node, self.dynamic.weight)
+
+    def require_field(self, heads: Sequence[str] = ()) -> FeatureField:
+        """The feature field; F4xError where there is none, or one of `heads` is missing in it."""
+        if self.features is None:
+            raise F4xError(
+                f"{self.name}: the scene has no feature field; add one with `f4x distill SCENE --teacher NAME`."
+            )
+        for name in heads:
+            self.features.head(name)
+        return self.features
 
     def colors(self, posed: Posed, camera: Camera) -> np.ndarray:
         """Return the colours (N,3) float32 >= 0 of `posed` seen from `camera`.

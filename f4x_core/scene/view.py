@@ -11,7 +11,6 @@ from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress, silent
-from .field import FeatureField
 from .model import Posed, Scene
 
 if TYPE_CHECKING:
@@ -56,7 +55,7 @@ def render(
             f"render: unknown channel {', '.join(sorted(unknown))}; choose from {', '.join(CHANNELS)}, latent"
         )
     features = (
-        field_of(scene, [name.removeprefix(HEAD) for name in heads]) if {"latent", *heads} & {*channels} else None
+        scene.require_field([name.removeprefix(HEAD) for name in heads]) if {"latent", *heads} & {*channels} else None
     )
     from ..raster import rasterize
 
@@ -67,7 +66,7 @@ def render(
     if "motion" in channels:
         layers["motion"] = screen_motion(scene, camera, time, posed)
     if features is not None:
-        layers["latent"] = features.latents(scene)
+        layers["latent"] = scene.latents()
     layers |= values or {}
     # depth and alpha come with any channel, so a render of them alone carries one empty channel
     colors = np.concatenate([*layers.values()] or [np.zeros((len(posed.ids), 1))], axis=1, dtype=np.float32)
@@ -121,17 +120,6 @@ def render_trajectory(
         progress("render", done, len(trajectory))
         yield render(scene, camera, time, channels, backend, background, config=config)
     progress("render", len(trajectory), len(trajectory))
-
-
-def field_of(scene: Scene, heads: Sequence[str] = ()) -> FeatureField:
-    """The feature field of `scene`; F4xError when it has none, or lacks one of `heads`."""
-    if scene.features is None:
-        raise F4xError(
-            f"{scene.name}: the scene has no feature field; add one with `f4x distill SCENE --teacher NAME`."
-        )
-    for name in heads:
-        scene.features.head(name)
-    return scene.features
 
 
 def screen_motion(scene: Scene, camera: Camera, time: float, posed: Posed | None = None) -> np.ndarray:

@@ -139,7 +139,7 @@ def test_render_refuses_unknown_channels_and_paths(toy_fit, tmp_path, capsys):
 def test_doctor_names_every_backend(capsys):
     assert main(["doctor", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert set(report["backends"]) == {"native", "torch"}
+    assert set(report["backends"]) == {"native", "torch", "gsplat"}
     assert "ms for" in report["backends"]["torch"]
 
 

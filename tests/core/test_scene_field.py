@@ -103,7 +103,7 @@ def test_bytes_give_latents_back_to_half_a_step(bits):
 
 def test_latents_static_first_then_blends_of_nodes():
     field, dynamic = SCENE.features, SCENE.dynamic
-    latents = field.latents(SCENE)
+    latents = SCENE.latents()
     assert latents.shape == (STATIC + 20, WIDTH) and latents.dtype == np.float32
     np.testing.assert_array_equal(latents[:STATIC], field.low + field.step * field.static)
     nodes = field.low + field.step * field.nodes
@@ -136,7 +136,7 @@ def test_pictures_of_a_head_are_those_of_its_features():
 def test_rendered_latent_and_head():
     pytest.importorskip("torch", reason="the reference raster needs torch")
     out = render(SCENE, SCENE.cameras[0], 0.0, ("latent", "head:text", "alpha", "rgb"), "torch")
-    raw = render(SCENE, SCENE.cameras[0], 0.0, (), "torch", values={"x": SCENE.features.latents(SCENE)})["x"]
+    raw = render(SCENE, SCENE.cameras[0], 0.0, (), "torch", values={"x": SCENE.latents()})["x"]
     seen = out["alpha"] >= 0.1
     np.testing.assert_allclose(out["latent"][seen], raw[seen] / out["alpha"][seen][:, None], rtol=1e-5, atol=1e-5)
     assert (out["latent"][~seen] == 0).all() and (out["head:text"][~seen] == 0).all() and (~seen).any()
@@ -249,7 +249,7 @@ for name in ("torch", "scipy", "cv2", "PIL"):
 from f4x_core.scene import read_scene
 scene = read_scene(sys.argv[1])
 field = scene.features
-print(field.decode("text", field.latents(scene)).shape, field.head("text").picture(field.latents(scene)).shape)
+print(field.decode("text", scene.latents()).shape, field.head("text").picture(scene.latents()).shape)
 """
     root = Path(__file__).resolve().parents[2]
     done = subprocess.run([sys.executable, "-c", program, str(path)], cwd=root, capture_output=True, text=True)

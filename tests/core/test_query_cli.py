@@ -1,0 +1,96 @@
+"""`f4x query`, `f4x ask` and `f4x bench features` from the command line."""
+
+import json
+
+import numpy as np
+import pytest
+from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
+from PIL import Image
+
+from f4x_core.cli.main import main
+from f4x_core.query.score import overlap
+from f4x_core.query.selection import Selection
+from f4x_core.scene import write_scene
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A scene file, one without features, and true masks."""
+    folder = tmp_path_factory.mktemp("query")
+    write_scene(labelled_scene(), folder / "scene.f4x")
+    write_scene(labelled_scene(features=False), folder / "plain.f4x")
+    (folder / "masks").mkdir()
+    for t in range(FRAMES):
+        Image.fromarray(square_mask(float(t)).astype(np.uint8) * 255).save(folder / "masks" / f"{t:05d}.png")
+    return folder
+
+
+def run(capsys, *arguments):
+    code = main([str(argument) for argument in arguments])
+    caught = capsys.readouterr()
+    return code, caught.out, caught.err
+
+
+def test_query_writes_what_it_found(folder, capsys, tmp_path):
+    code, out, _ = run(
+        capsys, "query", folder / "scene.f4x", "--text", "square", "--not", "wall, sky", "--json", "-o", tmp_path
+    )
+    told = json.loads(out)
+    assert code == 0 and told["chosen"] == 81 and told["static"] == 0
+    saved = Selection.from_json(json.loads((tmp_path / "selection.json").read_text()))
+    assert saved.chosen.sum() == told["chosen"]
+    masks = [np.asarray(Image.open(file)) > 0 for file in sorted((tmp_path / "mask").glob("*.png"))]
+    assert [overlap(mask, square_mask(float(t))) for t, mask in enumerate(masks)] == [1] * FRAMES
+    assert (tmp_path / "heat.mp4").stat().st_size > 0
+
+
+def test_query_by_mask_file_without_features(folder, capsys):
+    mask = folder / "masks" / "00000.png"
+    code, out, _ = run(capsys, "query", folder / "plain.f4x", "--mask", mask, "--frame", 0, "--span", "1:3", "--json")
+    told = json.loads(out)
+    assert code == 0 and 60 < told["chosen"] < 120 and told["span"] == [1, 3]
+
+
+def test_ask_names_who_answered(folder, capsys, monkeypatch):
+    monkeypatch.delenv("F4X_CHAT_URL", raising=False)
+    code, out, _ = run(capsys, "ask", folder / "scene.f4x", "When does the square move?", "--path", "orbit")
+    assert code == 0 and out.startswith("[computed]") and "square" in out
+
+
+def test_bench_prints_the_figures(folder, capsys):
+    code, out, _ = run(
+        capsys, "bench", "features", "--scene", folder / "scene.f4x", "--masks", folder / "masks",
+        "--label", "square", "--repeats", 1, "--json",
+    )  # fmt: skip
+    told = json.loads(out)
+    assert code == 0 and told["text_ap"] > 0.95 and told["text_gaussians_ap"] > 0.95
+    assert told[f"follow_iou_{FRAMES - 1}"] > 0.8 and told["size_ratio"] > 1 and told["visual_ms"] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--text", ""], "names no label"),
+        (["--text", "unicorn"], "text encoder"),
+        (["--text", "a", "--point", "1,2"], "exactly one"),
+        ([], "exactly one"),
+        (["--point", "1,2"], "needs --frame"),
+        (["--point", "1;2", "--frame", "0"], "write X,Y"),
+        (["--point", f"{WIDTH + 9},2", "--frame", "0"], "outside the picture"),
+        (["--point", "1,2", "--frame", "77"], "no frame 77"),
+        (["--box", "1,2,3", "--frame", "0"], "write X0,Y0,X1,Y1"),
+        (["--box", f"1,2,1,{HEIGHT}", "--frame", "0"], "box"),
+        (["--text", "square", "--threshold", "2"], "from 0 to 1"),
+        (["--text", "square", "--span", "3"], "A:B"),
+        (["--text", "square", "--span", "3:99"], "within the clip"),
+        (["--text", "square", "--span", "3:1"], "ends before"),
+    ],
+)
+def test_wrong_queries_are_one_sentence(folder, capsys, arguments, words):
+    code, _, err = run(capsys, "query", folder / "scene.f4x", *arguments)
+    assert code == 2 and words in err and err.strip().count("\n") == 0
+
+
+def test_words_need_a_field(folder, capsys):
+    code, _, err = run(capsys, "query", folder / "plain.f4x", "--text", "square")
+    assert code == 2 and "no feature field" in err
