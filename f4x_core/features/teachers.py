@@ -83,12 +83,6 @@ TEACHERS = {
             ".offline:Conse",
         ),
         TeacherEntry("sam2", "masks from points, boxes or nothing", ("sam2-tiny",), ".models.sam2:Sam2Teacher"),
-        TeacherEntry(
-            "sam2_s0", "finer masks of sam2", ("sam2-tiny",), ".models.sam2:Sam2Teacher", {"head": "sam2_s0"}
-        ),
-        TeacherEntry(
-            "sam2_s1", "finer masks of sam2", ("sam2-tiny",), ".models.sam2:Sam2Teacher", {"head": "sam2_s1"}
-        ),
         *(
             TeacherEntry(
                 f"sam2_{level}",
