@@ -37,7 +37,7 @@ def label_scores(query: TextQuery, latents: np.ndarray) -> np.ndarray:
 
 def head_map(scene: Scene, head: str, camera: Camera, time: float, backend: str = "auto") -> np.ndarray:
     """(h,w,C) float32 that `head` sees from `camera`, on its own grid: the latent is averaged over each cell, then decoded."""
-    features = field_of(scene, [head])
+    features = scene.require_field([head])
     rows, columns = features.spec(head).grid
     fine = camera.resized(min(camera.width, PER_CELL * columns), min(camera.height, PER_CELL * rows))
     latent = render(scene, fine, time, ("latent",), backend)["latent"]
