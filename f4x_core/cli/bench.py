@@ -63,8 +63,9 @@ def _deform(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     from ..query.benchmark import benchmark
+    from ..query.labels import encode_labels
     from ..scene import read_scene
-    from .querying import encode_labels, read_masks
+    from .querying import read_masks
 
     if args.scene is None or args.masks is None:
         raise F4xError("bench features needs --scene SCENE and --masks DIR, and --label WORD to measure words.")

@@ -142,7 +142,7 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--channels",
         default="rgb",
-        help="comma-separated: rgb,depth,alpha,motion,latent, or a head (default: rgb)",
+        help="comma-separated: rgb,depth,alpha,motion,latent, a head, mask:LABEL (default: rgb)",
     )
     sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit, above 0 and below 90 (default: 5)")
     sub.add_argument("--video", action="store_true", help="also write DIR/CHANNEL.mp4")

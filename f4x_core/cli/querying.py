@@ -16,7 +16,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..query.labels import words_of
+from ..query.labels import encode_labels, words_of
 from ..query.pixels import heat_map, mask_video, share_picture
 from ..query.prompts import select_by_box, select_by_mask, select_by_points, select_by_text
 from ..query.questions import Answer, answer, ask_features
@@ -86,26 +86,12 @@ def read_masks(folder: Path, scene: Scene) -> dict[int, np.ndarray]:
     return {t: resize_nearest(read_mask(file), cameras.width, cameras.height) for t, file in enumerate(files)}
 
 
-def encode_labels(encoder: str, labels: list[str]) -> np.ndarray:
-    """Vectors of labels that a scene's vocabulary lacks, from the installed text encoder."""
-    from ..features.text import load_text_encoder
-
-    return load_text_encoder(encoder).encode(labels)
-
-
 def _selection(
     scene: Scene, args: argparse.Namespace, kind: str, span: tuple[float, float] | None, progress: Progress
 ) -> Selection:
     if kind == "text":
         negatives = words_of(args.negatives) if args.negatives is not None else None
-        try:
-            return select_by_text(scene, words_of(args.text), negatives, args.threshold, span=span)
-        except F4xError as lacking:
-            if scene.features is None or "lacks" not in str(lacking):
-                raise
-            return select_by_text(
-                scene, words_of(args.text), negatives, args.threshold, encode=encode_labels, span=span
-            )
+        return select_by_text(scene, words_of(args.text), negatives, args.threshold, encode=encode_labels, span=span)
     if args.negatives is not None:
         raise F4xError("--not goes with --text; a point beside the object is not offered here.")
     if args.frame is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from ..files import replace_file
 from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress
+from ..query.labels import encode_labels
+from ..query.pixels import share_picture
+from ..query.prompts import select_by_text
 from ..scene import Scene, read_scene
 from ..scene.picture import colour_depth, colour_motion, depth_range
 from ..scene.ply import export_frame, export_sequence
@@ -23,6 +27,8 @@ from ..scene.view import COVERED, render
 from .checks import require_time
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
+MASK = "mask:"
+"""`mask:LABEL` is the share of each pixel's light that comes from the Gaussians that a word means."""
 # Motion of this share of the picture's width per frame gets the full colour.
 FULL_MOTION = 0.02
 
@@ -54,13 +60,17 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     scene = read_scene(args.scene)
     channels = tuple(args.channels.split(","))
     known = (*CHANNELS, *feature_channels(scene))
-    unknown = [name for name in channels if name not in known]
+    labels = {name: name.removeprefix(MASK) for name in channels if name.startswith(MASK)}
+    unknown = [name for name in channels if name not in known and name not in labels]
     if unknown:
-        raise F4xError(f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(known)}.")
+        raise F4xError(
+            f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(known)},{MASK}LABEL."
+        )
+    masks = {name: select_by_text(scene, [label], encode=encode_labels) for name, label in labels.items()}
     if not 0 < args.degrees < 90:
         raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, args.path, args.degrees)
-    folders = {name: Path(args.output) / name for name in channels}
+    folders = {name: Path(args.output) / file_name(name) for name in channels}
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
     span = depth_span(scene, args.backend) if "depth" in channels else (0.0, 1.0)
@@ -69,11 +79,13 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     for index, (camera, time) in enumerate(views):
         progress("render", index, len(views))
         plain = [name for name in channels if name in CHANNELS]
-        wanted = plain if len(plain) == len(channels) else [*plain, "latent", "alpha"]
+        wanted = plain if len(plain) + len(masks) == len(channels) else [*plain, "latent", "alpha"]
         maps = render(scene, camera, time, channels=wanted, backend=args.backend)
         shown = {
             name: picture_of(name, maps[name], span, largest)
             if name in plain
+            else picture_of(name, share_picture(scene, masks[name], camera, time, args.backend), span, largest)
+            if name in masks
             else feature_picture(scene, name, maps["latent"], maps["alpha"])
             for name in channels
         }
@@ -87,8 +99,13 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     progress("render", len(views), len(views))
     for name, frames in pictures.items():
         if frames:
-            write_video(Path(args.output) / f"{name}.mp4", np.stack(frames), scene.fps)
+            write_video(Path(args.output) / f"{file_name(name)}.mp4", np.stack(frames), scene.fps)
     return {"frames": len(views), "output": str(args.output), "text": f"{args.output}: {len(views)} frames"}
+
+
+def file_name(channel: str) -> str:
+    """The channel's name with what file systems do not take, as in `mask:polar bear`, replaced by _."""
+    return re.sub(r"[^\w.-]", "_", channel)
 
 
 def write_frame(

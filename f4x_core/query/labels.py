@@ -71,7 +71,11 @@ def ask_for(
         raise F4xError(unknown_label(scene, missing[0], list(known), encoder))
     if missing:
         assert encode is not None
-        rows |= {word.lower(): row for word, row in zip(missing, encode(encoder, missing), strict=True)}
+        try:
+            vectors = encode(encoder, missing)
+        except F4xError as error:
+            raise F4xError(f"{unknown_label(scene, missing[0], list(known), encoder)[:-1]} ({error})") from error
+        rows |= {word.lower(): row for word, row in zip(missing, vectors, strict=True)}
     everything = (*targets, *against)
     return TextQuery(decoder, everything, np.stack([rows[word.lower()] for word in everything]), len(targets))
 
@@ -86,6 +90,13 @@ def text_head(scene: Scene, name: str | None = None) -> FieldHead:
         f"{scene.name}: {f'the head {name} does not understand' if name else 'no head of the scene understands'} words;"
         " add one with `f4x distill SCENE --teacher text`."
     )
+
+
+def encode_labels(encoder: str, labels: list[str]) -> np.ndarray:
+    """(L,dim) unit vectors from the text encoder of that name; F4xError where it is not installed. An `Encode`."""
+    from ..features.text import load_text_encoder
+
+    return load_text_encoder(encoder).encode(labels)
 
 
 def unknown_label(scene: Scene, label: str, known: Sequence[str], encoder: str) -> str:

@@ -51,6 +51,15 @@ def test_query_by_mask_file_without_features(folder, capsys):
     assert code == 0 and 60 < told["chosen"] < 120 and told["span"] == [1, 3]
 
 
+def test_render_shows_the_mask_of_a_label(folder, capsys, tmp_path):
+    code, _, err = run(
+        capsys, "render", folder / "scene.f4x", "--channels", "rgb,mask:square", "-o", tmp_path, "--path", "original"
+    )
+    assert code == 0, err
+    mask = np.asarray(Image.open(tmp_path / "mask_square" / "00002.png")) > 127
+    assert overlap(mask, square_mask(2.0)) > 0.99
+
+
 def test_ask_names_who_answered(folder, capsys, monkeypatch):
     monkeypatch.delenv("F4X_CHAT_URL", raising=False)
     code, out, _ = run(capsys, "ask", folder / "scene.f4x", "When does the square move?", "--path", "orbit")
@@ -71,7 +80,7 @@ def test_bench_prints_the_figures(folder, capsys):
     ("arguments", "words"),
     [
         (["--text", ""], "names no label"),
-        (["--text", "unicorn"], "text encoder"),
+        (["--text", "unicorn"], "lacks 'unicorn'"),
         (["--text", "a", "--point", "1,2"], "exactly one"),
         ([], "exactly one"),
         (["--point", "1,2"], "needs --frame"),
