@@ -19,8 +19,8 @@ from .selection import Selection
 
 ROWS = 1 << 14
 """Pixels scored at once: 512 channels of them take 34 MB."""
-PER_CELL = 2
-"""Pixels along each side of a head's cell that are drawn and averaged."""
+PER_CELL = 4
+"""Pixels along each side of a head's cell that are drawn and averaged; with 2, followed masks lose 0.02 of IoU."""
 HEAT = 0.6
 """Share of the heat map's colour over the picture."""
 
