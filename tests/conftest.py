@@ -18,6 +18,20 @@ def shared() -> Path:
     return SHARED
 
 
+@pytest.fixture(scope="session")
+def native_library():
+    """The compiled library; tests that need it are skipped on a machine that cannot compile."""
+    from f4x_core.native import open_library
+    from f4x_core.native.build import build, find_compiler
+
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler and no ziglang here")
+    build()
+    library, reason = open_library()
+    assert library is not None, reason
+    return library
+
+
 def pytest_sessionfinish(session, exitstatus):
     session.config._f4x_exit = int(exitstatus)
 

@@ -5,16 +5,8 @@ import torch
 
 from f4x_core.fit.losses import masked_l1, rgb_loss, ssim_map
 from f4x_core.gaussians import appearance
-from f4x_core.native import open_library
-from f4x_core.native.build import build, find_compiler
 
-
-@pytest.fixture(scope="module", autouse=True)
-def built():
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler and no ziglang here")
-    build()
-    assert open_library()[0] is not None
+pytestmark = pytest.mark.usefixtures("native_library")
 
 
 def relative(got: torch.Tensor, expected: torch.Tensor) -> float:

@@ -11,7 +11,7 @@ import torch
 
 from f4x_core.errors import F4xError
 from f4x_core.native import instruction_set
-from f4x_core.native.build import build, compile_command, find_compiler
+from f4x_core.native.build import compile_command, find_compiler
 from f4x_core.raster import native
 from f4x_core.raster.contract import RasterConfig
 from f4x_core.raster.native import library
@@ -21,12 +21,7 @@ NAMES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "backgrou
 ONE = RasterConfig(threads=1)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def built():
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler and no ziglang here")
-    build()
-    assert native.available(), native.why_not()
+pytestmark = pytest.mark.usefixtures("native_library")
 
 
 def make_scene(n, channels, width, height, seed=0, size=0.08):

@@ -5,8 +5,6 @@ import pytest
 import torch
 
 from f4x_core.geometry import dual_quaternion, pose, quaternion
-from f4x_core.native import open_library
-from f4x_core.native.build import build, find_compiler
 from f4x_core.scaffold import deformation_library
 from f4x_core.scaffold.deformation import SIGN_BAND, blend, pairs_of, relative_motions
 from f4x_core.scaffold.deformation_native import Carriers, NativeDeformer, carry
@@ -16,12 +14,7 @@ from f4x_core.scaffold.skinning import skinning_weights
 VALUE_ERROR, GRADIENT_ERROR = 2e-6, 2e-5
 
 
-@pytest.fixture(scope="module", autouse=True)
-def built():
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler and no ziglang here")
-    build()
-    assert open_library()[0] is not None, open_library()[1]
+pytestmark = pytest.mark.usefixtures("native_library")
 
 
 FRAMES, NODES = 4, 12
