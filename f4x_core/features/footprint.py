@@ -7,11 +7,11 @@ every further look at any channels is one sparse product, about thirty times che
 from __future__ import annotations
 
 import numpy as np
-import torch
 from scipy import sparse
 
 from ..geometry.camera import Camera
-from ..raster import RasterConfig, rasterize
+from ..raster import RasterConfig
+from ..raster.light import light_into
 
 PERIOD = 8
 """Cells of one colour are this many apart, see `cell_light`; 8 x 8 colours are drawn as channels."""
@@ -34,24 +34,17 @@ def cell_light(
 
     A row's sum is the covered area of its cell. Gaussians as in `raster.rasterize`, float32.
 
-    The gradient of a composited channel to a Gaussian's colour is the sum of its weights over the pixels whose gradient
-    is one. Cells are coloured with period `PERIOD` across and down, one channel per colour, so one backward pass gives
-    the light per colour; the cell meant is the one of that colour next to the Gaussian's centre. A Gaussian wider than
+    Cells are coloured with period `PERIOD` across and down, one layer per colour, so one look gives the light per colour
+    (`raster.light`); the cell meant is the one of that colour next to the Gaussian's centre. A Gaussian wider than
     `PERIOD` cells is heard in the right colours but partly in the wrong cells.
     """
     rows, columns = grid
     cell_row = ((np.arange(camera.height) + 0.5) * rows / camera.height).astype(int)
     cell_column = ((np.arange(camera.width) + 0.5) * columns / camera.width).astype(int)
     colour = (cell_row % PERIOD)[:, None] * PERIOD + (cell_column % PERIOD)[None]  # (H,W)
-    x, q, s, o = (torch.from_numpy(np.ascontiguousarray(a, np.float32)) for a in (means, quats, scales, opacities))
-    channels = torch.zeros(len(means), PERIOD**2, requires_grad=True)
-    view, lens = (torch.from_numpy(a.astype(np.float32)) for a in (camera.world_to_camera, camera.intrinsics))
-    out = rasterize(
-        x, q, s, o, channels, view, lens, camera.width, camera.height, config=config, backend=backend, detached_from=0
-    )
-    out.channels.backward(torch.nn.functional.one_hot(torch.from_numpy(colour), PERIOD**2).float())
-    assert channels.grad is not None
-    light = channels.grad.numpy()  # (N, colours)
+    layers = np.eye(PERIOD**2, dtype=np.float32)[colour]  # (H,W,colours)
+    shapes, view = (means, quats, scales, opacities), (camera.world_to_camera, camera.intrinsics)
+    light = light_into(*shapes, *view, layers, config=config, backend=backend)  # (N, colours)
     gaussian, seen = np.nonzero(light > LEAST_LIGHT)
     pixels, _ = camera.project(means[gaussian].astype(np.float64))
     row = _nearest(pixels[:, 1] * rows / camera.height - 0.5, seen // PERIOD, rows)

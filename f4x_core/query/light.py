@@ -1,17 +1,13 @@
-"""How much light each Gaussian sends into parts of a picture: from masks in pixels to scores of Gaussians.
-
-The picture is linear in the colours, `I_p = sum_g w_gp c_g`, so the gradient of `sum_p m_p I_p` with respect to the colour of
-Gaussian g is `sum_p m_p w_gp`: the light that g sends into the mask m. One backward pass gives it for all Gaussians.
-"""
+"""How much light each Gaussian sends into parts of a picture: from masks in pixels to scores of Gaussians."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from ..progress import Progress, silent
+from ..raster import light as raster_light
 from ..scene import Scene
 
 
@@ -20,39 +16,12 @@ def light_into(scene: Scene, time: float, index: int | None, layers: np.ndarray)
 
     Seen from the camera at `time`, or from the clip's camera number `index`; its pictures are scaled to the size of the layers.
     """
-    from ..raster import RasterConfig
-    from ..raster.native import available
-
     path = scene.cameras
     height, width = layers.shape[:2]
     camera = (path.at(time) if index is None else path[index]).resized(width, height)
     posed = scene.posed(time)
-    inputs = {
-        "means": posed.means,
-        "quats": posed.quats,
-        "scales": posed.scales,
-        "opacities": posed.opacities,
-        "colors": np.zeros((len(posed.ids), layers.shape[2]), np.float32),
-        "viewmat": camera.world_to_camera.astype(np.float32),
-        "K": camera.intrinsics.astype(np.float32),
-    }
-    layers = np.ascontiguousarray(layers, np.float32)
-    if available():
-        from ..raster.native import library as native
-
-        library, _ = native.open_library()
-        assert library is not None
-        drawn = native.forward(library, inputs, width, height, RasterConfig(), 0, keep=True)
-        return native.backward(library, drawn, layers, None, None)["colors"]
-    import torch
-
-    from ..raster import rasterize
-
-    tensors: dict[str, Any] = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in inputs.items()}
-    colors = tensors["colors"].requires_grad_()
-    rasterize(**tensors, width=width, height=height, backend="torch").channels.backward(torch.from_numpy(layers))
-    assert colors.grad is not None
-    return colors.grad.numpy()
+    shapes = (posed.means, posed.quats, posed.scales, posed.opacities)
+    return raster_light.light_into(*shapes, camera.world_to_camera, camera.intrinsics, layers)
 
 
 def lift_masks(

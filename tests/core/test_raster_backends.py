@@ -12,6 +12,7 @@ import torch
 from f4x_core.errors import F4xError
 from f4x_core.raster import RasterConfig, choose_backend, rasterize
 from f4x_core.raster.benchmark import benchmark, make_wavy_scene
+from f4x_core.raster.light import light_into
 
 WIDTH, HEIGHT = 61, 45
 LEAVES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "background", "mean2d_offset")
@@ -372,6 +373,30 @@ def test_numpy_in_numpy_out(backend):
     out = rasterize(**arrays, backend=backend)
     assert isinstance(out.channels, np.ndarray) and out.visible.dtype == bool
     np.testing.assert_allclose(out.channels, render(scene, backend).channels.numpy(), atol=1e-6)
+
+
+def test_light_into_layers_adds_up_to_the_picture(backend):
+    scene = make_scene()
+    arrays = {name: scene[name].numpy() for name in ("means", "quats", "scales", "opacities", "viewmat", "K")}
+    layers = np.random.default_rng(0).random((HEIGHT, WIDTH, 3), np.float32)
+    layers[..., 2] = 1
+    light = light_into(**arrays, layers=layers, backend=backend)
+    out = render(scene | {"background": None}, backend)
+    np.testing.assert_allclose(light[:, 2].sum(), out.alpha.sum(), rtol=1e-5)
+    shown = float((out.channels[..., 0] * torch.from_numpy(layers[..., 1])).sum())  # linear in the colours
+    np.testing.assert_allclose(light[:, 1] @ scene["colors"][:, 0].numpy(), shown, rtol=1e-4)
+
+
+def test_light_needs_no_torch_where_the_native_kernel_is():
+    require("native")
+    code = """
+import sys, numpy as np
+from f4x_core.raster.light import light_into
+eye = np.eye(4)
+light = light_into([[0, 0, 2.0]], eye[:1], [[0.1] * 3], [0.5], eye, eye[:3, :3] * 9, np.ones((9, 9, 1)))
+assert light.shape == (1, 1) and light[0, 0] > 0 and "torch" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 @pytest.mark.parametrize(
