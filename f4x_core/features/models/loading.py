@@ -40,6 +40,10 @@ class Located:
             return "/".join(folder.parents[1].name.split("--")[1:])
         return folder.name if folder.is_dir() else self.place
 
+    def provenance(self, size: list[int]) -> dict[str, Any]:
+        """What the spec of their maps says of them; `size` is the (width, height) of a picture as the model takes it."""
+        return {"model": self.name, "licence": self.entry.licence, "input": size}
+
 
 def find(default: str, model: str | Path | None = None) -> Located:
     """Weights for the architecture of the checkpoint `default`.

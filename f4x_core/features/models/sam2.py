@@ -55,11 +55,7 @@ class Sam2Teacher:
             text_encoder=None,
             temperature=None,
             has_global=False,
-            provenance={
-                "model": self.weights.name,
-                "licence": self.weights.entry.licence,
-                "input": [self.model.image_size] * 2,
-            },
+            provenance=self.weights.provenance([self.model.image_size] * 2),
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:

@@ -45,11 +45,7 @@ class SmolVlmTeacher:
             text_encoder=None,
             temperature=None,
             has_global=False,
-            provenance={
-                "model": self.weights.name,
-                "licence": self.weights.entry.licence,
-                "input": [vision.image_size] * 2,
-            },
+            provenance=self.weights.provenance([vision.image_size] * 2),
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:

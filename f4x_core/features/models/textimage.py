@@ -91,11 +91,7 @@ class TextImageTeacher:
             text_encoder=self.name,
             temperature=_temperature(self.name, self.model),
             has_global=False,
-            provenance={
-                "model": self.weights.name,
-                "licence": self.weights.entry.licence,
-                "input": [columns * self.patch, rows * self.patch],
-            },
+            provenance=self.weights.provenance([columns * self.patch, rows * self.patch]),
         )
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
