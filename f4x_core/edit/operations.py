@@ -1,0 +1,320 @@
+"""What can be done to a scene: typed operations, pure data, validated on construction.
+
+Lengths are world units (1 = median depth of the clip), axes the world's (OpenCV: x right, y down, z forward), times clip
+frames, colours sRGB in [0, 1]. A request may speak of sizes and of the camera (`unit`, `axes`); planning rewrites it into
+world units and axes and its selection into ids, and only that is stored. An operation acts on the Gaussians as the
+operations before it left them, *posed* at the time that is looked at, so it holds at every time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Union
+
+import numpy as np
+
+from ..errors import F4xError
+from .records import Record, read_record
+from .selects import SelectKind
+
+Vector = tuple[float, float, float]
+Span = tuple[float, float | None]
+"""First and last clip frame, both included; None = to the end of the clip."""
+Ease = Literal["linear", "smooth", "step"]
+
+LARGEST_SCALE = 1e3
+"""A size, speed or factor beyond it, or below its inverse, is a slip of the pen."""
+MOST_COPIES = 100
+"""Copies one operation makes at most: memory grows with every one."""
+
+
+class Change(Record):
+    """Base of the operations. Each has a `select`."""
+
+    KEY = "op"
+    select: SelectKind
+
+
+def _check_span(frames: Span | None) -> None:
+    if frames is not None and frames[1] is not None and frames[0] > frames[1]:
+        raise F4xError(f"frames {frames[0]:g} to {frames[1]:g} end before they start.")
+
+
+def _check_share(name: str, value: float, most: float = 1.0) -> None:
+    if not 0 <= value <= most:
+        raise F4xError(f"{name} is {value:g}; give a number from 0 to {most:g}.")
+
+
+def _check_scale(name: str, value: float) -> None:
+    if not 1 / LARGEST_SCALE <= value <= LARGEST_SCALE:
+        raise F4xError(f"{name} is {value:g}; give a number from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}.")
+
+
+@dataclass(frozen=True)
+class Recolour(Change):
+    """Another colour."""
+
+    TAG = "recolour"
+    select: SelectKind
+    rgb: Vector
+    """sRGB in [0, 1]; for `add` -1 to 1, for `multiply` 0 to 10."""
+    mode: Literal["assign", "add", "multiply", "hue"] = "assign"
+    """`assign` the colour; `add` it; `multiply` by it; take its `hue` and saturation and leave light and dark."""
+    strength: float = 1.0
+    """0 leaves the old colour, 1 is the new one."""
+    keep_luminance: bool = False
+    """With `assign`: shading and texture stay, brightened or darkened so that their mean is the colour's."""
+    frames: Span | None = None
+    """In effect from … to; None = always."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        low, high = {"add": (-1, 1), "multiply": (0, 10)}.get(self.mode, (0, 1))
+        if not all(low <= value <= high for value in self.rgb):
+            raise F4xError(f"rgb is {list(self.rgb)}; for {self.mode} give three numbers from {low} to {high}.")
+        _check_share("strength", self.strength)
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Opacity(Change):
+    """More or less transparent."""
+
+    TAG = "opacity"
+    select: SelectKind
+    factor: float
+    """Opacity is multiplied by it and held in [0, 1]; 0 hides."""
+    frames: Span | None = None
+    """In effect from … to; None = always."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_share("factor", self.factor, 10)
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Delete(Change):
+    """Take it out."""
+
+    TAG = "delete"
+    select: SelectKind
+    frames: Span | None = None
+    """Gone from … to; None = always."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Extract(Change):
+    """Leave nothing else."""
+
+    TAG = "extract"
+    select: SelectKind
+    frames: Span | None = None
+    """Alone from … to; None = always."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Transform(Change):
+    """Move, turn and resize the posed Gaussians: x' = pivot + scale R (x - pivot) + translate."""
+
+    TAG = "transform"
+    select: SelectKind
+    translate: Vector = (0.0, 0.0, 0.0)
+    """In `unit` along `axes`."""
+    rotate: Vector = (0.0, 0.0, 0.0)
+    """Axis (along `axes`) times angle in degrees; right-handed about the axis."""
+    scale: float = 1.0
+    """Factor of distances from the pivot and of the Gaussians' sizes."""
+    pivot: Literal["centroid", "base"] | Vector = "centroid"
+    """`centroid` of the selection at each frame, the `base`: its lowest middle, or a point of the world."""
+    unit: Literal["world", "size"] = "world"
+    """`size`: in widths of the selection. Planning rewrites it into world units."""
+    axes: Literal["world", "camera"] = "world"
+    """`camera`: right, down, forward of the clip's camera at the first frame concerned. Planning rewrites it."""
+    frames: Span | None = None
+    """None: always in full. Else from nothing at the first to all at the last, and held after it."""
+    ease: Ease = "smooth"
+    """How it grows between the two; `step` jumps at the first."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_scale("scale", self.scale)
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Duplicate(Change):
+    """Copies of it, elsewhere or at another time. Their ids follow `first_id` in the order of the chosen ids."""
+
+    TAG = "duplicate"
+    select: SelectKind
+    offset: Vector = (0.0, 0.0, 0.0)
+    """Between one copy and the next, in `unit` along `axes`."""
+    time_shift: float = 0.0
+    """Clip frames that a copy lags behind; negative runs ahead. Each copy by as much again."""
+    count: int = 1
+    """Number of copies."""
+    unit: Literal["world", "size"] = "world"
+    """As in `Transform`."""
+    axes: Literal["world", "camera"] = "world"
+    """As in `Transform`."""
+    first_id: int = -1
+    """First id of the copies; planning reserves it."""
+    name: str = ""
+    """The copies can be selected by this name afterwards."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if not 1 <= self.count <= MOST_COPIES:
+            raise F4xError(f"count is {self.count}; give 1 to {MOST_COPIES} copies.")
+
+
+@dataclass(frozen=True)
+class Freeze(Change):
+    """Stand still: from `at` on, or for a while, after which it goes on where it stood."""
+
+    TAG = "freeze"
+    select: SelectKind
+    at: float
+    """Clip frame."""
+    until: float | None = None
+    """Clip frame at which it goes on, late by the pause; None = never."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if self.until is not None and self.until < self.at:
+            raise F4xError(f"until is {self.until:g}, before at, {self.at:g}.")
+
+
+@dataclass(frozen=True)
+class Retime(Change):
+    """Faster or slower."""
+
+    TAG = "retime"
+    select: SelectKind
+    speed: float
+    """2 is twice as fast; at the end of the clip's motion it stands still."""
+    frames: Span | None = None
+    """Only from … to; afterwards at the old speed from where it then is. None = the whole clip."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_scale("speed", self.speed)
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Reverse(Change):
+    """Backwards: at frame t what was at first + last - t."""
+
+    TAG = "reverse"
+    select: SelectKind
+    frames: Span | None = None
+    """Only from … to; None = the whole clip."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Loop(Change):
+    """Again and again what happens from … to, from then to the end of the clip."""
+
+    TAG = "loop"
+    select: SelectKind
+    frames: Span
+    """The part that is repeated."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Style(Change):
+    """A look from a table: light and dark become a ramp of colours."""
+
+    TAG = "style"
+    select: SelectKind
+    look: str
+    """Name of an entry of `looks.LOOKS`."""
+    strength: float = 1.0
+    """0 leaves the old colour, 1 is the new one."""
+    frames: Span | None = None
+    """In effect from … to; None = always."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_share("strength", self.strength)
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Match(Change):
+    """The colours of something else in the scene: mean and spread are carried over."""
+
+    TAG = "match"
+    select: SelectKind
+    source: SelectKind
+    """Whose colours."""
+    strength: float = 1.0
+    """0 leaves the old colour, 1 is the new one."""
+    frames: Span | None = None
+    """In effect from … to; None = always."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_share("strength", self.strength)
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Name(Change):
+    """A name for a selection, to be used by later operations. Changes nothing that is seen."""
+
+    TAG = "name"
+    select: SelectKind
+    name: str
+    """Letters, digits, spaces, - and _; a later `name` of the same name replaces it."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if not self.name.strip() or not all(c.isalnum() or c in " -_" for c in self.name):
+            raise F4xError(f"name is {self.name!r}; use letters, digits, spaces, - and _.")
+
+
+Operation = Union[  # noqa: UP007  # read at run time
+    Recolour,
+    Opacity,
+    Delete,
+    Extract,
+    Transform,
+    Duplicate,
+    Freeze,
+    Retime,
+    Reverse,
+    Loop,
+    Style,
+    Match,
+    Name,
+]
+"""Any operation."""
+
+
+def read_operation(data: object, where: str = "operation") -> Operation:
+    """The operation that a JSON object describes; F4xError begins with `where`."""
+    return read_record(Operation, data, where)
+
+
+def rotation_of(rotate: Vector) -> np.ndarray:
+    """(3,) float64 rotation vector in radians of an axis times degrees."""
+    return np.deg2rad(np.asarray(rotate, float))

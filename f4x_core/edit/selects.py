@@ -1,0 +1,187 @@
+"""Who an operation is about, as plain data. `resolve` of the planning step turns every kind into `Ids`.
+
+Only `Ids`, `All`, `Moving`, `Named` and their combinations are found in a stack: they mean the same whenever it is replayed.
+The others ask the scene (words, prompts, "the left one") and are answered once, when an edit is planned.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from dataclasses import dataclass
+from typing import Literal, Union
+
+import numpy as np
+
+from ..errors import F4xError
+from .records import Record
+
+FEW = 32
+"""So many ids are written as a list; more are packed."""
+
+
+class Select(Record):
+    """Base of the kinds of selections."""
+
+    KEY = "by"
+
+
+@dataclass(frozen=True)
+class All(Select):
+    """Every Gaussian."""
+
+    TAG = "all"
+
+
+@dataclass(frozen=True)
+class Moving(Select):
+    """The Gaussians that are carried by the scaffold."""
+
+    TAG = "moving"
+
+
+@dataclass(frozen=True)
+class Current(Select):
+    """What the caller has selected at present: "it", "this", "the selection"."""
+
+    TAG = "current"
+
+
+@dataclass(frozen=True)
+class Named(Select):
+    """A selection that an earlier `name` operation of the stack stored."""
+
+    TAG = "named"
+    name: str
+    """As it was given."""
+
+
+@dataclass(frozen=True)
+class Ids(Select):
+    """Gaussians by id: a list, or packed. Make it with `Ids.of`; equal sets are equal records."""
+
+    TAG = "ids"
+    ids: tuple[int, ...] = ()
+    """In increasing order."""
+    first: int = 0
+    """Id of the first bit of `packed`."""
+    packed: str = ""
+    """Base64 of one bit per id from `first` on, the highest bit of a byte first."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be read."""
+        if self.ids and self.packed:
+            raise F4xError("ids and packed exclude one another; give one.")
+        if any(i < 0 or i >= 1 << 63 for i in (*self.ids, self.first)):
+            raise F4xError("an id is negative or no 64-bit number; give ids of the scene.")
+        try:
+            base64.b64decode(self.packed, validate=True)
+        except (binascii.Error, ValueError) as error:
+            raise F4xError("packed is no base64; write the selection anew.") from error
+
+    @classmethod
+    def of(cls, ids: np.ndarray) -> Ids:
+        """The selection of `ids (n,)` in any order, doubles dropped."""
+        ids = np.unique(np.asarray(ids, np.int64))
+        if len(ids) <= FEW or (ids[-1] - ids[0]) > 64 * len(ids):  # so thinly spread that the list is shorter
+            return cls(ids=tuple(ids.tolist()))
+        first = int(ids[0])
+        bits = np.zeros(int(ids[-1]) - first + 1, bool)
+        bits[ids - first] = True
+        return cls(first=first, packed=base64.b64encode(np.packbits(bits).tobytes()).decode())
+
+    @property
+    def array(self) -> np.ndarray:
+        """(n,) int64 ids in increasing order."""
+        if not self.packed:
+            return np.unique(np.array(self.ids, np.int64))
+        bits = np.unpackbits(np.frombuffer(base64.b64decode(self.packed), np.uint8))
+        return np.flatnonzero(bits) + self.first
+
+
+@dataclass(frozen=True)
+class Text(Select):
+    """What words mean, by the scene's feature field (`query.prompts.select_by_text`)."""
+
+    TAG = "text"
+    labels: tuple[str, ...]
+    """What is looked for; any of them."""
+    negatives: tuple[str, ...] | None = None
+    """What they are weighed against; None = the usual surroundings."""
+    threshold: float = 0.5
+    """Least probability, 0 to 1."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if not self.labels:
+            raise F4xError("labels is empty; give at least one word.")
+        if not 0 <= self.threshold <= 1:
+            raise F4xError(f"threshold is {self.threshold:g}; give a share from 0 to 1.")
+
+
+@dataclass(frozen=True)
+class Point(Select):
+    """The thing at a pixel of a clip frame."""
+
+    TAG = "point"
+    frame: int
+    """Clip frame."""
+    x: float
+    """Pixels from the left edge."""
+    y: float
+    """Pixels from the upper edge."""
+
+
+@dataclass(frozen=True)
+class Box(Select):
+    """The thing in a box of a clip frame."""
+
+    TAG = "box"
+    frame: int
+    """Clip frame."""
+    box: tuple[float, float, float, float]
+    """Left, top, right, bottom in pixels."""
+
+
+@dataclass(frozen=True)
+class Instance(Select):
+    """One of several separate things of a kind: "the left one", "the biggest car"."""
+
+    TAG = "instance"
+    of: SelectKind
+    """The kind."""
+    which: Literal["left", "right", "top", "bottom", "middle", "nearest", "farthest", "largest", "smallest"]
+    """Which one, seen through the clip's camera at `frame`."""
+    frame: int = 0
+    """Clip frame."""
+
+
+@dataclass(frozen=True)
+class And(Select):
+    """What all of them choose."""
+
+    TAG = "and"
+    of: tuple[SelectKind, ...]
+    """At least one."""
+
+
+@dataclass(frozen=True)
+class Or(Select):
+    """What any of them chooses."""
+
+    TAG = "or"
+    of: tuple[SelectKind, ...]
+    """At least one."""
+
+
+@dataclass(frozen=True)
+class Not(Select):
+    """Everything else."""
+
+    TAG = "not"
+    of: SelectKind
+    """What is left out."""
+
+
+SelectKind = Union[All, Moving, Current, Named, Ids, Text, Point, Box, Instance, And, Or, Not]  # noqa: UP007  # forward references
+"""Any selection."""
