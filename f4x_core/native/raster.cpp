@@ -62,13 +62,12 @@ constexpr float SLACK = 0.02f;                 // px added around ellipses so th
 // A projected Gaussian. With u = dx - slope dy, alpha = exp2(log2_opacity - (a u^2 + c dy^2)): completing the square
 // avoids the cancellation that the usual three-term form suffers for needles. The rows of the ellipse alpha = alpha_min
 // are |dy| <= reach, |u| <= half_width sqrt(1 - (dy/reach)^2); it is widest to the right at dy = tip.
-struct alignas(64) Splat {
+struct alignas(32) Hot {  // what alpha needs
     float x, y, a, slope, c, log2_opacity, reach, inverse_reach;
-    float half_width, tip, depth;
 };
 
-struct alignas(32) Hot {  // the first eight fields of Splat
-    float x, y, a, slope, c, log2_opacity, reach, inverse_reach;
+struct alignas(64) Splat : Hot {
+    float half_width, tip, depth;
 };
 
 // Where a splat's tiles are written down: rows row0 <= row < row1 (none where it is culled), one Span each from `span` on,
@@ -668,7 +667,7 @@ F4X_HOT void stage(const Problem& p, const State& s, const Tile& t, int64_t begi
         }
         const uint32_t i = s.entries[begin + k].splat;
         const Splat& splat = s.splats[i];
-        std::memcpy(&w.hot[k], &splat, sizeof(Hot));
+        w.hot[k] = splat;  // its Hot
         float* row = w.feature + size_t(k) * w.stride;
         const float* color = p.colors + int64_t(i) * p.channels;
         row[0] = splat.depth;
