@@ -12,7 +12,8 @@ from ..errors import F4xError
 from ..features.maps import FeatureMaps, read_maps
 from ..features.spectrum import WIDTHS
 from ..features.teachers import extract
-from ..fit.distil import DistilConfig, distil
+from ..fit.distil import distil
+from ..fit.distil_config import DistilConfig
 from ..fit.vocabulary import EVERYDAY, with_vocabulary
 from ..progress import Progress
 from ..scene import Scene, read_scene, write_scene

@@ -13,7 +13,7 @@ from ..errors import F4xError
 from ..features.models.providers import offer_models
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
-from ..fit.distil import DistilConfig
+from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import FitResult, fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress

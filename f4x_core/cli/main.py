@@ -19,7 +19,6 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 # What all figures of the project were measured at; a phone's full size would take a CPU a day.
 WIDTH = 480
-DISTIL_STEPS = 600
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
 ADVICE = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room there or choose another place"),
@@ -38,6 +37,7 @@ class Parser(argparse.ArgumentParser):
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser of every verb."""
+    from ..fit.distil_config import DistilConfig
     from ..raster import BACKENDS  # with numpy: where an early Ctrl-C is answered already
 
     parser = Parser(prog="f4x", description="From one video to a 4D scene that moves, in Blender too.")
@@ -123,7 +123,8 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument(
         "--width", dest="latent_width", default="auto", metavar="D", help="latent channels: auto, 8, 16, 32 or 64"
     )
-    sub.add_argument("--steps", type=int, default=DISTIL_STEPS, help=f"optimiser steps (default: {DISTIL_STEPS})")
+    steps = DistilConfig.steps
+    sub.add_argument("--steps", type=int, default=steps, help=f"optimiser steps (default: {steps})")
     sub.add_argument(
         "--vocabulary", metavar="FILE|WORDS", help="labels to store: words with commas, or a file with one per line"
     )

@@ -10,7 +10,7 @@ features of what covers it, and no head has to learn what "nothing" looks like. 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,6 +32,7 @@ from ..progress import Progress, silent
 from ..raster import RasterConfig
 from ..scene import FeatureField, FieldHead, Scene
 from ..scene.field import quantise
+from .distil_config import DistilConfig
 from .needs import Need
 
 COVERED = 0.5
@@ -43,43 +44,6 @@ PICTURE_SAMPLES = 20_000
 """Cells of all frames that the colours of feature pictures are fitted to."""
 LATENT_END, HEAD_END = 0.05, 0.05
 """Share of the learning rates that is left at the last step."""
-
-
-@dataclass(frozen=True)
-class DistilConfig:
-    """How features are distilled."""
-
-    width: int | None = None
-    """D, channels of the latent: 8, 16, 32 or 64; None asks the spectrum of the teachers."""
-    steps: int = 600
-    """Optimiser steps."""
-    frames_per_step: int = 2
-    """Frames that one step looks at."""
-    latent_rate: float = 0.02
-    """Adam's rate of latents, whose spread is about 1; falls along a cosine."""
-    head_rate: float = 3e-3
-    """Adam's rate of the heads; falls along a cosine."""
-    ssim: float = 0.1
-    """Weight of 1 - SSIM of the feature maps beside their relative L1."""
-    ssim_channels: int = 64
-    """A head with more channels has no SSIM term: it costs more there than the head itself."""
-    cosine: float = 0.0
-    """Weight of 1 - cosine between features, for heads that are read by direction."""
-    head_weights: Mapping[str, float] | None = None
-    """Weight of single heads in the loss by name; 1 where not named."""
-    keep: float = 1.0
-    """Weight of what the heads that the scene already has decode: the latent may move only where they do not see it. With
-    `math.inf` the latent does not move at all."""
-    feature_grad_to_skinning: bool = False
-    """Let features also move the skinning weights. Motion, and with it the picture, then changes."""
-    seed: int = 0
-    """Seed of everything random."""
-    threads: int = 0
-    """Threads of the raster; 0: all cores."""
-    backend: str = "auto"
-    """What draws."""
-    bits: int = 4
-    """Bits per channel of a stored latent, 4 or 8: a cell is the mean of so many Gaussians that rounding averages out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +149,8 @@ def distil(
     their `drift`, the relative change of what they decode. A head whose teacher is among `maps` is learnt anew.
 
     Raises:
-        F4xError: no maps, two of one name, maps of another number of frames, a width that is not 8, 16, 32 or 64, or one
-            that differs from the width of a field whose heads are kept.
+        F4xError: no maps, two of one name, maps of another number of frames, an odd width, or one that differs from the
+            width of a field whose heads are kept.
     """
     config = config or DistilConfig()
     return _Distillation(scene, maps, config, progress).run()
@@ -505,7 +469,7 @@ def _check(scene: Scene, maps: Sequence[FeatureMaps], config: DistilConfig) -> N
                 f"{each.folder}: maps of {len(each)} frames, the scene has {len(scene.cameras)}; extract them again from"
                 " the clip that the scene was fitted to, with the same --frames."
             )
-    if config.width not in (None, *WIDTHS):
-        raise F4xError(f"--width {config.width}: give auto, {', '.join(map(str, WIDTHS))}.")
+    if config.width is not None and (config.width < 2 or config.width % 2):
+        raise F4xError(f"--width {config.width}: a latent has an even number of channels, 2 at least.")
     if config.steps < 1:
         raise F4xError(f"--steps {config.steps}: give at least 1.")

@@ -3,6 +3,9 @@
 import json
 import re
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +18,8 @@ from f4x_core.cli import main
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.fit import pipeline
 from f4x_core.scene import read_scene
+
+ROOT = Path(__file__).parents[2]
 
 
 def write_frames(folder, frames):
@@ -171,3 +176,12 @@ def test_ctrl_c_is_announced_and_before_the_first_report_answered_at_once(capsys
         signal.raise_signal(signal.SIGINT)
         progress("flow", 1, 2)
     assert "press Ctrl-C again" in capsys.readouterr().err
+
+
+def test_help_waits_for_no_heavy_package():
+    script = (
+        "import sys; from f4x_core.cli.main import build_parser; build_parser();"
+        " print(sorted({'torch', 'scipy', 'cv2', 'transformers'} & sys.modules.keys()))"
+    )
+    told = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"

@@ -15,7 +15,8 @@ from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.pictures import fit_pca
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.features.spectrum import measure_spectrum
-from f4x_core.fit.distil import DistilConfig, distil, to_grid
+from f4x_core.fit.distil import distil, to_grid
+from f4x_core.fit.distil_config import DistilConfig
 from f4x_core.raster import RasterConfig, rasterize
 from f4x_core.scene import DynamicSet, StaticSet
 from f4x_core.scene.view import render
@@ -191,6 +192,13 @@ def test_static_and_empty_scenes(static):
     assert np.isfinite(after.features.decode("x", np.zeros((2, 8), np.float32))).all()
 
 
+def test_a_latent_may_be_as_wide_as_the_features_of_its_teachers(scene):
+    field = distil(scene, [maps_of(scene)], dataclasses.replace(CONFIG, width=512, steps=2)).features
+    assert field.width == 512 and field.decode(field.names[0], np.zeros(512, np.float32)).shape == (
+        field.heads[0].spec.dim,
+    )
+
+
 def test_what_cannot_be_distilled_is_told_in_one_sentence(scene, learnt):
     maps = maps_of(scene)
     with pytest.raises(F4xError, match="nothing to distil"):
@@ -199,8 +207,8 @@ def test_what_cannot_be_distilled_is_told_in_one_sentence(scene, learnt):
         distil(scene, [maps, maps], CONFIG)
     with pytest.raises(F4xError, match="maps of 2 frames, the scene has 6"):
         distil(scene, [dataclasses.replace(maps, stored=maps.stored[:2])], CONFIG)
-    with pytest.raises(F4xError, match="--width 12"):
-        distil(scene, [maps], dataclasses.replace(CONFIG, width=12))
+    with pytest.raises(F4xError, match="--width 13"):
+        distil(scene, [maps], dataclasses.replace(CONFIG, width=13))
     with pytest.raises(F4xError, match="read 8 channels"):
         distil(learnt[0], [maps_of(scene, "other")], dataclasses.replace(CONFIG, width=16))
 
