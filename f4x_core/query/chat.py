@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import base64
+import http.client
 import json
 import os
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Sequence
@@ -19,8 +21,16 @@ from ..errors import F4xError
 
 URL, KEY, MODEL = "F4X_CHAT_URL", "F4X_CHAT_KEY", "F4X_CHAT_MODEL"
 """Environment variables: base URL up to and with `/v1`, key, name of the model."""
-LARGEST = 1 << 24
+LARGEST = 1 << 20
 """Bytes of an answer that are read; more is no chat."""
+
+
+class ChatError(F4xError):
+    """A server did not answer as asked; `status` is its HTTP status, None where there was none."""
+
+    def __init__(self, sentence: str, status: int | None = None):
+        super().__init__(sentence)
+        self.status = status
 
 
 class _NoRedirect(urllib.request.HTTPRedirectHandler):
@@ -58,38 +68,54 @@ class ChatServer:
         return cls(url, os.environ.get(KEY, ""), os.environ.get(MODEL, "default"), timeout)
 
     def complete(self, messages: Sequence[dict[str, Any]], **more: Any) -> str:
-        """The text of the answer to `messages`; `more` goes into the request. F4xError says what the server did instead."""
+        """The text of the answer to `messages`; `more` goes into the request. ChatError says what the server did instead."""
         body = json.dumps({"model": self.model, "messages": list(messages), **more}).encode()
         headers = {"Content-Type": "application/json"}
         if self.key:
             headers["Authorization"] = f"Bearer {self.key}"
         request = urllib.request.Request(self.url.rstrip("/") + "/chat/completions", body, headers)
+        late = f"{self.url}: no answer within {self.timeout:g} seconds; try again, or ask for less at once."
+        end = time.monotonic() + self.timeout
         try:
             with urllib.request.build_opener(_NoRedirect).open(request, timeout=self.timeout) as reply:
-                answer = json.loads(reply.read(LARGEST))
-            text = answer["choices"][0]["message"]["content"]
+                read = bytearray()
+                while part := reply.read1(1 << 16):  # piece by piece: a server that drips would never time out
+                    read += part
+                    if len(read) > LARGEST:
+                        raise ChatError(
+                            f"{self.url}: the server's answer is larger than {LARGEST >> 20} MB; is it a chat?"
+                        )
+                    if time.monotonic() > end:
+                        raise ChatError(late)
+            text = json.loads(read)["choices"][0]["message"]["content"]
         except urllib.error.HTTPError as error:
-            said = error.read(LARGEST).decode(errors="replace").strip()
+            said = _complaint(error)
             hint = "; it seems to read text only, start it with a model that sees pictures" if "image" in said else ""
-            raise F4xError(
-                f"{self.url}: the server answered {error.code} ({said[:200] or error.reason}){hint}."
+            raise ChatError(
+                f"{self.url}: the server answered {error.code} ({said[:200] or error.reason}){hint}.", error.code
             ) from error
         except TimeoutError as error:
-            raise F4xError(
-                f"{self.url}: no answer within {self.timeout:g} seconds; try again or fewer frames."
-            ) from error
-        except (urllib.error.URLError, OSError) as error:
+            raise ChatError(late) from error
+        except (urllib.error.URLError, OSError, http.client.HTTPException) as error:
             reason = getattr(error, "reason", error)
             if isinstance(reason, TimeoutError):
-                raise F4xError(f"{self.url}: no answer within {self.timeout:g} seconds; try fewer frames.") from error
-            raise F4xError(f"{self.url}: the server cannot be reached ({reason}); is it running?") from error
-        except (ValueError, LookupError, TypeError) as error:
-            raise F4xError(
+                raise ChatError(late) from error
+            raise ChatError(f"{self.url}: the server cannot be reached ({reason}); is it running?") from error
+        except (ValueError, LookupError, TypeError, RecursionError) as error:
+            raise ChatError(
                 f"{self.url}: the server's answer is not the JSON of a chat; is the address right?"
             ) from error
         if not isinstance(text, str) or not text.strip():
-            raise F4xError(f"{self.url}: the server's answer is empty; ask again or choose another model.")
+            raise ChatError(f"{self.url}: the server's answer is empty; ask again or choose another model.")
         return text.strip()
+
+
+def _complaint(error: urllib.error.HTTPError) -> str:
+    """What a server wrote about its refusal, on one line; nothing when that cannot be read either."""
+    try:
+        return " ".join(error.read(LARGEST).decode(errors="replace").split())
+    except (OSError, http.client.HTTPException):
+        return ""
 
 
 def picture_part(picture: np.ndarray) -> dict[str, Any]:
