@@ -160,16 +160,22 @@ def append_edit(path: Path | str, record: Mapping[str, Any], next_id: int | None
     return len(edits)
 
 
-def write_edits(path: Path | str, edits: Sequence[Mapping[str, Any]], next_id: int | None = None) -> None:
+def write_edits(
+    path: Path | str,
+    edits: Sequence[Mapping[str, Any]],
+    next_id: int | None = None,
+    fields: Mapping[str, Any] | None = None,
+) -> None:
     """Replace the edit stack of the file at `path`, atomically (undo, reorder); `next_id` can only grow.
 
-    The last of two simultaneous writers wins. Raises F4xError and leaves the file as it was when anything is wrong.
+    `fields` are further fields of scene.json to be set, None takes one out. The last of two simultaneous writers wins. Raises F4xError and leaves the file as it was when anything is wrong.
     """
     path = Path(path)
     with _opened(path) as source:
         header = _read_header(source, path)
-    header["edits"] = list(edits)
-    header["next_id"] = max(header["next_id"], next_id or 0)
+    fields = fields or {}
+    header |= {"edits": list(edits), "next_id": max(header["next_id"], next_id or 0), **fields}
+    header = {name: value for name, value in header.items() if value is not None or name not in fields}
     text = _json_bytes(header, path)
     # The old file is closed before the rename: Windows does not replace an open one.
     with (

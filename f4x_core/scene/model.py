@@ -254,6 +254,11 @@ class Scene:
         """The larger SH degree of the two sets."""
         return spherical_harmonics.degree_of(self._constant["sh"].shape[1])
 
+    @property
+    def ids(self) -> np.ndarray:
+        """(N,) int64 ids in the order of `posed`."""
+        return self._constant["ids"]
+
     def posed(self, time: float) -> Posed:
         """Return all Gaussians at clip time `time` (frame index, float allowed).
 

@@ -1,0 +1,258 @@
+"""The edit stack: an ordered list of operations beside the untouched base arrays, and what was undone last.
+
+A stack is a value: every change gives a new one and has an exact inverse. In the file the edits are the list `edits` of
+scene.json, and what `redo` would bring back is the list `undone`, which is left out when it is empty: a scene whose edits
+are all undone and whose `undone` is dropped is byte for byte the scene before them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import F4xError
+from ..scene import Scene, read_header, write_edits
+from .operations import Operation, read_operation
+
+UNDONE = "undone"
+"""The field of scene.json with the undone edits, the one undone last at the end."""
+MOST_EDITS = 200
+"""Edits of one stack: each may read the one before it, so that they nest as deep as there are edits."""
+LONGEST_SAID = 2000
+"""Letters kept of what somebody said."""
+
+
+@dataclass(frozen=True)
+class Edit:
+    """An operation in a stack."""
+
+    operation: Operation
+    """What is done; its selections are ids, names, `all` or `moving`."""
+    id: int
+    """Unique in the stack, its undone edits included."""
+    enabled: bool = True
+    """False: skipped, but kept."""
+    said: str = ""
+    """The words it was made from."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if self.id < 1:
+            raise F4xError(f"id is {self.id}; number edits from 1.")
+        if len(self.said) > LONGEST_SAID:
+            raise F4xError(f"said has {len(self.said)} letters; keep at most {LONGEST_SAID}.")
+
+    @property
+    def title(self) -> str:
+        """How sentences call it: "edit 3 (recolour)"."""
+        return f"edit {self.id} ({self.operation.TAG})"
+
+    def to_json(self) -> dict[str, Any]:
+        """The operation's JSON with `id`, and with `enabled` and `said` where they say something."""
+        more: dict[str, Any] = {} if self.enabled else {"enabled": False}
+        return {**self.operation.to_json(), "id": self.id, **more, **({"said": self.said} if self.said else {})}
+
+    @classmethod
+    def from_json(cls, data: object, where: str) -> Edit:
+        """What `to_json` gave; F4xError begins with `where`."""
+        if not isinstance(data, Mapping):
+            raise F4xError(f"{where}: it is no JSON object; write {{...}}.")
+        rest = dict(data)
+        id, enabled, said = rest.pop("id", None), rest.pop("enabled", True), rest.pop("said", "")
+        if type(id) is not int or type(enabled) is not bool or type(said) is not str:
+            raise F4xError(f"{where}: it needs a whole number id; enabled is true or false and said is text.")
+        operation = read_operation(rest, where)
+        try:
+            return cls(operation, id, enabled, said)
+        except F4xError as error:
+            raise F4xError(f"{where}: {error}") from error
+
+
+@dataclass(frozen=True)
+class EditStack:
+    """Edits in the order in which they act, and what was undone."""
+
+    edits: tuple[Edit, ...] = ()
+    """First to last."""
+    undone: tuple[Edit, ...] = ()
+    """What `redo` brings back, its next one last. Gone as soon as something new is appended."""
+
+    def __post_init__(self) -> None:
+        """Refuse too many edits, and ids that occur twice."""
+        if len(self.edits) > MOST_EDITS:
+            raise F4xError(f"there are {len(self.edits)} edits; {MOST_EDITS} are the most, so `f4x bake` them first.")
+        ids = [edit.id for edit in (*self.edits, *self.undone)]
+        twice = next((id for id in ids if ids.count(id) > 1), None)
+        if twice is not None:
+            raise F4xError(f"the edit id {twice} occurs twice; give every edit its own.")
+
+    def __len__(self) -> int:
+        return len(self.edits)
+
+    def position(self, id: int) -> int:
+        """Index of the edit `id` in `edits`; F4xError where there is none."""
+        for index, edit in enumerate(self.edits):
+            if edit.id == id:
+                return index
+        raise F4xError(f"there is no edit {id}; the stack has {', '.join(str(e.id) for e in self.edits) or 'none'}.")
+
+    def append(self, operation: Operation, said: str = "") -> EditStack:
+        """The stack with one more edit, after which there is nothing to redo. Its inverse: `undo`."""
+        id = 1 + max((edit.id for edit in (*self.edits, *self.undone)), default=0)
+        return EditStack((*self.edits, Edit(operation, id, said=said[:LONGEST_SAID])))
+
+    def undo(self) -> EditStack:
+        """Without the last edit, which `redo` brings back; F4xError where there is none."""
+        if not self.edits:
+            raise F4xError("there is nothing to undo.")
+        return EditStack(self.edits[:-1], (*self.undone, self.edits[-1]))
+
+    def redo(self) -> EditStack:
+        """With the edit that was undone last; F4xError where there is none."""
+        if not self.undone:
+            raise F4xError("there is nothing to redo.")
+        return EditStack((*self.edits, self.undone[-1]), self.undone[:-1])
+
+    def enable(self, id: int, on: bool) -> EditStack:
+        """With the edit `id` switched on or off."""
+        return self._with(replace(self.edits[self.position(id)], enabled=on))
+
+    def replace(self, id: int, operation: Operation) -> EditStack:
+        """With another operation as edit `id`, in its place. Its inverse: `replace` by the old one."""
+        return self._with(replace(self.edits[self.position(id)], operation=operation))
+
+    def remove(self, id: int) -> EditStack:
+        """Without the edit `id`. Its inverse: `insert`."""
+        at = self.position(id)
+        return replace(self, edits=self.edits[:at] + self.edits[at + 1 :])
+
+    def insert(self, edit: Edit, at: int) -> EditStack:
+        """With `edit` at the index `at` (0 = first)."""
+        if not 0 <= at <= len(self.edits):
+            raise F4xError(f"{at} is no place in a stack of {len(self.edits)}; give 0 to {len(self.edits)}.")
+        return replace(self, edits=(*self.edits[:at], edit, *self.edits[at:]))
+
+    def move(self, id: int, to: int) -> EditStack:
+        """With the edit `id` at the index `to`. Its inverse: `move` back to its old index."""
+        edit = self.edits[self.position(id)]
+        return self.remove(id).insert(edit, to)
+
+    def _with(self, edit: Edit) -> EditStack:
+        at = self.position(edit.id)
+        return replace(self, edits=(*self.edits[:at], edit, *self.edits[at + 1 :]))
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """The list `edits` of scene.json."""
+        return [edit.to_json() for edit in self.edits]
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One edit that two stacks do not share, or hold differently."""
+
+    before: Edit | None
+    """As the first stack has it; None where it was added."""
+    after: Edit | None
+    """As the second has it; None where it was removed."""
+    at: int | None = None
+    """Its index in the second stack; None where it was removed."""
+
+
+def diff(a: EditStack, b: EditStack) -> tuple[Difference, ...]:
+    """What makes `b` of `a`, edit by edit: removed ones first, then, in the order of `b`, new, changed and moved ones.
+
+    `patched(a, diff(a, b))` has the edits of `b`; `diff(b, a)` is the inverse.
+    """
+    old = {edit.id: edit for edit in a.edits}
+    new = {edit.id for edit in b.edits}
+    gone = [Difference(edit, None) for edit in a.edits if edit.id not in new]
+    rest = [edit.id for edit in a.edits if edit.id in new]
+    changes = []
+    for at, edit in enumerate(b.edits):
+        if at >= len(rest) or rest[at] != edit.id or old[edit.id] != edit:
+            changes.append(Difference(old.get(edit.id), edit, at))
+        if edit.id in rest:
+            rest.remove(edit.id)
+        rest.insert(at, edit.id)
+    return (*gone, *changes)
+
+
+def patched(stack: EditStack, changes: Iterable[Difference]) -> EditStack:
+    """`stack` with the changes of a `diff` made; F4xError where an edit is not as the change expects it."""
+    for change in changes:
+        if change.before is not None:
+            at = stack.position(change.before.id)
+            if stack.edits[at] != change.before:
+                raise F4xError(f"{change.before.title} was changed in between; look at both versions and choose one.")
+            stack = stack.remove(change.before.id)
+        if change.after is not None:
+            assert change.at is not None
+            stack = stack.insert(change.after, change.at)
+    return stack
+
+
+def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
+    """`ours` with everything that `theirs` changed since `base`; F4xError names the edit that both changed differently.
+
+    New edits of theirs follow ours and get new ids where ours has taken theirs. Where both only reordered, ours holds.
+    """
+    was, mine, other = ({edit.id: edit for edit in stack.edits} for stack in (base, ours, theirs))
+    merged = ours
+    for id, old in was.items():
+        a, b = mine.get(id), other.get(id)
+        if b == old or a == b:
+            continue
+        if a != old:
+            told = "one side removed it, the other changed it" if a is None or b is None else "both changed it"
+            raise F4xError(f"{old.title}: {told}, each in its own way; choose one of them.")
+        merged = merged.remove(id) if b is None else merged._with(b)
+    if [edit.id for edit in ours.edits if edit.id in was] == [edit.id for edit in base.edits if edit.id in mine]:
+        order = {id: place for place, id in enumerate(other)}
+        kept = iter(sorted((e for e in merged.edits if e.id in was), key=lambda edit: order[edit.id]))
+        merged = EditStack(tuple(next(kept) if edit.id in was else edit for edit in merged.edits), merged.undone)
+    for edit in theirs.edits:
+        if edit.id not in was and edit not in merged.edits:
+            taken = [e.id for e in (*merged.edits, *merged.undone)]
+            merged = merged.insert(replace(edit, id=1 + max(taken)) if edit.id in taken else edit, len(merged))
+    return merged
+
+
+def of(scene: Scene) -> EditStack:
+    """The stack of a scene; F4xError names what cannot be read."""
+    return _read(scene.edits, scene.extra_fields.get(UNDONE, []), scene.name)
+
+
+def with_stack(scene: Scene, stack: EditStack) -> Scene:
+    """The scene, its base arrays shared, with another stack."""
+    fields = {name: value for name, value in scene.extra_fields.items() if name != UNDONE}
+    return replace(scene, edits=tuple(stack.to_json()), extra_fields={**fields, **_undone(stack)})
+
+
+def read_stack(path: Path | str) -> EditStack:
+    """The stack in a scene file, without reading its arrays."""
+    header = read_header(path)
+    return _read(header["edits"], header.get(UNDONE, []), str(path))
+
+
+def write_stack(path: Path | str, stack: EditStack) -> None:
+    """Put `stack` into a scene file, atomically; nothing else in it changes."""
+    write_edits(path, stack.to_json(), fields={UNDONE: None, **_undone(stack)})
+
+
+def _undone(stack: EditStack) -> dict[str, Any]:
+    return {UNDONE: [edit.to_json() for edit in stack.undone]} if stack.undone else {}
+
+
+def _read(edits: Sequence[object], undone: object, where: str) -> EditStack:
+    if not isinstance(undone, list | tuple):
+        raise F4xError(f"{where}: '{UNDONE}' is no list; take it out of scene.json.")
+    lists = [
+        tuple(Edit.from_json(data, f"{where}: {title} {number}") for number, data in enumerate(entries, 1))
+        for title, entries in (("edit", edits), ("undone edit", undone))
+    ]
+    try:
+        return EditStack(*lists)
+    except F4xError as error:
+        raise F4xError(f"{where}: {error}") from error
