@@ -12,6 +12,8 @@ from ..errors import F4xError
 from ..features.maps import FeatureMaps, read_maps
 from ..features.spectrum import WIDTHS
 from ..features.teachers import extract
+from ..features.text import TEXT_ENCODERS, find_text_encoder
+from ..features.weights import require_path
 from ..fit.distil import distil
 from ..fit.distil_config import DistilConfig
 from ..fit.vocabulary import EVERYDAY, with_vocabulary
@@ -32,6 +34,8 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         folder = args.features or args.scene.parent / "features"
         clip = clip_of_scene(scene, args.clip, args.frames, progress) if args.clip else None
         maps = [maps_of(scene, folder / name, name, clip, progress) for name in names]
+        for encoder in {each.spec.text_encoder for each in maps} - {None} if labels else ():
+            require_path(find_text_encoder(encoder).weights)  # before the work, not after it
         scene = distil(scene, maps, config, progress)
     return finished(scene, args.output or args.scene, names, labels)
 
@@ -46,13 +50,19 @@ def distill_into(
 
 
 def finished(scene: Scene, path: Path, names: Sequence[str], labels: Sequence[str]) -> dict[str, Any]:
-    """Add the vocabulary, write the scene, and tell what is in it; a head for words brings everyday ones along."""
-    assert scene.features is not None or labels
-    if scene.features is not None and not labels:
-        asked = {scene.features.spec(name).text_encoder for name in names} - {None}
-        labels = EVERYDAY if asked - scene.features.vocabularies.keys() else []
+    """Add the vocabulary, write the scene, and tell what is in it; a head for words brings everyday ones along, where its
+    text encoder is here."""
+    wordless: list[str] = []
     if labels:
         scene = with_vocabulary(scene, labels)
+    else:
+        field = scene.require_field()
+        new = sorted(
+            {encoder for name in names if (encoder := field.spec(name).text_encoder)} - field.vocabularies.keys()
+        )
+        here = [name for name in new if name in TEXT_ENCODERS and TEXT_ENCODERS[name].here]
+        scene = with_vocabulary(scene, EVERYDAY, encoders=here) if here else scene
+        wordless = [name for name in new if name not in here]
     assert scene.features is not None
     write_scene(scene, path)
     field, megabytes = scene.features, scene.info()["megabytes"]
@@ -61,6 +71,10 @@ def finished(scene: Scene, path: Path, names: Sequence[str], labels: Sequence[st
     lines = [f"{path}: latent of {field.width} channels, +{megabytes['features']:.1f} MB ({share:.0%} of the rest)"]
     lines += [f"  {name}: {_told(report)}" for name, report in heads.items()]
     lines += [f"  {encoder}: {len(words.labels)} labels" for encoder, words in field.vocabularies.items()]
+    lines += [
+        f"  {encoder}: no labels, that text encoder is not here; later `f4x distill {path} --vocabulary WORDS`"
+        for encoder in wordless
+    ]
     return {
         "scene": str(path),
         "width": field.width,

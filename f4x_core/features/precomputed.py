@@ -12,7 +12,7 @@ width of the features is known, it tells which axis is C; otherwise it is the la
 | layout | width | notes |
 |---|---|---|
 | `precomputed` | any | says what it is in `spec.json`; else its text encoder is unknown and it keeps its own grid up to LIMIT |
-| `lseg` | 512 | LSeg (ViT-L/16): kept at most LIMIT cells wide, unit length; its words are those of CLIP ViT-B/32 |
+| `lseg` | 512 | LSeg (ViT-L/16): kept at most LIMIT cells wide, unit length; its words are those of CLIP ViT-B/32 (`clip-b32`) |
 | `internvideo` | 1408 | InternVideo2 vision tower: 16x16 tokens a frame, or all in one (T*256+1, 1408) with the class token first |
 """
 
@@ -53,6 +53,10 @@ class Layout:
     """As in `FeatureSpec`."""
     normalise: bool = False
     """Bring every cell to unit length."""
+    text_encoder: str | None = None
+    """As in `FeatureSpec`."""
+    temperature: float | None = None
+    """As in `FeatureSpec`."""
     has_global: bool = False
     """A vector for the whole clip belongs to it."""
     provenance: dict[str, Any] = dataclasses.field(default_factory=dict)
@@ -62,7 +66,12 @@ class Layout:
 LAYOUTS = {
     "precomputed": Layout("precomputed"),
     "lseg": Layout(
-        "lseg", 512, normalise=True, provenance={"model": "LSeg ViT-L/16", "words": "CLIP ViT-B/32", "licence": "MIT"}
+        "lseg",
+        512,
+        normalise=True,
+        text_encoder="clip-b32",
+        temperature=0.07,  # its logits are cosines / 0.07, fixed in training (Li et al. 2022, eq. 2)
+        provenance={"model": "LSeg ViT-L/16", "words": "CLIP ViT-B/32", "licence": "MIT"},
     ),
     "internvideo": Layout(
         "internvideo", 1408, "area", has_global=True, provenance={"model": "InternVideo2", "licence": "Apache-2.0"}
@@ -105,6 +114,8 @@ class Precomputed:
             self.grid,
             layout.resize,
             layout.normalise,
+            layout.text_encoder,
+            layout.temperature,
             has_global=self.glob is not None,
             provenance={**layout.provenance, "source_grid": list(self.read(0).shape[:2])},
         )

@@ -11,6 +11,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from ..errors import F4xError
+from .weights import local_path
 
 
 class TextEncoder(Protocol):
@@ -39,6 +40,11 @@ class TextEncoderEntry:
     options: dict[str, Any] = field(default_factory=dict)
     """Further arguments of the factory."""
 
+    @property
+    def here(self) -> bool:
+        """Whether its weights are on this machine."""
+        return local_path(self.weights) is not None
+
     def load(self, path: Path | str | None = None) -> TextEncoder:
         """The encoder, its packages imported now; F4xError when they or the weights are absent."""
         return cast(TextEncoder, factory_of(self.factory)(model=path, **self.options))
@@ -49,17 +55,26 @@ TEXT_ENCODERS = {
     for entry in (
         TextEncoderEntry("minilm", "minilm", ".offline:MiniLm"),
         TextEncoderEntry("clip", "clip", ".models.textimage:TextImageEncoder", {"name": "clip"}),
+        # LSeg was trained with bare labels.
+        TextEncoderEntry(
+            "clip-b32", "clip-b32", ".models.textimage:TextImageEncoder", {"name": "clip-b32", "templates": ("{}",)}
+        ),
         TextEncoderEntry("tipsv2", "tipsv2", ".models.textimage:TextImageEncoder", {"name": "tipsv2"}),
     )
 }
 """Every text encoder by the name that specs use."""
 
 
-def load_text_encoder(name: str | None, path: Path | str | None = None) -> TextEncoder:
-    """The text encoder called `name`; F4xError when there is none or it is not installed."""
+def find_text_encoder(name: str | None) -> TextEncoderEntry:
+    """The entry called `name`; F4xError lists the known ones."""
     if name not in TEXT_ENCODERS:
         raise F4xError(f"There is no text encoder '{name}' here; known: {', '.join(TEXT_ENCODERS)}.")
-    return TEXT_ENCODERS[name].load(path)
+    return TEXT_ENCODERS[name]
+
+
+def load_text_encoder(name: str | None, path: Path | str | None = None) -> TextEncoder:
+    """The text encoder called `name`; F4xError when there is none or it is not installed."""
+    return find_text_encoder(name).load(path)
 
 
 def factory_of(reference: str) -> Callable[..., object]:

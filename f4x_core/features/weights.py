@@ -14,6 +14,8 @@ from .models import CHECKPOINTS, Checkpoint
 
 FETCHED = ("*.json", "*.safetensors", "*.txt", "*.model", "*.jinja")
 """What a checkpoint needs: configuration, weights, tokenizer; not the same weights in other formats."""
+OLDER = ("pytorch_model*.bin",)
+"""The weights of checkpoints that were published before safetensors; read as plain tensors only."""
 MODELS_FOLDER = "F4X_MODELS"
 """Environment variable: the folder for checkpoints, one sub-folder each; the cache of Hugging Face where it is not set."""
 
@@ -143,7 +145,11 @@ def fetch(name: str) -> Path:
     from huggingface_hub import snapshot_download
 
     try:
-        return Path(snapshot_download(entry.hub, local_dir=_own_folder(entry), allow_patterns=list(FETCHED)))
+        for patterns in (FETCHED, OLDER):
+            folder = Path(snapshot_download(entry.hub, local_dir=_own_folder(entry), allow_patterns=list(patterns)))
+            if any(folder.glob("*.safetensors")):
+                break
+        return folder
     except Exception as error:  # whatever the client of the day raises: no network, no such id, a gate, a full disk
         told = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
         raise F4xError(f"The model '{name}' ({entry.hub}) could not be fetched ({told}); try again later.") from error

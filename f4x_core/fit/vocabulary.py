@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -52,9 +52,12 @@ EVERYDAY = (
 
 
 def with_vocabulary(
-    scene: Scene, labels: Sequence[str], load: Callable[[str], TextEncoder] = load_text_encoder
+    scene: Scene,
+    labels: Sequence[str],
+    load: Callable[[str], TextEncoder] = load_text_encoder,
+    encoders: Iterable[str] | None = None,
 ) -> Scene:
-    """The scene with `labels` in the vocabulary of every text encoder that its heads name; words it had stay.
+    """The scene with `labels` in the vocabulary of `encoders`, by default all that its heads name; words it had stay.
 
     Raises F4xError: no label, a scene without a head that understands words, an encoder that is not installed.
     """
@@ -62,13 +65,13 @@ def with_vocabulary(
     if not labels:
         raise F4xError("The vocabulary has no label; give words, or a file with one label per line.")
     field = scene.require_field()
-    encoders = sorted({head.spec.text_encoder for head in field.heads if head.spec.text_encoder})
-    if not encoders:
+    named = sorted({head.spec.text_encoder for head in field.heads if head.spec.text_encoder})
+    if not named:
         raise F4xError(
             f"{scene.name}: no head of the scene understands words (it has {', '.join(field.names)}); distil `text` first."
         )
     vocabularies = dict(field.vocabularies)
-    for name in encoders:
+    for name in named if encoders is None else encoders:
         old = vocabularies.get(name, Vocabulary((), np.zeros((0, 0), np.float16)))
         new = [label for label in labels if label not in old.labels]
         if new:

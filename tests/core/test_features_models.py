@@ -16,8 +16,10 @@ from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
 from f4x_core.features.models import CHECKPOINTS, depth, loading, providers, sam2, smolvlm, textimage  # noqa: E402
 from f4x_core.features.models.prompt import check_prompt  # noqa: E402
+from f4x_core.features.precomputed import LAYOUTS  # noqa: E402
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor  # noqa: E402
 from f4x_core.features.teachers import TEACHERS  # noqa: E402
+from f4x_core.features.text import load_text_encoder  # noqa: E402
 from f4x_core.geometry.camera import CameraPath  # noqa: E402
 from f4x_core.priors import DepthConfig, Priors, PriorsConfig  # noqa: E402
 from f4x_core.priors.providers import find  # noqa: E402
@@ -360,6 +362,23 @@ def test_labels_are_averaged_over_templates_in_the_models_space(name, tiny):
     assert np.abs(found[0] - found[1]).max() > 1e-2
     with pytest.raises(F4xError, match="empty"):
         encoder.encode(["cat", " "])
+
+
+def test_lseg_is_asked_by_bare_words_of_its_own_clip(tmp_path, monkeypatch):
+    monkeypatch.setenv("F4X_MODELS", str(tmp_path))
+    with pytest.raises(F4xError, match=r"'clip-b32' is not on this machine \(605 MB\)"):
+        load_text_encoder("clip-b32")
+    tiny_models.tiny_clip(tmp_path / "clip", seed=0)  # ViT-B/16, another space
+    tiny_models.tiny_clip(tmp_path / "clip-b32", seed=1)
+    encoder = load_text_encoder(LAYOUTS["lseg"].text_encoder)
+    tokens = encoder.tokenizer(["cat"], return_tensors="pt")
+    with torch.no_grad():
+        alone = encoder.model.get_text_features(**tokens).pooler_output[0].numpy()
+    found = encoder.encode(["cat", "dog sky"])
+    assert found.shape == (2, encoder.dim)
+    assert np.abs(found[0] - alone / np.linalg.norm(alone)).max() <= 1e-5
+    assert np.abs(found - load_text_encoder("clip").encode(["cat", "dog sky"])).max() > 1e-2
+    assert np.array_equal(found, load_text_encoder("clip-b32", tmp_path / "clip-b32").encode(["cat", "dog sky"]))
 
 
 @pytest.mark.parametrize(("length", "starts"), [(4, [0]), (7, [0, 3]), (10, [0, 3, 6]), (11, [0, 3, 6, 7])])

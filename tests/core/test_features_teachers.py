@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import json
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -140,7 +141,7 @@ def test_an_unknown_teacher_is_told():
     with pytest.raises(F4xError, match="visual"):
         teachers.find_teacher("dino")
     with pytest.raises(F4xError, match="minilm"):
-        load_text_encoder("clip-b32")
+        load_text_encoder("word2vec")
 
 
 # --- teachers from packages ---
@@ -254,6 +255,7 @@ def test_lseg_takes_a_file_per_frame_in_either_order_of_axes(clip, tmp_path, end
     expected = frames[2].astype(np.float32) / np.linalg.norm(frames[2].astype(np.float32), axis=0)
     np.testing.assert_allclose(maps.at(2), np.moveaxis(expected, 0, -1), atol=1e-3)
     assert maps.spec.dim == 512 and maps.spec.normalised and maps.spec.provenance["source_grid"] == [6, 8]
+    assert (maps.spec.text_encoder, maps.spec.temperature) == ("clip-b32", 0.07)
 
 
 def test_large_maps_are_kept_smaller(clip, tmp_path):
@@ -356,6 +358,25 @@ def test_nothing_is_fetched_unless_asked(offline_hub, tmp_path, capsys):
     assert main(["models", "get", "clip"]) == 2
     assert "no network" in capsys.readouterr().err
     assert [hub for hub, _ in offline_hub] == ["openai/clip-vit-base-patch16"]
+
+
+@pytest.mark.parametrize("published", [["model.safetensors", "pytorch_model.bin"], ["pytorch_model.bin"]])
+def test_older_weights_are_fetched_where_there_are_no_others(monkeypatch, tmp_path, published):
+    import huggingface_hub
+
+    def snapshot(hub, local_files_only=False, local_dir=None, allow_patterns=()):
+        if local_files_only:
+            raise huggingface_hub.errors.LocalEntryNotFoundError("not here")
+        local_dir.mkdir(parents=True, exist_ok=True)
+        for name in ["config.json", "tf_model.h5", *published]:
+            if any(fnmatch(name, pattern) for pattern in allow_patterns):
+                (local_dir / name).touch()
+        return str(local_dir)
+
+    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot)
+    monkeypatch.setenv(weights.MODELS_FOLDER, str(tmp_path))
+    got = sorted(file.name for file in weights.fetch("clip-b32").iterdir())
+    assert got == ["config.json", published[0]]
 
 
 def test_a_folder_of_models_is_found(offline_hub, tmp_path, capsys):

@@ -30,6 +30,7 @@ CHECKPOINTS = {
         Checkpoint("sam2-large", "facebook/sam2.1-hiera-large", 898, "Apache-2.0", "sam2_video"),
         Checkpoint("tipsv2", "google/tipsv2-b14", 784, "CC-BY-4.0", "tipsv2"),
         Checkpoint("clip", "openai/clip-vit-base-patch16", 599, "MIT", "clip"),
+        Checkpoint("clip-b32", "openai/clip-vit-base-patch32", 605, "MIT", "clip"),
         Checkpoint("smolvlm-256m", "HuggingFaceTB/SmolVLM2-256M-Video-Instruct", 1026, "Apache-2.0", "smolvlm"),
         Checkpoint("smolvlm-500m", "HuggingFaceTB/SmolVLM2-500M-Video-Instruct", 2030, "Apache-2.0", "smolvlm"),
         Checkpoint("depth-anything", "depth-anything/Depth-Anything-V2-Small-hf", 99, "Apache-2.0", "depth_anything"),

@@ -9,7 +9,7 @@ model was trained on, and the unit vectors of the windows are averaged.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -125,18 +125,21 @@ class TextImageTeacher:
 
 
 class TextImageEncoder:
-    """Labels to unit vectors in the space of the teacher of the same name; averaged over `TEMPLATES`."""
+    """Labels to unit vectors in the space of the checkpoint `name`, of either architecture; averaged over `templates`."""
 
-    def __init__(self, model: str | Path | None = None, name: str = "tipsv2") -> None:
+    def __init__(
+        self, model: str | Path | None = None, name: str = "tipsv2", templates: Sequence[str] = TEMPLATES
+    ) -> None:
         weights = find(name, model)
-        self.name = name
-        self.model: Any = load(_CLASSES[name], weights)
+        kind = weights.entry.architecture
+        self.name, self.templates = name, templates
+        self.model: Any = load(_CLASSES[kind], weights)
         self.tokenizer = load_tokenizer(weights)
-        self.dim, self.temperature = _dim(name, self.model), _temperature(name, self.model)
+        self.dim, self.temperature = _dim(kind, self.model), _temperature(kind, self.model)
 
     def encode(self, labels: list[str]) -> np.ndarray:
         """Unit vectors (L,dim) float32; F4xError for an empty label."""
-        return average_templates(labels, TEMPLATES, self._embed)
+        return average_templates(labels, self.templates, self._embed)
 
     def _embed(self, sentences: list[str]) -> np.ndarray:
         """(n,dim) float32 of whole sentences, of any length."""
@@ -148,6 +151,7 @@ class TextImageEncoder:
 
 
 _CLASSES = {"tipsv2": transformers.Tipsv2Model, "clip": transformers.CLIPModel}
+"""By architecture, which for these two is also the teacher's name."""
 
 
 class _Reached(Exception):  # noqa: N818 - a signal, not an error
