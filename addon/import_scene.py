@@ -27,9 +27,9 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion, spherical_harmonics
 from ..f4x_core.scaffold.deformation import node_poses_at, pairs_of
 from ..f4x_core.scene import Scene, read_scene
+from ..f4x_core.scene.color import linear_from_srgb
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
-from .color import linear_from_srgb
 from .motion_nodes import build_motion_tree
 from .point_cloud import FLOAT4, new_point_cloud, write_attribute
 

@@ -24,8 +24,8 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ..f4x_core.errors import F4xError
+from ..f4x_core.scene.color import linear_from_srgb
 from .axes import camera_path
-from .color import linear_from_srgb
 from .render_settings import save_multilayer, save_png
 
 STATIC_INDEX, MOVING_INDEX = 1, 2  # object index pass

@@ -1,4 +1,4 @@
-"""Colours: the core speaks sRGB, Blender's sockets and attributes speak linear light."""
+"""Colours: the core speaks sRGB; Blender's attributes, glTF's COLOR_0 and USD's displayColor speak linear light."""
 
 import numpy as np
 
