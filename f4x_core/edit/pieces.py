@@ -1,0 +1,103 @@
+"""Separate things among Gaussians: which of a selection hang together, and which one is meant by "the left one"."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from ..geometry.camera import Camera
+from ..scene.model import Posed
+
+LINK = 2.0
+"""Gaussians hang together across so many of their median sizes (largest standard deviation)."""
+FINEST = 1 / 60
+"""… or across this share of the selection's extent, where that is more: sparse Gaussians leave gaps in a thing."""
+THING = 0.1
+"""A piece is a thing of its own when it is at least so large, relative to the largest; smaller ones are strays."""
+MOST_CELLS = 1 << 20
+"""Cells along an axis at most: three of them number a cell within 64 bits, however far a floater is."""
+INNER = (2, 98)
+"""Percentiles between which an extent is measured: floaters do not count."""
+
+
+def connected(points: np.ndarray, reach: float) -> np.ndarray:
+    """(n,) int piece of each of `points (n,3)`, numbered from 0: linked where their cells of width `reach` touch."""
+    reach = max(reach, float(np.ptp(points, axis=0).max()) / MOST_CELLS)
+    cells, cell_of = np.unique(np.floor(points / reach).astype(np.int64), axis=0, return_inverse=True)
+    span = cells.max(0) - (low := cells.min(0)) + 3  # a border of one cell, so that neighbours never wrap around
+    strides = np.array([span[1] * span[2], span[2], 1])
+    keys = (cells - low + 1) @ strides  # in increasing order, as `unique` sorts rows
+    label = np.arange(len(cells))
+    edges = []
+    for step in product((-1, 0, 1), repeat=3):
+        if step > (0, 0, 0):  # the other half are the same pairs
+            beside = keys + np.array(step) @ strides
+            place = np.minimum(np.searchsorted(keys, beside), len(keys) - 1)
+            edges.append(np.stack([label, place])[:, keys[place] == beside])
+    a, b = np.concatenate(edges, 1)
+    while (label[a] != label[b]).any():  # each root hooks onto a smaller one beside it, then paths are cut short
+        roots = np.sort(np.stack([label[a], label[b]]), axis=0)
+        np.minimum.at(label, roots[1], roots[0])
+        while (label[label] != label).any():
+            label = label[label]
+    return np.unique(label, return_inverse=True)[1][cell_of.ravel()]
+
+
+def things(posed: Posed, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Split the Gaussians `rows (n,)` int: (thing (n,) int from 0, the largest first; stray (n,) bool).
+
+    A stray belongs to the thing whose centre is nearest. Size is surface: opacity times the two largest deviations.
+    """
+    points = posed.means[rows]
+    sizes = np.sort(posed.scales[rows], axis=1)
+    surface = posed.opacities[rows] * sizes[:, 1] * sizes[:, 2] + 1e-12
+    low, high = np.percentile(points, INNER, axis=0)
+    reach = max(LINK * float(np.median(sizes[:, 2])), FINEST * float(np.linalg.norm(high - low)), 1e-6)
+    piece = connected(points, reach)
+    total = np.bincount(piece, surface)
+    order = np.argsort(-total, kind="stable")
+    large = order[total[order] >= THING * total.max()]
+    number = np.full(len(total), -1)
+    number[large] = np.arange(len(large))
+    thing = number[piece]
+    stray = thing < 0
+    if stray.any():
+        centres = centres_of(points[~stray], thing[~stray], surface[~stray])
+        far = np.linalg.norm(points[stray][:, None] - centres, axis=-1)
+        thing = thing.copy()
+        thing[stray] = far.argmin(1)
+    return thing, stray
+
+
+def which_thing(posed: Posed, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
+    """Those of the Gaussians `rows` that make up the thing `which` (see `selects.Instance`), seen through `camera`."""
+    thing, _ = things(posed, rows)
+    surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
+    pixels, depth = camera.project(centres_of(posed.means[rows], thing, surface))
+    aside = np.linalg.norm(pixels - np.array([camera.width, camera.height]) / 2, axis=-1)
+    least = {
+        "left": pixels[:, 0],
+        "right": -pixels[:, 0],
+        "top": pixels[:, 1],
+        "bottom": -pixels[:, 1],
+        "middle": aside,
+        "nearest": depth,
+        "farthest": -depth,
+        "largest": -np.bincount(thing, surface),
+        "smallest": np.bincount(thing, surface),
+    }[which]
+    in_front = depth > 0 if (depth > 0).any() else np.ones_like(depth, bool)
+    return rows[thing == np.where(in_front, least, np.inf).argmin()]
+
+
+def centres_of(points: np.ndarray, thing: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(k,3) float64 weighted means of `points (n,3)` by `thing (n,)`."""
+    total = np.bincount(thing, weights)
+    return np.stack([np.bincount(thing, weights * points[:, axis]) / total for axis in range(3)], 1)
+
+
+def width_along(points: np.ndarray, axis: np.ndarray) -> float:
+    """World units that `points (n,3)` extend along the unit vector `axis (3,)`, outliers left out."""
+    low, high = np.percentile(points @ axis, INNER)
+    return float(high - low)
