@@ -8,12 +8,14 @@
 | `global.npy` | (C,) float32 | where the spec says so: one vector for the whole clip |
 | `stored.json` | | `lost` (share of the variance that the projection dropped), `settings` (what the maps were made from) |
 
-A folder appears under its name only when it is complete. Torch-free.
+A folder appears under its name only when it is complete; until then it is called `.NAME.unfinished`. Torch-free.
 """
 
 from __future__ import annotations
 
+import io
 import json
+import math
 import os
 import shutil
 import tempfile
@@ -30,7 +32,7 @@ from ..errors import F4xError
 from ..progress import Progress, silent
 from .spec import FeatureSpec
 
-SPEC, STORED = "spec.json", "stored.json"
+SPEC, STORED, PLAN = "spec.json", "stored.json", "plan.json"
 HALF = "<f2"
 UNREADABLE = (ValueError, OSError, EOFError, tokenize.TokenError)
 """What numpy and json raise on damaged files."""
@@ -72,7 +74,7 @@ class FeatureMaps:
 def write_maps(
     folder: Path | str,
     spec: FeatureSpec,
-    frames: Iterable[np.ndarray],
+    frames: Iterable[np.ndarray] | Callable[[int], Iterable[np.ndarray]],
     count: int,
     rank: int | None = None,
     glob: np.ndarray | Callable[[], np.ndarray] | None = None,
@@ -83,34 +85,36 @@ def write_maps(
 
     `rank` keeps the k directions of largest variance over all cells and frames; below C it makes the files smaller.
     `glob` may be a function, called after the last frame. The folder takes its name when everything is written; an error
-    or a cancelled `progress` leaves whatever was there before. F4xError: wrong shapes or counts, values that are not
-    finite in float16, a full disk, a folder that holds something else.
+    or a cancelled `progress` leaves whatever was there before. Where `frames` is a function of the first frame wanted, what
+    was written stays beside it, and the next call with the same spec, count, rank and `settings` goes on from there; one
+    such call at a time. F4xError: wrong shapes or counts, values that are not finite in float16, a full disk, a folder that
+    holds something else.
     """
     rank = None if rank is None or rank >= spec.dim else rank
     if rank is not None and rank < 1:
         raise F4xError(f"rank {rank}: keep at least one direction of '{spec.name}'.")
-    stage = f"features {spec.name}"
-    with replace_folder(Path(folder), SPEC) as part:
-        written = part / ("full.npy" if rank else "maps.npy")
-        moments = _Moments(spec.dim) if rank else None
-        done = 0
-        progress(stage, 0, count)
-        with _array_file(written, (count, *spec.grid, spec.dim)) as file:
-            for frame in frames:
+    folder, stage = Path(folder), f"features {spec.name}"
+    unfinished = folder.with_name(f".{folder.name}.unfinished") if callable(frames) else None
+    with replace_folder(folder, SPEC, unfinished) as part:
+        _follow(part, {"spec": spec.to_json(), "count": count, "rank": rank, "settings": settings})
+        written, shape = part / ("full.npy" if rank else "maps.npy"), (count, *spec.grid, spec.dim)
+        done = _rows_in(written, shape)
+        progress(stage, done, count)
+        with _array_file(written, shape, done) as file:
+            for frame in frames(done) if callable(frames) else frames:
                 if done == count:
                     raise F4xError(f"{folder}: more than the {count} maps that the clip has frames.")
-                half = _checked(frame, spec, done)
-                file.write(half.tobytes())
-                if moments is not None:
-                    moments.add(half)
+                file.write(_checked(frame, spec, done).tobytes())
                 done += 1
                 progress(stage, done, count)
         if done != count:
             raise F4xError(f"{folder}: {done} maps for {count} frames; give one per frame of the clip.")
         lost = 0.0
-        if moments is not None and rank is not None:
+        if rank is not None:
+            full, moments = _load(written, mapped=True), _Moments(spec.dim)
+            for frame in full:
+                moments.add(frame)
             basis, mean, lost = moments.project(rank)
-            full = _load(written, mapped=True)
             with _array_file(part / "maps.npy", (count, *spec.grid, rank)) as file:
                 for t in range(count):
                     file.write(((full[t].astype(np.float32) - mean) @ basis.T).astype(HALF).tobytes())
@@ -126,6 +130,7 @@ def write_maps(
             np.save(part / "global.npy", vector, allow_pickle=False)
         _write_json(part / SPEC, spec.to_json())
         _write_json(part / STORED, {"lost": lost, "settings": settings or {}})
+        (part / PLAN).unlink()
     return read_maps(folder)
 
 
@@ -162,17 +167,20 @@ def stored_facts(folder: Path) -> dict[str, Any]:
 
 
 @contextmanager
-def replace_folder(folder: Path, mark: str) -> Iterator[Path]:
+def replace_folder(folder: Path, mark: str, unfinished: Path | None = None) -> Iterator[Path]:
     """Yield a temporary neighbour that becomes `folder` when the block ends well, in place of what was there.
 
     Only a folder that holds the file `mark`, or nothing, is replaced; anything else is an F4xError, as is a failing disk.
+    The neighbour is called `unfinished`, if given, and then stays when the block ends otherwise, but for a failing disk.
     """
     if folder.exists() and not (folder / mark).is_file() and (not folder.is_dir() or any(folder.iterdir())):
         raise F4xError(f"{folder} exists and holds something else; choose another folder.")
-    part = None
+    part, leave = unfinished, unfinished is not None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
+        if part is None:
+            part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
+        part.mkdir(exist_ok=True)
         yield part
         part.chmod(0o755)  # mkdtemp gives 0700
         old = part.with_suffix(".old")
@@ -181,11 +189,25 @@ def replace_folder(folder: Path, mark: str) -> Iterator[Path]:
         os.replace(part, folder)
         shutil.rmtree(old, ignore_errors=True)
     except OSError as error:
+        leave = False
         reason = error.strerror or str(error)
         raise F4xError(f"{folder}: cannot be written ({reason}); check the folder and the free space.") from error
     finally:
-        if part is not None:
+        if part is not None and not leave:
             shutil.rmtree(part, ignore_errors=True)
+
+
+def _follow(part: Path, plan: dict[str, Any]) -> None:
+    """Empty the folder `part` unless the run that began it had the same plan, and write the plan there."""
+    wanted = json.loads(json.dumps(plan))
+    try:
+        if _read_json(part / PLAN) == wanted:
+            return
+    except F4xError:
+        pass  # there is none, or half of one
+    for file in part.iterdir():
+        file.unlink()
+    _write_json(part / PLAN, wanted)
 
 
 class _Moments:
@@ -222,11 +244,32 @@ def _checked(frame: np.ndarray, spec: FeatureSpec, t: int) -> np.ndarray:
 
 
 @contextmanager
-def _array_file(path: Path, shape: tuple[int, ...]) -> Iterator[BinaryIO]:
-    """A float16 `.npy` file to append to; a mapping to write to would kill the process when the disk is full."""
-    with path.open("wb") as file:
-        np.lib.format.write_array_header_1_0(file, {"descr": HALF, "fortran_order": False, "shape": shape})
+def _array_file(path: Path, shape: tuple[int, ...], rows: int = 0) -> Iterator[BinaryIO]:
+    """A float16 `.npy` file to append to, behind the `rows` that it has; a mapping to write to would kill the process when
+    the disk is full."""
+    header = _header(shape)
+    with path.open("r+b" if rows else "wb") as file:
+        if not rows:
+            file.write(header)
+        file.truncate(len(header) + rows * _row_bytes(shape))
+        file.seek(0, os.SEEK_END)
         yield file
+
+
+def _rows_in(path: Path, shape: tuple[int, ...]) -> int:
+    """Whole rows that a run has left in the file, which may end in half of one."""
+    size = path.stat().st_size if path.is_file() else 0
+    return max(0, (size - len(_header(shape))) // _row_bytes(shape))
+
+
+def _header(shape: tuple[int, ...]) -> bytes:
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(buffer, {"descr": HALF, "fortran_order": False, "shape": shape})
+    return buffer.getvalue()
+
+
+def _row_bytes(shape: tuple[int, ...]) -> int:
+    return math.prod(shape[1:]) * np.dtype(HALF).itemsize
 
 
 def _load(path: Path, mapped: bool = False) -> np.ndarray:

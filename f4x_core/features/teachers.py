@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, cast
@@ -129,7 +128,8 @@ def extract(
 
     Does nothing when `folder` holds maps of the same teacher, weights, frames and rank. `model` is a folder with the
     weights (or with the maps, of teachers that read files), a hub id, or the name of another checkpoint; `rank` as in
-    `write_maps`. A cancelled or failed run leaves what was there before.
+    `write_maps`. A cancelled or failed run leaves what was there before; the next one with the same settings goes on where
+    it stopped, but for teachers that need the whole clip.
     """
     import torch  # here, so that the registry can be listed without waiting for it
 
@@ -147,7 +147,7 @@ def extract(
     with torch.inference_mode():
         spec = teacher.spec_for(clip.width, clip.height)
         whole = getattr(teacher, "encode_clip", None)
-        frames: Iterator[np.ndarray] = whole(clip.frames) if whole else map(teacher.encode, clip.frames)
+        frames = whole(clip.frames) if whole else lambda first: map(teacher.encode, clip.frames[first:])
         return write_maps(
             folder, spec, frames, len(clip), rank, lambda: cast(Any, teacher).glob, progress, settings=settings
         )

@@ -137,6 +137,57 @@ def test_a_stopped_extract_leaves_the_maps_of_before(clip, means, tmp_path):
     assert Means.looks == 5  # the first three are still good
 
 
+class Slow(Means):
+    """The same one by one."""
+
+    encode_clip = None
+
+    def spec_for(self, width, height):
+        return FeatureSpec("means", 3, (2, 2))
+
+    def encode(self, rgb):
+        Means.looks += 1
+        return resize_map(picture_tensor(rgb, rgb.shape[:2]), (2, 2), "area")[0].permute(1, 2, 0).numpy()
+
+
+@pytest.mark.parametrize("rank", [None, 2])
+def test_a_stopped_extract_goes_on_where_it_stopped(clip, means, tmp_path, monkeypatch, rank):
+    monkeypatch.setattr(teachers, "factory_of", lambda reference: Slow)
+    extract(clip, "means", tmp_path / "whole", rank=rank)
+    Means.looks = 0
+
+    def stop(stage, done, total, message=""):
+        if done == 2:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        extract(clip, "means", tmp_path / "means", rank=rank, progress=stop)
+    assert Means.looks == 2 and not (tmp_path / "means").exists()
+    part = tmp_path / ".means.unfinished" / ("maps.npy" if rank is None else "full.npy")
+    part.write_bytes(part.read_bytes()[:-5])  # killed in the middle of the second map
+    maps = extract(clip, "means", tmp_path / "means", rank=rank)
+    assert Means.looks == 4
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["means", "whole"]
+    for file in (tmp_path / "whole").iterdir():
+        assert file.read_bytes() == (maps.folder / file.name).read_bytes()
+    assert len(list(maps.folder.iterdir())) == len(list((tmp_path / "whole").iterdir()))
+
+
+def test_what_was_begun_with_other_settings_is_not_continued(clip, means, tmp_path, monkeypatch):
+    monkeypatch.setattr(teachers, "factory_of", lambda reference: Slow)
+
+    def stop(stage, done, total, message=""):
+        if done == 2:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        extract(clip, "means", tmp_path / "means", progress=stop)
+    other = dataclasses.replace(clip, frames=255 - clip.frames)
+    maps = extract(other, "means", tmp_path / "means")
+    assert Means.looks == 5
+    np.testing.assert_allclose(maps.at(0)[0, 0], other.frames[0, :9, :16].mean((0, 1)) / 255, atol=1e-3)
+
+
 def test_an_unknown_teacher_is_told():
     with pytest.raises(F4xError, match="visual"):
         teachers.find_teacher("dino")
