@@ -8,13 +8,15 @@ operations before it left them, *posed* at the time that is looked at, so it hol
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, Union
 
 import numpy as np
 
 from ..errors import F4xError
-from .records import Record, read_record
+from .looks import LOOKS
+from .records import Record, near, read_record
 from .selects import SelectKind
 
 Vector = tuple[float, float, float]
@@ -22,6 +24,8 @@ Span = tuple[float, float | None]
 """First and last clip frame, both included; None = to the end of the clip."""
 Ease = Literal["linear", "smooth", "step"]
 
+LARGEST_NUMBER = 1e6
+"""World units, degrees or clip frames; nothing in a clip is farther, and float32 stays exact enough."""
 LARGEST_SCALE = 1e3
 """A size, speed or factor beyond it, or below its inverse, is a slip of the pen."""
 MOST_COPIES = 100
@@ -36,8 +40,15 @@ class Change(Record):
 
 
 def _check_span(frames: Span | None) -> None:
+    _check_numbers("frames", [frame for frame in frames or () if frame is not None])
     if frames is not None and frames[1] is not None and frames[0] > frames[1]:
         raise F4xError(f"frames {frames[0]:g} to {frames[1]:g} end before they start.")
+
+
+def _check_numbers(name: str, values: Iterable[float]) -> None:
+    for value in values:
+        if not abs(value) <= LARGEST_NUMBER:
+            raise F4xError(f"{name} holds {value:g}; give numbers up to {LARGEST_NUMBER:g}.")
 
 
 def _check_share(name: str, value: float, most: float = 1.0) -> None:
@@ -48,6 +59,11 @@ def _check_share(name: str, value: float, most: float = 1.0) -> None:
 def _check_scale(name: str, value: float) -> None:
     if not 1 / LARGEST_SCALE <= value <= LARGEST_SCALE:
         raise F4xError(f"{name} is {value:g}; give a number from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}.")
+
+
+def _check_name(name: str) -> None:
+    if not name.strip() or not all(c.isalnum() or c in " -_" for c in name):
+        raise F4xError(f"name is {name!r}; use letters, digits, spaces, - and _.")
 
 
 @dataclass(frozen=True)
@@ -147,6 +163,9 @@ class Transform(Change):
     def __post_init__(self) -> None:
         """Validate."""
         _check_scale("scale", self.scale)
+        _check_numbers("translate", self.translate)
+        _check_numbers("rotate", self.rotate)
+        _check_numbers("pivot", [] if isinstance(self.pivot, str) else self.pivot)
         _check_span(self.frames)
 
 
@@ -175,6 +194,10 @@ class Duplicate(Change):
         """Validate."""
         if not 1 <= self.count <= MOST_COPIES:
             raise F4xError(f"count is {self.count}; give 1 to {MOST_COPIES} copies.")
+        _check_numbers("offset", self.offset)
+        _check_numbers("time_shift", [self.time_shift])
+        if self.name:
+            _check_name(self.name)
 
 
 @dataclass(frozen=True)
@@ -190,6 +213,7 @@ class Freeze(Change):
 
     def __post_init__(self) -> None:
         """Validate."""
+        _check_numbers("at or until", [self.at, self.at if self.until is None else self.until])
         if self.until is not None and self.until < self.at:
             raise F4xError(f"until is {self.until:g}, before at, {self.at:g}.")
 
@@ -254,6 +278,8 @@ class Style(Change):
 
     def __post_init__(self) -> None:
         """Validate."""
+        if self.look not in LOOKS:
+            raise F4xError(f"there is no look {self.look!r}{near(self.look, LOOKS)}; known: {', '.join(LOOKS)}.")
         _check_share("strength", self.strength)
         _check_span(self.frames)
 
@@ -288,8 +314,7 @@ class Name(Change):
 
     def __post_init__(self) -> None:
         """Validate."""
-        if not self.name.strip() or not all(c.isalnum() or c in " -_" for c in self.name):
-            raise F4xError(f"name is {self.name!r}; use letters, digits, spaces, - and _.")
+        _check_name(self.name)
 
 
 Operation = Union[  # noqa: UP007  # read at run time

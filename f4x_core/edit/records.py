@@ -50,7 +50,7 @@ def read_record(family: Any, data: Any, where: str, depth: int = 0) -> Any:
         key = next(iter(members.values())).KEY
         tag = data.get(key)
         if not isinstance(tag, str) or tag not in members:
-            told = f"'{key}' is missing" if tag is None else f"{_short(tag)} is no {key}{_near(tag, members)}"
+            told = f"'{key}' is missing" if tag is None else f"{_short(tag)} is no {key}{near(tag, members)}"
             raise F4xError(f"{where}: {told}; known: {', '.join(members)}.")
         kind, data = members[tag], {name: value for name, value in data.items() if name != key}
         where = f"{where} ({tag})"
@@ -59,7 +59,7 @@ def read_record(family: Any, data: Any, where: str, depth: int = 0) -> Any:
     known, hints = {entry.name: entry for entry in fields(kind)}, _hints(kind)
     for name in data:
         if name not in known:
-            raise F4xError(f"{where}: '{name}' is unknown{_near(name, known)}; known: {', '.join(known) or 'nothing'}.")
+            raise F4xError(f"{where}: '{name}' is unknown{near(name, known)}; known: {', '.join(known) or 'nothing'}.")
     for name, entry in known.items():
         if entry.default is MISSING and name not in data:
             raise F4xError(f"{where}: '{name}' is missing; add it.")
@@ -86,7 +86,7 @@ def _value(hint: Any, value: Any, where: str, depth: int) -> Any:
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Literal:
         if value not in parts:
-            raise F4xError(f"{where} is {_short(value)}{_near(value, parts)}; use {', '.join(map(str, parts))}.")
+            raise F4xError(f"{where} is {_short(value)}{near(value, parts)}; use {', '.join(map(str, parts))}.")
         return value
     if origin in (Union, types.UnionType) and not all(_is_record(part) for part in parts):
         if value is None and type(None) in parts:
@@ -141,6 +141,7 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _near(name: Any, known: Any) -> str:
+def near(name: Any, known: Any) -> str:
+    """ ", near it is 'x'" where one of `known` is spelt like `name`, else nothing."""
     near = get_close_matches(str(name), [str(item) for item in known], 1, 0.6)
     return f", near it is '{near[0]}'" if near else ""

@@ -1,0 +1,418 @@
+"""A scene as its edits leave it, at any time, its base arrays untouched.
+
+`state(k, t)`, the Gaussians after k edits at time t, is made from `state(k-1, …)`: an edit alters rows, reads some of them at
+another moment (retiming) or appends copies of them. So edits compose in any order, without special cases. Rows never
+disappear. Where Gaussians are and what they look like are worked out apart: the latter mostly does not depend on time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry import quaternion, spherical_harmonics
+from ..scene import Posed, Scene, read_scene
+from . import colours
+from .looks import LOOKS
+from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Style, Transform, rotation_of
+from .rows import Rows, Step, steps_of
+from .stack import EditStack, of, with_stack
+from .warps import holds, progress
+
+MOST_MOMENTS = 512
+"""Moments of the base scene that one picture may need: every copy that lags needs its own, and stacks multiply."""
+KEPT_MOMENTS = 8
+"""Posed base scenes kept: what a freeze holds on to is read at every frame."""
+FARTHEST = 1e12
+"""World units; sizes and distances stay within float32 however often they are scaled."""
+BASE_PERCENTILE = 98
+"""The base of a thing is this percentile of its heights: a stray Gaussian below it does not count."""
+LOOKS_OF = (Recolour, Opacity, Delete, Extract, Style, Match)
+"""Operations that change what Gaussians look like; the others change where they are, or when."""
+
+
+class Placement(NamedTuple):
+    """Where n Gaussians are."""
+
+    means: np.ndarray
+    """(n,3) float32 world."""
+    quats: np.ndarray
+    """(n,4) float32 wxyz, unit."""
+    scales: np.ndarray
+    """(n,3) float32."""
+
+
+class Appearance(NamedTuple):
+    """What n Gaussians look like."""
+
+    opacities: np.ndarray
+    """(n,) float32 in [0, 1]."""
+    sh: np.ndarray
+    """(n,S,3) float32."""
+
+
+class Motion(NamedTuple):
+    """A similarity: x' = pivot + scale R (x - pivot) + translate."""
+
+    rotation: np.ndarray
+    """(4,) wxyz."""
+    scale: float
+    pivot: np.ndarray
+    """(3,) world."""
+    translate: np.ndarray
+    """(3,) world."""
+
+    def __call__(self, placed: Placement) -> Placement:
+        """The Gaussians moved; what does not change keeps its bits."""
+        turns, resizes = self.rotation[1:].any(), self.scale != 1
+        if not (turns or resizes or self.translate.any()):
+            return placed
+        means, quats, scales = placed.means.astype(np.float64), placed.quats, placed.scales
+        if turns or resizes:
+            means = self.pivot + self.scale * quaternion.rotate(self.rotation, means - self.pivot)
+        if turns:
+            quats = quaternion.normalize(quaternion.multiply(self.rotation, quats)).astype(np.float32)
+        if resizes:
+            scales = np.minimum(scales * self.scale, FARTHEST).astype(np.float32)
+        return Placement(np.clip(means + self.translate, -FARTHEST, FARTHEST).astype(np.float32), quats, scales)
+
+
+State = TypeVar("State", Placement, Appearance)
+Wanted = np.ndarray | slice
+"""Rows by index (n,), or `EVERY`."""
+EVERY = slice(None)
+
+
+class EditedScene(Scene):
+    """A scene as its enabled edits leave it. Whoever draws or asks takes it as any other scene.
+
+    `posed`, `ids`, `colors` and `latents` include copies; `static`, `dynamic` and `scaffold` are the base's. `Posed.dynamic`
+    says what moves by the scaffold or by an edit.
+    """
+
+    @property
+    def ids(self) -> np.ndarray:
+        """(N,) int64 ids in the order of `posed`: the base's, then copies edit by edit."""
+        return self.rows.ids
+
+    @property
+    def rows(self) -> Rows:
+        """What there is in the end."""
+        return self._program[1]
+
+    def posed(self, time: float) -> Posed:
+        """All Gaussians at clip time `time` (frame index, float allowed), copies last; N and order are the same always."""
+        self._moments.clear()
+        placed = self._placed(len(self.steps), time, EVERY)
+        seen = self._seen(len(self.steps), time, EVERY)
+        return Posed(*placed, *seen, ids=self.rows.ids, dynamic=self.rows.moves)
+
+    def latents(self) -> np.ndarray:
+        """(N,D) float32 latents of the feature field, in the order of `posed`; a copy has those of its original."""
+        return super().latents()[self.rows.origin]
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """The edits that do something."""
+        return self._program[0]
+
+    @cached_property
+    def _program(self) -> tuple[tuple[Step, ...], Rows]:
+        return steps_of(self, of(self).edits)
+
+    @cached_property
+    def _last(self) -> float:
+        return float(self.cameras.times[-1])
+
+    @cached_property
+    def _steady(self) -> int:
+        """So many edits from the first on leave looks that do not depend on time."""
+        timed = (isinstance(s.edit.operation, LOOKS_OF) and s.edit.operation.frames is not None for s in self.steps)
+        return next((depth for depth, is_timed in enumerate(timed) if is_timed), len(self.steps))
+
+    @cached_property
+    def _steady_looks(self) -> Appearance:
+        return self._worked_out(self._steady, 0.0, EVERY)
+
+    @cached_property
+    def _moments(self) -> set[float]:
+        """Moments that were looked at for the present picture."""
+        return set()
+
+    @cached_property
+    def _posed_base(self) -> dict[float, Posed]:
+        return {}
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, float], Any]:
+        """Pivots and tones by edit and time."""
+        return {}
+
+    def _base(self, time: float) -> Posed:
+        self._moments.add(time)
+        if len(self._moments) > MOST_MOMENTS:
+            raise F4xError(
+                f"{self.name}: its edits show more than {MOST_MOMENTS} moments in one picture; take some back or"
+                " `f4x bake` the scene."
+            )
+        kept = self._posed_base
+        if time not in kept:
+            while len(kept) >= KEPT_MOMENTS:
+                kept.pop(next(iter(kept)), None)
+            kept[time] = super().posed(time)
+        return kept[time]
+
+    def _placed(self, depth: int, time: float, rows: Wanted) -> Placement:
+        """Where `rows` are after `depth` edits at `time`."""
+        start = self._last_reader(depth)
+        if start:
+            state, copy = self._read(self._placed, start, time, rows)
+            operation = self.steps[start - 1].edit.operation
+            if isinstance(operation, Duplicate) and any(operation.offset):
+                shift = copy[:, None] * np.array(operation.offset)
+                state = state._replace(means=(state.means + shift).astype(np.float32))
+        else:
+            posed = self._base(time)
+            state = Placement(posed.means[rows], posed.quats[rows], posed.scales[rows])
+        for below in range(start, depth):
+            if isinstance(self.steps[below].edit.operation, Transform):
+                state = self._moved(below, time, rows, state)
+        return state
+
+    def _seen(self, depth: int, time: float, rows: Wanted) -> Appearance:
+        """What `rows` look like after `depth` edits at `time`."""
+        if depth == self._steady:
+            return Appearance(*(part[rows] for part in self._steady_looks))
+        return self._worked_out(depth, time, rows)
+
+    def _worked_out(self, depth: int, time: float, rows: Wanted) -> Appearance:
+        start = max(self._last_reader(depth), self._steady if depth > self._steady else 0)
+        if depth > start == self._steady:
+            state = self._seen(start, time, rows)
+        elif start:
+            state, _ = self._read(self._seen, start, time, rows, still=start <= self._steady)
+        else:
+            posed = self._constant
+            state = Appearance(posed["opacities"][rows], posed["sh"][rows])
+        for below in range(start, depth):
+            if isinstance(self.steps[below].edit.operation, LOOKS_OF):
+                state = self._dyed(below, time, rows, state)
+        return state
+
+    def _last_reader(self, depth: int) -> int:
+        """How many edits there are up to and with the last of the first `depth` that reads other rows or moments."""
+        return next((k for k in range(depth, 0, -1) if self.steps[k - 1].reads), 0)
+
+    def _read(
+        self, fetch: Callable[[int, float, Wanted], State], depth: int, time: float, rows: Wanted, still: bool = False
+    ) -> tuple[State, np.ndarray]:
+        """(What edit number `depth` reads for `rows`, put into their order; the number of each one's copy).
+
+        `still`: what is read is the same at all times.
+        """
+        step = self.steps[depth - 1]
+        own = np.arange(len(self._after(depth).ids))[rows]
+        when, below, copy = step.read(time, own)
+        if still:
+            when[:] = time
+        times, group = np.unique(when, return_inverse=True)
+        if len(times) < 2:
+            return fetch(depth - 1, float(times[0]) if len(times) else time, below), copy
+        members = [np.flatnonzero(group == number) for number in range(len(times))]
+        parts = [fetch(depth - 1, float(t), below[member]) for t, member in zip(times, members, strict=True)]
+        place = np.argsort(np.concatenate(members))
+        return type(parts[0])(*(np.concatenate(arrays)[place] for arrays in zip(*parts, strict=True))), copy
+
+    def _after(self, depth: int) -> Rows:
+        return self.steps[depth].before if depth < len(self.steps) else self.rows
+
+    def _moved(self, below: int, time: float, rows: Wanted, state: Placement) -> Placement:
+        step = self.steps[below]
+        moved = step.chosen[rows]
+        operation = step.edit.operation
+        assert isinstance(operation, Transform)
+        share = progress(operation.frames, operation.ease, time, self._last)
+        if share == 0 or not moved.any():
+            return state
+        motion = motion_of(operation, share, self.pivot(below, time, state if isinstance(rows, slice) else None))
+        return _put(state, moved, motion(Placement(*(part[moved] for part in state))))
+
+    def pivot(self, below: int, time: float, state: Placement | None = None) -> np.ndarray:
+        """(3,) the pivot of edit number `below` (0 = first), a transform, at `time`; `state`: all rows before it, if known."""
+        step = self.steps[below]
+        operation = step.edit.operation
+        assert isinstance(operation, Transform)
+        if not isinstance(operation.pivot, str):
+            return np.array(operation.pivot)
+        whom = step.chosen & ~step.before.gone
+        about = np.flatnonzero(whom if whom.any() else step.chosen)
+        if state is not None:
+            return pivot_of(operation.pivot, state.means[about])
+        return self._remember(below, time, lambda: pivot_of(operation.pivot, self._placed(below, time, about).means))
+
+    def _dyed(self, below: int, time: float, rows: Wanted, state: Appearance) -> Appearance:
+        step = self.steps[below]
+        operation, dyed = step.edit.operation, step.chosen[rows]
+        if not holds(operation.frames, time) or not dyed.any():
+            return state
+        if isinstance(operation, Delete | Extract):
+            return state._replace(opacities=np.where(dyed, np.float32(0), state.opacities))
+        if isinstance(operation, Opacity):
+            fainter = np.clip(state.opacities * np.float32(operation.factor), 0, 1)
+            return state._replace(opacities=np.where(dyed, fainter, state.opacities))
+
+        known = None
+        if has_tones(operation):
+            moment = time if below >= self._steady else 0.0
+            known = (
+                self._tones(step, lambda index: Appearance(*(part[index] for part in state)))
+                if isinstance(rows, slice)
+                else self._remember(below, moment, lambda: self._tones(step, lambda i: self._seen(below, time, i)))
+            )
+        return _put(state, dyed, dyed_by(operation, Appearance(*(part[dyed] for part in state)), known))
+
+    def _tones(self, step: Step, fetch: Callable[[np.ndarray], Appearance]) -> Any:
+        other = None if step.source is None else fetch(np.flatnonzero(step.source))
+        return tones_of(step.edit.operation, fetch(np.flatnonzero(step.chosen)), other)
+
+    def _remember(self, below: int, time: float, work: Callable[[], Any]) -> Any:
+        known = self._known
+        if (below, time) not in known:
+            value = work()
+            if len(known) > MOST_MOMENTS:
+                known.clear()
+            known[below, time] = value
+        return known[below, time]
+
+
+def edited(scene: Scene) -> Scene:
+    """The scene as its enabled edits leave it; a scene without edits is returned as it is. F4xError names a wrong edit."""
+    if isinstance(scene, EditedScene) or not scene.edits:
+        return scene
+    whole = EditedScene(**{entry.name: getattr(scene, entry.name) for entry in fields(scene)})
+    assert whole.rows is not None  # a wrong edit is told here and not at the first picture
+    return whole
+
+
+def base_of(scene: Scene) -> Scene:
+    """The scene with the same stack, of which nothing is applied: what `edited` took."""
+    if not isinstance(scene, EditedScene):
+        return scene
+    return Scene(**{entry.name: getattr(scene, entry.name) for entry in fields(scene)})
+
+
+def open_scene(path: Path | str, edits: bool = True) -> Scene:
+    """Read a scene file, with its edits unless told otherwise; F4xError says what is wrong and that it opens without."""
+    scene = read_scene(path)
+    if not edits:
+        return replace(scene, edits=())
+    try:
+        return edited(scene)
+    except F4xError as error:
+        raise F4xError(f"{path}: {str(error).rstrip('.')}; --without-edits opens it without.") from error
+
+
+def next_id(scene: Scene) -> int:
+    """The first Gaussian id that no copy of any edit has, disabled ones included: `first_id` of the next `duplicate`."""
+    everything = tuple(replace(edit, enabled=True) for edit in of(scene).edits)
+    ids = steps_of(scene, everything)[1].ids
+    return max(scene.next_id, int(ids.max(initial=-1)) + 1)
+
+
+def with_operations(scene: Scene, *operations: Operation, said: str = "") -> Scene:
+    """The edited scene with operations appended to its stack, ids for copies reserved where they are missing."""
+    scene = base_of(scene)
+    for operation in operations:
+        if isinstance(operation, Duplicate) and operation.first_id < 0:
+            operation = replace(operation, first_id=next_id(scene))
+        scene = with_stack(scene, of(scene).append(operation, said))
+    return edited(scene)
+
+
+def stack_of(scene: Scene, *operations: Operation, said: str = "") -> EditStack:
+    """The stack of `with_operations`, checked."""
+    return of(with_operations(scene, *operations, said=said))
+
+
+def motion_of(operation: Transform, share: float, pivot: np.ndarray) -> Motion:
+    """The similarity that a transform is when `share` of it has come, about `pivot (3,)`."""
+    return Motion(
+        quaternion.from_rotation_vector(share * rotation_of(operation.rotate)),
+        operation.scale**share,
+        pivot,
+        share * np.array(operation.translate),
+    )
+
+
+def pivot_of(kind: str, means: np.ndarray) -> np.ndarray:
+    """(3,) float64 the `centroid` (median) of `means (n,3)`, or its `base`: the lowest middle (y points down)."""
+    pivot = np.median(means, axis=0).astype(np.float64)
+    if kind == "base":
+        pivot[1] = np.percentile(means[:, 1], BASE_PERCENTILE)
+    return pivot
+
+
+def has_tones(operation: Operation) -> bool:
+    """Whether the colours of one Gaussian depend on those of the others it is chosen with."""
+    return isinstance(operation, Style | Match) or (isinstance(operation, Recolour) and operation.keep_luminance)
+
+
+def tones_of(operation: Operation, whom: Appearance, other: Appearance | None) -> Any:
+    """What an operation has to know of all the Gaussians it colours, and of those (`other`) that it takes colours from."""
+    rgb = colours.colours_of(whom.sh)
+    if other is not None:
+        theirs = colours.colours_of(other.sh)
+        return colours.moments_of(rgb, whom.opacities), colours.moments_of(theirs, other.opacities)
+    if isinstance(operation, Style):
+        visible = whom.opacities > 0
+        return colours.lights_of(rgb[visible] if visible.any() else rgb)
+    return colours.mean_of(colours.lab_from_rgb(rgb)[:, 0], whom.opacities)
+
+
+def dyed_by(operation: Operation, whom: Appearance, tones: Any) -> Appearance:
+    """The Gaussians with the colours that the operation gives them; `tones` of `tones_of`."""
+    assert isinstance(operation, Recolour | Style | Match)
+    rgb, share = colours.colours_of(whom.sh), operation.strength
+    if share == 0:
+        return whom
+    opacities, rest = whom.opacities, whom.sh[:, 1:]
+    # What depends on the direction is a change of colour about the DC's: a new colour is only seen without it.
+    faded = rest * np.float32(1 - share)
+    if isinstance(operation, Style):
+        look = LOOKS[operation.look]
+        goal, rest = colours.styled(rgb, look, *tones), faded
+        opacities = opacities * np.float32(1 + share * (look.opacity - 1))
+    elif isinstance(operation, Match):
+        goal = colours.matched(rgb, *tones)
+    elif operation.mode == "multiply":
+        goal = rgb * operation.rgb
+        rest = (rest * (1 + share * (np.array(operation.rgb) - 1))).astype(np.float32)
+    elif operation.mode == "add":
+        goal = rgb + operation.rgb
+    else:
+        target, rest = np.array(operation.rgb), faded
+        if operation.mode == "hue":
+            goal = colours.with_hue(rgb, target)
+        elif operation.keep_luminance:
+            goal = colours.painted(rgb, target, tones)
+        else:
+            goal = np.broadcast_to(target, rgb.shape)
+    dc = spherical_harmonics.dc_from_rgb(rgb + share * (goal - rgb)).astype(np.float32)
+    return Appearance(opacities, np.concatenate([dc[:, None], rest], axis=1))
+
+
+def _put(state: State, where: np.ndarray, values: State) -> State:
+    """`state` with the rows `where (n,) bool` replaced by `values`."""
+    if where.all():
+        return values
+    parts = []
+    for old, new in zip(state, values, strict=True):
+        parts.append(old.copy())
+        parts[-1][where] = new
+    return type(state)(*parts)

@@ -1,0 +1,100 @@
+"""Colour mathematics of edits, on the colours that Gaussians have in their SH: sRGB numbers, about [0, 1].
+
+Light, hue and saturation are those of OKLab (Ottosson 2020): L, a, b of a colour are linear in the cube roots of its cone
+responses, so that scaling all three darkens a colour as shade does, and equal steps look equal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry import spherical_harmonics
+from .looks import Look
+
+CONES_FROM_LINEAR = np.array(
+    [
+        [0.4122214708, 0.5363325363, 0.0514459929],
+        [0.2119034982, 0.6806995451, 0.1073969566],
+        [0.0883024619, 0.2817188376, 0.6299787005],
+    ]
+)
+LAB_FROM_CONES = np.array(
+    [
+        [0.2104542553, 0.7936177850, -0.0040720468],
+        [1.9779984951, -2.4285922050, 0.4505937099],
+        [0.0259040371, 0.7827717662, -0.8086757660],
+    ]
+)
+DARKEST = 1e-3
+"""OKLab light below which a colour has no hue that could be scaled."""
+LEAST_CONTRAST = 0.3
+"""A look is spread over the lights of a selection, but over no less than this, or noise would get all its colours."""
+TAILS = (2, 98)
+"""Percentiles between which the lights of a selection lie; a few odd Gaussians do not count."""
+WIDEST = 3.0
+"""A spread of colours is carried over by no larger factor, or the few tints of a grey thing would glare."""
+LEAST_SPREAD = 1e-3
+"""OKLab; a selection of one colour has no spread to be scaled."""
+
+
+def lab_from_rgb(rgb: np.ndarray) -> np.ndarray:
+    """OKLab (…,3) float64 of sRGB (…,3); numbers below 0 count as 0."""
+    rgb = np.maximum(np.asarray(rgb, np.float64), 0)
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return np.cbrt(linear @ CONES_FROM_LINEAR.T) @ LAB_FROM_CONES.T
+
+
+def rgb_from_lab(lab: np.ndarray) -> np.ndarray:
+    """sRGB (…,3) float64 of OKLab (…,3), clipped to [0, 1]."""
+    linear = np.clip((lab @ np.linalg.inv(LAB_FROM_CONES).T) ** 3 @ np.linalg.inv(CONES_FROM_LINEAR).T, 0, 1)
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def colours_of(sh: np.ndarray) -> np.ndarray:
+    """sRGB (n,3) float64 of `sh (n,S,3)` without what depends on the direction; it can leave [0, 1]."""
+    return spherical_harmonics.rgb_from_dc(sh[:, 0].astype(np.float64))
+
+
+def mean_of(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Mean over the rows of `values (n, …)` by `weights (n,) >= 0`; the plain one where all are 0."""
+    return np.average(values, 0, weights if weights.any() else None)
+
+
+def painted(rgb: np.ndarray, target: np.ndarray, light: np.ndarray | float) -> np.ndarray:
+    """sRGB (n,3): `target (3,)`, darkened and brightened as each of `rgb (n,3)` is darker or brighter than OKLab `light`."""
+    goal = lab_from_rgb(target)
+    return rgb_from_lab(lab_from_rgb(rgb)[:, :1] / np.maximum(light, DARKEST) * goal)
+
+
+def with_hue(rgb: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """sRGB (n,3): hue and saturation of `target (3,)` with the light of each of `rgb (n,3)`; black has no hue: grey."""
+    goal = lab_from_rgb(target)
+    if goal[0] < DARKEST:
+        goal = np.array([1.0, 0, 0])
+    return rgb_from_lab(lab_from_rgb(rgb)[:, :1] * goal / goal[0])
+
+
+def lights_of(rgb: np.ndarray) -> tuple[float, float]:
+    """Centre and range of the OKLab lights of `rgb (n,3)`, without their `TAILS`."""
+    low, high = np.percentile(lab_from_rgb(rgb)[:, 0], TAILS)
+    return (low + high) / 2, max(high - low, LEAST_CONTRAST)
+
+
+def styled(rgb: np.ndarray, look: Look, centre: float, extent: float) -> np.ndarray:
+    """sRGB (n,3): each of `rgb (n,3)` by its light on the ramp of `look`, which spans `extent` of light about `centre`."""
+    ramp = lab_from_rgb(np.array(look.ramp))
+    place = np.clip((lab_from_rgb(rgb)[:, 0] - centre) / extent + 0.5, 0, 1) * (len(ramp) - 1)
+    return rgb_from_lab(np.stack([np.interp(place, np.arange(len(ramp)), channel) for channel in ramp.T], -1))
+
+
+def moments_of(rgb: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation (3,) in OKLab of `rgb (n,3)` by `weights (n,)`."""
+    lab = lab_from_rgb(rgb)
+    mean = mean_of(lab, weights)
+    return mean, np.sqrt(mean_of((lab - mean) ** 2, weights))
+
+
+def matched(rgb: np.ndarray, own: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+    """sRGB (n,3): `rgb (n,3)` with moments `own` carried to those of `other`, channel by channel (Reinhard et al. 2001)."""
+    factor = np.where(own[1] < LEAST_SPREAD, 1, np.minimum(other[1] / np.maximum(own[1], LEAST_SPREAD), WIDEST))
+    return rgb_from_lab((lab_from_rgb(rgb) - own[0]) * factor + other[0])

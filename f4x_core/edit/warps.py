@@ -1,0 +1,79 @@
+"""Which moment an edit shows at a clip frame: the time maps of retiming operations, and how far a change has come."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from .operations import Duplicate, Ease, Freeze, Loop, Operation, Retime, Reverse, Span
+
+Warp = Callable[[float], float]
+"""Clip frame shown -> clip frame read."""
+
+
+def holds(frames: Span | None, time: float) -> bool:
+    """Whether `time` lies within `frames`, both ends included."""
+    return frames is None or frames[0] <= time <= (math.inf if frames[1] is None else frames[1])
+
+
+def progress(frames: Span | None, ease: Ease, time: float, last: float) -> float:
+    """How much of a transform there is at `time`, 0 to 1; a span without an end goes to `last`, the clip's last frame."""
+    if frames is None:
+        return 1.0
+    first, end = frames[0], max(last if frames[1] is None else frames[1], frames[0])
+    if ease == "step" or first == end:
+        return float(time >= first)
+    share = min(max((time - first) / (end - first), 0.0), 1.0)
+    return share * share * (3 - 2 * share) if ease == "smooth" else share
+
+
+def warp_of(operation: Operation, clip: tuple[float, float]) -> Warp | None:
+    """The time map of a retiming operation, None of any other; `clip` is its first and last frame."""
+    if isinstance(operation, Freeze):
+        return _freeze(operation)
+    if isinstance(operation, Retime):
+        return _retime(operation, clip)
+    if isinstance(operation, Reverse):
+        return _reverse(operation, clip)
+    return _loop(operation) if isinstance(operation, Loop) else None
+
+
+def lag_of(operation: Duplicate, copy: int, clip: tuple[float, float]) -> Warp:
+    """The time map of copy number `copy` (from 1): late by its shift, standing where it would leave the clip."""
+    shift, (first, last) = copy * operation.time_shift, clip
+    return (lambda time: min(max(time - shift, first), last)) if shift else (lambda time: time)
+
+
+def _freeze(operation: Freeze) -> Warp:
+    at, end = operation.at, math.inf if operation.until is None else operation.until
+    return lambda time: time if time <= at else at if time <= end else time - (end - at)
+
+
+def _retime(operation: Retime, clip: tuple[float, float]) -> Warp:
+    (first, last), speed = clip, operation.speed
+    begin, end = operation.frames or (first, None)
+    stop = math.inf if end is None else end
+
+    def warp(time: float) -> float:
+        if time <= begin:
+            return time
+        return min(begin + speed * (min(time, stop) - begin) + max(time - stop, 0.0), last)
+
+    return warp
+
+
+def _reverse(operation: Reverse, clip: tuple[float, float]) -> Warp:
+    begin, end = operation.frames or clip
+    end = clip[1] if end is None else end
+    # At the clip's end it goes on backwards, as every motion there goes on.
+    until = math.inf if end >= clip[1] else end
+    since = -math.inf if begin <= clip[0] else begin
+    return lambda time: begin + end - time if since <= time <= until else time
+
+
+def _loop(operation: Loop) -> Warp:
+    begin, end = operation.frames
+    if end is None:
+        return lambda time: time
+    # Every frame of the part is shown once in a round, the last one too.
+    return lambda time: time if time <= end else min(begin + (time - begin) % (end - begin + 1), end)
