@@ -1,0 +1,194 @@
+"""From what an operation says to what a stack holds: ids in place of words and prompts, world units in place of widths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from ..errors import F4xError
+from ..query.labels import Encode, ask_for, text_head
+from ..query.pixels import label_scores
+from ..query.prompts import select_by_box, select_by_points, select_by_text
+from ..query.selection import Selection
+from ..scene import Scene
+from .apply import EditedScene, edited, next_id
+from .operations import Duplicate, Freeze, Operation, Transform
+from .pieces import things, which_thing, width_along
+from .rows import Rows
+from .selects import And, Box, Current, Ids, Instance, Not, Or, Point, Select, SelectKind, Text
+
+NEAREST = 4
+"""Labels that are offered in place of one that is not there."""
+LOOKED_AT = 4096
+"""Gaussians, evenly spread, by which a refusal says what is in a scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """What "it" and "now" mean."""
+
+    selection: Selection | None = None
+    """What the caller has selected at present."""
+    frame: float = 0.0
+    """Clip frame that the caller looks at."""
+
+
+def resolve(scene: Scene, operation: Operation, context: Context, encode: Encode | None = None) -> Operation:
+    """`operation` as a stack holds it: it means the same whenever it is replayed on `scene` with its present edits.
+
+    Words, prompts, "it" and "the left one" become `Ids`; `All`, `Moving`, `Named` and combinations stay. `unit: size` becomes
+    world units by the selection's width, `axes: camera` the axes of the clip's camera, both at the first frame of the
+    operation's span, else at the present frame. `Duplicate.first_id` is reserved.
+
+    Raises F4xError: a word that nobody knows or nothing answers to, nothing selected, a time outside the clip.
+    """
+    return Resolver(context, encode).resolve(edited(scene), operation)
+
+
+class Resolver:
+    """`resolve` for several operations and candidates: what words mean is looked up once."""
+
+    def __init__(self, context: Context, encode: Encode | None = None):
+        self.context, self.encode = context, encode
+        self._found: dict[tuple[int, Select], Selection] = {}
+
+    def resolve(self, scene: Scene, operation: Operation, tidy: bool = False) -> Operation:
+        """As the function of this name; `tidy` leaves out pieces of what words mean that lie apart and are small."""
+        _check_times(scene, operation, self.context.frame)
+        changed: dict[str, Any] = {}
+        for entry in fields(operation):
+            value = getattr(operation, entry.name)
+            if isinstance(value, Select):
+                changed[entry.name] = self.select(scene, value, tidy)
+        rows = rows_of(scene, changed["select"])
+        if isinstance(operation, Transform | Duplicate):
+            changed |= self._in_the_world(scene, operation, rows)
+        if isinstance(operation, Duplicate):
+            changed["first_id"] = next_id(scene)
+        return replace(operation, **changed)
+
+    def select(self, scene: Scene, select: SelectKind, tidy: bool = False) -> SelectKind:
+        """The selection in ids, names, `all` and `moving`; F4xError where it is empty."""
+        found = self._rewrite(scene, select, tidy)
+        if not len(rows_of(scene, found)):
+            raise F4xError(self._nothing(scene, select))
+        return found
+
+    def selection(self, scene: Scene, text: Text) -> Selection:
+        """The scored selection of words, at their threshold."""
+        key = (len(scene.ids), replace(text, threshold=0.5))
+        if key not in self._found:
+            self._found[key] = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
+        return self._found[key].at_threshold(text.threshold)
+
+    def _rewrite(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
+        if isinstance(select, And | Or):
+            return replace(select, of=tuple(self._rewrite(scene, part, tidy) for part in select.of))
+        if isinstance(select, Not):
+            return Not(self._rewrite(scene, select.of, tidy))
+        if isinstance(select, Text):
+            rows = np.flatnonzero(self.selection(scene, select).chosen)
+            if tidy and len(rows):
+                rows = rows[~things(scene.posed(self.context.frame), rows)[1]]
+            return Ids.of(scene.ids[rows])
+        if isinstance(select, Point):
+            return Ids.of(select_by_points(scene, [(select.x, select.y)], select.frame).chosen_ids)
+        if isinstance(select, Box):
+            return Ids.of(select_by_box(scene, select.box, select.frame).chosen_ids)
+        if isinstance(select, Instance):
+            rows = rows_of(scene, self._rewrite(scene, select.of, tidy))
+            if not len(rows):
+                raise F4xError(self._nothing(scene, select.of))
+            time = float(select.frame)
+            return Ids.of(scene.ids[which_thing(scene.posed(time), rows, select.which, scene.cameras.at(time))])
+        if isinstance(select, Current):
+            return Ids.of(self._current(scene).chosen_ids)
+        return select
+
+    def _current(self, scene: Scene) -> Selection:
+        if self.context.selection is None:
+            raise F4xError("Nothing is selected, so nobody knows what 'it' is; name the thing, or select it first.")
+        return self.context.selection.for_ids(scene.ids)
+
+    def _in_the_world(self, scene: Scene, operation: Transform | Duplicate, rows: np.ndarray) -> dict[str, Any]:
+        """The fields of a transform or duplicate that speak of sizes and of the camera, in world units and axes."""
+        span = operation.frames if isinstance(operation, Transform) else None
+        time = span[0] if span else self.context.frame
+        axes = scene.cameras.at(time).camera_to_world[:3, :3]  # columns: right, down, forward
+        move = np.array(operation.translate if isinstance(operation, Transform) else operation.offset)
+        if operation.unit == "size" and move.any():
+            move = move * width_along(scene.posed(time).means[rows], axes[:, 0])
+        told: dict[str, Any] = {"unit": "world", "axes": "world"}
+        turn = axes if operation.axes == "camera" else np.eye(3)
+        if isinstance(operation, Duplicate):
+            return told | {"offset": _vector(turn @ move)}
+        return told | {"translate": _vector(turn @ move), "rotate": _vector(turn @ np.array(operation.rotate))}
+
+    def _nothing(self, scene: Scene, select: SelectKind) -> str:
+        """The sentence about a selection that holds no Gaussian."""
+        words = next((part for part in _parts(select) if isinstance(part, Text)), None)
+        if words is None or scene.features is None:
+            return f"{scene.name}: the selection is empty at this place in the edits; select something else."
+        best = float(self.selection(scene, words).scores.max(initial=0))
+        asked = ", ".join(words.labels)
+        near = list(dict.fromkeys([*get_close_matches(asked, labels_of(scene), 2), *self._there(scene)]))[:NEAREST]
+        near = [label for label in near if label not in words.labels]
+        hint = f"; nearest labels: {', '.join(near)}" if near else ""
+        return (
+            f"{scene.name}: nothing in the scene is called '{asked}' with a probability of {words.threshold:g} or more"
+            f" (best: {best:.2f}){hint}."
+        )
+
+    def _there(self, scene: Scene) -> list[str]:
+        """Labels of the vocabulary that most Gaussians answer to."""
+        labels = labels_of(scene)
+        if not labels:
+            return []
+        query = ask_for(scene, labels, [], encode=self.encode)
+        latents = scene.latents()
+        best = label_scores(query, latents[:: max(1, len(latents) // LOOKED_AT)]).argmax(1)
+        counts = np.bincount(best, minlength=len(labels))
+        return [query.labels[i] for i in np.argsort(-counts, kind="stable")[:NEAREST] if counts[i]]
+
+
+def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:
+    """(n,) int rows of `scene.posed` that a resolved selection means, without those that are deleted for good."""
+    rows = scene.rows if isinstance(scene, EditedScene) else Rows.of(scene)
+    return np.flatnonzero(rows.chosen(select) & ~rows.gone)
+
+
+def labels_of(scene: Scene) -> list[str]:
+    """The words of the scene's vocabulary; none where it knows no words."""
+    if scene.features is None or not any(head.spec.text_encoder for head in scene.features.heads):
+        return []
+    known = scene.features.vocabularies.get(text_head(scene).spec.text_encoder or "")
+    return [] if known is None else list(known.labels)
+
+
+def _parts(select: SelectKind) -> Iterator[SelectKind]:
+    """A selection and everything it is made of."""
+    yield select
+    of = getattr(select, "of", ())
+    for part in of if isinstance(of, tuple) else (of,):
+        yield from _parts(part)
+
+
+def _vector(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _check_times(scene: Scene, operation: Operation, frame: float) -> None:
+    """Raise F4xError for a time of `operation`, or a present frame, outside the clip."""
+    first, last = scene.cameras.times[[0, -1]]
+    span = getattr(operation, "frames", None) or ()
+    asked = (operation.at, operation.until) if isinstance(operation, Freeze) else span
+    for time in (*asked, frame):
+        if time is not None and not first <= time <= last:
+            raise F4xError(
+                f"{operation.TAG}: frame {time:g} lies outside the clip, whose frames are {first:g} to {last:g}."
+            )
