@@ -41,7 +41,7 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     result: dict[str, Any] = {
         "label": selection.label,
         "chosen": int(selection.chosen.sum()),
-        "static": int(selection.chosen[: len(scene.static)].sum()),
+        "static": int(selection.chosen[~scene.moving].sum()),
         "gaussians": len(selection.ids),
         "threshold": selection.threshold,
         "span": selection.span,

@@ -102,6 +102,11 @@ class EditedScene(Scene):
         return self.rows.ids
 
     @property
+    def moving(self) -> np.ndarray:
+        """(N,) bool in the order of `posed`: whether the scaffold or an edit moves a Gaussian."""
+        return self.rows.moves
+
+    @property
     def rows(self) -> Rows:
         """What there is in the end."""
         return self._program[1]

@@ -31,7 +31,7 @@ def lift_masks(
 
     `masks`: clip frame -> (H,W) shares in [0, 1], of any size. The share is 0 where the light is.
     """
-    inside, total = (np.zeros(len(scene.static) + len(scene.dynamic), np.float64) for _ in range(2))
+    inside, total = (np.zeros(len(scene.ids), np.float64) for _ in range(2))
     for done, (frame, mask) in enumerate(masks.items()):
         progress("light", done, len(masks))
         mask = np.asarray(mask, np.float32)

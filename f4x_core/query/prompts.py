@@ -165,8 +165,7 @@ def _stand_in_features(scene: Scene, backend: str) -> Callable[[int], np.ndarray
 
     def at(t: int) -> np.ndarray:
         camera, time = cameras[t].resized(STAND_IN_GRID, rows), float(cameras.times[t])
-        moving = np.arange(len(scene.static) + len(scene.dynamic)) >= len(scene.static)
-        values = {"moving": moving[:, None].astype(np.float32)}
+        values = {"moving": scene.moving[:, None].astype(np.float32)}
         drawn = render(scene, camera, time, ("rgb", "depth", "alpha"), backend, values=values)
         inverse = 1 / np.nan_to_num(drawn["depth"], nan=np.inf)
         numbers = np.concatenate([np.clip(drawn["rgb"], 0, 1), drawn["moving"], inverse[..., None]], -1)
@@ -207,5 +206,4 @@ def _selection(scene, scores, wins, threshold, span, label) -> Selection:
             raise F4xError(
                 f"The span {span[0]:g}:{span[1]:g} does not lie within the clip's frames, {first:g} to {last:g}."
             )
-    ids = np.concatenate([scene.static.ids, scene.dynamic.ids])
-    return Selection(ids, scores, wins, threshold, span, label)
+    return Selection(scene.ids, scores, wins, threshold, span, label)

@@ -160,7 +160,7 @@ def look(
     """What can be seen of `labels` in `views`, largest first; without labels, of what moves."""
     query = ask_for(scene, labels, None, None, encode) if labels else None
     names = list(query.labels[: query.targets]) if query else [THING]
-    moving = np.arange(len(scene.static) + len(scene.dynamic)) >= len(scene.static)
+    moving = scene.moving
     masks: list[np.ndarray] = []  # per view (n,H,W)
     places: list[np.ndarray] = []  # per view (n,3): centre of the moving part, NaN where there is none
     depths: list[np.ndarray] = []

@@ -259,6 +259,11 @@ class Scene:
         """(N,) int64 ids in the order of `posed`."""
         return self._constant["ids"]
 
+    @property
+    def moving(self) -> np.ndarray:
+        """(N,) bool in the order of `posed`: whether a Gaussian moves."""
+        return self._constant["dynamic"]
+
     def posed(self, time: float) -> Posed:
         """Return all Gaussians at clip time `time` (frame index, float allowed).
 
