@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from ..clip import Clip
 from ..clip.images import as_bytes
@@ -11,17 +11,14 @@ from ..errors import F4xError
 from ..geometry import trajectory
 from ..progress import Progress, silent
 from ..scene import Scene
-from ..scene.picture import colour_depth, colour_motion, depth_range
+from ..scene.picture import colour_depth, colour_motion, depth_range, labelled_grid
 from ..scene.view import render
 
 COLUMNS = ("input", "render", "new view", "depth", "motion")
-# Pixels: widest cell, gap between cells, height of the labels above and width of the frame numbers at the left.
-CELL_WIDTH, GAP, LABEL_HEIGHT, MARGIN = 320, 4, 26, 44
 # How far the new view is turned to the side, seen from the scene's centre (degrees).
 NEW_VIEW_DEGREES = 8.0
 # Motion colours are full at this percentile of the lengths that move at all, but never for less than a pixel.
 FULL_MOTION, LEAST_MOTION = 98, 1.0
-BACKGROUND, INK = (255, 255, 255), (40, 44, 52)
 
 
 def contact_sheet(
@@ -67,7 +64,7 @@ def contact_sheet(
         ]
         for index, view, new in zip(chosen, views, news, strict=True)
     ]
-    return _assemble(rows, [str(index) for index in chosen])
+    return labelled_grid(rows, [str(index) for index in chosen], COLUMNS)
 
 
 def _full_motion(motions: list[np.ndarray]) -> float:
@@ -75,24 +72,3 @@ def _full_motion(motions: list[np.ndarray]) -> float:
     lengths = np.linalg.norm(np.stack(motions), axis=-1)
     moving = lengths[lengths > LEAST_MOTION / 10]
     return max(float(np.percentile(moving, FULL_MOTION)), LEAST_MOTION) if moving.size else LEAST_MOTION
-
-
-def _assemble(rows: list[list[np.ndarray]], names: list[str]) -> Image.Image:
-    """Put pictures of one size (H,W,3) uint8 into a labelled grid; wide ones are shrunk to `CELL_WIDTH`."""
-    height, width = rows[0][0].shape[:2]
-    if width > CELL_WIDTH:
-        width, height = CELL_WIDTH, max(1, round(height * CELL_WIDTH / width))
-    step_x, step_y = width + GAP, height + GAP
-    sheet = Image.new("RGB", (MARGIN + len(COLUMNS) * step_x, LABEL_HEIGHT + len(rows) * step_y), BACKGROUND)
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(15)
-    for column, label in enumerate(COLUMNS):
-        draw.text((MARGIN + column * step_x + width / 2, LABEL_HEIGHT / 2), label, INK, font, anchor="mm")
-    for row, (cells, name) in enumerate(zip(rows, names, strict=True)):
-        top = LABEL_HEIGHT + row * step_y
-        draw.text((MARGIN - 2 * GAP, top + height / 2), name, INK, font, anchor="rm")
-        for column, cell in enumerate(cells):
-            picture = Image.fromarray(cell)
-            if picture.size != (width, height):
-                picture = picture.resize((width, height), Image.Resampling.BOX)
-            sheet.paste(picture, (MARGIN + column * step_x, top))
-    return sheet

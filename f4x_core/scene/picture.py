@@ -1,8 +1,17 @@
-"""False colours for what is not a colour: depth and motion. Give one range per clip, or the pictures flicker."""
+"""False colours for what is not a colour: depth and motion; and pictures side by side with labels.
 
-from collections.abc import Iterable
+Give one range of colours per clip, or the pictures flicker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 SPECTRUM = np.array(
     [
@@ -21,6 +30,11 @@ WHEEL_AT = np.array([0, 15, 21, 25, 36, 49, 55]) / 55
 WHEEL = np.array([(1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 1, 1), (0, 0, 1), (1, 0, 1), (1, 0, 0)], float)
 """Hues of directions in the proportions of the Middlebury flow wheel (Baker et al. 2011): right is red, down yellow,
 left cyan-blue, up violet."""
+
+CELL_WIDTH, GAP, LABEL_HEIGHT, MARGIN = 320, 4, 26, 44
+"""Pixels of a labelled grid: widest cell, gap between cells, height of the labels above, width of those at the left."""
+BACKGROUND, INK, MARK = (255, 255, 255), (40, 44, 52), (230, 120, 20)
+"""Colours of a labelled grid: paper, letters, and the frame of the marked column."""
 
 
 def depth_range(depths: Iterable[np.ndarray], outliers: float = 2.0) -> tuple[float, float]:
@@ -60,6 +74,40 @@ def colour_motion(motion: np.ndarray, largest: float) -> np.ndarray:
     colour = 1 - np.minimum(length, 1)[..., None] * (1 - hue)
     beyond = np.where(length > 1, 0.75, 1.0)
     return _bytes(colour * (beyond * known)[..., None])
+
+
+def labelled_grid(
+    rows: Sequence[Sequence[np.ndarray]],
+    row_names: Sequence[str],
+    column_names: Sequence[str],
+    marked: int | None = None,
+) -> Image.Image:
+    """Pictures of one size (H,W,3) uint8 in a grid with labels; wide ones are shrunk to `CELL_WIDTH`. Needs Pillow.
+
+    The column `marked` is framed.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    height, width = rows[0][0].shape[:2]
+    if width > CELL_WIDTH:
+        width, height = CELL_WIDTH, max(1, round(height * CELL_WIDTH / width))
+    step_x, step_y = width + GAP, height + GAP
+    sheet = Image.new("RGB", (MARGIN + len(column_names) * step_x, LABEL_HEIGHT + len(rows) * step_y), BACKGROUND)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(15)
+    if marked is not None:
+        left = MARGIN + marked * step_x - GAP
+        draw.rectangle((left, LABEL_HEIGHT - GAP, left + step_x + GAP - 1, sheet.height - 1), MARK)
+    for column, label in enumerate(column_names):
+        draw.text((MARGIN + column * step_x + width / 2, LABEL_HEIGHT / 2), label, INK, font, anchor="mm")
+    for row, (cells, name) in enumerate(zip(rows, row_names, strict=True)):
+        top = LABEL_HEIGHT + row * step_y
+        draw.text((MARGIN - 2 * GAP, top + height / 2), name, INK, font, anchor="rm")
+        for column, cell in enumerate(cells):
+            picture = Image.fromarray(cell)
+            if picture.size != (width, height):
+                picture = picture.resize((width, height), Image.Resampling.BOX)
+            sheet.paste(picture, (MARGIN + column * step_x, top))
+    return sheet
 
 
 def _ramp(position: np.ndarray, at: np.ndarray, colours: np.ndarray) -> np.ndarray:
