@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ..errors import F4xError
 
 if TYPE_CHECKING:
-    from ..scene import Scene
+    from ..scene.posing import Posable
 
 
 def path_argument(text: str) -> Path:
@@ -20,15 +20,16 @@ def path_argument(text: str) -> Path:
 
 
 def output_folder(args: argparse.Namespace) -> Path:
-    """The folder that a verb with `-o` writes into; for a file (`export --time`, `distill`), the one it lies in."""
+    """The folder that a verb with `-o` writes into; for a file (`export`, `distill`), the one it lies in."""
     if args.verb == "distill":
         return (args.output or args.scene).parent
     output: Path = args.output
     if args.verb != "export":
         return output
-    if (args.time is not None) != (output.suffix.lower() == ".ply"):
-        raise F4xError(f"-o {output}: give FILE.ply together with --time T, and a folder for all frames.")
-    return output if args.time is None else output.parent
+    from ..scene.formats import choose_format
+
+    _, is_file = choose_format(output, args.format, one_moment=args.time is not None)
+    return output.parent if is_file else output
 
 
 def listed_teachers(text: str, flag: str) -> list[str]:
@@ -61,7 +62,7 @@ def require_backend(name: str) -> None:
         raise F4xError(f"--backend {name} cannot run here ({reason}); use --backend auto or torch.")
 
 
-def require_time(scene: Scene, time: float, flag: str) -> None:
+def require_time(scene: Posable, time: float, flag: str) -> None:
     """Raise F4xError when `time`, given by `flag`, lies outside the clip of `scene`."""
     first, last = scene.cameras.times[[0, -1]]
     if not first <= time <= last:

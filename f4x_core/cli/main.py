@@ -39,6 +39,7 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of every verb."""
     from ..fit.distil_config import DistilConfig
     from ..raster import BACKENDS  # with numpy: where an early Ctrl-C is answered already
+    from ..scene.formats import FORMATS
 
     parser = Parser(prog="f4x", description="From one video to a 4D scene that moves, in Blender too.")
     parser.add_argument("--version", action="version", version=f"f4x {__version__}")
@@ -167,15 +168,18 @@ def build_parser() -> argparse.ArgumentParser:
     sub = verb("info", "What is in a scene file.")
     sub.add_argument("scene", type=path_argument)
 
-    sub = verb("export", "Write one frame, or all, as ordinary 3DGS PLY.")
-    sub.add_argument("scene", type=path_argument)
+    sub = verb("export", "Write a scene for other programs: PLY, .splat, glTF, USD, points.")
+    sub.add_argument("scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat) or a folder of numbered PLY")
     output_option(
         sub,
-        "FILE.ply|DIR",
+        "FILE|DIR",
         required=True,
-        help="with --time the file, which ends in .ply; else the folder for NAME_0000.ply, NAME_0001.ply, …",
+        help="FILE.ply, .splat or .glb with --time; FILE.usda for all frames; DIR for NAME_0000.ply, NAME_0001.ply, …",
     )
-    sub.add_argument("--time", type=float, metavar="T", help="clip frame to write, from 0; all frames when left out")
+    sub.add_argument("--format", choices=FORMATS, help="default: by the ending of FILE; ply for DIR")
+    moments = sub.add_mutually_exclusive_group()
+    moments.add_argument("--time", type=float, metavar="T", help="one clip frame, from 0; may lie between two")
+    moments.add_argument("--frames", metavar="A:B:S", help="first frame, end and step (default: all frames)")
 
     def path_options(sub: argparse.ArgumentParser) -> None:
         sub.add_argument(

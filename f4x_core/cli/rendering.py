@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from ..clip.read import frame_indices
 from ..clip.video import write_video
+from ..edit.apply import open_scene
 from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import trajectory
@@ -21,8 +23,9 @@ from ..query.labels import encode_labels
 from ..query.pixels import share_picture
 from ..query.prompts import select_by_text
 from ..scene import Scene, read_scene
+from ..scene.foreign import identify, open_any
+from ..scene.formats import choose_format, export
 from ..scene.picture import colour_depth, colour_motion, depth_range
-from ..scene.ply import export_frame, export_sequence
 from ..scene.view import COVERED, render
 from .checks import require_time
 
@@ -162,11 +165,14 @@ def feature_picture(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarr
 
 
 def run_export(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Write the scene at one time, or at every clip frame, as 3DGS PLY."""
-    scene = read_scene(args.scene)
+    """Write a scene, or splats of another program, at one time or at many in one of `FORMATS`."""
+    name, _ = choose_format(args.output, args.format, one_moment=args.time is not None)
+    scene = open_scene(args.scene) if identify(args.scene) == "scene" else open_any(args.scene)
     if args.time is not None:
         require_time(scene, args.time, f"--time {args.time:g}")
-        export_frame(scene, args.time, args.output)
-        return {"output": str(args.output), "text": str(args.output)}
-    files = export_sequence(scene, args.output, progress=progress)
-    return {"output": str(args.output), "files": len(files), "text": f"{args.output}: {len(files)} files"}
+        times = [args.time]
+    else:
+        times = scene.cameras.times[frame_indices(args.frames, len(scene.cameras), args.scene)].tolist()
+    files = export(scene, args.output, times, name, progress=progress)
+    told = str(args.output) if files == [args.output] else f"{args.output}: {len(files)} files"
+    return {"output": str(args.output), "format": name, "frames": len(times), "files": len(files), "text": told}

@@ -82,6 +82,11 @@ def _existing(source: Path) -> Path:
     return Path(os.path.abspath(source))  # so that "." has a name
 
 
+def frame_indices(frames: str | None, count: int, source: Path | str) -> np.ndarray:
+    """Return the indices that "first:end:step" picks among `count` frames; F4xError names `source` when it cannot."""
+    return _select(_parse_span(frames), count, Path(source))
+
+
 def _parse_span(text: str | None) -> slice:
     """Return the slice of "a:b:s", made of numbers >= 0 and a step >= 1."""
     if text is None:

@@ -1,4 +1,4 @@
-"""Standard 3DGS PLY files: a tolerant reader, an exact writer, and the scene as one file per frame.
+"""Standard 3DGS PLY files: a tolerant reader, an exact writer, and the scene at one moment.
 
 On disk: opacity is a logit, scale a natural logarithm, `f_rest_*` channel-major (all red, all green, all blue),
 rotation wxyz, SH directions in world axes. In memory: activated values, and SH in the Gaussian's own frame.
@@ -7,6 +7,8 @@ rotation wxyz, SH directions in world axes. In memory: activated values, and SH 
 from __future__ import annotations
 
 import re
+from collections import deque
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, Literal, NamedTuple
 
@@ -15,8 +17,7 @@ import numpy as np
 from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import quaternion, spherical_harmonics
-from ..progress import Progress, silent
-from .model import Scene
+from .posing import Posable, moment
 
 TYPE_NAMES = {
     "i1": ("char", "int8"),
@@ -88,8 +89,9 @@ def write_ply(
 def read_ply(path: Path | str) -> Splats:
     """Read a 3DGS PLY: any property order and type, comments, CRLF header, degree 0 to 4, normals or not.
 
-    SH is turned from world axes to each Gaussian's own frame, so `write_ply(path, *read_ply(path))` is a round trip.
-    Raises F4xError that says what the file is when it is no splat file, is ASCII, truncated or has impossible values.
+    Binary of either byte order, or ASCII. SH is turned from world axes to each Gaussian's own frame, so
+    `write_ply(path, *read_ply(path))` is a round trip. Raises F4xError that says what the file is when it is no splat
+    file, is truncated or has impossible values.
     """
     path = Path(path)
     vertices = read_properties(path)
@@ -124,18 +126,24 @@ def read_ply(path: Path | str) -> Splats:
 
 
 def read_properties(path: Path | str) -> np.ndarray:
-    """Return the vertices of a binary PLY as a structured array (N,), every property as it is on disk.
+    """Return the vertices of a PLY as a structured array (N,), every property as it is on disk.
 
-    `write_properties` writes it back bit for bit. Other elements are skipped. Raises F4xError.
+    `write_properties` writes it back bit for bit (ASCII numbers become their binary types). Other elements are
+    skipped. Raises F4xError.
     """
     path = Path(path)
     try:
         with path.open("rb") as file:
             order, elements = _read_header(file, path)
             for name, count, dtype in elements:
-                if name == "vertex":
-                    return _read_vertices(file, count, dtype.newbyteorder(order), path)
-                file.seek(count * dtype.itemsize, 1)
+                if order == "ascii":
+                    if name == "vertex":
+                        return _parse_vertices(file, count, dtype, path)
+                    deque(islice(file, count), maxlen=0)
+                else:
+                    if name == "vertex":
+                        return _read_vertices(file, count, dtype.newbyteorder(order), path)
+                    file.seek(count * dtype.itemsize, 1)
     except OSError as error:
         raise F4xError(f"{path}: cannot be read ({error.strerror or error})") from error
     raise F4xError(f"{path}: a PLY without vertices; choose a Gaussian-splat PLY")
@@ -153,41 +161,21 @@ def write_properties(path: Path | str, vertices: np.ndarray) -> None:
         file.write(packed.view(np.uint8).data)
 
 
-def export_frame(scene: Scene, time: float, path: Path | str) -> None:
-    """Write the scene as it stands at clip time `time` as one 3DGS PLY."""
-    posed = scene.posed(time)
+def export_frame(scene: Posable, time: float, path: Path | str, transform: np.ndarray | None = None) -> None:
+    """Write what is visible of the scene at clip time `time` as one 3DGS PLY.
+
+    `transform`: a 4x4 similarity in the scene's axes (an object's matrix in a modelling program), baked into position,
+    rotation, scale and harmonics. Raises F4xError.
+    """
+    posed = moment(scene, time, transform)
     write_ply(path, posed.means, posed.quats, posed.scales, posed.opacities, posed.sh)
 
 
-def export_sequence(
-    scene: Scene, folder: Path | str, times: list[float] | None = None, progress: Progress = silent
-) -> list[Path]:
-    """Write `name_0000.ply`, ... into `folder` (made if absent), one per time, and return their paths.
-
-    `times`: clip times; every clip frame when None. The shared prefix with a zero-padded number is what splat editors
-    recognise as a sequence. Raises F4xError when the disk refuses.
-    """
-    folder = Path(folder)
-    times = [float(time) for time in scene.cameras.times] if times is None else times
-    prefix = re.sub(r"[^\w-]+", "_", scene.name).strip("_") or "scene"
-    digits = max(4, len(str(len(times) - 1)))
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise F4xError(f"{folder}: this folder cannot be made ({error.strerror}); choose another one") from error
-    paths = [folder / f"{prefix}_{number:0{digits}d}.ply" for number in range(len(times))]
-    for done, (time, path) in enumerate(zip(times, paths, strict=True)):
-        progress("export", done, len(times), path.name)
-        export_frame(scene, time, path)
-    progress("export", len(times), len(times))
-    return paths
-
-
-def _read_header(file: BinaryIO, path: Path) -> tuple[Literal["<", ">"], list[tuple[str, int, np.dtype]]]:
-    """Return the byte order and (name, count, dtype of one row) of every element up to the vertices."""
+def _read_header(file: BinaryIO, path: Path) -> tuple[Literal["<", ">", "ascii"], list[tuple[str, int, np.dtype]]]:
+    """Return the byte order, or "ascii", and (name, count, dtype of one row) of every element up to the vertices."""
     if file.readline(8).rstrip(b"\r\n") != b"ply":
         raise F4xError(f"{path}: not a PLY file; choose a Gaussian-splat PLY")
-    order: Literal["", "<", ">"] = ""
+    order: Literal["", "<", ">", "ascii"] = ""
     left = MAX_HEADER_BYTES
     elements: list[tuple[str, int, list[tuple[str, str]]]] = []
     while left > 0:
@@ -200,7 +188,7 @@ def _read_header(file: BinaryIO, path: Path) -> tuple[Literal["<", ">"], list[tu
             case [] | ["comment" | "obj_info", *_]:
                 pass
             case ["format", "ascii", *_]:
-                raise F4xError(f"{path}: an ASCII PLY; save it as binary PLY (little endian)")
+                order = "ascii"
             case ["format", "binary_little_endian" | "binary_big_endian" as name, *_]:
                 order = "<" if name == "binary_little_endian" else ">"
             case ["element", name, count] if count.isdecimal() and len(count) < 13:
@@ -231,6 +219,27 @@ def _read_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> n
         raise F4xError(f"{path}: truncated, it promises {count} splats and holds {held}; copy or export it again")
     file.seek(start)
     return np.fromfile(file, dtype, count)
+
+
+def _parse_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> np.ndarray:
+    """The rows of an ASCII PLY, one line each."""
+    names = dtype.names or ()
+    body = file.read()
+    promised = f"{path}: truncated, it promises {count} splats"
+    if count * 2 * len(names) > len(body) + 1:  # a digit and a space each: before any memory is taken
+        raise F4xError(f"{promised} and holds fewer; copy or export it again")
+    lines = body.split(b"\n", count)[:count] if names else []
+    try:
+        # The flat parser is several times quicker than one that knows columns; it reads nan and inf as well.
+        numbers = np.array(b" ".join(lines).split(), np.float64)
+    except ValueError as error:
+        raise F4xError(f"{path}: holds something other than numbers among its splats; export it again") from error
+    if len(numbers) != count * len(names):
+        raise F4xError(f"{promised} of {len(names)} numbers and holds {len(numbers)}; copy or export it again")
+    rows = np.empty(count, dtype)
+    for name, column in zip(names, numbers.reshape(count, len(names)).T, strict=True):
+        rows[name] = column
+    return rows
 
 
 def _what_it_is(names: tuple[str, ...], missing: list[str]) -> str:

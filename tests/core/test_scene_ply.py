@@ -11,7 +11,6 @@ from f4x_core.geometry import quaternion, spherical_harmonics
 from f4x_core.scene.ply import (
     REQUIRED,
     export_frame,
-    export_sequence,
     read_ply,
     read_properties,
     write_ply,
@@ -84,19 +83,23 @@ def dialect(path, order="<", kind="double", newline="\n", leading="", shuffle=Tr
     if shuffle:
         names = [names[i] for i in np.random.default_rng(0).permutation(len(names))]
     code = {"double": "f8", "float32": "f4"}[kind]
-    packed = np.empty(len(vertices), [(name, order + code) for name in names])
+    packed = np.empty(len(vertices), [(name, order.strip("asci") + code) for name in names])
     for name in names:
         packed[name] = vertices[name]
     lines = [
         "ply",
-        f"format binary_{'little' if order == '<' else 'big'}_endian 1.0",
+        {"<": "format binary_little_endian 1.0", ">": "format binary_big_endian 1.0"}.get(order, "format ascii 1.0"),
         "comment made elsewhere",
         leading,
     ]
     lines += ["obj_info x", f"element vertex {len(packed)}", *(f"property {kind} {name}" for name in names)]
     lines += ["element face 0", "property list uchar int vertex_indices", "end_header"]
     skipped = np.zeros(3, "<f4").tobytes() if leading else b""
-    path.write_bytes((newline.join(line for line in lines if line) + newline).encode() + skipped + packed.tobytes())
+    body = skipped + packed.tobytes()
+    if order == "ascii":
+        rows = [["0"]] * 3 * bool(leading) + [list(map(repr, row.tolist())) for row in packed]
+        body = (newline.join(map(" ".join, rows)) + newline).encode()
+    path.write_bytes((newline.join(line for line in lines if line) + newline).encode() + body)
 
 
 @pytest.mark.parametrize(
@@ -105,6 +108,8 @@ def dialect(path, order="<", kind="double", newline="\n", leading="", shuffle=Tr
         {},
         {"kind": "float32"},
         {"order": ">"},
+        {"order": "ascii"},
+        {"order": "ascii", "newline": "\r\n", "leading": "element camera 3\nproperty float f"},
         {"newline": "\r\n"},
         {"leading": "element camera 3\nproperty float f"},
     ],
@@ -165,7 +170,16 @@ WRONG = {
     "compressed splat PLY": points(["packed_position", "packed_rotation"]),
     "5 f_rest": points([*REQUIRED, *(f"f_rest_{i}" for i in range(5))]),
     "9 f_rest": points([*REQUIRED, *(f"f_rest_{i}" for i in range(1, 10))]),
-    "ASCII PLY": text("ply", "format ascii 1.0", "element vertex 1", "property float x", "end_header", "1"),
+    "promises 3 splats of 2 numbers and holds 5": text(
+        *("ply", "format ascii 1.0", "element vertex 3", "property float x", "property float y", "end_header"),
+        *("1.5 2.5", "3.5 4.5", "5.5"),
+    ),
+    "promises 999999999999 splats and holds fewer": text(
+        "ply", "format ascii 1.0", "element vertex 999999999999", "property float x", "end_header", "1 2", ""
+    ),
+    "other than numbers": text(
+        "ply", "format ascii 1.0", "element vertex 1", "property int x", "end_header", "one", ""
+    ),
     "not a PLY": text("solid cube"),
     "header has no end": text("ply", "format binary_little_endian 1.0", "element vertex 1"),
     "cannot be read .*property quad": text("ply", "format binary_little_endian 1.0", "property quad x", ""),
@@ -223,18 +237,3 @@ def test_a_world_axes_viewer_sees_what_we_see(tmp_path):
     np.testing.assert_allclose(
         spherical_harmonics.evaluate(sh, xyz - camera.center), scene.colors(posed, camera), atol=1e-5
     )
-
-
-def test_sequence_names_and_progress(tmp_path):
-    scene, calls = random_scene(), []
-    paths = export_sequence(scene, tmp_path / "out", progress=lambda *args: calls.append(args))
-    assert [path.name for path in paths] == [f"random_scene_{i:04d}.ply" for i in range(6)]
-    np.testing.assert_allclose(read_ply(paths[5]).xyz, scene.posed(5.0).means, atol=1e-6)
-    assert calls[-1][:3] == ("export", 6, 6) and len(calls) == 7
-    assert len(export_sequence(scene, tmp_path / "two", [0.5, 1.5])) == 2
-
-
-def test_sequence_into_a_file_is_refused(tmp_path):
-    (tmp_path / "taken").write_text("x")
-    with pytest.raises(F4xError, match="folder cannot be made"):
-        export_sequence(random_scene(), tmp_path / "taken")

@@ -1,0 +1,235 @@
+"""Opening whatever a person points at: told by what is in the file, not by its name.
+
+Splats of other programs become scenes in which nothing moves, or a sequence of them. Whatever else it is, the answer
+is one sentence that says so and what to do with it. Coordinates and unit stay the file's own.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ..clip.images import list_images, natural_key
+from ..errors import F4xError
+from ..geometry.camera import CameraPath
+from .file import HEADER, read_scene
+from .formats.splat import looks_like_splat, read_splat
+from .model import Posed, Scene, StaticSet
+from .ply import Splats, read_ply
+
+Kind = Literal["scene", "ply", "splat", "sequence"]
+WIDTH, HEIGHT, FIELD_OF_VIEW = 960, 540, 50.0
+"""Pixels and vertical degrees of the camera that frames splats which come without one."""
+SEEN = 0.1
+"""Opacity from which a Gaussian counts when the camera is placed; floaters are fainter."""
+INNER = (5, 95)
+"""Percentiles of the positions that the camera frames: splat files have far outliers."""
+SEQUENCE_FPS = 30.0
+"""Files do not tell theirs."""
+NUMBERED = re.compile(r"(.*?)(\d+)\.ply", re.IGNORECASE)
+PADDED = 3
+"""Digits from which one numbered file stands for its sequence; `chair2.ply` is a file of its own."""
+PROBE = 4096
+"""Bytes at the start that signatures look at."""
+CONVERT = "convert it to a 3DGS PLY with a splat editor first"
+FIT = "make a scene of it with `f4x fit {path} -o DIR`"
+SIGNATURES = (
+    (0, b"\x1f\x8b", f"a gzip file (SPZ splats are such); {CONVERT}"),
+    (0, b"NGSP", f"SPZ splats; {CONVERT}"),
+    (0, b"glTF", "a glTF binary; import it in Blender, or take the splats' PLY"),
+    (0, b"#usda", "a USD stage; import it in Blender, or take the splats' PLY"),
+    (0, b"PXR-USDC", "a USD stage; import it in Blender, or take the splats' PLY"),
+    (0, b"BLENDER", "a Blender file; open it in Blender"),
+    (0, b"\x28\xb5\x2f\xfd", "a Zstandard file (compressed .blend files are such); open it in Blender"),
+    (4, b"ftyp", f"a video; {FIT}"),
+    (0, b"\x1a\x45\xdf\xa3", f"a video; {FIT}"),
+    (8, b"AVI ", f"a video; {FIT}"),
+    (0, b"\x00\x00\x01\xba", f"a video; {FIT}"),
+    (0, b"OggS", f"a video; {FIT}"),
+    (0, b"\x89PNG", "one picture; give `f4x fit` a video or a folder of frames"),
+    (0, b"\xff\xd8\xff", "one picture; give `f4x fit` a video or a folder of frames"),
+    (0, b"GIF8", "one picture; give `f4x fit` a video or a folder of frames"),
+    (8, b"WEBP", "one picture; give `f4x fit` a video or a folder of frames"),
+    (0, b"v/1\x01", "an OpenEXR picture; give `f4x fit` a video or a folder of frames"),
+    (0, b"solid ", "an STL mesh; import it in Blender"),
+    (0, b"{", "a JSON file; choose a .f4x scene or a splat file"),
+)
+"""(offset, bytes there, what the file is and what to do)."""
+
+
+@dataclass(frozen=True, eq=False)
+class SplatSequence:
+    """Splat files that follow one another in time, each read when it is needed. Exports take it like a scene."""
+
+    name: str
+    """The common part of the file names."""
+    paths: tuple[Path, ...]
+    """3DGS PLY files, in order of their numbers; clip time i is file i."""
+    fps: float = SEQUENCE_FPS
+    """Frames per second."""
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def __getitem__(self, index: int) -> Scene:
+        """The scene of one frame, in which nothing moves. Raises F4xError that names the file."""
+        return scene_of(read_ply(self.paths[index]), self.name, self.paths[index])
+
+    @cached_property
+    def cameras(self) -> CameraPath:
+        """The same standing camera for every frame; it frames the first."""
+        camera = self[0].cameras
+        return CameraPath(
+            np.repeat(camera.intrinsics, len(self), axis=0),
+            np.repeat(camera.world_to_camera, len(self), axis=0),
+            np.arange(len(self)),
+            camera.width,
+            camera.height,
+        )
+
+    @property
+    def scaffold(self) -> None:
+        """None: what moves between the files is not known."""
+
+    def posed(self, time: float) -> Posed:
+        """The splats of the file nearest to clip time `time`."""
+        return self._frame(int(np.clip(round(time), 0, len(self) - 1)))
+
+    @cached_property
+    def _frame(self) -> Callable[[int], Posed]:
+        return lru_cache(maxsize=1)(lambda index: self[index].posed(0.0))
+
+
+def open_any(path: Path | str, sequence: bool = True) -> Scene | SplatSequence:
+    """Open a `.f4x` scene, a 3DGS PLY, a `.splat` file or a numbered PLY sequence (its folder or one of its files).
+
+    A single splat file becomes a scene in which nothing moves, with one camera that frames it. With `sequence` False
+    a numbered file is opened alone. Raises F4xError that says what the file is and what to do with it.
+    """
+    path = Path(path)
+    kind = identify(path, sequence)
+    if kind == "scene":
+        return read_scene(path)
+    if kind == "sequence":
+        paths = _numbered_files(path) if path.is_dir() else _siblings(path)
+        return SplatSequence(_prefix(paths[0]), tuple(paths))
+    return scene_of(read_ply(path) if kind == "ply" else read_splat(path), path.stem, path)
+
+
+def identify(path: Path | str, sequence: bool = True) -> Kind:
+    """What `open_any` would open: told by content. Raises F4xError for everything else, in one sentence."""
+    path = Path(path)
+    try:
+        if path.is_dir():
+            return _identify_folder(path)
+        with path.open("rb") as file:
+            start = file.read(PROBE)
+        if not start:
+            raise F4xError(f"{path}: empty, so not a whole scene or splat file; copy or export it again")
+        if start[:4] == b"PK\x03\x04":
+            return _identify_zip(path)
+        if re.match(rb"ply\r?\n", start):
+            return "sequence" if sequence and len(_siblings(path)) > 1 else "ply"
+        for offset, signature, sentence in SIGNATURES:
+            if start.startswith(signature, offset):
+                raise F4xError(f"{path}: {sentence.format(path=path)}")
+        if looks_like_splat(path):
+            return "splat"
+    except FileNotFoundError as error:
+        raise F4xError(f"{path}: there is no such file; choose a .f4x scene or a splat file") from error
+    except OSError as error:
+        raise F4xError(
+            f"{path}: cannot be read ({error.strerror or error}); choose a .f4x scene or a splat file"
+        ) from error
+    raise F4xError(
+        f"{path}: neither a scene nor splats that are known here; choose a .f4x, a 3DGS .ply or a .splat file"
+    )
+
+
+def scene_of(splats: Splats, name: str, source: Path) -> Scene:
+    """A scene in which nothing moves, with one camera that frames the splats; F4xError names `source`."""
+    try:
+        return Scene(
+            name=name,
+            static=StaticSet(ids=np.arange(len(splats.xyz)), **splats._asdict()),
+            cameras=CameraPath(*_framing(splats), WIDTH, HEIGHT),
+            provenance={"import": {"file": source.name}},
+        )
+    except F4xError as error:
+        raise F4xError(f"{source}: {error}") from error
+
+
+def _framing(splats: Splats) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Intrinsics (1,3,3), world_to_camera (1,4,4) and times (1,) of a camera that looks along z at all that is seen."""
+    xyz = splats.xyz[splats.opacity >= SEEN] if (splats.opacity >= SEEN).any() else splats.xyz
+    low, high = np.percentile(xyz, INNER, axis=0) if len(xyz) else (np.zeros(3), np.zeros(3))
+    radius = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
+    half = np.radians(FIELD_OF_VIEW / 2)
+    focal = HEIGHT / 2 / np.tan(half)
+    matrix = np.eye(4)
+    matrix[:3, 3] = -(low + high) / 2 + [0, 0, radius / np.sin(half)]
+    return np.array([[[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]]]), matrix[None], np.zeros(1)
+
+
+def _identify_zip(path: Path) -> Kind:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except (zipfile.BadZipFile, NotImplementedError, UnicodeDecodeError):
+        return "scene"  # `read_scene` says what is broken
+    if HEADER in names:
+        return "scene"
+    if "meta.json" in names:
+        raise F4xError(f"{path}: SOG splats; {CONVERT}")
+    if any(Path(name).suffix.lower() in (".usd", ".usda", ".usdc") for name in names[:1]):
+        raise F4xError(f"{path}: a USD package; import it in Blender, or take the splats' PLY")
+    pictures = sum(Path(name).suffix.lower() in (".png", ".jpg", ".jpeg") for name in names)
+    if pictures > 1:
+        raise F4xError(
+            f"{path}: a zip of pictures; unpack it and make a scene of the folder with `f4x fit FOLDER -o DIR`"
+        )
+    raise F4xError(f"{path}: a zip without {HEADER}, so not a Feature4X scene; choose a .f4x file")
+
+
+def _identify_folder(folder: Path) -> Kind:
+    if _numbered_files(folder):
+        return "sequence"
+    if (folder / "scene.f4x").is_file():
+        raise F4xError(f"{folder}: the folder of a fit; choose {folder / 'scene.f4x'}")
+    for pictures in (folder, folder / "images", folder / "rgb", folder / "JPEGImages"):
+        if list_images(pictures) or (pictures != folder and pictures.is_dir()):
+            raise F4xError(f"{folder}: a folder of pictures; {FIT.format(path=folder)}")
+    raise F4xError(f"{folder}: a folder without numbered .ply files; choose a scene, a splat file or a PLY sequence")
+
+
+def _numbered_files(folder: Path) -> list[Path]:
+    """The PLY files `NAME_0001.ply, …` of a folder in order; F4xError where they have several names."""
+    files = [file for file in folder.iterdir() if NUMBERED.fullmatch(file.name) and not file.name.startswith(".")]
+    files.sort(key=lambda file: natural_key(file.name))
+    prefixes = {_prefix(file) for file in files}
+    if len(prefixes) > 1:
+        raise F4xError(
+            f"{folder}: PLY files of {len(prefixes)} sequences ({', '.join(sorted(prefixes)[:4])}, …); choose one file"
+        )
+    return files
+
+
+def _siblings(file: Path) -> list[Path]:
+    """The sequence that a numbered file belongs to, itself too; empty when its name has no padded number."""
+    match = NUMBERED.fullmatch(file.name)
+    if match is None or len(match[2]) < PADDED:
+        return []
+    found = [other for other in file.parent.iterdir() if (m := NUMBERED.fullmatch(other.name)) and m[1] == match[1]]
+    return sorted(found, key=lambda other: natural_key(other.name))
+
+
+def _prefix(file: Path) -> str:
+    match = NUMBERED.fullmatch(file.name)
+    return match[1].rstrip("_-. ") if match else file.stem

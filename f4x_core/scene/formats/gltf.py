@@ -1,0 +1,133 @@
+"""glTF 2.0 with `KHR_gaussian_splatting`: one moment as Gaussians, which other viewers draw as coloured points.
+
+Attribute names, types and colour space follow the extension's text (Khronos; the release candidate of 2026, the same
+attributes as ratified): linear scale, opacity in [0, 1], rotation xyzw, harmonics by degree and order with the
+Condon-Shortley phase, which are the signs of 3DGS. glTF's axes are y up, z backward: data are turned on the way out,
+harmonics too, because not every viewer turns those with the node.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import F4xError
+from ...files import replace_file
+from ...geometry import quaternion
+from ..color import linear_from_srgb
+from ..posing import Y_UP, Posable, moment, plain_color, transformed, world_harmonics
+
+EXTENSION = "KHR_gaussian_splatting"
+MAX_DEGREE = 3
+"""The extension names no coefficients beyond."""
+GLB_MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
+MAX_GLB_BYTES = (1 << 32) - 1
+"""Lengths in a .glb file are 32-bit."""
+COMPONENT_TYPES = {np.dtype("<f4"): 5126, np.dtype("<u2"): 5123}
+ELEMENT_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+POINTS, ARRAY_BUFFER = 0, 34962
+
+
+def write_gltf(scene: Posable, time: float, path: Path | str, transform: np.ndarray | None = None) -> None:
+    """Write the scene at clip time `time` as .glb, or as .gltf with its numbers inside.
+
+    `transform`: a 4x4 similarity in the scene's axes. Raises F4xError when nothing is visible then, or beyond 4 GiB.
+    """
+    path = Path(path)
+    posed = transformed(moment(scene, time, transform), Y_UP)
+    if not len(posed.ids):
+        raise F4xError(
+            f"{path}: nothing is visible at clip time {time:g}, and glTF holds no empty points; choose another"
+        )
+    color = np.concatenate([linear_from_srgb(plain_color(posed)), posed.opacities[:, None]], axis=1)
+    harmonics = world_harmonics(posed, MAX_DEGREE)
+    attributes = {
+        "POSITION": posed.means,
+        "COLOR_0": np.rint(color * 65535).astype("<u2"),
+        f"{EXTENSION}:ROTATION": quaternion.normalize(posed.quats)[:, [1, 2, 3, 0]],
+        f"{EXTENSION}:SCALE": posed.scales,
+        f"{EXTENSION}:OPACITY": posed.opacities[:, None],
+    } | {
+        f"{EXTENSION}:SH_DEGREE_{degree}_COEF_{order}": harmonics[:, degree**2 + order]
+        for degree in range(MAX_DEGREE + 1)
+        for order in range(2 * degree + 1)
+        if (degree + 1) ** 2 <= harmonics.shape[1]
+    }
+    document, binary = _document(scene.name, attributes)
+    document["scenes"][0]["extras"] = {"clip_time": float(time), "frames_per_second": float(scene.fps)}
+    if path.suffix.lower() == ".gltf":
+        document["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+        data = json.dumps(document, indent=1).encode()
+    else:
+        data = _glb(document, binary, path)
+    with replace_file(path) as file:
+        file.write(data)
+
+
+def _document(name: str, attributes: dict[str, np.ndarray]) -> tuple[dict[str, Any], bytes]:
+    """Return the JSON of one primitive with `attributes (N,k)`, and the buffer its accessors look into."""
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    pieces: list[bytes] = []
+    offset = 0
+    for values in attributes.values():
+        dtype = np.dtype("<u2") if values.dtype.kind == "u" else np.dtype("<f4")
+        values = np.ascontiguousarray(values, dtype)  # every row is a multiple of 4 bytes, so all views are aligned
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": values.nbytes, "target": ARRAY_BUFFER})
+        accessors.append(
+            {
+                "bufferView": len(accessors),
+                "componentType": COMPONENT_TYPES[dtype],
+                "count": len(values),
+                "type": ELEMENT_TYPES[values.shape[1]],
+            }
+            | ({"normalized": True} if dtype.kind == "u" else {})
+        )
+        pieces.append(values.tobytes())
+        offset += values.nbytes
+    position = attributes["POSITION"]
+    accessors[0] |= {"min": position.min(axis=0).tolist(), "max": position.max(axis=0).tolist()}
+    primitive = {
+        "mode": POINTS,
+        "attributes": {semantic: index for index, semantic in enumerate(attributes)},
+        "extensions": {
+            EXTENSION: {
+                "kernel": "ellipse",
+                "colorSpace": "srgb_rec709_display",
+                "projection": "perspective",
+                "sortingMethod": "cameraDistance",
+            }
+        },
+    }
+    return {
+        "asset": {"version": "2.0", "generator": "Feature4X for Blender"},
+        "extensionsUsed": [EXTENSION],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": name}],
+        "meshes": [{"name": name, "primitives": [primitive]}],
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": offset}],
+    }, b"".join(pieces)
+
+
+def _glb(document: dict[str, Any], binary: bytes, path: Path) -> bytes:
+    """Pack JSON and buffer into the binary container (glTF 2.0, section 4.4)."""
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    length = 12 + 8 + len(text) + 8 + len(binary)
+    if length > MAX_GLB_BYTES:
+        raise F4xError(f"{path}: {length >> 30} GiB do not fit into a .glb file; export PLY, or fewer Gaussians")
+    return b"".join(
+        [
+            GLB_MAGIC + struct.pack("<II", 2, length),
+            struct.pack("<I", len(text)) + JSON_CHUNK + text,
+            struct.pack("<I", len(binary)) + BIN_CHUNK + binary,
+        ]
+    )

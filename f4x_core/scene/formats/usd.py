@@ -1,0 +1,290 @@
+"""Animated `.usda`: splats as `ParticleField3DGaussianSplat` (OpenUSD 26.03 and later), or as `Points` for older readers.
+
+Text, so that no USD library is needed. Gaussians that stay as they are over all written times form the prim `static`,
+the others `dynamic`; an attribute has time samples only where it changes. Time codes are clip frames. The stage is
+y up: data are turned on the way out, harmonics too, because renderers do not turn those with the prim.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from ...errors import F4xError
+from ...files import replace_file
+from ...geometry import quaternion, spherical_harmonics
+from ...progress import Progress, silent
+from ..color import linear_from_srgb
+from ..model import Posed
+from ..ply import SMALLEST_SCALE
+from ..posing import Y_UP, Posable, plain_color, take, transformed, world_harmonics
+
+FIELDS = ("means", "quats", "scales", "opacities", "sh")
+"""What of a `Posed` may change with time."""
+HARMONICS = "harmonics"
+"""Beside them: coefficients in world axes, which also change when the Gaussian turns."""
+MAX_DEGREE = 3
+"""Validators of the schema refuse more."""
+REACH = 3.0
+"""Standard deviations that the bounding box leaves around a centre: where viewers cut a splat off."""
+DIGITS = 6
+"""Significant digits of a number: 1e-6 of a position, far below a pixel."""
+HARMONICS_DIGITS = 4
+"""Of a coefficient, whose colours end as 8 bits; they are most of the file."""
+ROWS = 8192
+"""Rows turned into text at once."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One attribute of a prim."""
+
+    declaration: str
+    """Type and name."""
+    fields: tuple[str, ...]
+    """Of `FIELDS` and `HARMONICS`: the attribute changes when one of them does."""
+    values: Callable[[Posed], np.ndarray]
+    """(N,) or (N,k) numbers."""
+    digits: int = DIGITS
+    """Significant digits."""
+    metadata: Callable[[int], str] = lambda coefficients: ""
+    """Metadata in parentheses, given the number of SH coefficients."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A prim type and its attributes."""
+
+    type_name: str
+    """Of the schema."""
+    columns: tuple[Column, ...]
+    """What is written for each Gaussian."""
+    fixed: Callable[[int], tuple[str, ...]]
+    """Attributes without a value per Gaussian, given the number of SH coefficients."""
+
+
+def _harmonics(posed: Posed) -> np.ndarray:
+    """(N S, 3): the coefficients of one Gaussian are neighbours, the constant one first."""
+    return world_harmonics(posed, MAX_DEGREE).reshape(-1, 3)
+
+
+SPLATS = Kind(
+    "ParticleField3DGaussianSplat",
+    (
+        Column("point3f[] positions", ("means",), lambda posed: posed.means),
+        Column("quatf[] orientations", ("quats",), lambda posed: posed.quats),
+        Column("float3[] scales", ("scales",), lambda posed: np.maximum(posed.scales, SMALLEST_SCALE)),
+        Column("float[] opacities", ("opacities",), lambda posed: posed.opacities),
+        Column(
+            "float3[] radiance:sphericalHarmonicsCoefficients",
+            ("sh", HARMONICS),
+            _harmonics,
+            HARMONICS_DIGITS,
+            lambda coefficients: f' (elementSize = {coefficients}; interpolation = "vertex")',
+        ),
+    ),
+    lambda coefficients: (
+        f"uniform int radiance:sphericalHarmonicsDegree = {spherical_harmonics.degree_of(coefficients)}",
+        'uniform token projectionModeHint = "perspective"',
+        'uniform token sortingModeHint = "zDepth"',
+    ),
+)
+POINTS = Kind(
+    "Points",
+    (
+        Column("point3f[] points", ("means",), lambda posed: posed.means),
+        # A sphere of one standard deviation; the width is its diameter.
+        Column("float[] widths", ("scales",), lambda posed: 2 * np.cbrt(posed.scales.prod(axis=1))),
+        Column(
+            "color3f[] primvars:displayColor",
+            ("sh",),
+            lambda posed: linear_from_srgb(plain_color(posed)),
+            HARMONICS_DIGITS,
+            lambda _: ' (interpolation = "vertex")',
+        ),
+        Column(
+            "float[] primvars:displayOpacity",
+            ("opacities",),
+            lambda posed: posed.opacities,
+            HARMONICS_DIGITS,
+            lambda _: ' (interpolation = "vertex")',
+        ),
+    ),
+    lambda _: (),
+)
+
+
+def write_usd(
+    scene: Posable,
+    times: Sequence[float],
+    path: Path | str,
+    transform: np.ndarray | None = None,
+    progress: Progress = silent,
+) -> None:
+    """Write splats at all `times` (clip times, increasing), moved by the 4x4 similarity `transform`. Raises F4xError."""
+    _write_stage(scene, times, path, transform, progress, SPLATS)
+
+
+def write_usd_points(
+    scene: Posable,
+    times: Sequence[float],
+    path: Path | str,
+    transform: np.ndarray | None = None,
+    progress: Progress = silent,
+) -> None:
+    """The same as coloured points, which any USD reader shows and Blender plays back as a point cloud."""
+    _write_stage(scene, times, path, transform, progress, POINTS)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Gaussians that become one prim."""
+
+    name: str
+    index: np.ndarray | None
+    """Into `Posed`; None where their number changes with time: all that are visible."""
+    extent: tuple[np.ndarray, np.ndarray]
+    """Corners (3,) of the box that holds them at all times."""
+    varying: frozenset[str]
+    """Of `FIELDS` and `HARMONICS`, those that change with time."""
+
+    def samples(self, column: Column) -> bool:
+        """Whether the attribute needs time samples."""
+        return not self.varying.isdisjoint(column.fields)
+
+    def of(self, posed: Posed) -> Posed:
+        """Its Gaussians."""
+        return take(posed, posed.opacities > 0 if self.index is None else self.index)
+
+
+def _write_stage(
+    scene: Posable,
+    times: Sequence[float],
+    path: Path | str,
+    transform: np.ndarray | None,
+    progress: Progress,
+    kind: Kind,
+) -> None:
+    matrix = Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64)
+
+    def poses() -> Iterator[Posed]:
+        """The moments in order; neighbouring quaternions on one hemisphere, because readers interpolate them."""
+        before = None
+        for time in times:
+            posed = transformed(scene.posed(time), matrix)
+            quats = quaternion.normalize(posed.quats)
+            if before is not None and before.shape == quats.shape:
+                quats = np.where((before * quats).sum(axis=1, keepdims=True) < 0, -quats, quats)
+            before = quats
+            yield posed._replace(quats=quats)
+
+    parts, coefficients = _parts(poses(), path)
+    root = re.sub(r"\W", "_", scene.name, flags=re.ASCII)
+    root = root if re.match(r"[A-Za-z_]", root) else f"_{root}"
+    if not parts:
+        raise F4xError(f"{path}: nothing is visible at the chosen times; choose others")
+    done, total = 0, len(times) * sum(part.samples(column) for part in parts for column in kind.columns)
+    with replace_file(path) as file:
+        file.write(_header(root, times, scene.fps).encode())
+        for part in parts:
+            low, high = part.extent
+            file.write(f'\n    def {kind.type_name} "{part.name}"\n    {{\n'.encode())
+            file.write(b"        float3[] extent = ")
+            _write_array(file, np.stack([low, high]), DIGITS)
+            file.write(b"\n")
+            file.write("".join(f"        {line}\n" for line in kind.fixed(coefficients)).encode())
+            for column in kind.columns:
+                metadata = column.metadata(coefficients).encode()
+                if not part.samples(column):
+                    file.write(f"        {column.declaration} = ".encode())
+                    _write_array(file, column.values(part.of(next(poses()))), column.digits)
+                    file.write(metadata + b"\n")
+                    continue
+                if metadata:  # metadata stand with a declaration, time samples follow alone
+                    file.write(f"        {column.declaration}".encode() + metadata + b"\n")
+                file.write(f"        {column.declaration}.timeSamples = {{\n".encode())
+                for time, posed in zip(times, poses(), strict=True):
+                    progress("export", done, total, f"{part.name} {column.declaration.split()[1]}")
+                    done += 1
+                    file.write(f"            {time:.10g}: ".encode())
+                    _write_array(file, column.values(part.of(posed)), column.digits)
+                    file.write(b",\n")
+                file.write(b"        }\n")
+            file.write(b"    }\n")
+        file.write(b"}\n")
+    progress("export", total, total)
+
+
+def _parts(poses: Iterator[Posed], path: Path | str) -> tuple[list[Part], int]:
+    """Return the prims, and the number of SH coefficients that are written.
+
+    Where the number of Gaussians changes, as in a sequence of separately trained frames, all are one sampled prim.
+    """
+    first = next(poses)
+    low, high = _boxes(first)
+    moving, seen = np.zeros(len(first.ids), bool), first.opacities > 0
+    varying: set[str] = set()
+    steady = True
+    for posed in poses:
+        if posed.sh.shape[1] != first.sh.shape[1]:
+            raise F4xError(f"{path}: the degree of the harmonics changes with time, which USD cannot hold; export PLY")
+        below, above = _boxes(posed)
+        steady = steady and np.array_equal(posed.ids, first.ids)
+        if not steady:
+            low = np.concatenate([low, below]).min(axis=0, keepdims=True, initial=np.inf)
+            high = np.concatenate([high, above]).max(axis=0, keepdims=True, initial=-np.inf)
+            continue
+        low, high = np.minimum(low, below), np.maximum(high, above)
+        seen |= posed.opacities > 0
+        for name in FIELDS:
+            now, then = getattr(posed, name), getattr(first, name)
+            changed = (now != then).reshape(len(now), -1).any(axis=1)
+            if changed.any():
+                varying.add(name)
+                moving |= changed
+    coefficients = min(first.sh.shape[1], (MAX_DEGREE + 1) ** 2)
+    if not steady:
+        return [Part("dynamic", None, (low[0], high[0]), frozenset({*FIELDS, HARMONICS}))], coefficients
+    if coefficients > 1 and "quats" in varying:
+        varying.add(HARMONICS)
+    prims = {"static": (seen & ~moving, frozenset[str]()), "dynamic": (seen & moving, frozenset(varying))}
+    return [
+        Part(name, np.flatnonzero(mask), (low[mask].min(axis=0), high[mask].max(axis=0)), fields)
+        for name, (mask, fields) in prims.items()
+        if mask.any()
+    ], coefficients
+
+
+def _boxes(posed: Posed) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (N,3) of a box around each Gaussian."""
+    reach = REACH * posed.scales.max(axis=1, keepdims=True, initial=0)
+    return posed.means - reach, posed.means + reach
+
+
+def _header(root: str, times: Sequence[float], fps: float) -> str:
+    return (
+        "#usda 1.0\n(\n"
+        f'    defaultPrim = "{root}"\n'
+        '    doc = "Made by Feature4X for Blender. Time codes are clip frames; the unit is the median depth of the clip."\n'
+        f"    startTimeCode = {times[0]:.10g}\n    endTimeCode = {times[-1]:.10g}\n"
+        f"    timeCodesPerSecond = {fps:.10g}\n    framesPerSecond = {fps:.10g}\n"
+        '    metersPerUnit = 1\n    upAxis = "Y"\n)\n\n'
+        f'def Xform "{root}"\n{{\n'
+    )
+
+
+def _write_array(file: BinaryIO, values: np.ndarray, digits: int) -> None:
+    """Write `[1, 2]` of values (N,), `[(1, 2), (3, 4)]` of (N,k)."""
+    number = f"%.{digits}g"
+    row = number if values.ndim == 1 else f"({', '.join([number] * values.shape[1])})"
+    file.write(b"[")
+    for start in range(0, len(values), ROWS):
+        part = values[start : start + ROWS]
+        text = ", ".join([row] * len(part)) % tuple(part.ravel().tolist())
+        file.write((", " if start else "").encode() + text.encode("ascii"))
+    file.write(b"]")

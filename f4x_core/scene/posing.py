@@ -1,0 +1,95 @@
+"""What every export format starts from: the Gaussians of one moment, moved as a whole, in the axes the format wants."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry import quaternion, spherical_harmonics
+from ..geometry.camera import CameraPath
+from ..scaffold import Scaffold
+from .model import Posed
+
+Y_UP = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Half a turn around x: from the scene's axes (x right, y down, z forward) to those of glTF and of a Y-up USD stage."""
+SIMILARITY_TOLERANCE = 1e-4
+"""Relative; what float32 matrices of a modelling program lose when they are multiplied a few times."""
+
+
+class Posable(Protocol):
+    """What can be exported: a `Scene`, with edits or without, or a sequence of splat files."""
+
+    @property
+    def name(self) -> str:
+        """Short name, used for exported files."""
+
+    @property
+    def fps(self) -> float:
+        """Clip frames per second."""
+
+    @property
+    def cameras(self) -> CameraPath:
+        """One camera per clip frame; its times are the clip's."""
+
+    @property
+    def scaffold(self) -> Scaffold | None:
+        """What carries the moving Gaussians, if anything does."""
+
+    def posed(self, time: float) -> Posed:
+        """All Gaussians at a clip time."""
+
+
+def similarity_of(matrix: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return `(s, q (4,), t (3,))` of a 4x4 similarity `x -> s R x + t`.
+
+    Raises F4xError for uneven scale, shear, a mirror or a projection: Gaussians and their harmonics cannot follow those.
+    """
+    matrix = np.asarray(matrix, np.float64)
+    if matrix.shape == (4, 4) and np.isfinite(matrix).all() and (matrix[3] == [0, 0, 0, 1]).all():
+        linear = matrix[:3, :3]
+        scale = np.cbrt(np.linalg.det(linear))
+        if scale > 0 and np.abs(linear.T @ linear / scale**2 - np.eye(3)).max() < SIMILARITY_TOLERANCE:
+            return float(scale), quaternion.from_matrix(linear / scale), matrix[:3, 3]
+    raise F4xError(
+        "transform: this 4x4 matrix is not a move, a turn and one even scale (it shears, mirrors or scales unevenly);"
+        " give one that is, or none"
+    )
+
+
+def transformed(posed: Posed, matrix: np.ndarray | None) -> Posed:
+    """Return `posed` moved as a whole by a 4x4 similarity (None: not at all).
+
+    Harmonics stay: they are in each Gaussian's own frame, which turns with it. Raises F4xError like `similarity_of`.
+    """
+    if matrix is None:
+        return posed
+    scale, q, t = similarity_of(matrix)
+    means = scale * quaternion.rotate(q, posed.means.astype(np.float64)) + t
+    return posed._replace(
+        means=means.astype(np.float32),
+        quats=quaternion.multiply(q, posed.quats.astype(np.float64)).astype(np.float32),
+        scales=(scale * posed.scales).astype(np.float32),
+    )
+
+
+def take(posed: Posed, index: np.ndarray) -> Posed:
+    """The Gaussians at `index` ((n,) int or (N,) bool)."""
+    return Posed(*(values[index] for values in posed))
+
+
+def moment(scene: Posable, time: float, transform: np.ndarray | None = None) -> Posed:
+    """All that is visible at clip time `time`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
+    posed = scene.posed(time)
+    return transformed(take(posed, posed.opacities > 0), transform)
+
+
+def world_harmonics(posed: Posed, degree: int = spherical_harmonics.MAX_DEGREE) -> np.ndarray:
+    """Return (N,S,3) float32 coefficients for directions in world axes, as every other program expects, up to `degree`."""
+    return spherical_harmonics.rotate(posed.sh[:, : (degree + 1) ** 2], posed.quats)
+
+
+def plain_color(posed: Posed) -> np.ndarray:
+    """Return (N,3) sRGB in [0, 1]: the colour without its dependence on the view, for formats that know no harmonics."""
+    return np.clip(spherical_harmonics.rgb_from_dc(posed.sh[:, 0]), 0, 1)
