@@ -2,20 +2,18 @@
 
 import json
 import re
-import threading
-import time
-from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import numpy as np
 import pytest
 from labelled_scene import FRAMES, labelled_scene
+from stub_server import client, saying, stub_server
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import frozen, orbit, original
 from f4x_core.query.chat import ChatServer
 from f4x_core.query.questions import COMPUTED, SERVER, answer, ask_features
 
-GOOD = {"choices": [{"message": {"content": " A red square moves. "}}]}
+GOOD = saying(" A red square moves. ")
 
 
 @pytest.fixture(scope="module")
@@ -25,39 +23,9 @@ def scene():
 
 @pytest.fixture
 def server():
-    """A server on the loopback that answers what `reply` says and keeps what it was asked."""
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self):
-            self.server.asked.append(
-                (self.path, dict(self.headers), json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
-            )
-            status, body, wait = self.server.reply
-            time.sleep(wait)
-            try:
-                self.send_response(status)
-                if status == 307:
-                    self.send_header("Location", "http://127.0.0.1:9/v1/chat/completions")
-                self.end_headers()
-                self.wfile.write(body if isinstance(body, bytes) else json.dumps(body).encode())
-            except BrokenPipeError:
-                pass
-
-        def log_message(self, *args):
-            pass
-
-    stub = HTTPServer(("127.0.0.1", 0), Handler)
-    stub.asked, stub.reply = [], (200, GOOD, 0)
-    thread = threading.Thread(target=stub.serve_forever, kwargs={"poll_interval": 0.02})
-    thread.start()
-    yield stub
-    stub.shutdown()
-    thread.join()
-    stub.server_close()
-
-
-def client(stub, **more):
-    return ChatServer(f"http://127.0.0.1:{stub.server_address[1]}/v1", **more)
+    with stub_server() as stub:
+        stub.reply = (200, GOOD, 0)
+        yield stub
 
 
 def test_a_server_sees_frames_and_answers(scene, server):
