@@ -38,6 +38,7 @@ struct Problem {
     float intrinsics[9], viewmat[16];
     const float *means, *quats, *scales, *opacities, *colors;
     const float *background, *offset;  // may be null
+    const float *limit;  // (H, W) depth from which on a pixel sees nothing; may be null
 };
 
 struct Gradients {
@@ -613,6 +614,16 @@ F4X_HOT Tile tile_of(const State& s, int tile) {
 F4X_HOT int block_x(const Tile& t, int block) { return t.x + block / STRIPS * BLOCK_WIDTH; }
 F4X_HOT int block_y(const Tile& t, int block) { return t.y + block % STRIPS * BLOCK_HEIGHT; }
 
+// Depth limits of a block's pixels; those outside the image see nothing at all.
+F4X_HOT f8 limits_of(const Problem& p, int x, int y) {
+    f8 limits = broadcast(0.0f);
+    for (int lane = 0; lane < 8; ++lane) {
+        const int column = x + lane % BLOCK_WIDTH, row = y + lane / BLOCK_WIDTH;
+        if (column < p.width && row < p.height) limits[lane] = p.limit[int64_t(row) * p.width + column];
+    }
+    return limits;
+}
+
 // Transmittance at the start: 1 inside the image, 0 outside.
 F4X_HOT f8 first_running(const Problem& p, int x, int y) {
     const f8 dx = f8{0, 1, 2, 3, 0, 1, 2, 3} + broadcast(float(x)), dy = f8{0, 0, 0, 0, 1, 1, 1, 1} + broadcast(float(y));
@@ -706,16 +717,18 @@ F4X_HOT void alphas_of(const Hot* hot, const uint8_t* list, const f8& pixel_x, c
 
 // Alpha and weight (alpha T) of the listed splats in the 8 pixels of a block. `running` is the transmittance, 0 once a
 // pixel has stopped; `final` the transmittance left behind the last blended splat. Returns how many splats were looked at
-// before all pixels had stopped. Not inlined: forward and backward must decide alike.
+// before all pixels had stopped. Not inlined: forward and backward must decide alike. With LIMITED a pixel also stops at
+// its depth limit, which is sound because splats come front to back.
+template <bool LIMITED>
 #if defined(__GNUC__)
 __attribute__((noinline))
 #endif
-F4X_TARGET int block_weights(const Problem& p, const Scratch& w, int block, int x, int y, f8& running_, f8& final_,
+F4X_TARGET int weigh(const Problem& p, const Scratch& w, int block, int x, int y, f8& running_, f8& final_,
                              float* alphas, float* weights) {
     const f8 pixel_x = f8{0.5f, 1.5f, 2.5f, 3.5f, 0.5f, 1.5f, 2.5f, 3.5f} + broadcast(float(x));
     const f8 pixel_y = f8{0.5f, 0.5f, 0.5f, 0.5f, 1.5f, 1.5f, 1.5f, 1.5f} + broadcast(float(y));
     const f8 log2_min = broadcast(std::log2(p.alpha_min)), alpha_max = broadcast(p.alpha_max);
-    const f8 stop = broadcast(p.transmittance_min);
+    const f8 stop = broadcast(p.transmittance_min), limits = LIMITED ? limits_of(p, x, y) : stop;
     const uint8_t* list = w.list[block];
     const int n = w.length[block];
     f8 running = running_, final = final_;
@@ -726,7 +739,8 @@ F4X_TARGET int block_weights(const Problem& p, const Scratch& w, int block, int 
         for (const int end = std::min(k + 8, n); k < end; ++k) {
             f8 alpha = load(alphas + 8 * k);
             const f8 next = running - running * alpha;
-            const i8 go = next > stop;
+            i8 go = next > stop;
+            if (LIMITED) go = go & (broadcast(w.feature[size_t(list[k]) * w.stride]) < limits);  // its depth
             alpha = keep_where(go, alpha);
             store(alphas + 8 * k, alpha);
             store(weights + 8 * k, alpha * running);
@@ -738,6 +752,12 @@ F4X_TARGET int block_weights(const Problem& p, const Scratch& w, int block, int 
     running_ = running;
     final_ = final;
     return k;
+}
+
+F4X_HOT int block_weights(const Problem& p, const Scratch& w, int block, int x, int y, f8& running, f8& final, float* alphas,
+                          float* weights) {
+    return p.limit ? weigh<true>(p, w, block, x, y, running, final, alphas, weights)
+                   : weigh<false>(p, w, block, x, y, running, final, alphas, weights);
 }
 
 // A row of a chunk's table. Its address is made opaque because GCC otherwise computes it anew for every column.
@@ -781,7 +801,9 @@ F4X_TARGET void forward_tile(const Problem& p, State& s, Scratch& w, int tile, b
     f8 running[BLOCKS], final[BLOCKS];
     uint32_t live = 0;
     for (int block = 0; block < BLOCKS; ++block) {
-        running[block] = final[block] = first_running(p, block_x(t, block), block_y(t, block));
+        const int x = block_x(t, block), y = block_y(t, block);
+        running[block] = final[block] = first_running(p, x, y);
+        if (p.limit) running[block] = keep_where(limits_of(p, x, y) > broadcast(p.near_plane), running[block]);
         if (mask_bits(running[block] > broadcast(0.0f))) live |= 1u << block;
     }
     std::memset(w.image, 0, size_t(BLOCKS) * columns * 8 * sizeof(float));

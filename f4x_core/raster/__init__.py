@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["BACKENDS", "RasterConfig", "RasterOutput", "choose_backend", "rasterize", "why_not"]
 
 BACKENDS = ("native", "torch", "reference", "gsplat")
+"""What renders for a fit. `plain` besides is numpy alone and draws pictures only."""
+KNOW_LIMITS = ("native", "reference", "plain")
 
 
 def rasterize(
@@ -37,6 +39,7 @@ def rasterize(
     backend: str = "auto",
     detached_from: int | None = None,
     mean2d_offset: Array | None = None,
+    limit: Array | None = None,
 ) -> RasterOutput:
     """Composite N Gaussians into a `height` x `width` image of C channels (EWA splatting, 3DGS rules).
 
@@ -52,11 +55,14 @@ def rasterize(
         height: image height in pixels.
         background: (C,) added where light is left; none = black.
         config: constants of the rule and thread count.
-        backend: `auto`, or one of `BACKENDS`. `auto` takes `native` for float32 on the CPU when it is there and agrees
-            with its self-check, `gsplat` for float32 on CUDA where that package is installed, else `torch`.
+        backend: `auto`, one of `BACKENDS`, or `plain`. `auto` takes `native` for float32 on the CPU when it is there and
+            agrees with its self-check, `gsplat` for float32 on CUDA where that package is installed, else `torch`; for
+            numpy arrays `plain` where torch is not installed or a `limit` is given.
         detached_from: channels from this index on send no gradient to opacity, geometry or camera, only to `colors`.
         mean2d_offset: (N, 2) added to the projected means, in pixels; pass zeros to read the density-control statistic
             from its gradient.
+        limit: (H, W) depth from which on a pixel sees nothing: the z of an opaque surface, infinity for none, 0 for a
+            pixel that need not be drawn. A Gaussian counts as a whole, by the z of its centre. Not for `torch`, `gsplat`.
 
     Tensors (any dtype, one device; whole numbers count as float32) give tensors with gradients to means, quats, scales,
     opacities, colors, viewmat, background and mean2d_offset; numpy arrays give numpy arrays, without gradients.
@@ -65,8 +71,8 @@ def rasterize(
     A Gaussian with a NaN or infinity among its values is left out and counted in `dropped`.
 
     Raises:
-        F4xError: shapes that do not fit, a camera that is not finite, an unknown backend, or one that is not installed; with
-            `config.debug` also Gaussians that are not finite.
+        F4xError: shapes that do not fit, a camera that is not finite, an unknown backend, one that is not installed or that
+            cannot do what is asked for; with `config.debug` also Gaussians that are not finite.
     """
     arguments: Arguments = {
         "means": means,
@@ -79,39 +85,53 @@ def rasterize(
         "background": background,
         "mean2d_offset": mean2d_offset,
     }
+    if limit is not None:
+        arguments["limit"] = limit
     config = config or RasterConfig()
     check_shapes(arguments, width, height, detached_from)
     arguments, dropped = leave_out_broken(make_floating(arguments), config.debug)
     options: dict[str, Any] = {"config": config, "detached_from": detached_from}
-    chosen = choose_backend(backend, arguments["means"])
+    chosen = choose_backend(backend, arguments["means"], limited=limit is not None)
+    function: Any  # their signatures differ in `limit`
     if chosen == "native":
         from .native import rasterize_native as function
     elif chosen == "reference":
         from .reference import rasterize_reference as function
     elif chosen == "gsplat":
         from .gsplat import rasterize_gsplat as function
+    elif chosen == "plain":
+        from .plain import rasterize_plain as function
     else:
         from .tiles import rasterize_torch as function
-    if chosen != "native" and isinstance(means, np.ndarray):
+    if chosen not in ("native", "plain") and isinstance(means, np.ndarray):
         out = _through_numpy(function, width, height, arguments, options)
     else:
         out = function(width=width, height=height, **arguments, **options)
     return replace(out, dropped=dropped) if dropped else out
 
 
-def choose_backend(backend: str, means: Array | None = None) -> str:
-    """Name of the backend that `backend` stands for, given the means to be drawn.
+def choose_backend(backend: str, means: Array | None = None, *, limited: bool = False) -> str:
+    """Name of the backend that `backend` stands for, given the means to be drawn and whether pixels have a depth limit.
 
     Raises:
         F4xError: an unknown name, or a backend that cannot run here (the sentence says why).
     """
+    in_numpy = isinstance(means, np.ndarray)
     if backend == "auto":
         single = str(getattr(means, "dtype", "float32")).endswith("float32")
         device = str(getattr(means, "device", "cpu")).partition(":")[0]
         fastest = {"cpu": "native", "cuda": "gsplat"}.get(device)
-        return fastest if single and fastest and why_not(fastest) is None else "torch"
-    if backend not in BACKENDS:
-        raise F4xError(f"Unknown raster backend '{backend}': use auto, {', '.join(BACKENDS)}.")
+        if single and fastest and why_not(fastest) is None and (fastest in KNOW_LIMITS or not limited):
+            return fastest
+        if in_numpy and (limited or not find_spec("torch")):
+            return "plain"
+        return "reference" if limited else "torch"
+    if backend not in (*BACKENDS, "plain"):
+        raise F4xError(f"Unknown raster backend '{backend}': use auto, {', '.join(BACKENDS)} or plain.")
+    if backend == "plain" and not (in_numpy or means is None):
+        raise F4xError("The plain raster backend takes numpy arrays alone: use backend='torch' for tensors.")
+    if limited and backend not in KNOW_LIMITS:
+        raise F4xError(f"The {backend} raster backend knows no depth limits: use {', '.join(KNOW_LIMITS)}.")
     reason = why_not(backend)
     if reason is not None:
         raise F4xError(f"The {backend} raster backend cannot run here ({reason}): use backend='torch'.")

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import F4xError
 
 Arguments = dict[str, Any]
-"""The nine arrays of `rasterize` by name, torch tensors or numpy arrays, None where one was left out."""
+"""The arrays of `rasterize` by name, torch tensors or numpy arrays, None where one was left out."""
 
 PER_GAUSSIAN = ("means", "quats", "scales", "opacities", "colors", "mean2d_offset")
 
@@ -29,9 +29,10 @@ def check_shapes(arguments: Arguments, width: int, height: int, detached_from: i
         "K": (3, 3),
         "background": (channels,),
         "mean2d_offset": (n, 2),
+        "limit": (height, width),
     }
     for name, shape in wanted.items():
-        if arguments[name] is not None and tuple(arguments[name].shape) != shape:
+        if arguments.get(name) is not None and tuple(arguments[name].shape) != shape:
             raise F4xError(f"rasterize: {name} has shape {tuple(arguments[name].shape)}, it must be {shape}.")
     if width < 1 or height < 1:
         raise F4xError(f"rasterize: an image of {width} x {height} pixels cannot be drawn, give at least 1 x 1.")
@@ -62,7 +63,7 @@ def leave_out_broken(arguments: Arguments, debug: bool) -> tuple[Arguments, int]
     for name in ("viewmat", "K", "background"):
         if not _all_finite(arguments[name]):
             raise F4xError(f"rasterize: {name} holds NaN or infinity, so nothing can be drawn.")
-    given = [name for name in PER_GAUSSIAN if arguments[name] is not None]
+    given = [name for name in PER_GAUSSIAN if arguments.get(name) is not None]
     if all(_all_finite(arguments[name]) for name in given):
         return arguments, 0
     whole = {name: _finite_rows(arguments[name]) for name in given}  # (N,) bool each

@@ -25,6 +25,7 @@ def rasterize_reference(
     config: RasterConfig | None = None,
     detached_from: int | None = None,
     mean2d_offset: Tensor | None = None,
+    limit: Tensor | None = None,
 ) -> RasterOutput:
     """Composite Gaussians; arguments as in `rasterize`, result in float64. Slow: every splat meets every pixel."""
     config = config or RasterConfig()
@@ -56,6 +57,8 @@ def rasterize_reference(
         d = pixel[:, None] - mean2d  # (W, N, 2)
         alpha = opacities * torch.exp(-0.5 * torch.einsum("wni,nij,wnj->wn", d, conic, d))
         alpha = torch.where(alpha < config.alpha_min, 0.0, alpha.clamp_max(config.alpha_max))
+        if limit is not None:
+            alpha = torch.where(features[:, 1] < limit[row, :, None], alpha, 0.0)
         light_after = torch.cumprod(1 - alpha, 1)
         light_before = torch.cat((torch.ones_like(x)[:, None], light_after[:, :-1]), 1)
         weight = torch.where(light_after > config.transmittance_min, alpha * light_before, 0.0)

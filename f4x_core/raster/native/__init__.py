@@ -41,6 +41,7 @@ def rasterize_native(
     config: RasterConfig | None = None,
     detached_from: int | None = None,
     mean2d_offset: Array | None = None,
+    limit: Array | None = None,
 ) -> RasterOutput:
     """`raster.rasterize` by the native kernel; tensors must be float32 on the CPU and can be differentiated once.
 
@@ -53,7 +54,7 @@ def rasterize_native(
     if isinstance(means, np.ndarray):
         return forward_numpy(
             means, quats, scales, opacities, colors, viewmat, K, width, height,
-            background=background, config=config, mean2d_offset=mean2d_offset,
+            background=background, config=config, mean2d_offset=mean2d_offset, limit=limit,
         )  # fmt: skip
     from .autograd import rasterize_tensors
 
@@ -68,6 +69,7 @@ def rasterize_native(
         "K": K,
         "background": background,
         "mean2d_offset": mean2d_offset,
+        "limit": limit,
     }
     return rasterize_tensors(arguments, width, height, config or RasterConfig(), detached_from)
 
@@ -86,6 +88,7 @@ def forward_numpy(
     background: Array | None = None,
     config: RasterConfig | None = None,
     mean2d_offset: Array | None = None,
+    limit: Array | None = None,
 ) -> RasterOutput:
     """`raster.rasterize` without gradients: numpy arrays of any dtype in (computed in float32), float32 arrays out.
 
@@ -102,6 +105,7 @@ def forward_numpy(
         "K": K,
         "background": background,
         "mean2d_offset": mean2d_offset,
+        "limit": limit,
     }
     return forward(_library(), inputs, width, height, config or RasterConfig(), None, keep=False).output
 

@@ -11,7 +11,7 @@ from ...errors import F4xError
 from ..contract import RasterConfig, RasterOutput
 from . import library
 
-NAMES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "K", "background", "mean2d_offset")
+NAMES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "K", "background", "mean2d_offset", "limit")
 
 
 class _Rasterize(torch.autograd.Function):
@@ -62,4 +62,4 @@ def rasterize_tensors(
                 f"The native raster backend takes float32 tensors on the CPU, but {name} is {tensor.dtype} on "
                 f"{tensor.device}: use backend='torch'."
             )
-    return RasterOutput(*_Rasterize.apply(width, height, config, detached_from, *(arguments[n] for n in NAMES)))
+    return RasterOutput(*_Rasterize.apply(width, height, config, detached_from, *(arguments.get(n) for n in NAMES)))

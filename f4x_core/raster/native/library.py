@@ -31,7 +31,8 @@ class _Problem(ctypes.Structure):
         + [(name, ctypes.c_int32) for name in ("channels", "attached", "width", "height", "threads")]
         + [(name, ctypes.c_float) for name in ("near", "blur", "alpha_min", "alpha_max", "transmittance_min")]
         + [("intrinsics", ctypes.c_float * 9), ("viewmat", ctypes.c_float * 16)]
-        + [(n, _POINTER) for n in ("means", "quats", "scales", "opacities", "colors", "background", "mean2d_offset")]
+        + [(n, _POINTER) for n in ("means", "quats", "scales", "opacities", "colors")]
+        + [(n, _POINTER) for n in ("background", "mean2d_offset", "limit")]
     )
 
 
@@ -119,7 +120,7 @@ def forward(
     detached_from: int | None,
     keep: bool,
 ) -> Render:
-    """Render; `inputs` holds the nine arrays of `rasterize` by name, of any dtype and strides.
+    """Render; `inputs` holds the arrays of `rasterize` by name, of any dtype and strides.
 
     Raises:
         F4xError: memory ran out.
@@ -145,7 +146,7 @@ def forward(
         viewmat=tuple(held["viewmat"].ravel()),
         **{
             n: address(held.get(n))
-            for n in ("means", "quats", "scales", "opacities", "colors", "background", "mean2d_offset")
+            for n in ("means", "quats", "scales", "opacities", "colors", "background", "mean2d_offset", "limit")
         },
     )
     image = np.empty((height, width, channels), np.float32)

@@ -1,0 +1,142 @@
+"""The `plain` backend: the rule in numpy alone, in float64 - what draws where neither the compiled library nor torch is.
+
+Tile by tile; of a tile's splats, front to back, a slab at a time meets all pixels of the tile as one matrix.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geometry.quaternion import to_matrix
+from .contract import RasterConfig, RasterOutput
+
+TILE = 16
+"""Side of a tile in pixels."""
+SLAB = 128
+"""Splats blended at once: a tile can stop between two slabs."""
+FRUSTUM_MARGIN = 0.3
+"""The projection is linearised no further outside the image than this share of half its width (3DGS, gsplat)."""
+
+
+class _Splats(NamedTuple):
+    """V visible Gaussians, front to back; an exponent is `-(a (dx - slope dy)^2 + c dy^2) / 2`."""
+
+    x: np.ndarray
+    y: np.ndarray
+    a: np.ndarray
+    slope: np.ndarray
+    c: np.ndarray
+    opacity: np.ndarray
+    half_width: np.ndarray
+    """Of the box around `alpha >= alpha_min`, pixels."""
+    half_height: np.ndarray
+    z: np.ndarray
+    features: np.ndarray
+    """(V, 2 + C): 1, z, colours."""
+
+    def take(self, index: np.ndarray | slice) -> _Splats:
+        """The splats at `index`."""
+        return _Splats(*(column[index] for column in self))
+
+
+def rasterize_plain(
+    means: np.ndarray,
+    quats: np.ndarray,
+    scales: np.ndarray,
+    opacities: np.ndarray,
+    colors: np.ndarray,
+    viewmat: np.ndarray,
+    K: np.ndarray,
+    width: int,
+    height: int,
+    *,
+    background: np.ndarray | None = None,
+    config: RasterConfig | None = None,
+    detached_from: int | None = None,
+    mean2d_offset: np.ndarray | None = None,
+    limit: np.ndarray | None = None,
+) -> RasterOutput:
+    """Composite Gaussians; arguments as in `rasterize`, numpy arrays only, results in the dtype of `means`."""
+    config = config or RasterConfig()
+    limit = np.full((height, width), np.inf) if limit is None else limit
+    splats, visible = _project(
+        means, quats, scales, opacities, colors, viewmat, K, width, height, config, mean2d_offset
+    )
+    image = np.zeros((height, width, splats.features.shape[1]))
+    for top in range(0, height, TILE):
+        rows = slice(top, min(top + TILE, height))
+        in_row = splats.take(_meets(splats.y, splats.half_height, rows))
+        for left in range(0, width, TILE):
+            columns = slice(left, min(left + TILE, width))
+            here = in_row.take(_meets(in_row.x, in_row.half_width, columns))
+            image[rows, columns] = _composite(here, rows, columns, limit[rows, columns], config)
+    image = image.astype(means.dtype, copy=False)
+    alpha, depth, channels = image[..., 0], image[..., 1], image[..., 2:]
+    if background is not None:
+        channels = channels + (1 - alpha)[..., None] * background.astype(means.dtype, copy=False)
+    return RasterOutput(channels, depth, alpha, visible)
+
+
+def _project(
+    means, quats, scales, opacities, colors, viewmat, K, width, height, config, mean2d_offset
+) -> tuple[_Splats, np.ndarray]:
+    """EWA projection as in `reference.project_ewa`: the visible splats front to back, and which those are (N,)."""
+    means, quats, scales, opacities, viewmat, K = (
+        np.asarray(array, np.float64) for array in (means, quats, scales, opacities, viewmat, K)
+    )
+    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    rotation = viewmat[:3, :3]
+    x, y, z = (means @ rotation.T + viewmat[:3, 3]).T
+    in_front = z > config.near
+    z = np.where(in_front, z, 1.0)
+    u, v = x / z, y / z
+    mean_x, mean_y = u * fx + cx, v * fy + cy
+    if mean2d_offset is not None:
+        mean_x, mean_y = mean_x + mean2d_offset[:, 0], mean_y + mean2d_offset[:, 1]
+    margin_x, margin_y = FRUSTUM_MARGIN * 0.5 * width / fx, FRUSTUM_MARGIN * 0.5 * height / fy
+    u = np.clip(u, -cx / fx - margin_x, (width - cx) / fx + margin_x)
+    v = np.clip(v, -cy / fy - margin_y, (height - cy) / fy + margin_y)
+    across = (rotation[0] - u[:, None] * rotation[2]) * (fx / z)[:, None]  # (N, 3) rows of J R_cw
+    down = (rotation[1] - v[:, None] * rotation[2]) * (fy / z)[:, None]
+    M = np.stack([across, down], 1) @ (to_matrix(quats) * scales[:, None])  # (N, 2, 3)
+    (xx, xy), (_, yy) = np.moveaxis(M @ M.transpose(0, 2, 1), 0, -1)
+    xx, yy = xx + config.blur, yy + config.blur
+    minors = (np.cross(M[:, 0], M[:, 1]) ** 2).sum(1)  # no cancellation for needles, unlike xx yy - xy^2
+    det = minors + config.blur * (xx + yy) - config.blur**2
+
+    with np.errstate(divide="ignore"):
+        reach = 2 * np.maximum(np.log(opacities / config.alpha_min), 0)
+    half_width, half_height = np.sqrt(reach * xx), np.sqrt(reach * yy)
+    visible = in_front & (opacities >= config.alpha_min)
+    visible &= _meets(mean_x, half_width, slice(0, width)) & _meets(mean_y, half_height, slice(0, height))
+    features = np.concatenate([np.ones((len(z), 1)), z[:, None], colors], 1)
+    everything = _Splats(mean_x, mean_y, yy / det, xy / yy, 1 / yy, opacities, half_width, half_height, z, features)
+    index = np.flatnonzero(visible)
+    return everything.take(index[np.argsort(z[index], kind="stable")]), visible
+
+
+def _meets(centre: np.ndarray, half: np.ndarray, pixels: slice) -> np.ndarray:
+    """Whether `centre +- half` reaches a pixel centre between the first and the last of `pixels`."""
+    return (centre + half >= pixels.start + 0.5) & (centre - half <= pixels.stop - 0.5)
+
+
+def _composite(splats: _Splats, rows: slice, columns: slice, limit: np.ndarray, config: RasterConfig) -> np.ndarray:
+    """(h, w, 2 + C) of one tile."""
+    y, x = (axis.reshape(-1, 1) + 0.5 for axis in np.mgrid[rows, columns])
+    image = np.zeros((len(x), splats.features.shape[1]))
+    light = np.ones((len(x), 1))  # transmittance of every pixel
+    for start in range(0, len(splats.x), SLAB):
+        slab = splats.take(slice(start, start + SLAB))
+        dy = y - slab.y
+        alpha = slab.opacity * np.exp(-0.5 * (slab.a * (x - slab.x - slab.slope * dy) ** 2 + slab.c * dy**2))
+        alpha = np.where(alpha < config.alpha_min, 0, np.minimum(alpha, config.alpha_max))
+        alpha[slab.z >= limit.reshape(-1, 1)] = 0
+        after = light * np.cumprod(1 - alpha, 1)  # (pixels, splats)
+        before = np.concatenate([light, after[:, :-1]], 1)
+        image += np.where(after > config.transmittance_min, alpha * before, 0) @ slab.features
+        light = after[:, -1:]
+        if (light <= config.transmittance_min).all():
+            break
+    return image.reshape(*limit.shape, -1)
