@@ -73,9 +73,9 @@ class Target(Strict):
 
     def select(self, request: Request) -> SelectKind:
         """The selection; F4xError for a word that neither scene nor sentence knows."""
-        known = {word.lower() for word in (*request.labels, *request.names)}
-        for word in (*self.words, *self.except_words):
-            if known and word.lower() not in known and word.lower() not in request.sentence.lower():
+        known, said = {label.lower() for label in request.labels}, request.sentence.lower()
+        for word in (*(self.words if self.kind == "words" else ()), *self.except_words):
+            if known and word.lower() not in known and word.lower() not in said:
                 raise F4xError(f"'{word}' is no label of the scene and not in the request; use the labels")
         chosen = self._kind(request)
         if self.which != "any":
@@ -95,7 +95,9 @@ class Target(Strict):
             if self.words[0] not in request.names:
                 raise F4xError(f"no selection is named '{self.words[0]}'; use kind words")
             return Named(self.words[0])
-        return {"everything": All(), "moving": Moving(), "background": Not(Moving())}[self.kind]
+        if self.kind == "everything":
+            return All()
+        return Moving() if self.kind == "moving" else Not(Moving())
 
 
 class Change(Strict):

@@ -13,6 +13,7 @@ from ..errors import F4xError
 from ..query.labels import Encode, ask_for, text_head
 from ..query.pixels import label_scores
 from ..query.prompts import select_by_box, select_by_points, select_by_text
+from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id
@@ -60,10 +61,8 @@ class Resolver:
         """As the function of this name; `tidy` leaves out pieces of what words mean that lie apart and are small."""
         _check_times(scene, operation, self.context.frame)
         changed: dict[str, Any] = {}
-        for entry in fields(operation):
-            value = getattr(operation, entry.name)
-            if isinstance(value, Select):
-                changed[entry.name] = self.select(scene, value, tidy)
+        for name in {"select", "source"} & {entry.name for entry in fields(operation)}:
+            changed[name] = self.select(scene, getattr(operation, name), tidy)
         rows = rows_of(scene, changed["select"])
         if isinstance(operation, Transform | Duplicate):
             changed |= self._in_the_world(scene, operation, rows)
@@ -80,10 +79,11 @@ class Resolver:
 
     def selection(self, scene: Scene, text: Text) -> Selection:
         """The scored selection of words, at their threshold."""
-        key = (len(scene.ids), replace(text, threshold=0.5))
+        key = (len(scene.ids), replace(text, threshold=THRESHOLD))
         if key not in self._found:
             self._found[key] = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
-        return self._found[key].at_threshold(text.threshold)
+        # Being the best label says no more than a majority would, so it is not enough where more is asked for.
+        return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)
 
     def _rewrite(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         if isinstance(select, And | Or):
@@ -157,8 +157,16 @@ class Resolver:
 
 def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:
     """(n,) int rows of `scene.posed` that a resolved selection means, without those that are deleted for good."""
-    rows = scene.rows if isinstance(scene, EditedScene) else Rows.of(scene)
-    return np.flatnonzero(rows.chosen(select) & ~rows.gone)
+    return np.flatnonzero(chosen(scene, select) & ~_rows(scene).gone)
+
+
+def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
+    """(N,) bool over `scene.posed`: whom a resolved selection means."""
+    return _rows(scene).chosen(select)
+
+
+def _rows(scene: Scene) -> Rows:
+    return scene.rows if isinstance(scene, EditedScene) else Rows.of(scene)
 
 
 def labels_of(scene: Scene) -> list[str]:
