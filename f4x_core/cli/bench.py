@@ -3,10 +3,21 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+import tempfile
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..errors import F4xError
 from ..progress import Progress
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from ..scene import Scene
+
+TABLE_WIDTH = 100
+"""Characters of a line in the table of `bench features`, wherever it is printed to."""
 
 
 def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -61,18 +72,102 @@ def _deform(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return {**report, "text": "\n".join(lines)}
 
 
+REACH = {
+    "size_ratio": "<= 1.2",
+    "psnr_change": "|.| < 0.1",
+    "fit_ratio": "<= 1.6",
+    "width_ratio": "Feature4X: 5.23",
+    "logits_error": "<= 1e-5",
+    "bypass_encoder_calls": "0",
+}
+"""What the figures of `bench features` should reach, beside them in the table."""
+
+
 def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    from ..query.benchmark import benchmark
+    from ..query.benchmark import benchmark, measure_cost
     from ..query.labels import encode_labels
     from ..scene import read_scene
+    from .distilling import clip_of_scene
     from .querying import read_masks
 
-    if args.scene is None or args.masks is None:
-        raise F4xError("bench features needs --scene SCENE and --masks DIR, and --label WORD to measure words.")
-    scene = read_scene(args.scene)
-    masks = read_masks(args.masks, scene)
-    report = benchmark(scene, masks, args.label, encode_labels, repeats=args.repeats, progress=progress)
-    lines = [
-        f"{name}: {value:.3f}" if isinstance(value, float) else f"{name}: {value}" for name, value in report.items()
-    ]
-    return {**report, "text": "\n".join(lines)}
+    if args.scene is None and args.sam2 is None:
+        raise F4xError("bench features needs --scene SCENE, and --masks, --clip or --times for more; or --sam2.")
+    report: dict[str, Any] = {}
+    if args.scene is not None:
+        scene = read_scene(args.scene)
+        if args.masks is not None:
+            masks = read_masks(args.masks, scene)
+            report |= benchmark(scene, masks, args.label, encode_labels, repeats=args.repeats, progress=progress)
+        else:
+            report |= {"scene": scene.name} | measure_cost(scene, repeats=args.repeats)
+        if args.times and args.clip is None:
+            raise F4xError("--times needs --clip CLIP: the clip is fitted anew.")
+        if args.clip is not None:
+            clip = clip_of_scene(scene, args.clip, args.frames, progress)
+            report |= _pictures(scene, clip, args, progress)
+            report |= _times(scene, clip, args, progress) if args.times else {}
+    if args.sam2 is not None:
+        report["sam2"] = _bypass(args, progress)
+    return {**report, "text": _as_table(report)}
+
+
+def _pictures(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """What features change in the pictures, against the scene without them."""
+    from ..report.feature_cost import compare_pictures
+    from ..scene import read_scene
+
+    scene.require_field()
+    plain = read_scene(args.plain) if args.plain is not None else replace(scene, features=None)
+    return compare_pictures(scene, plain, clip, progress=progress)
+
+
+def _times(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """A `quick` fit from the frames on, and distilling the scene's teachers into it."""
+    from ..fit.config import profile
+    from ..fit.distil_config import DistilConfig
+    from ..fit.pipeline import fit_clip
+    from ..report.feature_cost import measure_times
+    from .distilling import maps_of
+    from .fitting import scene_of
+
+    folder = args.features or args.scene.parent / "features"
+    maps = [maps_of(scene, folder / name, name, clip, progress) for name in scene.require_field().names]
+    threads = max(args.threads)
+    with tempfile.TemporaryDirectory() as place:
+
+        def fit() -> Scene:
+            config = replace(profile("quick"), threads=threads)
+            return scene_of(clip, fit_clip(clip, Path(place), config, progress))
+
+        return measure_times(fit, maps, DistilConfig(threads=threads), args.repeats, progress)
+
+
+def _bypass(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """SAM 2 without its encoder against the whole model, on three frames."""
+    import numpy as np
+
+    from ..clip import read_clip
+    from ..features.models.bypass import compare_bypass
+
+    if args.clip is not None:
+        frames = read_clip(args.clip, args.frames, progress=progress).frames[:3]
+    else:
+        frames = np.random.default_rng(0).integers(0, 256, (3, 64, 64, 3), dtype=np.uint8)
+    return compare_bypass(frames, args.sam2, progress)
+
+
+def _as_table(report: dict[str, Any]) -> str:
+    """Name, value and goal in columns."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, show_header=True, pad_edge=False)
+    for title in ("", "measured", "to reach"):
+        table.add_column(title, justify="right" if title == "measured" else "left")
+    for name, value in [*report.items(), *report.get("sam2", {}).items()]:
+        if not isinstance(value, dict):
+            told = f"{value:.4g}" if isinstance(value, float) else str(value)
+            table.add_row(name, told, REACH.get(name, ""))
+    text = StringIO()
+    Console(file=text, width=TABLE_WIDTH).print(table)
+    return text.getvalue().rstrip()

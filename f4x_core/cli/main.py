@@ -246,6 +246,22 @@ def build_parser() -> argparse.ArgumentParser:
         "--masks", type=path_argument, metavar="DIR", help="true masks, one for each clip frame (features)"
     )
     sub.add_argument("--label", metavar="WORD", help="what the masks show (features)")
+    sub.add_argument("--clip", type=path_argument, help="the scene's clip: what features change in pictures (features)")
+    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit (features)")
+    sub.add_argument(
+        "--plain", type=path_argument, metavar="SCENE", help="the scene before distilling (default: without its field)"
+    )
+    sub.add_argument("--times", action="store_true", help="also fit the clip anew and distil, which takes minutes")
+    sub.add_argument(
+        "--features", type=path_argument, metavar="DIR", help="folder of maps for --times (default: beside the scene)"
+    )
+    sub.add_argument(
+        "--sam2",
+        nargs="?",
+        const="random",
+        metavar="MODEL",
+        help="SAM 2 without its encoder against the whole; with random weights where no MODEL is given (features)",
+    )
 
     sub = verb("demo", "A short rendered clip (or your own) all the way to a Blender file.")
     sub.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")

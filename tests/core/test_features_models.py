@@ -15,6 +15,7 @@ import tiny_models  # noqa: E402
 from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
 from f4x_core.features.models import CHECKPOINTS, depth, loading, providers, sam2, smolvlm, textimage  # noqa: E402
+from f4x_core.features.models.bypass import compare_bypass  # noqa: E402
 from f4x_core.features.models.prompt import check_prompt  # noqa: E402
 from f4x_core.features.precomputed import LAYOUTS  # noqa: E402
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor  # noqa: E402
@@ -132,6 +133,12 @@ def test_sam2_from_its_own_features_equals_the_pixel_path_and_never_encodes(name
     assert np.abs(first - expected[2]).max() <= 1e-5
     assert max(np.abs(found[t] - expected[t]).max() for t in expected) <= 1e-5
     assert np.std([found[t] for t in found]) > 0.1  # random weights do say something
+
+
+def test_the_benchmark_tells_the_error_and_counts_the_encoder(tiny):
+    told = compare_bypass(FRAMES[:2], tiny("sam2"))
+    assert told["logits_error"] <= 1e-5 < 0.1 < told["logits_spread"]
+    assert (told["frames"], told["pixel_encoder_calls"], told["bypass_encoder_calls"]) == (2, 2, 0)
 
 
 def test_zero_skips_equal_a_pixel_path_whose_fine_levels_are_silent(tiny, levels, bypass):

@@ -1,6 +1,8 @@
 """`f4x query`, `f4x ask` and `f4x bench features` from the command line."""
 
+import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,9 +10,11 @@ from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 from PIL import Image
 
 from f4x_core.cli.main import main
+from f4x_core.clip import write_images
 from f4x_core.query.score import overlap
 from f4x_core.query.selection import Selection
 from f4x_core.scene import write_scene
+from f4x_core.scene.view import render
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +78,30 @@ def test_bench_prints_the_figures(folder, capsys):
     told = json.loads(out)
     assert code == 0 and told["text_ap"] > 0.95 and told["text_gaussians_ap"] > 0.95
     assert told[f"follow_iou_{FRAMES - 1}"] > 0.8 and told["size_ratio"] > 1 and told["visual_ms"] > 0
+
+
+def test_bench_finds_no_change_in_the_pictures(folder, capsys, tmp_path):
+    scene = labelled_scene()
+    views = [(scene.cameras[t], float(t)) for t in range(FRAMES)]
+    write_images(tmp_path / "clip", [render(scene, camera, time, ("rgb",))["rgb"] for camera, time in views])
+    bench = ["bench", "features", "--scene", folder / "scene.f4x", "--clip", tmp_path / "clip", "--repeats", 1]
+    code, out, err = run(capsys, *bench, "--plain", folder / "plain.f4x", "--json")
+    told = json.loads(out)
+    assert code == 0, err
+    assert told["psnr"] == told["psnr_plain"] > 45 and told["psnr_change"] == told["psnr_change_most"] == 0
+    paler = dataclasses.replace(scene.static, sh=0.9 * scene.static.sh)
+    write_scene(labelled_scene(features=False, static=paler), tmp_path / "paler.f4x")
+    code, out, _ = run(capsys, *bench, "--plain", tmp_path / "paler.f4x")
+    change = float(re.search(r"psnr_change +(\S+) +\|\.\| < 0.1", out)[1])
+    assert code == 0 and change > 1
+    for arguments, words in (
+        (["bench", "features"], "needs --scene"),
+        ([*bench[:4], "--times"], "--times needs --clip"),
+        ([*bench, "--frames", "0:3"], "3 frames"),
+        ([*bench[:3], folder / "plain.f4x", *bench[4:]], "no feature field"),
+    ):
+        code, _, err = run(capsys, *arguments)
+        assert code == 2 and words in err
 
 
 @pytest.mark.parametrize(

@@ -97,15 +97,15 @@ def tiny_tipsv2(folder: Path, seed=0) -> Path:
     return Path(folder)
 
 
-def tiny_clip(folder: Path, seed=0) -> Path:
-    """CLIP with 16 channels into a space of 12, windows of 4 x 4 patches of 16 px."""
+def tiny_clip(folder: Path, seed=0, projection_dim=12) -> Path:
+    """CLIP with 16 channels into a small space, windows of 4 x 4 patches of 16 px."""
     torch.manual_seed(seed)
     sizes = {"hidden_size": 16, "intermediate_size": 32, "num_hidden_layers": 2, "num_attention_heads": 2}
     tokens = {"bos_token_id": 1, "eos_token_id": 2, "pad_token_id": 2}
     config = transformers.CLIPConfig(
         vision_config={**sizes, "image_size": 64, "patch_size": 16},
         text_config={**sizes, **tokens, "vocab_size": 64, "max_position_embeddings": 20},
-        projection_dim=12,
+        projection_dim=projection_dim,
     )
     model = randomise(transformers.CLIPModel(config), seed)
     with torch.no_grad():
