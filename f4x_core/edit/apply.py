@@ -68,6 +68,17 @@ class Motion(NamedTuple):
     translate: np.ndarray
     """(3,) world."""
 
+    @property
+    def shift(self) -> np.ndarray:
+        """(3,) where it takes the origin: x' = scale R x + shift."""
+        return self.pivot + self.translate - self.scale * quaternion.rotate(self.rotation, self.pivot)
+
+    def after(self, other: Motion) -> Motion:
+        """This motion of what `other` leaves."""
+        shift = self.scale * quaternion.rotate(self.rotation, other.shift) + self.shift
+        rotation = quaternion.multiply(self.rotation, other.rotation)
+        return Motion(rotation, self.scale * other.scale, np.zeros(3), shift)
+
     def __call__(self, placed: Placement) -> Placement:
         """The Gaussians moved; what does not change keeps its bits."""
         turns, resizes = self.rotation[1:].any(), self.scale != 1
@@ -82,6 +93,8 @@ class Motion(NamedTuple):
             scales = np.minimum(scales * self.scale, FARTHEST).astype(np.float32)
         return Placement(np.clip(means + self.translate, -FARTHEST, FARTHEST).astype(np.float32), quats, scales)
 
+
+NO_MOTION = Motion(quaternion.IDENTITY, 1.0, np.zeros(3), np.zeros(3))
 
 State = TypeVar("State", Placement, Appearance)
 Wanted = np.ndarray | slice
@@ -222,7 +235,7 @@ class EditedScene(Scene):
         `still`: what is read is the same at all times.
         """
         step = self.steps[depth - 1]
-        own = np.arange(len(self._after(depth).ids))[rows]
+        own = np.arange(len(self.after(depth).ids))[rows]
         when, below, copy = step.read(time, own)
         if still:
             when[:] = time
@@ -234,7 +247,8 @@ class EditedScene(Scene):
         place = np.argsort(np.concatenate(members))
         return type(parts[0])(*(np.concatenate(arrays)[place] for arrays in zip(*parts, strict=True))), copy
 
-    def _after(self, depth: int) -> Rows:
+    def after(self, depth: int) -> Rows:
+        """What there is after the first `depth` steps."""
         return self.steps[depth].before if depth < len(self.steps) else self.rows
 
     def _moved(self, below: int, time: float, rows: Wanted, state: Placement) -> Placement:

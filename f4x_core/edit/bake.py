@@ -1,0 +1,477 @@
+"""Folds an edit stack into base arrays and scaffold, so that programs that know nothing of edits see the edited scene.
+
+What is folded is the longest run of edits from the first on that a scene without edits can hold: colours that last, and
+places. Every group of Gaussians with the same history moves by one similarity G(t) of what the base does at some moment
+w(t). Where that is constant the arrays take it. Else nodes are cloned, Q'_k(t) = G(t) Q_k(w(t)) at clip frames, and a
+Gaussian that stood still gets a node of its group. The scaffold is given every clip frame as a time then, so that the baked
+scene is the edited one at all of them; between them its curves run through the same places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from ..geometry import quaternion
+from ..scaffold import Scaffold
+from ..scaffold.control import prune_nodes, resample_in_time
+from ..scaffold.deformation import node_poses_at
+from ..scene import DynamicSet, Scene, StaticSet
+from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
+from .apply import LOOKS_OF, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
+from .operations import Delete, Duplicate, Name, Transform
+from .rows import Rows
+from .selects import Ids, Moving, Select
+from .stack import Edit, EditStack, of, with_stack
+from .warps import progress
+
+TOLERANCE = 0.02
+"""Pixels that a folded Gaussian may lie off at any clip frame; edits that would need more stay in the stack."""
+ANCHORS = 32
+"""Nodes a group gets whose Gaussians stood still: one for each kind of features in it, for features live on nodes."""
+LONE_UNIT = 0.1
+"""World units between nodes of a scene that had none; new nodes are bare and need no neighbours."""
+NEAR = 0.05
+"""World units in front of the camera from which a pixel of error is told."""
+
+
+def bake(scene: Scene) -> Scene:
+    """The scene with its edits folded in; those that no arrays can hold stay in the stack, and names too.
+
+    Gaussians keep their ids, copies have theirs; deleted ones are dropped, nodes that nobody follows any longer too. Edits that
+    are switched off or undone are left behind. Raises F4xError where an edit is wrong.
+    """
+    scene = base_of(scene)
+    stack = of(scene)
+    active = tuple(edit for edit in stack.edits if edit.enabled)
+    kept = EditStack(active)
+    for count in _foldable(scene, active):
+        part = edited(with_stack(scene, replace(kept, edits=active[:count])))
+        if not isinstance(part, EditedScene):
+            return with_stack(scene, kept)
+        folded = _folded(part, drop=count == len(active))
+        if _off(part, folded) <= TOLERANCE:
+            return with_stack(folded, _rest(scene, active, count, part.rows, folded))
+    raise AssertionError("a stack of which nothing is folded is always within tolerance")
+
+
+def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
+    """How many edits from the first on may be folded, the most first; after that, fewer by one that shows other moments."""
+    whole = edited(with_stack(scene, EditStack(active)))
+    steps = whole.steps if isinstance(whole, EditedScene) else ()
+    lasting = next((s.edit.id for s in steps if _needs_time(s.edit)), None)
+    count = len(active) if lasting is None else [edit.id for edit in active].index(lasting)
+    yield count
+    inexact = {step.edit.id for step in steps if step.reads}
+    yield from (index for index in range(count - 1, -1, -1) if active[index].id in inexact)
+    yield 0
+
+
+def _needs_time(edit: Edit) -> bool:
+    """Whether an edit changes looks or sizes over time, which base arrays hold once."""
+    operation = edit.operation
+    if isinstance(operation, Transform):
+        return operation.frames is not None and operation.scale != 1
+    return isinstance(operation, LOOKS_OF) and operation.frames is not None
+
+
+def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: Rows, folded: Scene) -> EditStack:
+    """The stack behind the folded edits: names as they were given, then the other edits."""
+    stack = EditStack()
+    if count < len(active) and rows.gone.any():
+        stack = stack.append(Delete(Ids.of(rows.ids[rows.gone])))
+    for name, index in rows.names.items():
+        stack = stack.append(Name(Ids.of(np.intersect1d(rows.ids[index], folded.ids)), name))
+    taken = len(stack)
+    whole = edited(with_stack(scene, EditStack(active)))
+    before = {step.edit.id: step.before for step in getattr(whole, "steps", ())}
+    later = [replace(edit, operation=_spelt(edit, before.get(edit.id, rows))) for edit in active[count:]]
+    return EditStack((*stack.edits, *(replace(edit, id=taken + i) for i, edit in enumerate(later, 1))))
+
+
+def _spelt(edit: Edit, rows: Rows) -> Any:
+    """The operation with `moving` as ids: edits that are folded in make Gaussians move that did not."""
+
+    def spell(value: Any) -> Any:
+        if isinstance(value, Moving):
+            return Ids.of(rows.ids[rows.carried])
+        if isinstance(value, tuple):
+            return tuple(spell(part) for part in value)
+        if isinstance(value, Select):
+            return replace(value, **{entry.name: spell(getattr(value, entry.name)) for entry in fields(value)})
+        return value
+
+    operation = edit.operation
+    names = [entry.name for entry in fields(operation) if isinstance(getattr(operation, entry.name), Select)]
+    return replace(operation, **{name: spell(getattr(operation, name)) for name in names})
+
+
+def _off(part: EditedScene, folded: Scene) -> float:
+    """Pixels by which Gaussians of the folded scene lie off at clip frames, the worst of them all."""
+    if folded.scaffold is None:
+        return 0.0
+    place = np.argsort(part.ids)
+    row = place[np.searchsorted(part.ids[place], folded.ids)]
+    worst = 0.0
+    for time in folded.scaffold.times:
+        camera = part.cameras.at(time)
+        there, here = part.posed(time).means[row].astype(float), folded.posed(time).means.astype(float)
+        depth = camera.project(there)[1]
+        pixels = np.linalg.norm(there - here, axis=1) * camera.intrinsics[0, 0] / np.maximum(depth, NEAR)
+        worst = max(worst, float(pixels.max(initial=0)))
+    return worst
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Gaussians that the same steps move, and how; F times of the scaffold."""
+
+    rows: np.ndarray
+    """(n,) rows of the edited scene; the scaffold carries all or none of them."""
+    moments: np.ndarray
+    """(F,) clip time w(t) at which the base is read."""
+    turns: np.ndarray
+    """(F,4) rotation of G(t), wxyz."""
+    shifts: np.ndarray
+    """(F,3) where G(t) takes the origin."""
+    scale: float
+    """Of G, at all times."""
+
+    @property
+    def lasts(self) -> bool:
+        """Whether G is the same at all times."""
+        return bool((self.turns == self.turns[0]).all() and (self.shifts == self.shifts[0]).all())
+
+    def is_nothing(self, times: np.ndarray) -> bool:
+        """Whether these Gaussians are where the base has them."""
+        still = not self.turns[:, 1:].any() and not self.shifts.any() and self.scale == 1
+        return still and bool((self.moments == times).all())
+
+    def moved(self, points: np.ndarray) -> np.ndarray:
+        """`points (F, n, 3)` moved by G(t) (float64)."""
+        return self.scale * quaternion.rotate(self.turns[:, None], points) + self.shifts[:, None]
+
+
+def _histories(scene: EditedScene, there: np.ndarray) -> list[np.ndarray]:
+    """The rows `there (N,) bool` by what moves them: those of one group were chosen by the same steps, as the same copies."""
+    code = Rows.of(base_of(scene)).carried.astype(np.int64)
+    for depth, step in enumerate(scene.steps, 1):
+        part: np.ndarray = step.chosen.astype(np.int64)
+        if step.copied is not None:
+            _, below, part = step.read(0.0, np.arange(len(scene.after(depth).ids)))
+            code = code[below]
+        elif isinstance(step.edit.operation, LOOKS_OF):
+            continue
+        code = np.unique(code * (part.max() + 1) + part, return_inverse=True)[1]
+    index = np.flatnonzero(there)
+    return [index[code[index] == value] for value in np.unique(code[index])]
+
+
+def _group(scene: EditedScene, rows: np.ndarray, times: np.ndarray) -> _Group:
+    tracks = [_track(scene, int(rows[0]), float(time)) for time in times]
+    motions = [motion for _, motion in tracks]
+    return _Group(
+        rows,
+        np.array([moment for moment, _ in tracks]),
+        quaternion.align_sequence(np.stack([motion.rotation for motion in motions])),
+        np.stack([motion.shift for motion in motions]),
+        motions[0].scale,
+    )
+
+
+def _track(scene: EditedScene, row: int, time: float) -> tuple[float, Motion]:
+    """(w(time), G(time)) of one row: back through the steps, each at the moment that the one after it shows."""
+    whole, last = NO_MOTION, float(scene.cameras.times[-1])
+    for below in range(len(scene.steps) - 1, -1, -1):
+        step = scene.steps[below]
+        operation = step.edit.operation
+        if step.reads:
+            when, at, copy = step.read(time, np.array([row]))
+            time, row = float(when[0]), int(at[0])
+            if isinstance(operation, Duplicate):
+                whole = whole.after(NO_MOTION._replace(translate=copy[0] * np.array(operation.offset)))
+        elif isinstance(operation, Transform) and step.chosen[row]:
+            share = progress(operation.frames, operation.ease, time, last)
+            if share:
+                whole = whole.after(motion_of(operation, share, scene.pivot(below, time)))
+    return time, whole
+
+
+def _folded(scene: EditedScene, drop: bool) -> Scene:
+    """The scene with all its edits in its arrays, up to what nodes cannot hold exactly; its stack is empty.
+
+    `drop`: leave out what is deleted. Else it is there with opacity 0, as later edits count on it.
+    """
+    base, rows = base_of(scene), scene.rows
+    times = base.cameras.times.astype(np.float64)
+    times = times if base.scaffold is None else np.union1d(base.scaffold.times, times)
+    groups = [_group(scene, members, times) for members in _histories(scene, ~(rows.gone & drop))]
+    moving = [group for group in groups if not group.lasts or rows.carried[group.rows[0]]]
+    if base.scaffold is not None and not all(group.is_nothing(times) for group in moving):
+        base = _with_knots(base, base.scaffold, times)
+    posed, count = scene.posed(float(times[0])), len(base.static)
+    standing = [group for group in groups if group.lasts and not rows.carried[group.rows[0]]]
+    still = np.sort(np.concatenate([np.zeros(0, int), *(group.rows for group in standing)]))
+    turned = np.isin(still, [row for group in standing if group.turns[0, 1:].any() for row in group.rows])
+    origin = rows.origin[still]
+    static = StaticSet(
+        ids=rows.ids[still],
+        xyz=posed.means[still],
+        rotation=np.where(turned[:, None], posed.quats[still], base.static.rotation[origin]),
+        scale=posed.scales[still],
+        opacity=posed.opacities[still],
+        sh=posed.sh[still, : base.static.sh.shape[1]],
+    )
+    build = _Nodes(base, times, scene.scaffold)
+    for group in moving:
+        build.add(group, rows)
+    dynamic, scaffold, latents, followers = build.finish(scene)
+    field = base.features
+    extra = {}
+    for name, array in base.extra.items():
+        part = name.split("/")[0]
+        index = origin if part == "static" else rows.origin[followers] - count
+        extra[name] = _taken(array, index) if part in ("static", "dynamic") else array
+    told = [{"op": edit.operation.TAG, "said": edit.said} for edit in of(scene).edits]
+    return replace(
+        base,
+        static=static,
+        dynamic=dynamic,
+        scaffold=scaffold,
+        features=None if field is None else replace(field, static=field.static[origin], nodes=latents),
+        extra=extra,
+        edits=(),
+        next_id=next_id(base),
+        provenance={**base.provenance, "baked": [*base.provenance.get("baked", []), *told]},
+    )
+
+
+def _with_knots(base: Scene, scaffold: Scaffold, times: np.ndarray) -> Scene:
+    """The scene with knots of its curves at all of `times`: new nodes are then right at every clip frame."""
+    reference = np.searchsorted(times, scaffold.times[base.dynamic.reference]).astype(np.int32)
+    return replace(base, scaffold=resample_in_time(scaffold, times), dynamic=replace(base.dynamic, reference=reference))
+
+
+class _Followers(NamedTuple):
+    """n Gaussians and the nodes they follow."""
+
+    rows: np.ndarray
+    """(n,) rows of the edited scene."""
+    reference: np.ndarray
+    """(n,) index into the scaffold's times."""
+    node: np.ndarray
+    """(n,K)"""
+    weight: np.ndarray
+    """(n,K)"""
+    strength: np.ndarray
+    """(n,)"""
+    kept: bool = False
+    """Whether they stand in the base as they are here, at the same reference time."""
+
+
+class _Nodes:
+    """The nodes of the folded scene while groups are added, and who follows them."""
+
+    def __init__(self, base: Scene, times: np.ndarray, curves: Scaffold | None):
+        """`curves`: the scaffold with the knots it came with, between which every other knot would bend it."""
+        self.base, self.times = base, times
+        self.old = _no_nodes(times) if base.scaffold is None else base.scaffold
+        self.curves = curves or self.old
+        self.latents = np.zeros((len(self.old), 0), np.uint8) if base.features is None else base.features.nodes
+        self.followers: list[_Followers] = []
+        self.added: list[_NewNodes] = []
+
+    @property
+    def count(self) -> int:
+        """Nodes so far."""
+        return len(self.old) + sum(len(new.radius) for new in self.added)
+
+    def add(self, group: _Group, rows: Rows) -> None:
+        """Let the Gaussians of `group` follow nodes that move as they do."""
+        origin = rows.origin[group.rows]
+        if not rows.carried[group.rows[0]]:
+            self._add_standing(group, origin)
+            return
+        carried = self.base.dynamic.take(origin - len(self.base.static))
+        if group.is_nothing(self.times):
+            told = (carried.reference, carried.node, carried.weight, carried.strength)
+            self.followers.append(_Followers(group.rows, *told, kept=True))
+            return
+        cloned, local = np.unique(carried.node, return_inverse=True)
+        node, weight, strength = self.count + local.reshape(carried.node.shape), carried.weight, carried.strength
+        self._add_clones(group, cloned)
+        if not group.lasts and (strength < 1).any():
+            # Who follows the nodes in part follows G alone with the rest: an identity that is moved by it.
+            node = np.concatenate([node, np.full((len(node), 1), self.count)], 1)
+            weight = np.concatenate([weight * strength[:, None], 1 - strength[:, None]], 1)
+            strength = np.ones_like(strength)
+            self._add_bare(group, np.zeros((1, 3)), self.latents[cloned[:1]])
+        gaps = np.abs(group.moments[:, None] - self.times[carried.reference])  # (F, n)
+        self.followers.append(_Followers(group.rows, gaps.argmin(0), node, weight, strength))
+
+    def _add_clones(self, group: _Group, cloned: np.ndarray) -> None:
+        old, curves = self.old, self.curves
+        poses = [node_poses_at(curves.times, curves.xyz, curves.quat, float(moment)) for moment in group.moments]
+        quats = quaternion.multiply(group.turns[:, None], np.stack([quat[cloned] for _, quat in poses]))
+        place = np.full(len(old), -1)
+        place[cloned] = self.count + np.arange(len(cloned))
+        neighbours = place[old.neighbours[cloned]]
+        own = place[cloned][:, None]
+        nearest = np.abs(group.moments[:, None] - self.times).argmin(1)
+        self.added.append(
+            _NewNodes(
+                group.moved(np.stack([xyz[cloned] for xyz, _ in poses])),
+                quaternion.align_sequence(quats),
+                old.radius[cloned] * group.scale,
+                old.certain[nearest][:, cloned],
+                np.where(neighbours < 0, own, neighbours),
+                old.edge_mask[cloned] & (neighbours >= 0),
+                self.latents[cloned],
+            )
+        )
+
+    def _add_standing(self, group: _Group, origin: np.ndarray) -> None:
+        static, field = self.base.static.take(origin), self.base.features
+        kinds = np.zeros(len(origin), int)
+        latents = np.zeros((1, self.latents.shape[1]), np.uint8)
+        if field is not None:
+            kinds, latents = _kinds(field.static[origin])
+        slots = self.base.dynamic.node.shape[1]
+        weight = np.zeros((len(origin), slots), np.float32)
+        weight[:, 0] = 1
+        node = np.tile(self.count + kinds[:, None], (1, slots))
+        told = (np.zeros(len(origin), int), node, weight, np.ones(len(origin), np.float32))
+        self.followers.append(_Followers(group.rows, *told))
+        self._add_bare(group, np.tile(np.median(static.xyz, 0), (len(latents), 1)), latents, static.xyz.std())
+
+    def _add_bare(self, group: _Group, points: np.ndarray, latents: np.ndarray, radius: float = 0.0) -> None:
+        """Nodes at `points (m,3)` of the base that do nothing but move by G(t)."""
+        times, (count, slots) = len(self.times), (len(points), self.old.neighbours.shape[1])
+        own = self.count + np.arange(count)
+        self.added.append(
+            _NewNodes(
+                group.moved(np.tile(points, (times, 1, 1))),
+                np.tile(group.turns[:, None], (1, count, 1)),
+                np.full(count, max(radius * group.scale, self.old.unit)),
+                np.ones((times, count), bool),
+                np.tile(own[:, None], (1, slots)),
+                np.tile(np.arange(slots) == 0, (count, 1)),
+                latents,
+            )
+        )
+
+    def finish(self, scene: EditedScene) -> tuple[DynamicSet, Scaffold | None, np.ndarray, np.ndarray]:
+        """(the Gaussians that move, the scaffold, its latents (M,D), rows of the Gaussians in the edited scene)."""
+        base = self.base
+        if not self.followers:
+            return DynamicSet.empty(), None, self.latents[:0], np.zeros(0, int)
+        scaffold, latents = self._scaffold()
+        slots = max(part.node.shape[1] for part in self.followers)
+        parts = [part._replace(node=_widened(part.node, slots, "edge"), weight=_widened(part.weight, slots, "constant"))
+                 for part in self.followers]  # fmt: skip
+        rows, reference, node, weight, strength = (
+            np.concatenate([part[i] for part in parts]) for i in range(len(_Followers._fields) - 1)
+        )
+        used = np.zeros(len(scaffold), bool)
+        used[node] = True
+        abandoned = np.zeros(len(scaffold), bool)
+        abandoned[base.dynamic.node] = True
+        scaffold, place = prune_nodes(scaffold, np.where(abandoned & ~used, 0.0, 1.0), np.zeros(0, int))
+        xyz, rotation, scale = (np.empty((len(rows), n), np.float32) for n in (3, 4, 3))
+        posed = None
+        for index in np.unique(reference):
+            posed = scene.posed(float(self.times[index]))
+            here = reference == index
+            for array, value in ((xyz, posed.means), (rotation, posed.quats), (scale, posed.scales)):
+                array[here] = value[rows[here]]
+        kept = np.concatenate([np.full(len(part.rows), part.kept) for part in parts])
+        origin = scene.rows.origin[rows[kept]] - len(base.static)
+        xyz[kept], rotation[kept], scale[kept] = (
+            base.dynamic.xyz[origin], base.dynamic.rotation[origin], base.dynamic.scale[origin]
+        )  # fmt: skip
+        assert posed is not None
+        size = base.dynamic.sh.shape[1] if scene.rows.carried[rows].all() else posed.sh.shape[1]
+        arrays = {
+            "ids": scene.rows.ids[rows],
+            "xyz": xyz,
+            "rotation": rotation,
+            "scale": scale,
+            "opacity": posed.opacities[rows],
+            "sh": posed.sh[rows, :size],
+            "reference": reference.astype(np.int32),
+            "node": place[node].astype(np.int32),
+            "weight": weight.astype(np.float32),
+            "strength": strength.astype(np.float32),
+        }
+        order = np.argsort(rows)
+        return DynamicSet(**arrays).take(order), scaffold, latents[place >= 0], rows[order]
+
+    def _scaffold(self) -> tuple[Scaffold, np.ndarray]:
+        """(all nodes, old ones first; their latents (M,D))."""
+        old, new = self.old, self.added
+        first = int(old.ids.max(initial=-1)) + 1
+        scaffold = replace(
+            old,
+            xyz=np.concatenate([old.xyz, *(part.xyz for part in new)], 1, dtype=np.float32),
+            quat=np.concatenate([old.quat, *(part.quat for part in new)], 1, dtype=np.float32),
+            radius=np.concatenate([old.radius, *(part.radius for part in new)], dtype=np.float32),
+            certain=np.concatenate([old.certain, *(part.certain for part in new)], 1),
+            ids=np.append(old.ids, first + np.arange(self.count - len(old))),
+            neighbours=np.concatenate([old.neighbours, *(part.neighbours for part in new)]),
+            edge_mask=np.concatenate([old.edge_mask, *(part.edge_mask for part in new)]),
+        )
+        return scaffold, np.concatenate([self.latents, *(part.latents for part in new)])
+
+
+class _NewNodes(NamedTuple):
+    """m nodes as a scaffold has them, and their latents."""
+
+    xyz: np.ndarray
+    """(F,m,3)"""
+    quat: np.ndarray
+    """(F,m,4)"""
+    radius: np.ndarray
+    """(m,)"""
+    certain: np.ndarray
+    """(F,m)"""
+    neighbours: np.ndarray
+    """(m,K)"""
+    edge_mask: np.ndarray
+    """(m,K)"""
+    latents: np.ndarray
+    """(m,D) uint8."""
+
+
+def _no_nodes(times: np.ndarray) -> Scaffold:
+    """A scaffold without nodes for a scene in which nothing moved before its edits."""
+    arrays = empty_arrays(SCAFFOLD_ARRAYS, F=len(times), K=1)
+    return Scaffold(**{**arrays, "times": times}, unit=LONE_UNIT)
+
+
+def _kinds(latents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(kind (n,), latents (k,D)) of `latents (n,D)`: up to `ANCHORS` of them, the farthest apart, and whom each is nearest."""
+    values = latents.astype(np.float32)
+    chosen, nearest = [0], np.full(len(values), np.inf)
+    kind = np.zeros(len(values), int)
+    while True:
+        far = ((values - values[chosen[-1]]) ** 2).sum(1)
+        kind[far < nearest] = len(chosen) - 1
+        nearest = np.minimum(nearest, far)
+        if len(chosen) == ANCHORS or not nearest.any():
+            return kind, latents[chosen]
+        chosen.append(int(nearest.argmax()))
+
+
+def _taken(array: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Rows `index (n,)` of `array`, zeros where it is negative: Gaussians that only now belong to the dynamic set."""
+    taken = np.zeros((len(index), *array.shape[1:]), array.dtype)
+    taken[index >= 0] = array[index[index >= 0]]
+    return taken
+
+
+def _widened(array: np.ndarray, slots: int, mode: Literal["edge", "constant"]) -> np.ndarray:
+    """`array (n,K)` with `slots` columns: the last one repeated, or zeros."""
+    return np.pad(array, ((0, 0), (0, slots - array.shape[1])), mode=mode)
