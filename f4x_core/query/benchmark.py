@@ -16,7 +16,7 @@ from ..scene.view import render
 from .labels import Encode, ask_for
 from .pixels import head_map, share_picture, text_picture
 from .prompts import LOOKS_ALIKE, select_by_mask, text_selection
-from .score import average_precision, overlap
+from .score import average_precision, overlap, select
 
 FOLLOWED = (5, 10, 30)
 """Frames at which a followed mask is measured, besides the last."""
@@ -30,10 +30,10 @@ def score_text(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, float]:
-    """Average precision of the probability of `label` in the original views against bool `masks` (frame -> (H,W)).
+    """How well the query for `label` finds bool `masks` (frame -> (H,W)) in the original views; means over frames with a mask.
 
-    `text_ap` and `text_gaussians_ap` are means over the frames whose mask is not empty: of decoded rendered latents, and of
-    the composited scores of single Gaussians; `text_iou` is that of the former's selection rule.
+    Average precision: `text_ap` of decoded rendered latents, `text_gaussians_ap` of the selection's composited scores. IoU:
+    `text_iou` of the selection, `text_rule_iou` of Feature4X's rule (`score.select`) on decoded rendered latents.
     """
     query = ask_for(scene, [label], None, None, encode)
     single = text_selection(scene, query)
@@ -44,11 +44,20 @@ def score_text(
             continue
         camera, time = scene.cameras[frame], float(scene.cameras.times[frame])
         scores = text_picture(scene, query, camera, time, backend)
-        own = share_picture(scene, single, camera, time, backend, soft=True)
-        chosen = (scores[..., 0] >= single.threshold) | (scores.argmax(-1) == 0) & (scores[..., 0] > 0)
-        rows.append((average_precision(scores[..., 0], mask), average_precision(own, mask), overlap(chosen, mask)))
-    means = np.mean(rows, 0) if rows else [np.nan] * 3
-    return dict(zip(("text_ap", "text_gaussians_ap", "text_iou"), map(float, means), strict=True))
+        soft = share_picture(scene, single, camera, time, backend, soft=True)
+        chosen = share_picture(scene, single, camera, time, backend) > 0.5
+        ruled = select(scores, 0) & (scores[..., 0] > 0)  # 0 where nothing is drawn
+        rows.append(
+            (
+                average_precision(scores[..., 0], mask),
+                average_precision(soft, mask),
+                overlap(chosen, mask),
+                overlap(ruled, mask),
+            )
+        )
+    means = np.mean(rows, 0) if rows else [np.nan] * 4
+    names = ("text_ap", "text_gaussians_ap", "text_iou", "text_rule_iou")
+    return dict(zip(names, map(float, means), strict=True))
 
 
 def score_following(

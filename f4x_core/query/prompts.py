@@ -15,15 +15,15 @@ from ..geometry import spherical_harmonics
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
+from .calibration import word_probabilities
 from .labels import Encode, TextQuery, ask_for
 from .light import lift_masks
 from .pixels import head_map, label_scores
 from .score import THRESHOLD, target_score
 from .segmentation import FeaturePropagation, MaskDecoder
 from .selection import Selection
+from .smoothing import LOOKS_ALIKE
 
-LOOKS_ALIKE = "visual"
-"""The head whose features carry masks through the clip when no other decoder is given."""
 STAND_IN_GRID = 64
 """Columns of the grid on which rendered colour, motion and depth stand in for features that a scene lacks."""
 
@@ -53,17 +53,34 @@ def select_by_text(
     head: str | None = None,
     encode: Encode | None = None,
     span: tuple[float, float] | None = None,
+    calibrated: bool = True,
 ) -> Selection:
-    """Gaussians whose decoded latent says one of `labels` rather than one of `negatives` (see `labels.ask_for`)."""
-    return text_selection(scene, ask_for(scene, labels, negatives, head, encode), threshold, span)
+    """Gaussians whose decoded latent says one of `labels` rather than one of `negatives` (see `labels.ask_for`).
+
+    Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`.
+    """
+    query = ask_for(scene, labels, negatives, head, encode)
+    return text_selection(scene, query, threshold, span, calibrated=calibrated)
 
 
 def text_selection(
-    scene: Scene, query: TextQuery, threshold: float = THRESHOLD, span: tuple[float, float] | None = None
+    scene: Scene,
+    query: TextQuery,
+    threshold: float = THRESHOLD,
+    span: tuple[float, float] | None = None,
+    *,
+    calibrated: bool = True,
 ) -> Selection:
-    """The selection of a query: score = summed probability of the targets, wins = a target is the best label."""
-    total, best = target_score(label_scores(query, scene.latents()), range(query.targets))
+    """The selection of a query: score = probability that a Gaussian belongs to a target (`calibration`), and no wins.
+
+    With `calibrated` False, or where the text encoder has no null vector, the rule of Feature4X: score = summed softmax of
+    the targets, wins = a target is the best label.
+    """
     names = ", ".join(query.labels[: query.targets])
+    probability = word_probabilities(scene, query) if calibrated else None
+    if probability is not None:
+        return _selection(scene, probability, np.zeros(len(probability), bool), threshold, span, names)
+    total, best = target_score(label_scores(query, scene.latents()), range(query.targets))
     return _selection(scene, np.clip(total, 0, 1), best, threshold, span, names)
 
 

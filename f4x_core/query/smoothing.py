@@ -1,0 +1,166 @@
+"""Neighbourhoods: Gaussians that lie and look alike are grouped, and groups vote. Needs numpy alone.
+
+Text features are coarse (a cell knows its surroundings), `visual` features and places know where things end. What one
+says of a Gaussian is therefore spread along the other: a random walker with priors (Grady 2005) on a graph of patches.
+A few thousand patches carry a scene of any size, and heads decode their mean latents, which is what heads were trained on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..scene import Scene
+from .light import light_into
+
+LOOKS_ALIKE = "visual"
+"""The head whose features say what looks alike: they carry masks through the clip, and words to neighbours (a scene without
+it compares latents there)."""
+CELL = 1 / 40
+"""Width of a patch, in widths of the picture: about a cell of the finest offline teacher."""
+LAYER = 0.15
+"""Depth of a patch, in natural logarithms of the distance from the camera."""
+REACH = 2
+"""Patches are bound to others up to so many cells away across the picture, and one in depth."""
+NEAR = 0.05
+"""Distance, in widths of the picture, at which a bond is weaker by 1/e."""
+FAR = 0.3
+"""Width of the picture that a step of 1 in the logarithm of the distance is worth."""
+ALIKE = 0.1
+"""Difference of cosines at which a bond is weaker by 1/e."""
+TRUST = 0.04
+"""Weight of a patch's own value against one bond of full strength."""
+LARGEST = 0.95
+"""Share of the patches that count with their own weight; heavier ones count no more than that."""
+VIEWS, COLUMNS = 3, 120
+"""Views, evenly over the clip, whose light counts, and the width of their pictures."""
+UNSEEN = 1e-3
+"""Light, in pixels of such a view, that a Gaussian counts with at least."""
+STEPS, TOLERANCE = 200, 1e-4
+"""Bounds of the conjugate gradients: steps, and the residual relative to the start."""
+
+
+_GROUPS: WeakKeyDictionary[Scene, Patches] = WeakKeyDictionary()
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Groups of neighbouring Gaussians of a scene and the bonds between them; P patches, E directed bonds."""
+
+    index: np.ndarray
+    """(N,) int64: the patch of each Gaussian, static first."""
+    weight: np.ndarray
+    """(P,) float64: light that a patch sends into views of the clip, mean 1."""
+    latents: np.ndarray
+    """(P,D) float32: mean latents."""
+    first: np.ndarray
+    """(P,) int64: where each patch's bonds begin."""
+    other: np.ndarray
+    """(E,) int64: the patch at the other end; every bond is there from both ends."""
+    bond: np.ndarray
+    """(E,) float32 in [0, 1]."""
+
+    def smooth(self, values: np.ndarray, trust: float = TRUST) -> np.ndarray:
+        """`argmin_x sum trust weight_i (x_i - values_i)^2 + sum bond_ij (x_i - x_j)^2` of `values (P,)`, float64.
+
+        Solved by conjugate gradients with the diagonal as preconditioner.
+        """
+        own = trust * np.minimum(self.weight, np.quantile(self.weight, LARGEST))
+        own += 1e-6 * own.mean()  # a patch without light and bonds keeps its value
+        diagonal = own + np.add.reduceat(self.bond, self.first)
+        x = np.array(values, np.float64)
+        residual = own * values - self._apply(x, diagonal)
+        start = np.abs(residual).max()
+        scaled = residual / diagonal
+        direction, power = scaled, residual @ scaled
+        for _ in range(STEPS):
+            if np.abs(residual).max() <= TOLERANCE * start:
+                break
+            image = self._apply(direction, diagonal)
+            step = power / (direction @ image)
+            x += step * direction
+            residual = residual - step * image
+            scaled = residual / diagonal
+            before, power = power, residual @ scaled
+            direction = scaled + power / before * direction
+        return x
+
+    def _apply(self, x: np.ndarray, diagonal: np.ndarray) -> np.ndarray:
+        return diagonal * x - np.add.reduceat(self.bond * x[self.other], self.first)
+
+
+def group_of(scene: Scene) -> Patches:
+    """`group`, made once for as long as the scene lives: every further word is asked of the same patches."""
+    if scene not in _GROUPS:
+        _GROUPS[scene] = group(scene)
+    return _GROUPS[scene]
+
+
+def group(scene: Scene) -> Patches:
+    """The patches of a scene, as seen from the middle of the clip; what moves and what stands still are never mixed.
+
+    Raises F4xError: a scene without a feature field.
+    """
+    field = scene.require_field()
+    cameras = scene.cameras
+    middle = len(cameras) // 2
+    posed = scene.posed(float(cameras.times[middle]))
+    camera = cameras[middle]
+    x = posed.means @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
+    distance = np.maximum(np.linalg.norm(x, axis=1), 1e-9)
+    # Directions, not pixels: what lies beside and behind the camera has a place too.
+    place = np.concatenate(
+        [x / distance[:, None] * camera.intrinsics[0, 0] / camera.width, np.log(distance)[:, None]], 1
+    )
+    weight = _light(scene) + UNSEEN
+    cell = np.floor(place[:, [0, 1, 3]] / (CELL, CELL, LAYER)).astype(np.int64)
+    cell -= cell.min(0) - REACH  # room for neighbours on all sides
+    size = cell.max(0) + REACH + 1
+    kind = 2 * posed.dynamic + (place[:, 2] < 0)  # 4 kinds: moving or not, in front of the camera or behind
+    key = np.ravel_multi_index((*cell.T, kind), (*size, 4))
+    keys, index = np.unique(key, return_inverse=True)
+    total = np.bincount(index, weight)
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.stack([np.bincount(index, weight * column) for column in values.T], 1) / total[:, None]
+
+    latents = mean(scene.latents()).astype(np.float32)
+    looks = field.decode(LOOKS_ALIKE, latents) if LOOKS_ALIKE in field.names else latents - latents.mean(0)
+    looks = looks / np.maximum(np.linalg.norm(looks, axis=1, keepdims=True), 1e-12)
+    place = mean(place * (1, 1, 1, FAR))
+    one, two = _neighbours(keys, size)
+    steps = ((place[one] - place[two]) ** 2).sum(1) / NEAR**2 + (1 - (looks[one] * looks[two]).sum(1)) / ALIKE
+    bond = np.exp(-steps).astype(np.float32)
+    return Patches(index, total / total.mean(), latents, np.searchsorted(one, np.arange(len(keys))), two, bond)
+
+
+def _light(scene: Scene) -> np.ndarray:
+    """(N,) float64: pixels of light that each Gaussian sends into `VIEWS` small views."""
+    cameras = scene.cameras
+    layer = np.ones((max(1, round(COLUMNS * cameras.height / cameras.width)), COLUMNS, 1), np.float32)
+    frames = np.unique(np.linspace(0, len(cameras) - 1, VIEWS).round().astype(int))
+    return sum(light_into(scene, float(cameras.times[t]), int(t), layer)[:, 0].astype(np.float64) for t in frames)
+
+
+def _neighbours(keys: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(E,), (E,) indices of pairs of `keys` (sorted, of (column, row, layer, kind)) in cells next to each other.
+
+    Both orders of each pair, sorted by the first; every key has at least the pair with itself, whose bond pulls nowhere.
+    """
+    rows, layers = int(size[1]), int(size[2])
+    around = np.arange(-REACH, REACH + 1)
+    pairs = []
+    for across in around:
+        for down in around:
+            for behind in (-1, 0, 1):
+                start = keys // 4 + (across * rows + down) * layers + behind
+                for kind in range(4):
+                    wanted = 4 * start + kind
+                    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+                    found = np.flatnonzero(keys[place] == wanted)
+                    pairs.append((found, place[found]))
+    one, two = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    order = np.argsort(one, kind="stable")
+    return one[order], two[order]
