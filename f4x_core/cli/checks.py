@@ -20,8 +20,8 @@ def path_argument(text: str) -> Path:
 
 
 def output_folder(args: argparse.Namespace) -> Path:
-    """The folder that a verb with `-o` writes into; for a file (`export`, `distill`), the one it lies in."""
-    if args.verb == "distill":
+    """The folder that a verb with `-o` writes into; for a file (`export`, `distill`, `edit`, `bake`), the one it lies in."""
+    if args.verb in ("distill", "edit", "bake"):
         return (args.output or args.scene).parent
     output: Path = args.output
     if args.verb != "export":

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..edit.apply import open_scene
 from ..progress import Progress
-from ..scene import read_scene
 
 
 def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Counts, sizes and provenance of a scene file."""
-    info = read_scene(args.scene).info()
+    info = open_scene(args.scene, args.edits).info()
     return {**info, "text": "\n".join(f"{name + ':':<11}{value}" for name, value in told(info).items())}
 
 

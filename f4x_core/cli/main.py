@@ -71,6 +71,9 @@ def build_parser() -> argparse.ArgumentParser:
             "--masks", metavar="DIR", help="folder of masks of what moves, or 'layout' for the data set's own"
         )
 
+    def edits_option(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument("--without-edits", dest="edits", action="store_false", help="the scene as it was fitted")
+
     def fit_options(sub: argparse.ArgumentParser) -> None:
         sub.add_argument("--profile", choices=PROFILES, default="wild", help="how much work to spend (default: wild)")
         sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
@@ -135,6 +138,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = verb("render", "Draw a scene along a camera path.")
     sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
     output_option(sub, required=True)
     sub.add_argument(
         "--path",
@@ -152,6 +156,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = verb("eval", "Measure a scene against its clip.")
     sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
     sub.add_argument("--clip", type=path_argument, required=True)
     sub.add_argument("--frames", metavar="A:B:S")
     sub.add_argument("--refine-camera", action="store_true", help="also refine the camera on each held-out frame")
@@ -167,9 +172,13 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = verb("info", "What is in a scene file.")
     sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
 
     sub = verb("export", "Write a scene for other programs: PLY, .splat, glTF, USD, points.")
-    sub.add_argument("scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat) or a folder of numbered PLY")
+    sub.add_argument(
+        "scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat) or a folder of numbered PLY"
+    )
+    edits_option(sub)
     output_option(
         sub,
         "FILE|DIR",
@@ -191,6 +200,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = verb("query", "Select what a word, a point, a box or a mask means: Gaussians and masks.")
     sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
     sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
     sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
     sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
@@ -207,6 +217,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = verb("ask", "Ask a scene a question; the answer names who gave it.")
     sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
     sub.add_argument("question")
     sub.add_argument(
         "--endpoint", metavar="URL", help="send rendered frames to this OpenAI-compatible server (or F4X_CHAT_URL)"
@@ -214,6 +225,24 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--model", metavar="PATH", help="folder of SmolVLM2: it reads the scene's smolvlm features")
     path_options(sub)
     backend_option(sub)
+
+    sub = verb("edit", "Append edits to a scene; what is in its arrays never changes.")
+    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("--ops", type=path_argument, required=True, metavar="FILE", help="JSON: a list of operations")
+    output_option(sub, "SCENE2", help="write there (default: the scene itself)")
+    sub.add_argument("--dry-run", action="store_true", help="say what would be done; write nothing")
+
+    sub = verb("history", "The edits of a scene, and what `redo` would bring back.")
+    sub.add_argument("scene", type=path_argument)
+
+    for name, description in (("undo", "Take back the last edits."), ("redo", "Bring back what was undone last.")):
+        sub = verb(name, description)
+        sub.add_argument("scene", type=path_argument)
+        sub.add_argument("--count", type=int, default=1, metavar="N", help="so many edits (default: 1)")
+
+    sub = verb("bake", "Fold the edits of a scene into the arrays of a new one.")
+    sub.add_argument("scene", type=path_argument)
+    output_option(sub, "SCENE2", required=True)
 
     sub = verb("features", "Let teachers look at a clip: feature maps in DIR/features/TEACHER.")
     sub.add_argument("clip", type=path_argument)
@@ -278,6 +307,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
 
     modules = {"fit": "fitting", "priors": "fitting", "eval": "measuring", "render": "rendering", "export": "rendering"}
     modules |= {"query": "querying", "ask": "querying"}
+    modules |= dict.fromkeys(("edit", "history", "undo", "redo", "bake"), "editing")
     modules |= {"models": "features", "distill": "distilling"}
     module = import_module(f".{modules.get(name, name)}", __package__)
     return getattr(module, f"run_{name}")

@@ -8,17 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from ..clip import read_clip
+from ..edit.apply import open_scene
 from ..errors import F4xError
 from ..progress import Progress
 from ..report.evaluation import evaluate
 from ..report.tracking import joint_accuracy
 from ..report.truth import score_against_truth
-from ..scene import read_scene
 
 
 def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Measure a scene against its clip."""
-    scene = read_scene(args.scene)
+    scene = open_scene(args.scene, args.edits)
     joints = _read_joints(args.joints) if args.joints is not None else None
     clip = read_clip(args.clip, frames=args.frames, width=scene.cameras.width, masks=args.masks)
     if joints is not None and clip.masks is None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..clip import write_video
 from ..clip.images import list_images, read_mask, resize_nearest
+from ..edit.apply import open_scene
 from ..errors import F4xError
 from ..files import replace_file
 from ..progress import Progress
@@ -21,7 +22,7 @@ from ..query.pixels import heat_map, mask_video, share_picture
 from ..query.prompts import select_by_box, select_by_mask, select_by_points, select_by_text
 from ..query.questions import Answer, answer, ask_features
 from ..query.selection import Selection
-from ..scene import Scene, read_scene
+from ..scene import Scene
 from ..scene.view import render
 from .checks import require_time
 from .rendering import trajectory_of
@@ -34,7 +35,7 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(f"give exactly one of --text, --point, --box and --mask; got {', '.join(given) or 'none'}.")
     if not 0 <= args.threshold <= 1:
         raise F4xError(f"--threshold {args.threshold:g}: give a number from 0 to 1.")
-    scene = read_scene(args.scene)
+    scene = open_scene(args.scene, args.edits)
     span = _span(scene, args.span) if args.span is not None else None
     views = trajectory_of(scene, args.path, args.degrees)
     selection = _selection(scene, args, given[0], span, progress)
@@ -58,7 +59,7 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Answer a question about a scene and name who answered."""
-    scene = read_scene(args.scene)
+    scene = open_scene(args.scene, args.edits)
     views = trajectory_of(scene, args.path, args.degrees)
     if args.model is not None:
         from ..features.models.smolvlm import SmolVlm

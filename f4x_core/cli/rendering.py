@@ -22,7 +22,7 @@ from ..progress import Progress
 from ..query.labels import encode_labels
 from ..query.pixels import share_picture
 from ..query.prompts import select_by_text
-from ..scene import Scene, read_scene
+from ..scene import Scene
 from ..scene.foreign import identify, open_any
 from ..scene.formats import choose_format, export
 from ..scene.picture import colour_depth, colour_motion, depth_range
@@ -60,7 +60,7 @@ def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
 
 def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write OUT/CHANNEL/00000.png … along a path; depth and motion also as .npy."""
-    scene = read_scene(args.scene)
+    scene = open_scene(args.scene, args.edits)
     channels = tuple(args.channels.split(","))
     known = (*CHANNELS, *feature_channels(scene))
     labels = {name: name.removeprefix(MASK) for name in channels if name.startswith(MASK)}
@@ -167,7 +167,7 @@ def feature_picture(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarr
 def run_export(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write a scene, or splats of another program, at one time or at many in one of `FORMATS`."""
     name, _ = choose_format(args.output, args.format, one_moment=args.time is not None)
-    scene = open_scene(args.scene) if identify(args.scene) == "scene" else open_any(args.scene)
+    scene = open_scene(args.scene, args.edits) if identify(args.scene) == "scene" else open_any(args.scene)
     if args.time is not None:
         require_time(scene, args.time, f"--time {args.time:g}")
         times = [args.time]

@@ -7,7 +7,7 @@ are all undone and whose `undone` is dropped is byte for byte the scene before t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -239,6 +239,29 @@ def read_stack(path: Path | str) -> EditStack:
 def write_stack(path: Path | str, stack: EditStack) -> None:
     """Put `stack` into a scene file, atomically; nothing else in it changes."""
     write_edits(path, stack.to_json(), fields={UNDONE: None, **_undone(stack)})
+
+
+def undo(path: Path | str, count: int = 1) -> EditStack:
+    """Take the last `count` edits of a scene file back, atomically; F4xError where there are fewer, and nothing changes."""
+    return _stepped(path, EditStack.undo, count)
+
+
+def redo(path: Path | str, count: int = 1) -> EditStack:
+    """Bring back the `count` edits undone last; F4xError where there are fewer, and nothing changes."""
+    return _stepped(path, EditStack.redo, count)
+
+
+def _stepped(path: Path | str, step: Callable[[EditStack], EditStack], count: int) -> EditStack:
+    stack = read_stack(path)
+    if count < 1:
+        raise F4xError(f"{path}: {count} steps are asked for; give 1 or more.")
+    try:
+        for _ in range(count):
+            stack = step(stack)
+    except F4xError as error:
+        raise F4xError(f"{path}: {error}") from error
+    write_stack(path, stack)
+    return stack
 
 
 def _undone(stack: EditStack) -> dict[str, Any]:

@@ -1,0 +1,120 @@
+"""`f4x edit`, `f4x history`, `f4x undo`, `f4x redo` and `f4x bake`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from ..edit.apply import base_of, open_scene, with_operations
+from ..edit.bake import bake
+from ..edit.operations import Name, Operation, read_operation
+from ..edit.resolve import Context, resolve
+from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
+from ..errors import F4xError
+from ..progress import Progress
+from ..query.labels import encode_labels
+from ..scene import read_scene, write_scene
+
+MOST_BYTES = 64 << 20
+"""Of a file of operations: selections of millions of Gaussians take less."""
+
+
+def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Append the operations of a JSON file to the scene's stack, there or in another file, or only look what they do."""
+    scene = open_scene(args.scene)
+    before = len(scene.edits)
+    for number, operation in enumerate(read_operations(args.ops), 1):
+        progress("edit", number - 1, 0, operation.TAG)
+        try:
+            scene = with_operations(scene, resolve(scene, operation, Context(), encode_labels))
+        except F4xError as error:
+            raise F4xError(f"{args.ops}: operation {number} ({operation.TAG}): {error}") from error
+    new = of(scene).edits[before:]
+    if args.dry_run:
+        where = "nothing was written"
+    elif args.output is None:
+        write_stack(args.scene, of(scene))
+        where = str(args.scene)
+    else:
+        write_scene(base_of(scene), args.output)
+        where = str(args.output)
+    chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(scene, "steps", ())}
+    lines = [f"{told(edit)}: {chosen.get(edit.id, 0):,} Gaussians" for edit in new]
+    return {
+        "output": None if args.dry_run else where,
+        "edits": [edit.to_json() for edit in new],
+        "gaussians": [chosen.get(edit.id, 0) for edit in new],
+        "text": "\n".join([*lines, where]),
+    }
+
+
+def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """List the edits of a scene, and those that `redo` would bring back."""
+    stack = read_stack(args.scene)
+    lines = [told(edit) for edit in stack.edits] + [f"{told(edit)} [undone]" for edit in reversed(stack.undone)]
+    return {
+        "edits": stack.to_json(),
+        "undone": [edit.to_json() for edit in stack.undone],
+        "text": "\n".join(lines) or f"{args.scene}: no edits",
+    }
+
+
+def run_undo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Take back the last edits."""
+    return _left(args, undo(args.scene, args.count))
+
+
+def run_redo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Bring back what was undone last."""
+    return _left(args, redo(args.scene, args.count))
+
+
+def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Fold the edits into the arrays of a new scene file."""
+    scene = read_scene(args.scene)
+    if not scene.edits:
+        raise F4xError(f"{args.scene}: it has no edits to fold in; copy the file.")
+    baked = bake(scene)
+    write_scene(baked, args.output)
+    left = [edit for edit in of(baked).edits if not isinstance(edit.operation, Name)]
+    folded = len(baked.provenance.get("baked", ())) - len(scene.provenance.get("baked", ()))
+    rest = f"; these stay in the stack: {', '.join(edit.operation.TAG for edit in left)}" if left else ""
+    return {
+        "output": str(args.output),
+        "folded": folded,
+        "left": len(left),
+        "static": len(baked.static),
+        "dynamic": len(baked.dynamic),
+        "text": f"{args.output}: {folded} edits folded in{rest}",
+    }
+
+
+def read_operations(path: Path) -> list[Operation]:
+    """The operations of a JSON file: a list of objects, or one. F4xError names the file and the operation."""
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise F4xError(f"{path}: it is larger than {MOST_BYTES >> 20} MiB; give a file of operations.")
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise F4xError(f"{path}: it is not JSON ({error}); write a list of operations.") from error
+    entries = data if isinstance(data, list) else [data]
+    if not entries:
+        raise F4xError(f"{path}: it holds no operation; write a list of them.")
+    return [read_operation(entry, f"{path}: operation {number}") for number, entry in enumerate(entries, 1)]
+
+
+def told(edit: Edit) -> str:
+    """One line: number, operation, its fields but the selection, the words it came from."""
+    fields = {name: value for name, value in edit.operation.to_json().items() if name not in ("op", "select", "source")}
+    settings = ", ".join(f"{name} {json.dumps(value)}" for name, value in fields.items())
+    said = f' "{edit.said}"' if edit.said else ""
+    return (
+        f"{edit.id} {edit.operation.TAG}{f' ({settings})' if settings else ''}{said}{'' if edit.enabled else ' [off]'}"
+    )
+
+
+def _left(args: argparse.Namespace, stack: EditStack) -> dict[str, Any]:
+    done, undone = len(stack), len(stack.undone)
+    return {"edits": done, "undone": undone, "text": f"{args.scene}: {done} edits, {undone} undone"}
