@@ -22,6 +22,8 @@ CELL = 1 / 40
 """Width of a patch, in widths of the picture: about a cell of the finest offline teacher."""
 LAYER = 0.15
 """Depth of a patch, in natural logarithms of the distance from the camera."""
+KINDS = 4
+"""Of Gaussians that share no patch: moving or not, in front of the camera or behind."""
 REACH = 2
 """Patches are bound to others up to so many cells away across the picture, and one in depth."""
 NEAR = 0.05
@@ -118,8 +120,8 @@ def group(scene: Scene) -> Patches:
     cell = np.floor(place[:, [0, 1, 3]] / (CELL, CELL, LAYER)).astype(np.int64)
     cell -= cell.min(0) - REACH  # room for neighbours on all sides
     size = cell.max(0) + REACH + 1
-    kind = 2 * posed.dynamic + (place[:, 2] < 0)  # 4 kinds: moving or not, in front of the camera or behind
-    key = np.ravel_multi_index((*cell.T, kind), (*size, 4))
+    kind = 2 * posed.dynamic + (place[:, 2] < 0)
+    key = np.ravel_multi_index((*cell.T, kind), (*size, KINDS))
     keys, index = np.unique(key, return_inverse=True)
     total = np.bincount(index, weight)
 
@@ -131,9 +133,15 @@ def group(scene: Scene) -> Patches:
     looks = looks / np.maximum(np.linalg.norm(looks, axis=1, keepdims=True), 1e-12)
     place = mean(place * (1, 1, 1, FAR))
     one, two = _neighbours(keys, size)
-    steps = ((place[one] - place[two]) ** 2).sum(1) / NEAR**2 + (1 - (looks[one] * looks[two]).sum(1)) / ALIKE
-    bond = np.exp(-steps).astype(np.float32)
-    return Patches(index, total / total.mean(), latents, np.searchsorted(one, np.arange(len(keys))), two, bond)
+    steps = ((place[one] - place[two]) ** 2).sum(1) / NEAR**2
+    steps += (1 - np.einsum("ec,ec->e", looks[one], looks[two])) / ALIKE
+    # From both ends, and one with itself: it pulls nowhere, but then every patch has a bond.
+    itself = np.arange(len(keys))
+    ends, others = np.concatenate([one, two, itself]), np.concatenate([two, one, itself])
+    order = np.argsort(ends, kind="stable")
+    bond = np.concatenate([np.exp(-steps), np.exp(-steps), np.ones(len(keys))]).astype(np.float32)[order]
+    first = np.searchsorted(ends[order], itself)
+    return Patches(index, total / total.mean(), latents, first, others[order], bond)
 
 
 def _light(scene: Scene) -> np.ndarray:
@@ -145,22 +153,20 @@ def _light(scene: Scene) -> np.ndarray:
 
 
 def _neighbours(keys: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(E,), (E,) indices of pairs of `keys` (sorted, of (column, row, layer, kind)) in cells next to each other.
-
-    Both orders of each pair, sorted by the first; every key has at least the pair with itself, whose bond pulls nowhere.
-    """
+    """(E,), (E,) indices of pairs of `keys` (sorted; of column, row, layer, kind) in cells next to each other, each once."""
     rows, layers = int(size[1]), int(size[2])
-    around = np.arange(-REACH, REACH + 1)
+    cells = keys // KINDS
+    around = range(-REACH, REACH + 1)
     pairs = []
-    for across in around:
-        for down in around:
-            for behind in (-1, 0, 1):
-                start = keys // 4 + (across * rows + down) * layers + behind
-                for kind in range(4):
-                    wanted = 4 * start + kind
-                    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-                    found = np.flatnonzero(keys[place] == wanted)
-                    pairs.append((found, place[found]))
+    for shift in (
+        (across * rows + down) * layers + behind for across in around for down in around for behind in (-1, 0, 1)
+    ):
+        if shift < 0:
+            continue  # the other end finds that pair
+        for kind in range(KINDS):
+            wanted = KINDS * (cells + shift) + kind
+            place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+            found = np.flatnonzero((keys[place] == wanted) & (place > np.arange(len(keys))))
+            pairs.append((found, place[found]))
     one, two = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    order = np.argsort(one, kind="stable")
-    return one[order], two[order]
+    return one, two
