@@ -28,9 +28,8 @@ MAX_DEGREE = 3
 GLB_MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
 MAX_GLB_BYTES = (1 << 32) - 1
 """Lengths in a .glb file are 32-bit."""
-COMPONENT_TYPES = {np.dtype("<f4"): 5126, np.dtype("<u2"): 5123}
 ELEMENT_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
-POINTS, ARRAY_BUFFER = 0, 34962
+FLOAT, POINTS, ARRAY_BUFFER = 5126, 0, 34962
 
 
 def write_gltf(scene: Posable, time: float, path: Path | str, transform: np.ndarray | None = None) -> None:
@@ -48,7 +47,7 @@ def write_gltf(scene: Posable, time: float, path: Path | str, transform: np.ndar
     harmonics = world_harmonics(posed, MAX_DEGREE)
     attributes = {
         "POSITION": posed.means,
-        "COLOR_0": np.rint(color * 65535).astype("<u2"),
+        "COLOR_0": color,
         f"{EXTENSION}:ROTATION": quaternion.normalize(posed.quats)[:, [1, 2, 3, 0]],
         f"{EXTENSION}:SCALE": posed.scales,
         f"{EXTENSION}:OPACITY": posed.opacities[:, None],
@@ -76,17 +75,15 @@ def _document(name: str, attributes: dict[str, np.ndarray]) -> tuple[dict[str, A
     pieces: list[bytes] = []
     offset = 0
     for values in attributes.values():
-        dtype = np.dtype("<u2") if values.dtype.kind == "u" else np.dtype("<f4")
-        values = np.ascontiguousarray(values, dtype)  # every row is a multiple of 4 bytes, so all views are aligned
+        values = np.ascontiguousarray(values, "<f4")
         views.append({"buffer": 0, "byteOffset": offset, "byteLength": values.nbytes, "target": ARRAY_BUFFER})
         accessors.append(
             {
                 "bufferView": len(accessors),
-                "componentType": COMPONENT_TYPES[dtype],
+                "componentType": FLOAT,
                 "count": len(values),
                 "type": ELEMENT_TYPES[values.shape[1]],
             }
-            | ({"normalized": True} if dtype.kind == "u" else {})
         )
         pieces.append(values.tobytes())
         offset += values.nbytes
