@@ -27,6 +27,12 @@ LAB_FROM_CONES = np.array(
 )
 DARKEST = 1e-3
 """OKLab light below which a colour has no hue that could be scaled."""
+HIGHLIGHT = 0.4
+"""Share of what is brighter than the mean that a painted thing keeps: a strong colour has little room above it."""
+SLACK = 1e-4
+"""By so much a linear colour may leave [0, 1] before it counts as one that no screen shows: rounding, invisible."""
+HALVINGS = 8
+"""Steps of the search for the strongest tint that is shown: to 0.4 %, half a step of a byte."""
 LEAST_CONTRAST = 0.3
 """A look is spread over the lights of a selection, but over no less than this, or noise would get all its colours."""
 TAILS = (2, 98)
@@ -45,9 +51,25 @@ def lab_from_rgb(rgb: np.ndarray) -> np.ndarray:
 
 
 def rgb_from_lab(lab: np.ndarray) -> np.ndarray:
-    """sRGB (…,3) float64 of OKLab (…,3), clipped to [0, 1]."""
-    linear = np.clip((lab @ np.linalg.inv(LAB_FROM_CONES).T) ** 3 @ np.linalg.inv(CONES_FROM_LINEAR).T, 0, 1)
+    """sRGB (n,3) float64 in [0, 1] of OKLab (n,3); what a screen cannot show keeps its light and hue and turns paler."""
+    lab = np.concatenate([np.clip(lab[:, :1], 0, 1), lab[:, 1:]], 1)
+    odd = np.flatnonzero(~_is_shown(_linear(lab)))
+    least, most = np.zeros((len(odd), 1)), np.ones((len(odd), 1))
+    for _ in range(HALVINGS if len(odd) else 0):
+        share = (least + most) / 2
+        shown = _is_shown(_linear(lab[odd] * np.concatenate([np.ones_like(share), share, share], 1)))[:, None]
+        least, most = np.where(shown, share, least), np.where(shown, most, share)
+    lab[odd, 1:] *= least
+    linear = np.clip(_linear(lab), 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+
+
+def _linear(lab: np.ndarray) -> np.ndarray:
+    return (lab @ np.linalg.inv(LAB_FROM_CONES).T) ** 3 @ np.linalg.inv(CONES_FROM_LINEAR).T
+
+
+def _is_shown(linear: np.ndarray) -> np.ndarray:
+    return ((linear > -SLACK) & (linear < 1 + SLACK)).all(-1)
 
 
 def colours_of(sh: np.ndarray) -> np.ndarray:
@@ -62,8 +84,8 @@ def mean_of(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 def painted(rgb: np.ndarray, target: np.ndarray, light: np.ndarray | float) -> np.ndarray:
     """sRGB (n,3): `target (3,)`, darkened and brightened as each of `rgb (n,3)` is darker or brighter than OKLab `light`."""
-    goal = lab_from_rgb(target)
-    return rgb_from_lab(lab_from_rgb(rgb)[:, :1] / np.maximum(light, DARKEST) * goal)
+    shade = lab_from_rgb(rgb)[:, :1] / np.maximum(light, DARKEST)
+    return rgb_from_lab(np.where(shade > 1, 1 + HIGHLIGHT * (shade - 1), shade) * lab_from_rgb(target))
 
 
 def with_hue(rgb: np.ndarray, target: np.ndarray) -> np.ndarray:
