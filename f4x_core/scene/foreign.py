@@ -119,7 +119,7 @@ def open_any(path: Path | str, sequence: bool = True) -> Scene | SplatSequence:
         return read_scene(path)
     if kind == "sequence":
         paths = _numbered_files(path) if path.is_dir() else _siblings(path)
-        return SplatSequence(_prefix(paths[0]), tuple(paths))
+        return SplatSequence(_prefix(paths[0]) or paths[0].absolute().parent.name, tuple(paths))
     return scene_of(read_ply(path) if kind == "ply" else read_splat(path), path.stem, path)
 
 
@@ -129,6 +129,8 @@ def identify(path: Path | str, sequence: bool = True) -> Kind:
     try:
         if path.is_dir():
             return _identify_folder(path)
+        if path.exists() and not path.is_file():  # opening a pipe would wait for ever
+            raise F4xError(f"{path}: no ordinary file; choose a .f4x scene or a splat file")
         with path.open("rb") as file:
             start = file.read(PROBE)
         if not start:

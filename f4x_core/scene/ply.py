@@ -98,7 +98,7 @@ def read_ply(path: Path | str) -> Splats:
     names = vertices.dtype.names or ()
     missing = [name for name in REQUIRED if name not in names]
     if missing:
-        raise F4xError(f"{path}: {_what_it_is(names, missing)}")
+        raise F4xError(f"{path}: {_what_it_is(names, missing, _has_faces(path))}")
     rest_names = sorted((name for name in names if re.fullmatch(r"f_rest_\d+", name)), key=lambda name: int(name[7:]))
     rest = len(rest_names) // 3
     if len(rest_names) not in (0, 9, 24, 45, 72) or rest_names != [f"f_rest_{i}" for i in range(3 * rest)]:
@@ -242,14 +242,19 @@ def _parse_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> 
     return rows
 
 
-def _what_it_is(names: tuple[str, ...], missing: list[str]) -> str:
+def _has_faces(path: Path) -> bool:
+    """Whether the header, read once before, also tells of faces: those of a mesh."""
+    with path.open("rb") as file:
+        return any(name == "face" and count for name, count, _ in _read_header(file, path)[1])
+
+
+def _what_it_is(names: tuple[str, ...], missing: list[str], has_faces: bool) -> str:
     """One sentence for a PLY that does not hold plain splats."""
     if "packed_position" in names:
         return "a compressed splat PLY; convert it to a plain 3DGS PLY first"
     if not {"opacity", *SCALE, *ROTATION, *DC} & set(names):
-        return (
-            "a plain point cloud without splat properties (opacity, scale_*, rot_*, f_dc_*); import it as a point cloud"
-        )
+        kind = "mesh" if has_faces else "point cloud"
+        return f"a plain {kind} without splat properties (opacity, scale_*, rot_*, f_dc_*); import it as a {kind}"
     return f"a splat PLY that lacks {', '.join(missing)}; export it again as a standard 3DGS PLY"
 
 

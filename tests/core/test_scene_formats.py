@@ -567,7 +567,7 @@ STRANGERS = {
     "a JSON file": data(b'{"format": "f4x-cameras"}'),
     "neither a scene nor splats": data(bytes(range(256)) * 4),
     "neither a scene nor splats that": data(b"Dear reader,\n" * 9),
-    "a mesh or another PLY without splats|plain point cloud": mesh,
+    "a plain mesh without splat properties": mesh,
     "a plain point cloud": lambda path: write_properties(path, np.zeros(4, [("x", "<f4"), ("red", "u1")])),
     "1 of 50 splats have no finite xyz": not_finite,
     "splats have no finite position or scale": splat_with_nan,
