@@ -1,16 +1,51 @@
 """Between OpenCV (the core) and Blender: camera axes, world axes, intrinsics."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import bpy
 import numpy as np
 
-from ..f4x_core.geometry.camera import CameraPath
+from ..f4x_core.geometry.camera import Camera, CameraPath
 
 # OpenCV camera axes (x right, y down, z forward) <-> Blender camera axes (x right, y up, z backward); its own inverse.
 FLIP_YZ = np.diag([1.0, -1.0, -1.0, 1.0])
 # The scene's world (OpenCV: x right, y down, z forward) -> Blender's (x right, y forward, z up).
 BLENDER_FROM_SCENE = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+FAR_AWAY = 1000.0
+"""A view without perspective is drawn by a pinhole that stands back this many times half its width."""
+
+
+class Eye(NamedTuple):
+    """A Blender view as the core sees it."""
+
+    camera: Camera
+    """In Blender's world, OpenCV camera axes."""
+    near: float
+    """Depth from which on the camera sees."""
+    far: float
+    """Depth up to which the camera sees."""
+    back: float
+    """How far the pinhole stands behind the view's own plane of depth 0; 0 with perspective."""
+
+
+def eye(projection: np.ndarray, world_to_view: np.ndarray, width: int, height: int) -> Eye:
+    """The view of Blender's (4,4) matrices, clipping as in OpenGL, on a picture of `width` x `height` pixels."""
+    p = np.asarray(projection, np.float64)
+    world_to_camera = FLIP_YZ @ np.asarray(world_to_view, np.float64)
+    half = np.array([width / 2, height / 2])
+    if p[3, 3] == 0:  # perspective: clip coordinates are divided by depth
+        back, shift = 0.0, np.array([-p[0, 2], p[1, 2]])
+        near, far = p[2, 3] / (p[2, 2] - 1), p[2, 3] / (p[2, 2] + 1) if p[2, 2] != -1 else np.inf
+    else:
+        back, shift = FAR_AWAY / p[0, 0], np.array([p[0, 3], -p[1, 3]])
+        near, far = back + (p[2, 3] + 1) / p[2, 2], back + (p[2, 3] - 1) / p[2, 2]
+    world_to_camera[2, 3] += back
+    focal = half * [p[0, 0], p[1, 1]] * (back or 1.0)
+    centre = half * (1 + shift)
+    matrix = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1]])
+    return Eye(Camera(matrix, world_to_camera, width, height), near, far, back)
 
 
 def intrinsics(camera: bpy.types.Camera, width: int, height: int) -> np.ndarray:

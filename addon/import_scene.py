@@ -14,7 +14,7 @@ whole. Blender frame = clip frame index.
 Attributes of the points (the names that Blender 5.3 draws as splats): `position`, `scale` (linear), `rotation` (wxyz),
 `radiance:base` (DC coefficients, opacity), `radiance:sh_0 ..` (higher coefficients, turned from the Gaussian's own
 frame into the object's); ours: `gid` (identity), `rgb` (linear display colour), `radius`, and on the dynamic cloud
-`reference`, `pair_k`, `w_k`, `strength`.
+`reference`, `pair_k`, `w_k`, `strength`; where the scene has features `f4x_latent`, their three principal components from 0 to 1.
 """
 
 from pathlib import Path
@@ -28,6 +28,7 @@ from ..f4x_core.geometry import pose, quaternion, spherical_harmonics
 from ..f4x_core.scaffold.deformation import node_poses_at, pairs_of
 from ..f4x_core.scene import Scene, read_scene
 from ..f4x_core.scene.color import linear_from_srgb
+from ..f4x_core.scene.view import NEAR
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .motion_nodes import build_motion_tree
@@ -35,6 +36,7 @@ from .point_cloud import FLOAT4, new_point_cloud, write_attribute
 
 MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
+MIN_REACH = 100.0  # Blender's own clip end, world units
 NODE_SIZE = 0.4  # drawn size of a node's empty in scaffold units
 
 
@@ -55,9 +57,10 @@ def import_scene(path: Path, *, set_up_render: bool = True) -> bpy.types.Object:
 
     frames = scene.cameras.times
     material = _splat_material(name)
-    clouds = [_add_gaussians(f"{name} static", scene.static, collection, material)]
+    latent_static, latent_dynamic = _latent_colors(scene)
+    clouds = [_add_gaussians(f"{name} static", scene.static, latent_static, collection, material)]
     if len(scene.dynamic):
-        dynamic = _add_gaussians(f"{name} dynamic", scene.dynamic, collection, material)
+        dynamic = _add_gaussians(f"{name} dynamic", scene.dynamic, latent_dynamic, collection, material)
         _add_motion(name, scene, dynamic, collection, root, frames)
         clouds.append(dynamic)
     camera = _add_camera(f"{name} camera", scene, collection)
@@ -92,8 +95,16 @@ def _add_object(name: str, data: bpy.types.ID | None, collection: bpy.types.Coll
     return item
 
 
-def _add_gaussians(name, gaussians, collection, material) -> bpy.types.Object:
-    """Add one set of Gaussians as a point cloud."""
+def _latent_colors(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Principal components of the features of the static and dynamic Gaussians, (N,3) each, mostly within 0 to 1."""
+    if scene.features is None or scene.features.pca is None:
+        return None, None
+    shares = scene.features.pca.shares(scene.latents())
+    return shares[: len(scene.static)], shares[len(scene.static) :]
+
+
+def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.Object:
+    """Add one set of Gaussians as a point cloud; `latent (N,3)` where the scene has features."""
     item = new_point_cloud(name, len(gaussians), collection)
     cloud = item.data
     if len(gaussians) == 0:
@@ -112,6 +123,8 @@ def _add_gaussians(name, gaussians, collection, material) -> bpy.types.Object:
     write_attribute(cloud, "rgb", "FLOAT_COLOR", np.concatenate([linear_from_srgb(rgb), alpha], 1))
     # Engines that know no splats draw balls: of the ellipsoid's own volume, or flat splats would bulge out of their surface.
     write_attribute(cloud, "radius", "FLOAT", np.prod(gaussians.scale, axis=1) ** (1 / 3))
+    if latent is not None:
+        write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", latent)
     cloud.materials.append(material)
     return item
 
@@ -161,6 +174,7 @@ def _add_camera(name: str, scene: Scene, collection) -> bpy.types.Object:
     cameras = scene.cameras
     camera = _add_object(name, bpy.data.cameras.new(name), collection)
     camera.data.sensor_fit = "HORIZONTAL"
+    camera.data.clip_start, camera.data.clip_end = NEAR, _reach(scene)
     camera.rotation_mode = "QUATERNION"
     q, centre = pose.from_matrix(np.linalg.inv(cameras.world_to_camera) @ FLIP_YZ)
     writer = ActionWriter(name)
@@ -171,6 +185,13 @@ def _add_camera(name: str, scene: Scene, collection) -> bpy.types.Object:
     if any(np.ptp(values) > 0 for values in lens.values()):
         writer.write(camera.data, cameras.times, lens)
     return camera
+
+
+def _reach(scene: Scene) -> float:
+    """A distance beyond every Gaussian from every camera, world units."""
+    points = np.concatenate([scene.static.xyz, scene.dynamic.xyz])
+    spread = np.ptp(np.concatenate([points, scene.cameras.centers]), axis=0)
+    return max(MIN_REACH, 2 * float(np.linalg.norm(spread)))
 
 
 def _set_up_render(target: bpy.types.Scene, scene: Scene, camera: bpy.types.Object) -> None:
@@ -184,7 +205,9 @@ def _set_up_render(target: bpy.types.Scene, scene: Scene, camera: bpy.types.Obje
     render.fps = max(1, round(scene.fps))
     render.fps_base = render.fps / scene.fps
     target.frame_start, target.frame_end = int(cameras.times[0]), int(cameras.times[-1])
+    # the saved picture is then the core's: Standard undoes the linear light of the pass, noise would be added to it
     target.view_settings.view_transform = "Standard"
+    render.dither_intensity = 0.0
     target.frame_set(target.frame_start)
 
 

@@ -14,7 +14,8 @@ holds four floats: r g b = vector part, a = scalar part). The Gaussians carry
     w_0 .. w_K-1         FLOAT   skinning weights, sum 1
     strength             FLOAT   0 stays put, 1 follows
 
-and are blended as in `f4x_core.scaffold.deformation.blend`; `position` and `rotation` then hold the posed values.
+and are blended as in `f4x_core.scaffold.deformation.blend`; `position` and `rotation` then hold the posed values,
+and `turn` (QUATERNION) the rotation that the motion gave, by which the harmonics turn as well.
 """
 
 import bpy
@@ -140,6 +141,7 @@ def build_motion_tree(
     rotation = tree.out("FunctionNodeRotateRotation", tree.attribute("rotation", "QUATERNION"), turn)
     moved = tree.vector("ADD", tree.out("FunctionNodeRotateVector", tree.out("GeometryNodeInputPosition"), turn), t)
     posed = tree.store(gaussians, "rotation", "QUATERNION", rotation)
+    posed = tree.store(posed, "turn", "QUATERNION", turn)
     posed = tree.out("GeometryNodeSetPosition", posed, None, moved)
     tree.link(posed, tree.outputs["Posed"])
     _lay_out(tree.tree)

@@ -7,12 +7,15 @@ import numpy as np
 _LAYOUT = {
     "FLOAT": ("value", 1),
     "INT": ("value", 1),
+    "BOOLEAN": ("value", 1),
     "QUATERNION": ("value", 4),
     "FLOAT4X4": ("value", 16),
     "FLOAT_VECTOR": ("vector", 3),
     "FLOAT_COLOR": ("color", 4),
     "FLOAT4": ("vector", 4),
 }
+# foreach_get is fast only into an array of the attribute's own type
+_READABLE = {kind: np.float32 for kind in _LAYOUT if kind != "FLOAT4X4"} | {"INT": np.int32, "BOOLEAN": bool}
 FLOAT4 = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 """Four plain floats; Blender before 5.2 has only colours of four floats."""
 
@@ -28,6 +31,18 @@ def write_attribute(data: bpy.types.ID, name: str, kind: str, values: np.ndarray
     if flat.size != components * len(attribute.data):
         raise ValueError(f"attribute {name} needs {components} x {len(attribute.data)} values, got {flat.size}")
     attribute.data.foreach_set(key, flat)
+
+
+def read_attribute(data: bpy.types.ID, name: str) -> np.ndarray | None:
+    """Values of one POINT attribute, (N,) or (N,C) float32; None where there is none of a kind that we know."""
+    attribute = data.attributes.get(name)
+    if attribute is None or attribute.domain != "POINT" or attribute.data_type not in _READABLE:
+        return None
+    key, components = _LAYOUT[attribute.data_type]
+    values = np.empty(len(attribute.data) * components, _READABLE[attribute.data_type])
+    attribute.data.foreach_get(key, values)
+    values = values.astype(np.float32, copy=False)
+    return values if components == 1 else values.reshape(-1, components)
 
 
 def new_point_cloud(name: str, count: int, collection: bpy.types.Collection) -> bpy.types.Object:

@@ -2,9 +2,9 @@
 
 import bpy
 
-from . import operators
+from . import operators, render_engine
 
-CLASSES = (*operators.CLASSES,)
+CLASSES = (*operators.CLASSES, *render_engine.CLASSES)
 
 
 def _draw_import(self, context) -> None:
@@ -15,11 +15,13 @@ def register() -> None:
     """Register classes and the File > Import entry."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
+    render_engine.register()
     bpy.types.TOPBAR_MT_file_import.append(_draw_import)
 
 
 def unregister() -> None:
     """Undo `register`."""
     bpy.types.TOPBAR_MT_file_import.remove(_draw_import)
+    render_engine.unregister()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

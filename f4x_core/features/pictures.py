@@ -30,14 +30,20 @@ class Pca:
         """(…,3) of features (…,C)."""
         return (features - self.mean) @ self.basis.T
 
+    def shares(self, features: np.ndarray) -> np.ndarray:
+        """(…,3) of features (…,C): their place between black, 0, and full, 1; linear, and not cut there."""
+        return self._between(self.coordinates(features))
+
     def colours(self, coordinates: np.ndarray) -> np.ndarray:
         """(…,3) uint8 of `coordinates (…,3)`."""
-        share = (coordinates - self.low) / np.maximum(self.high - self.low, 1e-12)
-        return np.round(np.clip(share, 0, 1) * 255).astype(np.uint8)
+        return np.round(np.clip(self._between(coordinates), 0, 1) * 255).astype(np.uint8)
 
     def picture(self, features: np.ndarray) -> np.ndarray:
         """(H,W,3) uint8 of features (H,W,C)."""
         return self.colours(self.coordinates(features))
+
+    def _between(self, coordinates: np.ndarray) -> np.ndarray:
+        return (coordinates - self.low) / np.maximum(self.high - self.low, 1e-12)
 
 
 def fit_pca(samples: np.ndarray) -> Pca:

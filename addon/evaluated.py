@@ -1,0 +1,108 @@
+"""What stands in the evaluated Blender scene, as the core's stage: Gaussians after geometry nodes, surfaces, the world."""
+
+import bpy
+import numpy as np
+
+from ..f4x_core.scene.color import srgb_from_linear
+from ..f4x_core.scene.stage import Cloud, Surface
+from .point_cloud import read_attribute
+
+HIDDEN = "f4x_hidden"
+"""BOOLEAN: points that no picture shows."""
+LAYERS = {"latent": "f4x_latent", "selection": ".selection", "score": "f4x_score"}
+"""Passes of the stage and the point attributes they show."""
+GREY = (0.8, 0.8, 0.8)
+"""Linear colour of a surface without a material, Blender's own."""
+_SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+
+
+def stage(
+    depsgraph: bpy.types.Depsgraph, view: bpy.types.SpaceView3D | None = None
+) -> tuple[list[Cloud], list[Surface]]:
+    """Every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world.
+
+    `view` is the viewport that looks, where one does: it may hide objects of its own.
+    """
+    clouds: list[Cloud] = []
+    surfaces: list[Surface] = []
+    for instance in depsgraph.object_instances:
+        item = instance.object
+        owner = (instance.parent or item).original
+        hidden = not instance.show_self or not item.visible_camera
+        if hidden or (view is not None and not owner.visible_in_viewport_get(view)):
+            continue
+        to_world = np.array(instance.matrix_world)
+        if item.type == "POINTCLOUD":
+            cloud = _cloud(item.data, to_world, item.pass_index)
+            if cloud is not None:
+                clouds.append(cloud)
+        elif item.type in _SOLID:
+            surface = _surface(item, to_world)
+            if surface is not None:
+                surfaces.append(surface)
+    return clouds, surfaces
+
+
+def world_color(world: bpy.types.World | None) -> np.ndarray:
+    """(3,) sRGB of a world of one colour: its Background node, else its viewport colour; black without a world."""
+    if world is None:
+        return np.zeros(3)
+    color, strength = world.color, 1.0
+    if bpy.app.version >= (5, 0, 0) or world.use_nodes:
+        output = world.node_tree.get_output_node("ALL")
+        links = output.inputs["Surface"].links if output else ()
+        node = links[0].from_node if links else None
+        if node is not None and node.type == "BACKGROUND" and not node.inputs["Color"].is_linked:
+            color, strength = node.inputs["Color"].default_value[:3], node.inputs["Strength"].default_value
+    return srgb_from_linear(np.array(color) * strength)
+
+
+def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Cloud | None:
+    """The Gaussians of a point cloud; None where it holds none."""
+    found = {name: read_attribute(data, name) for name in ("position", "rotation", "scale", "radiance:base")}
+    if any(values is None or not len(values) for values in found.values()):
+        return None
+    base = found["radiance:base"]
+    higher = []
+    while (coefficients := read_attribute(data, f"radiance:sh_{len(higher)}")) is not None:
+        higher.append(coefficients)
+    whole = (int((1 + len(higher)) ** 0.5)) ** 2  # an artist may have removed some
+    hidden = read_attribute(data, HIDDEN)
+    layers = {name: read_attribute(data, attribute) for name, attribute in LAYERS.items()}
+    return Cloud(
+        means=found["position"],
+        quats=found["rotation"],
+        scales=found["scale"],
+        opacities=np.clip(base[:, 3], 0, 1) * (1 if hidden is None else 1 - hidden),
+        sh=np.stack([base[:, :3], *higher[: whole - 1]], 1),
+        turn=read_attribute(data, "turn"),
+        to_world=to_world,
+        index=index,
+        layers={name: values.reshape(len(base), -1) for name, values in layers.items() if values is not None},
+    )
+
+
+def _surface(item: bpy.types.Object, to_world: np.ndarray) -> Surface | None:
+    """The evaluated triangles of an object; None where it has none."""
+    mesh = item.to_mesh()
+    try:
+        mesh.calc_loop_triangles()
+        count = len(mesh.loop_triangles)
+        if not count:
+            return None
+        points = np.empty(3 * len(mesh.vertices), np.float32)
+        corners, slots = np.empty(3 * count, np.int32), np.empty(count, np.int32)
+        mesh.vertices.foreach_get("co", points)
+        mesh.loop_triangles.foreach_get("vertices", corners)
+        mesh.loop_triangles.foreach_get("material_index", slots)
+    finally:
+        item.to_mesh_clear()
+    points = points.reshape(-1, 3) @ to_world[:3, :3].T + to_world[:3, 3]
+    materials = [slot.material for slot in item.material_slots] or [None]
+    colors = np.array([GREY if material is None else material.diffuse_color[:3] for material in materials])
+    return Surface(
+        triangles=points[corners.reshape(-1, 3)],
+        colors=srgb_from_linear(colors)[np.minimum(slots, len(materials) - 1)],
+        index=item.pass_index,
+        holdout=item.is_holdout,
+    )

@@ -1,0 +1,269 @@
+"""A stage: clouds of Gaussians that each stand somewhere in a world, opaque surfaces between them, one camera, many passes.
+
+What `view.render` is to one scene file, `draw` is to what an artist made of several. A cloud that nobody touched gives the
+same picture, because all is projected from the frame of the first cloud: its arrays reach the rasteriser as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..geometry import quaternion, spherical_harmonics
+from ..geometry.camera import Camera
+from ..progress import Progress, silent
+from .view import COVERED
+
+if TYPE_CHECKING:
+    from ..raster import RasterConfig
+
+PASSES = ("alpha", "depth", "latent", "selection", "score", "index")
+"""What `draw` gives besides `rgb`."""
+BAND = 1 << 18
+"""Pixels drawn between two calls of `progress`."""
+NOTHING = 1e10
+"""Depth where nothing is seen, Blender's own."""
+AMBIENT = 0.4
+"""Share of a surface's colour that it keeps where it is seen edge-on; the rest goes by the cosine to the view."""
+_WIDTHS = {"latent": 3, "selection": 1, "score": 1}
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """N Gaussians in the frame of their object."""
+
+    means: np.ndarray
+    """(N,3) centres as they stand now."""
+    quats: np.ndarray
+    """(N,4) wxyz as they stand now, any length."""
+    scales: np.ndarray
+    """(N,3) activated."""
+    opacities: np.ndarray
+    """(N,) in [0, 1]; 0 hides."""
+    sh: np.ndarray
+    """(N,S,3) in the object's frame before `turn`."""
+    turn: np.ndarray | None = None
+    """(N,4) rotation that motion gave each Gaussian, and its harmonics with it; None = none."""
+    to_world: np.ndarray = field(default_factory=lambda: np.eye(4))
+    """(4,4) any affine matrix."""
+    index: int = 0
+    """Number of its object in the pass `index`."""
+    layers: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """Numbers of the passes `latent (N,3)`, `selection (N,1)`, `score (N,1)`, where it has them."""
+
+    def colors(self, center: np.ndarray) -> np.ndarray:
+        """(N,3) sRGB seen from `center (3,)` in the world; as in `Scene.colors`, appearance turns with the surface."""
+        if self.sh.shape[1] == 1:
+            return np.maximum(spherical_harmonics.rgb_from_dc(self.sh[:, 0]), 0)
+        own = np.linalg.solve(self.to_world, np.append(center, 1.0))[:3]
+        directions: np.ndarray = self.means - own.astype(np.float32)
+        if self.turn is not None:
+            directions = quaternion.rotate(quaternion.conjugate(self.turn), directions)
+        return spherical_harmonics.evaluate(self.sh, directions)
+
+    def seen_from(self, frame: np.ndarray) -> Cloud:
+        """The same Gaussians with `frame (4,4)` as their `to_world`: means, rotations and scales alone change."""
+        if np.array_equal(frame, self.to_world):
+            return self
+        move = np.linalg.solve(frame, self.to_world)
+        stretch, means = move[:3, :3], self.means @ move[:3, :3].T + move[:3, 3]
+        size = abs(np.linalg.det(stretch)) ** (1 / 3)
+        if np.allclose(stretch @ stretch.T, size**2 * np.eye(3), rtol=1e-6, atol=1e-9 * size**2):
+            # the ellipsoid is symmetric, so that a mirrored frame may mirror it once more through its centre
+            turn = stretch / size * np.sign(np.linalg.det(stretch))
+            quats, scales = quaternion.multiply(quaternion.from_matrix(turn), self.quats), self.scales * size
+        else:
+            axes, scales, _ = np.linalg.svd(stretch @ quaternion.to_matrix(self.quats) * self.scales[:, None])
+            quats = quaternion.from_matrix(axes * np.sign(np.linalg.det(axes))[:, None, None])
+        cast = (array.astype(np.float32) for array in (means, quats, scales))
+        return replace(self, **dict(zip(("means", "quats", "scales"), cast, strict=True)), to_world=frame)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Opaque triangles: they hide what lies behind them and show one flat colour each, lit from the camera."""
+
+    triangles: np.ndarray
+    """(T,3,3) corners in the world."""
+    colors: np.ndarray
+    """(T,3) sRGB in [0, 1]."""
+    index: int = 0
+    """Number of its object in the pass `index`."""
+    holdout: bool = False
+    """Cut a hole into the picture instead of showing a colour."""
+
+
+def draw(
+    clouds: Sequence[Cloud],
+    surfaces: Sequence[Surface],
+    camera: Camera,
+    *,
+    near: float = 0.01,
+    far: float = np.inf,
+    background: Sequence[float] | None = (0.0, 0.0, 0.0),
+    passes: Collection[str] = (),
+    region: tuple[slice, slice] | None = None,
+    config: RasterConfig | None = None,
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> dict[str, np.ndarray]:
+    """Draw everything through `camera` in the world; float32 pictures by name, `rgb`, `alpha` and those of `passes`.
+
+    * `rgb (H,W,3)` sRGB over `background` (sRGB), over nothing (premultiplied) where that is None.
+    * `alpha (H,W)` of Gaussians and surfaces.
+    * `depth (H,W)` expected z depth in world units, 1e10 where alpha < 0.1.
+    * `latent (H,W,3)`, `score (H,W)`: mean of the Gaussians' layers, 0 where their alpha < 0.1.
+    * `selection (H,W)`: share of the pixel that selected Gaussians cover.
+    * `index (H,W)` number of the object that covers most of the pixel, 0 for nothing.
+
+    Args:
+        clouds: Gaussians; one whose centre lies behind a surface is hidden by it as a whole.
+        surfaces: opaque triangles, without antialiasing.
+        camera: pinhole camera in the world.
+        near: least camera z that is drawn, above 0.
+        far: camera z from which on nothing is drawn.
+        background: sRGB colour behind everything, or None.
+        passes: any of `PASSES`.
+        region: (rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit.
+        config: constants of the rasteriser; its `near` is not used.
+        backend: as in `raster.rasterize`.
+        progress: called between bands of rows; cancelling passes through.
+
+    Raises:
+        F4xError: a camera that is not finite, or a backend that cannot run here.
+    """
+    from ..raster import RasterConfig, rasterize
+
+    rows, columns = region or (slice(0, camera.height), slice(0, camera.width))
+    ground = _Ground.seen(surfaces, camera, near, far, background)
+    frame = clouds[0].to_world if clouds else np.eye(4)
+    numbers = sorted({cloud.index for cloud in clouds}) if "index" in passes else []
+    widths = {"rgb": 3} | {name: w for name, w in _WIDTHS.items() if name in passes} | {"index": len(numbers)}
+    features = [_features(cloud, camera, widths, numbers) for cloud in clouds]
+    moved = [cloud.seen_from(frame) for cloud in clouds]
+    arrays = {
+        "means": _joined([cloud.means for cloud in moved], 3),
+        "quats": _joined([cloud.quats for cloud in moved], 4),
+        "scales": _joined([cloud.scales for cloud in moved], 3),
+        "opacities": _joined([cloud.opacities[:, None] for cloud in moved], 1)[:, 0],
+        "colors": _joined(features, sum(widths.values())),
+        "viewmat": (camera.world_to_camera @ frame).astype(np.float32),
+        "K": camera.intrinsics.astype(np.float32),
+    }
+    config = replace(config or RasterConfig(), near=near)
+
+    drawn = []
+    step = max(1, BAND // camera.width)
+    for first in range(rows.start, rows.stop, step):
+        progress("render", first - rows.start, rows.stop - rows.start)
+        band = (slice(first, min(first + step, rows.stop)), columns)
+        limit = np.zeros((camera.height, camera.width), np.float32)  # pixels outside the band need not be drawn
+        limit[band] = ground.limit[band]
+        out = rasterize(**arrays, width=camera.width, height=camera.height, config=config, backend=backend, limit=limit)
+        drawn.append([np.asarray(part[band], np.float32) for part in (out.channels, out.alpha, out.depth)])
+    progress("render", rows.stop - rows.start, rows.stop - rows.start)
+    channels, alpha, depth = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
+    layers = dict(zip(widths, np.split(channels, np.cumsum([*widths.values()])[:-1], axis=-1), strict=True))
+    return _pictures(layers, alpha, depth, ground.cut((rows, columns)), numbers, passes)
+
+
+def _joined(parts: list[np.ndarray], width: int) -> np.ndarray:
+    return np.concatenate([np.zeros((0, width), np.float32), *parts], dtype=np.float32)
+
+
+def _features(cloud: Cloud, camera: Camera, widths: Mapping[str, int], numbers: Sequence[int]) -> np.ndarray:
+    """(N,C) what is composited of one cloud; 0 in layers that it lacks."""
+    count = len(cloud.means)
+    own = {"rgb": cloud.colors(camera.center), **cloud.layers}
+    own["index"] = np.tile(np.equal(numbers, cloud.index), (count, 1))
+    return np.concatenate(
+        [own.get(name, np.zeros((count, width))) for name, width in widths.items()], 1, dtype=np.float32
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """What stands behind the Gaussians at every pixel."""
+
+    rgb: np.ndarray
+    """(H,W,3) sRGB."""
+    alpha: np.ndarray
+    """(H,W) 1 where a surface shows itself."""
+    depth: np.ndarray
+    """(H,W) of the nearest surface, infinite where there is none."""
+    index: np.ndarray
+    """(H,W) number of its object, else 0."""
+    limit: np.ndarray
+    """(H,W) float32 depth from which on Gaussians are hidden."""
+
+    @classmethod
+    def seen(cls, surfaces: Sequence[Surface], camera: Camera, near: float, far: float, background) -> _Ground:
+        """Draw surfaces over the background."""
+        from ..raster.triangles import draw_triangles
+
+        triangles = np.concatenate([np.zeros((0, 3, 3)), *(surface.triangles for surface in surfaces)])
+        size = (camera.width, camera.height)
+        depth, hit = draw_triangles(triangles, camera.world_to_camera, camera.intrinsics, *size, near=near, far=far)
+        there = hit >= 0
+        rgb = np.zeros((*depth.shape, 3), np.float32) + np.asarray(
+            (0, 0, 0) if background is None else background, np.float32
+        )
+        index, shows = np.zeros(depth.shape), np.zeros(depth.shape)
+        if there.any():
+
+            def of_triangles(values) -> np.ndarray:
+                """What the triangle seen at each covered pixel has, from one value or (T,...) of each surface."""
+                parts = [
+                    np.broadcast_to(v, (len(s.triangles), *np.shape(v)[1:]))
+                    for s, v in zip(surfaces, values, strict=True)
+                ]
+                return np.concatenate(parts)[hit[there]]
+
+            index[there] = of_triangles([[s.index] for s in surfaces])
+            shows[there] = of_triangles([[not s.holdout] for s in surfaces])
+            a, b, c = triangles[hit[there]].transpose(1, 0, 2)
+            normal = np.cross(b - a, c - a)
+            pixels = camera.pixel_grid()[there]
+            ray = camera.unproject(pixels, np.ones(len(pixels))) - camera.center
+            cosine = np.abs((normal * ray).sum(1)) / (np.linalg.norm(normal, axis=1) * np.linalg.norm(ray, axis=1))
+            light = (AMBIENT + (1 - AMBIENT) * cosine) * shows[there]
+            rgb[there] = of_triangles([s.colors for s in surfaces]) * light[:, None]
+        return cls(rgb, shows, depth, index, np.minimum(depth, far).astype(np.float32))
+
+    def cut(self, region: tuple[slice, slice]) -> _Ground:
+        """The part inside a region."""
+        return _Ground(*(getattr(self, f.name)[region] for f in fields(self)))
+
+
+def _pictures(
+    layers: Mapping[str, np.ndarray],
+    alpha: np.ndarray,
+    depth: np.ndarray,
+    ground: _Ground,
+    numbers: Sequence[int],
+    passes: Collection[str],
+) -> dict[str, np.ndarray]:
+    """Gaussians over the ground: composited `layers`, `alpha` and `depth` (sum of z alpha T) become the passes."""
+    left = 1 - alpha
+    covered = alpha >= COVERED
+    share = np.where(covered, alpha, 1)
+    pictures = {"rgb": layers["rgb"] + left[..., None] * ground.rgb, "alpha": alpha + left * ground.alpha}
+    if "depth" in passes:
+        solid = np.isfinite(ground.depth)
+        total = np.where(solid, 1, share)
+        summed = depth + np.where(solid, left * np.where(solid, ground.depth, 0), 0)
+        pictures["depth"] = np.where(covered | solid, summed / total, NOTHING)
+    if "latent" in passes:
+        pictures["latent"] = np.where(covered[..., None], layers["latent"] / share[..., None], 0)
+    if "score" in passes:
+        pictures["score"] = np.where(covered, layers["score"][..., 0] / share, 0)
+    if "selection" in passes:
+        pictures["selection"] = layers["selection"][..., 0]
+    if "index" in passes:
+        weights = np.concatenate([left[..., None], layers["index"]], -1)  # behind them all, then every object
+        found = np.array([0, *numbers])[weights.argmax(-1)]
+        pictures["index"] = np.where(weights.argmax(-1) == 0, ground.index, found)
+    return {name: picture.astype(np.float32, copy=False) for name, picture in pictures.items()}
