@@ -100,6 +100,12 @@ def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             report |= benchmark(scene, masks, args.label, encode_labels, repeats=args.repeats, progress=progress)
         else:
             report |= {"scene": scene.name} | measure_cost(scene, repeats=args.repeats)
+        if args.truth is not None:
+            if args.label is None:
+                raise F4xError("--truth needs --label WORD: what moves in the rendered clip.")
+            from ..report.labels import score_labels
+
+            report |= score_labels(scene, args.truth, args.label, encode=encode_labels, progress=progress)
         if args.times and args.clip is None:
             raise F4xError("--times needs --clip CLIP: the clip is fitted anew.")
         if args.clip is not None:

@@ -275,6 +275,12 @@ def build_parser() -> argparse.ArgumentParser:
         "--masks", type=path_argument, metavar="DIR", help="true masks, one for each clip frame (features)"
     )
     sub.add_argument("--label", metavar="WORD", help="what the masks show (features)")
+    sub.add_argument(
+        "--truth",
+        type=path_argument,
+        metavar="DIR",
+        help="truth of the rendered clip whose subject --label names (features)",
+    )
     sub.add_argument("--clip", type=path_argument, help="the scene's clip: what features change in pictures (features)")
     sub.add_argument("--frames", metavar="A:B:S", help="as for the fit (features)")
     sub.add_argument(

@@ -149,7 +149,10 @@ def _light(scene: Scene) -> np.ndarray:
     cameras = scene.cameras
     layer = np.ones((max(1, round(COLUMNS * cameras.height / cameras.width)), COLUMNS, 1), np.float32)
     frames = np.unique(np.linspace(0, len(cameras) - 1, VIEWS).round().astype(int))
-    return sum(light_into(scene, float(cameras.times[t]), int(t), layer)[:, 0].astype(np.float64) for t in frames)
+    light = np.zeros(len(scene.ids))
+    for t in frames:
+        light += light_into(scene, float(cameras.times[t]), int(t), layer)[:, 0]
+    return light
 
 
 def _neighbours(keys: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -33,6 +33,52 @@ SHORTEST_PATH = 1e-3
 Similarity = tuple[float, np.ndarray, np.ndarray]
 
 
+@dataclass(frozen=True)
+class TrueClip:
+    """The truth of the rendered clip that a scene was made from, and how the two worlds lie to each other."""
+
+    folder: Path
+    """What `scripts/synthetic_clip.py` wrote."""
+    path: CameraPath
+    """True cameras of all frames."""
+    moving_index: list[int]
+    """Object indices of what moves."""
+    extras: list[tuple[str, CameraPath, Path]]
+    """Name, true cameras and pictures of each extra camera; none where `similarity` does not tell the scene's unit."""
+    used: np.ndarray
+    """(F,) supervised frames."""
+    similarity: Similarity
+    """From the scene's world to the true one."""
+    lens: float
+    """Fitted to true focal length."""
+
+    @classmethod
+    def read(cls, scene: Scene, truth_folder: Path | str) -> TrueClip:
+        """Read the truth and align the scene's cameras with it. F4xError: none there, or that of another clip."""
+        folder = Path(truth_folder)
+        truth = _read_truth(folder)
+        path = CameraPath.from_json(truth["cameras"], folder / "truth.json")
+        if len(path) != len(scene.cameras):
+            raise F4xError(
+                f"{folder}: the truth has {len(path)} frames, the scene {len(scene.cameras)}; fit all frames of the clip."
+            )
+        used = np.setdiff1d(np.arange(len(path)), scene.held_out)
+        estimated, true_used = _chosen(scene.cameras, used), _chosen(path, used)
+        fitted = estimated.resized(path.width, path.height)
+        lens = float(np.median(fitted.intrinsics[:, 0, 0] / true_used.intrinsics[:, 0, 0]))
+        still = float(np.sqrt(estimated.centers.var(axis=0).sum())) < SHORTEST_PATH
+        extras = [
+            (extra["name"], CameraPath.from_json(extra["cameras"], folder / "truth.json"), folder / extra["images"])
+            for extra in ([] if still else truth["extra_cameras"])
+        ]
+        similarity = align_cameras(estimated, true_used)
+        return cls(folder, path, truth["moving_index"], extras, used, similarity, lens)
+
+    def into_scene(self, camera: Camera, scene: Scene) -> Camera:
+        """A camera of the true world as one of the scene's, at the size of the scene's pictures."""
+        return into_scene(camera, self.similarity, self.lens).resized(scene.cameras.width, scene.cameras.height)
+
+
 def score_against_truth(
     scene: Scene,
     truth_folder: Path | str,
@@ -60,38 +106,22 @@ def score_against_truth(
     Raises:
         F4xError: no truth there, or of another clip.
     """
-    folder = Path(truth_folder)
-    truth = _read_truth(folder)
-    true_path = CameraPath.from_json(truth["cameras"], folder / "truth.json")
-    if len(true_path) != len(scene.cameras):
-        raise F4xError(
-            f"{folder}: the truth has {len(true_path)} frames, the scene {len(scene.cameras)}; fit all frames of the clip."
-        )
-    used = np.setdiff1d(np.arange(len(true_path)), scene.held_out)
-    estimated, true_used = _chosen(scene.cameras, used), _chosen(true_path, used)
-    similarity = align_cameras(estimated, true_used)
+    clip = TrueClip.read(scene, truth_folder)
+    estimated, true_used = _chosen(scene.cameras, clip.used), _chosen(clip.path, clip.used)
     scores: dict[str, Any] = path_error(estimated, true_used)
-    scores |= {"scale": similarity[0], "rotation_error": rotation_error(estimated, true_used, similarity)}
-    lens = float(
-        np.median(
-            estimated.resized(true_path.width, true_path.height).intrinsics[:, 0, 0] / true_used.intrinsics[:, 0, 0]
-        )
-    )
-    scores["focal_ratio"] = lens
-    still = float(np.sqrt(estimated.centers.var(axis=0).sum())) < SHORTEST_PATH
-    extras = [] if still else truth["extra_cameras"]
-    seen = SeenSurface.read(folder, true_path, used, truth["moving_index"]) if extras else None
+    scores |= {"scale": clip.similarity[0], "rotation_error": rotation_error(estimated, true_used, clip.similarity)}
+    scores["focal_ratio"] = clip.lens
+    seen = SeenSurface.read(clip.folder, clip.path, clip.used, clip.moving_index) if clip.extras else None
     rows = []
-    for extra in extras:
-        path = CameraPath.from_json(extra["cameras"], folder / "truth.json")
+    for name, path, images in clip.extras:
         for index, time in enumerate(path.times):
-            progress("unseen views", index, len(path), extra["name"])
-            actual = read_color(folder / extra["images"] / f"{int(time):05d}.png")
+            progress("unseen views", index, len(path), name)
+            actual = read_color(images / f"{int(time):05d}.png")
             covered = seen.covers(path[index], int(time)) if seen else None
-            camera = into_scene(path[index], similarity, lens).resized(scene.cameras.width, scene.cameras.height)
+            camera = clip.into_scene(path[index], scene)
             row = _score_view(scene, camera, float(time), actual, covered, refine_camera, backend)
-            rows.append({"camera": extra["name"], "frame": int(time), **row})
-        progress("unseen views", len(path), len(path), extra["name"])
+            rows.append({"camera": name, "frame": int(time), **row})
+        progress("unseen views", len(path), len(path), name)
     if rows:
         names = [name for name in rows[0] if name not in ("camera", "frame")]
         scores |= {f"unseen_{name}": float(np.nanmean([row[name] for row in rows])) for name in names}
