@@ -9,6 +9,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
 from typing import Any, TypeVar
 
 from ..errors import F4xError
@@ -80,15 +82,25 @@ def ask_for_operations(server: ChatServer, request: Request) -> tuple[Operation,
 
     Raises F4xError: the server fails, its answer stays unusable after one correction, or it finds nothing to do.
     """
-    from .reply import Reply, read_answer, schema_of
+    reply = replies()
 
     def read(data: Any) -> tuple[Operation, ...]:
-        return tuple(change.operation(request) for change in read_answer(Reply, data).operations)
+        return tuple(change.operation(request) for change in reply.read_answer(reply.Reply, data).operations)
 
-    operations = ask_json(server, _messages(request), schema_of(Reply), read)
+    operations = ask_json(server, _messages(request), reply.schema_of(reply.Reply), read)
     if not operations:
         raise F4xError(f"{server.url}: the model finds nothing in the request that an edit can do; say it otherwise.")
     return operations
+
+
+def replies() -> ModuleType:
+    """The module `reply`; F4xError where pydantic is not installed, as in Blender."""
+    try:
+        return import_module(".reply", __package__)
+    except ImportError as error:
+        raise F4xError(
+            "Reading a language model's answers needs pydantic; `pip install pydantic`, or ask no model."
+        ) from error
 
 
 def ask_json(

@@ -9,12 +9,14 @@ import numpy as np
 from ..geometry.camera import Camera
 from ..scene.model import Posed
 
-LINK = 2.0
+LINK = 3.0
 """Gaussians hang together across so many of their median sizes (largest standard deviation)."""
 FINEST = 1 / 60
 """… or across this share of the selection's extent, where that is more: sparse Gaussians leave gaps in a thing."""
 THING = 0.1
-"""A piece is a thing of its own when it is at least so large, relative to the largest; smaller ones are strays."""
+"""A piece is a thing of its own when it is at least so large, relative to the largest."""
+STRAY = 0.01
+"""A smaller piece is a stray: a leg or a tail that the reconstruction left apart is larger."""
 MOST_CELLS = 1 << 20
 """Cells along an axis at most: three of them number a cell within 64 bits, however far a floater is."""
 INNER = (2, 98)
@@ -47,7 +49,7 @@ def connected(points: np.ndarray, reach: float) -> np.ndarray:
 def things(posed: Posed, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Split the Gaussians `rows (n,)` int: (thing (n,) int from 0, the largest first; stray (n,) bool).
 
-    A stray belongs to the thing whose centre is nearest. Size is surface: opacity times the two largest deviations.
+    A smaller piece belongs to the thing whose centre is nearest. Size is surface: opacity times the two largest deviations.
     """
     points = posed.means[rows]
     sizes = np.sort(posed.scales[rows], axis=1)
@@ -61,13 +63,11 @@ def things(posed: Posed, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     number = np.full(len(total), -1)
     number[large] = np.arange(len(large))
     thing = number[piece]
-    stray = thing < 0
-    if stray.any():
-        centres = centres_of(points[~stray], thing[~stray], surface[~stray])
-        far = np.linalg.norm(points[stray][:, None] - centres, axis=-1)
-        thing = thing.copy()
-        thing[stray] = far.argmin(1)
-    return thing, stray
+    small = thing < 0
+    if small.any():
+        centres = centres_of(points[~small], thing[~small], surface[~small])
+        thing[small] = np.linalg.norm(points[small][:, None] - centres, axis=-1).argmin(1)
+    return thing, (total < STRAY * total.max())[piece]
 
 
 def which_thing(posed: Posed, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
