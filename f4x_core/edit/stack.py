@@ -180,7 +180,8 @@ def diff(a: EditStack, b: EditStack) -> tuple[Difference, ...]:
 
 
 def patched(stack: EditStack, changes: Iterable[Difference]) -> EditStack:
-    """`stack` with the changes of a `diff` made; F4xError where an edit is not as the change expects it."""
+    """`stack` with the changes of a `diff` made and nothing to redo; F4xError where an edit is not as a change expects it."""
+    stack = EditStack(stack.edits)
     for change in changes:
         if change.before is not None:
             at = stack.position(change.before.id)
@@ -196,10 +197,11 @@ def patched(stack: EditStack, changes: Iterable[Difference]) -> EditStack:
 def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
     """`ours` with everything that `theirs` changed since `base`; F4xError names the edit that both changed differently.
 
-    New edits of theirs follow ours and get new ids where ours has taken theirs. Where both only reordered, ours holds.
+    New edits of theirs follow ours and get new ids where ours has taken theirs. Where both only reordered, ours holds. What
+    was undone is forgotten.
     """
     was, mine, other = ({edit.id: edit for edit in stack.edits} for stack in (base, ours, theirs))
-    merged = ours
+    merged = EditStack(ours.edits)
     for id, old in was.items():
         a, b = mine.get(id), other.get(id)
         if b == old or a == b:
@@ -211,10 +213,10 @@ def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
     if [edit.id for edit in ours.edits if edit.id in was] == [edit.id for edit in base.edits if edit.id in mine]:
         order = {id: place for place, id in enumerate(other)}
         kept = iter(sorted((e for e in merged.edits if e.id in was), key=lambda edit: order[edit.id]))
-        merged = EditStack(tuple(next(kept) if edit.id in was else edit for edit in merged.edits), merged.undone)
+        merged = EditStack(tuple(next(kept) if edit.id in was else edit for edit in merged.edits))
     for edit in theirs.edits:
         if edit.id not in was and edit not in merged.edits:
-            taken = [e.id for e in (*merged.edits, *merged.undone)]
+            taken = [e.id for e in merged.edits]
             merged = merged.insert(replace(edit, id=1 + max(taken)) if edit.id in taken else edit, len(merged))
     return merged
 
