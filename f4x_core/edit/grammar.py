@@ -1,0 +1,307 @@
+"""Words of a sentence, and rules that match them: small parser combinators that keep every way to go on.
+
+A rule asked at a word answers with the ways it can match there: `{word after the match: values}`, the preferred way first. Each
+(rule, word) is worked out once per sentence, and one way per end is kept, so the time is polynomial whatever is typed.
+Rules are joined as in `the + colour | number`; `~rule` may be absent; `rule >> function` makes one value of the values matched.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any
+
+from .words import CONTRACTIONS, SPELLING
+
+Ways = dict[int, tuple[Any, ...]]
+"""End of a match -> its values; the first is the preferred one."""
+
+_TOKEN = re.compile(r"#[0-9a-f]{6}\b|#[0-9a-f]{3}\b|\d+(?:\.\d+)?|\.\d+|[^\W\d_]+(?:'[^\W\d_]+)?|\S")
+_RANGE = re.compile(r"(?<=[a-z])-(?=[a-z])")
+"""A hyphen inside a word: it joins words ("see-through"); beside a digit it is a minus or "to"."""
+
+
+@dataclass(frozen=True)
+class Token:
+    """A word, number or sign."""
+
+    text: str
+    """Lower case, in American spelling."""
+    start: int
+    """First character in the sentence."""
+    end: int
+    """Behind the last one."""
+
+    @property
+    def is_word(self) -> bool:
+        """Letters alone."""
+        return self.text.isalpha()
+
+
+def tokenise(sentence: str) -> list[Token]:
+    """The tokens of a sentence; contractions are taken apart ("don't": do, not; "dog's": dog, 's)."""
+    told = sentence.lower()
+    if len(told) != len(sentence):  # a letter whose small form is longer would shift every place behind it
+        told = "".join(c.lower() if len(c.lower()) == 1 else c for c in sentence)
+    told = told.translate(_PLAIN)
+    tokens = []
+    for match in _TOKEN.finditer(_RANGE.sub(" ", told)):
+        text, start, end = match.group(), match.start(), match.end()
+        if "'" not in text or len(text) == 1:
+            tokens.append(Token(SPELLING.get(text, text), start, end))
+            continue
+        parts = CONTRACTIONS.get(text)
+        if parts:
+            tokens += [Token(part, start, end) for part in parts]
+        else:
+            cut = text.index("'")
+            tokens += [Token(text[:cut], start, start + cut), Token(text[cut:], start + cut, end)]
+    return tokens
+
+
+_PLAIN = str.maketrans(
+    {"’": "'", "‘": "'", "`": "'", "“": '"', "”": '"', "–": "-", "—": "-", "−": "-", "×": "x", "\n": ";"}
+)
+
+
+@dataclass
+class Reading:
+    """A sentence that is being matched."""
+
+    sentence: str
+    tokens: list[Token]
+    known: Mapping[tuple[str, ...], str] = field(default_factory=dict)
+    """Words of a label or name -> as it is spelled."""
+    longest: int = 1
+    """Words of the longest of them."""
+    memo: dict[tuple[int, int], Ways] = field(default_factory=dict)
+    farthest: int = 0
+    """Last word that some rule was asked at: when nothing matches, the one that was not understood."""
+
+    @classmethod
+    def of(cls, sentence: str, tokens: list[Token], known: Mapping[tuple[str, ...], str]) -> Reading:
+        """A reading of `tokens`."""
+        return cls(sentence, tokens, known, max(map(len, known), default=1))
+
+    def word(self, at: int) -> str:
+        """Text of a token; nothing behind the last."""
+        return self.tokens[at].text if at < len(self.tokens) else ""
+
+    def said(self, start: int, end: int) -> str:
+        """Tokens [start, end) as they were typed."""
+        return " ".join(self.sentence[self.tokens[start].start : self.tokens[end - 1].end].split())
+
+
+class Rule:
+    """Something that can be matched at a word."""
+
+    def __init__(self, match: Callable[[Reading, int], Ways]):
+        self.match = match
+
+    def at(self, reading: Reading, at: int) -> Ways:
+        """The ways to match at word `at`, best first."""
+        key = (id(self), at)
+        if key not in reading.memo:
+            reading.memo[key] = {}  # a rule that asks for itself at the same word has no match there
+            reading.memo[key] = self.match(reading, at)
+        return reading.memo[key]
+
+    def __add__(self, other: Rule) -> Rule:
+        """Both, one after the other."""
+
+        def match(reading: Reading, at: int) -> Ways:
+            ways: Ways = {}
+            for middle, values in self.at(reading, at).items():
+                for end, more in other.at(reading, middle).items():
+                    ways.setdefault(end, values + more)
+            return ways
+
+        return Rule(match)
+
+    def __or__(self, other: Rule) -> Rule:
+        """Either; this one is preferred."""
+        return either(self, other)
+
+    def __invert__(self) -> Rule:
+        """This or nothing."""
+        return Rule(lambda reading, at: _union(self.at(reading, at), {at: ()}))
+
+    def __rshift__(self, function: Callable[..., Any]) -> Rule:
+        """One value made of the values; where the function raises `Mismatch`, no match."""
+
+        def match(reading: Reading, at: int) -> Ways:
+            ways: Ways = {}
+            for end, values in self.at(reading, at).items():
+                try:
+                    ways[end] = (function(*values),)
+                except Mismatch:
+                    continue
+            return ways
+
+        return Rule(match)
+
+
+class Mismatch(Exception):  # noqa: N818  # it never leaves the grammar
+    """The words fit a rule and their meaning does not."""
+
+
+def _union(first: Ways, second: Ways) -> Ways:
+    return first | {end: values for end, values in second.items() if end not in first}
+
+
+VOCABULARY: set[str] = set()
+"""Every word of the grammar itself: none of them is taken for a thing."""
+
+
+def table(entries: Mapping[str, Any], *, reserve: bool = True) -> Rule:
+    """The value of the phrase that stands there, longer ones preferred.
+
+    A key holds alternatives with `|`; of `[some|words]` one stands there, of `(some|words)` one or none. `reserve`: its words are
+    no names of things.
+    """
+    by_first: dict[str, list[tuple[tuple[str, ...], Any]]] = {}
+    for spec, value in entries.items():
+        for words in (words for alternative in _alternatives(spec) for words in _expanded(alternative)):
+            by_first.setdefault(words[0], []).append((words, value))
+            if reserve:
+                VOCABULARY.update(words)
+    for rows in by_first.values():
+        rows.sort(key=lambda row: -len(row[0]))
+
+    def match(reading: Reading, at: int) -> Ways:
+        ways: Ways = {}
+        for words, value in by_first.get(reading.word(at), ()):
+            same = 1
+            while same < len(words) and reading.word(at + same) == words[same]:
+                same += 1
+            reading.farthest = max(reading.farthest, at + same)
+            if same == len(words):
+                ways.setdefault(at + same, () if value is None else (value,))
+        reading.farthest = max(reading.farthest, at)
+        return ways
+
+    return Rule(match)
+
+
+def lit(spec: str) -> Rule:
+    """One of the phrases, without a value."""
+    return table({spec: None})
+
+
+def sign(text: str) -> Rule:
+    """A sign that would be a bracket in `lit`."""
+    return Rule(lambda reading, at: {at + 1: ()} if reading.word(at) == text else {})
+
+
+def _alternatives(spec: str) -> list[str]:
+    """Parts between the `|` that stand in no bracket."""
+    parts, depth = [""], 0
+    for sign in spec:
+        depth += (sign in "([") - (sign in ")]")
+        if sign == "|" and not depth:
+            parts.append("")
+        else:
+            parts[-1] += sign
+    return parts
+
+
+def _expanded(spec: str) -> Iterator[tuple[str, ...]]:
+    """Word sequences of a phrase: "to (the|my) left": to left, to the left, to my left."""
+    parts = [part for part in re.split(r"(\([^)]*\)|\[[^]]*\])", spec) if part.strip()]
+    choices = [part[1:-1].split("|") + [""] * (part[0] == "(") if part[0] in "([" else [part] for part in parts]
+    for choice in product(*choices):
+        if words := tuple(" ".join(choice).split()):
+            yield words
+
+
+def value(constant: Any) -> Rule:
+    """Nothing, with a value."""
+    return Rule(lambda reading, at: {at: (constant,)})
+
+
+NOTHING = Rule(lambda reading, at: {at: ()})
+"""No word at all."""
+
+
+def silent(rule: Rule) -> Rule:
+    """The rule without its values."""
+    return Rule(lambda reading, at: dict.fromkeys(rule.at(reading, at), ()))
+
+
+def either(*rules: Rule) -> Rule:
+    """Any of the rules, earlier ones preferred."""
+
+    def match(reading: Reading, at: int) -> Ways:
+        ways: Ways = {}
+        for rule in rules:
+            ways = _union(ways, rule.at(reading, at))
+        return ways
+
+    return Rule(match)
+
+
+def optional(rule: Rule, default: Any = None) -> Rule:
+    """The rule's value, or the default."""
+    return either(rule, value(default))
+
+
+def listed(item: Rule, separator: Rule) -> Rule:
+    """Items with separators between: one value, a tuple of (values of separator, then of item) per item; fewest items first."""
+
+    def match(reading: Reading, at: int) -> Ways:
+        ways: dict[int, tuple[Any, ...]] = {}
+        front: Ways = {end: (values,) for end, values in item.at(reading, at).items()}
+        while front:
+            ways |= {end: found for end, found in front.items() if end not in ways}
+            following: Ways = {}
+            for end, found in front.items():
+                for middle, between in separator.at(reading, end).items():
+                    for last, values in item.at(reading, middle).items():
+                        if last not in ways and last > end:
+                            following.setdefault(last, (*found, between + values))
+            front = following
+        return {end: (ways[end],) for end in ways}
+
+    return Rule(match)
+
+
+def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset()) -> Rule:
+    """The slots in any order, each at most once, those in `needed` for sure: one value, a dict."""
+    names = list(slots)
+
+    def match(reading: Reading, at: int) -> Ways:
+        ways: Ways = {}
+        seen: set[tuple[int, frozenset[str]]] = set()
+
+        def go_on(position: int, filled: dict[str, Any]) -> None:
+            state = (position, frozenset(filled))
+            if state in seen:
+                return
+            seen.add(state)
+            for name in names:
+                if name not in filled:
+                    for end, values in slots[name].at(reading, position).items():
+                        if end > position:
+                            go_on(end, {**filled, name: values[0] if values else True})
+            if needed <= filled.keys():
+                ways.setdefault(position, (filled,))
+
+        go_on(at, {})
+        return ways
+
+    return Rule(match)
+
+
+def chosen(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rule:
+    """A rule from a generator of (end, value), best first."""
+
+    def all_ways(reading: Reading, at: int) -> Ways:
+        reading.farthest = max(reading.farthest, at)
+        ways: Ways = {}
+        for end, found in match(reading, at):
+            ways.setdefault(end, (found,))
+        return ways
+
+    return Rule(all_ways)

@@ -1,0 +1,257 @@
+"""A plain English sentence to typed operations, by a grammar: no model, the same answer always (docs/language.md).
+
+Every word has to be accounted for; one that is not makes the whole sentence a `Refusal`, because a wrong edit is worse than none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from difflib import SequenceMatcher, get_close_matches
+from typing import Any, NamedTuple
+
+from ..errors import F4xError
+from .colour_names import COLOURS
+from .commands import COMMANDS, Build, Command
+from .grammar import (
+    NOTHING,
+    VOCABULARY,
+    Mismatch,
+    Reading,
+    Rule,
+    Token,
+    bag,
+    either,
+    listed,
+    lit,
+    silent,
+    table,
+    tokenise,
+)
+from .operations import Operation
+from .phrases import Context, Refusal, Span, When, span
+from .selects import SelectKind
+from .words import inflected, singular
+
+__all__ = ["Refusal", "parse"]
+
+LONGEST, MOST_WORDS = 2000, 200
+"""Characters and words of a sentence that is read; a person says less at once."""
+
+
+class Clause(NamedTuple):
+    """A verb with all it is said of."""
+
+    build: Build
+    pieces: tuple[dict[str, Any], ...]
+    """Slots of each who: "make [the dog red] and [the cat blue]"."""
+    front: Span | None = None
+    """A time said before the verb; it holds for what follows with "and", too."""
+
+
+_when = ~lit(",") + span
+_between = lit("and|,|, and|but|while|, but|, while|and also")
+_modal = lit(
+    "should|must|shall|ought to|has to|have to|needs to|need to|is to|are to|may|can|will|is supposed to|are supposed to|had better"
+)
+_being = lit("be|become|turn|get|look|appear|go")
+_want = lit("i|we") + lit(
+    "want|would like|need|wish|would love|would prefer|like|want to see|would like to see|would love to see"
+)
+_let = lit("let|have|make|get|see|cause|force")
+
+
+def _telling(filled: dict[str, Any]) -> dict[str, Any]:
+    """Slots that say more than who: "and the cat" alone belongs to the list before it."""
+    if len(filled) == 1:
+        raise Mismatch
+    return filled
+
+
+def _of(command: Command) -> Rule:
+    """The clauses of a command: by its verb, of a subject, in the passive."""
+    slots = {**command.slots, "when": _when}
+    first = bag({"who": command.who, **slots}, command.needed | (frozenset() if command.bare else {"who"}))
+    more = bag({"who": command.who, **slots}, command.needed | {"who"}) >> _telling
+    own = bag(slots, command.needed)
+
+    def of_subject(who: Any, filled: dict[str, Any]) -> tuple[dict[str, Any]]:
+        return ({**filled, "who": who},)
+
+    def verb(which: int, verbs: str = command.verbs) -> Rule:
+        return lit("|".join(inflected(verbs, which)))
+
+    others = _between + listed(more, _between) >> (lambda pieces: tuple(piece for (piece,) in pieces))
+    said = (verb(1) if command.verbs else NOTHING) + either(
+        first >> (lambda one: (one,)), first + others >> (lambda one, rest: (one, *rest))
+    )
+    ways = [said]
+    subject = command.who
+    if command.itself:
+        itself = verb(0, command.itself) + own
+        ways += [
+            _let + subject + ~lit("to") + itself >> of_subject,
+            subject + _modal + itself >> of_subject,
+            _want + subject + ~lit("to") + itself >> of_subject,
+        ]
+    if command.verbs:
+        passive = verb(2) + own
+        ways += [
+            subject + _modal + lit("be|get") + passive >> of_subject,
+            (_want | lit("have|get|let")) + subject + ~lit("to be|be") + passive >> of_subject,
+        ]
+    if command is COMMANDS[0]:  # what can be made of a thing, it can also be: "the dog should be red"
+        ways += [
+            subject + _modal + _being + own >> of_subject,
+            (_want | _let) + subject + ~(~lit("to") + _being) + own >> of_subject,
+        ]
+    return either(*ways) >> (lambda pieces: Clause(command.build, pieces))
+
+
+_request = lit(
+    "could you|can you|would you|will you|would you mind|do you mind|could we|can we|shall we|may we|how about|what about|"
+    "would it be possible to|is it possible to|i wonder if you could|i was wondering if you could|why not"
+)
+_filler = silent(
+    ~listed(
+        lit(
+            "okay|hey|hi|hello|now|first|first of all|firstly|secondly|thirdly|then|next|also|finally|lastly|so|well|alright|right|"
+            "go ahead and|let us|try to|try|i want (you) to|i need you to|i would (really) like (you) to|i would love (you) to|"
+            "we want (you) to|we would like to|we should|we need to|you should|you can|simply|actually|maybe|perhaps|"
+            "be so kind (as) to|just|in addition|besides|additionally|after that|afterward|after this|feel free to|let me|"
+            "help me|help me to|and|um|uh|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile"
+        )
+        | _request,
+        lit(",") | NOTHING,
+    )
+)
+_tail = ~lit(
+    "now|too|as well|again|also|for me|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|for good|"
+    "permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
+)
+_core = either(*(_of(command) for command in COMMANDS))
+_clause = (
+    either(
+        _filler + _core,
+        _filler + span + ~lit(",|:") + _filler + _core >> (lambda front, clause: clause._replace(front=front)),
+    )
+    + ~lit(",")
+    + _tail
+)
+_SOFT, _HARD = (
+    ", and also|, and|and also|and|,|but|, but|plus",
+    ".|;|!|then|and then|, then|, and then|after that|and after that|, after that",
+)
+_separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
+_ends = silent(~listed(lit(".|;|!|,"), NOTHING))
+_polite = lit("please") | _request
+_POLITE_BEFORE = 4
+"""Words within which a request begins: "okay, now could you"."""
+_sentence = _ends + listed(_clause, _separator) + _ends
+_DROPPED = frozenset("please kindly thanks thank".split())
+
+
+def parse(
+    sentence: str,
+    *,
+    labels: Sequence[str] = (),
+    names: Sequence[str] = (),
+    fps: float,
+    frames: int,
+    selected: bool = False,
+    frame: float = 0,
+) -> tuple[Operation, ...]:
+    """The operations that `sentence` asks for, in order; selections are as said, not yet looked up in a scene.
+
+    `labels` and `names`: words that the scene knows and selections that have a name. The clip has `frames` frames, `fps` a second, of
+    which `frame` is the present one; `selected`: there is something that "it" can be. Raises `Refusal`.
+    """
+    if len(sentence) > LONGEST:
+        raise Refusal(f"The sentence has {len(sentence)} characters, more than {LONGEST}; say fewer commands at once.")
+    tokens = [token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED]
+    if len(tokens) > MOST_WORDS:
+        raise Refusal(f"The sentence has {len(tokens)} words, more than {MOST_WORDS}; say fewer commands at once.")
+    if not any(token.is_word for token in tokens):
+        raise Refusal("Nothing is said that could be done.", nearest(tokens))
+    reading = Reading.of(sentence, tokens, _known((*labels, *names)))
+    found = _sentence.at(reading, 0).get(len(tokens))
+    if found is None:
+        raise Refusal(_not_understood(reading), nearest(tokens))
+    context = Context(fps, frames, frame, selected, {name.lower(): name for name in names})
+    try:
+        return tuple(_operations(found[0], context))
+    except Refusal as refusal:
+        raise Refusal(refusal.reason, nearest(tokens)) from refusal
+    except F4xError as error:
+        raise Refusal(f"That is not possible: {error}", nearest(tokens)) from error
+
+
+def _statements(tokens: list[Token]) -> list[Token]:
+    """The tokens with "could you …?" ended by a full stop; Refusal when anything else is asked."""
+    told, start = [], 0
+    for i, token in enumerate(tokens):
+        if token.text == "?":
+            part = tokens[start:i]
+            if part and not any(_polite.at(Reading("", part), at) for at in range(min(len(part), _POLITE_BEFORE))):
+                raise Refusal(
+                    "That is a question; `f4x ask` answers those, here one says what to change.", nearest(part)
+                )
+            token = Token(".", token.start, token.end)
+        if token.text in (".", "!", ";"):
+            start = i + 1
+        told.append(token)
+    return told
+
+
+def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
+    """Labels by their words, and by those of their singular."""
+    known: dict[tuple[str, ...], str] = {}
+    for label in labels:
+        words = tuple(token.text for token in tokenise(label))
+        if words:
+            known.setdefault(words, label)
+            known.setdefault((*words[:-1], singular(words[-1])), label)
+    return known
+
+
+def _operations(clauses: tuple[tuple[Any, ...], ...], context: Context) -> Iterator[Operation]:
+    """The operations of clauses, each of which may follow (whether its separator is hard)."""
+    front: Span | None = None
+    for *separators, clause in clauses:
+        if any(separators):
+            front = None
+        front = clause.front or front
+        last = clause.pieces[-1].get("when")
+        for piece in clause.pieces:
+            own = piece.get("when")
+            if own and clause.front:
+                raise Refusal("Two times are said for one command; leave one out.")
+            who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
+            if who is None:
+                raise Refusal(
+                    "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
+                )
+            rest = {name: value for name, value in piece.items() if name not in ("who", "when")}
+            yield from clause.build(who, When.of(own or front or last, context), context, **rest)
+
+
+def _not_understood(reading: Reading) -> str:
+    """The sentence about the word at which every way to read ended."""
+    at = reading.farthest
+    if at >= len(reading.tokens):
+        return "The command is not complete: something is missing at its end."
+    word = reading.said(at, at + 1)
+    close = get_close_matches(word.lower(), sorted(VOCABULARY | COLOURS.keys()), 1, 0.8)
+    hint = f"; did you mean '{close[0]}'?" if close and close[0] != word.lower() else "."
+    return f"I do not understand '{word}' here{hint}"
+
+
+def nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
+    """The examples of commands that are most like the words that were said."""
+    said = [token.text for token in tokens[:MOST_WORDS]]
+    examples = list(dict.fromkeys(command.example for command in COMMANDS))
+
+    def likeness(example: str) -> float:
+        words = example.split()
+        return len(set(words) & set(said)) / len(words) + SequenceMatcher(None, words, said).ratio()
+
+    return tuple(sorted(examples, key=likeness, reverse=True)[:count])
