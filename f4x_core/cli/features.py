@@ -9,7 +9,7 @@ from typing import Any
 from ..clip import read_clip
 from ..errors import F4xError
 from ..features.maps import FeatureMaps
-from ..features.teachers import TEACHERS, extract
+from ..features.teachers import TEACHERS, extract, require_ready
 from ..features.weights import WEIGHTS, describe, fetch, require_path
 from ..progress import Progress
 from .checks import listed_teachers
@@ -20,8 +20,8 @@ MEGABYTE = 1e6
 def run_features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write the feature maps of one or more teachers into `OUTPUT/features`."""
     names = listed_teachers(args.teacher, "--teacher")
-    for weights in (weights for name in names for weights in TEACHERS[name].weights if not args.model):
-        require_path(weights)  # before any work
+    for name in names if not args.model else ():
+        require_ready(name)  # before any work
     if args.model and len(names) > 1:
         raise F4xError("--model belongs to one teacher; call `f4x features` once for each.")
     if args.rank is not None and args.rank < 1:

@@ -11,6 +11,7 @@ from typing import Any
 from ..clip import Clip, read_clip
 from ..errors import F4xError
 from ..features.models.providers import offer_models
+from ..features.teachers import require_ready
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
@@ -71,6 +72,9 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Fit a clip and write the scene, its metrics and the diagnostics page."""
     config = config_of(args)
     names = [] if args.features is None else listed_teachers(args.features, "--features")
+    for name in names:
+        if not (args.output / "features" / name / "spec.json").is_file():
+            require_ready(name)  # before the fit, not after it
     clip = clip_of(args, progress)
     told = fit_to_folder(clip, args.output, config, progress, args.resume)
     if names:

@@ -46,6 +46,8 @@ def _opened(file: Path):
     try:
         image = Image.open(file)
         image.load()
+    except FileNotFoundError as error:
+        raise F4xError(f"{file} does not exist; give a picture.") from error
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise F4xError(f"{file} cannot be read as a picture ({error}); replace or remove it") from error
     return image

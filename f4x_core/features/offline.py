@@ -186,6 +186,8 @@ def _load_weights(network: torch.nn.Module, path: Path) -> None:
     try:
         network.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
     except OSError as error:
-        raise F4xError(f"{path}: the weights cannot be read ({error.strerror}); install the package again.") from error
+        raise F4xError(
+            f"{path}: the weights cannot be read ({error.strerror}); leave --model out to take the package's."
+        ) from error
     except Exception as error:  # whatever torch raises on a damaged or foreign file
-        raise F4xError(f"{path} does not hold weights of this network ({str(error).splitlines()[0]}).") from error
+        raise F4xError(f"{path} holds no weights of this network; leave --model out to take its package's.") from error

@@ -15,7 +15,7 @@ from ..progress import Progress, silent
 from .maps import FeatureMaps, read_maps, stored_facts, write_maps
 from .spec import FeatureSpec
 from .text import factory_of
-from .weights import describe
+from .weights import describe, require_path
 
 
 class Teacher(Protocol):
@@ -114,6 +114,18 @@ def find_teacher(name: str) -> TeacherEntry:
     if name not in TEACHERS:
         raise F4xError(f"There is no teacher '{name}'; known: {', '.join(TEACHERS)}.")
     return TEACHERS[name]
+
+
+def require_ready(name: str) -> None:
+    """F4xError unless the teacher can look at pictures as it is: it has weights, and they are on this machine."""
+    entry = find_teacher(name)
+    if not entry.weights:
+        raise F4xError(
+            f"The teacher '{name}' reads maps that another program made; name them with --model PATH in"
+            f" `f4x features CLIP --teacher {name}`, then `f4x distill`."
+        )
+    for weights in entry.weights:
+        require_path(weights)
 
 
 def extract(

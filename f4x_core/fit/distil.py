@@ -25,6 +25,7 @@ from ..errors import F4xError
 from ..features.footprint import cell_light
 from ..features.heads import Head, head_widths
 from ..features.maps import FeatureMaps
+from ..features.memory import memory_guard
 from ..features.pictures import fit_pca
 from ..features.spec import FeatureSpec
 from ..features.spectrum import WIDTHS, measure_spectrum
@@ -153,7 +154,9 @@ def distil(
             width of a field whose heads are kept.
     """
     config = config or DistilConfig()
-    return _Distillation(scene, maps, config, progress).run()
+    sizes = ", ".join("{} x {} x {}".format(*each.spec.grid, each.spec.dim) for each in maps)
+    with memory_guard(f"Distilling maps of {sizes}"):
+        return _Distillation(scene, maps, config, progress).run()
 
 
 class _Distillation:
@@ -190,8 +193,7 @@ class _Distillation:
     def run(self) -> Scene:
         """Look, start, train, store, report."""
         views = [self.look(t) for t in self.steps("light", self.used)]
-        latents = self.first_latents(views)
-        latents, weight = self.train(views, latents)
+        latents, weight = self.train(views, self.first_latents(views))
         old, bits = self.scene.features, self.config.bits
         if self.frozen and old is not None:  # not rounded a second time
             static, nodes, low, step, bits = old.static, old.nodes, old.low, old.step, old.bits

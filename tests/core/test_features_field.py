@@ -1,11 +1,15 @@
 """Distillation: heads, spectrum, pictures, the light matrix, and a field learnt on the toy clip."""
 
 import dataclasses
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from labelled_scene import labelled_scene
 from random_scene import HEIGHT, WIDTH, random_scene
 
 from f4x_core.errors import Cancelled, F4xError
@@ -18,7 +22,7 @@ from f4x_core.features.spectrum import measure_spectrum
 from f4x_core.fit.distil import distil, to_grid
 from f4x_core.fit.distil_config import DistilConfig
 from f4x_core.raster import RasterConfig, rasterize
-from f4x_core.scene import DynamicSet, StaticSet
+from f4x_core.scene import DynamicSet, StaticSet, write_scene
 from f4x_core.scene.view import render
 
 CONFIG = DistilConfig(width=8, steps=150, threads=1)
@@ -211,6 +215,33 @@ def test_what_cannot_be_distilled_is_told_in_one_sentence(scene, learnt):
         distil(scene, [maps], dataclasses.replace(CONFIG, width=13))
     with pytest.raises(F4xError, match="read 8 channels"):
         distil(learnt[0], [maps_of(scene, "other")], dataclasses.replace(CONFIG, width=16))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits of the address space")
+def test_maps_beyond_memory_are_one_sentence(tmp_path):
+    folder = tmp_path / "features" / "precomputed"
+    folder.mkdir(parents=True)
+    (folder / "spec.json").write_text(json.dumps(FeatureSpec("huge", 8, (3000, 3000)).to_json()))
+    with (folder / "maps.npy").open("wb") as file:  # 864 MB, of which none is written
+        np.lib.format.write_array_header_1_0(
+            file, {"descr": "<f2", "fortran_order": False, "shape": (6, 3000, 3000, 8)}
+        )
+        file.truncate(file.tell() + 6 * 3000 * 3000 * 8 * 2)
+    write_scene(labelled_scene(features=False), tmp_path / "scene.f4x")
+    program = f"""
+import resource, sys
+import torch, scipy.sparse
+from f4x_core.cli.main import main
+import f4x_core.cli.distilling
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + 1_000_000_000,) * 2)
+sys.exit(main(["distill", r"{tmp_path / "scene.f4x"}", "--teacher", "precomputed", "--threads", "1"]))
+"""
+    command, root = [sys.executable, "-c", program], Path(__file__).resolve().parents[2]
+    result = subprocess.run(command, cwd=root, capture_output=True, text=True)
+    *_, told = result.stderr.splitlines()
+    assert result.returncode == 2, result.stderr
+    assert told.startswith("f4x distill: Distilling maps of 3000 x 3000 x 8 does not fit in memory")
 
 
 def test_cancelling_passes_through(scene):

@@ -14,6 +14,7 @@ import tiny_models  # noqa: E402
 
 from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
+from f4x_core.features.memory import memory_guard  # noqa: E402
 from f4x_core.features.models import CHECKPOINTS, depth, loading, providers, sam2, smolvlm, textimage  # noqa: E402
 from f4x_core.features.models.bypass import compare_bypass  # noqa: E402
 from f4x_core.features.models.prompt import check_prompt  # noqa: E402
@@ -271,6 +272,7 @@ def test_features_of_another_shape_are_refused(levels, bypass):
         ({"t": 9, "points": [[1, 1]]}, "There is no frame 9: the clip has frames 0 to 4"),
         ({"t": -1, "points": [[1, 1]]}, "There is no frame -1"),
         ({"t": 0, "points": [[70, 1]]}, r"Point \(70, 1\) lies outside the picture of 64 x 48"),
+        ({"t": 0, "points": [[64, 1]]}, "lies outside"),
         ({"t": 0, "points": [[np.nan, 1]]}, "lies outside"),
         ({"t": 0, "points": [[1, 1]], "labels": [1, 0]}, "1 points and 2 labels"),
         ({"t": 0, "points": [[1, 1]], "labels": [0]}, "at least one positive point"),
@@ -540,7 +542,7 @@ def test_a_grid_beyond_memory_is_one_sentence(tiny):
     teacher = sam2.Sam2Teacher(tiny("sam2"))
     teacher.model.image_size = 10**7
     assert "does not fit in memory" in told(teacher.encode, FRAMES[0])
-    with pytest.raises(RuntimeError, match="shapes"), loading.memory_guard("x"):
+    with pytest.raises(RuntimeError, match="shapes"), memory_guard("x"):
         torch.zeros(2, 3) @ torch.zeros(2, 3)
 
 

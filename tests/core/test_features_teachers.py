@@ -270,10 +270,10 @@ def test_a_missing_package_is_told_with_the_command(monkeypatch):
 def test_a_foreign_file_of_weights_is_told(name, tmp_path):
     path = tmp_path / "weights.pt"
     torch.save({"layer": torch.zeros(2)}, path)
-    with pytest.raises(F4xError, match="does not hold weights"):
+    with pytest.raises(F4xError, match="no weights of this network; leave --model out"):
         TEACHERS[name].load(path)
     path.write_bytes(b"not a file of tensors")
-    with pytest.raises(F4xError, match="does not hold weights"):
+    with pytest.raises(F4xError, match="no weights of this network; leave --model out"):
         TEACHERS[name].load(path)
     with pytest.raises(F4xError, match="cannot be read"):
         TEACHERS[name].load(tmp_path / "none.pt")
@@ -409,6 +409,22 @@ def test_nothing_is_fetched_unless_asked(offline_hub, tmp_path, capsys):
     assert main(["models", "get", "clip"]) == 2
     assert "no network" in capsys.readouterr().err
     assert [hub for hub, _ in offline_hub] == ["openai/clip-vit-base-patch16"]
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        ("sam2", "f4x models get sam2-tiny"),
+        ("visual,lseg", "--model PATH"),
+        ("dino", "There is no teacher"),
+        ("", "empty"),
+    ],
+)
+def test_a_fit_asks_for_its_teachers_before_it_starts(offline_hub, clip, tmp_path, capsys, names, words):
+    write_images(tmp_path / "clip", clip.frames)
+    assert main(["fit", str(tmp_path / "clip"), "-o", str(tmp_path / "out"), "--features", names]) == 2
+    told = capsys.readouterr().err
+    assert words in told and told.count("\n") == 1 and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("published", [["model.safetensors", "pytorch_model.bin"], ["pytorch_model.bin"]])

@@ -115,6 +115,8 @@ def test_bench_finds_no_change_in_the_pictures(folder, capsys, tmp_path):
         (["--point", "1;2", "--frame", "0"], "write X,Y"),
         (["--point", f"{WIDTH + 9},2", "--frame", "0"], "outside the picture"),
         (["--point", "1,2", "--frame", "77"], "no frame 77"),
+        (["--point", "", "--frame", "0"], "write X,Y"),
+        (["--mask", "nowhere.png", "--frame", "0"], "nowhere.png does not exist"),
         (["--box", "1,2,3", "--frame", "0"], "write X0,Y0,X1,Y1"),
         (["--box", f"1,2,1,{HEIGHT}", "--frame", "0"], "box"),
         (["--text", "square", "--threshold", "2"], "from 0 to 1"),

@@ -16,8 +16,9 @@ import torch
 from torch.nn import functional
 
 from ...priors import depth as classical
+from ..memory import memory_guard
 from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor
-from .loading import find, load, memory_guard, transformers
+from .loading import find, load, transformers
 
 if TYPE_CHECKING:
     from ...clip import Clip

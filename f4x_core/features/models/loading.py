@@ -100,19 +100,6 @@ def load_tokenizer(weights: Located) -> Any:
 
 
 @contextmanager
-def memory_guard(what: str) -> Iterator[None]:
-    """Turn running out of memory into one sentence: `what` is being computed at which size."""
-    try:
-        yield
-    except (MemoryError, torch.OutOfMemoryError) as error:
-        raise F4xError(f"{what} does not fit in memory; choose a smaller picture or grid.") from error
-    except RuntimeError as error:
-        if "alloc" not in str(error) and "memory" not in str(error) and "overflow" not in str(error):
-            raise
-        raise F4xError(f"{what} does not fit in memory; choose a smaller picture or grid.") from error
-
-
-@contextmanager
 def _quiet() -> Iterator[None]:
     """Without the library's bars and advice: this program reports by itself."""
     logging = transformers.utils.logging

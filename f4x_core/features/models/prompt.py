@@ -56,7 +56,7 @@ def check_prompt(
         raise F4xError(f"There are {len(xy)} points and {len(positive)} labels; give one label for each point.")
     if box is None and not positive.any():
         raise F4xError("The prompt names no place on the object: give at least one positive point, a box or a mask.")
-    outside = ~((xy >= 0) & (xy <= (width, height))).all(1)
+    outside = ~((xy >= 0) & (xy < (width, height))).all(1)
     if outside.any():
         x, y = xy[outside][0]
         raise F4xError(f"Point ({x:g}, {y:g}) lies outside the picture of {width} x {height} pixels.")

@@ -20,9 +20,10 @@ from numpy.typing import ArrayLike
 from torch.nn import functional
 
 from ...errors import F4xError
+from ..memory import memory_guard
 from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor
 from ..spec import FeatureSpec
-from .loading import find, load, memory_guard, transformers
+from .loading import find, load, transformers
 from .prompt import Prompt, check_frame, check_prompt
 
 DEFAULT = "sam2-tiny"

@@ -15,9 +15,10 @@ import numpy as np
 import torch
 
 from ...errors import F4xError
+from ..memory import memory_guard
 from ..preprocess import picture_tensor
 from ..spec import FeatureSpec
-from .loading import find, load, load_tokenizer, memory_guard, transformers
+from .loading import find, load, load_tokenizer, transformers
 
 MEAN, STD = (0.5,) * 3, (0.5,) * 3
 DEFAULT = "smolvlm-256m"

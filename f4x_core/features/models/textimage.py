@@ -17,10 +17,11 @@ import numpy as np
 import torch
 from torch.nn import functional
 
+from ..memory import memory_guard
 from ..preprocess import picture_tensor
 from ..spec import FeatureSpec
 from ..text import average_templates
-from .loading import find, load, load_tokenizer, memory_guard, transformers
+from .loading import find, load, load_tokenizer, transformers
 
 CLIP_MEAN, CLIP_STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 OVERLAP = {"tipsv2": 0.25, "clip": 0.5}
