@@ -337,6 +337,8 @@ def main(arguments: list[str] | None = None) -> int:
         where = error.filename or getattr(args, "output", None) or "the output folder"
         told = [str(error.strerror or error), "nothing half-written was left behind", ADVICE.get(error.errno or 0)]
         return _fail(args, f"{where}: {'; '.join(filter(None, told))}.", EXIT_BAD_INPUT)
+    except MemoryError as error:
+        return _fail(args, f"The memory does not suffice ({error}); use fewer frames or smaller ones.", EXIT_BAD_INPUT)
     except (KeyboardInterrupt, Cancelled):
         again = "; the same command with --resume continues" if args.verb == "fit" else ""
         return _fail(args, f"Stopped{again}.", EXIT_INTERRUPTED)
