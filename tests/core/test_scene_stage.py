@@ -1,0 +1,205 @@
+"""Several clouds and surfaces in one picture: untouched it is the scene's own picture, moved it is the moved camera's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_scene import HEIGHT, WIDTH, random_scene
+
+from f4x_core.errors import Cancelled
+from f4x_core.geometry import pose, quaternion, spherical_harmonics
+from f4x_core.geometry.camera import Camera
+from f4x_core.raster import choose_backend
+from f4x_core.scene.stage import NOTHING, PASSES, Cloud, Surface, draw
+from f4x_core.scene.view import render
+
+BACKEND = "plain"  # in float64: equal geometry said differently must give equal pictures
+SIMILAR = pose.to_matrix(np.array([0.8, 0.2, -0.5, 0.27]), np.array([0.4, -1.0, 2.0])) @ np.diag([1.7, 1.7, 1.7, 1])
+SHEARED = np.array([[1.2, 0.3, 0, 0.1], [0, 0.8, 0.2, -0.3], [0.1, 0, 1.5, 0.5], [0, 0, 0, 1]])
+MIRROR = np.diag([-1.0, 1, 1, 1]) @ SIMILAR
+
+
+def clouds_of(scene, time, **fields):
+    """Static and dynamic Gaussians as Blender holds them: harmonics in the object's frame, and what motion turned."""
+    posed, clouds = scene.posed(time), []
+    for part, stored in ((~posed.dynamic, scene.static), (posed.dynamic, scene.dynamic)):
+        rest = quaternion.normalize(stored.rotation)
+        clouds.append(
+            Cloud(
+                posed.means[part],
+                posed.quats[part],
+                posed.scales[part],
+                posed.opacities[part],
+                spherical_harmonics.rotate(stored.sh, rest),
+                turn=quaternion.multiply(posed.quats[part], quaternion.conjugate(rest)),
+                **fields,
+            )
+        )
+    return clouds
+
+
+def wall(depth, left=-9.0, color=(0.5, 0.25, 1.0), **fields):
+    """A surface that faces the camera at z = `depth` and fills what is right of x = `left`."""
+    corners = np.array([[left, -9, depth], [9, -9, depth], [9, 9, depth], [left, 9, depth]], float)
+    return Surface(corners[[[0, 1, 2], [0, 2, 3]]], np.tile(color, (2, 1)), **fields)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return random_scene(degree=2)
+
+
+@pytest.mark.parametrize("backend", ["native", "plain"])
+@pytest.mark.parametrize("world", [np.eye(4), SIMILAR], ids=["home", "elsewhere"])
+def test_untouched_it_is_the_scenes_own_picture(scene, backend, world):
+    if backend == "native":
+        pytest.importorskip("torch")
+        if choose_backend("auto", np.zeros((1, 3), np.float32)) != "native":
+            pytest.skip("no compiled library")
+    expected = render(scene, scene.cameras[3], 3.0, ("rgb", "depth", "alpha"), backend, background=(0.2, 0.4, 0.6))
+    rigid, size = world.copy(), np.cbrt(np.linalg.det(world[:3, :3]))
+    rigid[:3, :3] /= size  # a camera has no scale of its own: the scaled world is nearer to it or farther
+    camera = scene.cameras[3]
+    view = camera.world_to_camera.copy()
+    view[:3, 3] *= size
+    camera = Camera(camera.intrinsics, view @ np.linalg.inv(rigid), WIDTH, HEIGHT)
+    out = draw(
+        clouds_of(scene, 3.0, to_world=world),
+        [],
+        camera,
+        near=0.01 * size,
+        background=(0.2, 0.4, 0.6),
+        passes=("depth",),
+        backend=backend,
+    )
+    tolerance = 1e-6 if world is SIMILAR else 5e-7
+    assert np.abs(out["rgb"] - expected["rgb"]).max() < tolerance
+    assert np.abs(out["alpha"] - expected["alpha"]).max() < tolerance
+    known = np.isfinite(expected["depth"])
+    assert known.any() and np.allclose(out["depth"][known], expected["depth"][known] * size, atol=1e-5)
+    assert (out["depth"][~known] == np.float32(NOTHING)).all()
+
+
+@pytest.mark.parametrize("world", [SIMILAR, SHEARED, MIRROR], ids=["similar", "sheared", "mirrored"])
+def test_an_ellipsoid_moves_as_its_covariance(scene, world):
+    cloud = replace(clouds_of(scene, 0.0)[0], to_world=world)
+    moved = cloud.seen_from(np.eye(4))
+
+    def covariance(c):
+        shape = quaternion.to_matrix(c.quats.astype(np.float64)) * c.scales[:, None]
+        return shape @ shape.transpose(0, 2, 1)
+
+    stretch = world[:3, :3]
+    assert np.allclose(moved.means, cloud.means @ stretch.T + world[:3, 3], atol=1e-6)
+    assert np.allclose(covariance(moved), stretch @ covariance(cloud) @ stretch.T, atol=1e-7)
+
+
+@pytest.mark.parametrize("world", [SIMILAR, SHEARED, MIRROR], ids=["similar", "sheared", "mirrored"])
+def test_no_cloud_is_special(scene, world):
+    """All is projected from the first cloud's frame; which one that is must not show."""
+    first, second = clouds_of(scene, 2.0)
+    home = np.linalg.inv(world)
+    second = replace(second, to_world=world @ pose.to_matrix(np.array([1.0, 0, 0, 0.1]), np.array([0, 0, 0.2])) @ home)
+    first = replace(first, to_world=world @ home)
+    one = draw([first, second], [], scene.cameras[0], backend=BACKEND)
+    other = draw([second, first], [], scene.cameras[0], backend=BACKEND)
+    assert np.abs(one["rgb"] - other["rgb"]).max() < 1e-5 and one["rgb"].max() > 0.3
+
+
+def test_a_wall_hides_what_is_behind_it(scene):
+    clouds, camera = clouds_of(scene, 0.0), scene.cameras[0]
+    middle = float(np.median(np.concatenate([c.means[:, 2] for c in clouds])))
+    out = draw(clouds, [wall(middle, left=0.0, index=7)], camera, passes=("depth", "index"), backend=BACKEND)
+    front = [replace(c, opacities=np.where(c.means[:, 2] < middle, c.opacities, 0)) for c in clouds]
+    alone = draw(front, [], camera, backend=BACKEND)
+    free = draw(clouds, [], camera, passes=("depth",), backend=BACKEND)
+    right = np.arange(WIDTH) + 0.5 > camera.intrinsics[0, 2]
+    left = 1 - alone["alpha"][:, right, None]
+    ray = camera.unproject(camera.pixel_grid(), np.ones((HEIGHT, WIDTH)))[:, right] - camera.center
+    light = 0.4 + 0.6 * ray[..., 2:] / np.linalg.norm(ray, axis=-1, keepdims=True)
+    assert np.allclose(out["rgb"][:, right], alone["rgb"][:, right] + left * light * [0.5, 0.25, 1.0], atol=1e-6)
+    assert np.allclose(out["alpha"][:, right], 1) and np.allclose(
+        out["rgb"][:, ~right], free["rgb"][:, ~right], atol=1e-6
+    )
+    assert np.allclose(out["depth"][:, ~right], free["depth"][:, ~right], rtol=1e-6)
+    bare = alone["alpha"] == 0
+    bare[:, ~right] = False
+    assert bare.any() and np.allclose(out["depth"][bare], middle) and (out["index"][bare] == 7).all()
+
+
+def test_a_holdout_cuts_a_hole(scene):
+    out = draw(
+        clouds_of(scene, 0.0), [wall(0.5, holdout=True)], scene.cameras[0], background=(1, 1, 1), backend=BACKEND
+    )
+    assert out["rgb"].max() == 0 and out["alpha"].max() == 0
+
+
+def test_layers_become_passes(scene):
+    clouds = clouds_of(scene, 1.0)
+    random = np.random.default_rng(0)
+    count = len(clouds[0].means)
+    latent, chosen = random.random((count, 3)).astype(np.float32), (random.random((count, 1)) > 0.5).astype(np.float32)
+    clouds[0] = replace(clouds[0], index=3, layers={"latent": latent, "selection": chosen, "score": latent[:, :1]})
+    clouds[1] = replace(clouds[1], index=5)
+    out = draw(clouds, [], scene.cameras[1], passes=PASSES, backend=BACKEND)
+    total = count + len(clouds[1].means)
+    padding = ((0, total - count), (0, 0))
+    values = {"latent_": np.pad(latent, padding), "chosen": np.pad(chosen, padding)}
+    values["first"] = (np.arange(total) < count)[:, None].astype(np.float32)
+    truth = render(scene, scene.cameras[1], 1.0, ("alpha",), BACKEND, values=values)
+    covered = truth["alpha"] >= 0.1
+    share = np.where(covered, truth["alpha"], 1)
+    assert np.allclose(
+        out["latent"], np.where(covered, 1, 0)[..., None] * truth["latent_"] / share[..., None], atol=1e-6
+    )
+    assert np.allclose(out["score"], out["latent"][..., 0], atol=1e-6)
+    assert np.allclose(out["selection"], truth["chosen"][..., 0], atol=1e-6)
+    first = truth["first"][..., 0]
+    weights = np.stack([1 - truth["alpha"], first, truth["alpha"] - first])
+    sure = np.sort(weights, 0)[-1] - np.sort(weights, 0)[-2] > 1e-4
+    assert (out["index"] == np.array([0, 3, 5])[weights.argmax(0)])[sure].all()
+    assert {0, 3, 5} <= set(np.unique(out["index"]))
+
+
+def test_a_region_is_cut_from_the_whole_bit_for_bit(scene):
+    clouds, walls, camera = clouds_of(scene, 0.0), [wall(2.5, left=0.1)], scene.cameras[0]
+    whole = draw(clouds, walls, camera, passes=PASSES)
+    region = (slice(5, 33), slice(20, 57))
+    part = draw(clouds, walls, camera, passes=PASSES, region=region)
+    assert part.keys() == whole.keys()
+    for name, picture in part.items():
+        assert (picture == whole[name][region]).all(), name
+
+
+def test_near_and_far(scene):
+    clouds, camera = clouds_of(scene, 0.0), scene.cameras[0]
+    depth = np.concatenate([camera.project(c.means.astype(np.float64))[1] for c in clouds])
+    near, far = np.quantile(depth, [0.3, 0.6])
+    kept = [
+        replace(c, opacities=c.opacities * ((d > near) & (d < far)))
+        for c, d in zip(clouds, np.split(depth, [len(clouds[0].means)]), strict=True)
+    ]
+    out = draw(clouds, [], camera, near=near, far=far, backend=BACKEND)
+    expected = draw(kept, [], camera, backend=BACKEND)
+    assert np.abs(out["rgb"] - expected["rgb"]).max() < 1e-6 and expected["rgb"].max() > 0.1
+
+
+def test_nothing_at_all():
+    camera = Camera(np.array([[10.0, 0, 4], [0, 10, 3], [0, 0, 1]]), np.eye(4), 8, 6)
+    out = draw([], [], camera, background=(0.1, 0.2, 0.3), passes=PASSES)
+    assert np.allclose(out["rgb"], [0.1, 0.2, 0.3]) and out["alpha"].max() == 0 and (out["index"] == 0).all()
+    assert draw([], [], camera, background=None)["rgb"].max() == 0
+
+
+def test_cancelling_stops_between_bands(scene, monkeypatch):
+    monkeypatch.setattr("f4x_core.scene.stage.BAND", 10 * WIDTH)
+    seen = []
+
+    def progress(name, done, total, message=""):
+        seen.append(done)
+        if done == 20:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        draw(clouds_of(scene, 0.0), [], scene.cameras[0], progress=progress)
+    assert seen == [0, 10, 20]
