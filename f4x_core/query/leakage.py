@@ -1,0 +1,51 @@
+"""How much of a selection lies where it should not. Needs numpy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..progress import Progress, silent
+from ..scene import Scene
+from .light import lift_masks
+from .pixels import share_picture
+from .segmentation import connected_regions
+from .selection import Selection
+
+VIEWS = 5
+"""Original views, evenly over the clip, that are looked at when no masks are given."""
+
+
+def leakage(
+    scene: Scene,
+    selection: Selection,
+    masks: Mapping[int, np.ndarray] | None = None,
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> float:
+    """Share of the selection's light, 0..1, that falls outside `masks` (clip frame -> (H,W) bool); 0 where nothing is chosen.
+
+    Without masks: outside the largest connected region of the selection's own picture, in `VIEWS` views. Frames outside the
+    selection's span do not count.
+    """
+    times = scene.cameras.times
+    if masks is None:
+        own: dict[int, np.ndarray] = {}
+        for frame in np.unique(np.linspace(0, len(times) - 1, VIEWS).round().astype(int)):
+            picture = share_picture(scene, selection, scene.cameras[frame], float(times[frame]), backend) > 0.5
+            own[int(frame)] = largest_region(picture)
+        masks = own
+    held = {frame: mask for frame, mask in masks.items() if selection.holds_at(float(times[frame]))}
+    inside, light = lift_masks(scene, held, progress)
+    chosen = light * selection.chosen
+    return float(((1 - inside) * chosen).sum() / max(chosen.sum(), 1e-12))
+
+
+def largest_region(mask: np.ndarray) -> np.ndarray:
+    """(H,W) bool: the largest connected region of `mask (H,W)`, all False where it is empty."""
+    if not mask.any():
+        return mask
+    regions = connected_regions(mask.astype(int))
+    names, sizes = np.unique(regions[mask], return_counts=True)
+    return regions == names[sizes.argmax()]
