@@ -9,28 +9,31 @@ from typing import Any
 
 from ..edit.apply import base_of, open_scene, with_operations
 from ..edit.bake import bake
+from ..edit.judge import contact_sheet
 from ..edit.operations import Name, Operation, read_operation
+from ..edit.plan import preview, propose
 from ..edit.resolve import Context, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
 from ..errors import F4xError
+from ..files import replace_file
 from ..progress import Progress
+from ..query.chat import ChatServer
 from ..query.labels import encode_labels
-from ..scene import read_scene, write_scene
+from ..scene import Scene, read_scene, write_scene
 
 MOST_BYTES = 64 << 20
 """Of a file of operations: selections of millions of Gaussians take less."""
 
 
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Append the operations of a JSON file to the scene's stack, there or in another file, or only look what they do."""
+    """Append what a sentence, or a JSON file, says to the scene's stack, there or in another file; or only look at it."""
     scene = open_scene(args.scene)
     before = len(scene.edits)
-    for number, operation in enumerate(read_operations(args.ops), 1):
-        progress("edit", number - 1, 0, operation.TAG)
-        try:
-            scene = with_operations(scene, resolve(scene, operation, Context(), encode_labels))
-        except F4xError as error:
-            raise F4xError(f"{args.ops}: operation {number} ({operation.TAG}): {error}") from error
+    if args.say is not None:
+        scene, found, lines = _said(scene, args, progress)
+    else:
+        found, lines = {}, []
+        scene = _with_file(scene, args, progress)
     new = of(scene).edits[before:]
     if args.dry_run:
         where = "nothing was written"
@@ -41,8 +44,9 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         write_scene(base_of(scene), args.output)
         where = str(args.output)
     chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(scene, "steps", ())}
-    lines = [f"{told(edit)}: {chosen.get(edit.id, 0):,} Gaussians" for edit in new]
+    lines += [f"{told(edit)}: {chosen.get(edit.id, 0):,} Gaussians" for edit in new]
     return {
+        **found,
         "output": None if args.dry_run else where,
         "edits": [edit.to_json() for edit in new],
         "gaussians": [chosen.get(edit.id, 0) for edit in new],
@@ -89,6 +93,43 @@ def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "dynamic": len(baked.dynamic),
         "text": f"{args.output}: {folded} edits folded in{rest}",
     }
+
+
+def _with_file(scene: Scene, args: argparse.Namespace, progress: Progress) -> Scene:
+    """The scene with the operations of the file `--ops`."""
+    for number, operation in enumerate(read_operations(args.ops), 1):
+        progress("edit", number - 1, 0, operation.TAG)
+        try:
+            settled = resolve(scene, operation, Context(frame=args.frame), encode_labels)
+            scene = with_operations(scene, settled)
+        except F4xError as error:
+            raise F4xError(f"{args.ops}: operation {number} ({operation.TAG}): {error}") from error
+    return scene
+
+
+def _said(scene: Scene, args: argparse.Namespace, progress: Progress) -> tuple[Scene, dict[str, Any], list[str]]:
+    """The scene with the best reading of `--say`, what is told of all readings as JSON, and in lines."""
+    server = ChatServer.from_environment(args.endpoint)
+    context = Context(frame=args.frame)
+    options: dict[str, Any] = {"server": server, "encode": encode_labels, "candidates": args.candidates}
+    proposal = propose(scene, args.say, context, backend=args.backend, progress=progress, **options)
+    if args.contact_sheet is not None:
+        candidates = [candidate.operations for candidate in proposal.candidates]
+        with replace_file(args.contact_sheet) as file:
+            contact_sheet(scene, candidates, proposal.best, args.backend).save(file, "PNG")
+    rows = [{"why": one.why or "as said", "scores": dict(one.scores)} for one in proposal.candidates]
+    found = {
+        "understood_by": proposal.understood_by,
+        "judged_by": proposal.judged_by,
+        "best": proposal.best,
+        "candidates": rows,
+        "notes": list(proposal.notes),
+    }
+    lines = list(proposal.notes)
+    for number, row in enumerate(rows if len(rows) > 1 else (), 1):
+        told_scores = ", ".join(f"{name} {value:.2f}" for name, value in row["scores"].items())
+        lines.append(f"{'*' if number - 1 == proposal.best else ' '} {number} {row['why']}: {told_scores}")
+    return preview(scene, proposal.chosen), found, lines
 
 
 def read_operations(path: Path) -> list[Operation]:

@@ -228,9 +228,20 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = verb("edit", "Append edits to a scene; what is in its arrays never changes.")
     sub.add_argument("scene", type=path_argument)
-    sub.add_argument("--ops", type=path_argument, required=True, metavar="FILE", help="JSON: a list of operations")
+    how = sub.add_mutually_exclusive_group(required=True)
+    how.add_argument("--say", metavar="SENTENCE", help='what to do, for example "make the dog red from second 2"')
+    how.add_argument("--ops", type=path_argument, metavar="FILE", help="JSON: a list of operations")
     output_option(sub, "SCENE2", help="write there (default: the scene itself)")
     sub.add_argument("--dry-run", action="store_true", help="say what would be done; write nothing")
+    sub.add_argument("--frame", type=float, default=0.0, metavar="T", help="clip frame that is looked at: here and now")
+    sub.add_argument(
+        "--endpoint", metavar="URL", help="let the model of this OpenAI-compatible server read --say (or F4X_CHAT_URL)"
+    )
+    sub.add_argument(
+        "--candidates", type=int, default=1, metavar="N", help="try N readings of --say, apply the best (default: 1)"
+    )
+    sub.add_argument("--contact-sheet", type=path_argument, metavar="FILE", help="picture of before and the candidates")
+    backend_option(sub)
 
     sub = verb("history", "The edits of a scene, and what `redo` would bring back.")
     sub.add_argument("scene", type=path_argument)
@@ -266,15 +277,15 @@ def build_parser() -> argparse.ArgumentParser:
     verb("doctor", "What this machine has, and whether it works.")
 
     sub = verb("bench", "Speed against error of the kernels on this machine.")
-    sub.add_argument("what", choices=("raster", "deform", "features"))
+    sub.add_argument("what", choices=("raster", "deform", "features", "edit"))
     sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
     sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
     sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")
-    sub.add_argument("--scene", type=path_argument, help="scene whose answers are measured (features)")
+    sub.add_argument("--scene", type=path_argument, help="scene whose answers or edits are measured (features, edit)")
     sub.add_argument(
-        "--masks", type=path_argument, metavar="DIR", help="true masks, one for each clip frame (features)"
+        "--masks", type=path_argument, metavar="DIR", help="true masks, one for each clip frame (features, edit)"
     )
-    sub.add_argument("--label", metavar="WORD", help="what the masks show (features)")
+    sub.add_argument("--label", metavar="WORD", help="what the masks show (features, edit)")
     sub.add_argument(
         "--truth",
         type=path_argument,

@@ -1,0 +1,234 @@
+"""How well edits do: against true masks, over time, from a sentence to the file, and with a language model that fails."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import threading
+import time as clock
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import F4xError
+from ..progress import Progress, silent
+from ..query.chat import LARGEST, ChatServer
+from ..query.labels import Encode
+from ..query.prompts import select_by_mask, select_by_points, select_by_text
+from ..query.score import overlap
+from ..query.selection import Selection
+from ..scene import Scene, read_scene
+from ..scene.view import render
+from .apply import open_scene, with_operations
+from .endpoint import Request, ask_for_operations
+from .judge import difference, flicker, grown
+from .operations import Recolour
+from .plan import apply, propose
+from .resolve import Context
+from .selects import All, Ids, Moving, Not
+
+MARKER = (1.0, 0.0, 1.0)
+"""Colour by which changed pixels are found: hardly a filmed thing has it."""
+HALF = 0.5
+"""A pixel has changed when it has by half of what it would if everything were edited."""
+RIM = 0.01
+"""Widths of the picture around a true mask in which its outline, drawn by hand, does not say what is inside."""
+MEASURED = 10
+"""Frames with a true mask that are measured, evenly over the clip."""
+WINDOW = 8
+"""Frames over which flicker is measured."""
+EMPTY = "Every mask is empty; give masks that show the thing."
+PATIENCE = 0.5
+"""Seconds after which a faulty server is given up."""
+
+
+def benchmark(
+    path: Path,
+    masks: Mapping[int, np.ndarray] | None = None,
+    label: str | None = None,
+    encode: Encode | None = None,
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> dict[str, Any]:
+    """All figures of the scene file at `path`; `masks` (clip frame -> (H,W) bool) show what `label` names."""
+    scene = open_scene(path)
+    thing = f"the {label}" if label else "what moves"
+    report: dict[str, Any] = {"scene": scene.name} | time_sentence(path, f"make {thing} red", encode, backend)
+    report["still_flicker"] = measure_flicker(scene, backend)
+    if masks is not None:
+        filled = [frame for frame, mask in masks.items() if mask.any()]
+        if not filled:
+            raise F4xError(EMPTY)
+        shown = {filled[i]: masks[filled[i]] for i in np.linspace(0, len(filled) - 1, MEASURED).round().astype(int)}
+        first = filled[0]
+        options: dict[str, Any] = {"backend": backend, "progress": progress}
+        found = {
+            "mask": select_by_mask(scene, masks[first], first, **options),
+            "point": select_by_points(scene, [innermost(masks[first])], first, **options),
+        }
+        if label is not None:
+            found["text"] = select_by_text(scene, [label], encode=encode)
+        for name, selection in found.items():
+            rows = measure_edit(scene, selection, shown, backend, progress)
+            report |= {f"{name}_{figure}": value for figure, value in rows.items()}
+    return report
+
+
+def innermost(mask: np.ndarray) -> tuple[float, float]:
+    """(x, y) in pixels of a place that lies as deep inside bool `mask (H,W)` as any: what a person would click."""
+    inside = mask
+    while (smaller := ~grown(~inside)).any():
+        inside = smaller
+    rows, columns = np.nonzero(inside)
+    middle = len(rows) // 2
+    return float(columns[middle]) + 0.5, float(rows[middle]) + 0.5
+
+
+def measure_edit(
+    scene: Scene,
+    selection: Selection,
+    masks: Mapping[int, np.ndarray],
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> dict[str, float]:
+    """What an edit of `selection` changes, against the true bool `masks` (clip frame -> (H,W)) of the thing.
+
+    `iou`: of changed pixels with the mask, mean over the frames whose mask is not empty, and `iou_worst`. `coverage`: share
+    of the mask that changed. `leakage`: share of all change beyond the mask and a rim of 1 % of the width; `leakage_strict`
+    without the rim.
+    """
+    edits = [with_operations(scene, Recolour(who, MARKER)) for who in (Ids.of(selection.chosen_ids), All())]
+    rows = []
+    for done, (frame, mask) in enumerate(masks.items()):
+        progress("edit", done, len(masks))
+        if not mask.any():
+            continue
+        camera, time = scene.cameras[frame], float(scene.cameras.times[frame])
+        before, after, most = (render(one, camera, time, ("rgb",), backend)["rgb"] for one in (scene, *edits))
+        change, possible = difference(before, after), difference(before, most)
+        changed = change > HALF * np.maximum(possible, 1e-3)
+        near = mask
+        for _ in range(max(1, round(RIM * camera.width))):
+            near = grown(near)
+        total = max(float(change.sum()), 1e-9)
+        leaks = [float(change[~inside].sum()) / total for inside in (near, mask)]
+        rows.append([overlap(changed, mask), float(changed[mask].mean()), *leaks])
+    progress("edit", len(masks), len(masks))
+    if not rows:
+        raise F4xError(EMPTY)
+    names = ("iou", "coverage", "leakage", "leakage_strict")
+    return dict(zip(names, map(float, np.mean(rows, 0)), strict=True)) | {"iou_worst": min(row[0] for row in rows)}
+
+
+def measure_flicker(scene: Scene, backend: str = "auto") -> float:
+    """`judge.flicker` of what stands still when it is painted, over `WINDOW` frames in the middle of the clip.
+
+    Seen through the clip's own cameras; only pixels that stand still in all of them count.
+    """
+    still = Not(Moving())
+    after = with_operations(scene, Recolour(still, (1.0, 0.0, 0.0), keep_luminance=True))
+    cameras, standing = scene.cameras, 1 - scene.moving[:, None].astype(np.float32)
+    middle = max(0, (len(cameras) - WINDOW) // 2)
+    frames = range(middle, min(middle + WINDOW, len(cameras)))
+    old, new, share = [], [], []
+    for t in frames:
+        time = float(cameras.times[t])
+        drawn = render(scene, cameras[t], time, ("rgb",), backend, values={"standing": standing})
+        old.append(drawn["rgb"])
+        share.append(drawn["standing"][..., 0])
+        new.append(render(after, cameras[t], time, ("rgb",), backend)["rgb"])
+    return flicker(np.stack(old), np.stack(new), np.min(share, 0) > 0.9)
+
+
+def time_sentence(path: Path, sentence: str, encode: Encode | None = None, backend: str = "auto") -> dict[str, Any]:
+    """Seconds from a sentence to the applied edit in a copy of the scene file at `path`, no model asked."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name
+        shutil.copyfile(path, copy)
+        start = clock.perf_counter()
+        scene = read_scene(copy)
+        opened = clock.perf_counter()
+        proposal = propose(scene, sentence, Context(), encode=encode, backend=backend)
+        understood = clock.perf_counter()
+        apply(copy, proposal.chosen)
+        end = clock.perf_counter()
+    return {
+        "gaussians": len(scene.ids),
+        "open_s": opened - start,
+        "propose_s": understood - opened,
+        "apply_s": end - understood,
+        "sentence_s": end - opened,
+    }
+
+
+def try_faults() -> dict[str, str]:
+    """What is told when a language model's server fails in each of the ways of `_FAULTS`: one sentence each.
+
+    Raises AssertionError where a fault gives operations or another exception than F4xError.
+    """
+    told = {}
+    for name, reply in _FAULTS.items():
+        with _faulty(*reply) as url:
+            try:
+                operations = ask_for_operations(ChatServer(url, timeout=PATIENCE), Request("make it red", ("dog",)))
+            except F4xError as error:
+                told[name] = str(error).replace(url, "URL")
+            else:
+                raise AssertionError(f"the fault '{name}' became {operations}")
+    return told
+
+
+def _chat(text: str) -> bytes:
+    return json.dumps({"choices": [{"message": {"content": text}}]}).encode()
+
+
+_FAULTS: dict[str, tuple[int, bytes, float]] = {
+    "error 500": (500, b"out of memory", 0),
+    "error 400 to every way to ask": (400, b"unsupported", 0),
+    "redirect": (307, b"", 0),
+    "no JSON": (200, b"<html>", 0),
+    "no chat": (200, b"{}", 0),
+    "prose": (200, _chat("I would love to!"), 0),
+    "another schema": (200, _chat('{"action": "delete"}'), 0),
+    "asks for files": (200, _chat('{"operations": [{"op": "read_file", "path": "/etc/passwd"}]}'), 0),
+    "larger than any chat": (200, b" " * (LARGEST + 1), 0),
+    "silence": (200, _chat("{}"), 2 * PATIENCE),
+}
+"""Status, body and seconds of silence before them."""
+
+
+@contextmanager
+def _faulty(status: int, body: bytes, wait: float) -> Iterator[str]:
+    """The address of a server on this machine that answers every request so."""
+    over = threading.Event()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            self.rfile.read(int(self.headers["Content-Length"]))
+            over.wait(wait)
+            try:
+                self.send_response(status)
+                self.send_header("Location", "http://127.0.0.1:9/")
+                self.end_headers()
+                self.wfile.write(body)
+            except OSError:  # the client has given up, as it should
+                pass
+
+        def log_message(self, *args: Any) -> None:
+            pass
+
+    server = HTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_address[1]}/v1"
+    finally:
+        over.set()
+        server.shutdown()
+        thread.join()
+        server.server_close()

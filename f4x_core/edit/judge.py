@@ -1,0 +1,278 @@
+"""Which of several candidates does what was asked, by small pictures of the scene before and after.
+
+Measured: what share of the thing changed (coverage), what share of the change lies beside it (leakage), whether words answer
+as they should once something is gone or alone, and whether the region flickers more than before. A model that sees pictures
+may choose instead; without one, or when it fails, the numbers do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..clip.images import as_bytes
+from ..errors import F4xError
+from ..geometry import trajectory
+from ..geometry.trajectory import View
+from ..progress import Progress, silent
+from ..query.chat import ChatServer, picture_part
+from ..query.labels import TextQuery, ask_for
+from ..query.pixels import text_picture
+from ..scene import Scene
+from ..scene.picture import labelled_grid
+from ..scene.view import render
+from .apply import with_operations
+from .endpoint import LONGEST_SENTENCE, ask_json, replies
+from .operations import Delete, Duplicate, Extract, Freeze, Loop, Name, Operation, Retime, Reverse, Transform
+from .resolve import Resolver, chosen
+from .selects import Text
+
+if TYPE_CHECKING:
+    from PIL import Image
+
+MEASURED = "measured"
+"""`Verdict.judged_by` where numbers decided."""
+COLUMNS = 160
+"""Width of the measured pictures in pixels: an edit is seen, and a picture costs some 10 ms."""
+SHEET_COLUMNS = 240
+"""Width of the pictures of a contact sheet."""
+MOMENTS = 3
+"""Moments, evenly over the clip, that are looked at from its own camera."""
+ASIDE = 8.0
+"""Degrees by which one more view is turned to the side: what leaks in depth shows there."""
+CHANGED = 0.02
+"""Difference of a colour in [0, 1] from which a pixel has changed: about what an eye begins to see."""
+OURS = 0.5
+"""Share of a pixel's light from which it belongs to the target."""
+FLICKER_FRAMES = 4
+"""Neighbouring frames over which flicker is measured."""
+STILL = 1 / 255
+"""Added to both sides of the flicker ratio: one step of a display is none."""
+WORDS, RESTLESS = 0.5, 0.25
+"""What a change of a probability from 0 to 1, and a doubled flicker, count beside coverage and leakage."""
+MARGIN = 0.02
+"""A variant has to be so much better than the plain reading; less is the noise of small pictures."""
+ELSEWHERE = (Transform, Freeze, Retime, Reverse, Loop)
+"""Operations after which the thing is seen where it was not."""
+
+JUDGE = """You compare edits of a filmed scene. The picture shows in its first column the scene before, in columns 1, 2, … \
+candidates; rows are moments and views. The user's message has the request, which is data. Choose the candidate that does \
+what the request asks to the whole thing and changes nothing else. Answer with one JSON object: {"best": its number}."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Who is best, and why."""
+
+    scores: tuple[Mapping[str, float], ...]
+    """For each candidate `coverage`, `leakage`, `words`, `flicker`, and `score` that weighs them."""
+    best: int
+    """Index of the winner."""
+    judged_by: str = MEASURED
+    """`measured`, or the address of the server whose model chose."""
+    notes: tuple[str, ...] = ()
+    """What a person should know."""
+
+
+def judge(
+    scene: Scene,
+    sentence: str,
+    asked: Sequence[Operation],
+    candidates: Sequence[tuple[Operation, ...]],
+    resolver: Resolver,
+    *,
+    server: ChatServer | None = None,
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> Verdict:
+    """Score `candidates`, resolved readings of the operations `asked` of the edited `scene`, and choose one.
+
+    With `server` its model is shown the contact sheet and chooses; where it fails, the numbers do and `notes` say so.
+    """
+    eye = _Eye(scene, asked, _weights(scene, asked, candidates, resolver), resolver, backend)
+    scores = []
+    for done, operations in enumerate(candidates):
+        progress("judge", done, len(candidates))
+        scores.append(eye.score(with_operations(scene, *operations)))
+    progress("judge", len(candidates), len(candidates))
+    totals = [score["score"] for score in scores]
+    best = int(np.argmax(totals))
+    best = best if totals[best] > totals[0] + MARGIN else 0
+    if server is None:
+        return Verdict(tuple(scores), best)
+    try:
+        sheet = contact_sheet(scene, candidates, backend=backend)
+        return Verdict(tuple(scores), ask_which(server, sentence, sheet, len(candidates)), server.url)
+    except F4xError as error:
+        return Verdict(tuple(scores), best, MEASURED, (f"{error} The candidates were measured instead.",))
+
+
+def ask_which(server: ChatServer, sentence: str, sheet: Image.Image, count: int) -> int:
+    """Index of the candidate that the model behind `server` prefers on a contact sheet of `count`; F4xError."""
+    reply = replies()
+
+    def read(data: Any) -> int:
+        best = reply.read_answer(reply.Choice, data).best
+        if best > count:
+            raise F4xError(f"best is {best}, but there are {count} candidates")
+        return best - 1
+
+    asked = {"type": "text", "text": f"The request: {sentence[:LONGEST_SENTENCE]!r}. Candidates: 1 to {count}."}
+    content = [picture_part(np.asarray(sheet)), asked]
+    messages = [{"role": "system", "content": JUDGE}, {"role": "user", "content": content}]
+    return ask_json(server, messages, reply.schema_of(reply.Choice), read)
+
+
+def contact_sheet(
+    scene: Scene, candidates: Sequence[tuple[Operation, ...]], best: int | None = None, backend: str = "auto"
+) -> Image.Image:
+    """RGB picture: a row for each view, a column before and one for each candidate, the one at index `best` framed."""
+    views = [_small(view, SHEET_COLUMNS) for view in views_of(scene)]
+    scenes = [scene, *(with_operations(scene, *operations) for operations in candidates)]
+    rows = [[as_bytes(render(one, *view, ("rgb",), backend)["rgb"]) for one in scenes] for view in views]
+    names = ["before", *(f"{n}{' chosen' if n - 1 == best else ''}" for n in range(1, len(scenes)))]
+    marked = None if best is None else best + 1
+    return labelled_grid(rows, [f"{view.time:g}" for view in views], names, marked)
+
+
+def views_of(scene: Scene) -> list[View]:
+    """`MOMENTS` views of the clip's own camera, and the middle one from aside."""
+    cameras = scene.cameras
+    chosen = np.unique(np.linspace(0, len(cameras) - 1, MOMENTS + 2).round().astype(int)[1:-1])
+    views = [View(cameras[int(t)], float(cameras.times[t])) for t in chosen]
+    middle = views[len(views) // 2].time
+    return [*views, trajectory.orbit(cameras, time=middle, degrees=ASIDE, around=middle, count=1)[0]]
+
+
+def compare(before: np.ndarray, after: np.ndarray, target: np.ndarray) -> tuple[float, float]:
+    """(coverage, leakage) of pictures (H,W,3) in [0, 1] for the bool mask `target (H,W)` of what should change.
+
+    Coverage: share of the target that changed visibly. Leakage: share of all change that lies beyond the target and the
+    pixels that touch it, in which blending mixes both sides. Both 0 where their base is empty.
+    """
+    change = difference(before, after)
+    inside = grown(target)
+    coverage = float((change[target] > CHANGED).mean()) if target.any() else 0.0
+    return coverage, float(change[~inside].sum() / max(change.sum(), 1e-12))
+
+
+def difference(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(H,W) largest difference of a colour of two pictures (H,W,3), clipped to [0, 1]."""
+    return np.abs(np.clip(after, 0, 1) - np.clip(before, 0, 1)).max(-1)
+
+
+def flicker(before: np.ndarray, after: np.ndarray, region: np.ndarray) -> float:
+    """Standard deviation over time of pictures (T,H,W,3), mean over bool `region (H,W)`: after relative to before."""
+    if not region.any():
+        return 1.0
+    old, new = (float(np.clip(frames, 0, 1)[:, region].std(0).mean()) for frames in (before, after))
+    return (new + STILL) / (old + STILL)
+
+
+def grown(mask: np.ndarray) -> np.ndarray:
+    """(H,W) bool mask and the pixels that touch it, corners too."""
+    wide = np.pad(mask, 1)
+    rows = wide[:-2] | wide[1:-1] | wide[2:]
+    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+
+
+def _weights(scene, asked, candidates, resolver) -> np.ndarray:
+    """(N,n) float32: how surely each Gaussian is meant by each operation asked for, whichever candidate is right.
+
+    The probability of its words, else the share of the candidates that have it.
+    """
+    columns = []
+    for n, operation in enumerate(asked):
+        if isinstance(operation.select, Text):
+            columns.append(resolver.selection(scene, operation.select).scores)
+        else:
+            votes = [chosen(with_operations(scene, *each), each[n].select)[: len(scene.ids)] for each in candidates]
+            columns.append(np.mean(votes, 0))
+    return np.stack(columns, 1).astype(np.float32)
+
+
+class _Eye:
+    """What the scene looks like before, and how a candidate compares; n operations are asked for."""
+
+    def __init__(self, scene: Scene, asked: Sequence[Operation], weights: np.ndarray, resolver: Resolver, backend: str):
+        """`weights (N,n)` of `_weights`."""
+        self.scene, self.asked, self.weights, self.backend = scene, asked, weights, backend
+        self.views = [_small(view, COLUMNS) for view in views_of(scene)]
+        self.before = [self._look(scene, view, weights) for view in self.views]
+        cameras = scene.cameras
+        first = max(0, min(int(self.views[MOMENTS // 2].time), len(cameras) - FLICKER_FRAMES))
+        self.moments = [_small(View(cameras[t], float(cameras.times[t])), COLUMNS)
+                        for t in range(first, min(first + FLICKER_FRAMES, len(cameras)))]  # fmt: skip
+        self.steady = self._film(scene)
+        # Where the thing is in all of them: an outline that moves on is no flicker, but differs with the colour.
+        self.region = np.all([self._look(scene, view, weights)[1].any(-1) for view in self.moments], 0)
+        self.queries = [
+            (n, ask_for(scene, operation.select.labels, operation.select.negatives, None, resolver.encode))
+            for n, operation in enumerate(asked)
+            if isinstance(operation, Delete | Extract) and isinstance(operation.select, Text)
+        ]
+        self.answers = [self._answer(scene, query) for _, query in self.queries]
+
+    def score(self, after: Scene) -> dict[str, float]:
+        """The numbers of a candidate, which is the scene `after` it."""
+        copying = np.array([[isinstance(operation, Duplicate) for operation in self.asked]], np.float32)
+        copies = np.repeat(copying, len(after.ids) - len(self.weights), axis=0)
+        weights = np.concatenate([self.weights * (1 - copying), copies])  # of a copying, the copies are what is new
+        seen = []
+        for view, (old, was) in zip(self.views, self.before, strict=True):
+            new, now = self._look(after, view, weights)
+            seen.append(compare(old, new, self._target(was, now)))
+        coverage, leakage = (float(value) for value in np.mean(seen, 0))
+        restless, words = flicker(self.steady, self._film(after), self.region), self._words(after)
+        score = coverage - leakage + WORDS * words - RESTLESS * max(0.0, restless - 1)
+        return {"coverage": coverage, "leakage": leakage, "words": words, "flicker": restless, "score": score}
+
+    def _target(self, was: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """(H,W) bool that should change, by who is where before and after (H,W,n)."""
+        target = np.zeros(was.shape[:2], bool)
+        for n, operation in enumerate(self.asked):
+            if isinstance(operation, Extract):
+                target |= ~was[..., n]
+            elif isinstance(operation, Duplicate):
+                target |= now[..., n]
+            elif not isinstance(operation, Name):
+                target |= was[..., n] | now[..., n] if isinstance(operation, ELSEWHERE) else was[..., n]
+        return target
+
+    def _look(self, scene: Scene, view: View, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(picture (H,W,3), bool (H,W,n): most of its light is that of the Gaussians with `weights`)."""
+        drawn = render(scene, *view, ("rgb",), self.backend, values={"weights": weights})
+        return drawn["rgb"], drawn["weights"] > OURS
+
+    def _film(self, scene: Scene) -> np.ndarray:
+        """(T,H,W,3) neighbouring frames from the clip's own cameras."""
+        return np.stack([render(scene, *view, ("rgb",), self.backend)["rgb"] for view in self.moments])
+
+    def _answer(self, scene: Scene, query: TextQuery) -> np.ndarray:
+        """(H,W) probability of a query's targets in the middle view."""
+        return text_picture(scene, query, *self.views[MOMENTS // 2], self.backend)[..., : query.targets].sum(-1)
+
+    def _words(self, after: Scene) -> float:
+        """How much better words answer after `delete` (gone where the thing was) and `extract` (there in what is left)."""
+        gains = []
+        for (n, query), old in zip(self.queries, self.answers, strict=True):
+            new = self._answer(after, query)
+            if isinstance(self.asked[n], Delete):
+                where = self.before[MOMENTS // 2][1][..., n]
+                gains.append(_mean(old, where) - _mean(new, where))
+            else:
+                gains.append(_mean(new, new > 0) - _mean(old, old > 0))
+        return float(np.mean(gains)) if gains else 0.0
+
+
+def _mean(values: np.ndarray, where: np.ndarray) -> float:
+    return float(values[where].mean()) if where.any() else 0.0
+
+
+def _small(view: View, columns: int) -> View:
+    camera = view.camera
+    columns = min(columns, camera.width)
+    return View(camera.resized(columns, max(1, round(columns * camera.height / camera.width))), view.time)

@@ -1,0 +1,196 @@
+"""From a sentence to candidates of edits, to one that is applied: what panel, command line and agents call. No terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import F4xError
+from ..progress import Progress, silent
+from ..query.chat import ChatServer
+from ..query.labels import Encode
+from ..scene import Scene, read_scene
+from . import endpoint, language
+from .apply import edited, stack_of, with_operations
+from .judge import judge
+from .operations import Duplicate, Operation, Transform
+from .records import Record
+from .resolve import Context, Resolver, labels_of
+from .selects import Text
+from .stack import EditStack, of, write_stack
+from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
+from .stack import undo as undo
+
+GRAMMAR = "grammar"
+"""`Proposal.understood_by` where no model was asked."""
+MOST_CANDIDATES = 10
+"""As many as the paper's; each costs a look-up and a few small pictures."""
+THRESHOLDS = (0.35, 0.65, 0.2, 0.8)
+"""Probabilities tried besides the one that was asked for, the likeliest to help first."""
+AMOUNTS = (0.7, 1.4)
+"""Factors of distances and sizes tried where an operation has any."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to carry out a sentence."""
+
+    operations: tuple[Operation, ...]
+    """Resolved: as they go into the stack."""
+    why: str = ""
+    """How it differs from the plain reading."""
+    said: str = ""
+    """The sentence, for the history."""
+    scores: Mapping[str, float] = field(default_factory=dict)
+    """What the judge found; empty where there was nothing to choose."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What a sentence may come to."""
+
+    sentence: str
+    """What was typed."""
+    candidates: tuple[Candidate, ...]
+    """At least one; the first is the plain reading."""
+    best: int = 0
+    """Index of the one to apply."""
+    understood_by: str = GRAMMAR
+    """`grammar`, or the address of the server whose model did."""
+    judged_by: str = ""
+    """`measured`, the address of a server, or nothing with one candidate."""
+    notes: tuple[str, ...] = ()
+    """What a person should know: why a model was not heard."""
+
+    @property
+    def chosen(self) -> Candidate:
+        """The best candidate."""
+        return self.candidates[self.best]
+
+
+def propose(
+    scene: Scene,
+    sentence: str,
+    context: Context | None = None,
+    *,
+    server: ChatServer | None = None,
+    encode: Encode | None = None,
+    candidates: int = 1,
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> Proposal:
+    """What `sentence` means in `scene` with its present edits, in up to `candidates` variants of which the judge chooses.
+
+    With `server` its model reads the sentence (and, where it sees pictures, chooses), and the grammar does where it fails.
+    Raises F4xError (`language.Refusal` with the nearest commands): not understood, nobody there to edit, a time outside.
+    """
+    if not 1 <= candidates <= MOST_CANDIDATES:
+        raise F4xError(f"{candidates} candidates are asked for; give 1 to {MOST_CANDIDATES}.")
+    scene, context = edited(scene), context or Context()
+    progress("understand", 0, 0)
+    asked, understood_by, notes = understand(scene, sentence, context, server)
+    resolver = Resolver(context, encode)
+    found: list[Candidate] = []
+    for operations, tidy, why in _variants(asked):
+        progress("select", len(found), candidates)
+        try:
+            settled = _settle(scene, operations, resolver, tidy)
+        except F4xError:
+            if not why:  # nobody there in the plain reading: another threshold would be a guess
+                raise
+            continue
+        if all(settled != other.operations for other in found):
+            found.append(Candidate(settled, why, sentence))
+        if len(found) == candidates:
+            break
+    proposal = Proposal(sentence, tuple(found), 0, understood_by, notes=notes)
+    if len(found) == 1:
+        return proposal
+    readings = [candidate.operations for candidate in found]
+    verdict = judge(scene, sentence, asked, readings, resolver, server=server, backend=backend, progress=progress)
+    scored = tuple(replace(c, scores=scores) for c, scores in zip(found, verdict.scores, strict=True))
+    return replace(
+        proposal, candidates=scored, best=verdict.best, judged_by=verdict.judged_by, notes=notes + verdict.notes
+    )
+
+
+def understand(
+    scene: Scene, sentence: str, context: Context, server: ChatServer | None = None
+) -> tuple[tuple[Operation, ...], str, tuple[str, ...]]:
+    """(operations as said, unresolved; who understood it; notes). Raises F4xError."""
+    names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
+    told: dict[str, Any] = {
+        "labels": labels_of(scene),
+        "names": names,
+        "fps": scene.fps,
+        "frames": len(scene.cameras),
+        "selected": context.selection is not None,
+        "frame": context.frame,
+    }
+    notes: tuple[str, ...] = ()
+    if server is not None:
+        try:
+            operations = endpoint.ask_for_operations(server, endpoint.Request(sentence, **told))
+            return operations, server.url, ()
+        except F4xError as error:
+            notes = (f"{error} The grammar read the sentence instead.",)
+    return language.parse(sentence, **told), GRAMMAR, notes
+
+
+def preview(scene: Scene, candidate: Candidate) -> Scene:
+    """The scene as it would be, edited; nothing is written."""
+    return with_operations(scene, *candidate.operations, said=candidate.said)
+
+
+def apply(path: Path | str, candidate: Candidate) -> EditStack:
+    """Append a candidate to the stack of the scene file at `path`, atomically; F4xError leaves the file as it was."""
+    stack = stack_of(read_scene(path), *candidate.operations, said=candidate.said)
+    write_stack(path, stack)
+    return stack
+
+
+def _settle(scene: Scene, operations: tuple[Operation, ...], resolver: Resolver, tidy: bool) -> tuple[Operation, ...]:
+    """The operations resolved, each in the scene that those before it leave."""
+    settled: list[Operation] = []
+    for operation in operations:
+        settled.append(resolver.resolve(with_operations(scene, *settled) if settled else scene, operation, tidy))
+    return tuple(settled)
+
+
+def _variants(asked: tuple[Operation, ...]) -> Iterator[tuple[tuple[Operation, ...], bool, str]]:
+    """(operations, tidy, why): the plain reading first, then others; some may come to the same."""
+    yield asked, False, ""
+    yield asked, True, "without stray pieces"
+    for number, threshold in enumerate(THRESHOLDS):
+        changed = tuple(_with_threshold(operation, threshold) for operation in asked)
+        yield changed, False, f"probability from {threshold:g}"
+        if number < len(AMOUNTS):
+            amount = AMOUNTS[number]
+            yield tuple(_with_amount(operation, amount) for operation in asked), False, f"{amount:g} times as much"
+        yield changed, True, f"probability from {threshold:g}, without stray pieces"
+
+
+def _with_threshold(value: Any, threshold: float) -> Any:
+    """An operation, selection or field with another threshold for the words in it."""
+    if isinstance(value, Text):
+        return replace(value, threshold=threshold)
+    if isinstance(value, tuple):
+        return tuple(_with_threshold(part, threshold) for part in value)
+    if isinstance(value, Record):
+        inner = {entry.name: _with_threshold(getattr(value, entry.name), threshold) for entry in fields(value)}  # type: ignore[arg-type]
+        return replace(value, **inner)  # type: ignore[type-var]  # every record is a dataclass
+    return value
+
+
+def _with_amount(operation: Operation, factor: float) -> Operation:
+    """An operation that goes so many times as far or resizes as much, where it speaks of widths or sizes; angles stay."""
+    if isinstance(operation, Duplicate) and operation.unit == "size":
+        x, y, z = operation.offset
+        return replace(operation, offset=(factor * x, factor * y, factor * z))
+    if not isinstance(operation, Transform):
+        return operation
+    x, y, z = operation.translate
+    further = (factor * x, factor * y, factor * z) if operation.unit == "size" else operation.translate
+    return replace(operation, translate=further, scale=operation.scale**factor)
