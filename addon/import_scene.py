@@ -142,10 +142,10 @@ def _add_motion(name, scene: Scene, dynamic, collection, root, frames: np.ndarra
 
     mesh = bpy.data.meshes.new(f"{name} pairs")
     mesh.vertices.add(len(pairs.node))
-    rest_q = quaternion.normalize(scaffold.quat[pairs.reference, pairs.node].astype(np.float64))
-    rest_t = scaffold.xyz[pairs.reference, pairs.node].astype(np.float64)
+    rest = quaternion.normalize(scaffold.quat[pairs.reference, pairs.node])
     write_attribute(mesh, "node", "INT", pairs.node)
-    write_attribute(mesh, "rest_inverse", "FLOAT4X4", pose.to_matrix(*pose.invert(rest_q, rest_t)))
+    write_attribute(mesh, "rest_turn", "QUATERNION", quaternion.conjugate(rest))
+    write_attribute(mesh, "rest_place", "FLOAT_VECTOR", scaffold.xyz[pairs.reference, pairs.node])
     helper = _add_object(mesh.name, mesh, collection)
     helper.parent = root
     helper.hide_viewport = helper.hide_render = True
@@ -166,7 +166,8 @@ def _add_motion(name, scene: Scene, dynamic, collection, root, frames: np.ndarra
         writer.write(empty, frames, {"location": xyz[:, i], "rotation_quaternion": quat[:, i]})
 
     modifier = dynamic.modifiers.new("Feature4X motion", "NODES")
-    modifier.node_group = build_motion_tree(f"{name} motion", nodes, helper, gaussians.node.shape[1])
+    slots, fades = gaussians.node.shape[1], bool((gaussians.strength < 1).any())
+    modifier.node_group = build_motion_tree(f"{name} motion", nodes, helper, slots, fades)
 
 
 def _add_camera(name: str, scene: Scene, collection) -> bpy.types.Object:

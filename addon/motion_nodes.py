@@ -3,12 +3,13 @@
 Every Gaussian has its own reference frame r, so what moves it is the relative motion `Q_k(now) Q_k(r)^-1` of each of
 its K nodes. A hidden helper mesh has one vertex per (node, reference) pair in use, with the attributes
 
-    node            INT        index of the empty (their collection is read in the natural order of their names)
-    rest_inverse    FLOAT4X4   Q_k(r)^-1 in the scene's own frame
+    node         INT           index of the empty (their collection is read in the natural order of their names)
+    rest_turn    QUATERNION    rotation of Q_k(r)^-1 in the scene's own frame
+    rest_place   FLOAT_VECTOR  translation of Q_k(r)
 
-and the tree works on it first: pair motion = transform of the empty, relative to the Gaussians' object, times
-`rest_inverse`, kept as the two halves of a unit dual quaternion (colours, because a colour is the one socket that
-holds four floats: r g b = vector part, a = scalar part). The Gaussians carry
+and the tree works on it first: the pair's motion as a unit dual quaternion, in three vectors (no socket holds eight
+floats, and taking colours apart costs more): Real and Dual, the vector parts of its halves, and Scalars = (real scalar,
+dual scalar, 0). The Gaussians carry
 
     pair_0 .. pair_K-1   INT     vertices of the helper, the attach node's first
     w_0 .. w_K-1         FLOAT   skinning weights, sum 1
@@ -16,14 +17,16 @@ holds four floats: r g b = vector part, a = scalar part). The Gaussians carry
 
 and are blended as in `f4x_core.scaffold.deformation.blend`; `position` and `rotation` then hold the posed values,
 and `turn` (QUATERNION) the rotation that the motion gave, by which the harmonics turn as well.
+
+Fields that are captured together are evaluated once, those that are stored one by one each anew; hence the captures.
 """
 
 import bpy
 
 from ..f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND
 
-REAL, DUAL = "motion_real", "motion_dual"
-"""Attributes of the helper's vertices inside the tree."""
+SCENE_FRAME = "RELATIVE"
+"""Empties are read in the frame of the Gaussians' object: the scene's own."""
 
 
 class _Tree:
@@ -82,21 +85,21 @@ class _Tree:
         """Field of a named attribute."""
         return self.out("GeometryNodeInputNamedAttribute", name, data_type=data_type)
 
-    def split(self, color):
-        """A colour as (vector part, scalar part)."""
-        parts = self.add("FunctionNodeSeparateColor", color).outputs
-        return self.out("ShaderNodeCombineXYZ", parts["Red"], parts["Green"], parts["Blue"]), parts["Alpha"]
-
-    def join(self, vector, scalar):
-        """(vector part, scalar part) as a colour."""
-        parts = self.add("ShaderNodeSeparateXYZ", vector).outputs
-        return self.out("FunctionNodeCombineColor", parts["X"], parts["Y"], parts["Z"], scalar)
-
     def store(self, geometry, name: str, data_type: str, value, domain: str = "POINT"):
         """Store Named Attribute."""
         return self.out(
             "GeometryNodeStoreNamedAttribute", geometry, None, name, value, data_type=data_type, domain=domain
         )
+
+    def capture(self, geometry, **fields):
+        """Evaluate fields (type of socket, field) together; returns (geometry, captured field, ...)."""
+        node = self.tree.nodes.new("GeometryNodeCaptureAttribute")
+        for name, (kind, _) in fields.items():
+            node.capture_items.new(kind, name)
+        self.link(geometry, node.inputs[0])
+        for name, (_, field) in fields.items():
+            self.link(field, node.inputs[name])
+        return node.outputs[0], *(node.outputs[name] for name in fields)
 
     def sample(self, geometry, field, index, data_type: str, domain: str = "POINT"):
         """Sample Index."""
@@ -104,28 +107,36 @@ class _Tree:
 
 
 def build_motion_tree(
-    name: str, nodes: bpy.types.Collection, helper: bpy.types.Object, slots: int
+    name: str, nodes: bpy.types.Collection, helper: bpy.types.Object, slots: int, fades: bool
 ) -> bpy.types.GeometryNodeTree:
-    """Return the tree that poses Gaussians with `slots` = K pairs each, from the empties in `nodes`."""
+    """Return the tree that poses Gaussians with `slots` = K pairs each, from the empties in `nodes`.
+
+    `fades`: some Gaussians follow in part only, so `strength` counts.
+    """
     tree = _Tree(name, {"Geometry": "NodeSocketGeometry"}, {"Posed": "NodeSocketGeometry"})
-    gaussians = tree.inputs["Geometry"]
-    pairs = _pair_motions(tree, nodes, helper)
-    one_slot = _weighted_slot_group(f"{name} slot")
+    pairs, *motion = _pair_motions(tree, nodes, helper)
 
     # Sum of the K weighted dual quaternions, each on the hemisphere of slot 0, the attach node.
-    first = tree.attribute("pair_0", "INT")
-    attach = tree.sample(pairs, tree.attribute(REAL, "FLOAT_COLOR"), first, "FLOAT_COLOR")
-    sums = [(0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0), 0.0]
+    one_slot = _weighted_slot_group(f"{name} slot")
+    attach: tuple = ()
+    sums: list = []
     for k in range(slots):
         pair, weight = tree.attribute(f"pair_{k}", "INT"), tree.attribute(f"w_{k}", "FLOAT")
+        parts = [tree.sample(pairs, part, pair, "FLOAT_VECTOR") for part in motion]
+        if k == 0:
+            attach = (parts[0], parts[2])
+            sums = [tree.scaled(part, weight) for part in parts]
+            continue
         slot = tree.add("GeometryNodeGroup", node_tree=one_slot)
-        for socket, value in zip(slot.inputs, (pairs, pair, weight, attach, *sums), strict=True):
-            if isinstance(value, bpy.types.NodeSocket):
-                tree.link(value, socket)
-            else:
-                socket.default_value = value
+        for socket, value in zip(slot.inputs, (*parts, weight, *attach, *sums), strict=True):
+            tree.link(value, socket)
         sums = list(slot.outputs)
-    real_v, real_w, dual_v, dual_w = _faded(tree, sums, tree.attribute("strength", "FLOAT"))
+    real_v, dual_v, scalars = sums
+    real_w, dual_w = tree.add("ShaderNodeSeparateXYZ", scalars).outputs[:2]
+    if fades:
+        real_v, real_w, dual_v, dual_w = _faded(
+            tree, (real_v, real_w, dual_v, dual_w), tree.attribute("strength", "FLOAT")
+        )
 
     # t = 2 (d p*)_vec / |p|^2. The part of d along p only adds to the scalar, so d needs no projection.
     squared = tree.math("MULTIPLY_ADD", real_w, real_w, tree.vector("DOT_PRODUCT", real_v, real_v))
@@ -138,9 +149,10 @@ def build_motion_tree(
     scalar = tree.math("ADD", tree.math("MULTIPLY", real_w, valid), tree.math("SUBTRACT", 1.0, valid))
     turn = tree.out("FunctionNodeQuaternionToRotation", scalar, parts["X"], parts["Y"], parts["Z"])
 
+    posed, turn, t = tree.capture(tree.inputs["Geometry"], Turn=("ROTATION", turn), Shift=("VECTOR", t))
     rotation = tree.out("FunctionNodeRotateRotation", tree.attribute("rotation", "QUATERNION"), turn)
     moved = tree.vector("ADD", tree.out("FunctionNodeRotateVector", tree.out("GeometryNodeInputPosition"), turn), t)
-    posed = tree.store(gaussians, "rotation", "QUATERNION", rotation)
+    posed = tree.store(posed, "rotation", "QUATERNION", rotation)
     posed = tree.store(posed, "turn", "QUATERNION", turn)
     posed = tree.out("GeometryNodeSetPosition", posed, None, moved)
     tree.link(posed, tree.outputs["Posed"])
@@ -149,51 +161,44 @@ def build_motion_tree(
 
 
 def _pair_motions(tree: _Tree, nodes: bpy.types.Collection, helper: bpy.types.Object):
-    """Geometry of the helper with REAL and DUAL on its vertices."""
-    info = tree.add("GeometryNodeCollectionInfo", nodes, True, False, transform_space="RELATIVE")
-    now = tree.sample(
-        info.outputs[0],
-        tree.out("GeometryNodeInstanceTransform"),
-        tree.attribute("node", "INT"),
-        "FLOAT4X4",
-        "INSTANCE",
-    )
-    relative = tree.out("FunctionNodeMatrixMultiply", now, tree.attribute("rest_inverse", "FLOAT4X4"))
-    separated = tree.add("FunctionNodeSeparateTransform", relative).outputs
-    q = tree.add("FunctionNodeRotationToQuaternion", separated["Rotation"]).outputs
-    translation = separated["Translation"]
+    """Geometry of the helper, and the three vectors of its vertices' motions as fields on it."""
+    info = tree.add("GeometryNodeCollectionInfo", nodes, True, False, transform_space=SCENE_FRAME)
+    # An artist may resize an empty: its scale takes no part.
+    now = tree.add("FunctionNodeSeparateTransform", tree.out("GeometryNodeInstanceTransform")).outputs
+    node = tree.attribute("node", "INT")
+    now_turn = tree.sample(info.outputs[0], now["Rotation"], node, "QUATERNION", "INSTANCE")
+    now_place = tree.sample(info.outputs[0], now["Translation"], node, "FLOAT_VECTOR", "INSTANCE")
+    turn = tree.out("FunctionNodeRotateRotation", tree.attribute("rest_turn", "QUATERNION"), now_turn)
+    turned = tree.out("FunctionNodeRotateVector", tree.attribute("rest_place", "FLOAT_VECTOR"), turn)
+    translation = tree.vector("SUBTRACT", now_place, turned)
+    q = tree.add("FunctionNodeRotationToQuaternion", turn).outputs
     real_v = tree.out("ShaderNodeCombineXYZ", q["X"], q["Y"], q["Z"])
     # d = (0, t) p / 2
     dual_v = tree.vector("CROSS_PRODUCT", translation, real_v)
     dual_v = tree.scaled(tree.vector("ADD", dual_v, tree.scaled(translation, q["W"])), 0.5)
     dual_w = tree.math("MULTIPLY", -0.5, tree.vector("DOT_PRODUCT", translation, real_v))
     pairs = tree.add("GeometryNodeObjectInfo", helper, transform_space="ORIGINAL").outputs["Geometry"]
-    pairs = tree.store(pairs, REAL, "FLOAT_COLOR", tree.join(real_v, q["W"]))
-    return tree.store(pairs, DUAL, "FLOAT_COLOR", tree.join(dual_v, dual_w))
+    scalars = tree.out("ShaderNodeCombineXYZ", q["W"], dual_w)
+    return tree.capture(pairs, Real=("VECTOR", real_v), Dual=("VECTOR", dual_v), Scalars=("VECTOR", scalars))
 
 
 def _weighted_slot_group(name: str) -> bpy.types.GeometryNodeTree:
     """Node group that adds one weighted, sign-aligned dual quaternion to the running sums."""
-    vector, number = "NodeSocketVector", "NodeSocketFloat"
-    sums = {"Real Vector": vector, "Real Scalar": number, "Dual Vector": vector, "Dual Scalar": number}
-    inputs = {"Pairs": "NodeSocketGeometry", "Pair": "NodeSocketInt", "Weight": number, "Attach": "NodeSocketColor"}
-    tree = _Tree(name, inputs | sums, sums)
+    motion = ("Real", "Dual", "Scalars")
+    sums = [f"Sum of {part}" for part in motion]
+    vectors = (*motion, "Weight", "Attach Real", "Attach Scalars", *sums)
+    inputs = dict.fromkeys(vectors, "NodeSocketVector") | {"Weight": "NodeSocketFloat"}
+    tree = _Tree(name, inputs, dict.fromkeys(sums, "NodeSocketVector"))
 
-    pairs, pair = tree.inputs["Pairs"], tree.inputs["Pair"]
-    halves = [
-        tree.split(tree.sample(pairs, tree.attribute(h, "FLOAT_COLOR"), pair, "FLOAT_COLOR")) for h in (REAL, DUAL)
-    ]
-    (real_v, real_w), (dual_v, dual_w) = halves
-    attach_v, attach_w = tree.split(tree.inputs["Attach"])
-    dot = tree.math("MULTIPLY_ADD", real_w, attach_w, tree.vector("DOT_PRODUCT", real_v, attach_v))
+    scalar, attach_scalar = (
+        tree.add("ShaderNodeSeparateXYZ", tree.inputs[part]).outputs[0] for part in ("Scalars", "Attach Scalars")
+    )
+    dot = tree.vector("DOT_PRODUCT", tree.inputs["Real"], tree.inputs["Attach Real"])
+    dot = tree.math("MULTIPLY_ADD", scalar, attach_scalar, dot)
     sign = tree.math("MULTIPLY_ADD", tree.math("LESS_THAN", dot, -SIGN_BAND), -2.0, 1.0)
     weight = tree.math("MULTIPLY", sign, tree.inputs["Weight"])
-    for label, value in zip(sums, (real_v, real_w, dual_v, dual_w), strict=True):
-        if label.endswith("Vector"):
-            total = tree.vector("ADD", tree.scaled(value, weight), tree.inputs[label])
-        else:
-            total = tree.math("MULTIPLY_ADD", value, weight, tree.inputs[label])
-        tree.link(total, tree.outputs[label])
+    for part, total in zip(motion, sums, strict=True):
+        tree.link(tree.vector("ADD", tree.scaled(tree.inputs[part], weight), tree.inputs[total]), tree.outputs[total])
     _lay_out(tree.tree)
     return tree.tree
 
