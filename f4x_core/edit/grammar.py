@@ -216,9 +216,9 @@ def _expanded(spec: str) -> Iterator[tuple[str, ...]]:
             yield words
 
 
-def value(constant: Any) -> Rule:
+def constant(value: Any) -> Rule:
     """Nothing, with a value."""
-    return Rule(lambda reading, at: {at: (constant,)})
+    return Rule(lambda reading, at: {at: (value,)})
 
 
 NOTHING = Rule(lambda reading, at: {at: ()})
@@ -244,7 +244,7 @@ def either(*rules: Rule) -> Rule:
 
 def optional(rule: Rule, default: Any = None) -> Rule:
     """The rule's value, or the default."""
-    return either(rule, value(default))
+    return either(rule, constant(default))
 
 
 def listed(item: Rule, separator: Rule) -> Rule:
@@ -268,7 +268,7 @@ def listed(item: Rule, separator: Rule) -> Rule:
 
 
 def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset()) -> Rule:
-    """The slots in any order, each at most once, those in `needed` for sure: one value, a dict."""
+    """The slots in any order, each at most once, those in `needed` for sure: one value, a dict (None: no value)."""
     names = list(slots)
 
     def match(reading: Reading, at: int) -> Ways:
@@ -284,7 +284,7 @@ def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset()) -> Rule
                 if name not in filled:
                     for end, values in slots[name].at(reading, position).items():
                         if end > position:
-                            go_on(end, {**filled, name: values[0] if values else True})
+                            go_on(end, {**filled, name: values[0] if values else None})
             if needed <= filled.keys():
                 ways.setdefault(position, (filled,))
 

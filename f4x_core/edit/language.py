@@ -10,8 +10,9 @@ from difflib import SequenceMatcher, get_close_matches
 from typing import Any, NamedTuple
 
 from ..errors import F4xError
-from .colour_names import COLOURS
-from .commands import COMMANDS, Build, Command
+from .colour_names import COLOURS, SHADES
+from .commands import COMMANDS, Command
+from .description import describe
 from .grammar import (
     NOTHING,
     VOCABULARY,
@@ -28,20 +29,20 @@ from .grammar import (
     tokenise,
 )
 from .operations import Operation
-from .phrases import Context, Refusal, Span, When, span
+from .phrases import Context, Refusal, Span, When, span, together
 from .selects import SelectKind
-from .words import inflected, singular
+from .words import FUNCTION_WORDS, inflected, singular, word_set
 
-__all__ = ["Refusal", "parse"]
+__all__ = ["Refusal", "describe", "parse"]
 
-LONGEST, MOST_WORDS = 2000, 200
+LONGEST, MOST_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
 
 
 class Clause(NamedTuple):
     """A verb with all it is said of."""
 
-    build: Build
+    command: Command
     pieces: tuple[dict[str, Any], ...]
     """Slots of each who: "make [the dog red] and [the cat blue]"."""
     front: Span | None = None
@@ -80,11 +81,13 @@ def _of(command: Command) -> Rule:
     def verb(which: int, verbs: str = command.verbs) -> Rule:
         return lit("|".join(inflected(verbs, which)))
 
-    others = _between + listed(more, _between) >> (lambda pieces: tuple(piece for (piece,) in pieces))
-    said = (verb(1) if command.verbs else NOTHING) + either(
-        first >> (lambda one: (one,)), first + others >> (lambda one, rest: (one, *rest))
-    )
-    ways = [said]
+    ways = []
+    if command.verbs or not command.itself:
+        said = (verb(1) if command.verbs else NOTHING) + first >> (lambda one: (one,))
+        ways.append(said)
+        if command.gapped:
+            others = _between + listed(more, _between) >> (lambda pieces: tuple(piece for (piece,) in pieces))
+            ways.append(said + others >> (lambda pieces, rest: pieces + rest))
     subject = command.who
     if command.itself:
         itself = verb(0, command.itself) + own
@@ -104,7 +107,7 @@ def _of(command: Command) -> Rule:
             subject + _modal + _being + own >> of_subject,
             (_want | _let) + subject + ~(~lit("to") + _being) + own >> of_subject,
         ]
-    return either(*ways) >> (lambda pieces: Clause(command.build, pieces))
+    return either(*ways) >> (lambda pieces: Clause(command, pieces))
 
 
 _request = lit(
@@ -118,15 +121,15 @@ _filler = silent(
             "go ahead and|let us|try to|try|i want (you) to|i need you to|i would (really) like (you) to|i would love (you) to|"
             "we want (you) to|we would like to|we should|we need to|you should|you can|simply|actually|maybe|perhaps|"
             "be so kind (as) to|just|in addition|besides|additionally|after that|afterward|after this|feel free to|let me|"
-            "help me|help me to|and|um|uh|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile"
+            "help me|help me to|um|uh|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile"
         )
         | _request,
         lit(",") | NOTHING,
     )
 )
 _tail = ~lit(
-    "now|too|as well|again|also|for me|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|for good|"
-    "permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
+    "now|too|as well|again|also|for me|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
+    "for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
 )
 _core = either(*(_of(command) for command in COMMANDS))
 _clause = (
@@ -146,8 +149,8 @@ _ends = silent(~listed(lit(".|;|!|,"), NOTHING))
 _polite = lit("please") | _request
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
-_sentence = _ends + listed(_clause, _separator) + _ends
-_DROPPED = frozenset("please kindly thanks thank".split())
+_sentence = ~lit("and") + _ends + listed(_clause, _separator) + _ends
+_DROPPED = word_set("please kindly thanks thank")
 
 
 def parse(
@@ -162,8 +165,8 @@ def parse(
 ) -> tuple[Operation, ...]:
     """The operations that `sentence` asks for, in order; selections are as said, not yet looked up in a scene.
 
-    `labels` and `names`: words that the scene knows and selections that have a name. The clip has `frames` frames, `fps` a second, of
-    which `frame` is the present one; `selected`: there is something that "it" can be. Raises `Refusal`.
+    `labels` and `names`: words that the scene knows and selections that have a name. The clip has `frames` frames, `fps` a second,
+    of which `frame` is the present one; `selected`: there is something that "it" can be. Raises `Refusal`.
     """
     if len(sentence) > LONGEST:
         raise Refusal(f"The sentence has {len(sentence)} characters, more than {LONGEST}; say fewer commands at once.")
@@ -221,6 +224,7 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: Context) -> Itera
             front = None
         front = clause.front or front
         last = clause.pieces[-1].get("when")
+        topics: list[SelectKind] = []
         for piece in clause.pieces:
             own = piece.get("when")
             if own and clause.front:
@@ -230,28 +234,46 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: Context) -> Itera
                 raise Refusal(
                     "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
                 )
-            rest = {name: value for name, value in piece.items() if name not in ("who", "when")}
-            yield from clause.build(who, When.of(own or front or last, context), context, **rest)
+            topics.append(who)
+            told = {name: value for name, value in piece.items() if name not in ("who", "when") and value is not None}
+            made = clause.command.make(**told)
+            settled = When.of(own or front or last, context)
+            values = made if isinstance(made, tuple) else ((made,),)
+            yield from _compatible([value(who, settled, context) for (value,) in values])
+        context.they = together(topics)
+
+
+def _compatible(operations: list[Operation]) -> list[Operation]:
+    """The operations; Refusal when two of them set the same thing."""
+    told = {(type(one), getattr(one, "mode", None), getattr(one, "rotate", None)) for one in operations}
+    if len(told) < len(operations):
+        raise Refusal("Two things are said that exclude one another, as 'red and blue' do; say one of them.")
+    return operations
 
 
 def _not_understood(reading: Reading) -> str:
-    """The sentence about the word at which every way to read ended."""
-    at = reading.farthest
-    if at >= len(reading.tokens):
-        return "The command is not complete: something is missing at its end."
-    word = reading.said(at, at + 1)
-    close = get_close_matches(word.lower(), sorted(VOCABULARY | COLOURS.keys()), 1, 0.8)
-    hint = f"; did you mean '{close[0]}'?" if close and close[0] != word.lower() else "."
-    return f"I do not understand '{word}' here{hint}"
+    """The sentence about the word that nobody knows, or at which every way to read ended."""
+    parts = {word for words in reading.known for word in words}
+    vocabulary = VOCABULARY | FUNCTION_WORDS | COLOURS.keys() | SHADES.keys()
+    for at, token in enumerate(reading.tokens[: reading.farthest + 1]):
+        if token.is_word and not {token.text, singular(token.text)} & (vocabulary | parts):
+            word = reading.said(at, at + 1)
+            close = get_close_matches(token.text, sorted(VOCABULARY | COLOURS.keys() | parts), 1, 0.8)
+            return f"I do not understand '{word}'" + (f"; did you mean '{close[0]}'?" if close else ".")
+    if reading.farthest >= len(reading.tokens):
+        return "The command is not complete: something is missing."
+    return f"I do not understand '{reading.said(reading.farthest, reading.farthest + 1)}' here."
 
 
 def nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
     """The examples of commands that are most like the words that were said."""
     said = [token.text for token in tokens[:MOST_WORDS]]
-    examples = list(dict.fromkeys(command.example for command in COMMANDS))
 
     def likeness(example: str) -> float:
         words = example.split()
-        return len(set(words) & set(said)) / len(words) + SequenceMatcher(None, words, said).ratio()
+        telling = set(words) - FUNCTION_WORDS - {"dog"}  # all examples have these
+        alike = sum(bool(get_close_matches(word, said, 1, 0.75)) for word in telling)
+        return alike / max(len(telling), 1) + SequenceMatcher(None, words, said).ratio() / 2
 
+    examples = dict.fromkeys(command.example for command in COMMANDS)
     return tuple(sorted(examples, key=likeness, reverse=True)[:count])

@@ -1,23 +1,23 @@
-"""Phrases of edits: who, when, how much, which way. A phrase's value is what it means in a `Context`, worked out when all is read."""
+"""Phrases of edits: who, when, how much, which way. What depends on the clip is worked out in a `Context`, when all is read."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from ..errors import F4xError
 from .colour_names import COLOURS, SHADES, Colour, from_hex, shaded
 from .grammar import VOCABULARY, Mismatch, Reading, Rule, chosen, either, listed, lit, optional, sign, silent, table
 from .operations import Vector
 from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
-from .words import FRACTIONS, FUNCTION_WORDS, NO_THINGS, ONES, TENS, singular
+from .words import FRACTIONS, FUNCTION_WORDS, NO_THINGS, ONES, TENS, singular, word_set
 
 PLACES = 3
 """Decimals that numbers worked out from words keep."""
 
 
-class Refusal(F4xError):
+class Refusal(F4xError):  # noqa: N818  # nothing went wrong
     """A sentence that is not understood, or asks for what cannot be."""
 
     def __init__(self, reason: str, nearest: tuple[str, ...] = ()):
@@ -43,7 +43,9 @@ class Context:
     names: dict[str, str] = field(default_factory=dict)
     """Names of selections in lower case -> as they were given."""
     last: SelectKind | None = None
-    """The last thing named."""
+    """The last thing named: "it"."""
+    they: SelectKind | None = None
+    """All that the last command was about: "them"."""
 
     @property
     def present(self) -> int:
@@ -205,40 +207,19 @@ def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
 
 colour = chosen(_colour_at)
 GRAY: Colour = COLOURS["gray"]
-_ADJECTIVES = {
-    **{
-        stem + "er": name for name, stem in (("red", "redd"), ("green", "green"), ("blue", "blu"), ("yellow", "yellow"))
-    },
-    **{
-        "pinker": "pink",
-        "browner": "brown",
-        "whiter": "white",
-        "blacker": "black",
-        "grayer": "gray",
-        "purpler": "purple",
-    },
-    **{"oranger": "orange"},
-}
-_ISH = {
-    **{name + "ish": name for name in ("green", "yellow", "pink", "brown", "gray", "black", "orange")},
-    **{
-        "reddish": "red",
-        "bluish": "blue",
-        "blueish": "blue",
-        "whitish": "white",
-        "purplish": "purple",
-        "goldish": "gold",
-    },
-}
-colourish = table({word: COLOURS[name] for word, name in _ISH.items()})
+_REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "black", "gray")}
+_REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
+_REDDISH = {name + "ish": name for name in ("green", "yellow", "pink", "brown", "gray", "black", "orange")}
+_REDDISH |= {"reddish": "red", "bluish|blueish": "blue", "whitish": "white", "purplish": "purple", "goldish": "gold"}
+colourish = table({word: COLOURS[name] for word, name in _REDDISH.items()})
 more_colour = either(
-    table({word: COLOURS[name] for word, name in _ADJECTIVES.items()}) >> (lambda rgb: (rgb, 1)),
+    table({word: COLOURS[name] for word, name in _REDDER.items()}) >> (lambda rgb: (rgb, 1)),
     lit("more") + colour >> (lambda rgb: (rgb, 1)),
     lit("less") + colour >> (lambda rgb: (rgb, -1)),
 )
-PURE_COLOURS = frozenset(
+PURE_COLOURS = word_set(
     "red green blue yellow black white gray brown purple pink cyan magenta turquoise beige crimson maroon navy teal violet "
-    "golden scarlet burgundy khaki indigo fuchsia".split()
+    "golden scarlet burgundy khaki indigo fuchsia"
 )
 """Colour words that are no things: "delete the rose" has an object, "delete the red" has none."""
 
@@ -322,7 +303,8 @@ _first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") +
 _last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
 _onward = ~lit("on|onward|forward|and on|and onward|on out")
 _since = lit(
-    "from|after|since|as of|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|once we reach|at|in|on|when we reach"
+    "from|after|since|as of|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|at|in|on|"
+    "once we reach|when we reach"
 )
 _begin = _since + moment + _onward
 _for = lit("for|lasting") + duration
@@ -344,9 +326,8 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|the whole time|[for|during|throughout|over] the [whole|entire] [clip|video|time]|throughout|forever": Span(
-                START, None, "always"
-            )
+            "always|all the time|the whole time|[for|during|throughout|over] the [whole|entire] [clip|video|time]|"
+            "throughout|forever": Span(START, None, "always")
         }
     ),
 )
@@ -412,9 +393,7 @@ class When:
 Who = Callable[[Context], SelectKind]
 """What an object phrase means; it notes itself as the last thing named."""
 
-_DESCRIBING = frozenset(
-    "big large small tiny bright dark light fast slow quick static standing still whole little".split()
-)
+_DESCRIBING = word_set("big large small tiny bright dark light fast slow quick static standing still whole little")
 """Words of the grammar that may also stand before a noun."""
 
 
@@ -457,6 +436,15 @@ def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 yield end, f"{reading.said(at, before).lower()} {label}"
 
 
+def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """A known part of a known whole: "roof of the house"."""
+    for middle, part in _known_at(reading, at):
+        if reading.word(middle) == "of":
+            whole = middle + 1 + (reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"))
+            for end, label in _known_at(reading, whole):
+                yield end, f"{part} {reading.said(middle, whole).lower()} {label}"
+
+
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """One word that no label has."""
     word = reading.word(at)
@@ -484,7 +472,9 @@ def _strangers_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
             yield last, f"{reading.said(at, last - 1).lower()} {name}"
 
 
-_known, _modified, _stranger, _strangers = map(chosen, (_known_at, _modified_at, _stranger_at, _strangers_at))
+_known, _part, _modified, _stranger, _strangers = map(
+    chosen, (_known_at, _part_at, _modified_at, _stranger_at, _strangers_at)
+)
 _several = silent(chosen(lambda reading, at: ((end, x) for end, x in _number_at(reading, at) if x >= 2)))
 _article = lit(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|some|every|each|any|all|all (of) [the|these|those|my]|both|"
@@ -507,8 +497,8 @@ def _always(select: SelectKind) -> Callable[..., Who]:
 
 _OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones"
 _objects = lit(_OBJECTS)
-_familiar = either(_known, _modified) >> _thing
-_noun = either(_known, _modified, _stranger) >> _thing
+_familiar = either(_part, _known, _modified) >> _thing
+_noun = either(_part, _known, _modified, _stranger) >> _thing
 _bare_stranger = chosen(_bare_stranger_at) >> _thing
 _named_at_length = _article + _strangers >> _thing
 _moving = either(
@@ -551,15 +541,13 @@ _WHERE = {
     "at the (very) bottom|on the bottom": "bottom",
     "in the (very) [middle|center]|at the center": "middle",
     f"in front|in the front|at the front|[closest|nearest] to [{_viewer}]|closest|nearest": "nearest",
-    f"in the back|at the [back|rear]|in the rear|[farthest|furthest] (away) from [{_viewer}]|farthest (away)|furthest (away)": "farthest",
+    f"in the back|at the [back|rear]|in the rear|[farthest|furthest] (away) from [{_viewer}]|"
+    "farthest (away)|furthest (away)": "farthest",
 }
 _which, _where = table(_WHICH), ~lit("that is|that are|which is|which are|standing|sitting") + table(_WHERE)
 _seen_in = optional(lit("of|as of|seen in|seen at") + lit("frame") + number)
 _kind = either(
-    _moving,
-    _moving_noun,
-    _noun,
-    lit("one|ones") >> (lambda *_: lambda context: _kind_of(context.it("'one'"))),
+    _moving, _moving_noun, _noun, lit("one|ones") >> (lambda *_: lambda context: _kind_of(context.it("'one'")))
 )
 
 
@@ -568,7 +556,7 @@ def _kind_of(select: SelectKind) -> SelectKind:
     return select.of if isinstance(select, Instance) else select
 
 
-def _one_of(which: str, kind: Who, seen: float | None) -> Who:
+def _one_of(which: Any, kind: Who, seen: float | None) -> Who:
     return lambda context: Instance(kind(context), which, context.present if seen is None else _frame(seen, context))
 
 
@@ -597,12 +585,13 @@ _point = lit(
 ) + lit("at|on|under") + _place + optional(lit("in|at|of|on") + lit("frame") + number) >> (
     lambda x, y, seen: lambda context: Point(context.present if seen is None else _frame(seen, context), x, y)
 )
-_it = table(
-    {
-        "it|this|that|them|these|those|him|her|he|she|they|itself|themselves|[this|that|the] [thing|one|object]|"
-        "[these|those] [things|ones|objects]|all of [it|them|these|those]|both of [them|these|those]|it all|them [all|both]": "it"
-    }
-) >> (lambda word: lambda context: context.it(f"'{word}'"))
+_it = lit("it|this|that|him|her|he|she|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all") >> (
+    lambda: lambda context: context.it("'it'")
+)
+_they = lit(
+    "them|these|those|they|themselves|[these|those|the] [things|ones|objects]|all of [them|these|those]|them [all|both]|"
+    "both (of them|of these|of those)"
+) >> (lambda: lambda context: context.they or context.it("'they'"))
 _current = either(
     lit("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
     ~lit("the|my|our|this|these|those|all") + ~lit("the") + ~lit("currently") + lit("selected") + _objects,
@@ -637,20 +626,27 @@ _definite = (
         _named_at_length,
         _everything >> _always(All()),
         _it,
+        _they,
     )
     + _in_scene
 )
 
 
+def together(parts: Sequence[SelectKind]) -> SelectKind:
+    """Any of the parts; neighbouring labels become one `Text`."""
+    merged: list[SelectKind] = []
+    for part in parts:
+        before = merged[-1] if merged else None
+        if isinstance(part, Text) and isinstance(before, Text):
+            merged[-1] = Text(tuple(dict.fromkeys((*before.labels, *part.labels))))
+        elif part != before:
+            merged.append(part)
+    return merged[0] if len(merged) == 1 else Or(tuple(merged))
+
+
 def _all_of(singles: tuple[tuple[Who], ...]) -> Who:
     def who(context: Context) -> SelectKind:
-        parts: list[SelectKind] = []
-        for (single,) in singles:
-            part = single(context)
-            if isinstance(part, Text) and parts and isinstance(parts[-1], Text):
-                part = Text(tuple(dict.fromkeys((*parts.pop().labels, *part.labels))))  # type: ignore[union-attr]
-            parts.append(part)
-        context.last = parts[0] if len(parts) == 1 else Or(tuple(parts))
+        context.last = together([single(context) for (single,) in singles])
         return context.last
 
     return who
@@ -661,7 +657,10 @@ _single = either(_definite, _bare_stranger + _in_scene)
 _union = ~lit("both|either") + listed(_single, _and_also) >> _all_of
 known_thing = ~lit("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
-_EXCEPT = "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|not including|but (for)"
+_EXCEPT = (
+    "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|"
+    "not including|but (for)"
+)
 _besides = ~lit(",") + lit(_EXCEPT) + _union
 everything_but = _everything + _in_scene + _besides
 """What is spared in "everything except the dog": a `Who`."""
@@ -732,13 +731,18 @@ beside = table(
 )
 
 
+Unit = Literal["world", "size"]
+
+
 class Distance(NamedTuple):
     """How far, in `unit`."""
 
     value: float
-    unit: str = "size"
+    unit: Unit = "size"
 
 
+Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...]
+"""(distance said before, direction, distance said behind) of each step of a way."""
 _body = lit("size|sizes|width|widths|body width|body widths|height|length|lengths|body length|body lengths")
 distance = either(
     degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
@@ -760,23 +764,23 @@ steps = either(
     beside >> (lambda way: ((None, way, None),)),
     distance + listed(_step, lit("and")) >> (lambda far, ways: (*ways[:-1], (*ways[-1][:2], far))),
 )
-"""Steps of a way, "a bit to the left and up by 2 widths": (distance before, direction, distance behind) of each."""
+"""`Steps` of "a bit to the left and up by 2 widths"."""
 
 
-def displacement(ways: tuple[tuple[Any, ...], ...], far: Distance | None, default: float) -> dict[str, Any]:
-    """Vector, unit and axes of the sum of steps, each by its own distance, else the last's, else `far`, else the default."""
-    shared = ways[-1][2] or far or Distance(default)
+def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vector, Unit]:
+    """The sum of steps along the camera's axes, and its unit; each by its own distance, the last's, `far` or the default."""
+    shared = way[-1][2] or far or Distance(default)
     vector, units = [0.0, 0.0, 0.0], set()
-    for before, way, behind in ways:
+    for before, signs, behind in way:
         one = before or behind or shared
         units.add(one.unit)
-        for axis, sign in enumerate(way):
-            if sign and vector[axis]:
+        for axis, step in enumerate(signs):
+            if step and vector[axis]:
                 raise Refusal("Two of the directions are on one line; say one of them.")
-            vector[axis] += sign * one.value
+            vector[axis] += step * one.value
     if len(units) > 1:
         raise Refusal("One distance is in sizes and another in units of the world; use one of them.")
-    return {"vector": (vector[0], vector[1], vector[2]), "unit": units.pop(), "axes": "camera"}
+    return (vector[0], vector[1], vector[2]), units.pop()
 
 
 # What it is called ---------------------------------------------------------------------------------------------------

@@ -4,67 +4,62 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-SPELLING = {
-    **dict.fromkeys(("teh", "hte", "th", "te", "tha", "da", "ze", "tehe", "thee", "thr", "tthe"), "the"),
-    **dict.fromkeys(("adn", "nad", "annd", "&"), "and"),
-    **dict.fromkeys(("pls", "plz", "plese", "pleas"), "please"),
-    **{
-        "colour": "color",
-        "colours": "colors",
-        "coloured": "colored",
-        "colouring": "coloring",
-        "colourless": "colorless",
-    },
-    **{"recolour": "recolor", "recoloured": "recolored", "recolouring": "recoloring", "decolour": "decolor"},
-    **{"grey": "gray", "greys": "grays", "greyscale": "grayscale", "greyish": "grayish", "greyer": "grayer"},
-    **{"centre": "center", "towards": "toward", "till": "until", "til": "until", "onwards": "onward", "ok": "okay"},
-    **{"leftwards": "leftward", "rightwards": "rightward", "upwards": "upward", "downwards": "downward"},
-    **{"backwards": "backward", "forwards": "forward", "afterwards": "afterward", "outta": "out", "wanna": "want"},
-    **{"colur": "color", "coulor": "color", "gonna": "going", "gimme": "give", "lemme": "let", "metre": "meter"},
-    **{"desaturise": "desaturate", "colourise": "colorize", "colourize": "colorize", "colorise": "colorize"},
-    **{"greyed": "grayed", "neighbour": "neighbor"},
-}
+
+def word_set(text: str) -> frozenset[str]:
+    """The words of a text."""
+    return frozenset(text.split())
+
+
+def _table(text: str) -> dict[str, str]:
+    """First word -> the others, of entries with commas between."""
+    return dict(entry.strip().split(" ", 1) for entry in text.split(","))  # type: ignore[misc]  # each has two parts
+
+
+SPELLING = _table(
+    "teh the, hte the, th the, te the, tha the, da the, ze the, tehe the, thee the, thr the, tthe the, adn and, "
+    "nad and, annd and, & and, pls please, plz please, plese please, pleas please, colour color, colours colors, "
+    "coloured colored, colouring coloring, colourless colorless, recolour recolor, recoloured recolored, "
+    "recolouring recoloring, decolour decolor, grey gray, greys grays, greyscale grayscale, greyish grayish, "
+    "greyer grayer, centre center, towards toward, till until, til until, onwards onward, ok okay, leftwards leftward, "
+    "rightwards rightward, upwards upward, downwards downward, backwards backward, forwards forward, "
+    "afterwards afterward, outta out, wanna want, colur color, coulor color, gonna going, gimme give, lemme let, "
+    "metre meter, desaturise desaturate, colourise colorize, colourize colorize, colorise colorize, greyed grayed, "
+    "neighbour neighbor"
+)
 """Common slips and British spelling -> the spelling that the grammar uses."""
 
 CONTRACTIONS = {
-    **{"let's": ("let", "us"), "it's": ("it", "is"), "that's": ("that", "is"), "what's": ("what", "is")},
-    **{"where's": ("where", "is"), "who's": ("who", "is"), "there's": ("there", "is"), "here's": ("here", "is")},
-    **{
-        "i'd": ("i", "would"),
-        "we'd": ("we", "would"),
-        "i'm": ("i", "am"),
-        "i'll": ("i", "will"),
-        "we'll": ("we", "will"),
-    },
-    **{"you'd": ("you", "would"), "they're": ("they", "are"), "we're": ("we", "are"), "i've": ("i", "have")},
-    **{"can't": ("can", "not"), "cannot": ("can", "not"), "won't": ("will", "not"), "shan't": ("shall", "not")},
-    **{word + "n't": (word, "not") for word in ("do", "does", "did", "is", "are", "should", "would", "could", "must")},
-}
+    short: tuple(long.split())
+    for short, long in _table(
+        "let's let us, it's it is, that's that is, what's what is, where's where is, who's who is, there's there is, "
+        "here's here is, i'd i would, we'd we would, i'm i am, i'll i will, we'll we will, you'd you would, "
+        "they're they are, we're we are, i've i have, can't can not, won't will not, shan't shall not"
+    ).items()
+} | {word + "n't": (word, "not") for word in ("do", "does", "did", "is", "are", "should", "would", "could", "must")}
 """Words with an apostrophe that stand for two; any other `'s` is possessive."""
 
 _ONES = (
     "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "
     "eighteen nineteen"
-).split()
-ONES = {word: i for i, word in enumerate(_ONES)}
-TENS = {word: 10 * i for i, word in enumerate("twenty thirty forty fifty sixty seventy eighty ninety".split(), start=2)}
+)
+_TENS = "twenty thirty forty fifty sixty seventy eighty ninety"
+ONES = {word: i for i, word in enumerate(_ONES.split())}
+TENS = {word: 10 * i for i, word in enumerate(_TENS.split(), start=2)}
 FRACTIONS = {"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4, "fifth": 1 / 5, "tenth": 1 / 10}
 
-PLURALS = {
-    **{"people": "person", "persons": "person", "men": "man", "women": "woman", "children": "child", "kids": "kid"},
-    **{"feet": "foot", "teeth": "tooth", "geese": "goose", "mice": "mouse", "oxen": "ox", "policemen": "policeman"},
-    **{"leaves": "leaf", "wolves": "wolf", "knives": "knife", "shelves": "shelf", "loaves": "loaf", "calves": "calf"},
-    **{"scarves": "scarf", "halves": "half", "lives": "life", "wives": "wife", "thieves": "thief", "hooves": "hoof"},
-    **{"potatoes": "potato", "tomatoes": "tomato", "heroes": "hero", "shoes": "shoe", "canoes": "canoe", "toes": "toe"},
-    **{"buses": "bus", "lenses": "lens", "vases": "vase", "horses": "horse", "houses": "house", "roses": "rose"},
-    **{"noses": "nose", "hoses": "hose", "cases": "case", "suitcases": "suitcase", "blouses": "blouse", "axes": "axe"},
-    **{"movies": "movie", "cookies": "cookie", "pies": "pie", "ties": "tie", "zombies": "zombie", "selfies": "selfie"},
-    **{"caches": "cache", "aches": "ache", "mustaches": "mustache", "purses": "purse", "nurses": "nurse"},
-}
+PLURALS = _table(
+    "people person, persons person, men man, women woman, children child, kids kid, feet foot, teeth tooth, "
+    "geese goose, mice mouse, oxen ox, policemen policeman, leaves leaf, wolves wolf, knives knife, shelves shelf, "
+    "loaves loaf, calves calf, scarves scarf, halves half, lives life, wives wife, thieves thief, hooves hoof, "
+    "potatoes potato, tomatoes tomato, heroes hero, shoes shoe, canoes canoe, toes toe, buses bus, lenses lens, "
+    "vases vase, horses horse, houses house, roses rose, noses nose, hoses hose, cases case, suitcases suitcase, "
+    "blouses blouse, axes axe, movies movie, cookies cookie, pies pie, ties tie, zombies zombie, selfies selfie, "
+    "caches cache, aches ache, mustaches mustache, purses purse, nurses nurse"
+)
 """Plurals that no rule gives."""
-SINGULARS = frozenset(
+SINGULARS = word_set(
     "trousers clothes stairs jeans shorts pants scissors glasses sunglasses headphones goggles tights lens series species "
-    "news bus gas canvas christmas iris".split()
+    "news bus gas canvas christmas iris"
 )
 """Words in s that stay as they are."""
 
@@ -82,21 +77,18 @@ def singular(word: str) -> str:
     return word[:-1]
 
 
-_FORMS = {
-    **{"make": "making made", "take": "taking taken", "give": "giving given", "hide": "hiding hidden"},
-    **{"freeze": "freezing frozen", "show": "showing shown", "keep": "keeping kept", "hold": "holding held"},
-    **{"put": "putting put", "cut": "cutting cut", "set": "setting set", "let": "letting let", "get": "getting got"},
-    **{"lose": "losing lost", "bring": "bringing brought", "slide": "sliding slid", "spin": "spinning spun"},
-    **{"shrink": "shrinking shrunk", "grow": "growing grown", "run": "running run", "leave": "leaving left"},
-    **{"blow": "blowing blown", "throw": "throwing thrown", "rise": "rising risen", "stand": "standing stood"},
-    **{"dye": "dyeing dyed", "see": "seeing seen", "have": "having had", "go": "going gone", "fly": "flying flown"},
-    **{"swim": "swimming swum", "drive": "driving driven", "wipe": "wiping wiped", "rewind": "rewinding rewound"},
-    **{"tie": "tying tied", "lie": "lying lain", "send": "sending sent", "fall": "falling fallen"},
-}
+_FORMS = _table(
+    "make making made, take taking taken, give giving given, hide hiding hidden, freeze freezing frozen, "
+    "show showing shown, keep keeping kept, hold holding held, put putting put, cut cutting cut, set setting set, "
+    "let letting let, get getting got, lose losing lost, bring bringing brought, slide sliding slid, "
+    "spin spinning spun, shrink shrinking shrunk, grow growing grown, run running run, leave leaving left, "
+    "blow blowing blown, throw throwing thrown, rise rising risen, stand standing stood, dye dyeing dyed, "
+    "see seeing seen, have having had, go going gone, fly flying flown, swim swimming swum, drive driving driven, "
+    "wipe wiping wiped, rewind rewinding rewound, tie tying tied, lie lying lain, send sending sent, "
+    "fall falling fallen"
+)
 """Verb -> "-ing" form and participle, where the rules do not give them."""
-_DOUBLED = frozenset("stop drop flip trim scrap chop drag tag dim nudge tip strip swap wrap spin cut".split()) - {
-    "nudge"
-}
+_DOUBLED = word_set("stop drop flip trim scrap chop drag tag dim tip strip swap wrap")
 
 
 def forms(verb: str) -> tuple[str, str]:
@@ -122,16 +114,16 @@ def inflected(verbs: str, which: int) -> Iterator[str]:
             yield " ".join([form, *rest])
 
 
-NO_THINGS = frozenset(
+NO_THINGS = word_set(
     "file files folder directory disk drive database system password prompt instruction instructions rule rules code "
     "script program command commands server computer software user account data edit edits change changes history step "
     "sound sounds audio music song voice noise text word words sentence subtitle caption title camera lens zoom view "
     "viewpoint angle frame frames second seconds minute minutes time speed size width height length color colors hue "
     "brightness opacity transparency saturation contrast job world universe internet something nothing anything nobody "
-    "somebody someone anyone way lot bit kind sort fun problem idea question answer life love nonsense stuff".split()
+    "somebody someone anyone way lot bit kind sort fun problem idea question answer life love nonsense stuff"
 )
 """Nouns that name nothing one can see in a scene."""
-FUNCTION_WORDS = frozenset(
+FUNCTION_WORDS = word_set(
     "a an the and or but nor so if when while because unless whether though although as than that which who whom whose "
     "what where why how is are was were be been being am do does did done doing have has had having will would shall "
     "should can could may might must ought not no never none i you we he she they me him us them my your our his her its "
@@ -140,6 +132,6 @@ FUNCTION_WORDS = frozenset(
     "away back left right upon near next again also too very really quite rather just only even still already yet ever "
     "always almost maybe perhaps please some any every each all both either neither more most less least much many few "
     "several other another same such own else then now later before after until since during within once twice thrice "
-    "let us s t forget ignore pretend disregard except yes sure hello hi hey thanks sorry".split()
+    "let us s t forget ignore pretend disregard except yes sure hello hi hey thanks sorry"
 )
 """Words that bind others; none is part of a thing's name."""

@@ -1,0 +1,264 @@
+"""Operations in plain English, for histories, dry runs and panels; where the language has it, as `language.parse` reads it."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+
+from .colour_names import COLOURS, Colour, name_of
+from .commands import MORE_COLOUR, SHOWN
+from .operations import (
+    Delete,
+    Duplicate,
+    Extract,
+    Freeze,
+    Loop,
+    Match,
+    Name,
+    Opacity,
+    Operation,
+    Recolour,
+    Retime,
+    Reverse,
+    Style,
+    Transform,
+    Vector,
+)
+from .phrases import PLACES
+from .selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
+
+_WHICH = {"largest": "biggest"}
+_AXES = (("to the left", "to the right"), ("up", "down"), ("forward", "back"))
+"""Along the camera's axes: what a negative and a positive step is called."""
+_MORE_OR_LESS = {
+    1.5: "{more}",
+    0.67: "{less}",
+    1.2: "a bit {more}",
+    0.83: "a bit {less}",
+    2.0: "twice as {plain}",
+    0.5: "half as {plain}",
+}
+_BASIC = ("red", "green", "blue", "yellow", "orange", "purple", "pink", "cyan", "brown", "white", "black")
+
+
+def describe(operation: Operation) -> str:
+    """One line, for example "make the dog red from frame 20 on"."""
+    return _told(operation)
+
+
+@singledispatch
+def _told(operation: Operation) -> str:
+    raise TypeError(f"{type(operation).__name__} is no operation")
+
+
+@_told.register
+def _(operation: Recolour) -> str:
+    who, rgb = whom(operation.select), operation.rgb
+    strong = {1.0: "", 0.5: "a bit "}.get(operation.strength, f"{100 * operation.strength:g} % ")
+    if operation.mode == "hue":
+        told = (
+            f"make {who} {strong}black and white"
+            if set(rgb) == {0.5}
+            else f"shift the hue of {who} {strong}to {_colour(rgb)}"
+        )
+    elif operation.mode == "multiply":
+        told = (
+            f"make {who} {_times(rgb[0], 'bright', 'brighter', 'darker')}"
+            if len(set(rgb)) == 1
+            else f"multiply the color of {who} by {_numbers(rgb)}"
+        )
+    elif operation.mode == "add":
+        told = f"make {who} {more}" if (more := _more(rgb)) else f"add {_numbers(rgb)} to the color of {who}"
+    else:
+        told = f"make {who} {strong}{'' if operation.keep_luminance else 'solid '}{_colour(rgb)}"
+    return told + _span(operation.frames)
+
+
+@_told.register
+def _(operation: Opacity) -> str:
+    who, factor = whom(operation.select), operation.factor
+    if factor == SHOWN:
+        told = f"show {who} again"
+    elif factor > 1:
+        told = f"increase the opacity of {who} by {_percent(factor - 1)}"
+    else:
+        told = f"give {who} {_percent(factor)} opacity" if factor else f"hide {who}"
+    return told + _span(operation.frames)
+
+
+@_told.register
+def _(operation: Delete) -> str:
+    return f"remove {whom(operation.select)}" + _span(operation.frames)
+
+
+@_told.register
+def _(operation: Extract) -> str:
+    return f"keep only {whom(operation.select)}" + _span(operation.frames)
+
+
+@_told.register
+def _(operation: Transform) -> str:
+    who, parts = whom(operation.select), []
+    if any(operation.translate):
+        parts.append(f"move {who} {_way(operation.translate, operation.unit, operation.axes)}")
+    if any(operation.rotate):
+        parts.append(_turn(who, operation.rotate, operation.axes))
+    if operation.scale != 1 or not parts:
+        size = _times(operation.scale, "big", "bigger", "smaller") if operation.scale in _MORE_OR_LESS else ""
+        parts.append(
+            (f"make {who} {size}" if size else f"scale {who} by {operation.scale:g}") + _about(operation.pivot)
+        )
+    if operation.frames and operation.ease == "step":
+        return " and ".join(parts) + f" at frame {operation.frames[0]:g}"
+    eased = " evenly" if operation.frames and operation.ease == "linear" else ""
+    return " and ".join(parts) + _span(operation.frames, "to the end") + eased
+
+
+@_told.register
+def _(operation: Duplicate) -> str:
+    told = f"copy {whom(operation.select)}" + (f" {operation.count} times" if operation.count > 1 else "")
+    if any(operation.offset):
+        told += f" {_way(operation.offset, operation.unit, operation.axes)}"
+    if operation.time_shift:
+        told += f" {abs(operation.time_shift):g} frames {'later' if operation.time_shift > 0 else 'earlier'}"
+    return told + (f", called {operation.name}" if operation.name else "")
+
+
+@_told.register
+def _(operation: Freeze) -> str:
+    until = "" if operation.until is None else f" to frame {operation.until:g}"
+    return f"freeze {whom(operation.select)} {'from' if until else 'at'} frame {operation.at:g}{until}"
+
+
+@_told.register
+def _(operation: Retime) -> str:
+    speeds = {2.0: "twice as fast", 0.5: "at half speed"}
+    pace = speeds.get(operation.speed, f"at {_percent(operation.speed)} speed")
+    return f"play {whom(operation.select)} {pace}" + _span(operation.frames)
+
+
+@_told.register
+def _(operation: Reverse) -> str:
+    return f"play {whom(operation.select)} backwards" + _span(operation.frames)
+
+
+@_told.register
+def _(operation: Loop) -> str:
+    return f"loop {whom(operation.select)}" + _span(operation.frames, "to the end")
+
+
+@_told.register
+def _(operation: Style) -> str:
+    return f"make {whom(operation.select)} look {_slightly(operation.strength)}like {operation.look}" + _span(
+        operation.frames
+    )
+
+
+@_told.register
+def _(operation: Match) -> str:
+    who, source = whom(operation.select), whom(operation.source)
+    return f"match {who} {_slightly(operation.strength)}to {source}" + _span(operation.frames)
+
+
+@_told.register
+def _(operation: Name) -> str:
+    return f'call {whom(operation.select)} "{operation.name}"'
+
+
+def whom(select: SelectKind) -> str:
+    """A selection in words."""
+    if isinstance(select, Text):
+        return " and ".join(f"the {label}" for label in select.labels)
+    if isinstance(select, Instance):
+        kind = "moving thing" if isinstance(select.of, Moving) else whom(select.of).removeprefix("the ")
+        return f"the {_WHICH.get(select.which, select.which)} {kind} of frame {select.frame}"
+    if isinstance(select, Point):
+        return f"the thing at {select.x:g}, {select.y:g} in frame {select.frame}"
+    if isinstance(select, Box):
+        return f"the thing in the box {_numbers(select.box)} of frame {select.frame}"
+    if isinstance(select, Or):
+        return " and ".join(map(whom, select.of))
+    if isinstance(select, And):
+        return _both(select)
+    if isinstance(select, Not):
+        return "the background" if isinstance(select.of, Moving) else f"everything except {whom(select.of)}"
+    if isinstance(select, Named):
+        return select.name
+    if isinstance(select, Ids):
+        return f"{len(select.array)} Gaussians"
+    return {All: "everything", Moving: "what moves", Current: "the selection"}[type(select)]
+
+
+def _both(select: And) -> str:
+    told = [whom(part) for part in select.of if not isinstance(part, Not)]
+    left_out = [whom(part.of) for part in select.of if isinstance(part, Not)]
+    if len(told) == 2 and isinstance(select.of[1], Moving):
+        told = [f"the moving {told[0].removeprefix('the ')}"]
+    return " that is also ".join(told or ["everything"]) + "".join(f" but not {part}" for part in left_out)
+
+
+def _span(frames: tuple[float, float | None] | None, open_end: str = "on") -> str:
+    if frames is None:
+        return ""
+    start, end = frames
+    return f" from frame {start:g} " + (open_end if end is None else f"to frame {end:g}")
+
+
+def _colour(rgb: Colour) -> str:
+    bytes_ = [round(255 * c) for c in rgb]
+    exact = tuple(round(byte / 255, PLACES) for byte in bytes_) == tuple(round(c, PLACES) for c in rgb)
+    return name_of(rgb) or ("#" + "".join(f"{byte:02x}" for byte in bytes_) if exact else f"rgb {_numbers(rgb)}")
+
+
+def _more(rgb: Vector) -> str:
+    """ "more red" for what it adds; nothing when it is no basic colour."""
+    for word, sign in (("more", 1), ("less", -1)):
+        for name in _BASIC:
+            if rgb == tuple(round(sign * MORE_COLOUR * (c - 0.5), PLACES) for c in COLOURS[name]):
+                return f"{word} {name}"
+    return ""
+
+
+def _times(factor: float, plain: str, more: str, less: str) -> str:
+    if factor in _MORE_OR_LESS:
+        return _MORE_OR_LESS[factor].format(plain=plain, more=more, less=less)
+    return f"{_percent(factor - 1)} {more}" if factor >= 1 else f"{_percent(1 - factor)} {less}"
+
+
+def _percent(share: float) -> str:
+    return f"{round(100 * share, PLACES):g} %"
+
+
+def _slightly(strength: float) -> str:
+    return {1.0: "", 0.5: "a bit "}.get(strength, f"{_percent(strength)} ")
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _way(vector: Vector, unit: str, axes: str) -> str:
+    measure = "unit" if unit == "world" else "size"
+    if axes == "world":
+        return f"by ({_numbers(vector)}) {measure}s along the world's axes"
+    steps = [(abs(x), _AXES[axis][x > 0]) for axis, x in enumerate(vector) if x]
+    return " and ".join(f"by {far:g} {measure}{'' if far == 1 else 's'} {way}" for far, way in steps)
+
+
+def _turn(who: str, rotate: Vector, axes: str) -> str:
+    x, y, z = rotate
+    side = "left" if y < 0 or z < 0 else "right"
+    if axes == "camera" and (x, y, z) == (0, 0, 180):
+        return f"turn {who} upside down"
+    if axes == "camera" and y and not x and not z:
+        return f"rotate {who} by {abs(y):g} degrees to the {side}"
+    if axes == "camera" and z and not x and not y:
+        return f"tilt {who} by {abs(z):g} degrees to the {side}"
+    return f"rotate {who} by ({_numbers(rotate)}) degrees about the {axes}'s axes"
+
+
+def _about(pivot: str | Vector) -> str:
+    return (
+        {"base": "", "centroid": " about its middle"}.get(pivot, "")
+        if isinstance(pivot, str)
+        else f" about ({_numbers(pivot)})"
+    )

@@ -1,0 +1,175 @@
+"""Sentences to operations: a table of phrases that was written before the parser, properties of any text, and back to words."""
+
+import json
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from f4x_core.edit import looks
+from f4x_core.edit.colour_names import COLOURS
+from f4x_core.edit.commands import COMMANDS, SHOWN
+from f4x_core.edit.grammar import VOCABULARY
+from f4x_core.edit.language import LONGEST, Refusal, describe, parse
+from f4x_core.edit.operations import Delete, Freeze, Recolour, Transform, read_operation
+from f4x_core.edit.selects import Current, Not, Text
+from f4x_core.errors import F4xError
+
+TABLE = json.loads(Path(__file__).with_name("phrases.json").read_text())
+PHRASES = TABLE["phrases"]
+WANTED = 0.95
+CLIP = {"fps": 10, "frames": 60, "frame": 12}
+DOG = Text(("dog",))
+
+
+def say(sentence, *, selected=False, labels=TABLE["labels"], names=TABLE["names"], **clip):
+    return parse(sentence, labels=labels, names=names, selected=selected, **CLIP | clip)
+
+
+def wanted(phrase):
+    return tuple(read_operation(operation, phrase["say"]) for operation in phrase.get("ops", ()))
+
+
+def understood(phrase):
+    """The operations, () for a refusal."""
+    try:
+        return say(phrase["say"], selected=phrase.get("selected", False))
+    except Refusal:
+        return ()
+
+
+def test_the_table_is_understood():
+    wrong = [phrase["say"] for phrase in PHRASES if "ops" in phrase and understood(phrase) != wanted(phrase)]
+    asked = sum("ops" in phrase for phrase in PHRASES)
+    print(f"{asked - len(wrong)} of {asked} phrases right; wrong: {wrong}")
+    assert asked >= 300
+    assert len(wrong) <= (1 - WANTED) * asked
+
+
+def test_nothing_is_done_where_it_should_be_refused():
+    refused = [phrase for phrase in PHRASES if "refuse" in phrase]
+    assert len(refused) >= 40
+    assert {phrase["say"]: understood(phrase) for phrase in refused if understood(phrase)} == {}
+
+
+def test_a_refusal_names_the_word_and_offers_commands():
+    with pytest.raises(Refusal, match="'bark'") as told:
+        say("make the dog bark")
+    assert len(told.value.nearest) == 3
+    assert all(say(example, labels=("dog", "car", "house")) for example in told.value.nearest)
+    assert isinstance(told.value, F4xError)
+    with pytest.raises(Refusal, match="did you mean 'delete'"):
+        say("delte the dog")
+
+
+@pytest.mark.parametrize("example", sorted({command.example for command in COMMANDS}))
+def test_every_example_is_understood(example):
+    assert say(example)
+
+
+@pytest.mark.parametrize("number", range(len(PHRASES)))
+def test_words_of_an_operation_mean_it(number):
+    for operation in wanted(PHRASES[number]):
+        if (
+            isinstance(operation, Delete)
+            and isinstance(operation.select, Not)
+            and describe(operation) != "remove the background"
+        ):
+            continue  # "everything except" is an extraction, and "else" needs a sentence before it
+        names = ["rex", "fido"]
+        (again,) = say(describe(operation), selected=True, names=names)
+        assert again == operation, describe(operation)
+
+
+def test_words_that_are_no_sentence_are_still_words():
+    told = describe(
+        Transform(Current(), translate=(1, 2, 3), rotate=(0, 0, 5), pivot=(0, 0, 1), frames=(0, 3), ease="linear")
+    )
+    assert told == (
+        "move the selection by (1, 2, 3) units along the world's axes and rotate the selection by (0, 0, 5) degrees"
+        " about the world's axes from frame 0 to frame 3 evenly"
+    )
+    assert describe(Recolour(DOG, (0.1234, 0, 0))) == "make the dog solid rgb 0.1234, 0, 0"
+
+
+def test_it_is_the_last_thing_named_then_what_is_selected():
+    assert say("make it red", selected=True)[0].select == Current()
+    assert say("hide the cat and delete it", selected=True)[1].select == Text(("cat",))
+    assert say("make the dog red and the cat blue, then delete them")[2].select == Text(("dog", "cat"))
+    with pytest.raises(Refusal, match="named or selected"):
+        say("make it red")
+
+
+def test_a_time_in_front_holds_until_the_next_sentence():
+    first, second, third = say("from second 2 make the dog red and hide the cat. Delete the car")
+    assert first.frames == second.frames == (20, None)
+    assert third.frames is None
+
+
+def test_times_outside_the_clip_are_refused():
+    assert say("make the dog red from second 4 to 6")[0].frames == (40, 59)  # the instant at which the clip ends
+    for late in ("from second 6", "at frame 60", "until frame 61", "in the last 7 seconds"):
+        with pytest.raises(Refusal, match="outside the clip"):
+            say(f"make the dog red {late}")
+
+
+def test_a_freeze_without_time_is_now():
+    assert say("freeze the dog", frame=33.5) == (Freeze(DOG, at=33.5),)
+
+
+def test_without_labels_any_noun_is_a_thing():
+    assert say("make the zebra red", labels=())[0].select == Text(("zebra",))
+    assert say("hide zebras and lions", labels=())[0].select == Text(("zebra", "lion"))
+
+
+def test_labels_are_found_as_they_are_spelled():
+    assert say("hide the fire-hydrants", labels=("Fire Hydrant",))[0].select == Text(("Fire Hydrant",))
+    assert say("hide the GRAY wolves", labels=("grey wolf",))[0].select == Text(("grey wolf",))
+
+
+def test_lexicons_agree_with_the_other_rooms():
+    assert COLOURS["rebeccapurple"] == (0.4, 0.2, 0.6)
+    assert len(COLOURS) > 148
+    for look in looks.LOOKS:
+        assert say(f"make the dog look like {look}")[0].look == look
+    assert say("show the dog again")[0].factor == SHOWN
+
+
+WORDS = st.sampled_from(
+    sorted(VOCABULARY | {"dog", "cat", "red", "7", "0.5", "#ff0000", "rex", "it", ",", ".", "?", '"', "'s"})
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.one_of(st.text(max_size=200), st.lists(WORDS, max_size=30).map(" ".join)), st.booleans())
+def test_any_text_gives_operations_or_a_refusal(text, selected):
+    try:
+        operations = say(text, selected=selected)
+    except Refusal as refusal:
+        assert refusal.reason
+    else:
+        assert operations
+        assert all(read_operation(json.loads(json.dumps(o.to_json()))) == o for o in operations)
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        "make the dog red and ",
+        "and ",
+        "remove the dog and the cat, ",
+        "left and up and ",
+        "x",
+        "\n",
+        "from second 2 to 4 ",
+    ],
+)
+def test_long_texts_take_bounded_time(part):
+    for length in (LONGEST // 3, LONGEST, 10_000):
+        text, start = (part * length)[:length], time.perf_counter()
+        with suppress(Refusal):
+            say(text)
+        assert time.perf_counter() - start < 1.0
