@@ -23,6 +23,11 @@ def told(info: dict[str, Any]) -> dict[str, str]:
     metrics, made = info["metrics"], info["provenance"]
     quality = {"used_psnr": "used frames", "held_out_psnr": "held-out frames"}
     measured = [f"{metrics[name]:.2f} dB ({title})" for name, title in quality.items() if name in metrics]
+    after = ""
+    if "edited" in info:
+        after = ", after which there are {gaussians:,} Gaussians: {copies:,} copies, {gone:,} gone".format(
+            **info["edited"]
+        )
     return {
         "name": info["name"],
         "frames": f"{info['frames']}, {info['held_out']} of them held out",
@@ -32,7 +37,7 @@ def told(info: dict[str, Any]) -> dict[str, str]:
         "nodes": f"{info['nodes']:,}",
         "memory": f"{sum(parts.values()):.1f} MB: {by_part}",
         "PSNR": ", ".join(measured) or "not measured",
-        "edits": str(info["edits"]),
+        "edits": f"{info['edits']}{after}",
         "source": made.get("source", "unknown"),
         "made by": f"Feature4X {made['feature4x']}" if "feature4x" in made else "unknown",
     }

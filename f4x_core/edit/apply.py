@@ -135,6 +135,16 @@ class EditedScene(Scene):
         """(N,D) float32 latents of the feature field, in the order of `posed`; a copy has those of its original."""
         return super().latents()[self.rows.origin]
 
+    def info(self) -> dict[str, Any]:
+        """As of the base, and under `edited` what the edits make of it."""
+        there = len(super().ids)
+        told = {
+            "gaussians": int((~self.rows.gone).sum()),
+            "copies": len(self.ids) - there,
+            "gone": int(self.rows.gone.sum()),
+        }
+        return {**super().info(), "edited": told}
+
     @property
     def steps(self) -> tuple[Step, ...]:
         """The edits that do something."""

@@ -1,0 +1,136 @@
+"""The verbs around edits, as a person runs them: files in, one sentence when something is wrong."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+from labelled_scene import labelled_scene
+from random_scene import random_scene
+
+from f4x_core.cli.main import main
+from f4x_core.edit.stack import EditStack, read_stack, write_stack
+from f4x_core.scene import read_scene, write_scene
+
+OPERATIONS = [
+    {"op": "recolour", "select": {"by": "moving"}, "rgb": [0, 1, 0]},
+    {"op": "duplicate", "select": {"by": "moving"}, "offset": [0.3, 0, 0], "name": "twin"},
+    {"op": "delete", "select": {"by": "named", "name": "twin"}, "frames": [3, None]},
+]
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "a.f4x"
+    write_scene(labelled_scene(), path)
+    return path
+
+
+@pytest.fixture
+def operations(tmp_path):
+    path = tmp_path / "ops.json"
+    path.write_text(json.dumps(OPERATIONS))
+    return path
+
+
+def f4x(capsys, *arguments):
+    """(exit code, JSON) of a command."""
+    code = main([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def sha(path):
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_edit_history_undo_redo_and_the_same_bytes_again(scene, operations, capsys):
+    before = sha(scene)
+    code, told = f4x(capsys, "edit", scene, "--ops", operations)
+    assert code == 0 and [edit["id"] for edit in told["edits"]] == [1, 2, 3] and told["gaussians"] == [81, 81, 81]
+    assert told["edits"][1]["first_id"] == labelled_scene().next_id
+    code, told = f4x(capsys, "history", scene)
+    assert [edit["op"] for edit in told["edits"]] == ["recolour", "duplicate", "delete"] and told["undone"] == []
+    assert f4x(capsys, "undo", scene, "--count", 2) == (0, {"edits": 1, "undone": 2})
+    assert f4x(capsys, "redo", scene) == (0, {"edits": 2, "undone": 1})
+    assert f4x(capsys, "undo", scene, "--count", 2) == (0, {"edits": 0, "undone": 3})
+    write_stack(scene, EditStack())
+    assert sha(scene) == before
+
+
+def test_a_dry_run_and_another_file_leave_the_scene_alone(scene, operations, capsys, tmp_path):
+    before = sha(scene)
+    code, told = f4x(capsys, "edit", scene, "--ops", operations, "--dry-run")
+    assert code == 0 and told["output"] is None and len(told["edits"]) == 3 and sha(scene) == before
+    code, told = f4x(capsys, "edit", scene, "--ops", operations, "-o", tmp_path / "b.f4x")
+    assert code == 0 and sha(scene) == before and len(read_stack(tmp_path / "b.f4x")) == 3
+    np.testing.assert_array_equal(read_scene(tmp_path / "b.f4x").static.xyz, read_scene(scene).static.xyz)
+
+
+def test_words_are_looked_up_once(scene, capsys, tmp_path):
+    (tmp_path / "o.json").write_text(
+        json.dumps({"op": "delete", "select": {"by": "text", "labels": ["square"], "negatives": ["wall"]}})
+    )
+    code, told = f4x(capsys, "edit", scene, "--ops", tmp_path / "o.json")
+    assert code == 0 and told["edits"][0]["select"]["by"] == "ids" and told["gaussians"] == [81]
+
+
+def test_every_verb_sees_the_edits_unless_told_otherwise(scene, operations, capsys, tmp_path):
+    f4x(capsys, "edit", scene, "--ops", operations)
+    for name, more, count in (("with", (), 2), ("without", ("--without-edits",), 1)):
+        code, told = f4x(capsys, "query", scene, "--text", "square", *more)
+        assert code == 0 and told["chosen"] == 81 * count
+        out = tmp_path / f"{name}.ply"
+        assert f4x(capsys, "export", scene, "--time", 0, "-o", out, *more)[0] == 0
+        assert out.exists()
+        code, told = f4x(capsys, "info", scene, *more)
+        assert code == 0 and ("edited" in told) == (name == "with")
+    assert (tmp_path / "with.ply").stat().st_size > (tmp_path / "without.ply").stat().st_size
+    assert f4x(capsys, "render", scene, "--path", "frozen:0", "-o", tmp_path / "r")[0] == 0
+    assert f4x(capsys, "render", scene, "--path", "frozen:0", "-o", tmp_path / "s", "--without-edits")[0] == 0
+    a, b = (next((tmp_path / name / "rgb").glob("*.png")).read_bytes() for name in ("r", "s"))
+    assert a != b
+
+
+def test_bake(scene, operations, capsys, tmp_path):
+    operations.write_text(json.dumps(OPERATIONS[:2]))
+    assert f4x(capsys, "bake", scene, "-o", tmp_path / "no.f4x")[0] == 2
+    f4x(capsys, "edit", scene, "--ops", operations)
+    code, told = f4x(capsys, "bake", scene, "-o", tmp_path / "b.f4x")
+    assert code == 0 and (told["folded"], told["left"], told["dynamic"]) == (2, 0, 162)
+    assert len(read_scene(tmp_path / "b.f4x").dynamic) == 162
+    operations.write_text(json.dumps(OPERATIONS[2:]))
+    f4x(capsys, "edit", scene, "--ops", operations)
+    assert main(["bake", str(scene), "-o", str(tmp_path / "c.f4x")]) == 0
+    assert "these stay in the stack: delete" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{", "not JSON"),
+        ("[]", "no operation"),
+        ('[{"op": "explode"}]', "operation 1: 'explode' is no op"),
+        ('[{"op": "delete", "select": {"by": "moving"}}, 7]', "operation 2: 7 is no JSON object"),
+        ('[{"op": "delete", "select": {"by": "named", "name": "rex"}}]', "named 'rex'"),
+        ('[{"op": "delete", "select": {"by": "moving"}, "frames": [90, null]}]', "90"),
+        ("[" * 100000, "not JSON"),
+    ],
+)
+def test_a_wrong_file_is_one_sentence_and_changes_nothing(scene, tmp_path, capsys, text, told):
+    before = sha(scene)
+    (tmp_path / "o.json").write_text(text)
+    assert main(["edit", str(scene), "--ops", str(tmp_path / "o.json")]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("f4x edit: ") and told in error and "o.json" in error
+    assert sha(scene) == before
+
+
+def test_broken_edits_in_a_scene_can_be_left_out(tmp_path, capsys):
+    path = tmp_path / "a.f4x"
+    write_scene(random_scene(edits=({"op": "explode", "id": 1},)), path)
+    assert main(["info", str(path)]) == 2
+    assert "--without-edits opens it without" in capsys.readouterr().err
+    assert main(["info", str(path), "--without-edits"]) == 0
+    for verb in (["history", str(path)], ["undo", str(path)], ["bake", str(path), "-o", str(tmp_path / "b.f4x")]):
+        assert main(verb) == 2
+        assert capsys.readouterr().err.count("\n") == 1
