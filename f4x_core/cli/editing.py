@@ -117,7 +117,9 @@ def _said(scene: Scene, args: argparse.Namespace, progress: Progress) -> tuple[S
         candidates = [candidate.operations for candidate in proposal.candidates]
         with replace_file(args.contact_sheet) as file:
             contact_sheet(scene, candidates, proposal.best, args.backend).save(file, "PNG")
-    rows = [{"why": one.why or "as said", "scores": dict(one.scores)} for one in proposal.candidates]
+    rows: list[dict[str, Any]] = [
+        {"why": one.why or "as said", "scores": dict(one.scores)} for one in proposal.candidates
+    ]
     found = {
         "understood_by": proposal.understood_by,
         "judged_by": proposal.judged_by,

@@ -1,8 +1,8 @@
 """Which of several candidates does what was asked, by small pictures of the scene before and after.
 
-Measured: what share of the thing changed (coverage), what share of the change lies beside it (leakage), whether words answer
-as they should once something is gone or alone, and whether the region flickers more than before. A model that sees pictures
-may choose instead; without one, or when it fails, the numbers do.
+Measured: what share of the thing changed, less what of it is left as it was (coverage), what share of the change lies beside
+it (leakage), whether words answer as they should once something is gone or alone, and whether the region flickers more than
+before. A model that sees pictures may choose instead; without one, or when it fails, the numbers do.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ STILL = 1 / 255
 """Added to both sides of the flicker ratio: one step of a display is none."""
 WORDS, RESTLESS = 0.5, 0.25
 """What a change of a probability from 0 to 1, and a doubled flicker, count beside coverage and leakage."""
-MARGIN = 0.02
-"""A variant has to be so much better than the plain reading; less is the noise of small pictures."""
+MARGIN = 0.05
+"""A variant has to be so much better than the plain reading, which is what was said; less is the noise of small pictures."""
 ELSEWHERE = (Transform, Freeze, Retime, Reverse, Loop)
 """Operations after which the thing is seen where it was not."""
 
@@ -96,7 +96,7 @@ def judge(
     scores = []
     for done, operations in enumerate(candidates):
         progress("judge", done, len(candidates))
-        scores.append(eye.score(with_operations(scene, *operations)))
+        scores.append(eye.score(operations))
     progress("judge", len(candidates), len(candidates))
     totals = [score["score"] for score in scores]
     best = int(np.argmax(totals))
@@ -122,7 +122,7 @@ def ask_which(server: ChatServer, sentence: str, sheet: Image.Image, count: int)
 
     asked = {"type": "text", "text": f"The request: {sentence[:LONGEST_SENTENCE]!r}. Candidates: 1 to {count}."}
     content = [picture_part(np.asarray(sheet)), asked]
-    messages = [{"role": "system", "content": JUDGE}, {"role": "user", "content": content}]
+    messages: list[dict[str, Any]] = [{"role": "system", "content": JUDGE}, {"role": "user", "content": content}]
     return ask_json(server, messages, reply.schema_of(reply.Choice), read)
 
 
@@ -216,19 +216,29 @@ class _Eye:
         ]
         self.answers = [self._answer(scene, query) for _, query in self.queries]
 
-    def score(self, after: Scene) -> dict[str, float]:
-        """The numbers of a candidate, which is the scene `after` it."""
+    def score(self, operations: tuple[Operation, ...]) -> dict[str, float]:
+        """The numbers of a candidate."""
+        after = with_operations(self.scene, *operations)
         copying = np.array([[isinstance(operation, Duplicate) for operation in self.asked]], np.float32)
         copies = np.repeat(copying, len(after.ids) - len(self.weights), axis=0)
         weights = np.concatenate([self.weights * (1 - copying), copies])  # of a copying, the copies are what is new
+        left = weights * self._untouched(after, operations)
         seen = []
         for view, (old, was) in zip(self.views, self.before, strict=True):
-            new, now = self._look(after, view, weights)
-            seen.append(compare(old, new, self._target(was, now)))
+            new, now = self._look(after, view, np.concatenate([weights, left], 1))
+            target = self._target(was, now[..., : len(self.asked)])
+            coverage, leakage = compare(old, new, target)
+            rest = now[..., len(self.asked) :].any(-1).sum() / max(target.sum(), 1)
+            seen.append((max(0.0, coverage - rest), leakage))
         coverage, leakage = (float(value) for value in np.mean(seen, 0))
         restless, words = flicker(self.steady, self._film(after), self.region), self._words(after)
         score = coverage - leakage + WORDS * words - RESTLESS * max(0.0, restless - 1)
         return {"coverage": coverage, "leakage": leakage, "words": words, "flicker": restless, "score": score}
+
+    def _untouched(self, after: Scene, operations: tuple[Operation, ...]) -> np.ndarray:
+        """(N,n) bool: whom each operation leaves as it is. Bits left behind were hidden before: only `after` shows them."""
+        passed = [isinstance(operation, Duplicate | Extract | Name) for operation in operations]
+        return np.stack([~(chosen(after, o.select) | p) for o, p in zip(operations, passed, strict=True)], 1)
 
     def _target(self, was: np.ndarray, now: np.ndarray) -> np.ndarray:
         """(H,W) bool that should change, by who is where before and after (H,W,n)."""
