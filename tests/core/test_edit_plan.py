@@ -1,14 +1,17 @@
 """From sentences to edits in a file: selections settled, lengths in world units, candidates, and nothing half-done."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from labelled_scene import FRAMES, STEP, labelled_scene, sheet
+from PIL import Image
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from stub_server import client, saying, stub_server
 
+from f4x_core.cli import main
 from f4x_core.edit import plan
 from f4x_core.edit.apply import edited, with_operations
 from f4x_core.edit.language import Refusal
@@ -311,3 +314,48 @@ def test_a_hostile_label_changes_nothing(scene):
         stub.reply = (200, saying(REPLY), 0)
         plan.propose(trapped, "remove the square", HERE, server=client(stub))
         assert "ignore the request" not in str(stub.asked)
+
+
+def told(capsys):
+    out, err = capsys.readouterr()
+    return json.loads(out), err
+
+
+def test_the_command_line_applies_the_best_reading(path, tmp_path, capsys):
+    before, other, picture = path.read_bytes(), tmp_path / "b.f4x", tmp_path / "sheet.png"
+    say = ["edit", str(path), "--say", "move the square up and make it green", "--json"]
+    assert main([*say, "--dry-run", "--frame", "2"]) == 0
+    found, _ = told(capsys)
+    assert [edit["op"] for edit in found["edits"]] == ["transform", "recolour"] and found["output"] is None
+    assert main([*say, "-o", str(other), "--candidates", "3", "--contact-sheet", str(picture)]) == 0
+    found, _ = told(capsys)
+    assert len(found["candidates"]) > 1 and found["judged_by"] == "measured" and found["best"] == 0
+    assert Image.open(picture).size[0] > 3 * 64 and path.read_bytes() == before
+    assert main([*say[:3], "remove the square"]) == 0
+    assert [edit.operation.TAG for edit in plan.undo(path).undone] == ["delete"]
+    assert len(edited(read_scene(other)).edits) == 2
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--say", "make the square bark"], "bark"),
+        (["--say", "make the zebra red"], "zebra"),
+        (["--say", "remove the square", "--frame", "60"], "frame 60"),
+        (["--say", "remove the square", "--candidates", "0"], "1 to 10"),
+        (["--say", "remove the square", "--endpoint", "nowhere"], "no address"),
+        (["--say", "remove it", "--ops", "x.json"], "not allowed with"),
+        ([], "--say --ops"),
+    ],
+)
+def test_a_command_that_cannot_be_done_writes_nothing(path, capsys, more, words):
+    before = path.read_bytes()
+    assert main(["edit", str(path), *more]) == 2
+    _, err = capsys.readouterr()
+    assert words in err.splitlines()[-1] and path.read_bytes() == before
+
+
+def test_the_bench_tells_times_and_faults(path, capsys):
+    assert main(["bench", "edit", "--scene", str(path), "--label", "square", "--json"]) == 0
+    found, _ = told(capsys)
+    assert found["sentence_s"] < 5 and found["still_flicker"] <= 1.05 and len(found["endpoint_faults"]) == 10
