@@ -17,8 +17,11 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry import quaternion, spherical_harmonics
+from ..scaffold import Scaffold
+from ..scaffold.deformation import motions_to, node_poses_at
 from ..scene import Posed, Scene, read_scene
 from . import colours
+from .keys import rekeyed
 from .looks import LOOKS
 from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Style, Transform, rotation_of
 from .rows import Rows, Step, steps_of
@@ -105,8 +108,8 @@ EVERY = slice(None)
 class EditedScene(Scene):
     """A scene as its enabled edits leave it. Whoever draws or asks takes it as any other scene.
 
-    `posed`, `ids`, `colors` and `latents` include copies; `static`, `dynamic` and `scaffold` are the base's. `Posed.dynamic`
-    says what moves by the scaffold or by an edit.
+    `posed`, `ids`, `colors` and `latents` include copies; `static`, `dynamic` and `scaffold` are the base's, `curves` are the
+    scaffold's as `rekey` leaves them. `Posed.dynamic` says what moves by the scaffold or by an edit.
     """
 
     @property
@@ -149,6 +152,17 @@ class EditedScene(Scene):
     def steps(self) -> tuple[Step, ...]:
         """The edits that do something."""
         return self._program[0]
+
+    @cached_property
+    def curves(self) -> Scaffold | None:
+        """The scaffold with the poses that `rekey` gave it; Gaussians are posed by it from their rest in the base's."""
+        return rekeyed(self, of(self).edits)
+
+    def _motions(self, time: float) -> np.ndarray:
+        base, moved = self.scaffold, self.curves
+        if base is None or moved is None or moved is base:
+            return super()._motions(time)
+        return motions_to(node_poses_at(moved.times, moved.xyz, moved.quat, time), base.xyz, base.quat, self._pairs)
 
     @cached_property
     def _program(self) -> tuple[tuple[Step, ...], Rows]:
@@ -277,17 +291,19 @@ class EditedScene(Scene):
         step = self.steps[below]
         operation = step.edit.operation
         assert isinstance(operation, Transform)
-        if not isinstance(operation.pivot, str):
-            return np.array(operation.pivot)
+        kind = operation.pivot
+        if isinstance(kind, tuple):
+            return np.array(kind)
         whom = step.chosen & ~step.before.gone
         about = np.flatnonzero(whom if whom.any() else step.chosen)
         if state is not None:
-            return pivot_of(operation.pivot, state.means[about])
-        return self._remember(below, time, lambda: pivot_of(operation.pivot, self._placed(below, time, about).means))
+            return pivot_of(kind, state.means[about])
+        return self._remember(below, time, lambda: pivot_of(kind, self._placed(below, time, about).means))
 
     def _dyed(self, below: int, time: float, rows: Wanted, state: Appearance) -> Appearance:
         step = self.steps[below]
         operation, dyed = step.edit.operation, step.chosen[rows]
+        assert isinstance(operation, LOOKS_OF)
         if not holds(operation.frames, time) or not dyed.any():
             return state
         if isinstance(operation, Delete | Extract):
@@ -325,7 +341,7 @@ def edited(scene: Scene) -> Scene:
     if isinstance(scene, EditedScene) or not scene.edits:
         return scene
     whole = EditedScene(**{entry.name: getattr(scene, entry.name) for entry in fields(scene)})
-    assert whole.rows is not None  # a wrong edit is told here and not at the first picture
+    _ = whole.rows, whole.curves  # a wrong edit is told here and not at the first picture
     return whole
 
 

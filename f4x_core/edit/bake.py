@@ -3,7 +3,7 @@
 What is folded is the longest run of edits from the first on that a scene without edits can hold: colours that last, and
 places. Every group of Gaussians with the same history moves by one similarity G(t) of what the base does at some moment
 w(t). Where that is constant the arrays take it. Else nodes are cloned, Q'_k(t) = G(t) Q_k(w(t)) at clip frames, and a
-Gaussian that stood still gets a node of its group. The scaffold is given every clip frame as a time then, so that the baked
+Gaussian that stood still gets a node of its group. Poses that `rekey` gave the scaffold come first (`keys`). The scaffold is given every clip frame as a time then, so that the baked
 scene is the edited one at all of them; between them its curves run through the same places.
 """
 
@@ -22,6 +22,7 @@ from ..scaffold.deformation import node_poses_at
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
 from .apply import LOOKS_OF, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
+from .keys import with_keys_folded
 from .operations import Delete, Duplicate, Name, Transform
 from .rows import Rows
 from .selects import Ids, Moving, Select
@@ -44,7 +45,7 @@ def bake(scene: Scene) -> Scene:
     Gaussians keep their ids, copies have theirs; deleted ones are dropped, nodes that nobody follows any longer too. Edits that
     are switched off or undone are left behind. Raises F4xError where an edit is wrong.
     """
-    scene = base_of(scene)
+    scene = with_keys_folded(base_of(scene))
     stack = of(scene)
     active = tuple(edit for edit in stack.edits if edit.enabled)
     kept = EditStack(active)
@@ -101,7 +102,8 @@ def _spelt(edit: Edit, rows: Rows) -> Any:
         if isinstance(value, tuple):
             return tuple(spell(part) for part in value)
         if isinstance(value, Select):
-            return replace(value, **{entry.name: spell(getattr(value, entry.name)) for entry in fields(value)})
+            inner = {entry.name: spell(getattr(value, entry.name)) for entry in fields(value)}  # type: ignore[arg-type]
+            return replace(value, **inner)  # type: ignore[type-var]  # every selection is a dataclass
         return value
 
     operation = edit.operation
@@ -116,7 +118,7 @@ def _off(part: EditedScene, folded: Scene) -> float:
     place = np.argsort(part.ids)
     row = place[np.searchsorted(part.ids[place], folded.ids)]
     worst = 0.0
-    for time in folded.scaffold.times:
+    for time in part.cameras.times:
         camera = part.cameras.at(time)
         there, here = part.posed(time).means[row].astype(float), folded.posed(time).means.astype(float)
         depth = camera.project(there)[1]
@@ -235,7 +237,11 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         part = name.split("/")[0]
         index = origin if part == "static" else rows.origin[followers] - count
         extra[name] = _taken(array, index) if part in ("static", "dynamic") else array
-    told = [{"op": edit.operation.TAG, "said": edit.said} for edit in of(scene).edits]
+    told = [
+        {"op": edit.operation.TAG, "said": edit.said}
+        for edit in of(scene).edits
+        if not isinstance(edit.operation, Name)
+    ]
     return replace(
         base,
         static=static,

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..scene import Scene
-from .operations import Delete, Duplicate, Extract, Match, Name, Transform
+from .operations import Delete, Duplicate, Extract, Match, Name, Rekey, Transform
 from .selects import All, And, Ids, Moving, Named, Not, Or, SelectKind
 from .stack import Edit
 from .warps import Warp, lag_of, warp_of
@@ -119,11 +119,14 @@ def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], R
 
 def _step(edit: Edit, rows: Rows, clip: tuple[float, float]) -> tuple[Step | None, Rows]:
     operation = edit.operation
+    if isinstance(operation, Rekey):  # a part of the motion that all steps find
+        return None, rows
     if isinstance(operation, Name):  # what was named once stays named, or edits after it would mean nobody
         return None, _named(rows, operation.name, np.flatnonzero(rows.chosen(operation.select)))
     if not edit.enabled:
-        nobody = isinstance(operation, Duplicate) and operation.name and operation.name not in rows.names
-        return None, _named(rows, operation.name, np.zeros(0, int)) if nobody else rows
+        if isinstance(operation, Duplicate) and operation.name and operation.name not in rows.names:
+            rows = _named(rows, operation.name, np.zeros(0, int))
+        return None, rows
     chosen = rows.chosen(operation.select)
     if isinstance(operation, Extract):
         chosen = ~chosen
@@ -170,6 +173,12 @@ def _copied(operation: Duplicate, rows: Rows, picked: np.ndarray) -> Rows:
     if len(ids) and (operation.first_id < 0 or np.isin(ids, rows.ids).any()):
         raise F4xError("ids of its copies are taken or missing; plan the edit, which reserves its first_id.")
     again = np.concatenate([np.arange(len(rows.ids)), np.tile(picked, operation.count)])
-    many = Rows(np.append(rows.ids, ids), *(getattr(rows, name)[again] for name in ("origin", "carried", "moves", "gone")),
-                rows.names)  # fmt: skip
+    many = Rows(
+        np.append(rows.ids, ids),
+        rows.origin[again],
+        rows.carried[again],
+        rows.moves[again],
+        rows.gone[again],
+        rows.names,
+    )
     return _named(many, operation.name, np.arange(len(rows.ids), total)) if operation.name else many

@@ -200,6 +200,7 @@ GOOD = {"op": "delete", "select": {"by": "moving"}, "id": 1}
         ({"op": "style", "select": {"by": "all"}, "look": "golt", "id": 1}, "near it is 'gold'"),
         ({"op": "transform", "select": {"by": "all"}, "translate": [1e300, 0, 0], "id": 1}, "translate holds"),
         ({"op": "transform", "select": {"by": "all"}, "scale": float("nan"), "id": 1}, "scale"),
+        ({"op": "duplicate", "select": {"by": "all"}, "first_id": 1 << 70, "id": 1}, "first_id is"),
         ({"op": "name", "select": {"by": "all"}, "name": "../x", "id": 1}, "letters, digits"),
     ],
 )
