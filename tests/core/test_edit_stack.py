@@ -29,7 +29,7 @@ from f4x_core.edit.stack import (
     write_stack,
 )
 from f4x_core.errors import F4xError
-from f4x_core.scene import read_header, write_scene
+from f4x_core.scene import write_scene
 
 OPERATIONS = (
     Delete(Moving()),
