@@ -552,7 +552,13 @@ _command("scale the dog by 2", "scale|resize|rescale", _scaled, "by", by=_scale)
 # Opacity
 _command("hide the car", "hide|conceal", _always(_opacity(0.0)), itself="disappear|vanish|hide|become invisible")
 _again = lit("again|once more")
-_command("show the dog again", "show|reveal|unhide|reshow", _always(_opacity(SHOWN)), again=_again, itself="reappear")
+_command(
+    "show the dog again",
+    "show|reveal|unhide|reshow|bring back",
+    _always(_opacity(SHOWN)),
+    again=_again,
+    itself="reappear",
+)
 _faded = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (lambda x: 1 - x)
 _command("fade the background", "fade", lambda by=0.5: _opacity(by), itself="fade", by=_faded)
 _faded_out = lit("out|away|out completely|to nothing|to invisible")
@@ -657,7 +663,9 @@ _command("tilt the lamp to the left", _TILTING, _tilted, "sense", itself=_TILTIN
 _command("tilt the lamp by 20 degrees", _TILTING, _tilted, "angle", itself=_TILTING, angle=_angle, sense=_sense)
 
 # Copies
-_lagging = ~lit("but|that is|which is|by") + ~lit("delayed|lagging|trailing|starting|running|runs") + ~lit("by")
+_lagging = (
+    ~lit(",") + ~lit("but|that is|which is|by") + ~lit("delayed|lagging|trailing|starting|running|runs") + ~lit("by")
+)
 _shift = either(
     _lagging
     + duration
@@ -736,5 +744,6 @@ for _who in (whose("color|colors|coloring|look"), thing):
     _command(
         "match the dog to the cat", "match|color match|adapt|adjust", _matched, "source", who=_who, source=_matching
     )
+_command("make the hat match the shirt", "", _matched, "source", itself="match", source=known_thing)
 _called = ~lit("as|to") + name
 _command("call the dog rex", "call|name|label|tag|dub|nickname", _named, "called", gapped=False, called=_called)

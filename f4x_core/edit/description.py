@@ -17,6 +17,7 @@ from .operations import (
     Opacity,
     Operation,
     Recolour,
+    Rekey,
     Retime,
     Reverse,
     Style,
@@ -162,6 +163,12 @@ def _(operation: Match) -> str:
 @_told.register
 def _(operation: Name) -> str:
     return f'call {whom(operation.select)} "{operation.name}"'
+
+
+@_told.register
+def _(operation: Rekey) -> str:
+    count, first, last = len(operation.nodes), operation.times[0], operation.times[-1]
+    return f"move {count} node{'s' * (count > 1)} of the scaffold, frames {first:g} to {last:g}"
 
 
 def whom(select: SelectKind) -> str:

@@ -6,6 +6,7 @@ Every word has to be accounted for; one that is not makes the whole sentence a `
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from difflib import SequenceMatcher, get_close_matches
 from typing import Any, NamedTuple
 
@@ -28,8 +29,8 @@ from .grammar import (
     table,
     tokenise,
 )
-from .operations import Operation
-from .phrases import Context, Refusal, Span, When, span, together
+from .operations import Duplicate, Operation
+from .phrases import COPY, Context, Refusal, Span, When, span, together
 from .selects import SelectKind
 from .words import FUNCTION_WORDS, inflected, singular, word_set
 
@@ -181,11 +182,14 @@ def parse(
         raise Refusal(_not_understood(reading), nearest(tokens))
     context = Context(fps, frames, frame, selected, {name.lower(): name for name in names})
     try:
-        return tuple(_operations(found[0], context))
+        operations = list(_operations(found[0], context))
     except Refusal as refusal:
         raise Refusal(refusal.reason, nearest(tokens)) from refusal
     except F4xError as error:
         raise Refusal(f"That is not possible: {error}", nearest(tokens)) from error
+    if context.copy_named:
+        operations = [replace(one, name=COPY) if isinstance(one, Duplicate) else one for one in operations]
+    return tuple(operations)
 
 
 def _statements(tokens: list[Token]) -> list[Token]:
@@ -239,7 +243,9 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: Context) -> Itera
             made = clause.command.make(**told)
             settled = When.of(own or front or last, context)
             values = made if isinstance(made, tuple) else ((made,),)
-            yield from _compatible([value(who, settled, context) for (value,) in values])
+            operations = _compatible([value(who, settled, context) for (value,) in values])
+            context.copied |= any(isinstance(one, Duplicate) for one in operations)
+            yield from operations
         context.they = together(topics)
 
 

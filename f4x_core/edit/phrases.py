@@ -46,6 +46,10 @@ class Context:
     """The last thing named: "it"."""
     they: SelectKind | None = None
     """All that the last command was about: "them"."""
+    copied: bool = False
+    """A copy has been made, so that "the copy" is something."""
+    copy_named: bool = False
+    """"The copy" has been said: it needs a name to be selected by."""
 
     @property
     def present(self) -> int:
@@ -274,7 +278,7 @@ def _times(x: float, unit: Moment) -> Moment:
 
 duration = either(
     number + _unit >> _times,
-    table({"half a|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
+    table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
     >> _times,
     lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit)),
 )
@@ -592,6 +596,18 @@ _they = lit(
     "them|these|those|they|themselves|[these|those|the] [things|ones|objects]|all of [them|these|those]|them [all|both]|"
     "both (of them|of these|of those)"
 ) >> (lambda: lambda context: context.they or context.it("'they'"))
+COPY = "copy"
+"""The name by which "the copy" is selected after "copy the dog"."""
+_copy = lit("the [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)") >> (lambda: _the_copy)
+
+
+def _the_copy(context: Context) -> SelectKind:
+    if not context.copied:
+        raise Refusal("No copy was made before in the sentence; say which thing is meant.")
+    context.copy_named = True
+    return Named(COPY)
+
+
 _current = either(
     lit("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
     ~lit("the|my|our|this|these|those|all") + ~lit("the") + ~lit("currently") + lit("selected") + _objects,
@@ -627,6 +643,7 @@ _definite = (
         _everything >> _always(All()),
         _it,
         _they,
+        _copy,
     )
     + _in_scene
 )
@@ -661,7 +678,10 @@ _EXCEPT = (
     "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|"
     "not including|but (for)"
 )
-_besides = ~lit(",") + lit(_EXCEPT) + _union
+_the_biggest = lit("the") + _which >> (
+    lambda which: _one_of(which, lambda context: _kind_of(context.it("'one'")), None)
+)
+_besides = ~lit(",") + lit(_EXCEPT) + (_union | _the_biggest)
 everything_but = _everything + _in_scene + _besides
 """What is spared in "everything except the dog": a `Who`."""
 
