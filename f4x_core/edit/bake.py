@@ -3,8 +3,9 @@
 What is folded is the longest run of edits from the first on that a scene without edits can hold: colours that last, and
 places. Every group of Gaussians with the same history moves by one similarity G(t) of what the base does at some moment
 w(t). Where that is constant the arrays take it. Else nodes are cloned, Q'_k(t) = G(t) Q_k(w(t)) at clip frames, and a
-Gaussian that stood still gets a node of its group. Poses that `rekey` gave the scaffold come first (`keys`). The scaffold is given every clip frame as a time then, so that the baked
-scene is the edited one at all of them; between them its curves run through the same places.
+Gaussian that stood still gets a node of its group. Poses given by `rekey` are folded before all that (`keys`). The scaffold
+is given every clip frame as a time then, so that the baked scene is the edited one at all of them; between them its curves
+run through the same places.
 """
 
 from __future__ import annotations
@@ -49,14 +50,16 @@ def bake(scene: Scene) -> Scene:
     stack = of(scene)
     active = tuple(edit for edit in stack.edits if edit.enabled)
     kept = EditStack(active)
+    whole = edited(with_stack(scene, kept))
     for count in _foldable(scene, active):
         part = edited(with_stack(scene, replace(kept, edits=active[:count])))
         if not isinstance(part, EditedScene):
-            return with_stack(scene, kept)
+            break
         folded = _folded(part, drop=count == len(active))
-        if _off(part, folded) <= TOLERANCE:
-            return with_stack(folded, _rest(scene, active, count, part.rows, folded))
-    raise AssertionError("a stack of which nothing is folded is always within tolerance")
+        baked = with_stack(folded, _rest(scene, active, count, part.rows, folded))
+        if _off(whole, edited(baked)) <= TOLERANCE:
+            return baked
+    return with_stack(scene, kept)
 
 
 def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
@@ -111,16 +114,14 @@ def _spelt(edit: Edit, rows: Rows) -> Any:
     return replace(operation, **{name: spell(getattr(operation, name)) for name in names})
 
 
-def _off(part: EditedScene, folded: Scene) -> float:
-    """Pixels by which Gaussians of the folded scene lie off at clip frames, the worst of them all."""
-    if folded.scaffold is None:
-        return 0.0
-    place = np.argsort(part.ids)
-    row = place[np.searchsorted(part.ids[place], folded.ids)]
+def _off(scene: Scene, baked: Scene) -> float:
+    """Pixels by which Gaussians of the baked scene lie off at clip frames, the worst of them all."""
+    place = np.argsort(scene.ids)
+    row = place[np.searchsorted(scene.ids[place], baked.ids)]
     worst = 0.0
-    for time in part.cameras.times:
-        camera = part.cameras.at(time)
-        there, here = part.posed(time).means[row].astype(float), folded.posed(time).means.astype(float)
+    for time in scene.cameras.times if scene.moving.any() else scene.cameras.times[:1]:
+        camera = scene.cameras.at(time)
+        there, here = scene.posed(time).means[row].astype(float), baked.posed(time).means.astype(float)
         depth = camera.project(there)[1]
         pixels = np.linalg.norm(there - here, axis=1) * camera.intrinsics[0, 0] / np.maximum(depth, NEAR)
         worst = max(worst, float(pixels.max(initial=0)))
