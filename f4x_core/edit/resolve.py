@@ -17,7 +17,7 @@ from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id
-from .operations import Duplicate, Freeze, Operation, Transform
+from .operations import Duplicate, Freeze, Operation, Rekey, Transform
 from .pieces import things, which_thing, width_along
 from .rows import Rows
 from .selects import And, Box, Current, Ids, Instance, Not, Or, Point, Select, SelectKind, Text
@@ -60,6 +60,8 @@ class Resolver:
     def resolve(self, scene: Scene, operation: Operation, tidy: bool = False) -> Operation:
         """As the function of this name; `tidy` leaves out pieces of what words mean that lie apart and are small."""
         _check_times(scene, operation, self.context.frame)
+        if isinstance(operation, Rekey):
+            return operation
         changed: dict[str, Any] = {}
         for name in {"select", "source"} & {entry.name for entry in fields(operation)}:
             changed[name] = self.select(scene, getattr(operation, name), tidy)

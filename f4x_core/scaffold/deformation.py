@@ -77,7 +77,12 @@ def node_poses_at(times: np.ndarray, xyz: Array, quat: Array, time: float) -> tu
 
 def relative_motions(times: np.ndarray, xyz: Array, quat: Array, pairs: Pairs, time: float) -> Array:
     """Return the table `(P, 8)` of unit dual quaternions `Q_node(time) Q_node(times[reference])^-1`, numpy or torch."""
-    x_now, q_now = node_poses_at(times, xyz, quat, time)
+    return motions_to(node_poses_at(times, xyz, quat, time), xyz, quat, pairs)
+
+
+def motions_to(now: tuple[Array, Array], xyz: Array, quat: Array, pairs: Pairs) -> Array:
+    """Return the table `(P, 8)` of `Q_node Q_node(times[reference])^-1` to the node poses `now` = `(M, 3)`, unit `(M, 4)`."""
+    x_now, q_now = now
     q_then = quaternion.normalize(quat[pairs.reference, pairs.node])
     inverse = pose.invert(q_then, xyz[pairs.reference, pairs.node])
     return dual_quaternion.from_pose(*pose.compose(q_now[pairs.node], x_now[pairs.node], *inverse))

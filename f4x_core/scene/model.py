@@ -272,11 +272,9 @@ class Scene:
         """
         xyz, rotation = self.static.xyz, self.static.rotation
         if len(self.dynamic):
-            scaffold = self.scaffold
-            assert scaffold is not None  # checked on construction
-            dynamic, pairs = self.dynamic, self._pairs
-            table = relative_motions(scaffold.times, scaffold.xyz, scaffold.quat, pairs, time)
-            moved = carry(table, pairs.index, dynamic.weight, dynamic.strength, dynamic.xyz, dynamic.rotation)
+            dynamic, index = self.dynamic, self._pairs.index
+            table = self._motions(time)
+            moved = carry(table, index, dynamic.weight, dynamic.strength, dynamic.xyz, dynamic.rotation)
             xyz, rotation = (np.concatenate(parts) for parts in zip((xyz, rotation), moved, strict=True))
         return Posed(
             means=xyz.astype(np.float32, copy=False),
@@ -355,6 +353,12 @@ class Scene:
             "ids": np.concatenate([static.ids, dynamic.ids]),
             "dynamic": np.arange(len(static) + len(dynamic)) >= len(static),
         }
+
+    def _motions(self, time: float) -> np.ndarray:
+        """The table (P,8) of `relative_motions`: what moves the dynamic Gaussians at `time`."""
+        scaffold = self.scaffold
+        assert scaffold is not None  # checked on construction
+        return relative_motions(scaffold.times, scaffold.xyz, scaffold.quat, self._pairs, time)
 
     @cached_property
     def _pairs(self) -> Pairs:
