@@ -53,13 +53,13 @@ class Clause(NamedTuple):
 _when = ~lit(",") + span
 _between = lit("and|,|, and|but|while|, but|, while|and also")
 _modal = lit(
-    "should|must|shall|ought to|has to|have to|needs to|need to|is to|are to|may|can|will|is supposed to|are supposed to|had better"
+    "should|must|shall|ought to|has to|have to|needs to|need to|is to|are to|will|is supposed to|are supposed to|had better"
 )
 _being = lit("be|become|turn|get|look|appear|go")
 _want = lit("i|we") + lit(
-    "want|would like|need|wish|would love|would prefer|like|want to see|would like to see|would love to see"
+    "want|would like|need|wish|would love|would prefer|want to see|would like to see|would love to see"
 )
-_let = lit("let|have|make|get|see|cause|force")
+_let = lit("let|have|make|get")
 
 
 def _telling(filled: dict[str, Any]) -> dict[str, Any]:
