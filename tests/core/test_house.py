@@ -22,12 +22,12 @@ ROOMS = (
         "query",
         "edit",
     ),
-    *("report", "cli"),
+    *("report", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
 SHARED = ("errors", "files", "progress", "timing", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
-TORCH_FREE = ("native", "geometry", "clip", "priors", "scene", "query", "edit", "errors", "files", "progress")
+TORCH_FREE = ("native", "geometry", "clip", "priors", "scene", "query", "edit", "agent", "errors", "files", "progress")
 NUMPY_ONLY = ("native", "geometry", "clip", "scene", "query", "edit", "errors", "files", "progress")
 """What Blender's own Python imports: numpy is the only wheel there."""
 WHEELS = {"torch", "cv2", "av", "scipy", "PIL", "pycolmap", "matplotlib", "OpenEXR", "rich", "trimesh"}

@@ -1,0 +1,440 @@
+"""What an agent may do: one method per tool, with what was found and proposed kept between calls. Knows no protocol.
+
+Nothing here asks a server: sentences are read by the grammar and questions answered by computing, so no word and no picture
+leaves the machine. The docstrings and signatures of the tools are what agents read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+
+import numpy as np
+from pydantic import Field
+
+from ..clip.images import as_bytes
+from ..clip.read import frame_indices
+from ..edit import plan
+from ..edit.apply import open_scene, with_operations
+from ..edit.description import describe
+from ..edit.operations import Operation, read_operation
+from ..edit.plan import MOST_CANDIDATES
+from ..edit.records import read_record
+from ..edit.resolve import Context, Resolver, labels_of, resolve, rows_of
+from ..edit.selects import All, Ids, SelectKind
+from ..edit.stack import Edit, EditStack, of, read_stack
+from ..errors import F4xError
+from ..files import replace_file
+from ..geometry import trajectory
+from ..geometry.camera import CameraPath
+from ..geometry.trajectory import View
+from ..query.labels import encode_labels
+from ..query.pixels import heat_map, share_picture
+from ..query.prompts import select_by_box, select_by_points, select_by_text
+from ..query.questions import answer
+from ..query.score import THRESHOLD
+from ..query.selection import Selection
+from ..scene import Scene
+from ..scene.formats import FORMATS, choose_format, export
+from ..scene.picture import colour_depth, colour_motion, depth_range, labelled_grid
+from ..scene.view import render
+from .answers import Reply, plain, png_of
+from .folder import Folder
+
+LARGEST_SIDE, USUAL_SIDE = 1024, 512
+"""Pixels of a picture's longer side, at most and where nobody asks for more: models look at no larger ones."""
+KEPT_SCENES, KEPT_SELECTIONS, KEPT_PROPOSALS = 2, 16, 16
+"""Then the oldest is forgotten: scenes and selections are as large as their Gaussians are many."""
+MOST_OPERATIONS = 50
+"""Operations of one proposal."""
+LARGEST_EXPORT = 2 << 30
+"""Bytes, estimated: an agent is not to fill the disk."""
+NUMBERS = 14
+"""Of four bytes for each Gaussian in a PLY, besides three for each harmonic: centre, normal, opacity, scale, rotation."""
+CHANGED = 2
+"""Steps of 255 by which a pixel has to differ to have changed; one is rounding."""
+INSIDE = 0.5
+"""Share of a pixel's light from which it shows the selection."""
+SIDES = ("right", "down", "left", "up")
+"""The quarters of `trajectory.orbit`, in its order."""
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+SceneName = Annotated[str, Field(description="scene file in the folder; empty: the only one")]
+Frame = Annotated[Number, Field(description="clip frame whose camera looks, from 0; may lie between two")]
+Time = Annotated[Number | None, Field(description="clip frame that is shown; null: the same as frame")]
+Side = Annotated[Literal["", "right", "down", "left", "up"], Field(description="look from this side of that camera")]
+Degrees = Annotated[Number, Field(gt=0, lt=90, description="how far to that side, about the middle of the scene")]
+Width = Annotated[int, Field(ge=0, le=LARGEST_SIDE, description="pixels; 0: the clip's, 512 at most")]
+SelectionName = Annotated[str, Field(description="name of a selection that query made")]
+ProposalName = Annotated[str, Field(description="name that propose_edit gave")]
+Which = Annotated[int, Field(ge=-1, description="index of a candidate; -1: the best")]
+Count = Annotated[int, Field(ge=1, description="so many edits")]
+Sentence = Annotated[str, Field(max_length=2000)]
+Words = Annotated[list[str] | None, Field(max_length=50)]
+
+SELECTS = (
+    'one of {"by": "moving"}, {"by": "all"}, {"by": "named", "name": N}, {"by": "text", "labels": [W]}, '
+    '{"by": "instance", "of": S, "which": "left"}, {"by": "not", "of": S}, {"by": "and", "of": [S, S]}, …'
+)
+OPERATIONS = (
+    'for example [{"op": "recolour", "select": {"by": "text", "labels": ["dog"]}, "rgb": [1, 0, 0]}]; ops: recolour, '
+    "opacity, delete, extract, transform, duplicate, freeze, retime, reverse, loop, style, match, name"
+)
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
+
+class Found(NamedTuple):
+    """A selection in a scene file."""
+
+    path: Path
+    selection: Selection
+
+
+class Proposed(NamedTuple):
+    """Candidates for a scene file whose stack of edits was `stack`."""
+
+    path: Path
+    stack: EditStack
+    proposal: plan.Proposal
+
+
+class Session:
+    """Scenes of one folder and what an agent has found and proposed in them. Calls come one at a time."""
+
+    READING = ("info", "render_view", "query", "ask", "propose_edit", "preview", "history")
+    """Tools that write nothing; `render_view` and its `file` aside."""
+    WRITING = ("apply_edit", "undo", "redo", "export")
+    """The others."""
+
+    def __init__(self, folder: Folder, read_only: bool = False, backend: str = "auto"):
+        """`backend` draws."""
+        self.folder, self.read_only, self.backend = folder, read_only, backend
+        self._scenes: dict[tuple[Path, int, int], Scene] = {}
+        self._found: dict[str, Found] = {}
+        self._proposed: dict[str, Proposed] = {}
+        self._made = 0
+
+    def info(self, scene: SceneName = "") -> Reply:
+        """What there is: the scenes of the folder, and of one scene its clip, Gaussians, words and named selections."""
+        listed = self.folder.scenes()
+        if not scene and len(listed) != 1:
+            return Reply({"scenes": listed})
+        path, opened = self._open(scene)
+        told = opened.info()
+        counts = ("frames", "fps", "size", "static", "dynamic", "nodes", "edits", "edited")
+        named = [name for edit in of(opened).edits if (name := getattr(edit.operation, "name", ""))]
+        return Reply(
+            {"scenes": listed, "scene": self.folder.name(path)} | {name: told[name] for name in counts if name in told},
+            {"name": opened.name, "labels": labels_of(opened), "heads": [*told["heads"]], "named": named},
+        )
+
+    def render_view(
+        self,
+        scene: SceneName = "",
+        frame: Frame = 0.0,
+        time: Time = None,
+        side: Side = "",
+        degrees: Degrees = 8.0,
+        camera_path: Annotated[str, Field(description="camera path file in the folder; empty: the clip's")] = "",
+        channel: Literal["rgb", "depth", "motion"] = "rgb",
+        selection: Annotated[str, Field(description="selection to show in colours over a grey picture")] = "",
+        width: Width = 0,
+        file: Annotated[str, Field(description="also write it to this new .png in the folder")] = "",
+    ) -> Reply:
+        """A picture of the scene with its edits, from a camera at a moment; depth near is red, motion hue is direction."""
+        path, opened = self._open(scene)
+        view = self._view(opened, frame, time, side, degrees, camera_path, width)
+        told: dict[str, Any] = {"frame": frame, "time": view.time, "size": [view.camera.width, view.camera.height]}
+        maps = render(opened, *view, (channel,) if channel != "rgb" and not selection else ("rgb",), self.backend)
+        if selection:
+            if channel != "rgb":
+                raise F4xError("A selection is shown over the picture itself; leave channel out.")
+            share = share_picture(opened, self._selection(path, opened, selection), *view, self.backend)
+            picture = heat_map(maps["rgb"], share)
+        elif channel == "depth":
+            told["near"], told["far"] = depth_range([maps["depth"]])
+            picture = colour_depth(maps["depth"], told["near"], told["far"])
+        elif channel == "motion":
+            told["full_colour_pixels_per_frame"] = float(np.linalg.norm(maps["motion"], axis=-1).max())
+            picture = colour_motion(maps["motion"], told["full_colour_pixels_per_frame"])
+        else:
+            picture = as_bytes(maps["rgb"])
+        png = png_of(picture)
+        if file:
+            if not file.lower().endswith(".png"):
+                raise F4xError(f"{file!r} is no PNG; end it in .png.")
+            with replace_file(self._output(file)) as out:
+                out.write(png)
+            told["file"] = file
+        return Reply(told, png=png)
+
+    def query(
+        self,
+        scene: SceneName = "",
+        text: Annotated[Words, Field(description="words for it; info lists those that are known")] = None,
+        negatives: Annotated[Words, Field(description="words that text is weighed against; null: the usual")] = None,
+        point: Annotated[tuple[Number, Number] | None, Field(description="x, y on it in pixels of the clip")] = None,
+        box: Annotated[
+            tuple[Number, Number, Number, Number] | None, Field(description="left, top, right, bottom in such pixels")
+        ] = None,
+        select: Annotated[dict[str, Any] | None, Field(description=SELECTS)] = None,
+        frame: Annotated[int, Field(description="clip frame of point or box, and of `seen`")] = 0,
+        threshold: Annotated[Number, Field(ge=0, le=1, description="least probability")] = THRESHOLD,
+        name: Annotated[str, Field(max_length=40, description="what to call the selection")] = "",
+    ) -> Reply:
+        """Find something by exactly one of text, point, box and select; says how much it is and where, and keeps it."""
+        given = {"text": text, "point": point, "box": box, "select": select}
+        kinds = [kind for kind, value in given.items() if value]
+        if len(kinds) != 1:
+            raise F4xError(f"Give exactly one of {', '.join(given)}; got {', '.join(kinds) or 'none'}.")
+        path, opened = self._open(scene)
+        view = self._view(opened, frame)
+        options: dict[str, Any] = {"threshold": threshold, "backend": self.backend}
+        if text:
+            found = select_by_text(opened, text, negatives, threshold, encode=encode_labels)
+        elif point:
+            found = select_by_points(opened, [point], frame, **options)
+        elif box:
+            found = select_by_box(opened, box, frame, **options)
+        else:
+            resolver = Resolver(Context(frame=frame), encode_labels)
+            resolved = resolver.select(opened, read_record(SelectKind, select, "select"))
+            scores = np.isin(np.arange(len(opened.ids)), rows_of(opened, resolved))
+            found = Selection(opened.ids, scores.astype(float), np.zeros(len(scores), bool))
+        rows = rows_of(opened, Ids.of(found.chosen_ids))
+        inside = share_picture(opened, found, *view, self.backend) > INSIDE
+        name = plain(name) or self._name("selection")
+        _keep(self._found, name, Found(path, found), KEPT_SELECTIONS)
+        return Reply(
+            {
+                "selection": name,
+                "gaussians": len(rows),
+                "of": len(rows_of(opened, All())),
+                "moving": int(opened.moving[rows].sum()),
+                "seen": {"frame": frame, "share_of_picture": float(inside.mean()), "box": _box_of(inside, opened)},
+            }
+        )
+
+    def ask(self, question: Sentence, scene: SceneName = "") -> Reply:
+        """Ask what is there, where, how many, what moves and when; answered by computing, and it says so."""
+        _, opened = self._open(scene)
+        said = answer(opened, question, encode=encode_labels, backend=self.backend)
+        return Reply({"answered_by": said.answered_by}, {"answer": said.text, "evidence": said.evidence})
+
+    def propose_edit(
+        self,
+        scene: SceneName = "",
+        sentence: Annotated[Sentence, Field(description='for example "make the dog red from second 2"')] = "",
+        operations: Annotated[list[dict[str, Any]] | None, Field(description=OPERATIONS)] = None,
+        frame: Frame = 0.0,
+        selection: Annotated[SelectionName, Field(description='what \'it\' and {"by": "current"} mean')] = "",
+        candidates: Annotated[int, Field(ge=1, le=MOST_CANDIDATES, description="readings of sentence to compare")] = 1,
+    ) -> Reply:
+        """What a sentence, or a list of operations, would do. Writes nothing: look at preview, then call apply_edit."""
+        if bool(sentence.strip()) == bool(operations):
+            raise F4xError("Give either a sentence or operations.")
+        path, opened = self._open(scene)
+        context = Context(self._selection(path, opened, selection) if selection else None, frame)
+        if operations:
+            candidate = plan.Candidate(_settled(opened, operations, context), "as given")
+            proposal = plan.Proposal("", (candidate,), understood_by="operations")
+        else:
+            options: dict[str, Any] = {"encode": encode_labels, "candidates": candidates, "backend": self.backend}
+            proposal = plan.propose(opened, sentence, context, **options)
+        name = self._name("proposal")
+        _keep(self._proposed, name, Proposed(path, of(opened), proposal), KEPT_PROPOSALS)
+        rows = [self._told(opened, index, one) for index, one in enumerate(proposal.candidates)]
+        told = {"proposal": name, "best": proposal.best, "candidates": rows, "understood_by": proposal.understood_by}
+        return Reply(told | {"judged_by": proposal.judged_by, "notes": list(proposal.notes)})
+
+    def preview(
+        self,
+        proposal: ProposalName,
+        candidate: Which = -1,
+        frame: Frame = 0.0,
+        time: Time = None,
+        side: Side = "",
+        degrees: Degrees = 8.0,
+    ) -> Reply:
+        """A picture of the scene before and after a candidate. Writes nothing."""
+        path, opened, chosen = self._candidate(proposal, candidate)
+        view = self._view(opened, frame, time, side, degrees)
+        scenes = (opened, plan.preview(opened, chosen))
+        pictures = [as_bytes(render(each, *view, ("rgb",), self.backend)["rgb"]) for each in scenes]
+        sheet = labelled_grid([pictures], [f"{view.time:g}"], ["before", "after"])
+        changed = float((np.abs(pictures[1].astype(int) - pictures[0]) > CHANGED).any(-1).mean())
+        return Reply({"scene": self.folder.name(path), "changed_share_of_picture": changed}, png=png_of(sheet))
+
+    def history(self, scene: SceneName = "") -> Reply:
+        """The edits of a scene, and those that redo would bring back, the next one last."""
+        stack = read_stack(self.folder.scene(scene))
+        told = {"edits": _listed(stack.edits), "undone": _listed(stack.undone)}
+        return Reply({name: len(edits) for name, edits in told.items()}, told)
+
+    def apply_edit(self, proposal: ProposalName, candidate: Which = -1) -> Reply:
+        """Write a candidate of a proposal into the scene's stack of edits; undo takes it back."""
+        path, opened, chosen = self._candidate(proposal, candidate)
+        stack = plan.apply(path, chosen)
+        new = [edit.id for edit in stack.edits[len(of(opened)) :]]
+        return Reply({"scene": self.folder.name(path), "edits": len(stack), "new": new})
+
+    def undo(self, scene: SceneName = "", count: Count = 1) -> Reply:
+        """Take back the last edits of a scene."""
+        return _left(plan.undo(self.folder.scene(scene), count))
+
+    def redo(self, scene: SceneName = "", count: Count = 1) -> Reply:
+        """Bring back the edits that were undone last."""
+        return _left(plan.redo(self.folder.scene(scene), count))
+
+    def export(
+        self,
+        output: Annotated[str, Field(description="new FILE.ply, .splat, .glb with time, FILE.usda, or a folder")],
+        scene: SceneName = "",
+        format: Annotated[str, Field(description=f"of {', '.join(FORMATS)}; empty: by the ending of output")] = "",
+        time: Annotated[Number | None, Field(description="one clip frame; null: several")] = None,
+        frames: Annotated[str, Field(description="first:end:step of several; empty: all")] = "",
+    ) -> Reply:
+        """Write a scene with its edits for other programs: one moment, a folder of moments, or an animated file."""
+        path, opened = self._open(scene)
+        name, _ = choose_format(output, format or None, one_moment=time is not None)
+        count = len(opened.cameras)
+        times = opened.cameras.times[frame_indices(frames or None, count, path)] if time is None else [time]
+        _require_times(opened.cameras, times)
+        numbers = NUMBERS + 3 * (opened.sh_degree + 1) ** 2
+        if 4 * numbers * len(opened.ids) * len(times) > LARGEST_EXPORT:
+            raise F4xError(f"That would be more than {LARGEST_EXPORT >> 30} GiB; export fewer frames.")
+        files = export(opened, self._output(output), [float(time) for time in times], name)
+        return Reply({"output": output, "format": name, "moments": len(times), "files": len(files)})
+
+    def _open(self, name: str) -> tuple[Path, Scene]:
+        """A scene with its edits, kept as long as its file stays the same."""
+        path = self.folder.scene(name)
+        state = path.stat()
+        key = (path, state.st_mtime_ns, state.st_size)
+        if key not in self._scenes:
+            self._scenes = {known: scene for known, scene in self._scenes.items() if known[0] != path}
+            _keep(self._scenes, key, open_scene(path), KEPT_SCENES)
+        return path, self._scenes[key]
+
+    def _view(
+        self,
+        scene: Scene,
+        frame: float,
+        time: float | None = None,
+        side: str = "",
+        degrees: float = 8.0,
+        camera_path: str = "",
+        width: int = 0,
+    ) -> View:
+        cameras = CameraPath.read(self.folder.file(camera_path)) if camera_path else scene.cameras
+        time = frame if time is None else time
+        _require_times(cameras, [frame])
+        _require_times(scene.cameras, [time])
+        camera = cameras.at(frame)
+        if side:
+            camera = trajectory.orbit(cameras, time, degrees, around=frame, count=len(SIDES))[SIDES.index(side)].camera
+        longest = max(camera.width, camera.height)
+        scale = width / camera.width if width else min(1.0, USUAL_SIDE / longest)
+        scale = min(scale, LARGEST_SIDE / longest)
+        size = [max(1, round(scale * side)) for side in (camera.width, camera.height)]
+        return View(camera.resized(*size), float(time))
+
+    def _selection(self, path: Path, scene: Scene, name: str) -> Selection:
+        found = self._found.get(name)
+        if found is None or found.path != path:
+            known = [name for name, other in self._found.items() if other.path == path]
+            raise F4xError(f"There is no selection {name!r} in this scene; known: {', '.join(known) or 'none'}.")
+        return found.selection.for_ids(scene.ids)
+
+    def _candidate(self, name: str, index: int) -> tuple[Path, Scene, plan.Candidate]:
+        """What was proposed, where the scene is still as it was then: ids and places may mean something else by now."""
+        if name not in self._proposed:
+            raise F4xError(f"There is no proposal {name!r}; known: {', '.join(self._proposed) or 'none'}.")
+        path, stack, proposal = self._proposed[name]
+        scene = self._open(self.folder.name(path))[1]
+        if of(scene) != stack:
+            raise F4xError(f"The scene was edited after {name!r} was made; propose the edit again.")
+        if index >= len(proposal.candidates):
+            raise F4xError(f"{name!r} has {len(proposal.candidates)} candidates; give an index from 0, or -1.")
+        return path, scene, proposal.chosen if index < 0 else proposal.candidates[index]
+
+    def _told(self, scene: Scene, index: int, candidate: plan.Candidate) -> dict[str, Any]:
+        """A candidate as JSON, its ids counted and not listed."""
+        steps = getattr(plan.preview(scene, candidate), "steps", ())
+        chosen = {step.edit.id: int(step.chosen.sum()) for step in steps}
+        new = of(plan.preview(scene, candidate)).edits[len(of(scene)) :]
+        does = [
+            {"does": describe(edit.operation), "gaussians": chosen.get(edit.id, 0), **_brief(edit.operation.to_json())}
+            for edit in new
+        ]
+        return {"index": index, "why": candidate.why or "as said", "scores": dict(candidate.scores), "operations": does}
+
+    def _output(self, name: str) -> Path:
+        if self.read_only:
+            raise F4xError("This server only reads; start it without --read-only to write files.")
+        return self.folder.output(name)
+
+    def _name(self, kind: str) -> str:
+        self._made += 1
+        return f"{kind} {self._made}"
+
+
+def _keep(kept: dict[Key, Value], key: Key, value: Value, most: int) -> None:
+    """Put `value` last, and forget the first of more than `most`."""
+    kept.pop(key, None)
+    kept[key] = value
+    if len(kept) > most:
+        del kept[next(iter(kept))]
+
+
+def _settled(scene: Scene, entries: list[dict[str, Any]], context: Context) -> tuple[Operation, ...]:
+    """Operations of JSON objects, each resolved in the scene that those before it leave."""
+    if len(entries) > MOST_OPERATIONS:
+        raise F4xError(f"{len(entries)} operations are given; give at most {MOST_OPERATIONS} at once.")
+    settled: list[Operation] = []
+    for number, entry in enumerate(entries, 1):
+        operation = read_operation(entry, f"operation {number}")
+        settled.append(resolve(scene, operation, context, encode_labels))
+        scene = with_operations(scene, settled[-1])
+    return tuple(settled)
+
+
+def _brief(value: Any) -> Any:
+    """JSON of an operation with the number of ids in place of packed ids."""
+    if isinstance(value, dict):
+        if value.get("by") == Ids.TAG:
+            return {
+                "by": Ids.TAG,
+                "count": len(read_record(Ids, {k: v for k, v in value.items() if k != "by"}, "ids").array),
+            }
+        return {name: _brief(inner) for name, inner in value.items()}
+    return [_brief(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _listed(edits: tuple[Edit, ...]) -> list[dict[str, Any]]:
+    return [
+        {"id": edit.id, "does": describe(edit.operation), "said": edit.said, "enabled": edit.enabled} for edit in edits
+    ]
+
+
+def _left(stack: EditStack) -> Reply:
+    return Reply({"edits": len(stack), "undone": len(stack.undone)})
+
+
+def _require_times(cameras: CameraPath, times: Sequence[float]) -> None:
+    first, last = cameras.times[[0, -1]]
+    for time in times:
+        if not first <= time <= last:
+            raise F4xError(f"Frame {time:g} lies outside the clip, whose frames are {first:g} to {last:g}.")
+
+
+def _box_of(inside: np.ndarray, scene: Scene) -> list[float] | None:
+    """Left, top, right, bottom in pixels of the clip of what is true in `inside (H,W)`; None where nothing is."""
+    rows, columns = np.nonzero(inside)
+    if not len(rows):
+        return None
+    scale = scene.cameras.width / inside.shape[1]
+    return [round(scale * float(edge), 1) for edge in (columns.min(), rows.min(), columns.max() + 1, rows.max() + 1)]

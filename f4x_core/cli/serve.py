@@ -1,0 +1,48 @@
+"""`f4x serve`."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from typing import Any
+
+from ..errors import F4xError
+from ..progress import Progress
+
+
+def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Let agents look at and edit the scenes of a folder, until the client goes or Ctrl-C."""
+    try:
+        from ..agent.server import read_token, serve_http, serve_stdio
+    except ModuleNotFoundError as error:
+        raise F4xError(
+            f"f4x serve needs the package mcp ({error}); install it with `pip install 'feature4x-blender[agents]'`."
+        ) from error
+    from ..agent.folder import Folder
+    from ..agent.session import Session
+
+    logging.basicConfig(level=logging.WARNING, format="%(message)s")  # before the package does it with boxes
+    session = Session(Folder(args.target), args.read_only, args.backend)
+    if args.http is None:
+        if args.json:
+            raise F4xError("--json prints on standard output, which belongs to the client here; leave it out.")
+        serve_stdio(session)
+        return {}
+    token, is_new = read_token()
+
+    def announce(url: str) -> None:
+        print(f"{url}\nAuthorization: Bearer {token if is_new else '$F4X_TOKEN'}", file=sys.stderr, flush=True)
+
+    serve_http(session, _address(args.http), token, announce)
+    return {}
+
+
+def _address(text: str) -> tuple[str, int]:
+    """(host, port) of `PORT` or `HOST:PORT`."""
+    host, _, port = text.rpartition(":")
+    if not (port.isascii() and port.isdigit()):
+        raise F4xError(f"--http {text}: write a port, for example --http 8484.")
+    from ..agent.server import LOOPBACK
+
+    return host or LOOPBACK, int(port)
