@@ -255,6 +255,19 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("scene", type=path_argument)
     output_option(sub, "SCENE2", required=True)
 
+    sub = verb("serve", "Let agents look at, question and edit scenes, through the Model Context Protocol.")
+    sub.add_argument("target", type=path_argument, metavar="SCENE|FOLDER", help="the one scene, or folder, they see")
+    sub.add_argument("--mcp", action="store_true", required=True, help="the protocol; on standard input and output")
+    sub.add_argument(
+        "--http",
+        nargs="?",
+        const="8484",
+        metavar="PORT",
+        help="on HTTP for this machine alone instead (default: 8484); asks for the token in F4X_TOKEN, or prints one",
+    )
+    sub.add_argument("--read-only", action="store_true", help="without the tools that edit and export")
+    backend_option(sub)
+
     sub = verb("features", "Let teachers look at a clip: feature maps in DIR/features/TEACHER.")
     sub.add_argument("clip", type=path_argument)
     output_option(sub, required=True)

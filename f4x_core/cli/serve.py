@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import signal
 import sys
 from typing import Any
 
@@ -27,6 +28,7 @@ def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if args.http is None:
         if args.json:
             raise F4xError("--json prints on standard output, which belongs to the client here; leave it out.")
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # nothing else wakes the thread that waits for input
         serve_stdio(session)
         return {}
     token, is_new = read_token()
