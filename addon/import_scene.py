@@ -24,15 +24,15 @@ import numpy as np
 from mathutils import Matrix
 
 from ..f4x_core.errors import F4xError
-from ..f4x_core.geometry import pose, quaternion, spherical_harmonics
+from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.deformation import node_poses_at, pairs_of
 from ..f4x_core.scene import Scene, read_scene
-from ..f4x_core.scene.color import linear_from_srgb
 from ..f4x_core.scene.view import NEAR
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
+from .gaussian_attributes import write_looks, write_places
 from .motion_nodes import build_motion_tree
-from .point_cloud import FLOAT4, new_point_cloud, write_attribute
+from .point_cloud import new_point_cloud, write_attribute
 
 MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
@@ -110,19 +110,9 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     if len(gaussians) == 0:
         return item
     rotation = quaternion.normalize(gaussians.rotation)
-    sh = spherical_harmonics.rotate(gaussians.sh, rotation)  # own frame -> the object's frame
-    rgb = np.clip(spherical_harmonics.rgb_from_dc(sh[:, 0]), 0.0, 1.0)
-    alpha = gaussians.opacity[:, None]
-    write_attribute(cloud, "position", "FLOAT_VECTOR", gaussians.xyz)
-    write_attribute(cloud, "scale", "FLOAT_VECTOR", gaussians.scale)
-    write_attribute(cloud, "rotation", "QUATERNION", rotation)
-    write_attribute(cloud, "radiance:base", FLOAT4, np.concatenate([sh[:, 0], alpha], 1))
-    for i in range(1, sh.shape[1]):
-        write_attribute(cloud, f"radiance:sh_{i - 1}", "FLOAT_VECTOR", sh[:, i])
+    write_places(cloud, gaussians.xyz, rotation, gaussians.scale)
+    write_looks(cloud, rotation, gaussians.sh, gaussians.opacity)
     write_attribute(cloud, "gid", "INT", gaussians.ids)
-    write_attribute(cloud, "rgb", "FLOAT_COLOR", np.concatenate([linear_from_srgb(rgb), alpha], 1))
-    # Engines that know no splats draw balls: of the ellipsoid's own volume, or flat splats would bulge out of their surface.
-    write_attribute(cloud, "radius", "FLOAT", np.prod(gaussians.scale, axis=1) ** (1 / 3))
     if latent is not None:
         write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", latent)
     cloud.materials.append(material)

@@ -129,10 +129,17 @@ class EditedScene(Scene):
 
     def posed(self, time: float) -> Posed:
         """All Gaussians at clip time `time` (frame index, float allowed), copies last; N and order are the same always."""
+        return self.part(time, EVERY)
+
+    def part(self, time: float, rows: Wanted) -> Posed:
+        """Only the Gaussians `rows` of `posed(time)`, without working out where the others are."""
         self._moments.clear()
-        placed = self._placed(len(self.steps), time, EVERY)
-        seen = self._seen(len(self.steps), time, EVERY)
-        return Posed(*placed, *seen, ids=self.rows.ids, dynamic=self.rows.moves)
+        placed = self._placed(len(self.steps), time, rows)
+        return Posed(*placed, *self.looks(time, rows), ids=self.rows.ids[rows], dynamic=self.rows.moves[rows])
+
+    def looks(self, time: float, rows: Wanted = EVERY) -> Appearance:
+        """What the Gaussians `rows` look like at `time`, wherever they are."""
+        return self._seen(len(self.steps), time, rows)
 
     def latents(self) -> np.ndarray:
         """(N,D) float32 latents of the feature field, in the order of `posed`; a copy has those of its original."""

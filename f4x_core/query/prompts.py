@@ -33,7 +33,7 @@ class FollowConfig:
     """How a mask on one frame becomes a selection for all of them."""
 
     lifted: int = 20
-    """Frames, evenly over the clip, whose masks are lifted to Gaussians."""
+    """Frames, evenly over the clip, whose masks are lifted to Gaussians; 0 = the prompted ones alone, which is quick."""
     prompted_weight: float = 3.0
     """A prompted frame counts as so many others: its mask is the user's."""
     least_light: float = 0.05
@@ -142,7 +142,7 @@ def select_by_prompts(
             )
     prompted, followed = dict(masks), {}
     wanted = set(np.linspace(0, len(cameras) - 1, min(config.lifted, len(cameras))).round().astype(int)) - set(prompts)
-    for done, (frame, logits) in enumerate(decoder.propagate()):
+    for done, (frame, logits) in enumerate(decoder.propagate() if wanted else ()):
         progress("follow", done, len(cameras))
         if frame in wanted:
             followed[frame] = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
