@@ -73,7 +73,7 @@ def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Clou
         means=found["position"],
         quats=found["rotation"],
         scales=found["scale"],
-        opacities=np.clip(base[:, 3], 0, 1) * (1 if hidden is None else 1 - hidden),
+        opacities=np.clip(base[:, 3], 0, 1) * (1 if hidden is None else ~hidden.astype(bool)),
         sh=np.stack([base[:, :3], *higher[: whole - 1]], 1),
         turn=read_attribute(data, "turn"),
         to_world=to_world,

@@ -3,29 +3,26 @@
 import bpy
 import numpy as np
 
-# attribute type -> (foreach_set key, components)
+# attribute type -> (foreach_set key, components, type of a component: others are slow to hand over)
 _LAYOUT = {
-    "FLOAT": ("value", 1),
-    "INT": ("value", 1),
-    "BOOLEAN": ("value", 1),
-    "QUATERNION": ("value", 4),
-    "FLOAT4X4": ("value", 16),
-    "FLOAT_VECTOR": ("vector", 3),
-    "FLOAT_COLOR": ("color", 4),
-    "FLOAT4": ("vector", 4),
+    "FLOAT": ("value", 1, np.float32),
+    "INT": ("value", 1, np.int32),
+    "BOOLEAN": ("value", 1, bool),
+    "QUATERNION": ("value", 4, np.float32),
+    "FLOAT4X4": ("value", 16, np.float32),
+    "FLOAT_VECTOR": ("vector", 3, np.float32),
+    "FLOAT_COLOR": ("color", 4, np.float32),
+    "FLOAT4": ("vector", 4, np.float32),
 }
-# foreach_get is fast only into an array of the attribute's own type
-_READABLE = {kind: np.float32 for kind in _LAYOUT if kind != "FLOAT4X4"} | {"INT": np.int32, "BOOLEAN": bool}
 FLOAT4 = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 """Four plain floats; Blender before 5.2 has only colours of four floats."""
 
 
 def write_attribute(data: bpy.types.ID, name: str, kind: str, values: np.ndarray) -> None:
     """Write one POINT attribute of a mesh or point cloud; `values` (N,) or (N,C). FLOAT4X4 wants (N,4,4) row-major."""
-    key, components = _LAYOUT[kind]
+    key, components, dtype = _LAYOUT[kind]
     if kind == "FLOAT4X4":
         values = values.transpose(0, 2, 1)  # Blender stores columns one after the other
-    dtype = np.int32 if kind == "INT" else np.float32
     flat = np.ascontiguousarray(values, dtype).ravel()
     attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
     if flat.size != components * len(attribute.data):
@@ -34,14 +31,13 @@ def write_attribute(data: bpy.types.ID, name: str, kind: str, values: np.ndarray
 
 
 def read_attribute(data: bpy.types.ID, name: str) -> np.ndarray | None:
-    """Values of one POINT attribute, (N,) or (N,C) float32; None where there is none of a kind that we know."""
+    """Values of one POINT attribute, (N,) or (N,C); None where there is none of a kind that we know."""
     attribute = data.attributes.get(name)
-    if attribute is None or attribute.domain != "POINT" or attribute.data_type not in _READABLE:
+    if attribute is None or attribute.domain != "POINT" or attribute.data_type not in _LAYOUT:
         return None
-    key, components = _LAYOUT[attribute.data_type]
-    values = np.empty(len(attribute.data) * components, _READABLE[attribute.data_type])
+    key, components, dtype = _LAYOUT[attribute.data_type]
+    values = np.empty(len(attribute.data) * components, dtype)
     attribute.data.foreach_get(key, values)
-    values = values.astype(np.float32, copy=False)
     return values if components == 1 else values.reshape(-1, components)
 
 

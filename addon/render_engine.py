@@ -96,7 +96,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         except Cancelled:
             self.update_stats("Feature4X", "cancelled")
         except F4xError as error:
-            self.error_set(str(error))
+            self.report({"ERROR"}, str(error))
 
     def _render(self, depsgraph):
         scene, layer = depsgraph.scene, depsgraph.view_layer

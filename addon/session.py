@@ -1,0 +1,232 @@
+"""What belongs to an imported scene: its core `Scene`, its pending edits, its clouds, and which Gaussian is which point.
+
+The state is in the .blend, on the scene's root empty, so that Blender's own undo takes it back:
+
+    f4x_path     the scene file
+    f4x_arrays   hash of the file's arrays at import: the file has to hold the same Gaussians
+    f4x_edits    JSON of the pending stack
+    f4x_saved    JSON of the stack that the file held when both were last the same
+    f4x_preview  JSON of a stack that is only being looked at; absent otherwise
+
+Scenes are cached by path and hash of their arrays, edited ones by their stack as well: undo needs no cache to be told.
+Gaussians are known by their id, the point attribute `gid`, so points may be deleted, split off and copied in Blender.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..f4x_core.edit.apply import edited
+from ..f4x_core.edit.display import Display
+from ..f4x_core.edit.operations import Operation
+from ..f4x_core.edit.resolve import Context, resolve
+from ..f4x_core.edit.selects import Ids
+from ..f4x_core.edit.stack import EditStack, merge, read_stack, with_stack, write_stack
+from ..f4x_core.edit.stack import of as stack_in
+from ..f4x_core.errors import F4xError
+from ..f4x_core.query.selection import Selection
+from ..f4x_core.scene import Scene, read_header, read_scene
+from .point_cloud import read_attribute, write_attribute
+
+PATH, ARRAYS, EDITS, SAVED, PREVIEW = "f4x_path", "f4x_arrays", "f4x_edits", "f4x_saved", "f4x_preview"
+APART = "f4x_apart"
+"""Property of the object whose points are drawn apart from the base's clouds: moved, retimed and copied Gaussians."""
+SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
+"""Point attributes: what is selected (Blender's own name), what was before the last query, and the query's scores."""
+KEPT = 4
+"""Scenes kept, edited ones too: going back and forth between a preview and the stack costs nothing."""
+
+_files: dict[str, tuple[tuple[int, int], str]] = {}  # path -> ((time of change, size), hash of the arrays)
+_scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
+
+
+def root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
+    """The root empty of the scene that `item` is a part of; where it is of none, the only one that there is."""
+    while item is not None and PATH not in item:
+        item = item.parent
+    if item is not None:
+        return item
+    roots = [other for other in bpy.context.scene.objects if PATH in other]
+    return roots[0] if len(roots) == 1 else None
+
+
+def path_of(root: bpy.types.Object) -> Path:
+    """The scene file, which may be given relative to the .blend."""
+    return Path(bpy.path.abspath(root[PATH]))
+
+
+def attach(root: bpy.types.Object) -> None:
+    """Take over the scene file's edits and remember its arrays; for a scene that was just imported."""
+    path = path_of(root)
+    root[ARRAYS] = _hash_of(path)
+    root[EDITS] = root[SAVED] = _text(read_stack(path))
+
+
+def stack_of(root: bpy.types.Object) -> EditStack:
+    """The pending stack."""
+    return _stack(root, EDITS)
+
+
+def set_stack(root: bpy.types.Object, stack: EditStack) -> None:
+    """Make `stack` the pending one, checked; F4xError leaves the old one. Whoever calls shows it: `display.refresh`."""
+    text = _text(stack)
+    _display(root, text)
+    root[EDITS] = text
+    show_preview(root, None)
+
+
+def show_preview(root: bpy.types.Object, stack: EditStack | None) -> None:
+    """Look at `stack` in place of the pending one; None: no longer."""
+    if stack is not None:
+        root[PREVIEW] = _text(stack)
+    elif PREVIEW in root:
+        del root[PREVIEW]
+
+
+def is_saved(root: bpy.types.Object) -> bool:
+    """Whether the scene file has the pending edits, as far as this session knows."""
+    return root.get(EDITS) == root.get(SAVED)
+
+
+def save(root: bpy.types.Object) -> EditStack:
+    """Write the pending edits into the scene file, atomically, merged with what others wrote there in between.
+
+    Raises F4xError: the file is missing or holds other Gaussians, or both sides changed the same edit.
+    """
+    path = path_of(root)
+    _check_arrays(root)
+    ours, saved, theirs = stack_of(root), _stack(root, SAVED), read_stack(path)
+    stack = ours if theirs.edits == saved.edits else merge(saved, ours, theirs)
+    if stack.edits != theirs.edits:
+        write_stack(path, stack)
+    set_stack(root, stack)
+    root[SAVED] = root[EDITS]
+    return stack
+
+
+def base_scene(root: bpy.types.Object) -> Scene:
+    """The scene without its edits."""
+    return _display(root, _text(EditStack())).scene
+
+
+def edited_scene(root: bpy.types.Object) -> Scene:
+    """The scene with the pending edits."""
+    return _display(root, _pending(root)).scene
+
+
+def shown(root: bpy.types.Object) -> Display:
+    """What the viewport shows: the preview where there is one, else the pending edits."""
+    return _display(root, root.get(PREVIEW) or _pending(root))
+
+
+def frame_of(root: bpy.types.Object) -> float:
+    """The present clip frame, held within the clip."""
+    scene = bpy.context.scene
+    return shown(root).time(scene.frame_current + scene.frame_subframe)
+
+
+def clouds_of(root: bpy.types.Object) -> list[bpy.types.Object]:
+    """The point clouds of the scene's Gaussians; those drawn apart come last."""
+    clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD" and "gid" in item.data.attributes]
+    return sorted(clouds, key=lambda item: APART in item)
+
+
+def points(root: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarray, np.ndarray]]:
+    """(cloud, points (m,), Gaussians (m,)): which points of a cloud are which rows of the shown scene's `posed`."""
+    ids = shown(root).scene.ids
+    order = np.argsort(ids, kind="stable") if np.any(ids[1:] < ids[:-1]) else None
+    for cloud in clouds_of(root):
+        gid = read_attribute(cloud.data, "gid")
+        place = np.minimum(np.searchsorted(ids, gid, sorter=order), len(ids) - 1)
+        row = place if order is None else order[place]
+        known = np.flatnonzero(ids[row] == gid)
+        yield cloud, known, row[known]
+
+
+def read(root: bpy.types.Object, name: str) -> np.ndarray:
+    """(N,) values of a point attribute by Gaussian; 0 where no point has it, and of points drawn apart where there are any."""
+    values = np.zeros(len(shown(root).scene.ids), np.float32 if name == SCORE else bool)
+    for cloud, at, row in points(root):
+        found = read_attribute(cloud.data, name)
+        values[row] = 0 if found is None else found[at]
+    return values
+
+
+def write(root: bpy.types.Object, **attributes: tuple[str, np.ndarray]) -> None:
+    """Write point attributes, name -> (type, (N,) values by Gaussian), to every point that shows one of them."""
+    for cloud, at, row in points(root):
+        for name, (kind, values) in attributes.items():
+            new = np.zeros(len(cloud.data.points), values.dtype)
+            new[at] = values[row]
+            write_attribute(cloud.data, name, kind, new)
+        cloud.data.update_tag()
+
+
+def selection(root: bpy.types.Object) -> Selection | None:
+    """What is selected among the shown Gaussians, with the scene's time span; None where nothing is."""
+    chosen = read(root, SELECTED)
+    if not chosen.any():
+        return None
+    span = (float(root.f4x.first), float(root.f4x.last)) if root.f4x.use_span else None
+    ids = shown(root).scene.ids
+    return Selection(ids, chosen.astype(float), np.zeros(len(ids), bool), span=span, label=root.f4x.text)
+
+
+def context_of(root: bpy.types.Object) -> Context:
+    """What "it" and "now" mean to the core."""
+    return Context(selection(root), frame_of(root))
+
+
+def selected_ids(root: bpy.types.Object) -> Ids:
+    """The selected Gaussians as a stack holds them; F4xError where there are none."""
+    chosen = selection(root)
+    if chosen is None:
+        raise F4xError("Nothing is selected; ask for something, or select points in edit mode.")
+    return Ids.of(chosen.chosen_ids)
+
+
+def append(root: bpy.types.Object, *operations: Operation, said: str = "") -> EditStack:
+    """Append operations to the pending stack, resolved as `f4x edit` resolves them; F4xError leaves it as it was."""
+    context = context_of(root)
+    stack = stack_of(root)
+    for operation in operations:
+        scene = edited(with_stack(base_scene(root), stack))
+        stack = stack.append(resolve(scene, operation, context), said)
+    set_stack(root, stack)
+    return stack
+
+
+def forget() -> None:
+    """Empty the caches: another .blend was opened."""
+    _files.clear()
+    _scenes.clear()
+
+
+def _pending(root: bpy.types.Object) -> str:
+    if EDITS not in root:  # imported by an older version, or by a script that did not attach it
+        attach(root)
+    return root[EDITS]
+
+
+def _stack(root: bpy.types.Object, name: str) -> EditStack:
+    _pending(root)
+    return _parsed(root.name, root[name])
+
+
+def _parsed(where: str, text: str) -> EditStack:
+    try:
+        return stack_in(replace(_EMPTY, name=where, edits=tuple(json.loads(text))))
+    except ValueError as error:
+        raise F4xError(f"{where}: its edits are no JSON ({error}); import the scene again.") from error
+
+
+def _text(stack: EditStack) -> str:
+    return json.dumps(stack.to_json())
