@@ -56,3 +56,10 @@ class Scaffold:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    @property
+    def edges(self) -> np.ndarray:
+        """(E, 2) int64 pairs of nodes that the graph joins, each once, the smaller index first."""
+        start = np.broadcast_to(np.arange(len(self))[:, None], self.neighbours.shape)[self.edge_mask]
+        pairs = np.sort(np.stack([start, self.neighbours[self.edge_mask]], axis=1), axis=1)
+        return np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)

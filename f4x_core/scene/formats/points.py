@@ -58,7 +58,4 @@ def _linear_rgba(posed: Posed) -> np.ndarray:
 def _graph_at(scaffold: Scaffold, time: float, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return node positions (M,3) and the pairs (L,2) of nodes that the graph joins, each once."""
     xyz, _ = node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, time)
-    start = np.broadcast_to(np.arange(len(xyz))[:, None], scaffold.neighbours.shape)[scaffold.edge_mask]
-    pairs = np.sort(np.stack([start, scaffold.neighbours[scaffold.edge_mask]], axis=1), axis=1)
-    pairs = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
-    return xyz @ matrix[:3, :3].T + matrix[:3, 3], pairs
+    return xyz @ matrix[:3, :3].T + matrix[:3, 3], scaffold.edges

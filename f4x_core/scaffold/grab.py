@@ -1,0 +1,106 @@
+"""Moving a few nodes while their neighbours follow as rigidly as possible (Sorkine and Alexa 2007). numpy, float64."""
+
+import numpy as np
+
+from ..geometry import pose, quaternion
+
+ITERATIONS = 200
+"""Local and global steps at most; a pull over a few rings of nodes settles in about twenty, a large turn in a hundred."""
+SETTLED = 1e-5
+"""It has settled when no node moves by more than this share of the largest displacement in a step."""
+SMALLEST = 1e-9
+"""World units; added to the diagonal so that nodes without any edge keep a place."""
+UPRIGHT = 1e-6
+"""Share of the bars' moment that speaks for no turn: a row of nodes in a line leaves the turn about the line open."""
+
+
+def within_reach(xyz: np.ndarray, edges: np.ndarray, grabbed: np.ndarray, reach: float) -> np.ndarray:
+    """Return the indices of the nodes that edges lead to from a `grabbed (n,)` node within `reach` world units, them too."""
+    lengths = np.linalg.norm(xyz[edges[:, 0]] - xyz[edges[:, 1]], axis=1)
+    distance = np.full(len(xyz), np.inf)
+    distance[grabbed] = 0
+    while True:  # Bellman-Ford: a scaffold has hundreds of nodes, and few rings lie within reach
+        before = distance.copy()
+        for a, b in (edges.T, edges.T[::-1]):
+            np.minimum.at(distance, b, before[a] + lengths)
+        if (distance == before).all():
+            return np.flatnonzero(distance <= reach)
+
+
+def grab(
+    xyz: np.ndarray, edges: np.ndarray, grabbed: np.ndarray, targets: np.ndarray, free: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return `(positions (M,3), turns (M,4))`, unit wxyz, of nodes at `xyz (M,3)` when the `grabbed (n,)` are at `targets (n,3)`.
+
+    Minimises `sum |(x_i - x_j) - R_i (p_i - p_j)|^2` over both directions of `edges (E,2)`, positions x and a rotation R
+    for each node, by turns: the best rotations for the positions, then the best positions for the rotations. `free` are the
+    indices that may follow (all unless told); every other node stays, and holds on to those beside it. `turns` is how each
+    node has turned: its rotation is to be multiplied by it from the left.
+    """
+    rest = np.asarray(xyz, np.float64)
+    moves = np.zeros(len(rest), bool)
+    moves[np.arange(len(rest)) if free is None else free] = True
+    moves[grabbed] = False
+    placed = rest.copy()
+    placed[grabbed] = targets
+    largest = float(np.abs(placed - rest).max(initial=0))
+    both = np.concatenate([edges, edges[:, ::-1]])  # (2E,2): from i to j
+    bars = rest[both[:, 1]] - rest[both[:, 0]]
+    laplacian = np.zeros((len(rest), len(rest)))
+    np.add.at(laplacian, (both[:, 0], both[:, 0]), 1.0)
+    np.add.at(laplacian, (both[:, 0], both[:, 1]), -1.0)
+    inner = laplacian[np.ix_(moves, moves)] + SMALLEST * np.eye(int(moves.sum()))
+    solve, held = np.linalg.inv(inner), laplacian[np.ix_(moves, ~moves)]
+    # Parts that no edge joins to anything held would have no place: they keep theirs, up to the small diagonal.
+    anchor = SMALLEST * rest[moves]
+    rotations = np.broadcast_to(np.eye(3), (len(rest), 3, 3))
+    for _ in range(ITERATIONS if moves.any() and largest else 0):
+        pull = np.zeros_like(rest)
+        np.add.at(pull, both[:, 0], -_mean_turned(rotations, both, bars))
+        before = placed[moves]
+        placed[moves] = solve @ (pull[moves] - held @ placed[~moves] + anchor)
+        rotations = _best_rotations(placed, both, bars)
+        if np.abs(placed[moves] - before).max() <= SETTLED * largest:
+            break
+    turned = np.zeros(len(rest), bool)
+    turned[np.flatnonzero(moves)] = turned[grabbed] = bool(largest)
+    turns = quaternion.from_matrix(_best_rotations(placed, both, bars))
+    return placed, np.where(turned[:, None], turns, quaternion.IDENTITY)
+
+
+def stiffness(xyz: np.ndarray, edges: np.ndarray, placed: np.ndarray) -> float:
+    """Return the energy that `grab` minimises, of nodes that went from `xyz (M,3)` to `placed (M,3)`, world units squared."""
+    both = np.concatenate([edges, edges[:, ::-1]])
+    bars = xyz[both[:, 1]] - xyz[both[:, 0]]
+    rotations = _best_rotations(placed, both, bars)
+    left = placed[both[:, 1]] - placed[both[:, 0]] - np.einsum("eij,ej->ei", rotations[both[:, 0]], bars)
+    return float((left**2).sum())
+
+
+def held(
+    xyz: np.ndarray, quat: np.ndarray, offset: tuple[np.ndarray, np.ndarray], share: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses `(xyz (F,n,3), quat (F,n,4))` with a `share (F,)` of `offset` = `(quat (n,4), xyz (n,3))` in them.
+
+    The offset is in each node's own frame, so that it turns with the thing that the node belongs to.
+    """
+    turn = quaternion.from_rotation_vector(share[:, None, None] * quaternion.to_rotation_vector(offset[0]))
+    turned, placed = pose.compose(quat, xyz, turn, share[:, None, None] * offset[1])
+    return placed, turned
+
+
+def _mean_turned(rotations: np.ndarray, both: np.ndarray, bars: np.ndarray) -> np.ndarray:
+    """Bars (2E,3) turned by the mean of the rotations at both ends."""
+    mean = (rotations[both[:, 0]] + rotations[both[:, 1]]) / 2
+    return np.einsum("eij,ej->ei", mean, bars)
+
+
+def _best_rotations(placed: np.ndarray, both: np.ndarray, bars: np.ndarray) -> np.ndarray:
+    """Rotations (M,3,3) that best turn the bars at each node into what they have become (Kabsch 1976)."""
+    now = placed[both[:, 1]] - placed[both[:, 0]]
+    moments = np.zeros((len(placed), 3, 3))
+    np.add.at(moments, both[:, 0], now[:, :, None] * bars[:, None, :])
+    moments += UPRIGHT * np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    u, _, vt = np.linalg.svd(moments)
+    u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[:, None]
+    return u @ vt

@@ -1,0 +1,76 @@
+"""Groups of nodes that move as one rigid thing, and the motion of such a thing. numpy."""
+
+import numpy as np
+
+from ..geometry import pose, quaternion
+
+NEARNESS = 0.05
+"""Share of the distance between two nodes that counts against their being one thing: what never moves falls apart in places."""
+TOLERANCE = 1.0
+"""Of two nodes in one group, the distance may change by about so many node spacings over the clip."""
+MOST_GROUPS = 24
+"""More handles than this help nobody."""
+ROUNDS = 20
+"""Rounds of choosing medoids; a few hundred nodes settle in less than ten."""
+
+
+def rigidity(xyz: np.ndarray) -> np.ndarray:
+    """Return the symmetric `(M,M)` float64 measure of how little two of the curves `xyz (F,M,3)` are one rigid thing.
+
+    How much their distance changes over time, largest less smallest, plus `NEARNESS` times its mean, in world units.
+    """
+    nodes = xyz.shape[1]
+    least, most, total = np.full((nodes, nodes), np.inf), np.zeros((nodes, nodes)), np.zeros((nodes, nodes))
+    for placed in xyz.astype(np.float64):
+        distance = np.linalg.norm(placed[:, None] - placed, axis=-1)
+        least, most, total = np.minimum(least, distance), np.maximum(most, distance), total + distance
+    return most - least + NEARNESS * total / len(xyz)
+
+
+def rigid_groups(xyz: np.ndarray, unit: float, count: int | None = None) -> np.ndarray:
+    """Return the group `(M,)` int of every node with curve `xyz (F,M,3)`, the largest group 0.
+
+    k-medoids on `rigidity` (Kaufman and Rousseeuw 1987), seeded with nodes far apart. Without `count` there are as few groups
+    as leave nine in ten pairs of a group within `TOLERANCE` times `unit`, at most `MOST_GROUPS`.
+    """
+    distance = rigidity(xyz)
+    for number in [count] if count else range(1, min(MOST_GROUPS, len(distance)) + 1):
+        medoids = _medoids(distance, min(number, len(distance)))
+        group = distance[:, medoids].argmin(1)
+        together = distance[
+            group[:, None] == group
+        ]  # a medoid next to a joint is near to both sides of it; all pairs tell
+        if count is None and np.quantile(together, 0.9) <= TOLERANCE * unit:
+            break
+    order = np.argsort(-np.bincount(group, minlength=len(medoids)), kind="stable")
+    return np.argsort(order)[group]
+
+
+def group_motion(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses `(quat (F,4), xyz (F,3))` of the rigid thing that nodes with curves `xyz (F,n,3)` are.
+
+    It stands upright in their middle at the first time and follows them by the best rigid motion (Kabsch 1976); a thing of
+    fewer than three nodes does not turn.
+    """
+    centres = xyz.mean(1, dtype=np.float64)
+    if xyz.shape[1] < 3:
+        return np.tile(quaternion.IDENTITY, (len(xyz), 1)), centres
+    turns = [pose.align_similarity(xyz[0], placed, with_scale=False)[1] for placed in xyz]
+    return quaternion.align_sequence(quaternion.from_matrix(np.stack(turns))), centres
+
+
+def _medoids(distance: np.ndarray, count: int) -> np.ndarray:
+    """Indices (count,) of the medoids: farthest first, then the middle of each group until nothing changes."""
+    medoids = [int(distance.sum(1).argmin())]
+    while len(medoids) < count:
+        medoids.append(int(distance[:, medoids].min(1).argmax()))
+    chosen = np.array(medoids)
+    for _ in range(ROUNDS):
+        group = distance[:, chosen].argmin(1)
+        group[chosen] = np.arange(len(chosen))
+        members = [np.flatnonzero(group == number) for number in range(len(chosen))]
+        better = np.array([index[distance[np.ix_(index, index)].sum(1).argmin()] for index in members])
+        if (better == chosen).all():
+            break
+        chosen = better
+    return chosen
