@@ -19,10 +19,12 @@ from ..files import replace_file
 from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.labels import encode_labels
+from ..query.selection import Selection
 from ..scene import Scene, read_scene, write_scene
 
 MOST_BYTES = 64 << 20
-"""Of a file of operations: selections of millions of Gaussians take less."""
+"""Of a file of operations or a selection: those of millions of Gaussians take less."""
+SELECTION = "selection.json"
 
 
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -97,10 +99,11 @@ def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _with_file(scene: Scene, args: argparse.Namespace, progress: Progress) -> Scene:
     """The scene with the operations of the file `--ops`."""
+    context = _context(args)
     for number, operation in enumerate(read_operations(args.ops), 1):
         progress("edit", number - 1, 0, operation.TAG)
         try:
-            settled = resolve(scene, operation, Context(frame=args.frame), encode_labels)
+            settled = resolve(scene, operation, context, encode_labels)
             scene = with_operations(scene, settled)
         except F4xError as error:
             raise F4xError(f"{args.ops}: operation {number} ({operation.TAG}): {error}") from error
@@ -110,7 +113,7 @@ def _with_file(scene: Scene, args: argparse.Namespace, progress: Progress) -> Sc
 def _said(scene: Scene, args: argparse.Namespace, progress: Progress) -> tuple[Scene, dict[str, Any], list[str]]:
     """The scene with the best reading of `--say`, what is told of all readings as JSON, and in lines."""
     server = ChatServer.from_environment(args.endpoint)
-    context = Context(frame=args.frame)
+    context = _context(args)
     options: dict[str, Any] = {"server": server, "encode": encode_labels, "candidates": args.candidates}
     proposal = propose(scene, args.say, context, backend=args.backend, progress=progress, **options)
     if args.contact_sheet is not None:
@@ -134,14 +137,20 @@ def _said(scene: Scene, args: argparse.Namespace, progress: Progress) -> tuple[S
     return preview(scene, proposal.chosen), found, lines
 
 
+def _context(args: argparse.Namespace) -> Context:
+    """What "it" and "now" mean on the command line."""
+    if args.select is None:
+        return Context(frame=args.frame)
+    data = read_json(args.select, f"the {SELECTION} that `f4x query SCENE … -o DIR` leaves")
+    try:
+        return Context(Selection.from_json(data), args.frame)
+    except F4xError as error:
+        raise F4xError(f"{args.select}: {error}") from error
+
+
 def read_operations(path: Path) -> list[Operation]:
     """The operations of a JSON file: a list of objects, or one. F4xError names the file and the operation."""
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise F4xError(f"{path}: it is larger than {MOST_BYTES >> 20} MiB; give a file of operations.")
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise F4xError(f"{path}: it is not JSON ({error}); write a list of operations.") from error
+    data = read_json(path, "a list of operations")
     entries = data if isinstance(data, list) else [data]
     if not entries:
         raise F4xError(f"{path}: it holds no operation; write a list of them.")
@@ -161,3 +170,13 @@ def told(edit: Edit) -> str:
 def _left(args: argparse.Namespace, stack: EditStack) -> dict[str, Any]:
     done, undone = len(stack), len(stack.undone)
     return {"edits": done, "undone": undone, "text": f"{args.scene}: {done} edits, {undone} undone"}
+
+
+def read_json(path: Path, wanted: str) -> Any:
+    """What the JSON file `path` holds; F4xError says that it is no `wanted`."""
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise F4xError(f"{path}: it is larger than {MOST_BYTES >> 20} MiB; give {wanted}.")
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise F4xError(f"{path}: it is not JSON ({error}); give {wanted}.") from error

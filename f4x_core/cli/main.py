@@ -231,6 +231,9 @@ def build_parser() -> argparse.ArgumentParser:
     how = sub.add_mutually_exclusive_group(required=True)
     how.add_argument("--say", metavar="SENTENCE", help='what to do, for example "make the dog red from second 2"')
     how.add_argument("--ops", type=path_argument, metavar="FILE", help="JSON: a list of operations")
+    sub.add_argument(
+        "--select", type=path_argument, metavar="FILE", help='what "it" means: the selection.json of `f4x query -o DIR`'
+    )
     output_option(sub, "SCENE2", help="write there (default: the scene itself)")
     sub.add_argument("--dry-run", action="store_true", help="say what would be done; write nothing")
     sub.add_argument("--frame", type=float, default=0.0, metavar="T", help="clip frame that is looked at: here and now")

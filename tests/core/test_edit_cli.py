@@ -9,7 +9,9 @@ from labelled_scene import labelled_scene
 from random_scene import random_scene
 
 from f4x_core.cli.main import main
+from f4x_core.edit.selects import Ids
 from f4x_core.edit.stack import EditStack, read_stack, write_stack
+from f4x_core.query.selection import Selection
 from f4x_core.scene import read_scene, write_scene
 
 OPERATIONS = [
@@ -72,6 +74,17 @@ def test_words_are_looked_up_once(scene, capsys, tmp_path):
     )
     code, told = f4x(capsys, "edit", scene, "--ops", tmp_path / "o.json")
     assert code == 0 and told["edits"][0]["select"]["by"] == "ids" and told["gaussians"] == [81]
+
+
+def test_it_is_the_selection_that_a_query_left(scene, capsys, tmp_path):
+    ids = labelled_scene().ids[3:8]
+    chosen = Selection(ids, np.ones(5), np.zeros(5, bool))
+    (tmp_path / "selection.json").write_text(json.dumps(chosen.to_json()))
+    code, told = f4x(capsys, "edit", scene, "--say", "remove it", "--select", tmp_path / "selection.json")
+    assert code == 0 and told["gaussians"] == [5] and told["edits"][0]["select"] == Ids.of(ids).to_json()
+    (tmp_path / "selection.json").write_text("{}")
+    code = main(["edit", str(scene), "--say", "remove it", "--select", str(tmp_path / "selection.json")])
+    assert code == 2 and "selection.json: This is no selection" in capsys.readouterr().err
 
 
 def test_every_verb_sees_the_edits_unless_told_otherwise(scene, operations, capsys, tmp_path):
