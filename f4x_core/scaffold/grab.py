@@ -4,8 +4,8 @@ import numpy as np
 
 from ..geometry import pose, quaternion
 
-ITERATIONS = 200
-"""Local and global steps at most; a pull over a few rings of nodes settles in about twenty, a large turn in a hundred."""
+ITERATIONS = 100
+"""Local and global steps at most; a pull over a few rings of nodes settles in about twenty."""
 SETTLED = 1e-5
 """It has settled when no node moves by more than this share of the largest displacement in a step."""
 SMALLEST = 1e-9
@@ -53,7 +53,11 @@ def grab(
     solve, held = np.linalg.inv(inner), laplacian[np.ix_(moves, ~moves)]
     # Parts that no edge joins to anything held would have no place: they keep theirs, up to the small diagonal.
     anchor = SMALLEST * rest[moves]
-    rotations = np.broadcast_to(np.eye(3), (len(rest), 3, 3))
+    # The iteration creeps towards a common turn, so it starts from the one that grabbed and standing nodes speak of.
+    common = (
+        pose.align_similarity(rest[~moves], placed[~moves], with_scale=False)[1] if (~moves).sum() > 2 else np.eye(3)
+    )
+    rotations = np.broadcast_to(common, (len(rest), 3, 3))
     for _ in range(ITERATIONS if moves.any() and largest else 0):
         pull = np.zeros_like(rest)
         np.add.at(pull, both[:, 0], -_mean_turned(rotations, both, bars))
