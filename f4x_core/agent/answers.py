@@ -46,7 +46,8 @@ class Reply:
 
 def plain(text: str, longest: int = LONGEST_TEXT) -> str:
     """One line of `text` without control and formatting characters, which could hide or disguise something."""
-    shown = " ".join("".join(" " if unicodedata.category(c)[0] in "CZ" else c for c in text).split())
+    seen = text[: 4 * longest]  # enough, however much of it goes
+    shown = " ".join("".join(" " if unicodedata.category(c)[0] in "CZ" else c for c in seen).split())
     return shown if len(shown) <= longest else shown[: longest - 1] + "…"
 
 

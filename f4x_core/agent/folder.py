@@ -75,7 +75,6 @@ class Folder:
             raise F4xError(f"{name!r} would be a scene; scenes are changed by edits alone.")
         if path.exists():
             raise F4xError(f"{name!r} is there already; choose another name.")
-        path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     def inside(self, name: str) -> Path:

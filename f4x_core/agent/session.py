@@ -7,8 +7,9 @@ leaves the machine. The docstrings and signatures of the tools are what agents r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from pydantic import Field
@@ -59,6 +60,12 @@ INSIDE = 0.5
 SIDES = ("right", "down", "left", "up")
 """The quarters of `trajectory.orbit`, in its order."""
 
+
+def forms(family: Any) -> str:
+    """The tags of the records of a union, with their fields."""
+    return ", ".join(f"{kind.TAG}({', '.join(entry.name for entry in fields(kind))})" for kind in get_args(family))
+
+
 Number = Annotated[float, Field(allow_inf_nan=False)]
 SceneName = Annotated[str, Field(description="scene file in the folder; empty: the only one")]
 Frame = Annotated[Number, Field(description="clip frame whose camera looks, from 0; may lie between two")]
@@ -73,14 +80,8 @@ Count = Annotated[int, Field(ge=1, description="so many edits")]
 Sentence = Annotated[str, Field(max_length=2000)]
 Words = Annotated[list[str] | None, Field(max_length=50)]
 
-SELECTS = (
-    'one of {"by": "moving"}, {"by": "all"}, {"by": "named", "name": N}, {"by": "text", "labels": [W]}, '
-    '{"by": "instance", "of": S, "which": "left"}, {"by": "not", "of": S}, {"by": "and", "of": [S, S]}, …'
-)
-OPERATIONS = (
-    'for example [{"op": "recolour", "select": {"by": "text", "labels": ["dog"]}, "rgb": [1, 0, 0]}]; ops: recolour, '
-    "opacity, delete, extract, transform, duplicate, freeze, retime, reverse, loop, style, match, name"
-)
+SELECTS = 'for example {"by": "moving"} or {"by": "not", "of": {"by": "text", "labels": ["dog"]}}; ' + forms(SelectKind)
+OPERATIONS = 'for example [{"op": "recolour", "select": {"by": "moving"}, "rgb": [1, 0, 0]}]; ' + forms(Operation)
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -94,10 +95,10 @@ class Found(NamedTuple):
 
 
 class Proposed(NamedTuple):
-    """Candidates for a scene file whose stack of edits was `stack`."""
+    """Candidates for a scene file that had these `edits`."""
 
     path: Path
-    stack: EditStack
+    edits: tuple[Edit, ...]
     proposal: plan.Proposal
 
 
@@ -166,7 +167,9 @@ class Session:
         if file:
             if not file.lower().endswith(".png"):
                 raise F4xError(f"{file!r} is no PNG; end it in .png.")
-            with replace_file(self._output(file)) as out:
+            target = self._output(file)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with replace_file(target) as out:
                 out.write(png)
             told["file"] = file
         return Reply(told, png=png)
@@ -245,7 +248,7 @@ class Session:
             options: dict[str, Any] = {"encode": encode_labels, "candidates": candidates, "backend": self.backend}
             proposal = plan.propose(opened, sentence, context, **options)
         name = self._name("proposal")
-        _keep(self._proposed, name, Proposed(path, of(opened), proposal), KEPT_PROPOSALS)
+        _keep(self._proposed, name, Proposed(path, of(opened).edits, proposal), KEPT_PROPOSALS)
         rows = [self._told(opened, index, one) for index, one in enumerate(proposal.candidates)]
         told = {"proposal": name, "best": proposal.best, "candidates": rows, "understood_by": proposal.understood_by}
         return Reply(told | {"judged_by": proposal.judged_by, "notes": list(proposal.notes)})
@@ -299,6 +302,7 @@ class Session:
     ) -> Reply:
         """Write a scene with its edits for other programs: one moment, a folder of moments, or an animated file."""
         path, opened = self._open(scene)
+        target = self._output(output)
         name, _ = choose_format(output, format or None, one_moment=time is not None)
         count = len(opened.cameras)
         times = opened.cameras.times[frame_indices(frames or None, count, path)] if time is None else [time]
@@ -306,7 +310,8 @@ class Session:
         numbers = NUMBERS + 3 * (opened.sh_degree + 1) ** 2
         if 4 * numbers * len(opened.ids) * len(times) > LARGEST_EXPORT:
             raise F4xError(f"That would be more than {LARGEST_EXPORT >> 30} GiB; export fewer frames.")
-        files = export(opened, self._output(output), [float(time) for time in times], name)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        files = export(opened, target, [float(time) for time in times], name)
         return Reply({"output": output, "format": name, "moments": len(times), "files": len(files)})
 
     def _open(self, name: str) -> tuple[Path, Scene]:
@@ -353,9 +358,9 @@ class Session:
         """What was proposed, where the scene is still as it was then: ids and places may mean something else by now."""
         if name not in self._proposed:
             raise F4xError(f"There is no proposal {name!r}; known: {', '.join(self._proposed) or 'none'}.")
-        path, stack, proposal = self._proposed[name]
+        path, edits, proposal = self._proposed[name]
         scene = self._open(self.folder.name(path))[1]
-        if of(scene) != stack:
+        if of(scene).edits != edits:
             raise F4xError(f"The scene was edited after {name!r} was made; propose the edit again.")
         if index >= len(proposal.candidates):
             raise F4xError(f"{name!r} has {len(proposal.candidates)} candidates; give an index from 0, or -1.")
