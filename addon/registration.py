@@ -2,9 +2,15 @@
 
 import bpy
 
-from . import operators, render_engine
+from . import job_operators, jobs, operators, preferences, render_engine
 
-CLASSES = (*operators.CLASSES, *render_engine.CLASSES)
+CLASSES = (
+    *operators.CLASSES,
+    *render_engine.CLASSES,
+    *jobs.CLASSES,
+    *preferences.CLASSES,
+    *job_operators.CLASSES,
+)
 
 
 def _draw_import(self, context) -> None:
@@ -20,7 +26,8 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Undo `register`."""
+    """Undo `register`; jobs under way end with it."""
+    jobs.end_all()
     bpy.types.TOPBAR_MT_file_import.remove(_draw_import)
     render_engine.unregister()
     for cls in reversed(CLASSES):

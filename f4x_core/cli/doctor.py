@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import __version__
 from ..progress import Progress
 
 PACKAGES = (
@@ -44,6 +45,7 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     backends["gsplat"] = "serves tensors on CUDA" if reason is None else reason
     native = _native()
     result: dict[str, Any] = {
+        "version": __version__,
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
         "cores": os.cpu_count(),

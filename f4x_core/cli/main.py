@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import errno
 import json
 import sys
@@ -12,11 +13,11 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import Cancelled, F4xError
+from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
 from .checks import output_folder, path_argument, require_backend, require_folder
 from .terminal import TerminalProgress
 
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
 # What all figures of the project were measured at; a phone's full size would take a CPU a day.
 WIDTH = 480
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
@@ -50,6 +51,12 @@ def build_parser() -> argparse.ArgumentParser:
         sub.add_argument(
             "--json", action="store_true", help="print one JSON object and nothing else on standard output"
         )
+        if name != "serve":  # its standard output and input belong to the client
+            sub.add_argument(
+                "--progress-json",
+                action="store_true",
+                help="for programs: JSON lines of progress, the result last; stops when the pipe on standard input closes",
+            )
         return sub
 
     def output_option(sub: argparse.ArgumentParser, metavar: str = "DIR", **more: Any) -> None:
@@ -350,35 +357,46 @@ def main(arguments: list[str] | None = None) -> int:
     """Run one command; returns the exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
     args = argparse.Namespace(verb=(*arguments, "")[0], json="--json" in arguments)  # until it is parsed
+    lines = LineProgress(sys.stdout) if "--progress-json" in arguments else None
     try:
+        if lines is not None:
+            stop_with_parent()
+            lines("start", 0, 0, f"f4x {__version__}")
         args = build_parser().parse_args(arguments)
-        with TerminalProgress(quiet=args.json and not sys.stderr.isatty()) as progress:
+        quiet = lines is not None or (args.json and not sys.stderr.isatty())
+        with TerminalProgress(quiet, lines) as progress:
             if getattr(args, "output", None) is not None:
                 require_folder(output_folder(args))
             if "backend" in args:
                 require_backend(args.backend)
             result = find_verb(args.verb)(args, progress)
     except F4xError as error:
-        return _fail(args, str(error), EXIT_BAD_INPUT)
+        return _fail(args, lines, str(error), EXIT_BAD_INPUT)
     except OSError as error:
         where = error.filename or getattr(args, "output", None) or "the output folder"
         told = [str(error.strerror or error), "nothing half-written was left behind", ADVICE.get(error.errno or 0)]
-        return _fail(args, f"{where}: {'; '.join(filter(None, told))}.", EXIT_BAD_INPUT)
+        return _fail(args, lines, f"{where}: {'; '.join(filter(None, told))}.", EXIT_BAD_INPUT)
     except MemoryError as error:
-        return _fail(args, f"The memory does not suffice ({error}); use fewer frames or smaller ones.", EXIT_BAD_INPUT)
+        sentence = f"The memory does not suffice ({error}); use fewer frames or smaller ones."
+        return _fail(args, lines, sentence, EXIT_BAD_INPUT)
     except (KeyboardInterrupt, Cancelled):
         again = "; the same command with --resume continues" if args.verb == "fit" else ""
-        return _fail(args, f"Stopped{again}.", EXIT_INTERRUPTED)
+        return _fail(args, lines, f"Stopped{again}.", EXIT_INTERRUPTED)
     text = result.pop("text", None)
-    if args.json:
+    if lines is not None:
+        lines.tell(result=result, text=text or "")
+    elif args.json:
         print(json.dumps(result, default=float))
     elif text:
         print(text)
     return 0
 
 
-def _fail(args: argparse.Namespace, sentence: str, code: int) -> int:
+def _fail(args: argparse.Namespace, lines: LineProgress | None, sentence: str, code: int) -> int:
     print(f"f4x {args.verb}".rstrip() + f": {sentence}", file=sys.stderr)
-    if args.json:
+    if lines is not None:
+        with contextlib.suppress(Cancelled):  # nobody listens: the exit code remains
+            lines.tell(error=sentence)
+    elif args.json:
         print(json.dumps({"error": sentence}))
     return code

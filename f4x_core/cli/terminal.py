@@ -12,19 +12,22 @@ from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, Tim
 from rich.progress import Progress as Bars
 from rich.table import Column
 
+from ..processes import LineProgress
+
 # Narrow enough to leave a terminal of 80 columns room for a message.
 BAR_WIDTH = 14
 
 
 class TerminalProgress:
-    """A `Progress` that draws bars; used as a context manager. `quiet` draws nothing.
+    """A `Progress` that draws bars; used as a context manager. `quiet` draws nothing; `lines` is told too.
 
     Ctrl-C is answered at once before the first report, when there is nothing to save yet. Afterwards it is answered at the
     next report, so that the work stops between two steps and what it saves is whole; pressed once more, at once.
     """
 
-    def __init__(self, quiet: bool = False):
+    def __init__(self, quiet: bool = False, lines: LineProgress | None = None):
         """Prepare the bars."""
+        self.lines = lines
         self.console = Console(stderr=True, quiet=quiet, markup=False, highlight=False, soft_wrap=True)
         self.bars = Bars(
             TextColumn("{task.description}", markup=False),
@@ -69,6 +72,8 @@ class TerminalProgress:
             raise KeyboardInterrupt
         if stage not in self.tasks:
             self._begin(stage, total)
+        if self.lines is not None:
+            self.lines(stage, done, total, message)
         task = self.tasks[stage]
         if done == 0 and self.bars.tasks[task].finished:  # once more: its clock starts again
             self.bars.reset(task)

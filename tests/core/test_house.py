@@ -25,7 +25,7 @@ ROOMS = (
     *("report", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
-SHARED = ("errors", "files", "progress", "timing", "__init__", "__main__")
+SHARED = ("errors", "files", "progress", "timing", "processes", "installation", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
 TORCH_FREE = ("native", "geometry", "clip", "priors", "scene", "query", "edit", "agent", "errors", "files", "progress")
 NUMPY_ONLY = ("native", "geometry", "clip", "scene", "query", "edit", "errors", "files", "progress")

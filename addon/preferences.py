@@ -1,0 +1,183 @@
+"""Preferences of the extension: the worker's Python, setting it up, and whether it works.
+
+The worker is a Python of its own because torch does not belong into Blender's. It runs the extension's own `f4x_core`.
+"""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import StringProperty
+
+from ..f4x_core.errors import F4xError
+from ..f4x_core.installation import interpreter_in
+from . import jobs
+from .worker import Job, core_command
+
+PACKAGE = __package__.rpartition(".")[0]
+"""The extension as Blender calls it, for example `bl_ext.user_default.feature4x`."""
+VARIABLE = "F4X_PYTHON"
+"""Environment variable: the worker's Python where the preferences name none."""
+NEEDED = ("numpy", "torch", "scipy", "opencv-python-headless", "av")
+"""Packages without which no clip is fitted."""
+
+
+class F4X_AP_preferences(bpy.types.AddonPreferences):  # noqa: N801 - Blender wants this form
+    """The worker's Python and what the last check said."""
+
+    bl_idname = PACKAGE
+
+    interpreter: StringProperty(  # type: ignore[valid-type]
+        name="Worker's Python",
+        description="A Python that has the core's packages; empty: the one that Set Up made",
+        subtype="FILE_PATH",
+    )
+    checked: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
+    """JSON: [[good, line], …] of the last check."""
+
+    def draw(self, context):
+        """Interpreter, the two buttons, and what the check said."""
+        layout = self.layout
+        layout.prop(self, "interpreter")
+        found = find_interpreter()
+        layout.label(text=f"In use: {found}" if found else "In use: none. Press Set Up, or name a Python above.")
+        row = layout.row()
+        row.operator("f4x.set_up_worker", icon="IMPORT")
+        row.operator("f4x.check_worker", icon="CHECKMARK")
+        for good, line in json.loads(self.checked or "[]"):
+            layout.label(text=line, icon="CHECKMARK" if good else "ERROR")
+        for job in jobs.all_jobs():
+            jobs.draw_job(layout, job)
+
+
+def preferences() -> F4X_AP_preferences | None:
+    """This extension's preferences; None where it was registered without being enabled."""
+    entry = bpy.context.preferences.addons.get(PACKAGE)
+    return None if entry is None else entry.preferences
+
+
+def worker_folder() -> Path:
+    """Where Set Up makes the worker's environment: a place of the user's, not the extension's own folder."""
+    try:
+        return Path(bpy.utils.extension_path_user(PACKAGE, path="worker"))
+    except ValueError:  # not installed as an extension
+        return Path(bpy.utils.user_resource("DATAFILES", path=f"{PACKAGE}/worker"))
+
+
+def find_interpreter() -> str | None:
+    """The worker's Python: of the preferences, else of F4X_PYTHON, else the one that Set Up made; None without one."""
+    settings = preferences()
+    named = (bpy.path.abspath(settings.interpreter) if settings else "") or os.environ.get(VARIABLE)
+    if named:
+        return named
+    made = interpreter_in(worker_folder())
+    return str(made) if made.is_file() else None
+
+
+def worker_python() -> str:
+    """Like `find_interpreter`; F4xError says what to do without one."""
+    found = find_interpreter()
+    if found is None:
+        raise F4xError("There is no worker yet; press Set Up in the extension's preferences, or name a Python there.")
+    return found
+
+
+def show_check(result: dict[str, Any]) -> None:
+    """Keep what `f4x doctor` found, in lines for the preferences."""
+    packages, native = result["packages"], result["native"]
+    missing = [name for name in NEEDED if packages[name] == "missing"]
+    kernels = ", ".join(f"{name} {native[name]}" for name in ("instruction set", "self-check error") if name in native)
+    lines = [
+        (
+            True,
+            f"Feature4X {result['version']} on Python {result['python']}, {result['system']}, {result['cores']} cores",
+        ),
+        ("torch" not in missing, f"torch {packages['torch']}"),
+        ("library" not in native, f"compiled kernels: {kernels or native['library']}"),
+    ]
+    lines += [(False, f"missing: {', '.join(missing)}; press Set Up, or choose another Python")] if missing else []
+    settings = preferences()
+    if settings is not None:
+        settings.checked = json.dumps(lines)
+    if missing:
+        raise F4xError(f"{find_interpreter()} has no {', '.join(missing)}; press Set Up, or choose another Python.")
+
+
+class F4X_OT_set_up_worker(bpy.types.Operator):  # noqa: N801
+    """Make a Python environment for the worker and install its packages there; asks before it downloads."""
+
+    bl_idname = "f4x.set_up_worker"
+    bl_label = "Set Up"
+
+    python: StringProperty(  # type: ignore[valid-type]
+        name="Made with", description="A Python of 3.11 or later; empty: Blender's own", subtype="FILE_PATH"
+    )
+
+    @classmethod
+    def poll(cls, context):
+        """Only where Blender may use the network."""
+        if not bpy.app.online_access:
+            cls.poll_message_set("Allow Online Access in Preferences > System, or name a Python that has the packages")
+        return bpy.app.online_access
+
+    def invoke(self, context, event):
+        """Say what is downloaded, and where it goes, before anything happens."""
+        self.python = self.python or sys.executable
+        return context.window_manager.invoke_props_dialog(self, width=520, confirm_text="Download and Install")
+
+    def draw(self, context):
+        """The question."""
+        column = self.layout.column(align=True)
+        column.label(text="This downloads PyTorch, OpenCV, COLMAP and small models with pip, from PyPI:")
+        column.label(text="1 to 3 GB, some minutes. They go to")
+        column.label(text=str(worker_folder()))
+        column.label(text="and stay there until you remove that folder. Nothing else on this computer changes.")
+        self.layout.prop(self, "python")
+
+    def execute(self, context):
+        """Start the installation."""
+        python = bpy.path.abspath(self.python) or sys.executable
+        folder = worker_folder()
+        try:
+            jobs.start(Job("Set up the worker", [python, "-m", "f4x_core.installation", str(folder)], _use_made))
+        except F4xError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class F4X_OT_check_worker(bpy.types.Operator):  # noqa: N801
+    """Start the worker and let it say its version, its packages and whether its compiled kernels agree with the reference."""
+
+    bl_idname = "f4x.check_worker"
+    bl_label = "Check Setup"
+
+    def execute(self, context):
+        """Start the check."""
+        settings = preferences()
+        if settings is not None:
+            settings.checked = ""
+        try:
+            _start_check()
+        except F4xError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+def _use_made(result: dict[str, Any]) -> None:
+    """Take the environment that was just made into use."""
+    settings = preferences()
+    if settings is not None:
+        settings.interpreter = ""
+    _start_check()
+
+
+def _start_check() -> None:
+    jobs.start(Job("Check setup", core_command(worker_python(), "doctor"), show_check))
+
+
+CLASSES = (F4X_AP_preferences, F4X_OT_set_up_worker, F4X_OT_check_worker)

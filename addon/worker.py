@@ -1,0 +1,196 @@
+"""A job: the core at work in an interpreter of its own, looked at now and then. Nothing here knows Blender or waits.
+
+job = Job("Fit dog.mp4", core_command(python, "fit", "dog.mp4", "-o", "dog"))
+while job.poll(): ...          # a timer's tick
+job.state, job.result, job.error, job.log
+"""
+
+import contextlib
+import json
+import queue
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TextIO
+
+from ..f4x_core.errors import F4xError
+from ..f4x_core.processes import GRACE, end_tree, start_child
+
+ROOT = Path(__file__).resolve().parents[1]
+"""The extension: a child that starts here finds the extension's own `f4x_core`, whatever its interpreter has installed."""
+PATIENCE = 60.0
+"""Seconds until the first line of the protocol: a cold disk may need many, what says nothing for longer is no worker."""
+MARGIN = 0.4
+"""Seconds beyond GRACE after which a cancelled child that has not gone by itself is ended."""
+LOG_LINES = 200
+WAITING_LINES = 1000
+"""A child that talks faster than it is looked at has to wait."""
+LONGEST_LINE = 1 << 24
+"""Characters; a longer line is taken in pieces."""
+
+RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
+
+
+def core_command(interpreter: Path | str, verb: str, *arguments: Path | str) -> list[str]:
+    """The command line of one verb of `f4x`, told in JSON lines."""
+    return [str(interpreter), "-m", "f4x_core", verb, *map(str, arguments), "--progress-json"]
+
+
+class Job:
+    """One child process; `poll` never blocks."""
+
+    def __init__(
+        self,
+        title: str,
+        command: Sequence[str],
+        on_done: Callable[[dict[str, Any]], None] | None = None,
+        patience: float = PATIENCE,
+    ):
+        """Start `command`; `on_done(result)` is called by the `poll` that sees it end well.
+
+        Raises:
+            F4xError: the interpreter is not there or cannot be started.
+        """
+        self.title, self.on_done = title, on_done
+        self.state, self.error, self.text = RUNNING, "", ""
+        self.result: dict[str, Any] | None = None
+        self.stage, self.done, self.total, self.message = "starting", 0, 0, ""
+        self.log: deque[str] = deque(maxlen=LOG_LINES)
+        self.interpreter = command[0]
+        if shutil.which(self.interpreter) is None:
+            raise F4xError(
+                f"{self.interpreter} is not there or cannot be run; choose the worker's Python, or set it up."
+            )
+        try:
+            self.child = start_child(command, ROOT)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise F4xError(f"{self.interpreter} cannot be run ({reason}); choose the worker's Python.") from error
+        self._started, self._patience, self._answered = time.monotonic(), patience, False
+        self._deadline: float | None = None  # of a cancelled child
+        self._gone_at = 0.0
+        self._lines: queue.Queue[tuple[bool, str] | None] = queue.Queue(WAITING_LINES)
+        self._open = 2  # streams that have not ended
+        for protocol, stream in ((True, self.child.stdout), (False, self.child.stderr)):
+            threading.Thread(target=self._read, args=(protocol, stream), daemon=True).start()
+
+    @property
+    def share(self) -> float:
+        """How far the stage is, 0 to 1; 0 where that is not known."""
+        return min(self.done / self.total, 1.0) if self.total > 0 else 0.0
+
+    def _read(self, protocol: bool, stream: TextIO) -> None:
+        while line := stream.readline(LONGEST_LINE):
+            self._lines.put((protocol, line))
+        self._lines.put(None)
+
+    def poll(self) -> bool:
+        """Take in what the child has said; True while it runs."""
+        if self.state != RUNNING:
+            return False
+        for _ in range(WAITING_LINES):
+            try:
+                entry = self._lines.get_nowait()
+            except queue.Empty:
+                break
+            if entry is None:
+                self._open -= 1
+            else:
+                self._hear(*entry)
+        now = time.monotonic()
+        if self._deadline is not None:
+            if self.child.poll() is not None or now > self._deadline:
+                self._end(CANCELLED)
+        elif not self._answered and now - self._started > self._patience:
+            self._end(
+                FAILED, f"{self.interpreter} did not answer within {self._patience:.0f} s; choose another Python."
+            )
+        elif self.child.poll() is not None:
+            self._gone_at = self._gone_at or now
+            # a process that the ended child left behind may hold its streams open for ever
+            if not self._open or (self._lines.empty() and now - self._gone_at > MARGIN):
+                self._finish(self.child.returncode)
+        return self.state == RUNNING
+
+    def cancel(self) -> None:
+        """Ask the child to stop: it saves what it has, and is gone within 2 s with all that it started. Does not wait."""
+        if self.state == RUNNING and self._deadline is None:
+            self._deadline = time.monotonic() + GRACE + MARGIN
+            self.message = "stopping"
+            with contextlib.suppress(OSError):  # it is gone already
+                self.child.stdin.close()
+
+    def kill(self) -> None:
+        """End the child and all that it started at once."""
+        if self.state == RUNNING:
+            self._end(CANCELLED)
+
+    def wait(self, look: Callable[["Job"], None] = lambda job: None, glance: float = 0.05) -> None:
+        """Block until the job ends, calling `look` at every glance: Blender without a window has no timers."""
+        while self.poll():
+            look(self)
+            time.sleep(glance)
+
+    def _hear(self, protocol: bool, line: str) -> None:
+        told = _object(line) if protocol else None
+        if told is None:
+            if line.strip():
+                self.log.append(line.rstrip())
+            return
+        self._answered = True
+        if "result" in told:
+            self.result, self.text = told["result"], str(told.get("text") or "")
+            self.log.extend(self.text.splitlines())
+        elif "error" in told:
+            self.error = str(told["error"])
+        elif "stage" in told:
+            self.stage, self.message = str(told["stage"]), str(told.get("message", ""))
+            self.done, self.total = _count(told.get("done")), _count(told.get("total"))
+
+    def _finish(self, code: int) -> None:
+        if code == 0 and isinstance(self.result, dict):
+            self._end(DONE)
+            if self.on_done is not None:
+                try:
+                    self.on_done(self.result)
+                except F4xError as error:
+                    self.state, self.error = FAILED, str(error)
+        else:
+            self._end(FAILED, self.error or self._reason(code))
+
+    def _reason(self, code: int) -> str:
+        """One sentence for a child that ended without one."""
+        said = self.log[-1] if self.log else "it said nothing"
+        if said.startswith("ModuleNotFoundError"):
+            package = said.rpartition("named ")[2]
+            return f"{self.interpreter} has no package {package}; press Set Up, or choose a Python that has the core's packages."
+        if not self._answered:
+            return f"{self.interpreter} is no Python that runs the core ({said}); choose another, or press Set Up."
+        return f"The worker ended with code {code}: {said}"
+
+    def _end(self, state: str, error: str = "") -> None:
+        self.state, self.error = state, error
+        if sys.platform != "win32" or self.child.poll() is None:
+            end_tree(self.child.pid)  # also what an ended child left behind in its group
+        with contextlib.suppress(OSError):
+            self.child.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.child.wait(MARGIN)
+
+
+def _object(line: str) -> dict[str, Any] | None:
+    """The JSON object on a line of the protocol; None for anything else that a library printed."""
+    try:
+        told = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    return told if isinstance(told, dict) and told.keys() & {"stage", "result", "error"} else None
+
+
+def _count(value: Any) -> int:
+    return int(value) if isinstance(value, (int, float)) and abs(value) < 1e15 else 0

@@ -1,0 +1,102 @@
+"""Work in a child process for another program: JSON lines from the child, and an end of all of it when that is asked.
+
+Standard library alone: Blender's own Python starts such children, and a bare Python runs `installation` as one.
+
+The child writes one JSON object per line on standard output: `{"stage", "done", "total", "message"}` while it works, and last
+`{"result", "text"}` or `{"error"}`. Its standard input stays open as long as somebody waits: when it closes, because the other
+program wants an end or is itself gone, the child stops as after Ctrl-C, and GRACE seconds later at the latest it is gone
+with every process that it started.
+"""
+
+import _thread
+import contextlib
+import json
+import os
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TextIO
+
+from .errors import Cancelled
+
+EXIT_INTERRUPTED = 130
+GRACE = 1.0
+"""Seconds that an interrupted child has for its last step and for saving what it has."""
+INTERVAL = 0.05
+"""Seconds between two lines of one stage: no reader looks more often."""
+
+
+class LineProgress:
+    """A `Progress` that writes JSON lines to `file`; what comes faster than INTERVAL within a stage is left out."""
+
+    def __init__(self, file: TextIO):
+        """Nothing is written before the first report."""
+        self.file = file
+        self.stage, self.told = "", 0.0
+
+    def __call__(self, stage: str, done: int, total: int, message: str = "") -> None:
+        """Write one report."""
+        now = time.monotonic()
+        if stage == self.stage and now - self.told < INTERVAL and (done < total or not total):
+            return
+        self.stage, self.told = stage, now
+        self.tell(stage=stage, done=done, total=total, message=message)
+
+    def tell(self, **line: Any) -> None:
+        """Write one line; raises Cancelled when nobody reads any more."""
+        try:
+            print(json.dumps(line, default=float), file=self.file, flush=True)
+        except BrokenPipeError as error:
+            raise Cancelled from error
+
+
+def stop_with_parent() -> None:
+    """Stop this process when its standard input closes; one that is no pipe (a terminal, a file) is left alone."""
+    if sys.stdin is not None and stat.S_ISFIFO(os.fstat(0).st_mode):
+        threading.Thread(target=_watch, daemon=True).start()
+
+
+def _watch() -> None:
+    while os.read(0, 4096):
+        pass
+    _thread.interrupt_main()
+    time.sleep(GRACE)
+    end_tree(os.getpid())
+    os._exit(EXIT_INTERRUPTED)  # a process that leads no group of its own
+
+
+def start_child(command: Sequence[str], folder: Path) -> subprocess.Popen[str]:
+    """Start `command` in `folder`, leading a group of its own, with pipes for its three streams.
+
+    Nothing of this process's Python (PYTHONPATH, PYTHONHOME, …) reaches the child's. OSError as of Popen.
+    """
+    group: dict[str, Any] = {"start_new_session": True}
+    if sys.platform == "win32":
+        group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
+    pipe = subprocess.PIPE
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "__PYVENV"))}
+    return subprocess.Popen(
+        list(command),
+        cwd=folder,
+        env=environment | {"PYTHONUTF8": "1"},
+        stdin=pipe,
+        stdout=pipe,
+        stderr=pipe,
+        encoding="utf-8",
+        errors="replace",
+        **group,
+    )
+
+
+def end_tree(process: int) -> None:
+    """End the child `process` of `start_child` and all that it started, at once; nothing where they are gone."""
+    if sys.platform == "win32":
+        subprocess.run(["taskkill", "/F", "/T", "/PID", str(process)], capture_output=True, check=False)
+    else:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process, signal.SIGKILL)
