@@ -68,6 +68,19 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
             column.prop(layer.f4x_passes, name)
 
 
+class F4X_PT_film(bpy.types.Panel):  # noqa: N801
+    """What lies behind everything."""
+
+    bl_label = "Film"
+    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
+    COMPAT_ENGINES = {"FEATURE4X"}  # noqa: RUF012 - read by Blender
+    poll = F4X_PT_passes.poll
+
+    def draw(self, context):
+        """One switch: the world's colour, or nothing."""
+        self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
+
+
 class Feature4XRenderEngine(bpy.types.RenderEngine):
     """Draws Gaussians as the core does; other surfaces occlude them and show a flat colour."""
 
@@ -235,4 +248,4 @@ def unregister() -> None:
     del bpy.types.ViewLayer.f4x_passes
 
 
-CLASSES = (F4X_PG_passes, F4X_PT_passes, Feature4XRenderEngine)
+CLASSES = (F4X_PG_passes, F4X_PT_passes, F4X_PT_film, Feature4XRenderEngine)

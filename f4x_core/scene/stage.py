@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 PASSES = ("alpha", "depth", "latent", "selection", "score", "index")
 """What `draw` gives besides `rgb`."""
-BAND = 1 << 18
+BAND = 1 << 21
 """Pixels drawn between two calls of `progress`."""
 NOTHING = 1e10
 """Depth where nothing is seen, Blender's own."""
