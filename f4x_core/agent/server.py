@@ -10,12 +10,16 @@ import os
 import secrets
 import socket
 from collections.abc import Callable
+from contextvars import ContextVar
 from functools import wraps
+from itertools import count
 from threading import Lock
+from time import monotonic
 from typing import Any
 
 import anyio
 import uvicorn
+from anyio import from_thread
 from mcp.server.auth.provider import AccessToken
 from mcp.server.auth.settings import AuthSettings
 from mcp.server.mcpserver import Context, MCPServer
@@ -26,6 +30,7 @@ from pydantic import AnyHttpUrl, ValidationError
 
 from .. import __version__
 from ..errors import F4xError
+from ..progress import Progress, silent
 from .answers import TEXTS, Reply, plain
 from .session import Session
 
@@ -39,6 +44,11 @@ LONGEST_SENTENCE = 1000
 """Characters of an error."""
 LARGEST_REQUEST = 4 << 20
 """Bytes: a selection of a few million Gaussians by id."""
+
+REPORT_EVERY = 0.5
+"""Seconds between two reports of progress."""
+_CALLER: ContextVar[Context[Any, Any] | None] = ContextVar("caller", default=None)
+"""Whose call the present thread carries out."""
 
 INSTRUCTIONS = f"""Scenes are clips turned into Gaussians that move; frames count from 0. Begin with info and render_view. \
 To change something: query finds it, propose_edit says what would happen, preview shows it, apply_edit writes it, undo takes \
@@ -59,6 +69,7 @@ class AgentServer(MCPServer):
         if unknown:
             told = f"{name}: there is no {unknown[0]!r}; known: {', '.join(known or ())}."
             raise ToolError(plain(told, LONGEST_SENTENCE))
+        _CALLER.set(context)
         try:
             return await super().call_tool(name, arguments, context)
         except ToolError as error:
@@ -171,16 +182,37 @@ def _tool(session: Session, name: str, lock: Lock) -> Callable[..., CallToolResu
     @wraps(method)
     def call(**arguments: Any) -> CallToolResult:
         with lock:
+            session.progress = _reporter(_CALLER.get())
             try:
                 return _result(method(**arguments))
             except F4xError as error:  # paths of this machine are nobody's business
                 raise F4xError(str(error).replace(f"{session.folder.root}{os.sep}", "")) from error
+            finally:
+                session.progress = silent
 
     signature = inspect.signature(method, eval_str=True)
     hidden = {"file"} if session.read_only else set()
     kept = [parameter for parameter in signature.parameters.values() if parameter.name not in hidden]
     call.__signature__ = signature.replace(parameters=kept)  # type: ignore[attr-defined]
     return call
+
+
+def _reporter(context: Context[Any, Any] | None) -> Progress:
+    """Tells the client that is waiting how far a tool is, and ends the tool when the client has given up."""
+    if context is None:
+        return silent
+    steps, last = count(1), -REPORT_EVERY
+
+    def report(stage: str, done: int, total: int, message: str = "") -> None:
+        nonlocal last
+        from_thread.check_cancelled()
+        if monotonic() - last < REPORT_EVERY:
+            return
+        last = monotonic()
+        told = f"{stage} {done} of {total}" if total else stage
+        from_thread.run(context.report_progress, next(steps), None, told)  # stages begin anew; what is told only grows
+
+    return report
 
 
 def _result(reply: Reply) -> CallToolResult:

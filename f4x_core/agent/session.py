@@ -30,6 +30,7 @@ from ..files import replace_file
 from ..geometry import trajectory
 from ..geometry.camera import CameraPath
 from ..geometry.trajectory import View
+from ..progress import Progress, silent
 from ..query.labels import encode_labels
 from ..query.pixels import heat_map, share_picture
 from ..query.prompts import select_by_box, select_by_points, select_by_text
@@ -111,8 +112,9 @@ class Session:
     """The others."""
 
     def __init__(self, folder: Folder, read_only: bool = False, backend: str = "auto"):
-        """`backend` draws."""
+        """`backend` draws. Whoever calls may set `progress`."""
         self.folder, self.read_only, self.backend = folder, read_only, backend
+        self.progress: Progress = silent
         self._scenes: dict[tuple[Path, int, int], Scene] = {}
         self._found: dict[str, Found] = {}
         self._proposed: dict[str, Proposed] = {}
@@ -195,7 +197,7 @@ class Session:
             raise F4xError(f"Give exactly one of {', '.join(given)}; got {', '.join(kinds) or 'none'}.")
         path, opened = self._open(scene)
         view = self._view(opened, frame)
-        options: dict[str, Any] = {"threshold": threshold, "backend": self.backend}
+        options: dict[str, Any] = {"threshold": threshold, "backend": self.backend, "progress": self.progress}
         if text:
             found = select_by_text(opened, text, negatives, threshold, encode=encode_labels)
         elif point:
@@ -224,7 +226,7 @@ class Session:
     def ask(self, question: Sentence, scene: SceneName = "") -> Reply:
         """Ask what is there, where, how many, what moves and when; answered by computing, and it says so."""
         _, opened = self._open(scene)
-        said = answer(opened, question, encode=encode_labels, backend=self.backend)
+        said = answer(opened, question, encode=encode_labels, backend=self.backend, progress=self.progress)
         return Reply({"answered_by": said.answered_by}, {"answer": said.text, "evidence": said.evidence})
 
     def propose_edit(
@@ -245,8 +247,8 @@ class Session:
             candidate = plan.Candidate(_settled(opened, operations, context), "as given")
             proposal = plan.Proposal("", (candidate,), understood_by="operations")
         else:
-            options: dict[str, Any] = {"encode": encode_labels, "candidates": candidates, "backend": self.backend}
-            proposal = plan.propose(opened, sentence, context, **options)
+            options: dict[str, Any] = {"encode": encode_labels, "backend": self.backend, "progress": self.progress}
+            proposal = plan.propose(opened, sentence, context, candidates=candidates, **options)
         name = self._name("proposal")
         _keep(self._proposed, name, Proposed(path, of(opened).edits, proposal), KEPT_PROPOSALS)
         rows = [self._told(opened, index, one) for index, one in enumerate(proposal.candidates)]
@@ -311,7 +313,7 @@ class Session:
         if 4 * numbers * len(opened.ids) * len(times) > LARGEST_EXPORT:
             raise F4xError(f"That would be more than {LARGEST_EXPORT >> 30} GiB; export fewer frames.")
         target.parent.mkdir(parents=True, exist_ok=True)
-        files = export(opened, target, [float(time) for time in times], name)
+        files = export(opened, target, [float(time) for time in times], name, progress=self.progress)
         return Reply({"output": output, "format": name, "moments": len(times), "files": len(files)})
 
     def _open(self, name: str) -> tuple[Path, Scene]:

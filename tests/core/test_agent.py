@@ -8,6 +8,7 @@ import os
 import socket
 import subprocess
 import sys
+import time
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -550,6 +551,33 @@ def test_export(session, place, monkeypatch):
     assert told["moments"] == 2 and len(list((place / "all").glob("*.ply"))) == 2
     monkeypatch.setattr(sessions, "LARGEST_EXPORT", 100_000)
     assert "export fewer frames" in refusal(session, "export", output="more")
+
+
+def test_a_long_call_tells_how_far_it_is_and_ends_with_its_client(session, monkeypatch):
+    ended, heard = [], []
+
+    def long(scene, question, *, progress, **_):
+        try:
+            for step in range(1000):
+                progress("look", step, 1000)
+                time.sleep(0.005)
+            ended.append("finished")
+        except BaseException as error:
+            ended.append(type(error).__name__)
+            raise
+
+    async def hear(progress, total, message):
+        heard.append((progress, message))
+
+    async def work(client):
+        with anyio.move_on_after(0.8) as scope:
+            await client.call_tool("ask", {"question": "?"}, progress_callback=hear)
+        assert scope.cancelled_caught
+        return (await ask(client, "history"))[0]["edits"]  # in its turn, so the long call is over
+
+    monkeypatch.setattr(sessions, "answer", long)
+    assert talk(build_server(session), work) == 0 and ended == ["CancelledError"]
+    assert heard[0] == (1, "look 0 of 1000") and heard[1][0] == 2 and len(heard) < 5
 
 
 def test_questions_are_computed_and_no_server_is_asked(session, monkeypatch):
