@@ -1,11 +1,13 @@
-"""Bulk keyframes: one layered Action, one slot per animated datablock."""
+"""Bulk keyframes: one layered Action, one slot per animated datablock; reading and replacing them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import bpy
 import numpy as np
+from bpy_extras.anim_utils import action_get_channelbag_for_slot
 
-_LINEAR = 1  # the value of 'LINEAR' in Keyframe.interpolation, for foreach_set
+CONSTANT, LINEAR = 0, 1
+"""Values of Keyframe.interpolation, for foreach_set."""
 
 
 class ActionWriter:
@@ -15,18 +17,61 @@ class ActionWriter:
         self.action = bpy.data.actions.new(name)
         self._strip = self.action.layers.new("motion").strips.new(type="KEYFRAME")
 
-    def write(self, datablock: bpy.types.ID, frames: np.ndarray, channels: Mapping[str, np.ndarray]) -> None:
-        """Key `channels` (data path -> (T,) or (T,C) values) of `datablock` at `frames (T,)`, linear between keys."""
+    def write(
+        self,
+        datablock: bpy.types.ID,
+        frames: np.ndarray,
+        channels: Mapping[str, np.ndarray],
+        interpolation: int = LINEAR,
+    ) -> None:
+        """Key `channels` (data path -> (T,) or (T,C) values) of `datablock` at `frames (T,)`."""
         slot = self.action.slots.new(id_type=datablock.id_type, name=datablock.name)
-        curves = self._strip.channelbag(slot, ensure=True).fcurves
-        for path, values in channels.items():
-            columns = values.T if values.ndim == 2 else values[None]
-            for index, column in enumerate(columns):
-                curve = curves.new(path, index=index)
-                curve.keyframe_points.add(len(frames))
-                curve.keyframe_points.foreach_set("co", np.stack([frames, column], 1).astype(np.float32).ravel())
-                curve.keyframe_points.foreach_set("interpolation", np.full(len(frames), _LINEAR, np.int32))
-                curve.update()
+        _write_curves(self._strip.channelbag(slot, ensure=True).fcurves, frames, channels, interpolation)
         data = datablock.animation_data_create()
         data.action = self.action
         data.action_slot = slot
+
+
+def sample(datablock: bpy.types.ID, frames: np.ndarray, paths: Sequence[str]) -> dict[str, np.ndarray]:
+    """Values (T,C) of vector properties at `frames (T,)` as keyed; what is not keyed stays as it is."""
+    curves, found = _curves_of(datablock), {}
+    for path in paths:
+        values = np.tile(np.array(getattr(datablock, path), float), (len(frames), 1))
+        for index in range(values.shape[1]):
+            curve = curves.find(path, index=index) if curves is not None else None
+            if curve is not None:
+                values[:, index] = [curve.evaluate(frame) for frame in frames]
+        found[path] = values
+    return found
+
+
+def rewrite(datablock: bpy.types.ID, frames: np.ndarray, channels: Mapping[str, np.ndarray]) -> None:
+    """Replace all keys of `channels` (data path -> (T,C) values) by keys at `frames (T,)`, linear between them."""
+    curves = _curves_of(datablock)
+    if curves is None:
+        ActionWriter(datablock.name).write(datablock, frames, channels)
+        return
+    for path in channels:
+        for curve in [curve for curve in curves if curve.data_path == path]:
+            curves.remove(curve)
+    _write_curves(curves, frames, channels, LINEAR)
+
+
+def _curves_of(datablock: bpy.types.ID):
+    """The F-curves of a datablock; None where it has no keys."""
+    data = datablock.animation_data
+    if data is None or data.action is None:
+        return None
+    bag = action_get_channelbag_for_slot(data.action, data.action_slot)
+    return None if bag is None else bag.fcurves
+
+
+def _write_curves(curves, frames: np.ndarray, channels: Mapping[str, np.ndarray], interpolation: int) -> None:
+    for path, values in channels.items():
+        columns = values.T if values.ndim == 2 else values[None]
+        for index, column in enumerate(columns):
+            curve = curves.new(path, index=index)
+            curve.keyframe_points.add(len(frames))
+            curve.keyframe_points.foreach_set("co", np.stack([frames, column], 1).astype(np.float32).ravel())
+            curve.keyframe_points.foreach_set("interpolation", np.full(len(frames), interpolation, np.int32))
+            curve.update()

@@ -160,6 +160,17 @@ def build_motion_tree(
     return tree.tree
 
 
+def build_graph_tree(name: str, nodes: bpy.types.Collection) -> bpy.types.GeometryNodeTree:
+    """Return the tree that puts vertex i of a mesh where empty i of `nodes` is."""
+    tree = _Tree(name, {"Geometry": "NodeSocketGeometry"}, {"Posed": "NodeSocketGeometry"})
+    info = tree.add("GeometryNodeCollectionInfo", nodes, True, False, transform_space=SCENE_FRAME)
+    now = tree.add("FunctionNodeSeparateTransform", tree.out("GeometryNodeInstanceTransform")).outputs["Translation"]
+    place = tree.sample(info.outputs[0], now, tree.out("GeometryNodeInputIndex"), "FLOAT_VECTOR", "INSTANCE")
+    tree.link(tree.out("GeometryNodeSetPosition", tree.inputs["Geometry"], None, place), tree.outputs["Posed"])
+    _lay_out(tree.tree)
+    return tree.tree
+
+
 def _pair_motions(tree: _Tree, nodes: bpy.types.Collection, helper: bpy.types.Object):
     """Geometry of the helper, and the three vectors of its vertices' motions as fields on it."""
     info = tree.add("GeometryNodeCollectionInfo", nodes, True, False, transform_space=SCENE_FRAME)

@@ -1,0 +1,195 @@
+"""The scaffold as a rig that artists know: a keyed empty for each node, handles that move whole groups, lines between them.
+
+    NAME node 00000    child of the root; keyed at every clip frame; its `f4x_node` is the id of the scaffold's node
+    NAME graph         mesh of the graph's edges that follows the nodes; hidden until it is asked for
+    NAME group 00      follows a group of nodes that moves as one thing, keyed
+      NAME handle 00   child of it, at rest: whoever moves, turns or keys it moves the group along, in the group's own frame
+                       (then the group's nodes are its children)
+
+Poses are read as Blender evaluates them - keys, parents, constraints and all - in the scene's own frame: the root's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..f4x_core.errors import F4xError
+from ..f4x_core.geometry import pose, quaternion
+from ..f4x_core.scaffold import Scaffold
+from ..f4x_core.scaffold.deformation import node_poses_at
+from ..f4x_core.scaffold.grab import held
+from ..f4x_core.scaffold.groups import group_motion, rigid_groups
+from .animation import ActionWriter, rewrite, sample
+from .motion_nodes import build_graph_tree
+
+NODE = "f4x_node"
+"""Property of a node's empty: the id of the node."""
+HANDLE = "f4x_handle"
+"""Property of a handle and of the empty that carries it: the number of its group."""
+NODE_SIZE, HANDLE_SIZE = 0.4, 3.0
+"""Drawn sizes of empties in node spacings."""
+PLACE, TURN = "location", "rotation_quaternion"
+SMALLEST_GROUP = 2
+"""A node alone is its own handle."""
+
+
+def poses_of(scaffold: Scaffold, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The poses (xyz (T,M,3), quat (T,M,4)) at clip frames, neighbours in time on one hemisphere."""
+    poses = [node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, float(frame)) for frame in frames]
+    return np.stack([xyz for xyz, _ in poses]), quaternion.align_sequence(np.stack([quat for _, quat in poses]))
+
+
+def add_nodes(name: str, curves: Scaffold, frames: np.ndarray, collection, root) -> bpy.types.Collection:
+    """A collection with an empty for each node. Keyed at every clip frame, also at held-out ones: linear between keys then
+    agrees with the core at whole frames."""
+    nodes = bpy.data.collections.new(f"{name} nodes")
+    collection.children.link(nodes)
+    xyz, quat = poses_of(curves, frames)
+    writer = ActionWriter(f"{name} motion")
+    for i, id in enumerate(curves.ids.tolist()):
+        empty = _add_empty(f"{name} node {i:05d}", nodes, root, NODE_SIZE * curves.unit)
+        empty[NODE] = id
+        writer.write(empty, frames, {PLACE: xyz[:, i], TURN: quat[:, i]})
+    return nodes
+
+
+def add_graph(name: str, curves: Scaffold, nodes: bpy.types.Collection, collection, root) -> bpy.types.Object:
+    """The graph's edges as a hidden mesh whose corners follow the nodes."""
+    mesh = bpy.data.meshes.new(f"{name} graph")
+    mesh.from_pydata(curves.xyz[0].tolist(), curves.edges.tolist(), [])
+    graph = bpy.data.objects.new(mesh.name, mesh)
+    collection.objects.link(graph)
+    graph.parent = root
+    graph.modifiers.new("Feature4X graph", "NODES").node_group = build_graph_tree(f"{name} graph", nodes)
+    graph.hide_viewport = graph.hide_render = True
+    return graph
+
+
+def nodes_of(root: bpy.types.Object) -> list[bpy.types.Object]:
+    """The empties of the nodes, in the scaffold's order; F4xError where one was added."""
+    found = sorted((item for item in root.children_recursive if NODE in item), key=lambda item: item.name)
+    if len({item[NODE] for item in found}) < len(found):
+        raise F4xError(
+            f"{root.name}: an empty of a node was copied; take the copy out, for points follow nodes by name."
+        )
+    return found
+
+
+def read_poses(
+    root: bpy.types.Object, items: Sequence[bpy.types.Object], frames: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The poses (xyz (T,n,3), quat (T,n,4)) float64 of `items` at clip frames in the scene's frame, as Blender evaluates them."""
+    scene, present = bpy.context.scene, bpy.context.scene.frame_current_final
+    matrices = []
+    with _gaussians_at_rest(root):
+        for frame in frames:
+            scene.frame_set(int(frame), subframe=float(frame) % 1)
+            to_scene = root.matrix_world.inverted()
+            matrices.append([to_scene @ item.matrix_world for item in items])
+        scene.frame_set(int(present), subframe=present % 1)
+    found = np.array(matrices, np.float64).reshape(len(frames), len(items), 4, 4)
+    found[..., :3, :3] /= np.linalg.norm(found[..., :3, :3], axis=-2, keepdims=True)  # an empty's size takes no part
+    quat, xyz = pose.from_matrix(found)
+    return xyz, quaternion.align_sequence(quat)
+
+
+def write_poses(
+    root: bpy.types.Object, items: Sequence[bpy.types.Object], frames: np.ndarray, xyz: np.ndarray, quat: np.ndarray
+) -> None:
+    """Key `items` at clip frames so that they stand at `xyz (T,n,3)`, `quat (T,n,4)` of the scene's frame, whoever their
+    parents are."""
+    parents = list(dict.fromkeys(item.parent for item in items))
+    above_xyz, above_quat = read_poses(root, parents, frames)
+    for i, item in enumerate(items):
+        above = parents.index(item.parent)
+        item.matrix_parent_inverse = Matrix()
+        item.rotation_mode = "QUATERNION"
+        local = pose.compose(*pose.invert(above_quat[:, above], above_xyz[:, above]), quat[:, i], xyz[:, i])
+        rewrite(item, frames, {PLACE: local[1], TURN: quaternion.align_sequence(local[0])})
+
+
+def hold(
+    items: Sequence[bpy.types.Object], frames: np.ndarray, offset: tuple[np.ndarray, np.ndarray], share: np.ndarray
+) -> None:
+    """Key a `share (T,)` of `offset` = `(quat (n,4), xyz (n,3))`, in each item's own frame, into its keys at `frames (T,)`."""
+    for i, item in enumerate(items):
+        keyed = sample(item, frames, (PLACE, TURN))
+        one = offset[0][i : i + 1], offset[1][i : i + 1]
+        xyz, quat = held(keyed[PLACE][:, None], quaternion.normalize(keyed[TURN])[:, None], one, share)
+        rewrite(item, frames, {PLACE: xyz[:, 0], TURN: quaternion.align_sequence(quat[:, 0])})
+
+
+def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: int | None) -> list[bpy.types.Object]:
+    """Handles of the groups of nodes that move as one, `count` of them or as many as there seem to be.
+
+    Nothing moves by it. Older handles are taken away first.
+    """
+    remove_handles(root, frames)
+    nodes = nodes_of(root)
+    xyz, quat = read_poses(root, nodes, frames)
+    group = rigid_groups(xyz, unit, count)
+    collection = bpy.data.collections.new(f"{root.name} handles")
+    root.users_collection[0].children.link(collection)
+    writer = ActionWriter(f"{root.name} groups")
+    handles = []
+    for number in range(group.max(initial=-1) + 1):
+        members = np.flatnonzero(group == number)
+        if len(members) < SMALLEST_GROUP:
+            continue
+        carrier = _add_empty(f"{root.name} group {number:02d}", collection, root, unit)
+        handle = _add_empty(f"{root.name} handle {number:02d}", collection, carrier, HANDLE_SIZE * unit)
+        handle.empty_display_type = "SPHERE"
+        carrier[HANDLE] = handle[HANDLE] = number
+        turn, place = group_motion(xyz[:, members])
+        writer.write(carrier, frames, {PLACE: place, TURN: turn})
+        carrier.hide_set(True)
+        for member in members:
+            nodes[member].parent = handle
+        handles.append(handle)
+    write_poses(root, nodes, frames, xyz, quat)
+    return handles
+
+
+def remove_handles(root: bpy.types.Object, frames: np.ndarray) -> None:
+    """Take the handles away; the nodes stay where they put them."""
+    old = [item for item in root.children_recursive if HANDLE in item]
+    if not old:
+        return
+    nodes = nodes_of(root)
+    xyz, quat = read_poses(root, nodes, frames)
+    for node in nodes:
+        node.parent = root
+    write_poses(root, nodes, frames, xyz, quat)
+    collections = {collection for item in old for collection in item.users_collection}
+    for item in old:
+        bpy.data.objects.remove(item)
+    for collection in collections:
+        if not collection.all_objects:
+            bpy.data.collections.remove(collection)
+
+
+@contextmanager
+def _gaussians_at_rest(root: bpy.types.Object) -> Iterator[None]:
+    """Without evaluating modifiers below `root`: only empties are looked at."""
+    shown = [m for item in root.children_recursive for m in item.modifiers if m.show_viewport]
+    for modifier in shown:
+        modifier.show_viewport = False
+    try:
+        yield
+    finally:
+        for modifier in shown:
+            modifier.show_viewport = True
+
+
+def _add_empty(name: str, collection: bpy.types.Collection, parent: bpy.types.Object, size: float) -> bpy.types.Object:
+    empty = bpy.data.objects.new(name, None)
+    collection.objects.link(empty)
+    empty.parent = parent
+    empty.rotation_mode = "QUATERNION"
+    empty.empty_display_size = size
+    return empty
