@@ -9,6 +9,7 @@ with every process that it started.
 """
 
 import _thread
+import atexit
 import contextlib
 import json
 import os
@@ -64,7 +65,11 @@ def stop_with_parent() -> None:
 def _watch() -> None:
     while os.read(0, 4096):
         pass
-    _thread.interrupt_main()
+    atexit.register(end_tree, os.getpid())  # what it started goes with it, also when it ends by itself
+    if sys.platform == "win32":
+        _thread.interrupt_main()
+    else:  # a real signal also wakes a main thread that sleeps or waits for a process
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
     time.sleep(GRACE)
     end_tree(os.getpid())
     os._exit(EXIT_INTERRUPTED)  # a process that leads no group of its own

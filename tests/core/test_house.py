@@ -27,8 +27,34 @@ ROOMS = (
 """In the order data flows: a room imports itself and rooms to its left."""
 SHARED = ("errors", "files", "progress", "timing", "processes", "installation", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
-TORCH_FREE = ("native", "geometry", "clip", "priors", "scene", "query", "edit", "agent", "errors", "files", "progress")
-NUMPY_ONLY = ("native", "geometry", "clip", "scene", "query", "edit", "errors", "files", "progress")
+TORCH_FREE = (
+    "native",
+    "geometry",
+    "clip",
+    "priors",
+    "scene",
+    "query",
+    "edit",
+    "agent",
+    "errors",
+    "files",
+    "progress",
+    "processes",
+    "installation",
+)
+NUMPY_ONLY = (
+    "native",
+    "geometry",
+    "clip",
+    "scene",
+    "query",
+    "edit",
+    "errors",
+    "files",
+    "progress",
+    "processes",
+    "installation",
+)
 """What Blender's own Python imports: numpy is the only wheel there."""
 WHEELS = {"torch", "cv2", "av", "scipy", "PIL", "pycolmap", "matplotlib", "OpenEXR", "rich", "trimesh"}
 UNSAFE_MODULES = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}

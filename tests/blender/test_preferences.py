@@ -1,0 +1,146 @@
+"""Preferences: which interpreter serves, what Check Setup shows, what Set Up asks for; jobs as Blender's operators start them."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.blender
+pytest.importorskip("bpy", reason="bpy is absent")
+ROOT = Path(__file__).resolve().parents[2]
+
+# Every test is a Blender of its own, with the extension enabled as far as its preferences are concerned.
+START = """
+import json, os, sys, time
+sys.path.insert(0, sys.argv[1] + "/scripts")
+import bpy, door
+extension = door.load_extension()
+extension.register()
+bpy.context.preferences.addons.new().module = "feature4x"
+from feature4x.addon import jobs, preferences, worker
+from feature4x.f4x_core.errors import F4xError
+settings = preferences.preferences()
+
+def refused(operator, *how, **options):
+    try:
+        operator(*how, **options)
+    except RuntimeError as error:
+        return str(error).removeprefix("Error: ").strip()
+    raise AssertionError("it was not refused")
+"""
+END = "\nextension.unregister()\nprint('WHOLE', flush=True)\nos._exit(0)\n"
+
+
+def blender(code: str, *arguments: str, **environment: str) -> str:
+    """What a Blender that runs `code` prints; it has to come to its end."""
+    outside = {name: value for name, value in os.environ.items() if name != "F4X_PYTHON"}
+    done = subprocess.run(
+        [sys.executable, "-c", START + code + END, str(ROOT), *arguments],
+        capture_output=True,
+        text=True,
+        env=outside | {"OMP_NUM_THREADS": "1"} | environment,
+        timeout=120,
+    )
+    assert done.stdout.endswith("WHOLE\n"), done.stdout + done.stderr
+    return done.stdout
+
+
+def test_which_interpreter_serves(tmp_path):
+    code = """
+assert preferences.find_interpreter() is None
+assert "Set Up" in refused(bpy.ops.f4x.check_worker)
+made = preferences.interpreter_in(preferences.worker_folder())
+made.parent.mkdir(parents=True)
+made.touch()
+assert preferences.find_interpreter() == str(made)
+os.environ["F4X_PYTHON"] = "/of/the/environment"
+assert preferences.find_interpreter() == "/of/the/environment"
+settings.interpreter = "/of/the/preferences"
+assert preferences.find_interpreter() == "/of/the/preferences"
+assert "/of/the/preferences is not there" in refused(bpy.ops.f4x.check_worker)
+"""
+    blender(code, BLENDER_USER_RESOURCES=str(tmp_path))
+
+
+def test_check_setup_shows_versions_and_kernels():
+    code = """
+settings.interpreter = sys.executable
+assert bpy.ops.f4x.check_worker() == {"FINISHED"}
+print("CHECKED", settings.checked)
+"""
+    line = next(line for line in blender(code).splitlines() if line.startswith("CHECKED "))
+    rows = json.loads(line.removeprefix("CHECKED "))
+    assert rows[0][0] and "Feature4X 0.1.0 on Python 3.11" in rows[0][1]
+    assert rows[1][0] and rows[1][1].startswith("torch 2.")
+    assert "compiled kernels" in rows[2][1]
+
+
+def test_a_worker_without_torch_is_told(tmp_path):
+    """The interpreter has everything but torch: a package of that name that cannot be imported stands in its way."""
+    (tmp_path / "torch").mkdir()
+    (tmp_path / "torch" / "__init__.py").write_text("raise ModuleNotFoundError(\"No module named 'torch'\")")
+    python = tmp_path / "python"
+    hide = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); sys.path.insert(1, '')"
+    python.write_text(
+        f"#!{sys.executable}\n{hide}\nimport importlib.metadata as m, runpy\nversion = m.version\n"
+        "def absent(name):\n    if name == 'torch': raise m.PackageNotFoundError(name)\n    return version(name)\n"
+        "m.version = absent\nsys.argv = sys.argv[2:]\nrunpy.run_module('f4x_core', run_name='__main__', alter_sys=True)\n"
+    )
+    python.chmod(0o755)
+    code = """
+settings.interpreter = sys.argv[2]
+said = refused(bpy.ops.f4x.check_worker)
+assert "torch" in said and "Set Up" in said, said
+"""
+    blender(code, str(python))
+
+
+def test_set_up_needs_permission_to_go_online(tmp_path):
+    code = """
+bpy.context.preferences.system.use_online_access = False
+assert not bpy.ops.f4x.set_up_worker.poll()
+"""
+    blender(code, BLENDER_USER_RESOURCES=str(tmp_path))
+
+
+def test_set_up_with_a_python_that_is_none_is_one_sentence(tmp_path):
+    code = """
+bpy.context.preferences.system.use_online_access = True
+said = refused(bpy.ops.f4x.set_up_worker, python="/bin/true")
+assert "/bin/true is no Python" in said, said
+assert not preferences.worker_folder().exists()
+"""
+    blender(code, BLENDER_USER_RESOURCES=str(tmp_path))
+
+
+def test_jobs_are_looked_after_by_a_timer():
+    """A window's way, by hand: Blender without a window never calls timers, and waits for its jobs instead."""
+    code = """
+bpy_app = bpy.app
+class Windowed:
+    background = False
+    timers = bpy_app.timers
+jobs.bpy = type("bpy", (), {"app": Windowed, "context": bpy.context})
+talk = "import json, sys, time; print(json.dumps({'stage': 'a', 'done': 1, 'total': 2})); sys.stdout.flush(); time.sleep(60)"
+job = worker.Job("long", [sys.executable, "-c", talk])
+start = time.monotonic()
+jobs.start(job)
+assert time.monotonic() - start < 0.1 and bpy_app.timers.is_registered(jobs.tick)
+while jobs.tick() and job.stage != "a":
+    time.sleep(0.02)
+assert job.share == 0.5 and jobs.all_jobs() == (job,)
+assert bpy.ops.f4x.dismiss_job(number=0) == {"FINISHED"}
+while jobs.tick():
+    time.sleep(0.02)
+assert job.state == worker.CANCELLED and jobs.tick() is None
+assert bpy.ops.f4x.dismiss_job(number=0) == {"FINISHED"} and jobs.all_jobs() == ()
+assert bpy.ops.f4x.dismiss_job(number=0) == {"CANCELLED"}
+last = worker.Job("last", [sys.executable, "-c", talk])
+jobs.start(last)
+jobs.end_all()
+assert last.child.poll() is not None and not bpy_app.timers.is_registered(jobs.tick)
+"""
+    blender(code)
