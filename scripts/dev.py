@@ -1,4 +1,4 @@
-"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|lint|kernels|setup`.
+"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|lint|kernels|extension|setup`.
 
 Standard library only. The first call makes `.venv`, installs the pinned packages and builds the native kernel; later calls
 find nothing to do and start at once.
@@ -29,6 +29,7 @@ VERBS = {
     "test": "the everyday tests; takes the options of pytest, such as a file, or -m real for the real clips",
     "lint": "ruff check, ruff format --check and mypy",
     "kernels": "compile the native library; with --all for every platform of the extension, by the package ziglang",
+    "extension": "feature4x-VERSION.zip for Blender, in -o DIR; with --all with the kernels of every platform",
     "setup": "only make .venv, install what is pinned, and build the native kernel",
 }
 
@@ -115,11 +116,18 @@ def kernels(arguments: list[str]) -> int:
     return run(["-m", "f4x_core.native.build", *arguments])
 
 
+def extension(arguments: list[str]) -> int:
+    """Build the Blender extension; `--all` compiles for every platform first."""
+    code = kernels(["--all"]) if "--all" in arguments else 0
+    rest = [argument for argument in arguments if argument != "--all"]
+    return code or run([str(ROOT / "scripts" / "build_extension.py"), *rest])
+
+
 def main() -> int:
     """Parse the command line and run one verb."""
     parser = argparse.ArgumentParser(
         description=__doc__,
-        epilog="verbs:\n" + "\n".join(f"  {name:<7}{description}" for name, description in VERBS.items()),
+        epilog="verbs:\n" + "\n".join(f"  {name:<11}{description}" for name, description in VERBS.items()),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("verb", choices=VERBS, metavar="VERB", help="one of: " + ", ".join(VERBS))
@@ -134,6 +142,8 @@ def main() -> int:
         return test(args.options)
     if args.verb == "kernels":
         return kernels(args.options)
+    if args.verb == "extension":
+        return extension(args.options)
     return lint() if args.verb == "lint" else 0
 
 
