@@ -16,9 +16,9 @@ def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Let agents look at and edit the scenes of a folder, until the client goes or Ctrl-C."""
     try:
         from ..agent.server import read_token, serve_http, serve_stdio
-    except ModuleNotFoundError as error:
+    except ImportError as error:
         raise F4xError(
-            f"f4x serve needs the package mcp ({error}); install it with `pip install 'feature4x-blender[agents]'`."
+            f"f4x serve needs the package mcp from 2.3 on ({error}); install it with `pip install 'mcp>=2.3,<3'`."
         ) from error
     from ..agent.folder import Folder
     from ..agent.session import Session
