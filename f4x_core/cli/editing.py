@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 from ..edit.apply import base_of, open_scene, with_operations
 from ..edit.bake import bake
+from ..edit.json_files import read_json, read_operations
 from ..edit.judge import contact_sheet
-from ..edit.operations import Name, Operation, read_operation
+from ..edit.operations import Name
 from ..edit.plan import preview, propose
 from ..edit.resolve import Context, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
@@ -22,8 +22,6 @@ from ..query.labels import encode_labels
 from ..query.selection import Selection
 from ..scene import Scene, read_scene, write_scene
 
-MOST_BYTES = 64 << 20
-"""Of a file of operations or a selection: those of millions of Gaussians take less."""
 SELECTION = "selection.json"
 
 
@@ -148,15 +146,6 @@ def _context(args: argparse.Namespace) -> Context:
         raise F4xError(f"{args.select}: {error}") from error
 
 
-def read_operations(path: Path) -> list[Operation]:
-    """The operations of a JSON file: a list of objects, or one. F4xError names the file and the operation."""
-    data = read_json(path, "a list of operations")
-    entries = data if isinstance(data, list) else [data]
-    if not entries:
-        raise F4xError(f"{path}: it holds no operation; write a list of them.")
-    return [read_operation(entry, f"{path}: operation {number}") for number, entry in enumerate(entries, 1)]
-
-
 def told(edit: Edit) -> str:
     """One line: number, operation, its fields but the selection, the words it came from."""
     fields = {name: value for name, value in edit.operation.to_json().items() if name not in ("op", "select", "source")}
@@ -170,13 +159,3 @@ def told(edit: Edit) -> str:
 def _left(args: argparse.Namespace, stack: EditStack) -> dict[str, Any]:
     done, undone = len(stack), len(stack.undone)
     return {"edits": done, "undone": undone, "text": f"{args.scene}: {done} edits, {undone} undone"}
-
-
-def read_json(path: Path, wanted: str) -> Any:
-    """What the JSON file `path` holds; F4xError says that it is no `wanted`."""
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise F4xError(f"{path}: it is larger than {MOST_BYTES >> 20} MiB; give {wanted}.")
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise F4xError(f"{path}: it is not JSON ({error}); give {wanted}.") from error
