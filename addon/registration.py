@@ -2,7 +2,20 @@
 
 import bpy
 
-from . import job_operators, jobs, operators, preferences, render_engine
+from . import (
+    display,
+    edit_operators,
+    job_operators,
+    jobs,
+    motion_operators,
+    operators,
+    panel,
+    panel_overlay,
+    panel_properties,
+    preferences,
+    query_operators,
+    render_engine,
+)
 
 CLASSES = (
     *operators.CLASSES,
@@ -10,25 +23,36 @@ CLASSES = (
     *jobs.CLASSES,
     *preferences.CLASSES,
     *job_operators.CLASSES,
+    *panel_properties.CLASSES,
+    *query_operators.CLASSES,
+    *edit_operators.CLASSES,
+    *motion_operators.CLASSES,
+    *panel.CLASSES,
 )
+# what else has to be told when the classes are known
+STARTED = (render_engine, panel_properties, display, panel_overlay)
 
 
 def _draw_import(self, context) -> None:
-    self.layout.operator(operators.F4X_OT_import_scene.bl_idname, text="Feature4X Scene (.f4x)")
+    self.layout.operator(operators.F4X_OT_import_scene.bl_idname, text="Feature4X (.f4x, .ply, .splat)")
 
 
 def register() -> None:
     """Register classes and the File > Import entry."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    render_engine.register()
+    for module in STARTED:
+        module.register()
     bpy.types.TOPBAR_MT_file_import.append(_draw_import)
+    bpy.types.VIEW3D_MT_object.append(motion_operators.draw_menu)
 
 
 def unregister() -> None:
     """Undo `register`; jobs under way end with it."""
     jobs.end_all()
+    bpy.types.VIEW3D_MT_object.remove(motion_operators.draw_menu)
     bpy.types.TOPBAR_MT_file_import.remove(_draw_import)
-    render_engine.unregister()
+    for module in reversed(STARTED):
+        module.unregister()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

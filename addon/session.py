@@ -17,20 +17,19 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from ..f4x_core.edit.apply import edited
+from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.edit.display import Display
-from ..f4x_core.edit.operations import Operation
+from ..f4x_core.edit.operations import Operation, read_operation
 from ..f4x_core.edit.resolve import Context, resolve
 from ..f4x_core.edit.selects import Ids
-from ..f4x_core.edit.stack import EditStack, merge, read_stack, with_stack, write_stack
-from ..f4x_core.edit.stack import of as stack_in
+from ..f4x_core.edit.stack import UNDONE, EditStack, merge, read_stack, with_stack, write_stack
 from ..f4x_core.errors import F4xError
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene, read_header, read_scene
@@ -41,6 +40,8 @@ APART = "f4x_apart"
 """Property of the object whose points are drawn apart from the base's clouds: moved, retimed and copied Gaussians."""
 SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
 """Point attributes: what is selected (Blender's own name), what was before the last query, and the query's scores."""
+NO_EDITS = "[]"
+"""JSON of the empty stack."""
 KEPT = 4
 """Scenes kept, edited ones too: going back and forth between a preview and the stack costs nothing."""
 
@@ -114,7 +115,7 @@ def save(root: bpy.types.Object) -> EditStack:
 
 def base_scene(root: bpy.types.Object) -> Scene:
     """The scene without its edits."""
-    return _display(root, _text(EditStack())).scene
+    return _display(root, NO_EDITS).scene
 
 
 def edited_scene(root: bpy.types.Object) -> Scene:
@@ -141,14 +142,11 @@ def clouds_of(root: bpy.types.Object) -> list[bpy.types.Object]:
 
 def points(root: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarray, np.ndarray]]:
     """(cloud, points (m,), Gaussians (m,)): which points of a cloud are which rows of the shown scene's `posed`."""
-    ids = shown(root).scene.ids
-    order = np.argsort(ids, kind="stable") if np.any(ids[1:] < ids[:-1]) else None
+    display = shown(root)
     for cloud in clouds_of(root):
-        gid = read_attribute(cloud.data, "gid")
-        place = np.minimum(np.searchsorted(ids, gid, sorter=order), len(ids) - 1)
-        row = place if order is None else order[place]
-        known = np.flatnonzero(ids[row] == gid)
-        yield cloud, known, row[known]
+        row, known = display.rows_of(read_attribute(cloud.data, "gid"))
+        at = np.flatnonzero(known)
+        yield cloud, at, row[at]
 
 
 def read(root: bpy.types.Object, name: str) -> np.ndarray:
@@ -204,6 +202,22 @@ def append(root: bpy.types.Object, *operations: Operation, said: str = "") -> Ed
     return stack
 
 
+def names_of(root: bpy.types.Object) -> Mapping[str, np.ndarray]:
+    """Name -> (n,) rows of the shown scene, for everything that an edit has named."""
+    scene = shown(root).scene
+    return scene.rows.names if isinstance(scene, EditedScene) else {}
+
+
+def with_reading(root: bpy.types.Object) -> EditStack:
+    """The pending stack with the reading of the sentence that is picked in the panel."""
+    told = root.f4x
+    stack = stack_of(root)
+    if 0 <= told.reading_index < len(told.readings):
+        for number, data in enumerate(json.loads(told.readings[told.reading_index].operations), 1):
+            stack = stack.append(read_operation(data, f"operation {number}"), told.sentence)
+    return stack
+
+
 def forget() -> None:
     """Empty the caches: another .blend was opened."""
     _files.clear()
@@ -218,15 +232,57 @@ def _pending(root: bpy.types.Object) -> str:
 
 def _stack(root: bpy.types.Object, name: str) -> EditStack:
     _pending(root)
-    return _parsed(root.name, root[name])
+    return _parsed(root, root[name])
 
 
-def _parsed(where: str, text: str) -> EditStack:
+def _parsed(root: bpy.types.Object, text: str) -> EditStack:
     try:
-        return stack_in(replace(_EMPTY, name=where, edits=tuple(json.loads(text))))
+        return EditStack.from_json(json.loads(text), root.name)
     except ValueError as error:
-        raise F4xError(f"{where}: its edits are no JSON ({error}); import the scene again.") from error
+        raise F4xError(f"{root.name}: its edits are no JSON ({error}); import the scene again.") from error
 
 
 def _text(stack: EditStack) -> str:
     return json.dumps(stack.to_json())
+
+
+def _display(root: bpy.types.Object, text: str) -> Display:
+    """The scene with the stack that `text` describes; F4xError where the file is gone or holds other Gaussians."""
+    path = path_of(root)
+    arrays = _check_arrays(root)
+    base, wanted = (str(path), arrays, NO_EDITS), (str(path), arrays, text)
+    if base not in _scenes:
+        scene = read_scene(path)
+        fields = {name: value for name, value in scene.extra_fields.items() if name != UNDONE}
+        _scenes[base] = Display(replace(scene, edits=(), extra_fields=fields))
+    if wanted not in _scenes:
+        _scenes[wanted] = Display(edited(with_stack(_scenes[base].scene, _parsed(root, text))))
+    for key in (base, wanted):
+        _scenes.move_to_end(key)
+    while len(_scenes) > KEPT:
+        _scenes.popitem(last=False)
+    return _scenes[wanted]
+
+
+def _check_arrays(root: bpy.types.Object) -> str:
+    """The hash of the file's arrays; F4xError unless it is the one that was imported."""
+    path = path_of(root)
+    arrays = _hash_of(path)
+    if root.get(ARRAYS, arrays) != arrays:
+        raise F4xError(f"{path} holds other Gaussians than when it was imported; import it again.")
+    return arrays
+
+
+def _hash_of(path: Path) -> str:
+    """One hash of all arrays of a scene file, from its header; read anew only when the file has changed."""
+    try:
+        found = path.stat()
+    except OSError as error:
+        raise F4xError(
+            f"{path} cannot be read ({error.strerror}); put the scene file back, or import it again."
+        ) from error
+    stamp = (found.st_mtime_ns, found.st_size)
+    if _files.get(str(path), (None, ""))[0] != stamp:
+        told = json.dumps(read_header(path)["arrays"], sort_keys=True)
+        _files[str(path)] = (stamp, hashlib.sha256(told.encode()).hexdigest())
+    return _files[str(path)][1]

@@ -6,18 +6,19 @@ attributes; Gaussians that an edit puts elsewhere, shows at another moment or co
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from ..geometry import spherical_harmonics
+from ..geometry import quaternion, spherical_harmonics
 from ..query.pixels import heat_map
+from ..query.selection import Selection
 from ..scene import Posed, Scene
 from .apply import EVERY, LOOKS_OF, Appearance, EditedScene
 from .operations import Transform
+from .warps import holds
 
-FAINTEST = 1 / 255
-"""Opacity below which a Gaussian is drawn by no renderer."""
 GREY = 0.5
 """What stands for the picture under a heat map: scores are to be read, not textures."""
 
@@ -36,11 +37,15 @@ class Display:
         for step in self._steps:
             if step.reads or isinstance(step.edit.operation, Transform):
                 apart[: len(step.chosen)] |= step.chosen
-        base = len(self.scene.static) + len(self.scene.dynamic)
-        apart[base:] = True
-        if self._steps:
-            apart[:base] &= ~self.scene.rows.gone[:base]  # type: ignore[attr-defined]  # it has steps, so it is edited
-        return np.flatnonzero(apart)
+        apart[len(self.scene.static) + len(self.scene.dynamic) :] = True
+        return np.flatnonzero(apart & self.there)
+
+    @cached_property
+    def there(self) -> np.ndarray:
+        """(N,) bool: not removed for good."""
+        if isinstance(self.scene, EditedScene):
+            return ~self.scene.rows.gone
+        return np.ones(len(self.scene.ids), bool)
 
     @cached_property
     def looks_change(self) -> bool:
@@ -53,6 +58,40 @@ class Display:
         """Whether another frame shows anything that the base's own motion does not."""
         return self.looks_change or bool(self.scene.moving[self.apart].any())
 
+    @cached_property
+    def rest_rotation(self) -> np.ndarray:
+        """(M,4) unit wxyz of the base's M Gaussians, static first, as the file has them: before any motion."""
+        return quaternion.normalize(np.concatenate([self.scene.static.rotation, self.scene.dynamic.rotation]))
+
+    def looks_key(self, frame: float) -> object:
+        """Frames with equal keys show the base's Gaussians, those drawn apart left out, in the same looks."""
+        time, timed = self.time(frame), []
+        for depth, step in enumerate(self._steps):
+            span = step.edit.operation.frames if isinstance(step.edit.operation, LOOKS_OF) else None
+            if span is not None:
+                if any(other.reads for other in self._steps[:depth]):
+                    return time  # its tones may be those of Gaussians at other moments
+                timed.append(holds(span, time))
+        return tuple(timed)
+
+    def rows_of(self, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(row (m,) of each of `ids (m,)`, whether there is one (m,) bool); quick where they are a part of `posed` in order."""
+        known = self.scene.ids
+        for part in (*self._parts, self.apart):
+            if len(part) == len(ids) and np.array_equal(known[part], ids):
+                return part, np.ones(len(ids), bool)
+        row = self._order[np.minimum(np.searchsorted(known, ids, sorter=self._order), len(known) - 1)]
+        return row, known[row] == ids
+
+    @cached_property
+    def _parts(self) -> tuple[np.ndarray, np.ndarray]:
+        static, total = len(self.scene.static), len(self.scene.static) + len(self.scene.dynamic)
+        return np.arange(static), np.arange(static, total)
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        return np.argsort(self.scene.ids, kind="stable")
+
     def time(self, frame: float) -> float:
         """The moment of the clip that a viewer shows at `frame`: before and after the clip it stands still."""
         first, last = self.scene.cameras.times[[0, -1]]
@@ -64,6 +103,11 @@ class Display:
             return self.scene.looks(self.time(frame), EVERY)
         posed = self.scene.posed(self.time(frame))
         return Appearance(posed.opacities, posed.sh)
+
+    def of_base(self, found: Selection) -> Selection:
+        """A selection of the base scene in the order of `posed`: a copy is what its original is."""
+        origin = self.scene.rows.origin if isinstance(self.scene, EditedScene) else slice(None)
+        return replace(found, ids=self.scene.ids, scores=found.scores[origin], wins=found.wins[origin])
 
     def moment(self, frame: float) -> Posed:
         """The Gaussians that are drawn apart."""

@@ -91,6 +91,11 @@ class EditStack:
     def __len__(self) -> int:
         return len(self.edits)
 
+    @classmethod
+    def from_json(cls, edits: Sequence[object], where: str) -> EditStack:
+        """What `to_json` gave, with nothing to redo; F4xError begins with `where`."""
+        return _read(edits, (), where)
+
     def position(self, id: int) -> int:
         """Index of the edit `id` in `edits`; F4xError where there is none."""
         for index, edit in enumerate(self.edits):

@@ -1,0 +1,197 @@
+"""Shows edits and scores: looks become point attributes, what an edit moves becomes a cloud of its own.
+
+The base's clouds go on being posed by geometry nodes. Their points lose what is drawn apart, removed or hidden: the
+modifier `Feature4X visible` takes those with one of the attributes
+
+    f4x_hidden   BOOLEAN  hidden by a person, in the viewport and in renders
+    f4x_gone     BOOLEAN  removed by an edit, or drawn apart
+
+out of the evaluated cloud, so every engine agrees. The object `NAME edited` holds what is drawn apart, in places and looks
+that the core worked out. A handler writes them anew at every frame, for scenes whose edits change over time alone
+(`f4x_timed` on the root); all others play as fast as without edits.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ..f4x_core.edit.description import describe
+from ..f4x_core.edit.display import Display, by_score
+from ..f4x_core.errors import F4xError
+from . import session
+from .evaluated import HIDDEN
+from .gaussian_attributes import write_looks, write_places
+from .motion_edits import refresh_keys
+from .point_cloud import new_point_cloud, read_attribute, write_attribute
+
+GONE, TIMED, LOOKS = "f4x_gone", "f4x_timed", "f4x_looks"
+VISIBLE = "Feature4X visible"
+"""Name of the modifier and of its tree."""
+
+
+def refresh(root: bpy.types.Object) -> None:
+    """Show the scene as its preview, or else its pending edits, leave it at the present frame, and list the edits. F4xError."""
+    if bpy.context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    display = session.shown(root)
+    refresh_keys(root)
+    _set_up_apart(root, display)
+    _draw(root, display, everything=True)
+    root[TIMED] = display.changes
+    if display.changes:  # a handler writes attributes while a render reads them
+        bpy.context.scene.render.use_lock_interface = True
+    if hasattr(root, "f4x"):  # a script may import without registering the extension
+        _fill_lists(root)
+        count(root)
+
+
+def hide(root: bpy.types.Object, hidden: np.ndarray) -> None:
+    """Hide the Gaussians `hidden (N,) bool` and show all others, without an edit."""
+    session.write(root, **{HIDDEN: ("BOOLEAN", hidden)})
+    _set_up_visible(session.clouds_of(root))
+
+
+def count(root: bpy.types.Object) -> None:
+    """Count what is selected of what is there."""
+    selected = total = 0
+    for cloud in session.clouds_of(root):
+        chosen, gone = (read_attribute(cloud.data, name) for name in (session.SELECTED, GONE))
+        there = np.ones(len(cloud.data.points), bool) if gone is None else ~gone
+        total += int(there.sum())
+        selected += 0 if chosen is None else int((chosen & there).sum())
+    root.f4x.selected, root.f4x.total = selected, total
+
+
+def _fill_lists(root: bpy.types.Object) -> None:
+    """The lists of edits and of named selections, from the pending stack."""
+    told = root.f4x
+    told.history.clear()
+    for edit in session.stack_of(root).edits:
+        row = told.history.add()
+        row.name, row.edit_id, row.enabled = describe(edit.operation), edit.id, edit.enabled
+    told.history_index = len(told.history) - 1
+    told.names.clear()
+    for name, rows in session.names_of(root).items():
+        row = told.names.add()
+        row.name, row.count = name, len(rows)
+    told.name_index = min(max(told.name_index, 0), len(told.names) - 1)
+
+
+def _set_up_apart(root: bpy.types.Object, display: Display) -> None:
+    """An object with as many points as are drawn apart; none where nothing is. It takes the selection along."""
+    old = next((cloud for cloud in session.clouds_of(root) if session.APART in cloud), None)
+    ids = display.scene.ids[display.apart].astype(np.int32)
+    if old is not None and len(old.data.points) == len(ids) and np.array_equal(read_attribute(old.data, "gid"), ids):
+        return
+    if old is None and not len(ids):
+        return
+    kept = {
+        name: (kind, session.read(root, name))
+        for name, kind in ((session.SELECTED, "BOOLEAN"), (session.SCORE, "FLOAT"), (HIDDEN, "BOOLEAN"))
+    }
+    if old is not None:
+        data = old.data
+        bpy.data.objects.remove(old)
+        bpy.data.pointclouds.remove(data)
+    if len(ids):
+        model = session.clouds_of(root)[0]
+        item = new_point_cloud(f"{root.name} edited", len(ids), model.users_collection[0])
+        item.parent = root
+        item[session.APART] = True
+        item.data.materials.append(model.active_material)
+        write_attribute(item.data, "gid", "INT", ids)
+    session.write(root, **kept)
+
+
+def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
+    """Write the present frame's attributes; without `everything` those alone that are not as they were drawn last."""
+    frame = session.frame_of(root)
+    looks = display.looks(frame)
+    gone = looks.opacities == 0
+    key = repr(display.looks_key(frame))
+    everything = everything or root.get(LOOKS) != key
+    root[LOOKS] = key
+    elsewhere = gone.copy()
+    elsewhere[display.apart] = True
+    if hasattr(root, "f4x") and root.f4x.show_score:
+        looks = by_score(looks, session.read(root, session.SCORE))
+    for cloud, at, row in session.points(root):
+        data = cloud.data
+        if len(at) < len(data.points):  # an artist joined it with something else
+            continue
+        if session.APART in cloud:
+            moment = display.moment(frame)
+            part = np.searchsorted(display.apart, row)
+            quats = moment.quats[part]
+            write_places(data, moment.means[part], quats, moment.scales[part])
+            write_attribute(data, GONE, "BOOLEAN", gone[row])
+        elif everything:
+            quats = display.rest_rotation[row]  # geometry nodes turn what the attributes hold, and harmonics by as much
+            write_attribute(data, GONE, "BOOLEAN", elsewhere[row])
+        else:
+            continue
+        write_looks(data, quats, looks.sh[row], looks.opacities[row])
+        data.update_tag()
+    _set_up_visible(session.clouds_of(root))
+
+
+def _set_up_visible(clouds: list[bpy.types.Object]) -> None:
+    """Give the modifier to clouds that have points to leave out."""
+    for cloud in clouds:
+        out = [read_attribute(cloud.data, name) for name in (HIDDEN, GONE)]
+        if VISIBLE not in cloud.modifiers and any(values is not None and values.any() for values in out):
+            modifier = cloud.modifiers.new(VISIBLE, "NODES")
+            modifier.node_group = bpy.data.node_groups.get(VISIBLE) or _visible_tree()
+            modifier.show_expanded = False
+
+
+def _visible_tree() -> bpy.types.GeometryNodeTree:
+    """Delete the points that are hidden or gone."""
+    tree = bpy.data.node_groups.new(VISIBLE, "GeometryNodeTree")
+    for direction in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "FunctionNodeBooleanMath", "GeometryNodeDeleteGeometry", "NodeGroupOutput")
+    source, either, delete, sink = (tree.nodes.new(kind) for kind in kinds)
+    either.operation = "OR"
+    for socket, name in zip(either.inputs, (HIDDEN, GONE), strict=False):
+        attribute = tree.nodes.new("GeometryNodeInputNamedAttribute")
+        attribute.data_type = "BOOLEAN"
+        attribute.inputs["Name"].default_value = name
+        attribute.location = (-400, -150 * len(name))
+        tree.links.new(next(output for output in attribute.outputs if output.enabled), socket)
+    tree.links.new(source.outputs[0], delete.inputs["Geometry"])
+    tree.links.new(either.outputs[0], delete.inputs["Selection"])
+    tree.links.new(delete.outputs[0], sink.inputs[0])
+    for column, node in enumerate((source, either, delete, sink)):
+        node.location = (200 * column - 200, 0)
+    return tree
+
+
+@persistent
+def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Show the edits that change over time at the new frame."""
+    for root in [item for item in scene.objects if item.get(TIMED)]:
+        try:
+            _draw(root, session.shown(root), everything=False)
+        except F4xError as error:  # the scene file is gone: playback goes on with what was drawn last
+            print(f"Feature4X: {error}")
+
+
+@persistent
+def _file_loaded(path: str) -> None:
+    session.forget()
+
+
+def register() -> None:
+    """Add the handlers."""
+    bpy.app.handlers.frame_change_post.append(_frame_changed)
+    bpy.app.handlers.load_post.append(_file_loaded)
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    bpy.app.handlers.load_post.remove(_file_loaded)
+    bpy.app.handlers.frame_change_post.remove(_frame_changed)
+    session.forget()

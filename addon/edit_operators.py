@@ -1,0 +1,416 @@
+"""Changing what is selected: every operator appends operations of the core to the pending stack, and shows them."""
+
+from __future__ import annotations
+
+import json
+
+import bpy
+import numpy as np
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    StringProperty,
+)
+from mathutils import Euler
+
+from ..f4x_core.edit.description import describe
+from ..f4x_core.edit.looks import LOOKS
+from ..f4x_core.edit.operations import (
+    Delete,
+    Duplicate,
+    Extract,
+    Freeze,
+    Name,
+    Opacity,
+    Operation,
+    Recolour,
+    Retime,
+    Reverse,
+    Span,
+    Style,
+    Transform,
+    Vector,
+)
+from ..f4x_core.edit.plan import propose
+from ..f4x_core.errors import F4xError
+from . import display, session
+from .axes import BLENDER_FROM_SCENE
+from .panel_operators import SceneOperator
+
+READINGS = 4
+"""Ways to carry out a sentence that are offered when the plain one is not it."""
+
+
+def _scene_vector(vector) -> Vector:
+    """A vector along Blender's axes, in those of the scene (OpenCV)."""
+    x, y, z = (BLENDER_FROM_SCENE[:3, :3].T @ np.array(vector, float)).tolist()
+    return x, y, z
+
+
+def _span(root: bpy.types.Object) -> Span | None:
+    """The time span of the selection."""
+    return (float(root.f4x.first), float(root.f4x.last)) if root.f4x.use_span else None
+
+
+class _Edit(SceneOperator):
+    """An operator that appends one operation on the selection."""
+
+    def operation(self, root: bpy.types.Object) -> Operation:
+        """What to append."""
+        raise NotImplementedError
+
+    def act(self, context, root):
+        """Append and show it."""
+        session.append(root, self.operation(root))
+        display.refresh(root)
+        self.report({"INFO"}, root.f4x.history[-1].name)
+
+
+class _Dialog(_Edit):
+    """An edit that asks for its numbers first."""
+
+    def invoke(self, context, event):
+        """Ask; times start as the present frame and the end of the clip."""
+        root = session.root_of(context.object)
+        last = int(session.base_scene(root).cameras.times[-1])
+        for name, value in (("first", round(session.frame_of(root))), ("last", last)):
+            if hasattr(self, name) and not self.properties.is_property_set(name):
+                setattr(self, name, value)
+        return context.window_manager.invoke_props_dialog(self)
+
+
+class F4X_OT_recolour(_Edit, bpy.types.Operator):  # noqa: N801 - Blender wants this form
+    """Give the selection another colour."""
+
+    bl_idname, bl_label = "f4x.recolour", "Recolour"
+
+    rgb: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Colour", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
+    )
+    hue: BoolProperty(name="Hue Alone", description="Leave light and dark as they are")  # type: ignore[valid-type]
+    shading: BoolProperty(name="Keep Shading", description="Keep shadows and texture", default=True)  # type: ignore[valid-type]
+    strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
+
+    def operation(self, root):
+        """A colour, as paint or as hue."""
+        rgb = tuple(round(value, 4) for value in self.rgb)
+        how = {"mode": "hue"} if self.hue else {"keep_luminance": self.shading}
+        return Recolour(session.selected_ids(root), rgb, strength=round(self.strength, 4), frames=_span(root), **how)
+
+
+class F4X_OT_style(_Edit, bpy.types.Operator):  # noqa: N801
+    """Give the selection the look of a material or a mood."""
+
+    bl_idname, bl_label = "f4x.style", "Look"
+
+    look: EnumProperty(name="Look", items=[(name, name.capitalize(), "") for name in LOOKS])  # type: ignore[valid-type]
+    strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
+
+    def operation(self, root):
+        """A look from the table."""
+        return Style(session.selected_ids(root), self.look, round(self.strength, 4), _span(root))
+
+
+class F4X_OT_opacity(_Edit, bpy.types.Operator):  # noqa: N801
+    """Make the selection more or less transparent."""
+
+    bl_idname, bl_label = "f4x.opacity", "Opacity"
+
+    factor: FloatProperty(name="Factor", default=0.5, min=0.0, max=10.0, soft_max=1.0)  # type: ignore[valid-type]
+
+    def operation(self, root):
+        """Opacity times a factor."""
+        return Opacity(session.selected_ids(root), round(self.factor, 4), _span(root))
+
+
+class F4X_OT_remove(_Edit, bpy.types.Operator):  # noqa: N801
+    """Take the selection out of the scene; Restore brings it back."""
+
+    bl_idname, bl_label = "f4x.remove", "Remove"
+
+    def operation(self, root):
+        """Gone in the time span, or for good."""
+        return Delete(session.selected_ids(root), _span(root))
+
+
+class F4X_OT_extract(_Edit, bpy.types.Operator):  # noqa: N801
+    """Leave nothing but the selection; Restore brings the rest back."""
+
+    bl_idname, bl_label = "f4x.extract", "Keep Only"
+
+    def operation(self, root):
+        """Alone in the time span, or for good."""
+        return Extract(session.selected_ids(root), _span(root))
+
+
+class F4X_OT_restore(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Bring back everything that was removed: such edits are switched off."""
+
+    bl_idname, bl_label = "f4x.restore", "Restore"
+
+    def act(self, context, root):
+        """Switch off what removes."""
+        stack = session.stack_of(root)
+        removing = [edit for edit in stack.edits if edit.enabled and isinstance(edit.operation, Delete | Extract)]
+        if not removing:
+            raise F4xError("No edit in effect removes anything; see the history.")
+        for edit in removing:
+            stack = stack.enable(edit.id, False)
+        session.set_stack(root, stack)
+        display.refresh(root)
+
+
+class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
+    """Move, turn and resize the selection, at once or growing over time."""
+
+    bl_idname, bl_label = "f4x.transform", "Move, Turn, Resize"
+
+    move: FloatVectorProperty(name="Move", description="Along Blender's axes", subtype="TRANSLATION")  # type: ignore[valid-type]
+    turn: FloatVectorProperty(name="Turn", description="About Blender's axes", subtype="EULER")  # type: ignore[valid-type]
+    size: FloatProperty(name="Size", default=1.0, min=0.001, max=1000.0, soft_min=0.1, soft_max=10.0)  # type: ignore[valid-type]
+    pivot: EnumProperty(  # type: ignore[valid-type]
+        name="About",
+        items=(("centroid", "Centre", "The middle of the selection"), ("base", "Base", "Where it stands")),
+    )
+    over_time: BoolProperty(name="Over Time", description="From nothing at the first frame to all at the last")  # type: ignore[valid-type]
+    first: IntProperty(name="First Frame", min=0)  # type: ignore[valid-type]
+    last: IntProperty(name="Last Frame", min=0)  # type: ignore[valid-type]
+
+    def draw(self, context):
+        """Frames are greyed out where they do not count."""
+        layout = self.layout
+        layout.use_property_split = True
+        for name in ("move", "turn", "size", "pivot", "over_time"):
+            layout.prop(self, name)
+        column = layout.column(align=True)
+        column.active = self.over_time
+        column.prop(self, "first")
+        column.prop(self, "last")
+
+    def operation(self, root):
+        """In the scene's axes, the turn as axis times degrees."""
+        turn = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map())
+        return Transform(
+            session.selected_ids(root),
+            translate=_scene_vector(self.move),
+            rotate=_scene_vector(turn),
+            scale=round(self.size, 6),
+            pivot=self.pivot,
+            frames=(float(self.first), float(self.last)) if self.over_time else None,
+        )
+
+
+class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
+    """Make copies of the selection, elsewhere or later."""
+
+    bl_idname, bl_label = "f4x.duplicate", "Duplicate"
+
+    offset: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Offset", description="Along Blender's axes", subtype="TRANSLATION", default=(0.2, 0.0, 0.0)
+    )
+    time_shift: FloatProperty(name="Frames Later", description="Negative: ahead")  # type: ignore[valid-type]
+    count: IntProperty(name="Copies", default=1, min=1, max=100)  # type: ignore[valid-type]
+
+    def operation(self, root):
+        """In the scene's axes."""
+        ids = session.selected_ids(root)
+        return Duplicate(ids, _scene_vector(self.offset), round(self.time_shift, 3), self.count)
+
+
+class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
+    """Make the selection stand still from a frame on, or for a while."""
+
+    bl_idname, bl_label = "f4x.freeze", "Freeze"
+
+    first: IntProperty(name="From Frame", min=0)  # type: ignore[valid-type]
+    goes_on: BoolProperty(name="Go On Later")  # type: ignore[valid-type]
+    last: IntProperty(name="Until Frame", min=0)  # type: ignore[valid-type]
+
+    def operation(self, root):
+        """With or without an end."""
+        return Freeze(session.selected_ids(root), float(self.first), float(self.last) if self.goes_on else None)
+
+
+class F4X_OT_retime(_Dialog, bpy.types.Operator):  # noqa: N801
+    """Make the selection faster, slower or run backwards."""
+
+    bl_idname, bl_label = "f4x.retime", "Retime"
+
+    speed: FloatProperty(name="Speed", default=0.5, min=0.001, max=1000.0, soft_min=0.1, soft_max=10.0)  # type: ignore[valid-type]
+    backwards: BoolProperty(name="Backwards", description="At its own speed; the other number does not count")  # type: ignore[valid-type]
+
+    def operation(self, root):
+        """In the time span, or over the whole clip."""
+        ids = session.selected_ids(root)
+        return Reverse(ids, _span(root)) if self.backwards else Retime(ids, round(self.speed, 4), _span(root))
+
+
+class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
+    """Name the selection: later it can be selected, and spoken of, by its name."""
+
+    bl_idname, bl_label = "f4x.name_selection", "Name Selection"
+
+    called: StringProperty(name="Name", default="thing")  # type: ignore[valid-type]
+
+    def operation(self, root):
+        """Names travel with the scene file."""
+        return Name(session.selected_ids(root), self.called)
+
+
+class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Change the list of edits."""
+
+    bl_idname, bl_label = "f4x.history", "Edit History"
+
+    how: EnumProperty(  # type: ignore[valid-type]
+        name="How",
+        items=(
+            ("TOGGLE", "Switch", "Switch the edit on or off"),
+            ("REMOVE", "Delete", "Delete the edit"),
+            ("UP", "Earlier", "Let the edit act before the one above it"),
+            ("DOWN", "Later", "Let the edit act after the one below it"),
+            ("CLEAR", "Clear", "Delete all edits"),
+        ),
+    )
+    edit_id: IntProperty(name="Edit")  # type: ignore[valid-type]
+
+    @classmethod
+    def description(cls, context, properties):
+        """Of each way to do it."""
+        return cls.bl_rna.properties["how"].enum_items[properties.how].description
+
+    def act(self, context, root):
+        """Change the stack, and show it."""
+        stack = session.stack_of(root)
+        if self.how == "CLEAR":
+            stack = type(stack)()
+        else:
+            at = stack.position(self.edit_id)
+            if self.how == "TOGGLE":
+                stack = stack.enable(self.edit_id, not stack.edits[at].enabled)
+            elif self.how == "REMOVE":
+                stack = stack.remove(self.edit_id)
+            else:
+                to = at - 1 if self.how == "UP" else at + 1
+                stack = stack.move(self.edit_id, min(max(to, 0), len(stack) - 1))
+        session.set_stack(root, stack)
+        display.refresh(root)
+        index = next((i for i, row in enumerate(root.f4x.history) if row.edit_id == self.edit_id), None)
+        root.f4x.history_index = len(root.f4x.history) - 1 if index is None else index
+
+
+class F4X_OT_save_edits(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Write the edits into the scene file, where `f4x`, other Blenders and other people find them."""
+
+    bl_idname, bl_label = "f4x.save_edits", "Save Edits to Scene"
+
+    def act(self, context, root):
+        """Atomic; what others wrote in between is merged in."""
+        stack = session.save(root)
+        display.refresh(root)
+        self.report({"INFO"}, f"{len(stack)} edits in {session.path_of(root).name}")
+
+
+class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Read the sentence, and tell what it would do."""
+
+    bl_idname, bl_label = "f4x.plan", "Plan"
+
+    sentence: StringProperty(name="Say", options={"SKIP_SAVE"})  # type: ignore[valid-type]
+    readings: IntProperty(name="Readings", description="Ways to carry it out", default=1, min=1, max=10)  # type: ignore[valid-type]
+
+    def invoke(self, context, event):
+        """Read what the panel says."""
+        self.sentence = session.root_of(context.object).f4x.sentence
+        return self.execute(context)
+
+    def act(self, context, root):
+        """What is not understood is told in the panel too."""
+        told = root.f4x
+        told.sentence = self.sentence
+        forget_readings(root)
+        try:
+            scene, said = session.edited_scene(root), session.context_of(root)
+            proposal = propose(scene, self.sentence, said, candidates=self.readings)
+        except F4xError as error:
+            told.answer = str(error)
+            raise
+        for candidate in proposal.candidates:
+            row = told.readings.add()
+            row.name = candidate.why or "as said"
+            row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
+            row.told = "\n".join(describe(operation) for operation in candidate.operations)
+        told.answer = " ".join(proposal.notes)
+        told.reading_index = proposal.best
+        told.preview = True
+
+
+class F4X_OT_pick_reading(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Look at this way to carry out the sentence."""
+
+    bl_idname, bl_label = "f4x.pick_reading", "Pick"
+
+    number: IntProperty(name="Number", min=0)  # type: ignore[valid-type]
+
+    def act(self, context, root):
+        """Picking it shows it."""
+        root.f4x.reading_index = self.number
+        root.f4x.preview = True
+
+
+class F4X_OT_apply_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Carry out the reading that is picked."""
+
+    bl_idname, bl_label = "f4x.apply_plan", "Apply"
+
+    def act(self, context, root):
+        """It goes into the history with the sentence that it came from."""
+        if not root.f4x.readings:
+            raise F4xError("Nothing is planned; type a sentence and press Plan first.")
+        session.set_stack(root, session.with_reading(root))
+        forget_readings(root)
+        display.refresh(root)
+
+
+class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Forget what was planned."""
+
+    bl_idname, bl_label = "f4x.drop_plan", "Drop"
+
+    def act(self, context, root):
+        """Back to the pending edits."""
+        forget_readings(root)
+        display.refresh(root)
+
+
+def forget_readings(root: bpy.types.Object) -> None:
+    """Nothing is planned any more, and the preview ends."""
+    told = root.f4x
+    told.readings.clear()
+    told.answer = ""
+    if told.preview:
+        told.preview = False
+
+
+CLASSES = (
+    F4X_OT_recolour,
+    F4X_OT_style,
+    F4X_OT_opacity,
+    F4X_OT_remove,
+    F4X_OT_extract,
+    F4X_OT_restore,
+    F4X_OT_transform,
+    F4X_OT_duplicate,
+    F4X_OT_freeze,
+    F4X_OT_retime,
+    F4X_OT_name_selection,
+    F4X_OT_history,
+    F4X_OT_save_edits,
+    F4X_OT_plan,
+    F4X_OT_pick_reading,
+    F4X_OT_apply_plan,
+    F4X_OT_drop_plan,
+)

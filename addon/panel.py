@@ -1,0 +1,261 @@
+"""The sidebar (N): say, ask, select, change, history. It only draws; everything is done by operators."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+
+import bpy
+
+from . import edit_operators, session
+
+CATEGORY = "Feature4X"
+LETTER = 7
+"""Pixels of a letter, about, at a scale of 1: lines are broken by it."""
+LEVELS = " ▁▂▃▄▅▆▇█"
+"""Bars of the histogram, by their height."""
+
+
+def _lines(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
+    """Text in as many lines as the sidebar's width wants."""
+    width = int(context.region.width / (LETTER * context.preferences.system.ui_scale))
+    column = layout.column(align=True)
+    for paragraph in text.splitlines():
+        for line in textwrap.wrap(paragraph, max(width - 6, 16)):
+            column.label(text=line, icon=icon)
+            icon = "BLANK1" if icon != "NONE" else "NONE"
+
+
+def _bars(counts: list[int]) -> str:
+    """A histogram in one line. Heights go by the square root: most of a scene answers to nothing."""
+    most = max(counts, default=0) or 1
+    return "".join(LEVELS[round((count / most) ** 0.5 * (len(LEVELS) - 1))] for count in counts)
+
+
+class _Section:
+    """A panel of the tab that needs a scene."""
+
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
+
+    @classmethod
+    def poll(cls, context):
+        """There is an imported scene."""
+        return session.root_of(context.object) is not None
+
+
+class F4X_UL_names(bpy.types.UIList):  # noqa: N801 - Blender wants this form
+    """Named selections."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_name, index):
+        """Name and number."""
+        row = layout.row()
+        row.label(text=item.name, icon="GROUP_VERTEX")
+        row.label(text=f"{item.count:,}")
+
+
+class F4X_UL_history(bpy.types.UIList):  # noqa: N801
+    """Edits, first to last."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_name, index):
+        """A switch, the edit in words, a cross."""
+        row = layout.row(align=True)
+        for how, drawn in (("TOGGLE", "CHECKBOX_HLT" if item.enabled else "CHECKBOX_DEHLT"), ("REMOVE", "X")):
+            if how == "REMOVE":
+                words = row.row()
+                words.active = item.enabled
+                words.label(text=item.name)
+            button = row.operator("f4x.history", text="", icon=drawn, emboss=False)
+            button.how, button.edit_id = how, item.edit_id
+
+
+class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
+    """Which scene it is, and whether its file has the edits."""
+
+    bl_label = "Scene"
+    bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
+
+    def draw(self, context):
+        """A scene, or how to get one."""
+        layout = self.layout
+        root = session.root_of(context.object)
+        if root is None:
+            several = any(session.PATH in item for item in context.scene.objects)
+            layout.label(text="Select an object of a scene" if several else "No scene yet", icon="INFO")
+            layout.operator("f4x.import_scene", text="Import Scene…", icon="IMPORT")
+            return
+        layout.label(text=root.name, icon="OUTLINER_OB_POINTCLOUD")
+        row = layout.row()
+        row.scale_y = 1.2
+        saved = session.is_saved(root)
+        row.operator("f4x.save_edits", text="Edits Saved" if saved else "Save Edits to Scene", icon="FILE_TICK")
+        row.active = not saved
+
+
+class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
+    """The command line."""
+
+    bl_label = "Say"
+
+    def draw(self, context):
+        """A sentence, what it would do, other readings."""
+        layout, told = self.layout, session.root_of(context.object).f4x
+        row = layout.row(align=True)
+        row.prop(told, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
+        row.operator("f4x.plan", text="", icon="PLAY").readings = 1
+        if told.answer:
+            _lines(layout, context, told.answer, "INFO")
+        if not told.readings:
+            return
+        box = layout.box()
+        for number, reading in enumerate(told.readings):
+            picked = number == told.reading_index
+            if len(told.readings) > 1:
+                button = box.operator(
+                    "f4x.pick_reading",
+                    text=f"{number + 1}  {reading.name}",
+                    icon="RADIOBUT_ON" if picked else "RADIOBUT_OFF",
+                    emboss=False,
+                )
+                button.number = number
+            if picked:
+                _lines(box, context, reading.told)
+        row = box.row(align=True)
+        row.operator("f4x.apply_plan", icon="CHECKMARK")
+        row.prop(told, "preview", text="", icon="HIDE_OFF" if told.preview else "HIDE_ON")
+        row.operator("f4x.drop_plan", text="", icon="X")
+        if len(told.readings) == 1:
+            again = layout.operator("f4x.plan", text="Other Readings", icon="VIEWZOOM")
+            again.readings = edit_operators.READINGS
+
+
+class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
+    """Queries."""
+
+    bl_label = "Ask"
+
+    def draw(self, context):
+        """Words or a place; then how sure it has to be."""
+        layout, told = self.layout, session.root_of(context.object).f4x
+        row = layout.row(align=True)
+        row.prop(told, "mode", expand=True, icon_only=True)
+        row.separator()
+        row.operator("f4x.query_point", icon="EYEDROPPER")
+        row.operator("f4x.query_box", icon="SELECT_SET")
+        column = layout.column(align=True)
+        row = column.row(align=True)
+        row.prop(told, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
+        row.operator("f4x.query_text", text="Query")
+        column.prop(told, "negatives", text="", icon="REMOVE", placeholder="but not …")
+        layout.prop(told, "follow")
+        column = layout.column(align=True)
+        column.active = told.live
+        if told.histogram:
+            row = column.row()
+            row.alignment = "CENTER"
+            row.label(text=_bars(json.loads(told.histogram)))
+        column.prop(told, "threshold", slider=True)
+        row = layout.row()
+        row.label(text=f"{told.selected:,} of {told.total:,} selected", icon="RESTRICT_SELECT_OFF")
+        row.prop(told, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
+
+
+class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
+    """What else can be done to a selection."""
+
+    bl_label = "Selection"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
+
+    def draw(self, context):
+        """Change it, hide it, name it."""
+        layout, told = self.layout, session.root_of(context.object).f4x
+        row = layout.row(align=True)
+        for how in ("GROW", "SHRINK"):
+            row.operator("f4x.change_selection", text=how.capitalize()).how = how
+        row.prop(told, "reach", text="")
+        row = layout.row(align=True)
+        for how in ("INVERT", "ALL", "NONE"):
+            row.operator("f4x.change_selection", text=how.capitalize()).how = how
+        row = layout.row(align=True)
+        for what, text, icon in (
+            ("SELECTED", "Hide", "HIDE_ON"),
+            ("OTHERS", "Isolate", "ZOOM_SELECTED"),
+            ("NOTHING", "Show All", "HIDE_OFF"),
+        ):
+            row.operator("f4x.hide", text=text, icon=icon).what = what
+        row = layout.row(heading="Time Span")
+        row.prop(told, "use_span", text="")
+        frames = row.row(align=True)
+        frames.active = told.use_span
+        frames.prop(told, "first", text="")
+        frames.prop(told, "last", text="")
+        row = layout.row()
+        row.template_list("F4X_UL_names", "", told, "names", told, "name_index", rows=2)
+        column = row.column(align=True)
+        column.operator("f4x.name_selection", text="", icon="ADD")
+        if 0 <= told.name_index < len(told.names):
+            column.operator("f4x.select_named", text="", icon="RESTRICT_SELECT_OFF").called = told.names[
+                told.name_index
+            ].name
+
+
+class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
+    """Edits of the selection."""
+
+    bl_label = "Change"
+
+    def draw(self, context):
+        """Colour, presence, place, time."""
+        layout, told = self.layout, session.root_of(context.object).f4x
+        if told.use_span:
+            layout.label(text=f"From frame {told.first} to {told.last}", icon="TIME")
+        column = layout.column(align=True)
+        row = column.row(align=True)
+        row.prop(told, "rgb", text="")
+        row.operator("f4x.recolour").rgb = told.rgb
+        row = column.row(align=True)
+        row.prop(told, "opacity", text="", slider=True)
+        row.operator("f4x.opacity").factor = told.opacity
+        column.operator_menu_enum("f4x.style", "look", text="Look", icon="SHADING_RENDERED")
+        row = layout.row(align=True)
+        row.operator("f4x.remove", icon="TRASH")
+        row.operator("f4x.extract")
+        row.operator("f4x.restore", icon="LOOP_BACK")
+        column = layout.column(align=True)
+        column.operator("f4x.transform", text="Move, Turn, Resize…", icon="ORIENTATION_GLOBAL")
+        column.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
+        row = column.row(align=True)
+        row.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
+        row.operator("f4x.retime", text="Retime…", icon="TIME")
+
+
+class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
+    """The edit stack."""
+
+    bl_label = "History"
+
+    def draw(self, context):
+        """The list, with order and deletion."""
+        layout, told = self.layout, session.root_of(context.object).f4x
+        row = layout.row()
+        row.template_list("F4X_UL_history", "", told, "history", told, "history_index", rows=4)
+        column = row.column(align=True)
+        if 0 <= told.history_index < len(told.history):
+            item = told.history[told.history_index]
+            for how, icon in (("UP", "TRIA_UP"), ("DOWN", "TRIA_DOWN")):
+                button = column.operator("f4x.history", text="", icon=icon)
+                button.how, button.edit_id = how, item.edit_id
+            _lines(layout, context, item.name)
+        column.separator()
+        column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
+
+
+CLASSES = (
+    F4X_UL_names,
+    F4X_UL_history,
+    F4X_PT_scene,
+    F4X_PT_say,
+    F4X_PT_ask,
+    F4X_PT_selection,
+    F4X_PT_change,
+    F4X_PT_history,
+)

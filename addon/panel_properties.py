@@ -1,0 +1,150 @@
+"""What the sidebar remembers about a scene: one group of properties on its root empty, so that undo takes it back too."""
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from ..f4x_core.edit.resolve import labels_of
+from ..f4x_core.errors import F4xError
+from . import display, marking, session
+
+MODES = (
+    ("SET", "Set", "Select what answers, and nothing else", "SELECT_SET", 0),
+    ("ADD", "Add", "Add what answers to the selection", "SELECT_EXTEND", 1),
+    ("SUBTRACT", "Subtract", "Take what answers out of the selection", "SELECT_SUBTRACT", 2),
+    ("INTERSECT", "Intersect", "Leave selected what answers as well", "SELECT_INTERSECT", 3),
+)
+
+
+def _complete(self, context, typed: str) -> list[str]:
+    """Words of the scene's vocabulary that go on as the last word typed."""
+    try:
+        labels = labels_of(session.base_scene(self.id_data))
+    except F4xError:
+        return []
+    *said, begun = (word.strip() for word in typed.split(","))
+    return [", ".join([*said, label]) for label in labels if begun.lower() in label.lower() and label not in said]
+
+
+def _threshold_moved(self, context) -> None:
+    marking.apply_threshold(self.id_data)
+
+
+def _shown_changed(self, context) -> None:
+    try:
+        display.refresh(self.id_data)
+    except F4xError as error:
+        self.answer = str(error)
+
+
+def _preview_changed(self, context) -> None:
+    try:
+        session.show_preview(self.id_data, session.with_reading(self.id_data) if self.preview else None)
+        display.refresh(self.id_data)
+    except F4xError as error:
+        self.answer = str(error)
+
+
+class F4X_PG_edit(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
+    """A row of the history; `name` is the edit in words."""
+
+    edit_id: IntProperty()  # type: ignore[valid-type]
+    enabled: BoolProperty()  # type: ignore[valid-type]
+
+
+class F4X_PG_name(bpy.types.PropertyGroup):  # noqa: N801
+    """A row of the named selections; `name` is the name."""
+
+    count: IntProperty()  # type: ignore[valid-type]
+
+
+class F4X_PG_reading(bpy.types.PropertyGroup):  # noqa: N801
+    """One way to carry out the sentence; `name` is how it differs from the plain one."""
+
+    operations: StringProperty()  # type: ignore[valid-type]
+    told: StringProperty()  # type: ignore[valid-type]
+
+
+class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
+    """The sidebar's state."""
+
+    text: StringProperty(  # type: ignore[valid-type]
+        name="Text", description="What to look for; several words with commas", search=_complete
+    )
+    negatives: StringProperty(  # type: ignore[valid-type]
+        name="But Not",
+        description="What it is weighed against, with commas; empty: what usually surrounds things",
+        search=_complete,
+    )
+    mode: EnumProperty(name="Mode", items=MODES, default="SET")  # type: ignore[valid-type]
+    threshold: FloatProperty(  # type: ignore[valid-type]
+        name="Threshold",
+        description="Least probability; what is selected follows at once",
+        default=0.5,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        update=_threshold_moved,
+    )
+    live: BoolProperty()  # type: ignore[valid-type]
+    combined: StringProperty(default="SET")  # type: ignore[valid-type]
+    histogram: StringProperty()  # type: ignore[valid-type]
+    selected: IntProperty()  # type: ignore[valid-type]
+    total: IntProperty()  # type: ignore[valid-type]
+    follow: BoolProperty(  # type: ignore[valid-type]
+        name="Follow Through the Clip",
+        description="Carry a point or box to other frames as well: better where the thing is partly hidden, but slow",
+    )
+    show_score: BoolProperty(  # type: ignore[valid-type]
+        name="Heat Map",
+        description="Show the scores of the last query as colours, in renders too",
+        update=_shown_changed,
+    )
+    use_span: BoolProperty(  # type: ignore[valid-type]
+        name="Time Span", description="The selection, and edits of it, hold from one frame to another alone"
+    )
+    first: IntProperty(name="First", description="First frame of the time span", min=0)  # type: ignore[valid-type]
+    last: IntProperty(name="Last", description="Last frame of the time span", min=0)  # type: ignore[valid-type]
+    reach: FloatProperty(  # type: ignore[valid-type]
+        name="Step", description="How far to grow or shrink", default=0.02, min=0.001, soft_max=0.2, step=1, precision=3
+    )
+    rgb: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Colour", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
+    )
+    opacity: FloatProperty(  # type: ignore[valid-type]
+        name="Opacity", description="Opacity is multiplied by it", default=0.5, min=0.0, max=1.0, subtype="FACTOR"
+    )
+    names: CollectionProperty(type=F4X_PG_name)  # type: ignore[valid-type]
+    name_index: IntProperty()  # type: ignore[valid-type]
+    history: CollectionProperty(type=F4X_PG_edit)  # type: ignore[valid-type]
+    history_index: IntProperty()  # type: ignore[valid-type]
+    sentence: StringProperty(  # type: ignore[valid-type]
+        name="Say", description='What to change, for example "make the dog red from second 2"'
+    )
+    answer: StringProperty()  # type: ignore[valid-type]
+    readings: CollectionProperty(type=F4X_PG_reading)  # type: ignore[valid-type]
+    reading_index: IntProperty(update=_preview_changed)  # type: ignore[valid-type]
+    preview: BoolProperty(  # type: ignore[valid-type]
+        name="Preview", description="Show what it would look like", update=_preview_changed
+    )
+
+
+CLASSES = (F4X_PG_edit, F4X_PG_name, F4X_PG_reading, F4X_PG_scene)
+
+
+def register() -> None:
+    """Hang the group on objects; only roots use it."""
+    bpy.types.Object.f4x = PointerProperty(type=F4X_PG_scene)
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    del bpy.types.Object.f4x
