@@ -132,6 +132,7 @@ def serve_http(
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             listening.bind((host, port))
+            listening.listen()  # who reads the announcement may come before the application is up, and waits
         except (OSError, OverflowError) as error:
             raise F4xError(f"Port {port} cannot be used ({error}); give another one, or 0 for any free one.") from error
         port = listening.getsockname()[1]
