@@ -1,17 +1,23 @@
-"""What every door without a window needs: the repository as one package, the arguments, an honest exit code.
+"""What every door without a window needs: the repository as one package, the arguments, a result in JSON, an honest exit code.
 
-A door runs as `python scripts/NAME.py ARGS` (bpy wheel) or `blender -b -P scripts/NAME.py -- ARGS`.
+A door runs as `python scripts/NAME.py ARGS` (bpy wheel) or
+`blender -b --factory-startup --python-exit-code 1 -P scripts/NAME.py -- ARGS`.
 """
 
 import importlib.util
+import json
 import os
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "feature4x"
+SAMPLES = 16
+"""Cycles samples per pixel in a .blend that a door writes: enough for a look."""
 
 
 def load_extension() -> ModuleType:
@@ -42,9 +48,10 @@ def arguments() -> list[str]:
     return sys.argv[1:]
 
 
-def run(main: Callable[[list[str]], None]) -> None:
+def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
     """Run `main(arguments)` and leave with 0, 2 (one clear sentence) or 1 (traceback).
 
+    What `main` returns, or `{"error": sentence}`, is the last line on standard output, as JSON.
     The process ends in os._exit because bpy 4.5 hangs at interpreter exit while classes are registered.
     """
     load_extension()
@@ -52,15 +59,93 @@ def run(main: Callable[[list[str]], None]) -> None:
 
     code = 0
     try:
-        main(arguments())
+        result = main(arguments())
     except F4xError as error:
         print(f"error: {error}", file=sys.stderr)
-        code = 2
+        result, code = {"error": str(error)}, 2
     except SystemExit as exit_request:  # argparse: --help or a usage error
-        code = exit_request.code if isinstance(exit_request.code, int) else 1
+        result, code = None, exit_request.code if isinstance(exit_request.code, int) else 1
     except Exception:
         sys.excepthook(*sys.exc_info())
-        code = 1
+        result, code = None, 1
+    if result is not None:
+        print(json.dumps(result, default=float))
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
+
+
+def start_blender() -> None:
+    """An empty Blender scene and the extension's classes, as a session with the extension has them."""
+    import bpy
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    load_extension().register()
+
+
+def import_empty(scene: Path) -> Any:
+    """Import a scene file into an empty Blender; returns the root empty."""
+    start_blender()
+    import bpy
+    from feature4x.addon.import_scene import import_scene
+
+    root = import_scene(scene)
+    bpy.context.scene.render.engine = "CYCLES"  # the one engine of Blender's own that also works without a display
+    bpy.context.scene.cycles.samples = SAMPLES
+    return root
+
+
+def open_blend(path: Path) -> None:
+    """Open a .blend without running what is in it; F4xError where it is none."""
+    import bpy
+    from feature4x.f4x_core.errors import F4xError
+
+    try:
+        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), use_scripts=False)
+    except RuntimeError as error:
+        reason = " ".join(str(error).split()).removeprefix("Error: ")
+        raise F4xError(f"{path} cannot be opened ({reason}); give a .blend that this Blender can read.") from error
+
+
+def save_blend(out: Path, size: int) -> None:
+    """Save the present file as `out`; F4xError says why a place does not take a file of about `size` bytes."""
+    import bpy
+    from feature4x.f4x_core.errors import F4xError
+
+    place = out.resolve()
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        bpy.ops.wm.save_as_mainfile(filepath=str(place))
+    except (OSError, RuntimeError) as error:
+        reason = refusal(place.parent, size) or " ".join(str(error).split())
+        raise F4xError(f"{out} cannot be written ({reason}); make room there or choose another place.") from error
+
+
+def refusal(folder: Path, size: int) -> str | None:
+    """Why `folder` does not take a file of `size` bytes; None when it does. Blender calls a full disk a missing file."""
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(size))
+            file.flush()
+    except OSError as error:
+        return error.strerror
+    return None
+
+
+def frame_range(text: str | None, first: int, last: int) -> range:
+    """Frames `A:B:S` (end left out) of those from `first` to `last`; all without `text`. F4xError for none, or outside."""
+    from feature4x.f4x_core.errors import F4xError
+
+    if text is None:
+        return range(first, last + 1)
+    try:
+        start, end, step = ([int(part) if part else None for part in text.split(":")] + [None, None])[:3]
+        if text.count(":") == 0:
+            frames = range(start, start + 1)
+        else:
+            frames = range(first if start is None else start, last + 1 if end is None else end, step or 1)
+    except (TypeError, ValueError) as error:
+        raise F4xError(f"--frames {text}: write A:B:S, A:B or one frame.") from error
+    if not frames or min(frames) < first or max(frames) > last:
+        raise F4xError(f"--frames {text}: give frames from {first} to {last}.")
+    return frames

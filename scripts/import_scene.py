@@ -6,48 +6,23 @@ blender -b --factory-startup --python-exit-code 1 -P scripts/import_scene.py -- 
 
 import argparse
 import sys
-import tempfile
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does not add the script's own folder
 import door
 
 
-def main(arguments: list[str]) -> None:
+def main(arguments: list[str]) -> dict[str, Any]:
     """Import one scene and save it."""
     parser = argparse.ArgumentParser(prog="import_scene.py", description=__doc__.splitlines()[0])
-    parser.add_argument("scene", type=Path, help="scene file, name.f4x")
+    parser.add_argument("scene", type=Path, help="name.f4x, or splats: .ply, .splat, numbered .ply files")
     parser.add_argument("out", type=Path, help=".blend file to write")
     options = parser.parse_args(arguments)
-    import bpy
-    from feature4x.addon.import_scene import import_scene
-    from feature4x.f4x_core.errors import F4xError
-
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    root = import_scene(options.scene)
-    bpy.context.scene.render.engine = "CYCLES"  # the one engine that also works without a display
-    bpy.context.scene.cycles.samples = 16
-    out = options.out.resolve()
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        bpy.ops.wm.save_as_mainfile(filepath=str(out))
-    except (OSError, RuntimeError) as error:
-        reason = refusal(out.parent, options.scene.stat().st_size) or " ".join(str(error).split())
-        raise F4xError(
-            f"{options.out} cannot be written ({reason}); make room there or choose another place."
-        ) from error
-    print(f"{options.out}: {root.name} with {len(root.children)} objects")
-
-
-def refusal(folder: Path, size: int) -> str | None:
-    """Why `folder` does not take a file of `size` bytes; None when it does. Blender calls a full disk a missing file."""
-    try:
-        with tempfile.TemporaryFile(dir=folder) as file:
-            file.write(bytes(size))
-            file.flush()
-    except OSError as error:
-        return error.strerror
-    return None
+    root = door.import_empty(options.scene)
+    size = options.scene.stat().st_size
+    door.save_blend(options.out, size)
+    return {"output": str(options.out), "scene": root.name, "objects": len(root.children)}
 
 
 door.run(main)
