@@ -11,6 +11,8 @@ Array = Any
 
 # More threads than this only help images larger than a clip's, and each one holds its own work buffers.
 MAX_DEFAULT_THREADS = 8
+# J is linearised no further outside the image than this share of half its width (3DGS, gsplat).
+FRUSTUM_MARGIN = 0.3
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.quaternion import to_matrix
-from .contract import RasterConfig, RasterOutput
+from .contract import FRUSTUM_MARGIN, RasterConfig, RasterOutput
 
 TILE = 16
 """Side of a tile in pixels."""
 SLAB = 128
 """Splats blended at once: a tile can stop between two slabs."""
-FRUSTUM_MARGIN = 0.3
-"""The projection is linearised no further outside the image than this share of half its width (3DGS, gsplat)."""
 
 
 class _Splats(NamedTuple):

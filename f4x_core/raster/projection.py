@@ -8,10 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from .contract import RasterConfig
+from .contract import FRUSTUM_MARGIN, RasterConfig
 
-# J is linearised no further outside the image than this share of half its width (3DGS, gsplat).
-FRUSTUM_MARGIN = 0.3
 # Opacities below it are culled anyway; it keeps the logarithm and its gradient finite at opacity 0.
 OPACITY_FLOOR = 1e-6
 
