@@ -6,6 +6,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
+from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry.camera import Camera, CameraPath
 
 # OpenCV camera axes (x right, y down, z forward) <-> Blender camera axes (x right, y up, z backward); its own inverse.
@@ -48,21 +49,24 @@ def eye(projection: np.ndarray, world_to_view: np.ndarray, width: int, height: i
     return Eye(Camera(matrix, world_to_camera, width, height), near, far, back)
 
 
-def intrinsics(camera: bpy.types.Camera, width: int, height: int) -> np.ndarray:
-    """(3,3) float64 pinhole matrix in pixels of a Blender camera with square pixels and sensor fit HORIZONTAL."""
-    focal = camera.lens / camera.sensor_width * width
-    # shift is measured in sensor widths; +y is up in Blender and down in OpenCV
-    return np.array(
-        [
-            [focal, 0.0, width / 2 - camera.shift_x * width],
-            [0.0, focal, height / 2 + camera.shift_y * width],
-            [0.0, 0.0, 1.0],
-        ]
+def camera_eye(
+    camera: bpy.types.Object, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, width: int, height: int
+) -> Eye:
+    """A camera of the scene, as evaluated, on a picture of this many pixels; F4xError for one that is no pinhole."""
+    camera = camera.evaluated_get(depsgraph)
+    if camera.type != "CAMERA" or camera.data.type == "PANO":
+        raise F4xError(f"{camera.name} is not a perspective or orthographic camera; change its type or choose another.")
+    projection = camera.calc_matrix_camera(
+        depsgraph, x=width, y=height, scale_x=scene.render.pixel_aspect_x, scale_y=scene.render.pixel_aspect_y
     )
+    to_world = np.array(camera.matrix_world.normalized(), np.float64)  # a camera's own scale counts for nothing
+    seen = eye(np.array(projection), np.linalg.inv(to_world), width, height)
+    # from the matrix, in single precision, the far end would be off by some percent
+    return seen._replace(near=seen.back + camera.data.clip_start, far=seen.back + camera.data.clip_end)
 
 
 def lens_from_intrinsics(matrices: np.ndarray, width: int, height: int, sensor_width: float) -> dict[str, np.ndarray]:
-    """Blender camera settings (name -> (T,) values) of pinhole matrices `(T,3,3)`; the inverse of `intrinsics`.
+    """Blender camera settings (name -> (T,) values) of pinhole matrices `(T,3,3)`, for sensor fit HORIZONTAL.
 
     Vertical numbers are in square pixels: with fx != fy the render's pixel aspect must be fx / fy.
     """
@@ -75,12 +79,13 @@ def lens_from_intrinsics(matrices: np.ndarray, width: int, height: int, sensor_w
 
 
 def camera_path(scene: bpy.types.Scene, camera: bpy.types.Object, times: Iterable[int]) -> CameraPath:
-    """Read the animated Blender camera at `times` as an OpenCV CameraPath in Blender's world frame."""
-    width, height = scene.render.resolution_x, scene.render.resolution_y
+    """The animated perspective camera at Blender's frames `times` as an OpenCV CameraPath in Blender's world frame."""
+    share = scene.render.resolution_percentage / 100
+    width, height = int(scene.render.resolution_x * share), int(scene.render.resolution_y * share)
     times = np.asarray(list(times))
-    matrices, poses = [], []
+    seen = []
     for time in times:
         scene.frame_set(int(time))
-        matrices.append(intrinsics(camera.data, width, height))
-        poses.append(FLIP_YZ @ np.linalg.inv(np.array(camera.matrix_world)))
-    return CameraPath(np.stack(matrices), np.stack(poses), times.astype(np.float64), width, height)
+        seen.append(camera_eye(camera, scene, bpy.context.evaluated_depsgraph_get(), width, height).camera)
+    matrices, poses = np.stack([one.intrinsics for one in seen]), np.stack([one.world_to_camera for one in seen])
+    return CameraPath(matrices, poses, times.astype(np.float64), width, height)

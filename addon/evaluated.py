@@ -13,7 +13,7 @@ LAYERS = {"latent": "f4x_latent", "selection": ".selection", "score": "f4x_score
 """Passes of the stage and the point attributes they show."""
 GREY = (0.8, 0.8, 0.8)
 """Linear colour of a surface without a material, Blender's own."""
-_SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
 def stage(
@@ -36,8 +36,8 @@ def stage(
             cloud = _cloud(item.data, to_world, item.pass_index)
             if cloud is not None:
                 clouds.append(cloud)
-        elif item.type in _SOLID:
-            surface = _surface(item, to_world)
+        elif item.type in SOLID:
+            surface = surface_of(item, to_world)
             if surface is not None:
                 surfaces.append(surface)
     return clouds, surfaces
@@ -82,7 +82,7 @@ def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Clou
     )
 
 
-def _surface(item: bpy.types.Object, to_world: np.ndarray) -> Surface | None:
+def surface_of(item: bpy.types.Object, to_world: np.ndarray) -> Surface | None:
     """The evaluated triangles of an object; None where it has none."""
     mesh = item.to_mesh()
     try:

@@ -14,7 +14,7 @@ from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.scene import stage
 from ..f4x_core.scene.color import linear_from_srgb
 from . import evaluated
-from .axes import Eye, eye
+from .axes import camera_eye, eye
 
 # pass of the stage -> (name in Blender, channels, kind of socket)
 _PASSES = {
@@ -114,7 +114,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
     def _render(self, depsgraph):
         scene, layer = depsgraph.scene, depsgraph.view_layer
         self.update_stats("Feature4X", "reading the scene")
-        seen = _camera_eye(scene, depsgraph, self.resolution_x, self.resolution_y)
+        seen = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
         clouds, surfaces = evaluated.stage(depsgraph)
         count = sum(len(cloud.means) for cloud in clouds)
 
@@ -191,20 +191,6 @@ def _wanted(layer: bpy.types.ViewLayer) -> list[str]:
     """Passes of the stage that a view layer asks for."""
     builtin = {"depth": layer.use_pass_z, "index": layer.use_pass_object_index}
     return [name for name in _PASSES if builtin.get(name, getattr(layer.f4x_passes, name, False))]
-
-
-def _camera_eye(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, width: int, height: int) -> Eye:
-    """The scene's camera on a picture of this many pixels."""
-    camera = scene.camera.evaluated_get(depsgraph)
-    if camera.type != "CAMERA" or camera.data.type == "PANO":
-        raise F4xError(f"{camera.name} is not a perspective or orthographic camera; change its type or choose another.")
-    projection = camera.calc_matrix_camera(
-        depsgraph, x=width, y=height, scale_x=scene.render.pixel_aspect_x, scale_y=scene.render.pixel_aspect_y
-    )
-    to_world = np.array(camera.matrix_world.normalized(), np.float64)  # a camera's own scale counts for nothing
-    seen = eye(np.array(projection), np.linalg.inv(to_world), width, height)
-    # from the matrix, in single precision, the far end would be off by some percent
-    return seen._replace(near=seen.back + camera.data.clip_start, far=seen.back + camera.data.clip_end)
 
 
 def _region(render: bpy.types.RenderSettings, width: int, height: int) -> tuple[slice, slice]:

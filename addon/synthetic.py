@@ -26,9 +26,9 @@ from mathutils import Matrix, Vector
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.color import linear_from_srgb
 from .axes import camera_path
-from .render_settings import save_multilayer, save_png
+from .render_settings import save_png
+from .truth import MOVING_INDEX, STATIC_INDEX, render_frames, use_passes, write_facts
 
-STATIC_INDEX, MOVING_INDEX = 1, 2  # object index pass
 FPS = 24
 EXTRA_DEGREES = {"left10": -10.0, "right10": 10.0}  # orbit about the vertical through SCENE_CENTRE
 EXTRA_STRIDE = 4  # the extra cameras see every 4th moment
@@ -84,11 +84,7 @@ def write_clip(folder: Path, settings: ClipSettings) -> None:
     extra = {name: _add_camera(scene, name, _orbited(poses, degrees)) for name, degrees in EXTRA_DEGREES.items()}
 
     times = np.arange(settings.frames)
-    (folder / "truth").mkdir(parents=True, exist_ok=True)
-    for time in times:
-        scene.frame_set(int(time))
-        save_multilayer(scene, folder / "truth" / f"{time:05d}.exr")
-        save_png(scene, folder / "images" / f"{time:05d}.png")
+    render_frames(folder, scene, times)
 
     extra_entries = []
     for name, extra_camera in extra.items() if settings.extra_cameras else ():
@@ -100,39 +96,18 @@ def write_clip(folder: Path, settings: ClipSettings) -> None:
         path = camera_path(scene, extra_camera, times[::EXTRA_STRIDE])
         extra_entries.append({"name": name, "cameras": path.to_json(), "images": f"images_{name}"})
 
-    truth = {
-        "width": settings.width,
-        "height": settings.height,
-        "fps": FPS,
-        "scene": settings.scene,
-        "cameras": camera_path(scene, camera, times).to_json(),
-        "moving_index": [MOVING_INDEX],
-        "extra_cameras": extra_entries,
-    }
-    (folder / "truth.json").write_text(json.dumps(truth))
+    write_facts(folder, settings.scene, FPS, camera_path(scene, camera, times), extra_cameras=extra_entries)
 
 
 def _set_up_render(settings: ClipSettings) -> bpy.types.Scene:
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 0, settings.frames - 1
     render = scene.render
-    render.engine = "CYCLES"
     render.resolution_x, render.resolution_y, render.resolution_percentage = settings.width, settings.height, 100
     render.fps = FPS
-    render.use_persistent_data = True
-    render.use_motion_blur = False  # the Vector pass is empty with motion blur
-    render.dither_intensity = 0.0
+    use_passes(scene, settings.samples, settings.seed)
     scene.view_settings.view_transform = "Standard"
-    cycles = scene.cycles
-    cycles.device = "CPU"
-    cycles.samples = settings.samples
-    cycles.seed = settings.seed
-    cycles.use_adaptive_sampling = False
-    cycles.use_denoising = False
-    cycles.pixel_filter_type = "BOX"  # a pixel is the mean over its own square
-    cycles.max_bounces = 0  # direct light only: no noise from bounces
-    layer = scene.view_layers[0]
-    layer.use_pass_z = layer.use_pass_vector = layer.use_pass_position = layer.use_pass_object_index = True
+    scene.cycles.max_bounces = 0  # direct light only: no noise from bounces
 
     world = bpy.data.worlds.new("world")
     world.color = (0.0, 0.0, 0.0)
