@@ -1,10 +1,11 @@
-"""A scene file becomes Blender objects: two point clouds, empties for the scaffold, a keyed camera.
+"""A scene file becomes Blender objects: two point clouds, empties for the scaffold, a keyed camera. Splat files, too.
 
     NAME                root empty; carries the turn from the scene's axes (OpenCV, y down) to Blender's (z up)
     ├── NAME static     point cloud
     ├── NAME dynamic    point cloud + geometry nodes (`motion_nodes`)
     ├── NAME pairs      hidden helper mesh of the geometry nodes
-    ├── NAME camera     keyed at every clip frame
+    ├── NAME camera     keyed at every clip frame; the clip is its background where it is found
+    ├── NAME graph      hidden lines between the nodes (`scaffold_rig`)
     └── NAME node 0000  the scaffold's nodes, in their own collection, keyed at every clip frame
 
 Below the root all data stay in the scene file's own frame and unit, bit for bit: edits can be written back, and
@@ -23,52 +24,117 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
-from ..f4x_core.scaffold.deformation import node_poses_at, pairs_of
-from ..f4x_core.scene import Scene, read_scene
+from ..f4x_core.scaffold.deformation import pairs_of
+from ..f4x_core.scene import Scene
+from ..f4x_core.scene.foreign import SplatSequence, open_any
 from ..f4x_core.scene.view import NEAR
+from . import display, session
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
+from .clip_background import find_clip, show_clip
 from .gaussian_attributes import write_looks, write_places
+from .motion_edits import mark_keyed
 from .motion_nodes import build_motion_tree
 from .point_cloud import new_point_cloud, write_attribute
+from .scaffold_rig import add_graph, add_nodes
+from .sequence import add_sequence, check_size
 
 MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
 MIN_REACH = 100.0  # Blender's own clip end, world units
-NODE_SIZE = 0.4  # drawn size of a node's empty in scaffold units
+SOURCE = "f4x_source"
+"""Property of the root of what came from another program: its file. A scene's root has `f4x_path` instead."""
 
 
-def import_scene(path: Path, *, set_up_render: bool = True) -> bpy.types.Object:
-    """Read the scene file at `path` into the current Blender scene and return the root empty.
+def import_scene(
+    path: Path, *, set_up_render: bool = True, clip: Path | None = None, sequence: bool = True, step: int = 1
+) -> bpy.types.Object:
+    """Read a scene or splat file into the current Blender scene and return the root empty.
 
-    `set_up_render` also takes over the clip's size, rate, frame range, camera and the Standard view transform.
+    What `f4x_core.scene.foreign.open_any` opens, told by content: a `.f4x` scene with its edits, a 3DGS PLY, a `.splat`, a
+    numbered PLY sequence (unless not `sequence`: that file alone), of which every `step`th is taken.
+
+    `set_up_render` also takes over the clip's size, rate, frame range, camera and the Standard view transform. `clip` is shown
+    behind the scene; without it the clip that the scene was made of, if it is still there with as many pictures.
     Raises F4xError for a missing, damaged or unsuitable file; nothing is added to Blender then.
     """
-    scene = read_scene(path)
-    _check(scene, path)
-    name = _free_name(scene.name or path.stem)
+    path = Path(path)
+    opened = open_any(path, sequence)
+    if isinstance(opened, SplatSequence):
+        check_size(opened, step)
+        first = opened[0]
+    else:
+        first = edited(opened)
+        _check(first, path)
+    name = _free_name(opened.name or path.stem)
     collection = bpy.data.collections.new(name)
     bpy.context.scene.collection.children.link(collection)
-    root = _add_object(name, None, collection)
-    root.matrix_world = Matrix(BLENDER_FROM_SCENE)
-    root["f4x_path"] = str(path)
-
-    frames = scene.cameras.times
-    material = _splat_material(name)
-    latent_static, latent_dynamic = _latent_colors(scene)
-    clouds = [_add_gaussians(f"{name} static", scene.static, latent_static, collection, material)]
-    if len(scene.dynamic):
-        dynamic = _add_gaussians(f"{name} dynamic", scene.dynamic, latent_dynamic, collection, material)
-        _add_motion(name, scene, dynamic, collection, root, frames)
-        clouds.append(dynamic)
-    camera = _add_camera(f"{name} camera", scene, collection)
-    for item in (*clouds, camera):
-        item.parent = root
-    if set_up_render:
-        _set_up_render(bpy.context.scene, scene, camera)
+    try:
+        root = _add_object(name, None, collection)
+        root.matrix_world = Matrix(BLENDER_FROM_SCENE)
+        root[session.PATH if _is_scene(opened) else SOURCE] = str(path)
+        material = _splat_material(name)
+        if isinstance(opened, SplatSequence):
+            clouds = add_sequence(
+                opened, step, name, lambda title, scene: _add_gaussians(title, scene.static, None, collection, material)
+            )
+        else:
+            clouds = _add_clouds(name, first, collection, root, material)
+        camera = _add_camera(f"{name} camera", opened, first, collection)
+        for item in (*clouds, camera):
+            item.parent = root
+        if clip is not None:
+            show_clip(camera, Path(clip), opened.cameras.times)
+        if set_up_render:
+            _set_up_render(bpy.context.scene, opened, camera)
+        if root.get(session.PATH):
+            session.attach(root)
+            mark_keyed(root)
+            if first.edits:
+                display.refresh(root)
+    except F4xError:
+        _take_out(collection)
+        raise
+    if clip is None and _is_scene(opened):
+        _show_own_clip(first, path, camera)
     return root
+
+
+def _is_scene(opened: Scene | SplatSequence) -> bool:
+    """Whether it was a `.f4x` file: scenes made of splat files say so."""
+    return isinstance(opened, Scene) and "import" not in opened.provenance
+
+
+def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:
+    """The point clouds of a scene, the dynamic one with what moves it."""
+    static, dynamic = _latent_colors(scene)
+    clouds = [_add_gaussians(f"{name} static", scene.static, static, collection, material)]
+    if len(scene.dynamic):
+        clouds.append(_add_gaussians(f"{name} dynamic", scene.dynamic, dynamic, collection, material))
+        _add_motion(name, scene, clouds[-1], collection, root)
+    return clouds
+
+
+def _show_own_clip(scene: Scene, path: Path, camera: bpy.types.Object) -> None:
+    """Put the clip behind the scene where it can be told which picture belongs to which frame."""
+    clip = find_clip(scene, path)
+    if clip is not None:
+        try:
+            show_clip(camera, clip, scene.cameras.times, exact=True)
+        except F4xError:
+            return  # a help that nobody asked for may be missing
+
+
+def _take_out(collection: bpy.types.Collection) -> None:
+    """Remove a collection that was begun, its children and their objects."""
+    for child in collection.children:
+        _take_out(child)
+    for item in list(collection.objects):
+        bpy.data.objects.remove(item)
+    bpy.data.collections.remove(collection)
 
 
 def _check(scene: Scene, path: Path) -> None:
@@ -99,8 +165,9 @@ def _latent_colors(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Principal components of the features of the static and dynamic Gaussians, (N,3) each, mostly within 0 to 1."""
     if scene.features is None or scene.features.pca is None:
         return None, None
-    shares = scene.features.pca.shares(scene.latents())
-    return shares[: len(scene.static)], shares[len(scene.static) :]
+    count = len(scene.static)
+    shares = scene.features.pca.shares(scene.latents()[: count + len(scene.dynamic)])  # copies of edits come after them
+    return shares[:count], shares[count:]
 
 
 def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.Object:
@@ -119,7 +186,7 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     return item
 
 
-def _add_motion(name, scene: Scene, dynamic, collection, root, frames: np.ndarray) -> None:
+def _add_motion(name, scene: Scene, dynamic, collection, root) -> None:
     """Add nodes, helper and geometry nodes that move the dynamic Gaussians."""
     scaffold, gaussians = scene.scaffold, scene.dynamic
     assert scaffold is not None  # a Scene with dynamic Gaussians always has one
@@ -140,29 +207,18 @@ def _add_motion(name, scene: Scene, dynamic, collection, root, frames: np.ndarra
     helper.parent = root
     helper.hide_viewport = helper.hide_render = True
 
-    nodes = bpy.data.collections.new(f"{name} nodes")
-    collection.children.link(nodes)
-    empties = [_add_object(f"{name} node {i:05d}", None, nodes) for i in range(len(scaffold.ids))]
-    # Keyed at every clip frame, also at held-out ones: linear between keys then agrees with the core at whole frames.
-    poses = [node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, float(f)) for f in frames]
-    xyz = np.stack([x for x, _ in poses])  # (T,M,3)
-    quat = quaternion.align_sequence(np.stack([q for _, q in poses]))  # (T,M,4)
-    writer = ActionWriter(f"{name} motion")
-    for i, empty in enumerate(empties):
-        empty.parent = root
-        empty.rotation_mode = "QUATERNION"
-        empty.empty_display_size = NODE_SIZE * scaffold.unit
-        empty["f4x_node"] = int(scaffold.ids[i])
-        writer.write(empty, frames, {"location": xyz[:, i], "rotation_quaternion": quat[:, i]})
-
+    curves = scene.curves if isinstance(scene, EditedScene) else scaffold
+    assert curves is not None
+    nodes = add_nodes(name, curves, scene.cameras.times, collection, root)
+    add_graph(name, curves, nodes, collection, root)
     modifier = dynamic.modifiers.new("Feature4X motion", "NODES")
     slots, fades = gaussians.node.shape[1], bool((gaussians.strength < 1).any())
     modifier.node_group = build_motion_tree(f"{name} motion", nodes, helper, slots, fades)
 
 
-def _add_camera(name: str, scene: Scene, collection) -> bpy.types.Object:
-    """Add the clip's camera; its lens is keyed only when it changes."""
-    cameras = scene.cameras
+def _add_camera(name: str, opened: Scene | SplatSequence, scene: Scene, collection) -> bpy.types.Object:
+    """Add the clip's camera, which sees as far as `scene` goes; its lens is keyed only when it changes."""
+    cameras = opened.cameras
     camera = _add_object(name, bpy.data.cameras.new(name), collection)
     camera.data.sensor_fit = "HORIZONTAL"
     camera.data.clip_start, camera.data.clip_end = NEAR, _reach(scene)
@@ -185,7 +241,7 @@ def _reach(scene: Scene) -> float:
     return max(MIN_REACH, 2 * float(np.linalg.norm(spread)))
 
 
-def _set_up_render(target: bpy.types.Scene, scene: Scene, camera: bpy.types.Object) -> None:
+def _set_up_render(target: bpy.types.Scene, scene: Scene | SplatSequence, camera: bpy.types.Object) -> None:
     """Make the Blender scene look through the clip's camera at the clip's size and rate."""
     cameras, render = scene.cameras, target.render
     target.camera = camera

@@ -1,32 +1,53 @@
-"""What a person can call from Blender's menus and search."""
+"""Import, from the menu, by drag and drop and by script; choosing the clip behind a scene."""
 
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, StringProperty
+from bpy.props import BoolProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..f4x_core.errors import F4xError
-from .import_scene import import_scene
+from . import session, viewport
+from .clip_background import show_clip
+from .import_scene import SOURCE, import_scene
 
 
 class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blender wants this form
-    """Import a Feature4X scene: Gaussians, the scaffold that moves them, and the clip's camera."""
+    """Import a Feature4X scene with its motion, camera and edits, or Gaussian splats: PLY, .splat, PLY sequences."""
 
     bl_idname = "f4x.import_scene"
-    bl_label = "Import Feature4X Scene"
+    bl_label = "Import Feature4X"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - read by Blender at registration
 
     filename_ext = ".f4x"
-    filter_glob: StringProperty(default="*.f4x", options={"HIDDEN"})  # type: ignore[valid-type]
+    filter_glob: StringProperty(default="*.f4x;*.ply;*.splat", options={"HIDDEN"})  # type: ignore[valid-type]
+    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
     set_up_render: BoolProperty(  # type: ignore[valid-type]
         name="Set Up Render", description="Take over the clip's size, rate, frame range and camera", default=True
+    )
+    sequence: BoolProperty(  # type: ignore[valid-type]
+        name="Sequence", description="Take a numbered PLY for its whole sequence", default=True
+    )
+    step: IntProperty(  # type: ignore[valid-type]
+        name="Step", description="Take every so many-th file of a sequence", default=1, min=1
+    )
+    clip: StringProperty(  # type: ignore[valid-type]
+        name="Clip",
+        description="Film or folder of pictures to show behind the scene; empty: the one it was made of, if it is found",
+        subtype="FILE_PATH",
     )
 
     def execute(self, context):
         """Import the chosen file."""
+        clip = Path(bpy.path.abspath(self.clip)) if self.clip else None
         try:
-            root = import_scene(Path(self.filepath), set_up_render=self.set_up_render)
+            root = import_scene(
+                Path(self.filepath or self.directory),
+                set_up_render=self.set_up_render,
+                clip=clip,
+                sequence=self.sequence,
+                step=self.step,
+            )
         except F4xError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -34,6 +55,7 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
             item.select_set(False)
         root.select_set(True)
         context.view_layer.objects.active = root
+        viewport.show(root, context.scene.camera if self.set_up_render and session.PATH in root else None)
         return {"FINISHED"}
 
     def invoke(self, context, event):
@@ -41,13 +63,54 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
         return self.invoke_popup(context) if self.filepath else super().invoke(context, event)
 
 
+class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
+    """Show a film, or the folder of pictures that the chosen one lies in, behind the scene."""
+
+    bl_idname = "f4x.choose_clip"
+    bl_label = "Choose Clip"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012
+
+    filter_movie: BoolProperty(default=True, options={"HIDDEN"})  # type: ignore[valid-type]
+    filter_image: BoolProperty(default=True, options={"HIDDEN"})  # type: ignore[valid-type]
+    filter_folder: BoolProperty(default=True, options={"HIDDEN"})  # type: ignore[valid-type]
+
+    @classmethod
+    def poll(cls, context):
+        """Wants a scene with a camera."""
+        if _root_of(context.object) is not None:
+            return True
+        cls.poll_message_set("Select a part of an imported scene")
+        return False
+
+    def execute(self, context):
+        """Put it behind the scene."""
+        root = _root_of(context.object)
+        camera = next(item for item in root.children if item.type == "CAMERA")
+        clip = Path(bpy.path.abspath(self.filepath))
+        pictures = clip.parent if clip.suffix.lower() in bpy.path.extensions_image else clip
+        scene = context.scene
+        try:
+            show_clip(camera, pictures, range(scene.frame_start, scene.frame_end + 1))
+        except F4xError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+def _root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
+    """The root of what was imported, scene or splats, that `item` is a part of."""
+    while item is not None and SOURCE not in item and session.PATH not in item:
+        item = item.parent
+    return item
+
+
 class F4X_FH_scene(bpy.types.FileHandler):  # noqa: N801
-    """Dropping a scene file into a viewport imports it."""
+    """Dropping a scene or splats into a viewport imports them."""
 
     bl_idname = "F4X_FH_scene"
-    bl_label = "Feature4X Scene"
+    bl_label = "Feature4X"
     bl_import_operator = "f4x.import_scene"
-    bl_file_extensions = ".f4x"
+    bl_file_extensions = ".f4x;.ply;.splat"
 
     @classmethod
     def poll_drop(cls, context):
@@ -55,4 +118,4 @@ class F4X_FH_scene(bpy.types.FileHandler):  # noqa: N801
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
-CLASSES = (F4X_OT_import_scene, F4X_FH_scene)
+CLASSES = (F4X_OT_import_scene, F4X_OT_choose_clip, F4X_FH_scene)

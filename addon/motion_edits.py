@@ -1,0 +1,80 @@
+"""Between the keys of the nodes in Blender and the `rekey` edits of the scene: each is made from the other."""
+
+from __future__ import annotations
+
+import json
+
+import bpy
+import numpy as np
+
+from ..f4x_core.edit.apply import EditedScene
+from ..f4x_core.edit.operations import Rekey
+from ..f4x_core.errors import F4xError
+from ..f4x_core.scaffold import Scaffold
+from . import session
+from .scaffold_rig import NODE, nodes_of, poses_of, read_poses, write_poses
+
+SHOWN = "f4x_keys"
+"""Property of the root: JSON of the ids of the `rekey` edits that its nodes were keyed by."""
+ROUNDING = 3e-6
+"""Of positions in world units (or shares of them beyond 1) and of quaternions, on their way through float32 matrices."""
+
+
+def changes(root: bpy.types.Object) -> Rekey | None:
+    """The poses that differ from the pending edits', at every clip frame at which any does; None where none does.
+
+    They are read as Blender evaluates them. Raises F4xError where nodes are missing.
+    """
+    scene = session.edited_scene(root)
+    curves, frames, nodes = _curves(root), scene.cameras.times, nodes_of(root)
+    if [item[NODE] for item in nodes] != curves.ids.tolist():
+        raise F4xError(f"{root.name}: nodes of its scaffold are missing; undo their removal or import the scene again.")
+    old_xyz, old_quat = poses_of(curves, frames)
+    xyz, quat = read_poses(root, nodes, frames)
+    moved = _differ(xyz, quat, old_xyz, old_quat)  # (T,M)
+    when, who = np.flatnonzero(moved.any(1)), np.flatnonzero(moved.any(0))
+    if not len(who):
+        return None
+    block = np.ix_(when, who)
+    kept = ~moved[block][..., None]
+    xyz, quat = np.where(kept, old_xyz[block], xyz[block]), np.where(kept, old_quat[block], quat[block])
+    return Rekey.of(curves.ids[who], frames[when], xyz, quat)
+
+
+def refresh_keys(root: bpy.types.Object) -> None:
+    """Key the nodes anew where edits were undone, redone or switched since they were keyed last."""
+    ids = _shown_ids(root)
+    if root.get(SHOWN, "[]") == ids:
+        return
+    curves, frames, nodes = _curves(root), session.edited_scene(root).cameras.times, nodes_of(root)
+    xyz, quat = poses_of(curves, frames)
+    now_xyz, now_quat = read_poses(root, nodes, frames)
+    moved = np.flatnonzero(_differ(now_xyz, now_quat, xyz, quat).any(0))
+    if len(moved):
+        write_poses(root, [nodes[i] for i in moved], frames, xyz[:, moved], quat[:, moved])
+        bpy.context.scene.frame_set(bpy.context.scene.frame_current)
+    root[SHOWN] = ids
+
+
+def mark_keyed(root: bpy.types.Object) -> None:
+    """Remember that the nodes are keyed by the pending edits: they were just imported so, or just written back."""
+    root[SHOWN] = _shown_ids(root)
+
+
+def _shown_ids(root: bpy.types.Object) -> str:
+    edits = session.stack_of(root).edits
+    return json.dumps([edit.id for edit in edits if edit.enabled and isinstance(edit.operation, Rekey)])
+
+
+def _curves(root: bpy.types.Object) -> Scaffold:
+    scene = session.edited_scene(root)
+    curves = scene.curves if isinstance(scene, EditedScene) else scene.scaffold
+    assert curves is not None  # there are nodes
+    return curves
+
+
+def _differ(xyz: np.ndarray, quat: np.ndarray, other_xyz: np.ndarray, other_quat: np.ndarray) -> np.ndarray:
+    """(T,n) bool: whether poses differ by more than rounding."""
+    reach = ROUNDING * np.maximum(1, np.abs(other_xyz).max(-1))
+    turned = np.minimum(np.abs(quat - other_quat).max(-1), np.abs(quat + other_quat).max(-1))
+    return (np.abs(xyz - other_xyz).max(-1) > reach) | (turned > ROUNDING)

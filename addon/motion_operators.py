@@ -1,0 +1,243 @@
+"""Working with the motion of a scene: grabbing nodes softly, handles for groups, writing it back into the file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty
+from bpy_extras.view3d_utils import region_2d_to_location_3d
+from mathutils import Vector
+
+from ..f4x_core.errors import F4xError
+from ..f4x_core.geometry import pose, quaternion
+from ..f4x_core.scaffold.grab import grab, within_reach
+from . import display, session
+from .motion_edits import changes, mark_keyed
+from .scaffold_rig import NODE, add_handles, hold, nodes_of, read_poses, remove_handles
+
+
+class _MotionOperator(bpy.types.Operator):
+    """An operator on the scene of the active object; a wrong scene is one sentence."""
+
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - read by Blender at registration
+
+    @classmethod
+    def poll(cls, context):
+        """Wants a scene with nodes, in object mode."""
+        root = session.root_of(context.object)
+        if root is None or not any(NODE in item for item in root.children_recursive):
+            cls.poll_message_set("Select a part of an imported scene in which something moves")
+            return False
+        return context.mode == "OBJECT"
+
+    def execute(self, context):
+        """Do it, or say in one sentence why not."""
+        try:
+            self.act(context, session.root_of(context.object))
+        except F4xError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+    def act(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
+        """What the operator does."""
+        raise NotImplementedError
+
+
+class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
+    """Move the selected nodes; the nodes around them follow as rigidly as possible."""
+
+    bl_idname = "f4x.grab_nodes"
+    bl_label = "Grab Nodes Softly"
+    bl_options = {"REGISTER", "UNDO", "GRAB_CURSOR", "BLOCKING"}  # noqa: RUF012
+
+    offset: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Offset", description="How far the selected nodes move, in Blender's world", subtype="TRANSLATION"
+    )
+    reach: FloatProperty(  # type: ignore[valid-type]
+        name="Reach",
+        description="How far along the graph others follow, in node spacings",
+        default=5.0,
+        min=0.0,
+        soft_max=20,
+    )
+    hold: EnumProperty(  # type: ignore[valid-type]
+        name="Hold",
+        items=(
+            ("CLIP", "Whole Clip", "At every frame, in each node's own frame"),
+            ("AROUND", "Around This Frame", "In full at this frame, fading on both sides"),
+        ),
+    )
+    frames: IntProperty(  # type: ignore[valid-type]
+        name="Frames", description="Frames over which it fades; 0 = this frame alone", default=5, min=0
+    )
+
+    @classmethod
+    def poll(cls, context):
+        """Wants a selected node."""
+        if not super().poll(context):
+            return False
+        if not any(NODE in item for item in context.selected_objects):
+            cls.poll_message_set("Select one or more nodes of the scaffold")
+            return False
+        return True
+
+    def act(self, context, root):
+        """Move by `offset` and key it."""
+        _Grab(context, root, self.reach).keep(Vector(self.offset), self.hold == "CLIP", self.frames)
+
+    def invoke(self, context, event):
+        """Follow the mouse until a click."""
+        if context.area is None or context.area.type != "VIEW_3D":
+            return self.execute(context)
+        try:
+            self._grab = _Grab(context, session.root_of(context.object), self.reach)
+        except F4xError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self._start = (event.mouse_region_x, event.mouse_region_y)
+        context.window_manager.modal_handler_add(self)
+        context.area.header_text_set("Move; wheel: reach; click or Enter: keep; right click or Esc: leave as it was")
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        """Solve anew at every move of the mouse."""
+        if event.type in {"RIGHTMOUSE", "ESC"}:
+            return self._finish(context, {"CANCELLED"})
+        if event.type in {"LEFTMOUSE", "RET", "NUMPAD_ENTER"} and event.value == "PRESS":
+            self._finish(context, {"FINISHED"})
+            return self.execute(context)
+        if event.type in {"WHEELUPMOUSE", "WHEELDOWNMOUSE"}:
+            self.reach *= 1.25 if event.type == "WHEELUPMOUSE" else 0.8
+            self._grab.set_reach(self.reach)
+        if event.type in {"MOUSEMOVE", "WHEELUPMOUSE", "WHEELDOWNMOUSE"}:
+            places = [
+                region_2d_to_location_3d(context.region, context.region_data, point, self._grab.anchor)
+                for point in (self._start, (event.mouse_region_x, event.mouse_region_y))
+            ]
+            self.offset = places[1] - places[0]
+            self._grab.show(self.offset)
+        return {"RUNNING_MODAL"}
+
+    def _finish(self, context, result):
+        context.area.header_text_set(None)
+        context.scene.frame_set(context.scene.frame_current)  # keys say again where the nodes are
+        return result
+
+
+class _Grab:
+    """Nodes of a scene at the present frame, some of them grabbed."""
+
+    def __init__(self, context: bpy.types.Context, root: bpy.types.Object, reach: float):
+        self.root, self.nodes = root, nodes_of(root)
+        scaffold = session.base_scene(root).scaffold
+        assert scaffold is not None  # there are nodes
+        if [item[NODE] for item in self.nodes] != scaffold.ids.tolist():
+            raise F4xError(
+                f"{root.name}: nodes of its scaffold are missing; undo their removal or import the scene again."
+            )
+        self.unit, self.edges = scaffold.unit, scaffold.edges
+        self.frames = session.base_scene(root).cameras.times
+        self.frame = context.scene.frame_current_final
+        xyz, quat = read_poses(root, self.nodes, np.array([self.frame]))
+        self.xyz, self.quat = xyz[0], quat[0]
+        self.grabbed = np.array([i for i, item in enumerate(self.nodes) if item.select_get()])
+        self.anchor = self.nodes[self.grabbed[0]].matrix_world.translation.copy()
+        self.rest = [(item.location.copy(), item.rotation_quaternion.copy()) for item in self.nodes]
+        self.set_reach(reach)
+
+    def set_reach(self, reach: float) -> None:
+        """Let nodes within `reach` spacings follow."""
+        self.free = within_reach(self.xyz, self.edges, self.grabbed, reach * self.unit)
+
+    def offsets(self, offset: Vector) -> tuple[np.ndarray, np.ndarray]:
+        """`(quat (n,4), xyz (n,3))` of the nodes `free` in their own frames, when the grabbed ones move by `offset` (world)."""
+        moved = np.array(self.root.matrix_world.to_3x3().inverted() @ offset)
+        placed, turns = grab(self.xyz, self.edges, self.grabbed, self.xyz[self.grabbed] + moved, self.free)
+        quat, xyz = pose.compose(*pose.invert(self.quat, self.xyz), quaternion.multiply(turns, self.quat), placed)
+        return quat[self.free], xyz[self.free]
+
+    def show(self, offset: Vector) -> None:
+        """Put the empties there, without keys."""
+        for i, quat, xyz in zip(self.free, *self.offsets(offset), strict=True):
+            place, turn = self.rest[i]
+            new = pose.compose(np.array(turn), np.array(place), quat, xyz)
+            self.nodes[i].rotation_quaternion, self.nodes[i].location = new
+
+    def keep(self, offset: Vector, whole_clip: bool, frames: int) -> None:
+        """Key it: over the whole clip, or fading within `frames` of the present one."""
+        share = np.ones(len(self.frames))
+        if not whole_clip:
+            near = np.clip(1 - np.abs(self.frames - self.frame) / (frames + 1), 0, 1)
+            share = near * near * (3 - 2 * near)
+        hold([self.nodes[i] for i in self.free], self.frames, self.offsets(offset), share)
+        bpy.context.scene.frame_set(bpy.context.scene.frame_current)
+
+
+class F4X_OT_add_handles(_MotionOperator):  # noqa: N801
+    """Give every group of nodes that moves as one thing a handle: moving it moves the group."""
+
+    bl_idname = "f4x.add_handles"
+    bl_label = "Add Group Handles"
+
+    count: IntProperty(  # type: ignore[valid-type]
+        name="Groups", description="Number of groups; 0 = as many as there seem to be", default=0, min=0, soft_max=24
+    )
+
+    def act(self, context, root):
+        """Group the nodes anew."""
+        scene = session.base_scene(root)
+        handles = add_handles(root, scene.scaffold.unit, scene.cameras.times, self.count or None)
+        self.report({"INFO"}, f"{len(handles)} handles for {len(nodes_of(root))} nodes")
+
+
+class F4X_OT_remove_handles(_MotionOperator):  # noqa: N801
+    """Take the handles away; the nodes stay where they put them."""
+
+    bl_idname = "f4x.remove_handles"
+    bl_label = "Remove Group Handles"
+
+    def act(self, context, root):
+        """Key the nodes where they are."""
+        remove_handles(root, session.base_scene(root).cameras.times)
+
+
+class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
+    """Add what was moved, keyed or constrained to the scene's edits."""
+
+    bl_idname = "f4x.write_motion"
+    bl_label = "Write Motion Back"
+
+    save: BoolProperty(  # type: ignore[valid-type]
+        name="Save", description="Also write the edits into the scene file", default=True
+    )
+
+    def act(self, context, root):
+        """Append one edit with the poses that differ."""
+        change = changes(root)
+        if change is None:
+            self.report({"INFO"}, "The nodes move as the scene says; nothing to write")
+            return
+        session.append(root, change, said="moved in Blender")
+        mark_keyed(root)
+        display.refresh(root)
+        if self.save:
+            session.save(root)
+        self.report({"INFO"}, f"{len(change.nodes)} nodes at {len(change.times)} frames")
+
+
+CLASSES: tuple[Any, ...] = (
+    F4X_OT_grab_nodes,
+    F4X_OT_add_handles,
+    F4X_OT_remove_handles,
+    F4X_OT_write_motion,
+)
+
+
+def draw_menu(self, context) -> None:
+    """Entries of the Object menu."""
+    self.layout.separator()
+    for operator in CLASSES:
+        self.layout.operator(operator.bl_idname)

@@ -1,0 +1,208 @@
+"""The rig in Blender: nodes grabbed softly, handles, and motion written back as an edit that the core poses alike."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from f4x_core.edit.apply import open_scene
+from f4x_core.edit.stack import read_stack
+from f4x_core.scene import write_scene
+
+from .test_import_scene import CLIP, tiny_scene
+
+pytestmark = pytest.mark.blender
+pytest.importorskip("bpy", reason="bpy is absent")
+ROOT = Path(__file__).resolve().parents[2]
+
+# What the child does: an artist's session, step by step. After each it notes where the points are and copies the file.
+CHILD = """
+import json, os, shutil, sys
+sys.path.insert(0, sys.argv[1] + "/scripts")
+import bpy, door, numpy as np
+extension = door.load_extension()
+extension.register()
+from pathlib import Path
+from feature4x.addon import display, session
+from feature4x.addon.import_scene import import_scene
+folder, clip = Path(sys.argv[2]), int(sys.argv[3])
+bpy.ops.wm.read_factory_settings(use_empty=True)
+file = folder / "tiny.f4x"
+root = import_scene(file)
+scene, found, told = bpy.context.scene, {}, {}
+
+def points():
+    cloud = bpy.data.objects["tiny dynamic"].evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    flat = np.empty(3 * len(cloud.points), np.float32)
+    cloud.attributes["position"].data.foreach_get("vector", flat)
+    return flat.reshape(-1, 3)
+
+def note(label):
+    for frame in range(clip):
+        scene.frame_set(frame)
+        found[f"{label}/{frame}"] = points()
+    shutil.copy(file, folder / f"{label}.f4x")
+
+def node(index):
+    return bpy.data.objects[f"tiny node {index:05d}"]
+
+def select(*items):
+    for other in scene.objects:
+        other.select_set(other in items)
+    bpy.context.view_layer.objects.active = items[0]
+
+def refused(act):
+    try:
+        return str(act())
+    except RuntimeError as error:
+        return str(error)
+
+graph = bpy.data.objects["tiny graph"]
+told["graph hidden"] = [graph.hide_viewport, graph.hide_render]
+graph.hide_viewport = False
+scene.frame_set(4)
+found["graph"] = np.array([v.co for v in graph.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.vertices])
+graph.hide_viewport = True
+select(node(3))
+bpy.ops.f4x.write_motion()
+note("untouched")
+
+scene.frame_set(3)
+bpy.ops.f4x.grab_nodes(offset=(0.3, 0.2, 0.1), reach=2.0)
+found["offset"] = np.array(node(3).matrix_world.translation)
+note("grabbed")
+bpy.ops.f4x.write_motion()
+note("grabbed written")
+
+bpy.ops.f4x.add_handles(count=3)
+note("handles")
+handle = bpy.data.objects["tiny handle 00"]
+handle.rotation_quaternion, handle.location.x = (0.9, 0.1, 0.3, 0.0), 0.2
+told["members"] = [item["f4x_node"] for item in handle.children]
+note("handle moved")
+bpy.ops.f4x.write_motion()
+note("handle written")
+bpy.ops.f4x.remove_handles()
+told["left"] = [item.name for item in scene.objects if "f4x_handle" in item]
+note("handles gone")
+
+node(5).animation_data_clear()  # an artist's own ways: no keys, a constraint, another size
+node(5).rotation_quaternion = (0.8, 0.3, 0.2, 0.5)
+node(5).constraints.new("COPY_LOCATION").target = node(7)
+node(7).scale = (3, 2, 1)
+bpy.ops.f4x.write_motion()
+note("constrained written")
+node(5).constraints.clear()
+display.refresh(root)
+
+scene.frame_set(2)
+select(node(3))
+bpy.ops.f4x.grab_nodes(offset=(0, 0, 0.5), reach=0.0, hold="AROUND", frames=1)
+bpy.ops.f4x.write_motion(save=False)
+note("unsaved")
+session.set_stack(root, session.stack_of(root).undo())
+display.refresh(root)
+note("undone")
+
+copy = node(2).copy()
+node(2).users_collection[0].objects.link(copy)
+told["copied"] = refused(bpy.ops.f4x.write_motion)
+bpy.data.objects.remove(copy)
+bpy.data.objects.remove(node(2))
+select(node(3))
+told["missing"] = refused(bpy.ops.f4x.write_motion)
+select(root)
+told["none selected"] = bpy.ops.f4x.grab_nodes.poll()
+np.savez(folder / "found.npz", **found)
+(folder / "told.json").write_text(json.dumps(told))
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rig")
+    write_scene(tiny_scene(), folder / "tiny.f4x")
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, str(ROOT), str(folder), str(CLIP)],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        timeout=240,
+    )
+    assert (folder / "told.json").exists(), done.stderr
+    return folder, dict(np.load(folder / "found.npz")), json.loads((folder / "told.json").read_text())
+
+
+def error(session, label: str, file: str) -> float:
+    """Largest distance between the points in Blender and where the core has those of the file, over the clip."""
+    folder, found, _ = session
+    scene, worst = open_scene(folder / f"{file}.f4x"), 0.0
+    for frame in range(CLIP):
+        posed = scene.posed(frame)
+        worst = max(worst, float(np.abs(found[f"{label}/{frame}"] - posed.means[posed.dynamic]).max()))
+    print(f"{label} against {file}: {worst:.1e}")
+    return worst
+
+
+WRITTEN = ("untouched", "grabbed written", "handle written", "handles gone", "constrained written", "undone")
+
+
+@pytest.mark.parametrize("label", WRITTEN)
+def test_the_core_poses_what_was_written(session, label):
+    assert error(session, label, label) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("label", "before"),
+    [("grabbed", "untouched"), ("handle moved", "handles"), ("constrained written", "handle written"),
+     ("unsaved", "constrained written")],
+)  # fmt: skip
+def test_each_step_moved_something(session, label, before):
+    assert error(session, label, before) > 0.05
+
+
+def test_handles_move_nothing_by_themselves(session):
+    assert error(session, "handles", "grabbed written") < 1e-5
+
+
+def test_undoing_a_written_edit_takes_the_nodes_back(session):
+    assert error(session, "undone", "constrained written") < 1e-5
+
+
+def test_the_stack_grows_by_what_changed(session):
+    folder, _, told = session
+    assert len(read_stack(folder / "untouched.f4x")) == 0
+    counts = [len(read_stack(folder / f"{label}.f4x")) for label in ("grabbed written", "handle written", "undone")]
+    assert counts == [1, 2, 3]
+    first, second, third = (edit.operation for edit in read_stack(folder / "undone.f4x").edits)
+    assert set(second.nodes) == set(told["members"]) and len(second.times) == CLIP
+    assert third.nodes == (15,) and {edit.said for edit in read_stack(folder / "undone.f4x").edits} == {
+        "moved in Blender"
+    }
+    assert 9 in first.nodes
+
+
+def test_the_grabbed_node_is_where_it_was_put(session):
+    _, found, _ = session
+    scene = tiny_scene()
+    place = scene.scaffold.xyz[2, 3] @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])  # frame 3; (x, z, -y)
+    np.testing.assert_allclose(found["offset"], place + np.array([0.3, 0.2, 0.1]), atol=1e-5)
+
+
+def test_the_graph_follows_the_nodes_and_is_hidden(session):
+    _, found, told = session
+    assert told["graph hidden"] == [True, True]
+    np.testing.assert_allclose(found["graph"], tiny_scene().scaffold.xyz[3], atol=1e-5)  # frame 4 is knot 3
+
+
+def test_what_cannot_be_written_is_one_sentence(session):
+    _, _, told = session
+    assert "was copied" in told["copied"] and "Traceback" not in told["copied"]
+    assert "are missing" in told["missing"] and told["left"] == []
+    assert told["none selected"] is False
