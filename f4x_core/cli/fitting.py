@@ -10,7 +10,7 @@ from typing import Any
 
 from ..clip import Clip, read_clip
 from ..errors import F4xError
-from ..features.models.providers import offer_models
+from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
@@ -43,9 +43,11 @@ def config_of(args: argparse.Namespace) -> FitConfig:
             raise F4xError(f"--prior {entry}: write NAME=PATH, for example depth=my_depth_folder.")
         files[name] = path
     priors = config.priors.with_provider(args.provider)
-    if args.depth:
-        offer_models()
-        priors = dataclasses.replace(priors, depth=dataclasses.replace(priors.depth, provider=args.depth))
+    offer_models()
+    for stage, name in (("cameras", args.cameras), ("depth", args.depth)):
+        if name:
+            require_provider(stage, name)  # before the fit, not in the middle of it
+            priors = dataclasses.replace(priors, **{stage: dataclasses.replace(getattr(priors, stage), provider=name)})
     priors = dataclasses.replace(priors, files=files) if files else priors
     return dataclasses.replace(config, seed=args.seed, threads=args.threads, backend=args.backend, priors=priors)
 

@@ -91,11 +91,12 @@ def build_parser() -> argparse.ArgumentParser:
             default="classical",
             help="who makes the priors: classical, or synthetic (a rendered clip's truth)",
         )
-        sub.add_argument(
-            "--depth",
-            metavar="PROVIDER",
-            help="who makes the depth alone, e.g. depth-anything (see `f4x models get depth-anything`)",
-        )
+        for stage, example in (("cameras", "depth-anything-3"), ("depth", "depth-anything or depth-anything-3")):
+            sub.add_argument(
+                f"--{stage}",
+                metavar="PROVIDER",
+                help=f"who makes the {stage} alone, e.g. {example} (see `f4x models list`)",
+            )
         sub.add_argument(
             "--prior",
             action="append",

@@ -55,23 +55,37 @@ MIN_TRACKS = 12
 """With fewer static tracks than this nothing can be said about the camera."""
 
 
-def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `cameras`, `camera_kind` and `statistics["cameras"]` (provider `classical`)."""
+def provide(
+    clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress, first: Solution | None = None
+) -> None:
+    """Fill `cameras`, `camera_kind` and `statistics["cameras"]` (provider `classical`).
+
+    `first`: what another provider found for all frames; a moving clip starts from it, and its focal length is kept.
+    """
     settings = config.cameras
     times = np.asarray(clip.times, np.float64)[clip.supervised]
     progress("cameras", 0, 4, "what moves")
     tracks, visible, static = static_tracks(priors)
     principal = np.array([priors.width, priors.height]) / 2
     focal = (settings.focal or DEFAULT_FOCAL) * priors.width
+    if first is not None:
+        first = refocused(first, focal) if settings.focal else first
+        focal = first.bundle.focal
 
     shift = static_shift(tracks, visible, static)
     statistics: dict[str, Any] = {"static_tracks": int(static.sum()), "static_shift_px": _json(shift)}
-    if settings.kind == "static" or (settings.kind is None and not shift >= STATIC_PX):
+    if first is not None and settings.kind in (None, "moving") and static.sum() < MIN_TRACKS:
+        solution, kind = first, "moving"
+        statistics["solver"] = settings.provider
+        priors.warn(
+            f"Too few points stand still to refine the cameras of {settings.provider}; they are taken as they are."
+        )
+    elif settings.kind == "static" or (settings.kind is None and not shift >= STATIC_PX):
         if static.sum() < MIN_TRACKS and settings.kind is None and len(times) > 1:
             priors.warn("Too few points stand still to find the camera's motion; it is taken to stand still.")
         solution, kind = _still(len(times), focal, principal), "static"
     else:
-        solution, kind = _solve(clip, priors, settings, tracks, visible, static, focal, statistics, progress)
+        solution, kind = _solve(clip, priors, settings, tracks, visible, static, focal, statistics, progress, first)
         progress("cameras", 3, 4, "refine the path")
         translating = kind == "moving"
         if translating:
@@ -194,11 +208,13 @@ def _solve(
     focal: float,
     statistics: dict[str, Any],
     progress: Progress,
+    first: Solution | None,
 ) -> tuple[Solution, str]:
-    """A solution for a camera that does not stand still, and its kind (`pan` or `moving`)."""
+    """A solution for a camera that does not stand still, and its kind (`pan` or `moving`); `first` is one to start from."""
     principal = np.array([priors.width, priors.height]) / 2
     turning = solve_rotations(tracks, visible, static, focal, principal)
-    candidates = [settings.focal] if settings.focal else FOCALS
+    known = settings.focal is not None or first is not None
+    candidates = [focal / priors.width] if known else FOCALS
     sample, search = search_focal(turning, priors.width, candidates, translating=False)
     errors = sample.bundle.errors(sample.observations)
     parallax = float(np.percentile(errors, 90)) if len(errors) else 0.0
@@ -211,6 +227,9 @@ def _solve(
         return _adjusted_pan(turning, sample.bundle.focal), "pan"
 
     progress("cameras", 1, 4, "first cameras")
+    if first is not None:
+        statistics |= {"solver": settings.provider, "registered": int(first.registered.sum())}
+        return first, "moving"
     solution, solver = _first_solution(clip, priors, settings, tracks, visible, static, focal, statistics)
     if solution is None:
         priors.warn(

@@ -242,7 +242,7 @@ def _static_depth(
     assert priors.cameras is not None
     flows = long_flows(clip, priors, config, progress)
     pictures = grey(clip.frames[clip.supervised])
-    tracks = _track_samples(priors)
+    tracks = track_samples(priors)
     frames, height, width = moving.shape
     size = 2 * MOVING_MARGIN + 1
     blocked = np.stack([cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0 for mask in moving])
@@ -306,7 +306,7 @@ def _targets(
     return targets
 
 
-def _track_samples(priors: Priors) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def track_samples(priors: Priors) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Per frame: pixels `(n, 2)`, inverse depth `(n,)` and its precision `(n,)` of static tracks triangulated over the clip."""
     assert priors.cameras is not None
     cameras = priors.cameras

@@ -18,7 +18,7 @@ class Checkpoint:
     licence: str
     """SPDX id of the weights."""
     architecture: str
-    """`model_type` in its `config.json`."""
+    """`model_type` in its `config.json`; Depth Anything 3 has none, and says which size it is as `model_name`."""
 
 
 CHECKPOINTS = {
@@ -34,6 +34,8 @@ CHECKPOINTS = {
         Checkpoint("smolvlm-256m", "HuggingFaceTB/SmolVLM2-256M-Video-Instruct", 1026, "Apache-2.0", "smolvlm"),
         Checkpoint("smolvlm-500m", "HuggingFaceTB/SmolVLM2-500M-Video-Instruct", 2030, "Apache-2.0", "smolvlm"),
         Checkpoint("depth-anything", "depth-anything/Depth-Anything-V2-Small-hf", 99, "Apache-2.0", "depth_anything"),
+        Checkpoint("depth-anything-3", "depth-anything/DA3-SMALL", 137, "Apache-2.0", "depth_anything_3"),
+        Checkpoint("depth-anything-3-base", "depth-anything/DA3-BASE", 541, "Apache-2.0", "depth_anything_3"),
     )
 }
 """Name -> weights that the modules of this folder can open."""

@@ -57,8 +57,8 @@ class DepthAnything:
             return functional.interpolate(found, (height, width), mode="bilinear", align_corners=False)[0, 0].numpy()
 
 
-def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Any, model: str | Path | None = None) -> None:
-    """Provider `depth-anything` of the stage `depth`: the classical measurement, completed by the model.
+def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Any, model: str | Path) -> None:
+    """Provider `depth-anything` of the stage `depth`: the classical measurement, completed by the `model`.
 
     Fills `depth`, `depth_confidence` and sets the world unit like the classical one. Errors: F4xError without the weights.
     """
@@ -106,11 +106,11 @@ def fit_to_measurement(relative: np.ndarray, measured: np.ndarray, sure: np.ndar
     # Slopes between random pairs and their median (Theil and Sen) to start with: least squares would follow outliers.
     other = np.random.default_rng(0).permutation(len(x))
     apart = abs(x - x[other]) > 0.1 * x.std()
-    scale, mean_x, mean_y = 0.0, 0.0, float(_weighted_median(y, given))
+    scale, mean_x, mean_y = 0.0, 0.0, float(weighted_median(y, given))
     if apart.any():
         slopes = ((y - y[other]) / np.where(apart, x - x[other], 1.0))[apart]
-        scale = max(_weighted_median(slopes, (given * given[other])[apart]), 0.0)
-        mean_y = _weighted_median(y - scale * x, given)
+        scale = max(weighted_median(slopes, (given * given[other])[apart]), 0.0)
+        mean_y = weighted_median(y - scale * x, given)
     for _ in range(10):
         difference = abs(y - mean_y - scale * (x - mean_x)) / np.maximum(y, 1e-9)
         weight = given / (1 + (difference / OUTLIER) ** 2)
@@ -120,10 +120,11 @@ def fit_to_measurement(relative: np.ndarray, measured: np.ndarray, sure: np.ndar
     fitted = (mean_y + scale * (relative - mean_x)).astype(np.float32)
     sigma = SPREAD * relative.shape[1]
     left, norm = (cv2.GaussianBlur(part, (0, 0), sigma) for part in ((measured - fitted) * sure, sure))
-    return fitted + left / (norm + FLOOR), _weighted_median(difference, given)
+    return fitted + left / (norm + FLOOR), weighted_median(difference, given)
 
 
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+def weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    """The one of `values (n,)` that half of the `weights (n,)` lies below."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order[np.searchsorted(total, total[-1] / 2)]])
