@@ -42,6 +42,11 @@ def refresh(root: bpy.types.Object) -> None:
     root[TIMED] = display.changes
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
+    tell(root)
+
+
+def tell(root: bpy.types.Object) -> None:
+    """Fill the sidebar's lists from the pending stack, and count."""
     if hasattr(root, "f4x"):  # a script may import without registering the extension
         _fill_lists(root)
         count(root)

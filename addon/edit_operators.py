@@ -333,6 +333,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
         told.sentence = self.sentence
         forget_readings(root)
         try:
+            session.asked_scene(root)
             scene, said = session.edited_scene(root), session.context_of(root)
             proposal = propose(scene, self.sentence, said, candidates=self.readings)
         except F4xError as error:

@@ -40,7 +40,7 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
     def act(self, context, root):
         """Words are asked of the base scene: a copy is what its original is."""
         negatives = words_of(self.negatives) if self.negatives.strip() else None
-        found = select_by_text(session.base_scene(root), words_of(self.text), negatives, root.f4x.threshold)
+        found = select_by_text(session.asked_scene(root), words_of(self.text), negatives, root.f4x.threshold)
         marking.ask(root, session.shown(root).of_base(found))
         root.f4x.text, root.f4x.negatives = self.text, self.negatives
         self.report({"INFO"}, f"{root.f4x.selected:,} of {root.f4x.total:,} Gaussians")

@@ -20,6 +20,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 
 import bpy
 import numpy as np
@@ -32,6 +33,7 @@ from ..f4x_core.edit.selects import Ids
 from ..f4x_core.edit.stack import UNDONE, EditStack, merge, read_stack, with_stack, write_stack
 from ..f4x_core.errors import F4xError
 from ..f4x_core.query.selection import Selection
+from ..f4x_core.query.smoothing import group_of
 from ..f4x_core.scene import Scene, read_header, read_scene
 from .point_cloud import read_attribute, write_attribute
 
@@ -46,6 +48,7 @@ KEPT = 4
 """Scenes kept, edited ones too: going back and forth between a preview and the stack costs nothing."""
 
 _files: dict[str, tuple[tuple[int, int], str]] = {}  # path -> ((time of change, size), hash of the arrays)
+_preparing: dict[int, Thread] = {}  # id of a scene's static set -> who works out its neighbourhoods
 _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
 
 
@@ -69,6 +72,8 @@ def attach(root: bpy.types.Object) -> None:
     path = path_of(root)
     root[ARRAYS] = _hash_of(path)
     root[EDITS] = root[SAVED] = _text(read_stack(path))
+    if not bpy.app.background:
+        _prepare(base_scene(root))
 
 
 def stack_of(root: bpy.types.Object) -> EditStack:
@@ -116,6 +121,14 @@ def save(root: bpy.types.Object) -> EditStack:
 def base_scene(root: bpy.types.Object) -> Scene:
     """The scene without its edits."""
     return _display(root, NO_EDITS).scene
+
+
+def asked_scene(root: bpy.types.Object) -> Scene:
+    """The scene without its edits, ready to be asked for words: the first one need not wait as long as it would."""
+    scene = base_scene(root)
+    if id(scene.static) in _preparing:
+        _preparing.pop(id(scene.static)).join()
+    return scene
 
 
 def edited_scene(root: bpy.types.Object) -> Scene:
@@ -222,6 +235,14 @@ def forget() -> None:
     """Empty the caches: another .blend was opened."""
     _files.clear()
     _scenes.clear()
+
+
+def _prepare(scene: Scene) -> None:
+    """Begin, beside Blender, what the first query needs of a scene: its neighbourhoods (seconds where nothing is compiled)."""
+    if scene.features is not None:
+        thread = Thread(target=group_of, args=(scene,), daemon=True)
+        _preparing[id(scene.static)] = thread
+        thread.start()
 
 
 def _pending(root: bpy.types.Object) -> str:

@@ -122,6 +122,16 @@ class EditedScene(Scene):
         """(N,) bool in the order of `posed`: whether the scaffold or an edit moves a Gaussian."""
         return self.rows.moves
 
+    @cached_property
+    def base(self) -> Scene:
+        """The scene before its edits."""
+        return base_of(self)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(N,) int64: the row of `base.posed` that each row of `posed` is, or is a copy of."""
+        return self.rows.origin
+
     @property
     def rows(self) -> Rows:
         """What there is in the end."""

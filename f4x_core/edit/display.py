@@ -106,7 +106,7 @@ class Display:
 
     def of_base(self, found: Selection) -> Selection:
         """A selection of the base scene in the order of `posed`: a copy is what its original is."""
-        origin = self.scene.rows.origin if isinstance(self.scene, EditedScene) else slice(None)
+        origin = self.scene.origin
         return replace(found, ids=self.scene.ids, scores=found.scores[origin], wins=found.wins[origin])
 
     def moment(self, frame: float) -> Posed:

@@ -7,12 +7,13 @@ A few thousand patches carry a scene of any size, and heads decode their mean la
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..scene import Scene
+from ..scene import DynamicSet, Scene, StaticSet
+from ..scene.field import FeatureField
 from .light import light_into
 
 LOOKS_ALIKE = "visual"
@@ -44,7 +45,7 @@ STEPS, TOLERANCE = 200, 1e-4
 """Bounds of the conjugate gradients: steps, and the residual relative to the start."""
 
 
-_GROUPS: WeakKeyDictionary[Scene, Patches] = WeakKeyDictionary()
+_GROUPS: WeakKeyDictionary[FeatureField, tuple[tuple[StaticSet, DynamicSet], Patches]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +95,15 @@ class Patches:
 
 
 def group_of(scene: Scene) -> Patches:
-    """`group`, made once for as long as the scene lives: every further word is asked of the same patches."""
-    if scene not in _GROUPS:
-        _GROUPS[scene] = group(scene)
-    return _GROUPS[scene]
+    """`group`, made once for as long as the scene's features live: every further word is asked of the same patches.
+
+    An edited scene has those of its base, a copy that of its original: edits do not change what a thing is.
+    """
+    base, field = scene.base, scene.require_field()
+    known = _GROUPS.get(field)
+    if known is None or known[0][0] is not base.static or known[0][1] is not base.dynamic:
+        known = _GROUPS[field] = ((base.static, base.dynamic), group(base))
+    return known[1] if base is scene else replace(known[1], index=known[1].index[scene.origin])
 
 
 def group(scene: Scene) -> Patches:

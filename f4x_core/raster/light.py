@@ -1,4 +1,4 @@
-"""How much light every Gaussian sends into layers of a picture. numpy in and out; torch only where the native kernel is absent."""
+"""How much light every Gaussian sends into layers of a picture. numpy in and out; torch only for its own backends."""
 
 from __future__ import annotations
 
@@ -42,12 +42,19 @@ def light_into(
     }
     config = config or RasterConfig()
     arrays = {name: np.ascontiguousarray(array, np.float32) for name, array in inputs.items()}
-    if choose_backend(backend, arrays["means"]) == "native":
+    chosen = choose_backend(backend, arrays["means"])
+    if chosen in ("native", "plain"):
+        whole, _ = leave_out_broken({**arrays, "background": None, "mean2d_offset": None}, config.debug)
+    if chosen == "plain":
+        from .plain import light_plain
+
+        shapes = (whole[name] for name in ("means", "quats", "scales", "opacities", "viewmat", "K"))
+        return light_plain(*shapes, layers, config)
+    if chosen == "native":
         from .native import library as native
 
         library, _ = native.open_library()
         assert library is not None
-        whole, _ = leave_out_broken({**arrays, "background": None, "mean2d_offset": None}, config.debug)
         render = native.forward(library, whole, width, height, config, 0, keep=True)
         return native.backward(library, render, layers, None, None)["colors"]
     import torch

@@ -5,6 +5,7 @@ Tile by tile; of a tile's splats, front to back, a slab at a time meets all pixe
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,8 @@ class _Splats(NamedTuple):
     z: np.ndarray
     features: np.ndarray
     """(V, 2 + C): 1, z, colours."""
+    index: np.ndarray
+    """Which of the N Gaussians it is."""
 
     def take(self, index: np.ndarray | slice) -> _Splats:
         """The splats at `index`."""
@@ -63,18 +66,47 @@ def rasterize_plain(
         means, quats, scales, opacities, colors, viewmat, K, width, height, config, mean2d_offset
     )
     image = np.zeros((height, width, splats.features.shape[1]))
-    for top in range(0, height, TILE):
-        rows = slice(top, min(top + TILE, height))
-        in_row = splats.take(_meets(splats.y, splats.half_height, rows))
-        for left in range(0, width, TILE):
-            columns = slice(left, min(left + TILE, width))
-            here = in_row.take(_meets(in_row.x, in_row.half_width, columns))
-            image[rows, columns] = _composite(here, rows, columns, limit[rows, columns], config)
+    for rows, columns, here in _tiles(splats, width, height):
+        image[rows, columns] = _composite(here, rows, columns, limit[rows, columns], config)
     image = image.astype(means.dtype, copy=False)
     alpha, depth, channels = image[..., 0], image[..., 1], image[..., 2:]
     if background is not None:
         channels = channels + (1 - alpha)[..., None] * background.astype(means.dtype, copy=False)
     return RasterOutput(channels, depth, alpha, visible)
+
+
+def light_plain(
+    means: np.ndarray,
+    quats: np.ndarray,
+    scales: np.ndarray,
+    opacities: np.ndarray,
+    viewmat: np.ndarray,
+    K: np.ndarray,
+    layers: np.ndarray,
+    config: RasterConfig,
+) -> np.ndarray:
+    """(N,L) float32: light of every Gaussian in `layers (H,W,L)`, see `light.light_into`: the weights of its pixels, summed."""
+    height, width, count = layers.shape
+    splats, _ = _project(
+        means, quats, scales, opacities, np.zeros((len(means), 0)), viewmat, K, width, height, config, None
+    )
+    total = np.zeros((len(means), count))
+    everywhere = np.full((height, width), np.inf)
+    for rows, columns, here in _tiles(splats, width, height):
+        tile = layers[rows, columns].reshape(-1, count)
+        for slab, weights in _weights(here, rows, columns, everywhere[rows, columns], config):
+            total[slab.index] += weights.T @ tile
+    return total.astype(np.float32)
+
+
+def _tiles(splats: _Splats, width: int, height: int) -> Iterator[tuple[slice, slice, _Splats]]:
+    """(rows, columns, the splats that meet them) of every tile."""
+    for top in range(0, height, TILE):
+        rows = slice(top, min(top + TILE, height))
+        in_row = splats.take(_meets(splats.y, splats.half_height, rows))
+        for left in range(0, width, TILE):
+            columns = slice(left, min(left + TILE, width))
+            yield rows, columns, in_row.take(_meets(in_row.x, in_row.half_width, columns))
 
 
 def _project(
@@ -110,7 +142,8 @@ def _project(
     visible = in_front & (opacities >= config.alpha_min)
     visible &= _meets(mean_x, half_width, slice(0, width)) & _meets(mean_y, half_height, slice(0, height))
     features = np.concatenate([np.ones((len(z), 1)), z[:, None], colors], 1)
-    everything = _Splats(mean_x, mean_y, yy / det, xy / yy, 1 / yy, opacities, half_width, half_height, z, features)
+    shape = (mean_x, mean_y, yy / det, xy / yy, 1 / yy, opacities, half_width, half_height)
+    everything = _Splats(*shape, z, features, np.arange(len(z)))
     index = np.flatnonzero(visible)
     return everything.take(index[np.argsort(z[index], kind="stable")]), visible
 
@@ -122,8 +155,17 @@ def _meets(centre: np.ndarray, half: np.ndarray, pixels: slice) -> np.ndarray:
 
 def _composite(splats: _Splats, rows: slice, columns: slice, limit: np.ndarray, config: RasterConfig) -> np.ndarray:
     """(h, w, 2 + C) of one tile."""
+    image = np.zeros((limit.size, splats.features.shape[1]))
+    for slab, weights in _weights(splats, rows, columns, limit, config):
+        image += weights @ slab.features
+    return image.reshape(*limit.shape, -1)
+
+
+def _weights(
+    splats: _Splats, rows: slice, columns: slice, limit: np.ndarray, config: RasterConfig
+) -> Iterator[tuple[_Splats, np.ndarray]]:
+    """The splats of one tile, a slab at a time, with their light in every pixel (h w, splats)."""
     y, x = (axis.reshape(-1, 1) + 0.5 for axis in np.mgrid[rows, columns])
-    image = np.zeros((len(x), splats.features.shape[1]))
     light = np.ones((len(x), 1))  # transmittance of every pixel
     for start in range(0, len(splats.x), SLAB):
         slab = splats.take(slice(start, start + SLAB))
@@ -133,8 +175,7 @@ def _composite(splats: _Splats, rows: slice, columns: slice, limit: np.ndarray, 
         alpha[slab.z >= limit.reshape(-1, 1)] = 0
         after = light * np.cumprod(1 - alpha, 1)  # (pixels, splats)
         before = np.concatenate([light, after[:, :-1]], 1)
-        image += np.where(after > config.transmittance_min, alpha * before, 0) @ slab.features
+        yield slab, np.where(after > config.transmittance_min, alpha * before, 0)
         light = after[:, -1:]
         if (light <= config.transmittance_min).all():
             break
-    return image.reshape(*limit.shape, -1)

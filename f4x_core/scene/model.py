@@ -260,6 +260,16 @@ class Scene:
         return self._constant["ids"]
 
     @property
+    def base(self) -> Scene:
+        """The scene before edits: itself."""
+        return self
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(N,) int64: the row of `base.posed` that each row of `posed` is, or is a copy of."""
+        return np.arange(len(self.ids))
+
+    @property
     def moving(self) -> np.ndarray:
         """(N,) bool in the order of `posed`: whether a Gaussian moves."""
         return self._constant["dynamic"]
