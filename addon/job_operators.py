@@ -196,10 +196,10 @@ class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
         column = layout.column(align=True)
         column.operator(F4X_OT_fit_clip.bl_idname, text="Fit Video…", icon="FILE_MOVIE")
         column.operator(F4X_OT_add_features.bl_idname, text="Add Features…", icon="OUTLINER_OB_POINTCLOUD")
-        column.operator(F4X_OT_ask_scene.bl_idname, text="Ask…", icon="QUESTION")
+        column.operator(F4X_OT_ask_scene.bl_idname, text="Question…", icon="QUESTION")
         column.operator(F4X_OT_export_scene.bl_idname, text="Export…", icon="EXPORT")
         for job in jobs.all_jobs():
-            jobs.draw_job(layout, job)
+            jobs.draw_job(layout, context, job)
 
 
 CLASSES = (F4X_OT_fit_clip, F4X_OT_add_features, F4X_OT_ask_scene, F4X_OT_export_scene, F4X_PT_jobs)

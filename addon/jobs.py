@@ -3,18 +3,17 @@
 Nothing of a job is in the .blend. Closing Blender, or taking the extension out, ends every job with all that it started.
 """
 
-import textwrap
-
 import bpy
 
 from ..f4x_core.errors import F4xError
 from . import worker
+from .lines import draw_lines
 from .worker import Job
 
 INTERVAL = 0.2
 """Seconds between two looks."""
-WIDTH = 44
-"""Characters of a line in the sidebar."""
+LONGEST = 100
+"""Characters of a line of the log."""
 LINES_SHOWN = 8
 """Of a log, and of an answer."""
 _AREAS = {"VIEW_3D", "PREFERENCES"}
@@ -75,7 +74,7 @@ def end_all() -> None:
         bpy.app.timers.unregister(tick)
 
 
-def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
+def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -> None:
     """Title, progress, what went wrong or came out, and the end of the log."""
     box = layout.box()
     row = box.row(align=True)
@@ -88,18 +87,14 @@ def draw_job(layout: bpy.types.UILayout, job: Job) -> None:
         if job.message:
             box.label(text=job.message)
     else:
-        told = job.error if job.state == worker.FAILED else job.text
-        lines = [part for line in told.splitlines() for part in textwrap.wrap(line, WIDTH)]
-        column = box.column(align=True)
-        for line in lines[:LINES_SHOWN]:
-            column.label(text=line)
+        draw_lines(box, context, job.error if job.state == worker.FAILED else job.text, most=LINES_SHOWN)
     if job.log:
         header, body = box.panel(f"f4x_log_{_jobs.index(job)}", default_closed=True)
         header.label(text="Log")
         if body:
             column = body.column(align=True)
             for line in list(job.log)[-LINES_SHOWN:]:
-                column.label(text=line[: 2 * WIDTH])
+                column.label(text=line[:LONGEST])
 
 
 class F4X_OT_dismiss_job(bpy.types.Operator):  # noqa: N801 - Blender wants this form

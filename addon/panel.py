@@ -3,27 +3,14 @@
 from __future__ import annotations
 
 import json
-import textwrap
 
 import bpy
 
-from . import edit_operators, session
+from . import edit_operators, marking, session
 
 CATEGORY = "Feature4X"
-LETTER = 7
-"""Pixels of a letter, about, at a scale of 1: lines are broken by it."""
-LEVELS = " ▁▂▃▄▅▆▇█"
+LEVELS = "▁▂▃▄▅▆▇█"
 """Bars of the histogram, by their height."""
-
-
-def _lines(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
-    """Text in as many lines as the sidebar's width wants."""
-    width = int(context.region.width / (LETTER * context.preferences.system.ui_scale))
-    column = layout.column(align=True)
-    for paragraph in text.splitlines():
-        for line in textwrap.wrap(paragraph, max(width - 6, 16)):
-            column.label(text=line, icon=icon)
-            icon = "BLANK1" if icon != "NONE" else "NONE"
 
 
 def _bars(counts: list[int]) -> str:
@@ -103,7 +90,7 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
         row.prop(told, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
         row.operator("f4x.plan", text="", icon="PLAY").readings = 1
         if told.answer:
-            _lines(layout, context, told.answer, "INFO")
+            draw_lines(layout, context, told.answer, "INFO")
         if not told.readings:
             return
         box = layout.box()
@@ -118,7 +105,7 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
                 )
                 button.number = number
             if picked:
-                _lines(box, context, reading.told)
+                draw_lines(box, context, reading.told)
         row = box.row(align=True)
         row.operator("f4x.apply_plan", icon="CHECKMARK")
         row.prop(told, "preview", text="", icon="HIDE_OFF" if told.preview else "HIDE_ON")
@@ -149,10 +136,9 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         layout.prop(told, "follow")
         column = layout.column(align=True)
         column.active = told.live
-        if told.histogram:
-            row = column.row()
-            row.alignment = "CENTER"
-            row.label(text=_bars(json.loads(told.histogram)))
+        row = column.row()  # there without scores too: buttons that move are missed
+        row.alignment = "CENTER"
+        row.label(text=_bars(json.loads(told.histogram or f"[{', '.join('0' * marking.BARS)}]")))
         column.prop(told, "threshold", slider=True)
         row = layout.row()
         row.label(text=f"{told.selected:,} of {told.total:,} selected", icon="RESTRICT_SELECT_OFF")
@@ -244,7 +230,7 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
             for how, icon in (("UP", "TRIA_UP"), ("DOWN", "TRIA_DOWN")):
                 button = column.operator("f4x.history", text="", icon=icon)
                 button.how, button.edit_id = how, item.edit_id
-            _lines(layout, context, item.name)
+            draw_lines(layout, context, item.name)
         column.separator()
         column.operator("f4x.history", text="", icon="TRASH").how = "CLEAR"
 

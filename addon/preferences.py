@@ -21,6 +21,8 @@ PACKAGE = __package__.rpartition(".")[0]
 """The extension as Blender calls it, for example `bl_ext.user_default.feature4x`."""
 VARIABLE = "F4X_PYTHON"
 """Environment variable: the worker's Python where the preferences name none."""
+SET_UP, CHECK = "Set up the worker", "Check setup"
+"""Titles of the jobs that belong to the preferences."""
 NEEDED = ("numpy", "torch", "scipy", "opencv-python-headless", "av")
 """Packages without which no clip is fitted."""
 
@@ -50,7 +52,8 @@ class F4X_AP_preferences(bpy.types.AddonPreferences):  # noqa: N801 - Blender wa
         for good, line in json.loads(self.checked or "[]"):
             layout.label(text=line, icon="CHECKMARK" if good else "ERROR")
         for job in jobs.all_jobs():
-            jobs.draw_job(layout, job)
+            if job.title in (SET_UP, CHECK):
+                jobs.draw_job(layout, context, job)
 
 
 def preferences() -> F4X_AP_preferences | None:
@@ -142,7 +145,7 @@ class F4X_OT_set_up_worker(bpy.types.Operator):  # noqa: N801
         python = bpy.path.abspath(self.python) or sys.executable
         folder = worker_folder()
         try:
-            jobs.start(Job("Set up the worker", [python, "-m", "f4x_core.installation", str(folder)], _use_made))
+            jobs.start(Job(SET_UP, [python, "-m", "f4x_core.installation", str(folder)], _use_made))
         except F4xError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -177,7 +180,7 @@ def _use_made(result: dict[str, Any]) -> None:
 
 
 def _start_check() -> None:
-    jobs.start(Job("Check setup", core_command(worker_python(), "doctor"), show_check))
+    jobs.start(Job(CHECK, core_command(worker_python(), "doctor"), show_check))
 
 
 CLASSES = (F4X_AP_preferences, F4X_OT_set_up_worker, F4X_OT_check_worker)

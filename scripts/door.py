@@ -83,9 +83,8 @@ def start_blender() -> None:
     load_extension().register()
 
 
-def import_empty(scene: Path) -> Any:
-    """Import a scene file into an empty Blender; returns the root empty."""
-    start_blender()
+def import_scene(scene: Path) -> Any:
+    """Import a scene file into the Blender scene that is open; returns the root empty."""
     import bpy
     from feature4x.addon.import_scene import import_scene
 
@@ -93,6 +92,12 @@ def import_empty(scene: Path) -> Any:
     bpy.context.scene.render.engine = "CYCLES"  # the one engine of Blender's own that also works without a display
     bpy.context.scene.cycles.samples = SAMPLES
     return root
+
+
+def import_empty(scene: Path) -> Any:
+    """Import a scene file into an empty Blender; returns the root empty."""
+    start_blender()
+    return import_scene(scene)
 
 
 def open_blend(path: Path) -> None:
