@@ -7,6 +7,7 @@ import json
 import bpy
 
 from . import edit_operators, marking, session
+from .lines import draw_lines
 
 CATEGORY = "Feature4X"
 LEVELS = "▁▂▃▄▅▆▇█"
