@@ -7,9 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from warped_clip import warped_clip
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
+Image = pytest.importorskip("PIL.Image")
 ROOT = Path(__file__).resolve().parents[2]
 
 # Every test is a Blender of its own, with the extension enabled as far as its preferences are concerned.
@@ -34,7 +36,7 @@ def refused(operator, *how, **options):
 END = "\nextension.unregister()\nprint('WHOLE', flush=True)\nos._exit(0)\n"
 
 
-def blender(code: str, *arguments: str, **environment: str) -> str:
+def blender(code: str, *arguments: str, timeout: float = 120, **environment: str) -> str:
     """What a Blender that runs `code` prints; it has to come to its end."""
     outside = {name: value for name, value in os.environ.items() if name != "F4X_PYTHON"}
     done = subprocess.run(
@@ -42,7 +44,7 @@ def blender(code: str, *arguments: str, **environment: str) -> str:
         capture_output=True,
         text=True,
         env=outside | {"OMP_NUM_THREADS": "1"} | environment,
-        timeout=120,
+        timeout=timeout,
     )
     assert done.stdout.endswith("WHOLE\n"), done.stdout + done.stderr
     return done.stdout
@@ -116,14 +118,18 @@ assert not preferences.worker_folder().exists()
     blender(code, BLENDER_USER_RESOURCES=str(tmp_path))
 
 
-def test_jobs_are_looked_after_by_a_timer():
-    """A window's way, by hand: Blender without a window never calls timers, and waits for its jobs instead."""
-    code = """
+# A window's way, by hand: Blender without a window never calls timers, and waits for its jobs instead.
+WINDOWED = """
 bpy_app = bpy.app
 class Windowed:
     background = False
     timers = bpy_app.timers
 jobs.bpy = type("bpy", (), {"app": Windowed, "context": bpy.context})
+"""
+
+
+def test_jobs_are_looked_after_by_a_timer():
+    code = """
 talk = "import json, sys, time; print(json.dumps({'stage': 'a', 'done': 1, 'total': 2})); sys.stdout.flush(); time.sleep(60)"
 job = worker.Job("long", [sys.executable, "-c", talk])
 start = time.monotonic()
@@ -143,4 +149,43 @@ jobs.start(last)
 jobs.end_all()
 assert last.child.poll() is not None and not bpy_app.timers.is_registered(jobs.tick)
 """
-    blender(code)
+    blender(WINDOWED + code)
+
+
+@pytest.mark.slow
+def test_a_fit_is_stopped_goes_on_and_is_imported(tmp_path):
+    clip, _ = warped_clip(8)
+    (tmp_path / "walk").mkdir()
+    for number, frame in enumerate(clip.frames):
+        Image.fromarray(frame).save(tmp_path / "walk" / f"{number:03d}.png")
+    code = """
+settings.interpreter = sys.executable
+folder = sys.argv[2]
+
+def fit(stop_at=None):
+    done = bpy.ops.f4x.fit_clip(filepath=folder + "/walk/000.png", profile="quick", features=False)
+    assert done == {"FINISHED"}
+    job = jobs.all_jobs()[-1]
+    stages, asked, longest = [], None, 0.0
+    while True:
+        start = time.monotonic()
+        going = jobs.tick()
+        if going is None:
+            return job, stages, asked and time.monotonic() - asked, longest
+        longest = max(longest, time.monotonic() - start)
+        stages += [job.stage] if job.stage not in stages else []
+        if asked is None and job.stage == stop_at and job.done > 5:
+            asked = time.monotonic()
+            bpy.ops.f4x.dismiss_job(number=len(jobs.all_jobs()) - 1)
+        time.sleep(0.02)
+
+job, stages, took, longest = fit("photometric")
+print(f"stopped after {took:.2f} s; Blender was kept busy for {1000 * longest:.1f} ms at most")
+assert job.state == "cancelled" and took < 2 and longest < 0.1
+assert os.listdir(folder + "/walk_4d/checkpoints") == ["photometric.pt"]
+job, again, _, _ = fit()
+assert job.state == "done", job.error
+assert "flow" in stages and "flow" not in again  # what was finished is not done twice
+assert os.path.isfile(folder + "/walk_4d/scene.f4x") and "walk" in bpy.data.objects
+"""
+    print(blender(WINDOWED + code, str(tmp_path), timeout=600))
