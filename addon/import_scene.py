@@ -29,7 +29,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.deformation import pairs_of
 from ..f4x_core.scene import Scene
-from ..f4x_core.scene.foreign import SplatSequence, open_any
+from ..f4x_core.scene.foreign import SplatSequence, identify, open_any
 from ..f4x_core.scene.view import NEAR
 from . import display, session
 from .animation import ActionWriter
@@ -62,7 +62,7 @@ def import_scene(
     Raises F4xError for a missing, damaged or unsuitable file; nothing is added to Blender then.
     """
     path = Path(path)
-    opened = open_any(path, sequence)
+    opened, is_scene = open_any(path, sequence), identify(path, sequence) == "scene"
     if isinstance(opened, SplatSequence):
         check_size(opened, step)
         first = opened[0]
@@ -75,7 +75,7 @@ def import_scene(
     try:
         root = _add_object(name, None, collection)
         root.matrix_world = Matrix(BLENDER_FROM_SCENE)
-        root[session.PATH if _is_scene(opened) else SOURCE] = str(path)
+        root[session.PATH if is_scene else SOURCE] = str(path)
         material = _splat_material(name)
         if isinstance(opened, SplatSequence):
             clouds = add_sequence(
@@ -90,22 +90,19 @@ def import_scene(
             show_clip(camera, Path(clip), opened.cameras.times)
         if set_up_render:
             _set_up_render(bpy.context.scene, opened, camera)
-        if root.get(session.PATH):
+        if is_scene:
             session.attach(root)
             mark_keyed(root)
             if first.edits:
                 display.refresh(root)
+            else:
+                display.tell(root)
     except F4xError:
         _take_out(collection)
         raise
-    if clip is None and _is_scene(opened):
+    if clip is None and is_scene:
         _show_own_clip(first, path, camera)
     return root
-
-
-def _is_scene(opened: Scene | SplatSequence) -> bool:
-    """Whether it was a `.f4x` file: scenes made of splat files say so."""
-    return isinstance(opened, Scene) and "import" not in opened.provenance
 
 
 def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:

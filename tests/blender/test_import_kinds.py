@@ -1,0 +1,238 @@
+"""What File > Import takes: splats of other programs, sequences, scenes with edits; the clip behind the camera; refusals."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from f4x_core.clip.video import write_video
+from f4x_core.edit.apply import base_of, edited, with_operations
+from f4x_core.edit.operations import Delete, Duplicate, Opacity, Recolour, Rekey, Transform
+from f4x_core.edit.selects import Ids, Moving
+from f4x_core.scene import read_scene, write_scene
+from f4x_core.scene.foreign import open_any
+from f4x_core.scene.formats import export
+
+from .test_import_scene import CLIP, STATIC, tiny_scene
+
+pytestmark = pytest.mark.blender
+pytest.importorskip("bpy", reason="bpy is absent")
+ROOT = Path(__file__).resolve().parents[2]
+
+CHILD = """
+import json, os, sys
+sys.path.insert(0, sys.argv[1] + "/scripts")
+import bpy, door, numpy as np
+extension = door.load_extension()
+extension.register()
+from pathlib import Path
+import feature4x.addon.sequence as sequence
+from feature4x.addon.evaluated import stage
+folder, clip = Path(sys.argv[2]), int(sys.argv[3])
+scene, found, told = bpy.context.scene, {}, {}
+
+def fresh():
+    for item in list(bpy.data.objects):
+        bpy.data.objects.remove(item)
+    for collection in list(bpy.data.collections):
+        bpy.data.collections.remove(collection)
+    for kind in (bpy.data.images, bpy.data.cameras, bpy.data.pointclouds):
+        for block in list(kind):
+            kind.remove(block)
+
+def load(name, **options):
+    fresh()
+    try:
+        bpy.ops.f4x.import_scene(filepath=str(folder / name), **options)
+    except RuntimeError as error:
+        return str(error), len(bpy.data.objects) + len(bpy.data.collections)
+    return bpy.context.object
+
+def values(item, name, key, width):
+    data = item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    flat = np.empty(len(data.points) * width, np.int32 if name == "gid" else np.float32)
+    data.attributes[name].data.foreach_get(key, flat)
+    return flat.reshape(-1, width)
+
+for name in ("frame.ply", "frame.splat", "renamed.dat"):
+    root = load(name)
+    cloud = next(item for item in root.children if item.type == "POINTCLOUD")
+    found[name] = values(cloud, "position", "vector", 3)
+    told[name] = [root["f4x_source"], scene.camera.name, "f4x_path" in root]
+
+for label, options in (("all", {}), ("step", {"step": 2}), ("alone", {"sequence": False})):
+    root = load("walk_0001.ply", **options)
+    clouds = [item for item in root.children if item.type == "POINTCLOUD"]
+    told[f"sequence {label}"] = [[item.name for item in clouds], scene.frame_start, scene.frame_end]
+    for frame in range(3):
+        scene.frame_set(frame)
+        seen = [i.object.name for i in bpy.context.evaluated_depsgraph_get().object_instances if i.object.type == "POINTCLOUD"]
+        told[f"seen {label} {frame}"] = [seen, sum(len(c.means) for c in stage(bpy.context.evaluated_depsgraph_get())[0])]
+told["broken frame"] = load("torn_0001.ply")
+for name in ("mesh.ply", "absent.f4x", "film.mp4", "pictures"):
+    told[name] = load(name)
+
+sequence.MOST_BYTES = 3000
+told["too large"] = load("walk_0001.ply")
+
+root = load("edited.f4x")
+parts = [item for item in root.children if item.type == "POINTCLOUD"]
+for frame in range(clip):
+    scene.frame_set(frame)
+    for name, key, width in (("gid", "value", 1), ("position", "vector", 3), ("radiance:base", "color", 4)):
+        key = "vector" if name == "radiance:base" and bpy.app.version >= (5, 2, 0) else key
+        found[f"edited/{frame}/{name}"] = np.concatenate([values(item, name, key, width) for item in parts])
+
+def background():
+    pictures = scene.camera.data.background_images
+    if not pictures:
+        return None
+    paths = []
+    for frame in range(clip):
+        scene.frame_set(frame)
+        user = pictures[0].image_user
+        paths.append(Path(bpy.path.abspath(pictures[0].image.filepath_from_user(image_user=user))).name)
+    return [pictures[0].image.source, paths, scene.camera.data.show_background_images]
+
+load("own.f4x")
+told["own clip"] = background()
+load("edited.f4x")
+told["no clip"] = background()
+load("edited.f4x", clip=str(folder / "pictures"))
+told["chosen"] = background()
+load("own.f4x", clip=str(folder / "film.mp4"))
+told["film"] = background()
+told["bad clip"] = load("own.f4x", clip=str(folder / "frame.ply"))
+load("longer.f4x")
+told["other count"] = background()
+bpy.ops.f4x.choose_clip(filepath=str(folder / "pictures" / "00007.png"))
+told["button"] = background()
+np.savez(folder / "found.npz", **found)
+(folder / "told.json").write_text(json.dumps(told))
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+def edited_scene():
+    """The tiny scene with edits of every kind that Blender shows in its own way."""
+    scene = tiny_scene()
+    curves, knots = scene.scaffold, [0, 2, 4]
+    key = Rekey.of(
+        curves.ids[[1, 5]],
+        curves.times[knots],
+        curves.xyz[knots][:, [1, 5]] + np.float32(0.2),
+        curves.quat[knots][:, [1, 5]],
+    )
+    ids = [Ids.of(np.arange(*span)) for span in ((0, 20), (60, 120), (200, 230), (300, 310))]
+    return with_operations(
+        scene,
+        key,
+        Recolour(Moving(), (1, 0, 0)),
+        Opacity(ids[0], 0.5, (2, 4)),
+        Transform(ids[1], (1, 0, 0)),
+        Duplicate(ids[2], (0, 1, 0)),
+        Delete(ids[3]),
+    )
+
+
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("kinds")
+    scene = tiny_scene()
+    export(scene, folder / "frame.ply", [2.0])
+    (folder / "renamed.dat").write_bytes((folder / "frame.ply").read_bytes())
+    export(scene, folder / "frame.splat", [2.0], "splat")
+    for number in (1, 2, 3):
+        for name in ("walk", "torn"):
+            export(scene, folder / f"{name}_{number:04d}.ply", [float(number)])
+    (folder / "torn_0002.ply").write_bytes((folder / "torn_0002.ply").read_bytes()[:-100])
+    (folder / "mesh.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"
+    )
+    write_scene(base_of(edited_scene()), folder / "edited.f4x")
+    (folder / "pictures").mkdir()
+    for frame in range(CLIP):
+        Image.new("RGB", (96, 64), (30 * frame, 0, 0)).save(folder / "pictures" / f"{7 + frame:05d}.png")
+    write_video(folder / "film.mp4", np.zeros((CLIP, 64, 96, 3), np.uint8), 24)
+    for name, source in (("own", "pictures"), ("longer", "more")):
+        write_scene(replace(scene, provenance={"source": source}), folder / f"{name}.f4x")
+    (folder / "more").mkdir()
+    for frame in range(CLIP + 3):
+        Image.new("RGB", (96, 64)).save(folder / "more" / f"{frame:05d}.png")
+    done = subprocess.run(
+        [sys.executable, "-c", CHILD, str(ROOT), str(folder), str(CLIP)],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        timeout=240,
+    )
+    assert (folder / "told.json").exists(), done.stderr
+    return folder, dict(np.load(folder / "found.npz")), json.loads((folder / "told.json").read_text())
+
+
+@pytest.mark.parametrize("name", ["frame.ply", "frame.splat", "renamed.dat"])
+def test_splats_of_other_programs(imported, name):
+    folder, found, told = imported
+    np.testing.assert_allclose(found[name], open_any(folder / name).static.xyz, atol=1e-6)
+    source, camera, is_scene = told[name]
+    assert source.endswith(name) and camera.startswith(Path(name).stem) and not is_scene
+
+
+def test_a_sequence_plays(imported):
+    _, _, told = imported
+    names, first, last = told["sequence all"]
+    assert names == [f"walk frame {i:05d}" for i in range(3)] and (first, last) == (0, 2)
+    count = STATIC + len(tiny_scene().dynamic)
+    for frame in range(3):
+        assert told[f"seen all {frame}"] == [[names[frame]], count]
+
+
+def test_a_sequence_in_steps_and_one_file_of_it(imported):
+    _, _, told = imported
+    assert told["sequence step"][0] == ["walk frame 00000", "walk frame 00002"]
+    assert [told[f"seen step {frame}"][0] for frame in range(3)] == [[f"walk frame {i:05d}"] for i in (0, 0, 2)]
+    assert told["sequence alone"][0] == ["walk_0001 static"]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("too large", "Step"), ("broken frame", "torn_0002.ply"), ("mesh.ply", "mesh.ply"), ("absent.f4x", "no such file"),
+     ("film.mp4", "a video"), ("pictures", "a folder of pictures"), ("bad clip", "neither a film nor")],
+)  # fmt: skip
+def test_what_cannot_be_imported_is_one_sentence_and_leaves_nothing(imported, name, words):
+    _, _, told = imported
+    sentence, left = told[name]
+    assert words in sentence and "Traceback" not in sentence and sentence.count("\n") <= 1
+    assert left == 0
+
+
+@pytest.mark.parametrize("frame", range(CLIP))
+def test_edits_come_along(imported, frame):
+    folder, found, _ = imported
+    posed = edited(read_scene(folder / "edited.f4x")).posed(frame)
+    gid = found[f"edited/{frame}/gid"][:, 0]
+    row = np.array([int(np.flatnonzero(posed.ids == id)[0]) for id in gid])
+    assert sorted(gid.tolist()) == sorted(posed.ids[posed.opacities > 0].tolist())
+    np.testing.assert_allclose(found[f"edited/{frame}/position"], posed.means[row], atol=1e-5)
+    np.testing.assert_allclose(found[f"edited/{frame}/radiance:base"][:, 3], posed.opacities[row], atol=1e-6)
+
+
+def test_the_clip_behind_the_camera(imported):
+    _, _, told = imported
+    pictures = ["SEQUENCE", [f"{7 + frame:05d}.png" for frame in range(CLIP)], True]
+    assert told["own clip"] == pictures and told["chosen"] == pictures
+    assert told["no clip"] is None
+    assert told["film"] == ["MOVIE", ["film.mp4"] * CLIP, True]
+
+
+def test_a_clip_with_another_number_of_pictures_is_shown_only_when_asked(imported):
+    _, _, told = imported
+    assert told["other count"] is None
+    assert told["button"] == told["own clip"]
