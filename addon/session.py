@@ -72,6 +72,8 @@ def attach(root: bpy.types.Object) -> None:
     path = path_of(root)
     root[ARRAYS] = _hash_of(path)
     root[EDITS] = root[SAVED] = _text(read_stack(path))
+    for cloud in clouds_of(root):  # Blender 5 takes new points for selected
+        write_attribute(cloud.data, SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
     if not bpy.app.background:
         _prepare(base_scene(root))
 
