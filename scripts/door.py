@@ -144,11 +144,10 @@ def frame_range(text: str | None, first: int, last: int) -> range:
     if text is None:
         return range(first, last + 1)
     try:
-        start, end, step = ([int(part) if part else None for part in text.split(":")] + [None, None])[:3]
-        if text.count(":") == 0:
-            frames = range(start, start + 1)
-        else:
-            frames = range(first if start is None else start, last + 1 if end is None else end, step or 1)
+        if text.count(":") > 2:
+            raise ValueError(text)
+        begin, end, step = (f"{text}:::" if ":" in text else f"{text}:{int(text) + 1}:::").split(":")[:3]
+        frames = range(int(begin or first), int(end or last + 1), int(step or 1))
     except (TypeError, ValueError) as error:
         raise F4xError(f"--frames {text}: write A:B:S, A:B or one frame.") from error
     if not frames or min(frames) < first or max(frames) > last:
