@@ -28,7 +28,7 @@ def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, ver
 def import_fitted(result: dict[str, Any]) -> None:
     """Import the scene that a fit left."""
     try:
-        bpy.ops.f4x.import_scene("EXEC_DEFAULT", filepath=result["scene"])
+        bpy.ops.f4x.import_scene("EXEC_DEFAULT", True, filepath=result["scene"])  # True: one step of undo
     except RuntimeError as error:  # what the operator reported
         raise F4xError(str(error).removeprefix("Error: ").strip()) from error
 

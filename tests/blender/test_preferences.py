@@ -6,8 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from labelled_scene import labelled_scene
 from warped_clip import warped_clip
+
+from f4x_core.scene import write_scene
+from f4x_core.scene.ply import read_ply
 
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
@@ -150,6 +155,29 @@ jobs.end_all()
 assert last.child.poll() is not None and not bpy_app.timers.is_registered(jobs.tick)
 """
     blender(WINDOWED + code)
+
+
+def test_the_worker_is_asked_about_the_scene(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "labelled.f4x")
+    code = """
+settings.interpreter = sys.executable
+folder = sys.argv[2]
+assert not bpy.ops.f4x.ask_scene.poll()  # there is no scene yet
+bpy.ops.f4x.import_scene(filepath=folder + "/labelled.f4x")
+bpy.context.scene.frame_set(3)
+assert bpy.ops.f4x.export_scene(filepath=folder + "/three.ply", one_frame=True) == {"FINISHED"}
+assert bpy.ops.f4x.ask_scene(question="how many frames are there?") == {"FINISHED"}
+assert "no-teacher" in refused(bpy.ops.f4x.add_features, teachers="no-teacher")
+from feature4x.addon import session
+from feature4x.f4x_core.edit.operations import Recolour
+from feature4x.f4x_core.edit.selects import Moving
+root = session.root_of(None)
+session.append(root, Recolour(Moving(), (0.0, 1.0, 0.0)))
+assert "save them first" in refused(bpy.ops.f4x.export_scene, filepath=folder + "/four.ply", one_frame=True)
+"""
+    blender(code, str(tmp_path))
+    exported, scene = read_ply(tmp_path / "three.ply"), labelled_scene()
+    assert np.abs(exported.xyz - scene.posed(3.0).means).max() < 1e-5
 
 
 @pytest.mark.slow
