@@ -6,6 +6,7 @@ import json
 
 import bpy
 import numpy as np
+from bpy.app.handlers import persistent
 from bpy.props import (
     BoolProperty,
     EnumProperty,
@@ -39,6 +40,7 @@ from ..f4x_core.errors import F4xError
 from . import display, session
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
+from .preferences import preferences
 
 READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
@@ -394,6 +396,29 @@ def forget_readings(root: bpy.types.Object) -> None:
     told.answer = ""
     if told.preview:
         told.preview = False
+
+
+@persistent
+def _save_along(path: str) -> None:
+    """Where the preferences say so, saving the .blend saves the edits."""
+    settings = preferences()
+    if settings is None or not settings.save_edits:
+        return
+    for root in [item for item in bpy.data.objects if session.PATH in item and not session.is_saved(item)]:
+        try:
+            session.save(root)
+        except F4xError as error:  # the .blend keeps the edits, and is saved all the same
+            root.f4x.answer = str(error)
+
+
+def register() -> None:
+    """Add the handler."""
+    bpy.app.handlers.save_pre.append(_save_along)
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    bpy.app.handlers.save_pre.remove(_save_along)
 
 
 CLASSES = (

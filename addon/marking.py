@@ -12,7 +12,7 @@ from . import display, session
 from .point_cloud import read_attribute, write_attribute
 from .session import BEFORE, SCORE, SELECTED
 
-BARS = 24
+BARS = 20
 """Of the histogram of scores."""
 
 

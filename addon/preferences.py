@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import StringProperty
+from bpy.props import BoolProperty, StringProperty
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.installation import interpreter_in
@@ -37,6 +37,10 @@ class F4X_AP_preferences(bpy.types.AddonPreferences):  # noqa: N801 - Blender wa
         description="A Python that has the core's packages; empty: the one that Set Up made",
         subtype="FILE_PATH",
     )
+    save_edits: BoolProperty(  # type: ignore[valid-type]
+        name="Save Edits with the .blend",
+        description="Saving the .blend also writes pending edits into their scene files",
+    )
     checked: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
     """JSON: [[good, line], …] of the last check."""
 
@@ -49,6 +53,7 @@ class F4X_AP_preferences(bpy.types.AddonPreferences):  # noqa: N801 - Blender wa
         row = layout.row()
         row.operator("f4x.set_up_worker", icon="IMPORT")
         row.operator("f4x.check_worker", icon="CHECKMARK")
+        layout.prop(self, "save_edits")
         for good, line in json.loads(self.checked or "[]"):
             layout.label(text=line, icon="CHECKMARK" if good else "ERROR")
         for job in jobs.all_jobs():

@@ -30,7 +30,7 @@ CLASSES = (
     *panel.CLASSES,
 )
 # what else has to be told when the classes are known
-STARTED = (render_engine, panel_properties, display, panel_overlay)
+STARTED = (render_engine, panel_properties, display, edit_operators, panel_overlay)
 
 
 def _draw_import(self, context) -> None:

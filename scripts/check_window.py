@@ -28,8 +28,8 @@ PLACES = {
     "save": (1002, 156),
     "viewport": (300, 800),
 }
-PATIENCE = 120.0
-"""Seconds for one step: pictures are drawn by the processor, and the machine may be busy."""
+PATIENCE, TRIES = 120.0, 4
+"""Seconds and attempts for one step: pictures are drawn by the processor, and the machine may be busy."""
 STARTUP = """
 import json, sys, traceback
 sys.path.insert(0, "{home}/feature4x/scripts")
@@ -89,24 +89,33 @@ class Window:
 
     def click(self, place: str) -> None:
         """Click on a place of the window."""
-        self.hand("mousemove", *PLACES[place])
-        self.hand("click", 1)
+        x, y = PLACES[place]  # no pause before the click: it would only close the tooltip that comes up
+        self.hand("mousemove", x - 2, y, "sleep", 0.2, "mousemove", x, y, "sleep", 0.2, "click", 1)
 
     def state(self) -> dict:
         """What the sidebar says."""
         try:
             return json.loads((self.home / "state.json").read_text())
         except (OSError, ValueError):  # not there yet, or being written
-            return {}
+            return dict.fromkeys(("selected", "total", "text", "edits", "saved"))
 
-    def wait(self, step: str, reached: Callable[[dict], bool]) -> dict:
-        """Wait until the sidebar says so, and take a picture; SystemExit where it never does."""
+    def until(self, step: str, reached: Callable[[dict], bool], action: Callable[[], None] | None = None) -> dict:
+        """Act until the sidebar says so, and take a picture; SystemExit where it never does.
+
+        A hand may come too early: while a window draws, presses get lost.
+        """
         start = time.monotonic()
-        while not (state := self.state()) or not reached(state):
-            if time.monotonic() - start > PATIENCE:
-                self.picture(f"{step}_failed")
-                raise SystemExit(f"{step}: not after {PATIENCE:g} s; the sidebar says {state}")
-            time.sleep(0.1)
+        for _ in range(TRIES):
+            if action is not None:
+                action()
+            waited = time.monotonic()
+            while not reached(state := self.state()) and time.monotonic() - waited < PATIENCE / TRIES:
+                time.sleep(0.1)
+            if reached(state):
+                break
+        else:
+            self.picture(f"{step}_failed")
+            raise SystemExit(f"{step}: not after {TRIES} tries; the sidebar says {state}")
         print(f"{step}: {time.monotonic() - start:.1f} s, {state}", flush=True)
         time.sleep(3 * self.pause)  # until the picture is drawn
         self.picture(step)
@@ -174,26 +183,28 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     look = (options.frame, options.shading, options.pause)
     with blender(options.root, options.scene, options.out, *look) as window:
-        window.wait("0_imported", lambda state: state["total"] > 0 and not state["selected"])
-        window.click("text")
-        window.hand("key", "ctrl+a")
-        window.hand("type", "--delay", "60", options.word)
-        window.picture("1_typed")
-        window.hand("key", "Return")
-        window.wait("2_text", lambda state: state["text"] == options.word)
-        window.click("query")
-        asked = window.wait("3_queried", lambda state: state["selected"] > 0)
-        window.click("recolour")
-        window.wait("4_recoloured", lambda state: state["edits"] == 1 and not state["saved"])
-        window.hand("mousemove", *PLACES["viewport"])
-        window.hand("key", "ctrl+z")
-        window.wait(
-            "5_undone", lambda state: state["edits"] == 0 and state["saved"] and state["selected"] == asked["selected"]
-        )
-        window.hand("key", "ctrl+shift+z")
-        window.wait("6_redone", lambda state: state["edits"] == 1)
-        window.click("save")
-        window.wait("7_saved", lambda state: state["saved"] and state["edits"] == 1)
+
+        def type_word() -> None:
+            window.click("text")
+            window.hand("key", "ctrl+a")
+            window.hand("type", "--delay", "100", options.word)
+            window.picture("1_typed")
+            window.hand("key", "Return")  # takes the suggestion
+            window.hand("key", "Return")
+
+        def press(keys: str) -> None:
+            window.hand("mousemove", *PLACES["viewport"])
+            window.hand("key", keys)
+
+        window.until("0_imported", lambda state: state["total"] and not state["selected"])
+        window.until("2_text", lambda state: state["text"] == options.word, type_word)
+        asked = window.until("3_queried", lambda state: state["selected"], lambda: window.click("query"))
+        window.until("4_recoloured", lambda state: state["edits"] == 1, lambda: window.click("recolour"))
+        state = window.until("5_undone", lambda state: state["edits"] == 0, lambda: press("ctrl+z"))
+        if state["selected"] != asked["selected"]:
+            raise SystemExit(f"5_undone: the selection went as well; the sidebar says {state}")
+        window.until("6_redone", lambda state: state["edits"] == 1, lambda: press("ctrl+shift+z"))
+        window.until("7_saved", lambda state: state["saved"] and state["edits"] == 1, lambda: window.click("save"))
         shutil.copy(window.home / "scene.f4x", options.out / "saved.f4x")
 
 

@@ -211,7 +211,7 @@ def test_the_heat_map_comes_and_goes(done):
     _, _, arrays = done
     for attribute in ("position", "radiance:base", "rotation", "scale"):
         np.testing.assert_array_equal(arrays[f"cooled/{attribute}"], arrays[f"shown/{attribute}"])
-    red, green, blue = spherical_harmonics.rgb_from_dc(shown(arrays, "heat", "radiance:base")[1][:, :3]).T
+    red, _, blue = spherical_harmonics.rgb_from_dc(shown(arrays, "heat", "radiance:base")[1][:, :3]).T
     order = np.argsort(arrays["heat/ids"])
     square = arrays["square/chosen"][order]
     assert (red > 1.5 * blue)[square].all() and (blue > red)[~square].any()
@@ -238,8 +238,10 @@ def test_undo_takes_an_edit_back_with_its_colours(done):
 
 @pytest.mark.parametrize(
     ("name", "time"),
-    [("recoloured", 3), ("moved", 3), ("moved later", 5), ("copied", 3), ("applied", 3), ("before the span", 1)]
-    + [("removed", 3), ("restored", 3), ("saved", 3), ("opened again", 3), ("switched off", 3)],
+    [
+        *(("recoloured", 3), ("moved", 3), ("moved later", 5), ("copied", 3), ("removed", 3), ("restored", 3)),
+        *(("applied", 3), ("before the span", 1), ("saved", 3), ("opened again", 3), ("switched off", 3)),
+    ],
 )
 def test_what_is_shown_is_what_the_core_makes_of_the_stack(done, name, time):
     folder, noted, arrays = done
