@@ -11,9 +11,9 @@ from gpu_extras.batch import batch_for_shader
 from . import session
 from .point_cloud import read_attribute
 
-COLOUR = (1.0, 0.45, 0.05, 0.9)
-"""That of a selection in Blender's edit mode, about."""
-SIZE = 2.5
+COLOUR = (1.0, 0.45, 0.05, 0.3)
+"""That of a selection in Blender's edit mode, about; what the points look like shows through."""
+SIZE = 2.0
 """Pixels of a point at a scale of 1."""
 
 _batches: dict[int, gpu.types.GPUBatch | None] = {}  # session_uid of a cloud -> its selected points
@@ -27,7 +27,8 @@ def _draw() -> None:
         return
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     depsgraph = context.evaluated_depsgraph_get()
-    for root in [item for item in context.scene.objects if session.PATH in item]:
+    # a preview is to be looked at: nothing is drawn over it
+    for root in [item for item in context.scene.objects if session.PATH in item and session.PREVIEW not in item]:
         for cloud in session.clouds_of(root):
             if not cloud.visible_get():
                 continue

@@ -35,6 +35,7 @@ import json, sys, traceback
 sys.path.insert(0, "{home}/feature4x/scripts")
 import bpy, door
 door.load_extension().register()
+bpy.context.preferences.view.show_splash = False  # it would take the first click
 begun = False
 
 def tell():
