@@ -1,6 +1,7 @@
 """Depth Anything 3: joining what it sees in pieces, its providers with a model that tells the truth, its real network."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -164,6 +165,18 @@ def test_moving_clip_gets_refined_cameras_and_depth_in_their_unit(told):
     assert priors.statistics["cameras"]["reprojection_px"]["median"] < 0.3
 
 
+def test_given_focal_length_wins(told):
+    clip, (views, path) = clip_of(12), room(12)
+    told(Teller(replace(views, intrinsics=views.intrinsics * np.array([1.2, 1.2, 1])[:, None])))  # the model errs
+    priors = Priors.empty(clip)
+    priors.tracks, priors.tracks_visible = tracks_of(path, views)
+    config = PriorsConfig(cameras=CamerasConfig(NAME, focal=FOCAL / WIDTH))
+    find("cameras", NAME)(clip, priors, config, silent)
+    assert priors.cameras.intrinsics[0] == pytest.approx(path.intrinsics[0])
+    placed, _ = aligned(priors.cameras.centers, path.centers)
+    assert np.abs(placed - path.centers).max() < 0.02
+
+
 @pytest.mark.parametrize(("travel", "turn", "kind"), [(0.0, 0.0, "static"), (0.0, 0.4, "pan")])
 def test_clip_without_parallax_keeps_the_shape_of_the_depth(told, travel, turn, kind):
     clip, (views, path) = clip_of(12), room(12, travel, turn)
@@ -204,8 +217,8 @@ def test_depth_alone_takes_the_scale_of_given_cameras(told):
 
 def test_zoom_is_told(told):
     clip, (views, _) = clip_of(12), room(12)
-    views.intrinsics[:, :2, :2] *= np.linspace(0.8, 1.3, 12)[:, None, None]
-    told(Teller(views))
+    zoom = np.linspace(0.8, 1.3, 12)[:, None, None]
+    told(Teller(replace(views, intrinsics=views.intrinsics * zoom)))
     assert any("zooms" in line for line in run(clip, Priors.empty(clip)).warnings)
 
 
