@@ -41,8 +41,7 @@ def head_map(scene: Scene, head: str, camera: Camera, time: float, backend: str 
     rows, columns = features.spec(head).grid
     fine = camera.resized(min(camera.width, PER_CELL * columns), min(camera.height, PER_CELL * rows))
     latent = render(scene, fine, time, ("latent",), backend)["latent"]
-    cells = np.stack([shrink(latent[..., c], (rows, columns)) for c in range(features.width)], -1)
-    return features.decode(head, cells)
+    return features.decode(head, shrink(latent, (rows, columns)))
 
 
 def text_picture(

@@ -264,9 +264,10 @@ def connected_regions(kind: np.ndarray) -> np.ndarray:
 
 
 def shrink(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Means (h,w) of `values (H,W)` over the cells of a coarser grid, whole or in part."""
-    down, across = (_area_matrix(new, old) for new, old in zip(size, values.shape, strict=True))
-    return down @ values @ across.T
+    """Means (h,w,...) of `values (H,W,...)` over the cells of a coarser grid, whole or in part."""
+    down, across = (_area_matrix(new, old) for new, old in zip(size, values.shape[:2], strict=True))
+    rows = (down @ values.reshape(len(values), -1)).reshape(size[0], values.shape[1], -1)  # (h,W,C)
+    return (across @ rows).reshape(*size, *values.shape[2:])
 
 
 def enlarge(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -11,14 +12,19 @@ import torch
 from ..clip import Clip
 from ..errors import F4xError
 from ..features.maps import FeatureMaps
+from ..features.teachers import TEACHERS
 from ..fit.distil import distil
 from ..fit.distil_config import DistilConfig
 from ..fit.losses import psnr
 from ..progress import Progress, silent
+from ..query.pixels import head_map
+from ..query.score import overlap
+from ..query.segmentation import FeaturePropagation
 from ..raster.benchmark import compare_decoding
 from ..scene import Scene
 from ..scene.view import render
 
+T = TypeVar("T")
 WIDTHS = 32, 512
 """The latent of the project, and one as wide as a text encoder's space, between which Feature4X compares."""
 SEED_RATIO = 5.23
@@ -89,6 +95,56 @@ def measure_times(
     }
 
 
-def _timed(work: Callable[[], Scene]) -> tuple[Scene, float]:
+def compare_inference(
+    scene: Scene,
+    mask: np.ndarray,
+    frame: int = 0,
+    teacher: str = "visual",
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> dict[str, float]:
+    """Wall seconds of carrying `mask (H,W)` on clip frame `frame` to every frame by the scene's own features, and by pictures.
+
+    `mask_feature_seconds`: the head's maps are rendered; `mask_picture_seconds`: RGB is rendered and the teacher encodes it; both
+    then follow the mask in the same way, and alternate frame by frame. `mask_time_ratio` is pictures / features.
+    `mask_agreement` is the mean IoU of the two. Errors: F4xError without that head, or without the teacher's weights.
+    """
+    scene.require_field([teacher])
+    cameras = scene.cameras
+    encoder = TEACHERS[teacher].load(None)
+    encoder.encode(np.zeros((cameras.height, cameras.width, 3), np.uint8))  # a first call prepares itself
+
+    def by_features(t: int) -> np.ndarray:
+        return head_map(scene, teacher, cameras[t], float(cameras.times[t]), backend)
+
+    def by_pictures(t: int) -> np.ndarray:
+        picture = render(scene, cameras[t], float(cameras.times[t]), ("rgb",), backend)["rgb"]
+        return encoder.encode((np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8))
+
+    ways = [
+        FeaturePropagation(source, len(cameras), (cameras.height, cameras.width))
+        for source in (by_features, by_pictures)
+    ]
+    seconds = [0.0, 0.0]
+    for index, way in enumerate(ways):
+        seconds[index] += _timed(lambda way=way: way.prompt(frame, mask=mask))[1]  # type: ignore[misc]
+    steps, shared = [way.propagate() for way in ways], []
+    for done in range(len(cameras)):
+        progress("masks", done, len(cameras))
+        found = []
+        for index, step in enumerate(steps):
+            (_, logits), took = _timed(lambda step=step: next(step))  # type: ignore[misc]
+            seconds[index] += took
+            found.append(logits > 0)
+        shared.append(overlap(*found))
+    return {
+        "mask_feature_seconds": seconds[0],
+        "mask_picture_seconds": seconds[1],
+        "mask_time_ratio": seconds[1] / seconds[0],
+        "mask_agreement": float(np.mean(shared)),
+    }
+
+
+def _timed(work: Callable[[], T]) -> tuple[T, float]:
     start = time.perf_counter()
     return work(), time.perf_counter() - start
