@@ -8,6 +8,7 @@ Everything is lit by one sharp sun plus an emission that stands for sky light, s
                            the object index (`IndexOB.X` from Blender 4.x, `Object Index.X` from 5.x)
     OUT/truth.json         cameras, moving object indices, extra cameras
     OUT/images_left10 ...  the same moments from 10 degrees to the side, on request
+    OUT/truth_left10 ...   their passes
 
 Truth flow in pixels (x right, y down): forward t -> t+1 = (-Vector.Z, +Vector.W); backward t -> t-1 = (+Vector.X,
 -Vector.Y). The same seed gives the same pictures in one Blender version; cell colours differ between versions.
@@ -26,7 +27,7 @@ from mathutils import Matrix, Vector
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.color import linear_from_srgb
 from .axes import camera_path
-from .render_settings import save_png
+from .render_settings import save_multilayer, save_png
 from .truth import MOVING_INDEX, STATIC_INDEX, render_frames, use_passes, write_facts
 
 FPS = 24
@@ -91,7 +92,7 @@ def write_clip(folder: Path, settings: ClipSettings) -> None:
         scene.camera = extra_camera
         for time in times[::EXTRA_STRIDE]:
             scene.frame_set(int(time))
-            bpy.ops.render.render()
+            save_multilayer(scene, folder / f"truth_{name}" / f"{time:05d}.exr")
             save_png(scene, folder / f"images_{name}" / f"{time:05d}.png")
         path = camera_path(scene, extra_camera, times[::EXTRA_STRIDE])
         extra_entries.append({"name": name, "cameras": path.to_json(), "images": f"images_{name}"})

@@ -86,6 +86,12 @@ REACH = {
     "point_iou": ">= 0.8",
     "mask_leakage": "< 0.02",
     "point_leakage": "< 0.02",
+} | {
+    f"{prompt}_{edit}_{figure}_{kind}": wanted
+    for prompt in ("mask", "point", "moving")
+    for edit in ("delete", "recolour")
+    for figure, wanted in (("iou", ">= 0.85"), ("leakage", "< 0.02"))
+    for kind in ("original", "novel")
 }
 """What the figures of `bench features` and `bench edit` should reach, beside them in the table."""
 
@@ -130,6 +136,7 @@ def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from ..edit.apply import open_scene
     from ..edit.benchmark import benchmark, try_faults
     from ..query.labels import encode_labels
     from ..scene import read_scene
@@ -138,7 +145,16 @@ def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     report: dict[str, Any] = {}
     if args.scene is not None:
         masks = None if args.masks is None else read_masks(args.masks, read_scene(args.scene))
-        report |= benchmark(args.scene, masks, args.label, encode_labels, progress=progress)
+        named = args.label if args.truth is None else None  # with a truth it is a prompt, which may find nothing
+        report |= benchmark(args.scene, masks, named, encode_labels, progress=progress)
+        if args.truth is not None:
+            from ..report.edits import score_edits
+
+            report |= score_edits(
+                open_scene(args.scene), args.truth, args.label, encode=encode_labels, progress=progress
+            )
+    elif args.truth is not None:
+        raise F4xError("--truth needs --scene SCENE: the scene that was made from the rendered clip.")
     progress("bench edit", 0, 0, "a server that fails")
     told = try_faults()
     lines = [f"a server that fails ({fault}): {sentence}" for fault, sentence in told.items()]

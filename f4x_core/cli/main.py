@@ -314,7 +314,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--truth",
         type=path_argument,
         metavar="DIR",
-        help="truth of the rendered clip whose subject --label names (features)",
+        help="truth of the rendered clip whose subject --label names (features, edit)",
     )
     sub.add_argument("--clip", type=path_argument, help="the scene's clip: what features change in pictures (features)")
     sub.add_argument("--frames", metavar="A:B:S", help="as for the fit (features)")

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import binary_closing
 
 from ..clip.images import resize_nearest
+from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..priors.synthetic import read_passes
 from ..progress import Progress, silent
@@ -48,7 +49,7 @@ def score_labels(
     selection = text_selection(scene, query)
     clip = TrueClip.read(scene, truth_folder)
     result: dict[str, float] = {}
-    for kind, views in (("original", _original), ("novel", _novel)):
+    for kind, views in (("original", original_views), ("novel", novel_views)):
         rows: list[dict[str, float]] = []
         for camera, time, subject, known in views(scene, clip):
             progress(f"{kind} labels", len(rows), 0)
@@ -83,24 +84,35 @@ def _score(
     return scores
 
 
-def _original(scene: Scene, clip: TrueClip) -> Iterator[View]:
+def original_views(scene: Scene, clip: TrueClip) -> Iterator[View]:
     """The clip's own views."""
     for frame, time in enumerate(scene.cameras.times):
-        index = read_passes(clip.folder / "truth" / f"{frame:05d}.exr")["Object Index"]
-        subject = resize_nearest(np.isin(index.round(), clip.moving_index), scene.cameras.width, scene.cameras.height)
-        yield scene.cameras[frame], float(time), subject, np.ones_like(subject)
+        yield scene.cameras[frame], float(time), *_true_subject(scene, clip, clip.folder / "truth", frame)
 
 
-def _novel(scene: Scene, clip: TrueClip) -> Iterator[View]:
-    """The extra cameras' views; their truth is what the clip's frames saw, seen from there (`subject_from`)."""
+def novel_views(scene: Scene, clip: TrueClip) -> Iterator[View]:
+    """The extra cameras' views; without passes of theirs, the truth is what the clip's frames saw (`subject_from`)."""
     size = scene.cameras.width, scene.cameras.height
-    seen = SeenSurface.read(clip.folder, clip.path, np.arange(len(clip.path)), clip.moving_index)
-    assert seen is not None  # `_original` has read the same files
-    for _, cameras, _ in clip.extras:
+    seen = None
+    for name, cameras, _ in clip.extras:
+        passes = clip.folder / f"truth_{name}"
         for index, time in enumerate(cameras.times):
-            subject, known = subject_from(seen, cameras[index], int(time))
             camera = clip.into_scene(cameras[index], scene)
+            if passes.is_dir():
+                yield camera, float(time), *_true_subject(scene, clip, passes, int(time))
+                continue
+            seen = seen or SeenSurface.read(clip.folder, clip.path, np.arange(len(clip.path)), clip.moving_index)
+            if seen is None:
+                raise F4xError(f"{clip.folder / 'truth'} is not complete; render the clip again.")
+            subject, known = subject_from(seen, cameras[index], int(time))
             yield camera, float(time), resize_nearest(subject, *size), resize_nearest(known, *size)
+
+
+def _true_subject(scene: Scene, clip: TrueClip, passes: Path, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """(H,W) bool where the object index says that the subject is, at the scene's size, and that all of it is known."""
+    index = read_passes(passes / f"{frame:05d}.exr")["Object Index"]
+    subject = resize_nearest(np.isin(index.round(), clip.moving_index), scene.cameras.width, scene.cameras.height)
+    return subject, np.ones_like(subject)
 
 
 def subject_from(seen: SeenSurface, camera: Camera, frame: int) -> tuple[np.ndarray, np.ndarray]:

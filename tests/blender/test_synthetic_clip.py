@@ -87,6 +87,8 @@ def test_extra_cameras_stand_ten_degrees_aside(clip):
         assert np.degrees(np.angle(after / before)) == pytest.approx(
             {"left10": -10, "right10": 10}[entry["name"]], abs=1e-3
         )
+        seen = position(read_channels(folder / f"truth_{entry['name']}" / "00000.exr"))
+        assert np.abs(cameras[0].project(seen)[0] - cameras[0].pixel_grid()).max() < 0.01
     assert len(truth["extra_cameras"]) == 2
 
 

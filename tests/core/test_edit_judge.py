@@ -25,6 +25,7 @@ from f4x_core.edit.resolve import Context, Resolver
 from f4x_core.edit.selects import All, Ids, Text
 from f4x_core.errors import F4xError
 from f4x_core.query.prompts import select_by_text
+from f4x_core.query.selection import Selection
 from f4x_core.scene.picture import GAP, LABEL_HEIGHT, MARGIN, MARK
 
 SQUARE, GREEN = Text(("square",)), (0.0, 1.0, 0.0)
@@ -162,14 +163,29 @@ def test_the_contact_sheet_shows_all_and_marks_the_winner(scene, parts):
 
 
 def test_an_edit_is_measured_against_true_masks(scene):
-    masks = {t: square_mask(t) for t in range(FRAMES)}
-    good = measure_edit(scene, select_by_text(scene, ["square"]), masks)
-    assert good["iou"] > 0.95 and good["coverage"] > 0.95 and good["leakage"] < 0.02
-    assert good["leakage"] <= good["leakage_strict"] and good["iou_worst"] <= good["iou"]
-    bad = measure_edit(scene, select_by_text(scene, ["wall"]), masks)
-    assert bad["iou"] < 0.2 and bad["leakage"] > 0.75
+    views = [(scene.cameras[t], float(t), mask, mask | True) for t in range(FRAMES) for mask in [square_mask(t)]]
+    for edit in ("recolour", "delete"):
+        good = measure_edit(scene, select_by_text(scene, ["square"]), views, edit)
+        assert good["iou"] > (0.95 if edit == "recolour" else 0.75)  # rims that show little of it are seen to change
+        assert good["coverage"] > 0.95 and good["leakage"] < 0.02
+        assert good["leakage"] <= good["leakage_strict"] and good["iou_worst"] <= good["iou"]
+        bad = measure_edit(scene, select_by_text(scene, ["wall"]), views, edit)
+        assert bad["iou"] < 0.2 and bad["leakage"] > 0.75
     with pytest.raises(F4xError, match="empty"):
-        measure_edit(scene, select_by_text(scene, ["square"]), {0: np.zeros((HEIGHT, WIDTH), bool)})
+        measure_edit(
+            scene,
+            select_by_text(scene, ["square"]),
+            [(scene.cameras[0], 0.0, square_mask(0) & False, square_mask(0) | True)],
+        )
+
+
+def test_what_is_not_known_does_not_count(scene, parts):
+    much = Selection(scene.ids, np.isin(scene.ids, parts["much"]) * 1.0, np.zeros(len(scene.ids), bool))
+    mask = square_mask(2)
+    (everything, near) = (
+        measure_edit(scene, much, [(scene.cameras[2], 2.0, mask, known)]) for known in (mask | True, grown(mask))
+    )
+    assert everything["leakage"] > 0.2 and near["leakage"] < 1e-6 and near["iou"] > everything["iou"] + 0.2
 
 
 def test_what_stands_still_does_not_flicker_when_painted(scene):
