@@ -11,8 +11,6 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.scene import Scene
 
 FILMS = {".mp4", ".mov", ".mkv", ".webm", ".avi", ".m4v", ".mpg", ".mpeg", ".ogv"}
-SEEN = 0.5
-"""Opacity of the clip over the Gaussians."""
 
 
 def find_clip(scene: Scene, file: Path) -> Path | None:
@@ -50,8 +48,8 @@ def show_clip(camera: bpy.types.Object, clip: Path, frames: np.ndarray, *, exact
     backgrounds = camera.data.background_images
     backgrounds.clear()
     background = backgrounds.new()
-    background.image, background.alpha = image, SEEN
-    background.display_depth, background.frame_method = "FRONT", "STRETCH"
+    background.image, background.alpha = image, 1.0
+    background.display_depth, background.frame_method = "BACK", "STRETCH"
     user = background.image_user
     user.frame_start, user.frame_duration = int(frames[0]), count
     user.frame_offset = first - 1

@@ -45,6 +45,7 @@ from .sequence import add_sequence, check_size
 MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
 MIN_REACH = 100.0  # Blender's own clip end, world units
+SMALL = 0.1  # drawn size of the root and the camera, world units: the scene is about one away from them
 SOURCE = "f4x_source"
 """Property of the root of what came from another program: its file. A scene's root has `f4x_path` instead."""
 
@@ -75,6 +76,7 @@ def import_scene(
     try:
         root = _add_object(name, None, collection)
         root.matrix_world = Matrix(BLENDER_FROM_SCENE)
+        root.empty_display_size = SMALL
         root[session.PATH if is_scene else SOURCE] = str(path)
         material = _splat_material(name)
         if isinstance(opened, SplatSequence):
@@ -218,6 +220,7 @@ def _add_camera(name: str, opened: Scene | SplatSequence, scene: Scene, collecti
     cameras = opened.cameras
     camera = _add_object(name, bpy.data.cameras.new(name), collection)
     camera.data.sensor_fit = "HORIZONTAL"
+    camera.data.display_size = SMALL
     camera.data.clip_start, camera.data.clip_end = NEAR, _reach(scene)
     camera.rotation_mode = "QUATERNION"
     q, centre = pose.from_matrix(np.linalg.inv(cameras.world_to_camera) @ FLIP_YZ)

@@ -31,7 +31,7 @@ NODE = "f4x_node"
 """Property of a node's empty: the id of the node."""
 HANDLE = "f4x_handle"
 """Property of a handle and of the empty that carries it: the number of its group."""
-NODE_SIZE, HANDLE_SIZE = 0.4, 3.0
+NODE_SIZE, HANDLE_SIZE = 0.4, 2.0
 """Drawn sizes of empties in node spacings."""
 PLACE, TURN = "location", "rotation_quaternion"
 SMALLEST_GROUP = 2

@@ -7,7 +7,7 @@ COLOURED = "MATERIAL"
 
 
 def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
-    """Let every 3D viewport of the window show colours, through `camera` if given, else with all below `root` in view."""
+    """Let every 3D viewport of the window show colours, and no lines between children and parents, through `camera` if given, else with all below `root` in view."""
     window = bpy.context.window
     if window is None:  # without a window there is nothing to look through
         return
@@ -16,6 +16,7 @@ def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
             continue
         space = area.spaces.active
         space.shading.type = COLOURED
+        space.overlay.show_relationship_lines = False  # hundreds of nodes have the same parent
         if camera is not None:
             space.region_3d.view_perspective = "CAMERA"
             continue
