@@ -9,6 +9,7 @@ from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntPrope
 from bpy_extras import view3d_utils
 from gpu_extras.batch import batch_for_shader
 
+from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import F4xError
 from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grown, meeting, shrunk
@@ -16,6 +17,7 @@ from ..f4x_core.query.prompts import FollowConfig, select_by_prompts, select_by_
 from . import display, marking, session
 from .evaluated import HIDDEN
 from .panel_operators import SceneOperator
+from .preferences import find_interpreter
 
 QUICK = FollowConfig(lifted=0)
 """The prompted frame alone says what is meant."""
@@ -38,9 +40,16 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
         return self.execute(context)
 
     def act(self, context, root):
-        """Words are asked of the base scene: a copy is what its original is."""
+        """Words are asked of the base scene: a copy is what its original is. The worker, where there is one, learns new words."""
+        scene, words = session.asked_scene(root), words_of(self.text)
         negatives = words_of(self.negatives) if self.negatives.strip() else None
-        found = select_by_text(session.asked_scene(root), words_of(self.text), negatives, root.f4x.threshold)
+        known = labels_of(scene)
+        unknown = [word for word in (*words, *(negatives or ())) if word.lower() not in map(str.lower, known)]
+        if known and unknown and find_interpreter():
+            bpy.ops.f4x.add_features("EXEC_DEFAULT", teachers="", words=", ".join(unknown))
+            self.report({"INFO"}, f"The worker looks up {', '.join(unknown)}; query again when the job is done")
+            return
+        found = select_by_text(scene, words, negatives, root.f4x.threshold)
         marking.ask(root, session.shown(root).of_base(found))
         root.f4x.text, root.f4x.negatives = self.text, self.negatives
         self.report({"INFO"}, f"{root.f4x.selected:,} of {root.f4x.total:,} Gaussians")

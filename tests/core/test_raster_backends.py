@@ -387,6 +387,15 @@ def test_light_into_layers_adds_up_to_the_picture(backend):
     np.testing.assert_allclose(light[:, 1] @ scene["colors"][:, 0].numpy(), shown, rtol=1e-4)
 
 
+def test_light_by_numpy_alone_is_the_same():
+    scene = make_scene()
+    arrays = {name: scene[name].numpy() for name in ("means", "quats", "scales", "opacities", "viewmat", "K")}
+    layers = np.random.default_rng(0).random((HEIGHT, WIDTH, 2), np.float32)
+    light, plain = (light_into(**arrays, layers=layers, backend=backend) for backend in ("torch", "plain"))
+    np.testing.assert_allclose(plain, light, atol=1e-4 * light.max())
+    assert light.max() > 1
+
+
 def test_light_needs_no_torch_where_the_native_kernel_is():
     require("native")
     code = """
