@@ -4,12 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from labelled_scene import FRAMES, labelled_scene
+from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene
 
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.spec import FeatureSpec
+from f4x_core.features.teachers import TeacherEntry
 from f4x_core.fit.distil_config import DistilConfig
+from f4x_core.query.segmentation import shrink
 from f4x_core.report import feature_cost
+from f4x_core.scene.view import render
 
 
 def test_times_are_those_of_the_fit_and_of_distilling_at_both_widths(monkeypatch):
@@ -26,3 +29,23 @@ def test_times_are_those_of_the_fit_and_of_distilling_at_both_widths(monkeypatch
     ]
     assert told["fit_ratio"] == pytest.approx(1.2) and told["width_ratio"] == pytest.approx(220 / 120)
     assert told["distil_ratio"] == 6 and told["step_ratio"] == 2.5 and told["width_ratio_seed"] == 5.23
+
+
+def test_masks_by_pictures_look_at_every_frame_and_masks_by_features_at_none(monkeypatch):
+    scene, seen = labelled_scene(), []
+
+    class Colours:
+        """A teacher whose features are the colours, averaged over the head's cells."""
+
+        def encode(self, rgb):
+            seen.append(rgb)
+            return shrink(rgb.astype(np.float32) / 255 + 0.01, (20, 32))
+
+    monkeypatch.setattr(TeacherEntry, "load", lambda self, model: Colours())
+    with_square = np.zeros((HEIGHT, WIDTH), bool)
+    with_square[14:26, 20:32] = render(scene, scene.cameras[0], 0.0, ("rgb",))["rgb"][14:26, 20:32, 0] > 0.5
+    assert with_square.any()
+    told = feature_cost.compare_inference(scene, with_square)
+    assert len(seen) == 1 + FRAMES + 1  # one to warm up, the prompted one for the prompt and on the way
+    assert told["mask_time_ratio"] == pytest.approx(told["mask_picture_seconds"] / told["mask_feature_seconds"])
+    assert told["mask_agreement"] > 0.8  # both find the square
