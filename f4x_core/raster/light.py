@@ -48,8 +48,8 @@ def light_into(
     if chosen == "plain":
         from .plain import light_plain
 
-        shapes = (whole[name] for name in ("means", "quats", "scales", "opacities", "viewmat", "K"))
-        return light_plain(*shapes, layers, config)
+        shapes = {name: whole[name] for name in ("means", "quats", "scales", "opacities", "viewmat", "K")}
+        return light_plain(**shapes, layers=layers, config=config)
     if chosen == "native":
         from .native import library as native
 

@@ -34,7 +34,7 @@ class _Splats(NamedTuple):
     z: np.ndarray
     features: np.ndarray
     """(V, 2 + C): 1, z, colours."""
-    index: np.ndarray
+    row: np.ndarray
     """Which of the N Gaussians it is."""
 
     def take(self, index: np.ndarray | slice) -> _Splats:
@@ -95,7 +95,7 @@ def light_plain(
     for rows, columns, here in _tiles(splats, width, height):
         tile = layers[rows, columns].reshape(-1, count)
         for slab, weights in _weights(here, rows, columns, everywhere[rows, columns], config):
-            total[slab.index] += weights.T @ tile
+            total[slab.row] += weights.T @ tile
     return total.astype(np.float32)
 
 
