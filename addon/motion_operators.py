@@ -15,6 +15,7 @@ from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.grab import grab, within_reach
 from . import display, session
 from .motion_edits import changes, mark_keyed
+from .operators import F4X_OT_choose_clip
 from .scaffold_rig import NODE, add_handles, hold, nodes_of, read_poses, remove_handles
 
 
@@ -239,5 +240,5 @@ CLASSES: tuple[Any, ...] = (
 def draw_menu(self, context) -> None:
     """Entries of the Object menu."""
     self.layout.separator()
-    for operator in CLASSES:
+    for operator in (*CLASSES, F4X_OT_choose_clip):
         self.layout.operator(operator.bl_idname)

@@ -7,7 +7,10 @@ COLOURED = "MATERIAL"
 
 
 def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
-    """Let every 3D viewport of the window show colours, and no lines between children and parents, through `camera` if given, else with all below `root` in view."""
+    """Let every 3D viewport of the window show colours and no lines to parents.
+
+    It looks through `camera` if given, else at all below `root`.
+    """
     window = bpy.context.window
     if window is None:  # without a window there is nothing to look through
         return
