@@ -112,7 +112,7 @@ def score_against_truth(
     scores |= {"scale": clip.similarity[0], "rotation_error": rotation_error(estimated, true_used, clip.similarity)}
     scores["focal_ratio"] = clip.lens
     seen = SeenSurface.read(clip.folder, clip.path, clip.used, clip.moving_index) if clip.extras else None
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, path, images in clip.extras:
         for index, time in enumerate(path.times):
             progress("unseen views", index, len(path), name)

@@ -168,7 +168,8 @@ def write_edits(
 ) -> None:
     """Replace the edit stack of the file at `path`, atomically (undo, reorder); `next_id` can only grow.
 
-    `fields` are further fields of scene.json to be set, None takes one out. The last of two simultaneous writers wins. Raises F4xError and leaves the file as it was when anything is wrong.
+    `fields` are further fields of scene.json to be set, None takes one out. The last of two simultaneous writers wins.
+    Raises F4xError and leaves the file as it was when anything is wrong.
     """
     path = Path(path)
     with _opened(path) as source:
