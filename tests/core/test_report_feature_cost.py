@@ -34,18 +34,19 @@ def test_times_are_those_of_the_fit_and_of_distilling_at_both_widths(monkeypatch
 def test_masks_by_pictures_look_at_every_frame_and_masks_by_features_at_none(monkeypatch):
     scene, seen = labelled_scene(), []
 
-    class Colours:
-        """A teacher whose features are the colours, averaged over the head's cells."""
+    class RedOrNot:
+        """A teacher that sees what the scene's head says: the red square, or the wall."""
 
         def encode(self, rgb):
             seen.append(rgb)
-            return shrink(rgb.astype(np.float32) / 255 + 0.01, (20, 32))
+            red = (rgb[..., 0] > rgb[..., 2]).astype(np.float32)
+            return shrink(np.stack([red, 1 - red], -1), (20, 32))
 
-    monkeypatch.setattr(TeacherEntry, "load", lambda self, model: Colours())
+    monkeypatch.setattr(TeacherEntry, "load", lambda self, model: RedOrNot())
     with_square = np.zeros((HEIGHT, WIDTH), bool)
     with_square[14:26, 20:32] = render(scene, scene.cameras[0], 0.0, ("rgb",))["rgb"][14:26, 20:32, 0] > 0.5
     assert with_square.any()
     told = feature_cost.compare_inference(scene, with_square)
     assert len(seen) == 1 + FRAMES + 1  # one to warm up, the prompted one for the prompt and on the way
     assert told["mask_time_ratio"] == pytest.approx(told["mask_picture_seconds"] / told["mask_feature_seconds"])
-    assert told["mask_agreement"] > 0.8  # both find the square
+    assert told["mask_agreement"] > 0.75  # both find the square, but for its rim
