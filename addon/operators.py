@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import bpy
+import numpy as np
 from bpy.props import BoolProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
@@ -85,12 +86,13 @@ class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
     def execute(self, context):
         """Put it behind the scene."""
         root = _root_of(context.object)
+        assert root is not None  # polled
         camera = next(item for item in root.children if item.type == "CAMERA")
         clip = Path(bpy.path.abspath(self.filepath))
         pictures = clip.parent if clip.suffix.lower() in bpy.path.extensions_image else clip
         scene = context.scene
         try:
-            show_clip(camera, pictures, range(scene.frame_start, scene.frame_end + 1))
+            show_clip(camera, pictures, np.arange(scene.frame_start, scene.frame_end + 1))
         except F4xError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
