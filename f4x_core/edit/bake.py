@@ -3,9 +3,9 @@
 What is folded is the longest run of edits from the first on that a scene without edits can hold: colours that last, and
 places. Every group of Gaussians with the same history moves by one similarity G(t) of what the base does at some moment
 w(t). Where that is constant the arrays take it. Else nodes are cloned, Q'_k(t) = G(t) Q_k(w(t)) at clip frames, and a
-Gaussian that stood still gets a node of its group. Poses given by `rekey` are folded before all that (`keys`). The scaffold
-is given every clip frame as a time then, so that the baked scene is the edited one at all of them; between them its curves
-run through the same places.
+Gaussian that stood still gets a node of its group. Poses given by `rekey` are folded before all that (`keys`). The
+scaffold is given every clip frame as a time then, so that the baked scene is the edited one at all of them; between them
+its curves run through the same places.
 """
 
 from __future__ import annotations
