@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import html
-import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -12,10 +10,9 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from PIL import Image
 
+from .. import page
 from ..clip import Clip
 from ..files import replace_file
 from ..geometry.camera import CameraPath
@@ -26,8 +23,6 @@ from .pipeline import FitResult
 
 # Frames shown for masks, depth and scaffold, and frames shown because they are the worst.
 SHOWN_FRAMES, WORST_FRAMES = 6, 4
-# Pictures are shrunk to this width (pixels) so that the page stays small enough to send by mail.
-PICTURE_WIDTH, JPEG_QUALITY = 320, 82
 # Absolute error (mean over channels, colours in [0,1]) that is painted brightest.
 ERROR_SPAN = 0.25
 # Depth colours span these quantiles of the clip's depth.
@@ -36,10 +31,6 @@ DEPTH_QUANTILES = (0.02, 0.98)
 CONTEXT_POINTS = 4000
 # What lies outside these quantiles of them does not widen the plot.
 CONTEXT_QUANTILES = (0.02, 0.98)
-# Written into plots in place of a colour and replaced by the page's text colour, which follows light and dark.
-TEXT_COLOUR = "#010203"
-# Legible on white and on black.
-TEAL, ORANGE, VIOLET, GREY = "#1f9e8f", "#e07a3f", "#8d7fe0", "#8a8f98"
 # Metrics of the score table: row -> columns of `report.evaluation.summary`.
 SCORES = {
     "picture": "psnr",
@@ -49,24 +40,6 @@ SCORES = {
     "nearest used frame instead": "psnr_nearest",
     "blend of the neighbours instead": "psnr_flow_blend",
 }
-
-STYLE = """
-:root { color-scheme: light dark; --line: #8886; --soft: #8882; --bad: #d9534f; --fine: #1f9e8f; }
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 1080px; margin: 2em auto; padding: 0 1em; }
-body { background: #fff; color: #1c2026; }
-@media (prefers-color-scheme: dark) { body { background: #14171c; color: #dfe3e8; } }
-h1 { font-size: 1.5em; margin-bottom: 0; } h2 { font-size: 1.15em; margin: 2em 0 .5em; border-bottom: 1px solid var(--line); }
-.verdict { font-size: 1.15em; margin: .3em 0 1em; }
-.finding { border-left: 4px solid var(--line); padding: .2em .8em; margin: .5em 0; background: var(--soft); }
-.problem { border-color: var(--bad); } .good { border-color: var(--fine); }
-.advice::before { content: "→ "; } .dim { opacity: .7; font-size: .9em; }
-table { border-collapse: collapse; width: 100%; } td, th { text-align: left; padding: .25em .7em .25em 0; vertical-align: top; }
-tr + tr { border-top: 1px solid var(--soft); } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-.row { display: flex; flex-wrap: wrap; gap: 8px; align-items: flex-start; }
-.row figure { margin: 0; flex: 1 1 30%; max-width: 352px; }
-.plots > div { flex: 1 1 45%; min-width: 300px; max-width: 536px; } img, svg { width: 100%; height: auto; display: block; }
-figcaption { font-size: .8em; opacity: .75; } pre { overflow: auto; font-size: .8em; } summary { cursor: pointer; }
-"""
 
 
 def worst_frames(metrics: Mapping[str, Any], count: int = WORST_FRAMES) -> list[int]:
@@ -99,35 +72,27 @@ def write_diagnostics(
     shown = np.unique(np.linspace(0, len(priors.frames) - 1, SHOWN_FRAMES).round().astype(int))
     sections = [
         ("Why the scene is as it is, and what you can supply", _findings(found)),
-        ("Scores", _scores(metrics) + _plots([_frame_scores(metrics), _quality_curve(result.history)])),
+        ("Scores", _scores(metrics) + page.plots([_frame_scores(metrics), _quality_curve(result.history)])),
         (
             "What the clip needed",
-            _table(["", "chosen", "evidence", "saved"], [_need_cells(n.row()) for n in result.needs]),
+            page.table(["", "chosen", "evidence", "saved"], [_need_cells(n.row()) for n in result.needs]),
         ),
         ("Worst frames: input, render, error", _worst(clip, metrics, pictures)),
         ("What moves: score and mask", _motion(clip, priors, shown)),
-        ("Tracks", _plots([_survival(priors)])),
-        ("Camera", _camera_words(result) + _plots([_camera_path(result), _field_of_view(priors)])),
+        ("Tracks", page.plots([_survival(priors)])),
+        ("Camera", _camera_words(result) + page.plots([_camera_path(result), _field_of_view(priors)])),
         ("Depth and its confidence", _depth(priors, shown)),
         ("Motion scaffold: nodes, measured (bright) or filled in (dark)", _scaffold(clip, priors, scaffold, shown)),
-        ("Time", _plots([_times(result.seconds, priors)])),
+        ("Time", page.plots([_times(result.seconds, priors)])),
         ("Provenance", _provenance(result.provenance)),
     ]
-    body = "".join(
-        f"<section><h2>{html.escape(title)}</h2>{content}</section>\n" for title, content in sections if content
-    )
-    name = html.escape(clip.name)
-    lines = [
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name} – Feature4X</title>',
-        f"<style>{STYLE}</style></head><body><h1>{name}</h1>",
+    body = [
         f'<p class="verdict">{html.escape(verdict(metrics, found))}</p>',
         f'<p class="dim">{html.escape(_counts(clip, result))}</p>',
-        body,
-        "</body></html>\n",
+        *(page.section(title, content) for title, content in sections),
     ]
     with replace_file(path) as file:
-        file.write("\n".join(lines).encode())
+        file.write(page.document(clip.name, body))
 
 
 # ---------------------------------------------------------------------------------------------------- words and tables
@@ -152,17 +117,6 @@ def _findings(found: Iterable[Finding]) -> str:
     )
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = False) -> str:
-    """A table of escaped cells; with `numbers` all columns but the first are set right."""
-
-    def cells(row: Sequence[str], tag: str) -> str:
-        kinds = ["", *([' class="number"'] * (len(row) - 1) if numbers else [""] * (len(row) - 1))]
-        return "".join(f"<{tag}{kind}>{html.escape(cell)}</{tag}>" for kind, cell in zip(kinds, row, strict=True))
-
-    lines = [f"<tr>{cells(head, 'th')}</tr>", *(f"<tr>{cells(row, 'td')}</tr>" for row in rows)]
-    return f"<table>{''.join(lines)}</table>"
-
-
 def _need_cells(row: Mapping[str, str]) -> list[str]:
     return [row["what"], row["chosen"], row["evidence"], row["saved"]]
 
@@ -176,7 +130,7 @@ def _scores(metrics: Mapping[str, Any]) -> str:
         for label, name in SCORES.items()
         if f"used_{name}" in metrics or f"held_out_{name}" in metrics
     ]
-    return _table(["PSNR in dB", "used frames", "held-out frames"], rows, numbers=True) if rows else ""
+    return page.table(["PSNR in dB", "used frames", "held-out frames"], rows, numbers=True) if rows else ""
 
 
 def _camera_words(result: FitResult) -> str:
@@ -204,35 +158,12 @@ def _provenance(provenance: Mapping[str, Any]) -> str:
     ]
     everything = html.escape(json.dumps(provenance, indent=1, default=str))
     return (
-        _table(["", ""], rows + providers)
+        page.table(["", ""], rows + providers)
         + f"<details><summary>every setting</summary><pre>{everything}</pre></details>"
     )
 
 
 # ------------------------------------------------------------------------------------------------------------ pictures
-
-
-def _picture(pixels: np.ndarray, caption: str) -> str:
-    """A figure with a JPEG inside; `pixels` (H,W,3) uint8 or float in [0,1]."""
-    image = Image.fromarray(_as_bytes(pixels))
-    if image.width > PICTURE_WIDTH:
-        image = image.resize(
-            (PICTURE_WIDTH, max(1, round(image.height * PICTURE_WIDTH / image.width))), Image.Resampling.BOX
-        )
-    buffer = io.BytesIO()
-    image.save(buffer, "JPEG", quality=JPEG_QUALITY)
-    data = base64.b64encode(buffer.getvalue()).decode()
-    label = html.escape(caption)
-    return f'<figure><img alt="{label}" src="data:image/jpeg;base64,{data}"><figcaption>{label}</figcaption></figure>'
-
-
-def _row(figures: Iterable[str]) -> str:
-    content = "".join(figures)
-    return f'<div class="row">{content}</div>' if content else ""
-
-
-def _as_bytes(pixels: np.ndarray) -> np.ndarray:
-    return pixels if pixels.dtype == np.uint8 else (np.clip(pixels, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def _coloured(values: np.ndarray, colours: str) -> np.ndarray:
@@ -247,15 +178,15 @@ def _worst(clip: Clip, metrics: Mapping[str, Any], pictures: Mapping[int, np.nda
     order = sorted((frame for frame in pictures if frame in rows), key=lambda frame: rows[frame]["psnr"])
     lines = []
     for frame in order[:WORST_FRAMES]:
-        truth, drawn = clip.frames[frame], _as_bytes(pictures[frame])
+        truth, drawn = clip.frames[frame], page.as_bytes(pictures[frame])
         error = np.abs(truth.astype(np.float32) - drawn).mean(-1) / 255
         kind = "held out" if rows[frame]["held_out"] else "used"
         lines.append(
-            _row(
+            page.row(
                 [
-                    _picture(truth, f"frame {frame} ({kind})"),
-                    _picture(drawn, f"{rows[frame]['psnr']:.1f} dB"),
-                    _picture(_coloured(error / ERROR_SPAN, "magma"), f"error, white = {ERROR_SPAN:.2f}"),
+                    page.picture(truth, f"frame {frame} ({kind})"),
+                    page.picture(drawn, f"{rows[frame]['psnr']:.1f} dB"),
+                    page.picture(_coloured(error / ERROR_SPAN, "magma"), f"error, white = {ERROR_SPAN:.2f}"),
                 ]
             )
         )
@@ -273,8 +204,8 @@ def _motion(clip: Clip, priors: Priors, shown: Iterable[int]) -> str:
         score = priors.motion[frame].astype(np.float64)[..., None]
         painted = grey * (1 - 0.6 * score) + 0.6 * score * np.array([0.95, 0.3, 0.15])
         painted[_edge(mask)] = 1
-        figures.append(_picture(painted, f"frame {index}: {mask.mean():.1%} moves"))
-    return _row(figures)
+        figures.append(page.picture(painted, f"frame {index}: {mask.mean():.1%} moves"))
+    return page.row(figures)
 
 
 def _edge(mask: np.ndarray) -> np.ndarray:
@@ -295,13 +226,13 @@ def _depth(priors: Priors, shown: Sequence[int] | np.ndarray) -> str:
         index = int(priors.frames[frame])
         unknown = float(np.mean(~np.isfinite(values)))
         caption = f"frame {index}: near is red" + (f", {unknown:.0%} unknown (grey)" if unknown else "")
-        figures.append(_picture(_coloured((values - far) / max(near - far, 1e-9), "turbo"), caption))
+        figures.append(page.picture(_coloured((values - far) / max(near - far, 1e-9), "turbo"), caption))
     if priors.depth_confidence is not None:
         for frame in shown:
             values = priors.depth_confidence[frame].astype(np.float64)
             caption = f"frame {int(priors.frames[frame])}: confidence, median {np.median(values):.2f}"
-            figures.append(_picture(_coloured(values, "viridis"), caption))
-    return _row(figures)
+            figures.append(page.picture(_coloured(values, "viridis"), caption))
+    return page.row(figures)
 
 
 def _scaffold(clip: Clip, priors: Priors, scaffold: Scaffold | None, shown: Iterable[int]) -> str:
@@ -313,97 +244,63 @@ def _scaffold(clip: Clip, priors: Priors, scaffold: Scaffold | None, shown: Iter
     figures = []
     for frame in shown:
         index = int(priors.frames[frame])
-        scale = PICTURE_WIDTH / clip.width
-        faded = Image.fromarray(_as_bytes(0.35 + 0.5 * clip.frames[index] / 255))
-        faded = faded.resize((PICTURE_WIDTH, max(1, round(clip.height * scale))))
+        scale = page.PICTURE_WIDTH / clip.width
+        faded = Image.fromarray(page.as_bytes(0.35 + 0.5 * clip.frames[index] / 255))
+        faded = faded.resize((page.PICTURE_WIDTH, max(1, round(clip.height * scale))))
         draw = ImageDraw.Draw(faded)
         pixels, depth = priors.cameras[frame].project(scaffold.xyz[frame].astype(np.float64))
         for (x, y), sure in zip(scale * pixels[depth > 0], scaffold.certain[frame, depth > 0], strict=True):
             draw.ellipse([x - 3, y - 3, x + 3, y + 3], fill="#ff7a2f" if sure else "#4b2a63", outline="white")
         certain = float(scaffold.certain[frame].mean()) if len(scaffold) else 0.0
-        figures.append(_picture(np.asarray(faded), f"frame {index}: {certain:.0%} of {len(scaffold)} nodes measured"))
-    return _row(figures)
+        figures.append(
+            page.picture(np.asarray(faded), f"frame {index}: {certain:.0%} of {len(scaffold)} nodes measured")
+        )
+    return page.row(figures)
 
 
 # --------------------------------------------------------------------------------------------------------------- plots
-
-
-def _plots(drawings: Iterable[str]) -> str:
-    content = "".join(f"<div>{drawing}</div>" for drawing in drawings if drawing)
-    return f'<div class="row plots">{content}</div>' if content else ""
-
-
-def _axes(title: str, across: str, up: str, columns: int = 1, height: float = 2.7) -> tuple[Figure, list[Axes]]:
-    """A figure in the page's text colour; every axes object is labelled alike."""
-    figure = Figure(figsize=(5.2, height), layout="constrained")
-    axes = [figure.add_subplot(1, columns, column + 1) for column in range(columns)]
-    for axis in axes:
-        axis.set_xlabel(across)
-        axis.set_ylabel(up)
-        axis.set_title(title, fontsize=10, color=TEXT_COLOUR)
-        axis.tick_params(colors=TEXT_COLOUR, labelsize=8)
-        axis.patch.set_alpha(0)
-        axis.grid(True, color=GREY, alpha=0.25, linewidth=0.6)
-        for label in (axis.xaxis.label, axis.yaxis.label):
-            label.set_color(TEXT_COLOUR)
-            label.set_fontsize(9)
-        for name, spine in axis.spines.items():
-            spine.set_visible(name in ("left", "bottom"))
-            spine.set_color(GREY)
-    return figure, axes
-
-
-def _legend(axis: Axes) -> None:
-    axis.legend(fontsize=8, frameon=False, labelcolor=TEXT_COLOUR)
-
-
-def _svg(figure: Figure) -> str:
-    """The figure as inline SVG whose text follows the page's colour."""
-    buffer = io.StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none", "font.family": "sans-serif"}):
-        figure.savefig(buffer, format="svg", transparent=True, dpi=110, metadata={"Date": None})
-    text = buffer.getvalue()
-    return text[text.index("<svg") :].replace(TEXT_COLOUR, "currentColor")
 
 
 def _frame_scores(metrics: Mapping[str, Any]) -> str:
     rows = metrics.get("frames", [])
     if not rows:
         return ""
-    figure, (axis,) = _axes("PSNR of every frame", "clip frame", "dB")
-    axis.plot([row["frame"] for row in rows], [row["psnr"] for row in rows], color=GREY, linewidth=0.8)
-    for held_out, colour, label in ((False, TEAL, "used"), (True, ORANGE, "held out")):
+    figure, (axis,) = page.plot("PSNR of every frame", "clip frame", "dB")
+    axis.plot([row["frame"] for row in rows], [row["psnr"] for row in rows], color=page.GREY, linewidth=0.8)
+    for held_out, colour, label in ((False, page.TEAL, "used"), (True, page.ORANGE, "held out")):
         chosen = [row for row in rows if row["held_out"] == held_out]
         if chosen:
             places = [row["frame"] for row in chosen], [row["psnr"] for row in chosen]
             axis.scatter(*places, s=14, color=colour, label=label, zorder=3)
-    _legend(axis)
-    return _svg(figure)
+    page.legend(axis)
+    return page.svg(figure)
 
 
 def _quality_curve(history: Sequence[Mapping[str, float]]) -> str:
     if not history:
         return ""
-    figure, axes = _axes("", "step", "", columns=2)
+    figure, axes = page.plot("", "step", "", columns=2)
     steps = [point["step"] for point in history]
-    for axis, name, title, colour in zip(axes, ("loss", "psnr"), ("loss", "PSNR in dB"), (VIOLET, TEAL), strict=True):
+    for axis, name, title, colour in zip(
+        axes, ("loss", "psnr"), ("loss", "PSNR in dB"), (page.VIOLET, page.TEAL), strict=True
+    ):
         axis.plot(steps, [point[name] for point in history], color=colour, marker="o", markersize=3)
-        axis.set_title(title, fontsize=10, color=TEXT_COLOUR)
+        axis.set_title(title, fontsize=10, color=page.TEXT_COLOUR)
         axis.locator_params(axis="x", nbins=4)
-    return _svg(figure)
+    return page.svg(figure)
 
 
 def _survival(priors: Priors) -> str:
     if priors.tracks_visible is None:
         return ""
-    figure, (axis,) = _axes("share of tracks still followed", "frames since first seen", "share")
-    axis.plot(track_survival(priors.tracks_visible), color=TEAL, label=f"all {priors.tracks_visible.shape[1]:,}")
+    figure, (axis,) = page.plot("share of tracks still followed", "frames since first seen", "share")
+    axis.plot(track_survival(priors.tracks_visible), color=page.TEAL, label=f"all {priors.tracks_visible.shape[1]:,}")
     if priors.tracks_motion is not None and (moving := priors.tracks_motion > 0.5).any():
         survival = track_survival(priors.tracks_visible[:, moving])
-        axis.plot(survival, color=ORANGE, label=f"{int(moving.sum()):,} that move")
+        axis.plot(survival, color=page.ORANGE, label=f"{int(moving.sum()):,} that move")
     axis.set_ylim(0, 1.02)
-    _legend(axis)
-    return _svg(figure)
+    page.legend(axis)
+    return page.svg(figure)
 
 
 def _camera_path(result: FitResult) -> str:
@@ -415,27 +312,27 @@ def _camera_path(result: FitResult) -> str:
     xyz = result.static["xyz"]
     points = xyz[:: max(1, len(xyz) // CONTEXT_POINTS)] @ turn.T + shift
     forward = cameras.world_to_camera[:, 2, :3] @ turn.T  # viewing directions in the middle camera's axes
-    figure, axes = _axes("", "", "", columns=2, height=3.0)
+    figure, axes = page.plot("", "", "", columns=2, height=3.0)
     for axis, (across, up), title in zip(axes, ((0, 2), (2, 1)), ("from above", "from the side"), strict=True):
         around, place = points[:, [across, up]], path[:, [across, up]]
         low, high = np.quantile(np.concatenate([around, place]), CONTEXT_QUANTILES, axis=0)
         low, high = np.minimum(low, place.min(0)), np.maximum(high, place.max(0))
         reach = 0.55 * float((high - low).max()) + 1e-6  # half the side of a square around everything
-        axis.scatter(around[:, 0], around[:, 1], s=0.6, color=GREY, alpha=0.5, linewidths=0, rasterized=True)
-        axis.plot(*place.T, color=TEAL, linewidth=1.6)
+        axis.scatter(around[:, 0], around[:, 1], s=0.6, color=page.GREY, alpha=0.5, linewidths=0, rasterized=True)
+        axis.plot(*place.T, color=page.TEAL, linewidth=1.6)
         every = max(1, len(path) // 5)
         heading = forward[::every, [across, up]].T
         axis.quiver(
-            *place[::every].T, *heading, color=ORANGE, angles="xy", scale_units="xy", scale=4 / reach, width=0.004
+            *place[::every].T, *heading, color=page.ORANGE, angles="xy", scale_units="xy", scale=4 / reach, width=0.004
         )
         middle_of_view = (low + high) / 2
         axis.set_xlim(middle_of_view[0] - reach, middle_of_view[0] + reach)
         axis.set_ylim(middle_of_view[1] - reach, middle_of_view[1] + reach)
         axis.set_aspect("equal", adjustable="box")
-        axis.set_title(title, fontsize=10, color=TEXT_COLOUR)
+        axis.set_title(title, fontsize=10, color=page.TEXT_COLOUR)
         if up == 1:
             axis.invert_yaxis()  # y points down
-    return _svg(figure)
+    return page.svg(figure)
 
 
 def _field_of_view(priors: Priors) -> str:
@@ -444,13 +341,13 @@ def _field_of_view(priors: Priors) -> str:
     curve = known.get("focal_search") or known.get("pan_focal_search")
     if not curve:
         return ""
-    figure, (axis,) = _axes("camera error by field of view", "degrees across", "pixels")
+    figure, (axis,) = page.plot("camera error by field of view", "degrees across", "pixels")
     degrees = np.degrees(2 * np.arctan(0.5 / np.array(curve["focal_over_width"])))
-    axis.plot(degrees, curve["error_px"], color=VIOLET, marker="o", markersize=3)
+    axis.plot(degrees, curve["error_px"], color=page.VIOLET, marker="o", markersize=3)
     if "fov_degrees" in known:
-        axis.axvline(known["fov_degrees"], color=ORANGE, linestyle="--", linewidth=1, label="chosen")
-        _legend(axis)
-    return _svg(figure)
+        axis.axvline(known["fov_degrees"], color=page.ORANGE, linestyle="--", linewidth=1, label="chosen")
+        page.legend(axis)
+    return page.svg(figure)
 
 
 def _times(seconds: Mapping[str, float], priors: Priors) -> str:
@@ -464,8 +361,8 @@ def _times(seconds: Mapping[str, float], priors: Priors) -> str:
     bars |= {name: value for name, value in seconds.items() if name != "priors"}
     if not bars:
         return ""
-    figure, (axis,) = _axes("seconds per stage", "seconds", "", height=0.7 + 0.28 * len(bars))
+    figure, (axis,) = page.plot("seconds per stage", "seconds", "", height=0.7 + 0.28 * len(bars))
     names = list(bars)[::-1]
-    drawn = axis.barh(names, [bars[name] for name in names], color=TEAL)
-    axis.bar_label(drawn, fmt="%.1f", fontsize=8, color=TEXT_COLOUR, padding=3)
-    return _svg(figure)
+    drawn = axis.barh(names, [bars[name] for name in names], color=page.TEAL)
+    axis.bar_label(drawn, fmt="%.1f", fontsize=8, color=page.TEXT_COLOUR, padding=3)
+    return page.svg(figure)

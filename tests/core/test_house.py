@@ -22,10 +22,10 @@ ROOMS = (
         "query",
         "edit",
     ),
-    *("report", "agent", "cli"),
+    *("report", "batch", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
-SHARED = ("errors", "files", "progress", "timing", "processes", "installation", "__init__", "__main__")
+SHARED = ("errors", "files", "page", "progress", "timing", "processes", "installation", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
 TORCH_FREE = (
     "native",
