@@ -333,6 +333,17 @@ def build_parser() -> argparse.ArgumentParser:
         help="SAM 2 without its encoder against the whole; with random weights where no MODEL is given (features)",
     )
 
+    sub = verb("report", "Speed against error, hard cases, needs: one page of measurements, and its data.")
+    output_option(sub, required=True)
+    sub.add_argument("--quick", action="store_true", help="small sizes: the whole report in about 15 minutes")
+    sub.add_argument("--only", metavar="NAME[,NAME]", help="studies, or parts: speed, stability, needs, …")
+    sub.add_argument(
+        "--clips", type=path_argument, metavar="DIR", help="real clips: DIR/CLIP/images and DIR/CLIP/masks"
+    )
+    sub.add_argument("--data", type=path_argument, metavar="DIR", help="data sets: DIR/nvidia, DIR/dycheck, …")
+    sub.add_argument("--threads", type=int, default=1, help="threads of the kernels that can use more (default: 1)")
+    sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
+
     sub = verb("demo", "A short rendered clip (or your own) all the way to a Blender file.")
     sub.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
     output_option(sub, default=Path("demo"), help="default: demo")
@@ -383,14 +394,14 @@ def main(arguments: list[str] | None = None) -> int:
     except (KeyboardInterrupt, Cancelled):
         again = "; the same command with --resume continues" if args.verb == "fit" else ""
         return _fail(args, lines, f"Stopped{again}.", EXIT_INTERRUPTED)
-    text = result.pop("text", None)
+    code, text = result.pop("exit_code", 0), result.pop("text", None)
     if lines is not None:
         lines.tell(result=result, text=text or "")
     elif args.json:
         print(json.dumps(result, default=float))
     elif text:
         print(text)
-    return 0
+    return code
 
 
 def _fail(args: argparse.Namespace, lines: LineProgress | None, sentence: str, code: int) -> int:

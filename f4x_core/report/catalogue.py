@@ -1,0 +1,44 @@
+"""Every study of the report, in the order of the page."""
+
+from collections.abc import Iterable, Sequence
+
+from ..errors import F4xError
+from .study import SECTIONS, Study
+
+STUDIES = (
+    Study(
+        "peaks",
+        "limit",
+        "What this machine can do",
+        "How many multiply-adds and bytes a second the kernels could have at best.",
+        ".physical_limit:measure_peaks",
+    ),
+)
+"""Name, section, what is asked, and the function that measures it."""
+
+
+def choose(names: Sequence[str] | None) -> list[Study]:
+    """The studies that `--only` names, by their own name or their section's; all for None.
+
+    Raises:
+        F4xError: a name is neither.
+    """
+    if names is None:
+        return list(STUDIES)
+    known = {study.name for study in STUDIES} | {study.section for study in STUDIES}
+    for name in names:
+        if name not in known:
+            sections = ", ".join(section for section in SECTIONS if section in known)
+            raise F4xError(
+                f"--only {name}: no study or part of the report; parts are {sections}; studies: {_listed()}."
+            )
+    return [study for study in STUDIES if study.name in names or study.section in names]
+
+
+def _listed() -> str:
+    return ", ".join(names_of(STUDIES))
+
+
+def names_of(studies: Iterable[Study]) -> list[str]:
+    """Their names."""
+    return [study.name for study in studies]

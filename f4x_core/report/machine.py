@@ -1,0 +1,39 @@
+"""Which machine the figures come from."""
+
+from __future__ import annotations
+
+import os
+import platform
+from pathlib import Path
+
+from .. import __version__
+
+CPU_FILE = Path("/proc/cpuinfo")
+
+
+def describe_machine() -> dict[str, str | int]:
+    """Processor, cores, system, and the versions that a figure depends on."""
+    import numpy
+    import torch
+
+    from ..native import instruction_set, open_library
+
+    library, reason = open_library()
+    return {
+        "processor": _processor(),
+        "cores": os.cpu_count() or 1,
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "numpy": numpy.__version__,
+        "torch": torch.__version__,
+        "kernels": instruction_set(library) if library is not None else reason,
+        "feature4x": __version__,
+    }
+
+
+def _processor() -> str:
+    if CPU_FILE.is_file():
+        for line in CPU_FILE.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()

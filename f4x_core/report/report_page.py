@@ -1,0 +1,160 @@
+"""The report as one HTML page: every figure with the command that measured it, and as Markdown."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from .. import page
+from ..files import replace_file
+from .study import SECTIONS, pareto_front
+
+COLOURS = (page.TEAL, page.ORANGE, page.VIOLET, "#c94f6d", "#4f8fd0", "#b59a2d", "#6aa84f", page.GREY)
+MARKERS = "osD^vP*X"
+Record = Mapping[str, Any]
+"""A study as `study.json` holds it."""
+
+
+def write_page(file: Path, report: Mapping[str, Any]) -> None:
+    """Write the page atomically.
+
+    Args:
+        file: the HTML file.
+        report: as `runner.gather` returns it.
+    """
+    studies: Mapping[str, Record] = report["studies"]
+    body = [f'<p class="dim">{html.escape(_machine_words(report["machine"]))}</p>', _overview(studies)]
+    for key, title in SECTIONS.items():
+        parts = [_study(record) for record in studies.values() if record["section"] == key]
+        body.append(page.section(title, "".join(parts)))
+    with replace_file(file) as out:
+        out.write(page.document("Speed against error, hard cases, needs", body))
+
+
+def as_markdown(studies: Iterable[Record], level: int = 3) -> str:
+    """Studies as Markdown: question, tables, what was found, the command."""
+    parts = []
+    for record in studies:
+        parts.append(f"{'#' * level} {record['title']}\n\n{record['question']} `{record['command']}`\n")
+        parts += [_markdown_table(table) for table in record["tables"] if table["rows"]]
+        told = [*record["words"], *(f"**Failed**: {text}" for text in record["failed"])]
+        told += [f"Not measured: {text}" for text in record["skipped"]]
+        if told:
+            parts.append("\n".join(f"* {text}" for text in told) + "\n")
+    return "\n".join(parts)
+
+
+def told(value: Any) -> str:
+    """A cell: four significant digits, a dash for nothing."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 1e5 else f"{value:,.0f}"
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+def _machine_words(machine: Mapping[str, Any]) -> str:
+    words = [f"{machine['processor']}, {machine['cores']} cores, {machine['system']}"]
+    words += [f"{name} {machine[name]}" for name in ("python", "numpy", "torch", "feature4x", "kernels")]
+    return " · ".join(words)
+
+
+def _overview(studies: Mapping[str, Record]) -> str:
+    """What failed and what was not measured comes first."""
+    rows = []
+    for record in studies.values():
+        state = (
+            "failed"
+            if record["failed"]
+            else "not measured"
+            if record["skipped"] and not record["tables"]
+            else "measured"
+        )
+        rows.append(
+            [record["title"], state, f"{record['seconds']:.0f} s", "; ".join([*record["failed"], *record["skipped"]])]
+        )
+    return page.section("Overview", page.table(["", "", "took", "left out or failed, and why"], rows))
+
+
+def _study(record: Record) -> str:
+    tables = {table["name"]: table for table in record["tables"]}
+    drawings = [_drawing(figure, tables[figure["table"]]["rows"]) for figure in record["figures"]]
+    parts = [f"<h3>{html.escape(record['title'])}</h3><p>{html.escape(record['question'])}</p>"]
+    parts += [f'<div class="finding good">{html.escape(text)}</div>' for text in record["words"]]
+    parts += [f'<div class="finding problem">{html.escape(text)}</div>' for text in record["failed"]]
+    parts += [f'<div class="finding">not measured: {html.escape(text)}</div>' for text in record["skipped"]]
+    parts.append(page.plots(drawings))
+    parts += [_table(table) for table in record["tables"] if table["rows"]]
+    other = f", measured on {record['machine']['processor']}" if "processor" in record.get("machine", {}) else ""
+    parts.append(f'<p class="dim"><code>{html.escape(record["command"])}</code>{html.escape(other)}</p>')
+    return "".join(parts)
+
+
+def _columns(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    return list(dict.fromkeys(column for row in rows for column in row))
+
+
+def _table(table: Record) -> str:
+    columns = _columns(table["rows"])
+    cells = [[told(row.get(column)) for column in columns] for row in table["rows"]]
+    words = "".join(f'<p class="dim">{html.escape(text)}</p>' for text in (table["note"],) if text)
+    head = f"<summary>{html.escape(table['title'] or table['name'])} ({len(cells)} rows)</summary>"
+    return f"<details open>{head}{page.table(columns, cells, numbers=True)}{words}</details>"
+
+
+def _markdown_table(table: Record) -> str:
+    columns = _columns(table["rows"])
+    lines = [f"{table['title']}\n"] if table["title"] else []
+    lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    lines += ["| " + " | ".join(told(row.get(column)) for column in columns) + " |" for row in table["rows"]]
+    return "\n".join(lines) + "\n" + (f"\n{table['note']}\n" if table["note"] else "")
+
+
+def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
+    """One plot as SVG; "" where no row has both values."""
+    x, y = figure["x"], figure["y"]
+    shown = [row for row in rows if _positive(row, x, "x" in figure["log"]) and _positive(row, y, "y" in figure["log"])]
+    if not shown:
+        return ""
+    canvas, (axis,) = page.plot(figure["title"], x, y, height=3.2)
+    names = list(dict.fromkeys(row.get(figure["series"], "") for row in shown))
+    for number, name in enumerate(names):
+        chosen = [row for row in shown if row.get(figure["series"], "") == name]
+        line = "" if figure["front"] else "-"
+        across, up = [row[x] for row in chosen], [row[y] for row in chosen]
+        look: dict[str, Any] = {
+            "color": COLOURS[number % len(COLOURS)],
+            "marker": MARKERS[number % len(MARKERS)],
+            "markersize": 4,
+        }
+        bars = _error_bars(figure, chosen)
+        axis.errorbar(across, up, **bars, linestyle=line, linewidth=1.2, elinewidth=0.8, label=str(name), **look)
+    if figure["front"]:
+        points = [(row[x], row[y]) for row in shown]
+        front = [points[index] for index in pareto_front(points)]
+        axis.step(*zip(*front, strict=True), where="post", color=page.GREY, linewidth=1, linestyle="--", label="front")
+    if "x" in figure["log"]:
+        axis.set_xscale("log")
+    if "y" in figure["log"]:
+        axis.set_yscale("log")
+    if len(names) > 1 or figure["front"]:
+        page.legend(axis)
+    return page.svg(canvas)
+
+
+def _positive(row: Mapping[str, Any], column: str, logarithmic: bool) -> bool:
+    value = row.get(column)
+    return isinstance(value, (int, float)) and not (logarithmic and value <= 0)
+
+
+def _error_bars(figure: Record, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    low, high = figure["low"], figure["high"]
+    if not low or any(row.get(low) is None or row.get(high) is None for row in rows):
+        return {}
+    along = "x" if low.startswith(figure["x"].partition(" (")[0]) else "y"
+    middle = figure[along]
+    return {f"{along}err": [[row[middle] - row[low] for row in rows], [row[high] - row[middle] for row in rows]]}
