@@ -191,7 +191,7 @@ def whom(select: SelectKind) -> str:
     if isinstance(select, Named):
         return select.name
     if isinstance(select, Ids):
-        return f"{len(select.array)} Gaussians"
+        return select.words or f"{len(select.array)} Gaussians"
     return {All: "everything", Moving: "what moves", Current: "the selection"}[type(select)]
 
 

@@ -175,18 +175,18 @@ def parse(
     if len(tokens) > MOST_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MOST_WORDS}; say fewer commands at once.")
     if not any(token.is_word for token in tokens):
-        raise Refusal("Nothing is said that could be done.", nearest(tokens))
+        raise Refusal("Nothing is said that could be done.", _nearest(tokens))
     reading = Reading.of(sentence, tokens, _known((*labels, *names)))
     found = _sentence.at(reading, 0).get(len(tokens))
     if found is None:
-        raise Refusal(_not_understood(reading), nearest(tokens))
+        raise Refusal(_not_understood(reading), _nearest(tokens))
     context = Context(fps, frames, frame, selected, {name.lower(): name for name in names})
     try:
         operations = list(_operations(found[0], context))
     except Refusal as refusal:
-        raise Refusal(refusal.reason, nearest(tokens)) from refusal
+        raise Refusal(refusal.reason, _nearest(tokens)) from refusal
     except F4xError as error:
-        raise Refusal(f"That is not possible: {error}", nearest(tokens)) from error
+        raise Refusal(f"That is not possible: {error}", _nearest(tokens)) from error
     if context.copy_named:
         operations = [replace(one, name=COPY) if isinstance(one, Duplicate) else one for one in operations]
     return tuple(operations)
@@ -200,7 +200,7 @@ def _statements(tokens: list[Token]) -> list[Token]:
             part = tokens[start:i]
             if part and not any(_polite.at(Reading("", part), at) for at in range(min(len(part), _POLITE_BEFORE))):
                 raise Refusal(
-                    "That is a question; `f4x ask` answers those, here one says what to change.", nearest(part)
+                    "That is a question; `f4x ask` answers those, here one says what to change.", _nearest(part)
                 )
             token = Token(".", token.start, token.end)
         if token.text in (".", "!", ";"):
@@ -271,8 +271,12 @@ def _not_understood(reading: Reading) -> str:
     return f"I do not understand '{reading.said(reading.farthest, reading.farthest + 1)}' here."
 
 
-def nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
-    """The examples of commands that are most like the words that were said."""
+def nearest(sentence: str, count: int = 3) -> tuple[str, ...]:
+    """The examples of commands that are most like the words of a sentence."""
+    return _nearest(tokenise(sentence), count)
+
+
+def _nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
     said = [token.text for token in tokens[:MOST_WORDS]]
 
     def likeness(example: str) -> float:

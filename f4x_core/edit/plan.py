@@ -17,7 +17,8 @@ from .apply import edited, stack_of, with_operations
 from .judge import judge
 from .operations import Duplicate, Operation, Transform
 from .records import Record
-from .resolve import Context, Resolver, labels_of
+from .phrases import Refusal
+from .resolve import Absent, Context, Resolver, labels_of
 from .selects import Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
@@ -96,11 +97,13 @@ def propose(
     for operations, tidy, why in _variants(asked):
         progress("select", len(found), candidates)
         try:
-            settled = _settle(scene, operations, resolver, tidy)
-        except F4xError:
-            if not why:  # nobody there in the plain reading: another threshold would be a guess
-                raise
-            continue
+            settled = resolver.resolve_sentence(scene, operations, tidy)
+        except F4xError as error:
+            if why:
+                continue
+            if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
+                raise Refusal(str(error), language.nearest(sentence)) from error
+            raise
         if all(settled != other.operations for other in found):
             found.append(Candidate(settled, why, sentence))
         if len(found) == candidates:
@@ -149,14 +152,6 @@ def apply(path: Path | str, candidate: Candidate) -> EditStack:
     stack = stack_of(read_scene(path), *candidate.operations, said=candidate.said)
     write_stack(path, stack)
     return stack
-
-
-def _settle(scene: Scene, operations: tuple[Operation, ...], resolver: Resolver, tidy: bool) -> tuple[Operation, ...]:
-    """The operations resolved, each in the scene that those before it leave."""
-    settled: list[Operation] = []
-    for operation in operations:
-        settled.append(resolver.resolve(with_operations(scene, *settled) if settled else scene, operation, tidy))
-    return tuple(settled)
 
 
 def _variants(asked: tuple[Operation, ...]) -> Iterator[tuple[tuple[Operation, ...], bool, str]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from typing import Any
@@ -10,22 +10,42 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
-from ..query.labels import Encode, ask_for, text_head
+from ..query.labels import Encode, ask_for, text_head, unknown_label
 from ..query.pixels import label_scores
 from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
-from .apply import EditedScene, edited, next_id
+from .apply import EditedScene, edited, next_id, with_operations
+from .description import whom
 from .operations import Duplicate, Freeze, Operation, Rekey, Transform
 from .pieces import things, which_thing, width_along
 from .rows import Rows
-from .selects import And, Box, Current, Ids, Instance, Not, Or, Point, Select, SelectKind, Text
+from .selects import (
+    LONGEST_WORDS,
+    And,
+    Box,
+    Current,
+    Ids,
+    Instance,
+    Not,
+    Or,
+    Point,
+    Select,
+    SelectKind,
+    Text,
+    parts_of,
+)
+from .words import head_of, names_another
 
 NEAREST = 4
 """Labels that are offered in place of one that is not there."""
 LOOKED_AT = 4096
 """Gaussians, evenly spread, by which a refusal says what is in a scene."""
+
+
+class Absent(F4xError):  # noqa: N818  # nothing went wrong
+    """Nobody in the scene answers to what was said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +76,24 @@ class Resolver:
     def __init__(self, context: Context, encode: Encode | None = None):
         self.context, self.encode = context, encode
         self._found: dict[tuple[int, Select], Selection] = {}
+        self._before: Scene | None = None
+        self._said: dict[SelectKind, SelectKind] = {}
+
+    def resolve_sentence(
+        self, scene: Scene, operations: Sequence[Operation], tidy: bool = False
+    ) -> tuple[Operation, ...]:
+        """The operations of one sentence, each resolved in the scene that those before it leave.
+
+        Words mean what answers to them before the sentence, and the same thing each time they are said: a copy is no second dog.
+        Every single one has to be answered; `Absent` names the one that is not.
+        """
+        self._before, self._said = scene, {}
+        settled: list[Operation] = []
+        for operation in operations:
+            scene = with_operations(scene, settled[-1]) if settled else scene
+            settled.append(self.resolve(scene, operation, tidy))
+        self._before = None
+        return tuple(settled)
 
     def resolve(self, scene: Scene, operation: Operation, tidy: bool = False) -> Operation:
         """As the function of this name; `tidy` leaves out pieces of what words mean that lie apart and are small."""
@@ -76,7 +114,7 @@ class Resolver:
         """The selection in ids, names, `all` and `moving`; F4xError where it is empty."""
         found = self._rewrite(scene, select, tidy)
         if not len(rows_of(scene, found)):
-            raise F4xError(self._nothing(scene, select))
+            raise Absent(self._nothing(scene, select))
         return found
 
     def selection(self, scene: Scene, text: Text) -> Selection:
@@ -88,12 +126,24 @@ class Resolver:
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)
 
     def _rewrite(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
+        if self._before is None:
+            return self._looked_up(scene, select, tidy)
+        if select not in self._said:
+            self._said[select] = self._looked_up(scene, select, tidy)
+        return self._said[select]
+
+    def _looked_up(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
+        found = self._settled(scene, select, tidy)
+        return replace(found, words=whom(select)[:LONGEST_WORDS]) if isinstance(found, Ids) and found is not select else found
+
+    def _settled(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         if isinstance(select, And | Or):
             return replace(select, of=tuple(self._rewrite(scene, part, tidy) for part in select.of))
         if isinstance(select, Not):
             return Not(self._rewrite(scene, select.of, tidy))
         if isinstance(select, Text):
-            rows = np.flatnonzero(self.selection(scene, select).chosen)
+            scene = self._before or scene
+            rows = self._rows_of_words(scene, select)
             if tidy and len(rows):
                 rows = rows[~things(scene.posed(self.context.frame), rows)[1]]
             return Ids.of(scene.ids[rows])
@@ -104,12 +154,30 @@ class Resolver:
         if isinstance(select, Instance):
             rows = rows_of(scene, self._rewrite(scene, select.of, tidy))
             if not len(rows):
-                raise F4xError(self._nothing(scene, select.of))
+                raise Absent(self._nothing(scene, select.of))
             time = float(select.frame)
             return Ids.of(scene.ids[which_thing(scene.posed(time), rows, select.which, scene.cameras.at(time))])
         if isinstance(select, Current):
             return Ids.of(self._current(scene).chosen_ids)
         return select
+
+    def _rows_of_words(self, scene: Scene, text: Text) -> np.ndarray:
+        """(n,) rows that words mean; of a compound those that are the kind of thing it says, too: the dog's hat is a hat."""
+        known = labels_of(scene)
+        heads = {label: head_of(label, {word.lower() for word in known}) for label in text.labels}
+
+        def meant(*labels: str) -> np.ndarray:
+            return self.selection(scene, replace(text, labels=labels)).chosen
+
+        for label, head in heads.items():
+            if names_another(label) and label not in known:
+                raise Absent(unknown_label(scene, label, known, text_head(scene).spec.text_encoder or ""))
+            if (head or self._before is not None) and not meant(head or label).any():
+                raise Absent(self._nothing(scene, replace(text, labels=(head or label,))))
+        chosen = meant(*text.labels)
+        if any(heads.values()):
+            chosen = chosen & meant(*(head or label for label, head in heads.items()))
+        return np.flatnonzero(chosen)
 
     def _current(self, scene: Scene) -> Selection:
         if self.context.selection is None:
@@ -132,7 +200,7 @@ class Resolver:
 
     def _nothing(self, scene: Scene, select: SelectKind) -> str:
         """The sentence about a selection that holds no Gaussian."""
-        words = next((part for part in _parts(select) if isinstance(part, Text)), None)
+        words = next((part for part in parts_of(select) if isinstance(part, Text)), None)
         if words is None or scene.features is None:
             return f"{scene.name}: the selection is empty at this place in the edits; select something else."
         best = float(self.selection(scene, words).scores.max(initial=0))
@@ -177,14 +245,6 @@ def labels_of(scene: Scene) -> list[str]:
         return []
     known = scene.features.vocabularies.get(text_head(scene).spec.text_encoder or "")
     return [] if known is None else list(known.labels)
-
-
-def _parts(select: SelectKind) -> Iterator[SelectKind]:
-    """A selection and everything it is made of."""
-    yield select
-    of = getattr(select, "of", ())
-    for part in of if isinstance(of, tuple) else (of,):
-        yield from _parts(part)
 
 
 def _vector(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:

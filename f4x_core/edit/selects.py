@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import base64
 import binascii
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Literal, Union
 
 import numpy as np
@@ -18,6 +19,8 @@ from .records import Record
 
 FEW = 32
 """So many ids are written as a list; more are packed."""
+LONGEST_WORDS = 200
+"""Letters kept of what a selection was called."""
 
 
 class Select(Record):
@@ -67,6 +70,8 @@ class Ids(Select):
     """Id of the first bit of `packed`."""
     packed: str = ""
     """Base64 of one bit per id from `first` on, the highest bit of a byte first."""
+    words: str = field(default="", compare=False)
+    """What they were called when they were looked up, for people: "the left dog of frame 5"."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be read."""
@@ -74,6 +79,8 @@ class Ids(Select):
             raise F4xError("ids and packed exclude one another; give one.")
         if any(i < 0 or i >= 1 << 63 for i in (*self.ids, self.first)):
             raise F4xError("an id is negative or no 64-bit number; give ids of the scene.")
+        if len(self.words) > LONGEST_WORDS or not self.words.isprintable():
+            raise F4xError(f"words is no short line; give at most {LONGEST_WORDS} letters.")
         try:
             base64.b64decode(self.packed, validate=True)
         except (binascii.Error, ValueError) as error:
@@ -185,3 +192,11 @@ class Not(Select):
 
 SelectKind = Union[All, Moving, Current, Named, Ids, Text, Point, Box, Instance, And, Or, Not]  # noqa: UP007  # forward references
 """Any selection."""
+
+
+def parts_of(select: SelectKind) -> Iterator[SelectKind]:
+    """A selection and everything it is made of."""
+    yield select
+    of = getattr(select, "of", ())
+    for part in of if isinstance(of, tuple) else (of,):
+        yield from parts_of(part)
