@@ -7,8 +7,9 @@ import math
 import statistics
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,8 @@ CHECK_WIDTH, CHECK_HEIGHT, CHECK_GAUSSIANS, CHECK_CHANNELS = 137, 101, 600, 11
 SHEETS = 6
 # Least float operations of a contributing (pixel, Gaussian) pair, forward and backward: offset, quadratic form, exponential,
 # transmittance, six moments; and per channel one blend, one dot product and one gradient.
-PAIR_OPERATIONS, PAIR_CHANNEL_OPERATIONS = 22 + 47, 2 + 4
+FORWARD_OPERATIONS, FORWARD_CHANNEL_OPERATIONS = 22, 2
+BACKWARD_OPERATIONS, BACKWARD_CHANNEL_OPERATIONS = 47, 4
 # The comparison of a decoded latent with rendering what it stands for, and the case whose memory is measured.
 LATENT, DECODED, LATENT_GAUSSIANS, STRIP = 32, 512, 50_000, 8
 MEMORY_GAUSSIANS, MEMORY_CHANNELS = 200_000, 35
@@ -234,61 +236,93 @@ def _measure_times(
     Also the median multiply-add peak of one thread (operations per second; 0 without the native library), taken in the same
     rounds: on a shared machine a processor's speed is not the same a minute later.
     """
-    import torch
-
     from ..native import measure_peak, open_library
 
     library, _ = open_library()
-    leaves = {name: scene[name].requires_grad_() for name in GRADIENTS}
-    sent = torch.ones(scene["height"], scene["width"], scene["colors"].shape[1])  # as a loss would hand it back
     peaks: list[float] = []
-
-    def preview(backend: str, threads: int) -> None:
-        with torch.no_grad():
-            rasterize(**scene, backend=backend, config=RasterConfig(threads=threads))
-
-    def train(backend: str, threads: int) -> None:
-        out = rasterize(**scene, backend=backend, config=RasterConfig(threads=threads))
-        torch.autograd.grad(out.channels, list(leaves.values()), sent)
 
     def peak() -> None:
         peaks.append(measure_peak(library, PEAK_SECONDS) if library else 0.0)
 
-    medians = measure_in_turn([*(partial(f, *v) for v in variants for f in (preview, train)), peak], repeats)
+    work = [f for name, t in variants for f in passes(scene, name, RasterConfig(threads=t))]
+    medians = measure_in_turn([*work, peak], repeats)
     return list(zip(medians[:-1:2], medians[1:-1:2], strict=True)), statistics.median(peaks)
+
+
+def passes(
+    scene: dict[str, Any], backend: str, config: RasterConfig
+) -> tuple[Callable[[], object], Callable[[], object]]:
+    """What is timed of a `scene`: a forward pass without gradients, and a forward and backward pass."""
+    import torch
+
+    leaves = [scene[name].requires_grad_() for name in GRADIENTS]
+    height, width, channels = scene["height"], scene["width"], scene["colors"].shape[1]
+    sent = torch.ones(height, width, channels, dtype=scene["colors"].dtype)  # as a loss would hand it back
+
+    def preview() -> None:
+        with torch.no_grad():
+            rasterize(**scene, backend=backend, config=config)
+
+    def train() -> None:
+        out = rasterize(**scene, backend=backend, config=config)
+        torch.autograd.grad(out.channels, leaves, sent.to(out.channels.dtype))
+
+    return preview, train
+
+
+def count_pairs(scene: dict[str, Any]) -> int:
+    """(pixel, Gaussian) pairs that contribute to the picture of a `scene`. The native library must be there."""
+    from .native import library as native
+
+    library, reason = native.open_library()
+    assert library is not None, reason
+    inputs = {name: scene[name].detach().numpy() for name in (*GRADIENTS, "K")}
+    render = native.forward(library, inputs, scene["width"], scene["height"], RasterConfig(threads=1), None, keep=True)
+    return native.count_pairs(library, render)
 
 
 def _measure_work(scene: dict[str, Any], possible: float) -> dict[str, float]:
     """Contributing pairs per pixel, and the share of the `possible` multiply-adds that they amount to."""
-    from .native.library import count_pairs, forward, open_library
+    pairs, channels = count_pairs(scene), scene["colors"].shape[1]
+    operations = FORWARD_OPERATIONS + BACKWARD_OPERATIONS
+    operations += (FORWARD_CHANNEL_OPERATIONS + BACKWARD_CHANNEL_OPERATIONS) * channels
+    return {"pairs_per_pixel": pairs / (scene["width"] * scene["height"]), "peak_share": pairs * operations / possible}
 
-    library, _ = open_library()
-    assert library is not None
-    inputs = {name: scene[name].detach().numpy() for name in (*GRADIENTS, "K")}
-    width, height, channels = scene["width"], scene["height"], scene["colors"].shape[1]
-    pairs = count_pairs(library, forward(library, inputs, width, height, RasterConfig(threads=1), None, keep=True))
-    operations = pairs * (PAIR_OPERATIONS + PAIR_CHANNEL_OPERATIONS * channels)
-    return {"pairs_per_pixel": pairs / (width * height), "peak_share": operations / possible}
+
+@dataclass(frozen=True)
+class Answer:
+    """What a backend makes of a scene, in float64."""
+
+    image: torch.Tensor
+    """(H, W, C)"""
+    gradients: dict[str, torch.Tensor]
+    """Those named in `GRADIENTS`, of a sum over the picture with random weights."""
+
+    def minus(self, truth: Answer) -> dict[str, Any]:
+        """`image_max`, `image_rmse` and the relative L2 `gradients` of the difference from `truth`."""
+        difference = self.image - truth.image
+        return {
+            "image_max": float(difference.abs().max()),
+            "image_rmse": float(difference.square().mean().sqrt()),
+            "gradients": {
+                name: float((gradient - truth.gradients[name]).norm() / truth.gradients[name].norm())
+                for name, gradient in self.gradients.items()
+            },
+        }
+
+
+def answer(scene: dict[str, Any], backend: str, config: RasterConfig | None = None) -> Answer:
+    """Picture and gradients of a `scene` as `backend` computes them in the scene's own precision."""
+    import torch
+
+    size = scene["height"], scene["width"], scene["colors"].shape[1]
+    weights = torch.rand(*size, generator=torch.Generator().manual_seed(1))
+    leaves = {key: scene[key].detach().requires_grad_() for key in GRADIENTS}
+    image = rasterize(**{**scene, **leaves}, backend=backend, config=config).channels.double()
+    gradients = torch.autograd.grad((image * weights).sum(), list(leaves.values()))
+    return Answer(image.detach(), {name: g.double() for name, g in zip(GRADIENTS, gradients, strict=True)})
 
 
 def _measure_error(backend: str) -> dict[str, Any]:
-    import torch
-
     scene = make_wavy_scene(CHECK_GAUSSIANS, CHECK_CHANNELS, CHECK_WIDTH, CHECK_HEIGHT)
-    weights = torch.rand(CHECK_HEIGHT, CHECK_WIDTH, CHECK_CHANNELS, generator=torch.Generator().manual_seed(1))
-
-    def run(name: str) -> tuple[torch.Tensor, list[torch.Tensor]]:
-        leaves = {key: scene[key].detach().requires_grad_() for key in GRADIENTS}
-        image = rasterize(**{**scene, **leaves}, backend=name).channels.double()
-        return image.detach(), list(torch.autograd.grad((image * weights).sum(), list(leaves.values())))
-
-    (image, gradients), (true_image, true_gradients) = run(backend), run("reference")
-    difference = image - true_image
-    return {
-        "image_max": float(difference.abs().max()),
-        "image_rmse": float(difference.square().mean().sqrt()),
-        "gradients": {
-            name: float((a.double() - b.double()).norm() / b.double().norm())
-            for name, a, b in zip(GRADIENTS, gradients, true_gradients, strict=True)
-        },
-    }
+    return answer(scene, backend).minus(answer(scene, "reference"))
