@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from matplotlib.axes import Axes
 
 from .. import page
 from ..files import replace_file
@@ -13,6 +16,8 @@ from .study import SECTIONS, pareto_front
 
 COLOURS = (page.TEAL, page.ORANGE, page.VIOLET, "#c94f6d", "#4f8fd0", "#b59a2d", "#6aa84f", page.GREY)
 MARKERS = "osD^vP*X"
+FEW_ROWS = 24
+"""Longer tables are folded up."""
 Record = Mapping[str, Any]
 """A study as `study.json` holds it."""
 
@@ -103,7 +108,8 @@ def _table(table: Record) -> str:
     cells = [[told(row.get(column)) for column in columns] for row in table["rows"]]
     words = "".join(f'<p class="dim">{html.escape(text)}</p>' for text in (table["note"],) if text)
     head = f"<summary>{html.escape(table['title'] or table['name'])} ({len(cells)} rows)</summary>"
-    return f"<details open>{head}{page.table(columns, cells, numbers=True)}{words}</details>"
+    state = " open" if len(cells) <= FEW_ROWS else ""
+    return f"<details{state}>{head}{page.table(columns, cells, numbers=True)}{words}</details>"
 
 
 def _markdown_table(table: Record) -> str:
@@ -115,15 +121,18 @@ def _markdown_table(table: Record) -> str:
 
 
 def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
-    """One plot as SVG; "" where no row has both values."""
+    """One plot as SVG, where a value of 0 on a logarithmic `y` stands below the plot; "" where no row has both values."""
     x, y = figure["x"], figure["y"]
-    shown = [row for row in rows if _positive(row, x, "x" in figure["log"]) and _positive(row, y, "y" in figure["log"])]
+    shown = [row for row in rows if _drawable(row, x, "x" in figure["log"]) and _drawable(row, y)]
+    shown = [row for row in shown if row[y] >= 0 or "y" not in figure["log"]]
     if not shown:
         return ""
     canvas, (axis,) = page.plot(figure["title"], x, y, height=3.2)
     names = list(dict.fromkeys(row.get(figure["series"], "") for row in shown))
     for number, name in enumerate(names):
         chosen = [row for row in shown if row.get(figure["series"], "") == name]
+        exact = [row for row in chosen if row[y] == 0 and "y" in figure["log"]]
+        chosen = [row for row in chosen if row not in exact]
         line = "" if figure["front"] else "-"
         across, up = [row[x] for row in chosen], [row[y] for row in chosen]
         look: dict[str, Any] = {
@@ -133,9 +142,10 @@ def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
         }
         bars = _error_bars(figure, chosen)
         axis.errorbar(across, up, **bars, linestyle=line, linewidth=1.2, elinewidth=0.8, label=str(name), **look)
+        _stand_at_zero(axis, [row[x] for row in exact], look)
     if figure["front"]:
-        points = [(row[x], row[y]) for row in shown]
-        front = [points[index] for index in pareto_front(points)]
+        points = [(row[x], row[y]) for row in shown if row[y] > 0 or "y" not in figure["log"]]
+        front = [points[index] for index in pareto_front(points)] or [(math.nan, math.nan)]
         axis.step(*zip(*front, strict=True), where="post", color=page.GREY, linewidth=1, linestyle="--", label="front")
     if "x" in figure["log"]:
         axis.set_xscale("log")
@@ -146,9 +156,17 @@ def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
     return page.svg(canvas)
 
 
-def _positive(row: Mapping[str, Any], column: str, logarithmic: bool) -> bool:
+def _drawable(row: Mapping[str, Any], column: str, positive: bool = False) -> bool:
     value = row.get(column)
-    return isinstance(value, (int, float)) and not (logarithmic and value <= 0)
+    return isinstance(value, (int, float)) and math.isfinite(value) and not (positive and value <= 0)
+
+
+def _stand_at_zero(axis: Axes, across: Sequence[float], look: dict[str, Any]) -> None:
+    """Points of value 0, which a logarithmic axis lacks: on its lower end, with a 0 beside them."""
+    place = axis.get_xaxis_transform()
+    axis.plot(across, [0] * len(across), linestyle="", transform=place, clip_on=False, zorder=3, **look)
+    for x in across:
+        axis.annotate("0", (x, 0), (4, 3), xycoords=place, textcoords="offset points", fontsize=7, color=look["color"])
 
 
 def _error_bars(figure: Record, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

@@ -158,15 +158,24 @@ class MissingError(F4xError):
 
 
 def time_rows(
-    names: Sequence[str], functions: Sequence[Callable[[], object]], repeats: int, unit: str = "ms"
+    names: Sequence[str],
+    functions: Sequence[Callable[[], object]],
+    repeats: int,
+    unit: str = "ms",
+    column: str = "time",
 ) -> list[Row]:
-    """`name` and the columns `time (ms)`, `time low (ms)`, `time high (ms)`: median and quartiles, timed in turn."""
+    """`name` and the columns `time_columns(column, unit)`: median and quartiles, timed in turn."""
     factor = {"ms": 1e3, "s": 1.0}[unit]
     rows = []
     for name, seconds in zip(names, time_in_turn(functions, repeats), strict=True):
         low, middle, high = statistics.quantiles([factor * s for s in seconds], n=4, method="inclusive")
-        rows.append({"name": name, f"time ({unit})": middle, f"time low ({unit})": low, f"time high ({unit})": high})
+        rows.append({"name": name, **dict(zip(time_columns(column, unit), (middle, low, high), strict=True))})
     return rows
+
+
+def time_columns(column: str = "time", unit: str = "ms") -> tuple[str, str, str]:
+    """Names of the columns that hold the median of some times and its quartiles."""
+    return f"{column} ({unit})", f"{column} low ({unit})", f"{column} high ({unit})"
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
