@@ -1,6 +1,6 @@
 """The `plain` backend: the rule in numpy alone, in float64 - what draws where neither the compiled library nor torch is.
 
-Tile by tile; of a tile's splats, front to back, a slab at a time meets all pixels of the tile as one matrix.
+Tile by tile; of a tile's splats, front to back, a slab at a time meets all pixels of the tile at once.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ import numpy as np
 from ..geometry.quaternion import to_matrix
 from .contract import FRUSTUM_MARGIN, RasterConfig, RasterOutput
 
-TILE = 16
-"""Side of a tile in pixels."""
-SLAB = 128
+TILE = 8
+"""Side of a tile in pixels: most splats are smaller, and what they miss of a tile is work in vain."""
+SLAB = 256
 """Splats blended at once: a tile can stop between two slabs."""
 
 
@@ -66,8 +66,10 @@ def rasterize_plain(
         means, quats, scales, opacities, colors, viewmat, K, width, height, config, mean2d_offset
     )
     image = np.zeros((height, width, splats.features.shape[1]))
-    for rows, columns, here in _tiles(splats, width, height):
-        image[rows, columns] = _composite(here, rows, columns, limit[rows, columns], config)
+    for rows, columns, index in _tiles(splats, width, height):
+        tile = image[rows, columns]
+        for slab, weights in _weights(splats, index, rows, columns, limit[rows, columns], config):
+            tile += (weights.T @ slab.features).reshape(tile.shape)
     image = image.astype(means.dtype, copy=False)
     alpha, depth, channels = image[..., 0], image[..., 1], image[..., 2:]
     if background is not None:
@@ -92,21 +94,22 @@ def light_plain(
     )
     total = np.zeros((len(means), count))
     everywhere = np.full((height, width), np.inf)
-    for rows, columns, here in _tiles(splats, width, height):
+    for rows, columns, index in _tiles(splats, width, height):
         tile = layers[rows, columns].reshape(-1, count)
-        for slab, weights in _weights(here, rows, columns, everywhere[rows, columns], config):
-            total[slab.row] += weights.T @ tile
+        for slab, weights in _weights(splats, index, rows, columns, everywhere[rows, columns], config):
+            total[slab.row] += weights @ tile
     return total.astype(np.float32)
 
 
-def _tiles(splats: _Splats, width: int, height: int) -> Iterator[tuple[slice, slice, _Splats]]:
-    """(rows, columns, the splats that meet them) of every tile."""
+def _tiles(splats: _Splats, width: int, height: int) -> Iterator[tuple[slice, slice, np.ndarray]]:
+    """(rows, columns, indices of the splats that meet them, front to back) of every tile."""
     for top in range(0, height, TILE):
         rows = slice(top, min(top + TILE, height))
-        in_row = splats.take(_meets(splats.y, splats.half_height, rows))
+        in_row = np.flatnonzero(_meets(splats.y, splats.half_height, rows))
+        x, half_width = splats.x[in_row], splats.half_width[in_row]
         for left in range(0, width, TILE):
             columns = slice(left, min(left + TILE, width))
-            yield rows, columns, in_row.take(_meets(in_row.x, in_row.half_width, columns))
+            yield rows, columns, in_row[_meets(x, half_width, columns)]
 
 
 def _project(
@@ -153,29 +156,22 @@ def _meets(centre: np.ndarray, half: np.ndarray, pixels: slice) -> np.ndarray:
     return (centre + half >= pixels.start + 0.5) & (centre - half <= pixels.stop - 0.5)
 
 
-def _composite(splats: _Splats, rows: slice, columns: slice, limit: np.ndarray, config: RasterConfig) -> np.ndarray:
-    """(h, w, 2 + C) of one tile."""
-    image = np.zeros((limit.size, splats.features.shape[1]))
-    for slab, weights in _weights(splats, rows, columns, limit, config):
-        image += weights @ slab.features
-    return image.reshape(*limit.shape, -1)
-
-
 def _weights(
-    splats: _Splats, rows: slice, columns: slice, limit: np.ndarray, config: RasterConfig
+    splats: _Splats, index: np.ndarray, rows: slice, columns: slice, limit: np.ndarray, config: RasterConfig
 ) -> Iterator[tuple[_Splats, np.ndarray]]:
-    """The splats of one tile, a slab at a time, with their light in every pixel (h w, splats)."""
-    y, x = (axis.reshape(-1, 1) + 0.5 for axis in np.mgrid[rows, columns])
-    light = np.ones((len(x), 1))  # transmittance of every pixel
-    for start in range(0, len(splats.x), SLAB):
-        slab = splats.take(slice(start, start + SLAB))
-        dy = y - slab.y
-        alpha = slab.opacity * np.exp(-0.5 * (slab.a * (x - slab.x - slab.slope * dy) ** 2 + slab.c * dy**2))
-        alpha = np.where(alpha < config.alpha_min, 0, np.minimum(alpha, config.alpha_max))
-        alpha[slab.z >= limit.reshape(-1, 1)] = 0
-        after = light * np.cumprod(1 - alpha, 1)  # (pixels, splats)
-        before = np.concatenate([light, after[:, :-1]], 1)
-        yield slab, np.where(after > config.transmittance_min, alpha * before, 0)
-        light = after[:, -1:]
+    """The splats at `index`, a slab at a time, with their light in every pixel of a tile (splats, h w)."""
+    y, x = (axis.ravel() + 0.5 for axis in np.mgrid[rows, columns])
+    light = np.ones((1, len(x)))  # transmittance of every pixel
+    for start in range(0, len(index), SLAB):
+        slab = splats.take(index[start : start + SLAB])
+        mean_x, mean_y, a, slope, c, opacity, z = (
+            column[:, None] for column in (slab.x, slab.y, slab.a, slab.slope, slab.c, slab.opacity, slab.z)
+        )
+        dy = y - mean_y
+        alpha = opacity * np.exp(-0.5 * (a * (x - mean_x - slope * dy) ** 2 + c * dy**2))
+        alpha = np.where((alpha < config.alpha_min) | (z >= limit.ravel()), 0, np.minimum(alpha, config.alpha_max))
+        passing = np.cumprod(np.concatenate([light, 1 - alpha]), 0)  # before and after every splat
+        yield slab, np.where(passing[1:] > config.transmittance_min, alpha * passing[:-1], 0)
+        light = passing[-1:]
         if (light <= config.transmittance_min).all():
             break
