@@ -19,15 +19,19 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
-from .errors import Cancelled
+from .errors import Cancelled, F4xError
+from .progress import Progress, silent
 
 EXIT_INTERRUPTED = 130
 GRACE = 1.0
 """Seconds that an interrupted child has for its last step and for saving what it has."""
+TAIL = 5
+"""Lines of a failed child's errors that are told."""
 INTERVAL = 0.05
 """Seconds between two lines of one stage: no reader looks more often."""
 
@@ -96,6 +100,39 @@ def start_child(command: Sequence[str], folder: Path) -> subprocess.Popen[str]:
         errors="replace",
         **group,
     )
+
+
+def run_verb(arguments: Sequence[str], folder: Path, progress: Progress = silent) -> dict[str, Any]:
+    """Run `f4x` with `arguments` in a child of its own, in `folder`; returns the verb's result.
+
+    Raises:
+        F4xError: the verb's own sentence, or that it ended without one.
+        Cancelled: raised by `progress`; the child is gone then.
+    """
+    child = start_child([sys.executable, "-m", f"{__package__}", *arguments, "--progress-json"], folder)
+    assert child.stdout is not None and child.stderr is not None and child.stdin is not None
+    tail: deque[str] = deque(maxlen=TAIL)
+    listener = threading.Thread(target=tail.extend, args=(child.stderr,), daemon=True)
+    listener.start()  # a full pipe would stop the child
+    last: dict[str, Any] = {}
+    try:
+        for line in child.stdout:
+            with contextlib.suppress(ValueError):
+                last = json.loads(line)
+                if "stage" in last:
+                    progress(last["stage"], last["done"], last["total"], last["message"])
+        code = child.wait()
+        listener.join()
+    except BaseException:
+        child.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(2 * GRACE)
+        end_tree(child.pid)
+        raise
+    if "result" in last:
+        return last["result"]
+    told = last.get("error") or f"ended with {code}: " + ("".join(tail).strip() or "not a word")
+    raise F4xError(f"f4x {arguments[0]}: {told}")
 
 
 def end_tree(process: int) -> None:

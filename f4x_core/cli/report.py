@@ -28,7 +28,7 @@ def run_report(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         if source is not None and not source.is_dir():
             raise F4xError(f"{source}: there is no such folder; name the one that holds the clips or data sets.")
     torch.set_num_threads(args.threads)
-    folder: Path = args.output
+    folder: Path = args.output.resolve()  # verbs in children run in folders of their own
     folder.mkdir(parents=True, exist_ok=True)
     context = Context(folder, args.quick, args.clips, args.data, args.threads, args.seed)
     report = run_studies(studies, folder, context, progress)

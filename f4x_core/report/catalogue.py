@@ -13,6 +13,46 @@ STUDIES = (
         "How many multiply-adds and bytes a second the kernels could have at best.",
         ".physical_limit:measure_peaks",
     ),
+    Study(
+        "clips-fit",
+        "clips",
+        "Real clips: fitted",
+        "How near does a fitted scene come to pictures that it saw, and to pictures that it didn't?",
+        ".clip_studies:fit_clips",
+        only_full=True,
+    ),
+    Study(
+        "clips-features",
+        "clips",
+        "Real clips: asked",
+        "What do a word and a mask on one frame find in the whole scene, and what do features cost?",
+        ".clip_studies:ask_clips",
+        only_full=True,
+    ),
+    Study(
+        "clips-edits",
+        "clips",
+        "Real clips: edited",
+        "How much of the thing does an edit change, and how much else?",
+        ".clip_studies:edit_clips",
+        only_full=True,
+    ),
+    Study(
+        "rendered-clips",
+        "clips",
+        "Rendered clips against their truth",
+        "How wrong are views that the camera never had, and the cameras that were found?",
+        ".clip_studies:fit_rendered",
+        only_full=True,
+    ),
+    Study(
+        "blender",
+        "blender",
+        "In Blender",
+        "What do import, playback, queries and pictures cost inside Blender?",
+        ".clip_studies:measure_blender",
+        only_full=True,
+    ),
 )
 """Name, section, what is asked, and the function that measures it."""
 

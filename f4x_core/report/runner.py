@@ -32,7 +32,7 @@ def run_studies(
         context: settings of all studies; `folder` and `progress` are set here.
 
     Raises:
-        F4xError: a study has bad input; Cancelled goes through, with all finished steps kept.
+        Cancelled: goes through, with all finished steps kept.
     """
     settings = {"quick": context.quick, "seed": context.seed, "threads": context.threads}
     for done, study in enumerate(studies):
@@ -81,6 +81,8 @@ def _measure(study: Study, context: Context) -> Findings:
         return study.function()(context)
     except MissingError as reason:
         return Findings(skipped=[str(reason)])
+    except F4xError as error:  # one study that fails doesn't cost the others
+        return Findings(failed=[str(error)])
 
 
 def _keep(study: Study, findings: Findings, seconds: float, settings: dict[str, Any], place: Path) -> None:

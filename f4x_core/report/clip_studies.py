@@ -1,0 +1,200 @@
+"""Whole clips through the ordinary verbs: fitted, asked, edited; rendered ones against their truth; and inside Blender."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ..errors import F4xError
+from ..processes import run_verb
+from .study import Context, Findings, MissingError, Row, Table
+
+WORDS = {"blackswan": "swan", "car-shadow": "car", "camel": "camel", "dog": "dog"}
+"""What the masks of a clip show, by the clip's name; another clip's masks show what the clip is called."""
+PROFILES = ("quick", "wild")
+ASKED = "wild"
+"""Profile whose scenes are asked and edited."""
+HOLD_OUT = 8
+TEACHERS = "text,visual"
+FITTED = "clips-fit"
+"""Study that leaves the scenes which the others read."""
+SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+"""Of a checkout."""
+RENDERED = ("procedural", "knight", "fox")
+SIZE = ("--frames", "24", "--size", "240x136", "--samples", "24", "--extra-cameras")
+PROVIDERS = {"true": "synthetic", "offline": "classical"}
+SCORES = {
+    "used (dB)": "used_psnr",
+    "used, moving (dB)": "used_psnr_moving",
+    "used, static (dB)": "used_psnr_static",
+    "held out (dB)": "held_out_psnr",
+    "held out, camera refined (dB)": "held_out_psnr_refined",
+    "nearest frame (dB)": "held_out_psnr_nearest",
+    "flow blend (dB)": "held_out_psnr_flow_blend",
+    "PCK@0.2": "pck",
+    "Gaussians": "gaussians",
+}
+"""Column -> what `f4x fit` and `f4x eval` call it."""
+
+
+def fit_clips(context: Context) -> Findings:
+    """Every real clip with both profiles, scored on used and held-out frames beside two baselines."""
+    rows: list[Row] = []
+    for clip in _clips(context):
+        for profile in PROFILES:
+            told = context.step(f"{clip.name}-{profile}", partial(_fit, clip, profile, context))
+            rows.append({"clip": clip.name, "profile": profile} | told)
+    note = f"Every {HOLD_OUT}th frame is held out; `f4x fit CLIP --profile PROFILE --hold-out {HOLD_OUT}`, then `f4x eval`."
+    return Findings([Table("clips", rows, "Real clips", timed=("time (s)",), note=note)])
+
+
+def ask_clips(context: Context) -> Findings:
+    """Words and first-frame masks on the fitted clips that have masks."""
+    rows, skipped = [], []
+    for clip in _clips(context):
+        scene = _fitted(context, clip)
+        if not (clip / "masks").is_dir():
+            skipped.append(f"{clip.name}: it has no masks")
+            continue
+        word = WORDS.get(clip.name, clip.name)
+        rows.append(
+            {"clip": clip.name, "word": word} | context.step(clip.name, partial(_ask, clip, scene, word, context))
+        )
+    return Findings([Table("questions", rows, "Words and masks", timed=_timed(rows))], skipped=skipped)
+
+
+def edit_clips(context: Context) -> Findings:
+    """Edits by mask, click and word on the same scenes, against the true masks."""
+    rows, skipped = [], []
+    for clip in _clips(context):
+        scene = context.folder.parent / "clips-features" / f"{clip.name}.f4x"
+        if not scene.is_file():
+            skipped.append(f"{clip.name}: it has no features; run clips-features first")
+            continue
+        word = WORDS.get(clip.name, clip.name)
+        verb = ["bench", "edit", "--scene", str(scene), "--masks", str(clip / "masks"), "--label", word]
+        try:
+            rows.append({"clip": clip.name} | context.step(clip.name, partial(_measure, verb, context)))
+        except F4xError as error:  # a word that nothing answers to
+            skipped.append(f"{clip.name}: {error}")
+    return Findings([Table("edits", rows, "Edits", timed=_timed(rows))], skipped=skipped)
+
+
+def fit_rendered(context: Context) -> Findings:
+    """Rendered clips, with true and with offline priors, against what only the renderer knows."""
+    script = _script("synthetic_clip.py")
+    rows: list[Row] = []
+    for name in RENDERED:
+        clip = context.folder / name
+        context.step(f"render {name}", partial(_run, [str(script), str(clip), "--scene", name, *SIZE]))
+        for priors, provider in PROVIDERS.items():
+            told = context.step(f"{name} {priors}", partial(_fit_rendered, clip, provider, context))
+            rows.append({"scene": name, "priors": priors} | told)
+    note = (
+        "Two cameras never used, 10 degrees off the path on either side; `seen`: only pixels whose surface a frame saw."
+    )
+    return Findings([Table("rendered", rows, "Rendered clips, profile quick", timed=("time (s)",), note=note)])
+
+
+def measure_blender(context: Context) -> Findings:
+    """`scripts/bench_blender.py` under this Python's bpy."""
+    from importlib.util import find_spec
+
+    if find_spec("bpy") is None:
+        raise MissingError("this Python has no bpy; `pip install bpy==4.5.15` brings it to Python 3.11.")
+    told = context.step("bench", partial(_run, [str(_script("bench_blender.py")), "--json"]))
+    rows = [{"what": part, "figure": n, "value": v} for part, row in told.items() for n, v in _figures(row).items()]
+    return Findings([Table("blender", rows, "bpy as a module", timed=("value",))])
+
+
+def _clips(context: Context) -> list[Path]:
+    if context.clips is None:
+        raise MissingError("--clips DIR names the folder of real clips, DIR/CLIP/images beside DIR/CLIP/masks.")
+    found = sorted(folder.parent for folder in context.clips.glob("*/images"))
+    if not found:
+        raise MissingError(f"{context.clips} holds no clip (CLIP/images).")
+    return [clip.resolve() for clip in found]
+
+
+def _fit(clip: Path, profile: str, context: Context) -> Row:
+    place = context.folder / f"{clip.name}-{profile}"
+    verb = ["fit", str(clip), "-o", str(place), "--profile", profile, "--hold-out", str(HOLD_OUT), "--resume"]
+    run_verb([*verb, "--threads", str(context.threads)], context.folder, context.progress)
+    measure = ["eval", str(place / "scene.f4x"), "--clip", str(clip), "--refine-camera", "--baselines"]
+    if (clip / "joints.json").is_file():
+        measure += ["--joints", str(clip / "joints.json"), "--masks", str(clip / "masks")]
+    scores = run_verb(measure, context.folder, context.progress)
+    kept = json.loads((place / "metrics.json").read_text(encoding="utf-8"))
+    scores = kept | scores
+    about = run_verb(["info", str(place / "scene.f4x")], context.folder)
+    return {column: scores[name] for column, name in SCORES.items() if name in scores} | {
+        "nodes": about["nodes"],
+        "size (MB)": (place / "scene.f4x").stat().st_size / 1e6,
+        "time (s)": sum(kept["seconds"].values()),
+    }
+
+
+def _fitted(context: Context, clip: Path) -> Path:
+    scene = context.folder.parent / FITTED / f"{clip.name}-{ASKED}" / "scene.f4x"
+    if not scene.is_file():
+        raise MissingError(f"{clip.name} is not fitted; run {FITTED} first.")
+    return scene
+
+
+def _ask(clip: Path, scene: Path, word: str, context: Context) -> Row:
+    with_field = context.folder / f"{clip.name}.f4x"
+    maps = context.folder / "maps" / clip.name
+    distil = ["distill", str(scene), "--teacher", TEACHERS, "--clip", str(clip), "--features", str(maps)]
+    run_verb([*distil, "-o", str(with_field)], context.folder, context.progress)
+    bench = ["bench", "features", "--scene", str(with_field), "--masks", str(clip / "masks"), "--label", word]
+    bench += ["--clip", str(clip), "--plain", str(scene)]
+    return _measure(bench, context)
+
+
+def _fit_rendered(clip: Path, provider: str, context: Context) -> Row:
+    place = context.folder / f"{clip.name}-{provider}"
+    verb = ["fit", str(clip / "images"), "-o", str(place), "--profile", "quick", "--provider", provider, "--resume"]
+    fitted = run_verb([*verb, "--threads", str(context.threads)], context.folder, context.progress)
+    measure = ["eval", str(place / "scene.f4x"), "--clip", str(clip / "images"), "--truth", str(clip)]
+    scores = run_verb(measure, context.folder, context.progress)
+    kept = json.loads((place / "metrics.json").read_text(encoding="utf-8"))
+    return _figures(scores) | {"Gaussians": fitted["metrics"]["gaussians"], "time (s)": sum(kept["seconds"].values())}
+
+
+def _measure(verb: Sequence[str], context: Context) -> Row:
+    return _figures(run_verb(verb, context.folder, context.progress))
+
+
+def _figures(told: dict[str, Any]) -> Row:
+    """The single numbers of a verb's result."""
+    return {name: value for name, value in told.items() if isinstance(value, (int, float))}
+
+
+def _timed(rows: Sequence[Row]) -> tuple[str, ...]:
+    """Columns that hold times, by the names that `f4x bench` gives them."""
+    columns = dict.fromkeys(column for row in rows for column in row)
+    return tuple(c for c in columns if c.endswith(("_ms", "_s", "_seconds")) or "time" in c)
+
+
+def _script(name: str) -> Path:
+    if not (SCRIPTS / name).is_file():
+        raise MissingError(f"scripts/{name} comes with the source code, not with the package.")
+    return SCRIPTS / name
+
+
+def _run(command: Sequence[str]) -> Any:
+    """Last line of a script of ours as JSON, or None; F4xError with its last words where it fails."""
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False)
+    if done.returncode:
+        last = "".join(done.stderr.strip().splitlines()[-1:])
+        raise F4xError(f"{Path(command[0]).name} ended with {done.returncode}: {last}")
+    lines = done.stdout.strip().splitlines()
+    try:
+        return json.loads(lines[-1]) if lines else None
+    except ValueError:
+        return None

@@ -1,0 +1,134 @@
+"""The report: studies run once, go on where they stopped, fail alone, and stand on a page that can be read and repeated."""
+
+import csv
+import json
+
+import pytest
+
+from f4x_core.cli.main import main
+from f4x_core.errors import Cancelled, F4xError
+from f4x_core.report import catalogue, clip_studies, runner
+from f4x_core.report.report_page import as_markdown, told, write_page
+from f4x_core.report.runner import run_studies
+from f4x_core.report.study import (
+    SECTIONS,
+    Context,
+    Figure,
+    Findings,
+    MissingError,
+    Study,
+    Table,
+    as_plain,
+    pareto_front,
+    time_rows,
+)
+
+CALLS: list[str] = []
+
+
+def measure_well(context):
+    rows = [
+        {"form": f, "time (ms)": t, "error": e} for f, t, e in (("a", 1.0, 1e-3), ("b", 2.0, 1e-6), ("b", 3.0, 0.0))
+    ]
+    first = context.step("first", lambda: CALLS.append("first") or {"half": 0.5})
+    context.step("second", lambda: CALLS.append("second"))
+    figure = Figure("speed <against> error", "forms", "time (ms)", "error", series="form")
+    return Findings([Table("forms", rows, timed=("time (ms)",))], [figure], [f"half is {first['half']}"])
+
+
+def measure_badly(context):
+    raise F4xError("the sky fell")
+
+
+def measure_nothing(context):
+    raise MissingError("no such clip")
+
+
+@pytest.fixture
+def studies(monkeypatch):
+    CALLS.clear()
+    here = "f4x_core.report.probe"
+    monkeypatch.setitem(__import__("sys").modules, here, __import__("sys").modules[__name__])
+    made = tuple(
+        Study(name, "speed", f"Title of {name}", "Why?", f".probe:measure_{name}")
+        for name in ("well", "badly", "nothing")
+    )
+    monkeypatch.setattr(runner, "STUDIES", made)
+    monkeypatch.setattr(catalogue, "STUDIES", made)
+    return made
+
+
+def test_every_study_can_be_found_and_stands_in_a_section():
+    names = [study.name for study in catalogue.STUDIES]
+    assert len(set(names)) == len(names)
+    for study in catalogue.STUDIES:
+        assert study.section in SECTIONS and callable(study.function()) and study.question
+
+
+def test_a_failing_study_costs_no_other_and_everything_is_told(studies, tmp_path):
+    report = run_studies(studies, tmp_path, Context(tmp_path, quick=True))
+    assert {name: (r["failed"], r["skipped"]) for name, r in report["studies"].items()} == {
+        "well": ([], []),
+        "badly": (["the sky fell"], []),
+        "nothing": ([], ["no such clip"]),
+    }
+    assert json.loads((tmp_path / "report.json").read_text()) == json.loads(json.dumps(report))
+    with (tmp_path / "well" / "forms.csv").open() as file:
+        assert [row["form"] for row in csv.DictReader(file)] == ["a", "b", "b"]
+
+
+def test_what_is_done_is_not_done_again_and_a_stopped_study_goes_on(studies, tmp_path, monkeypatch):
+    def stop(*_):
+        if CALLS == ["first"]:
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        run_studies(studies[:1], tmp_path, Context(tmp_path), stop)
+    run_studies(studies[:1], tmp_path, Context(tmp_path))
+    run_studies(studies[:1], tmp_path, Context(tmp_path))
+    assert CALLS == ["first", "second"]
+    run_studies(studies[:1], tmp_path, Context(tmp_path, seed=1))
+    assert CALLS == ["first", "second"] * 2
+
+
+def test_the_page_shows_the_command_and_escapes_words(studies, tmp_path):
+    report = run_studies(studies, tmp_path, Context(tmp_path, quick=True))
+    write_page(tmp_path / "index.html", report)
+    text = (tmp_path / "index.html").read_text()
+    assert "f4x report -o DIR --only well --quick" in text and "half is 0.5" in text and "the sky fell" in text
+    assert "speed &lt;against&gt; error" in text and text.count("<svg") == 1
+    markdown = as_markdown(report["studies"].values())
+    assert "| b | 2 | 1e-06 |" in markdown and "**Failed**: the sky fell" in markdown
+
+
+def test_the_verb_ends_with_one_where_something_failed(studies, tmp_path, capsys):
+    assert main(["report", "-o", str(tmp_path), "--quick", "--only", "well"]) == 0
+    assert main(["report", "-o", str(tmp_path), "--quick", "--only", "badly", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["failed"] == ["badly: the sky fell"]
+    assert main(["report", "-o", str(tmp_path), "--only", "weather"]) == 2
+    assert "studies: well, badly, nothing" in capsys.readouterr().err
+
+
+def test_the_front_keeps_what_nothing_beats():
+    assert pareto_front([(3, 1), (1, 3), (2, 2), (2, 4), (4, 1)]) == [1, 2, 0]
+
+
+def test_times_come_with_their_quartiles():
+    (row,) = time_rows(["nothing"], [lambda: None], 4)
+    assert 0 <= row["time low (ms)"] <= row["time (ms)"] <= row["time high (ms)"] < 1000
+
+
+def test_plain_data_survives_json():
+    assert as_plain({"a": (1, float("inf")), 2: None}) == {"a": [1, "inf"], "2": None}
+    assert [told(v) for v in (None, True, 0.000123456, 1234567, 123456.7)] == [
+        "–",
+        "yes",
+        "0.0001235",
+        "1,234,567",
+        "123,457",
+    ]
+
+
+def test_real_clips_are_asked_for_in_one_sentence(tmp_path):
+    with pytest.raises(MissingError, match="--clips DIR"):
+        clip_studies.fit_clips(Context(tmp_path))
