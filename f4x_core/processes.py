@@ -20,7 +20,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -79,10 +79,13 @@ def _watch() -> None:
     os._exit(EXIT_INTERRUPTED)  # a process that leads no group of its own
 
 
-def start_child(command: Sequence[str], folder: Path) -> subprocess.Popen[str]:
+def start_child(
+    command: Sequence[str], folder: Path, variables: Mapping[str, str] | None = None
+) -> subprocess.Popen[str]:
     """Start `command` in `folder`, leading a group of its own, with pipes for its three streams.
 
-    Nothing of this process's Python (PYTHONPATH, PYTHONHOME, …) reaches the child's. OSError as of Popen.
+    Nothing of this process's Python (PYTHONPATH, PYTHONHOME, …) reaches the child's; `variables` of its environment are added
+    to the rest. OSError as of Popen.
     """
     group: dict[str, Any] = {"start_new_session": True}
     if sys.platform == "win32":
@@ -92,7 +95,7 @@ def start_child(command: Sequence[str], folder: Path) -> subprocess.Popen[str]:
     return subprocess.Popen(
         list(command),
         cwd=folder,
-        env=environment | {"PYTHONUTF8": "1"},
+        env=environment | {"PYTHONUTF8": "1"} | dict(variables or {}),
         stdin=pipe,
         stdout=pipe,
         stderr=pipe,
