@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
 from ..errors import F4xError
-from ..query.labels import Encode, ask_for, text_head, unknown_label
-from ..query.pixels import label_scores
+from ..query.inventory import labels_of, nearest_there
+from ..query.labels import Encode, text_head, unknown_label
 from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
+from ..query.standing import standing
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id, with_operations
 from .description import whom
@@ -38,10 +38,7 @@ from .selects import (
 )
 from .words import head_of, names_another
 
-NEAREST = 4
-"""Labels that are offered in place of one that is not there."""
-LOOKED_AT = 4096
-"""Gaussians, evenly spread, by which a refusal says what is in a scene."""
+__all__ = ["Absent", "Context", "Resolver", "chosen", "labels_of", "resolve", "rows_of"]
 
 
 class Absent(F4xError):  # noqa: N818  # nothing went wrong
@@ -75,7 +72,7 @@ class Resolver:
 
     def __init__(self, context: Context, encode: Encode | None = None):
         self.context, self.encode = context, encode
-        self._found: dict[tuple[int, Select], Selection] = {}
+        self._found: dict[tuple[bytes, Select], Selection] = {}
         self._before: Scene | None = None
         self._said: dict[SelectKind, SelectKind] = {}
 
@@ -119,7 +116,7 @@ class Resolver:
 
     def selection(self, scene: Scene, text: Text) -> Selection:
         """The scored selection of words, at their threshold."""
-        key = (len(scene.ids), replace(text, threshold=THRESHOLD))
+        key = (standing(scene).tobytes(), replace(text, threshold=THRESHOLD))
         if key not in self._found:
             self._found[key] = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
         # Being the best label says no more than a majority would, so it is not enough where more is asked for.
@@ -134,7 +131,11 @@ class Resolver:
 
     def _looked_up(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         found = self._settled(scene, select, tidy)
-        return replace(found, words=whom(select)[:LONGEST_WORDS]) if isinstance(found, Ids) and found is not select else found
+        return (
+            replace(found, words=whom(select)[:LONGEST_WORDS])
+            if isinstance(found, Ids) and found is not select
+            else found
+        )
 
     def _settled(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         if isinstance(select, And | Or):
@@ -182,6 +183,7 @@ class Resolver:
     def _current(self, scene: Scene) -> Selection:
         if self.context.selection is None:
             raise F4xError("Nothing is selected, so nobody knows what 'it' is; name the thing, or select it first.")
+        self.context.selection.require_scene(scene)
         return self.context.selection.for_ids(scene.ids)
 
     def _in_the_world(self, scene: Scene, operation: Transform | Duplicate, rows: np.ndarray) -> dict[str, Any]:
@@ -204,25 +206,12 @@ class Resolver:
         if words is None or scene.features is None:
             return f"{scene.name}: the selection is empty at this place in the edits; select something else."
         best = float(self.selection(scene, words).scores.max(initial=0))
-        asked = ", ".join(words.labels)
-        near = list(dict.fromkeys([*get_close_matches(asked, labels_of(scene), 2), *self._there(scene)]))[:NEAREST]
-        near = [label for label in near if label not in words.labels]
+        near = nearest_there(scene, words.labels, self.encode)
         hint = f"; nearest labels: {', '.join(near)}" if near else ""
         return (
-            f"{scene.name}: nothing in the scene is called '{asked}' with a probability of {words.threshold:g} or more"
-            f" (best: {best:.2f}){hint}."
+            f"{scene.name}: nothing in the scene is called '{', '.join(words.labels)}' with a probability of"
+            f" {words.threshold:g} or more (best: {best:.2f}){hint}."
         )
-
-    def _there(self, scene: Scene) -> list[str]:
-        """Labels of the vocabulary that most Gaussians answer to."""
-        labels = labels_of(scene)
-        if not labels:
-            return []
-        query = ask_for(scene, labels, [], encode=self.encode)
-        latents = scene.latents()
-        best = label_scores(query, latents[:: max(1, len(latents) // LOOKED_AT)]).argmax(1)
-        counts = np.bincount(best, minlength=len(labels))
-        return [query.labels[i] for i in np.argsort(-counts, kind="stable")[:NEAREST] if counts[i]]
 
 
 def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:
@@ -237,14 +226,6 @@ def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
 
 def _rows(scene: Scene) -> Rows:
     return scene.rows if isinstance(scene, EditedScene) else Rows.of(scene)
-
-
-def labels_of(scene: Scene) -> list[str]:
-    """The words of the scene's vocabulary; none where it knows no words."""
-    if scene.features is None or not any(head.spec.text_encoder for head in scene.features.heads):
-        return []
-    known = scene.features.vocabularies.get(text_head(scene).spec.text_encoder or "")
-    return [] if known is None else list(known.labels)
 
 
 def _vector(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -14,6 +15,8 @@ from ..scene.field import FieldHead
 
 BACKGROUND = ("sky", "tree", "grass", "sand", "water", "road", "wall", "fence", "building", "floor")
 """What an asked word is weighed against when no other words are given: what surrounds things."""
+PLURALS = (("s", ""), ("es", ""), ("ies", "y"), ("ves", "f"))
+"""Endings of plurals, and what the singular has in their place."""
 Encode = Callable[[str, list[str]], np.ndarray]
 """(name of a text encoder, labels) -> (L,dim) unit vectors."""
 
@@ -49,8 +52,8 @@ def ask_for(
 ) -> TextQuery:
     """The query for `labels`, weighed against `negatives` (`BACKGROUND` when None), in the head `head`.
 
-    By default the first head whose spec names a text encoder. Vectors come from the scene's vocabulary; labels that it
-    lacks from `encode`. Raises F4xError: a scene without field or without such a head, a label that nobody knows.
+    By default the first head whose spec names a text encoder. Vectors come from the scene's vocabulary (see `spellings`);
+    labels that it lacks from `encode`. Raises F4xError: a scene without field or without such a head, a label that nobody knows.
     """
     targets = words_of(",".join(labels))
     decoder = text_head(scene, head)
@@ -63,6 +66,11 @@ def ask_for(
     if encoder in scene.require_field().vocabularies:
         known, table = scene.require_field().vocabulary(encoder)
         rows = {word.lower(): row for word, row in zip(known, table, strict=True)}
+    stored = {word.lower(): word for word in known}
+    targets, against = (
+        list(dict.fromkeys(next((stored[form] for form in spellings(word) if form in stored), word) for word in words))
+        for words in (targets, against)
+    )
     if not given:  # of the default ones, those at hand: no encoder is started for them alone
         against = [word for word in BACKGROUND if word in rows] if rows else list(BACKGROUND)
     against = [word for word in against if word.lower() not in {target.lower() for target in targets}]
@@ -78,6 +86,17 @@ def ask_for(
         rows |= {word.lower(): row for word, row in zip(missing, vectors, strict=True)}
     everything = (*targets, *against)
     return TextQuery(decoder, everything, np.stack([rows[word.lower()] for word in everything]), len(targets))
+
+
+def spellings(word: str) -> list[str]:
+    """`word` as a vocabulary may have it, likeliest first: in lower case, without its article, in the singular.
+
+    "The Dogs" -> the dogs, dogs, dog. Only what a vocabulary knows counts, so a wrong guess ("bus" -> "bu") does no harm.
+    """
+    plain = " ".join(word.lower().split())
+    bare = re.sub(r"^(the|an?|any|some|this|that|these|those) ", "", plain)
+    stems = [bare.removesuffix(end) + more for end, more in PLURALS if bare.endswith(end)]
+    return list(dict.fromkeys([plain, bare, *stems]))
 
 
 def text_head(scene: Scene, name: str | None = None) -> FieldHead:

@@ -12,6 +12,7 @@ from ..clip.images import resize_nearest
 from ..errors import F4xError
 from ..features.models.prompt import check_frame, check_prompt
 from ..geometry import spherical_harmonics
+from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
@@ -21,9 +22,12 @@ from .light import lift_masks
 from .pixels import head_map, label_scores
 from .score import THRESHOLD, target_score
 from .segmentation import FeaturePropagation, MaskDecoder
-from .selection import Selection
+from .selection import Selection, fingerprint
 from .smoothing import LOOKS_ALIKE
+from .standing import standing
 
+ASPECT_TOLERANCE = 0.01
+"""Relative difference of aspects up to which a mask is taken for one of the clip: rounding to even sizes changes it so."""
 STAND_IN_GRID = 64
 """Columns of the grid on which rendered colour, motion and depth stand in for features that a scene lacks."""
 
@@ -57,7 +61,8 @@ def select_by_text(
 ) -> Selection:
     """Gaussians whose decoded latent says one of `labels` rather than one of `negatives` (see `labels.ask_for`).
 
-    Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`.
+    Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. This and every other selection
+    leaves out what edits have deleted (`standing`).
     """
     query = ask_for(scene, labels, negatives, head, encode)
     return text_selection(scene, query, threshold, span, calibrated=calibrated)
@@ -85,14 +90,25 @@ def text_selection(
 
 
 def select_by_mask(scene: Scene, mask: np.ndarray, frame: int, **options) -> Selection:
-    """Gaussians of what the bool `mask (H,W)`, of any size, shows on clip frame `frame`; options of `select_by_prompts`."""
+    """Gaussians of what the bool `mask (H,W)` shows on clip frame `frame`; options of `select_by_prompts`.
+
+    A mask of another size than the clip's pictures is scaled; F4xError where its aspect is another (`at_clip_size`).
+    """
     check_frame(frame, len(scene.cameras))
-    cameras = scene.cameras
-    inside = np.asarray(mask) > 0
-    if inside.ndim != 2:
-        raise F4xError(f"The mask has shape {inside.shape}; give one number for each pixel.")
-    inside = resize_nearest(inside, cameras.width, cameras.height)
-    return select_by_prompts(scene, {frame: {"mask": inside}}, **options)
+    return select_by_prompts(scene, {frame: {"mask": at_clip_size(np.asarray(mask) > 0, scene.cameras)}}, **options)
+
+
+def at_clip_size(mask: np.ndarray, cameras: CameraPath) -> np.ndarray:
+    """`mask (h,w)` bool at the size (H,W) of the clip's pictures; F4xError where the aspects differ by more than 1 %."""
+    if mask.ndim != 2:
+        raise F4xError(f"The mask has shape {mask.shape}; give one number for each pixel.")
+    (height, width), (wide, high) = mask.shape, (cameras.width, cameras.height)
+    if not width or not height or abs(width * high / (height * wide) - 1) > ASPECT_TOLERANCE:
+        raise F4xError(
+            f"The mask has {width}x{height} pixels, the clip's pictures {wide}x{high}; give a mask of the whole picture, at"
+            " that size or in its proportions."
+        )
+    return resize_nearest(mask, wide, high)
 
 
 def select_by_points(
@@ -223,4 +239,4 @@ def _selection(scene, scores, wins, threshold, span, label) -> Selection:
             raise F4xError(
                 f"The span {span[0]:g}:{span[1]:g} does not lie within the clip's frames, {first:g} to {last:g}."
             )
-    return Selection(scene.ids, scores, wins, threshold, span, label)
+    return Selection(scene.ids, scores, wins, threshold, span, label, fingerprint(scene)).among(standing(scene))

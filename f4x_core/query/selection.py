@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import F4xError
+from ..scene import Scene
 from .score import THRESHOLD
 
 FORMAT = "f4x-selection"
@@ -33,6 +35,8 @@ class Selection:
     """First and last clip frame at which the selection holds; None = always."""
     label: str = ""
     """What was asked for, for people."""
+    scene: str = ""
+    """`fingerprint` of the scene that was asked; empty = not known."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -64,6 +68,24 @@ class Selection:
     def holds_at(self, time: float) -> bool:
         """Whether the selection means anything at clip time `time`."""
         return self.span is None or self.span[0] <= time <= self.span[1]
+
+    def among(self, rows: np.ndarray) -> Selection:
+        """The same, but nobody outside `rows (N,) bool` has a score or wins."""
+        return replace(self, scores=np.where(rows, self.scores, 0), wins=self.wins & rows)
+
+    def require_scene(self, scene: Scene) -> None:
+        """Raise F4xError unless the selection was made of `scene`, with whatever edits; copies that were undone may lack."""
+        own = fingerprint(scene)
+        if self.scene and self.scene != own:
+            raise F4xError(
+                f"The selection was made of the scene {self.scene}, this is {own}; make it anew with `f4x query`."
+            )
+        lost = 0 if self.scene else int((~np.isin(self.ids, scene.ids)).sum())
+        if lost:
+            raise F4xError(
+                f"{lost} of the selection's {len(self.ids)} Gaussians are not in {scene.name}, so it was made of another"
+                " scene; make it anew with `f4x query`."
+            )
 
     def for_ids(self, ids: np.ndarray) -> Selection:
         """The selection with its rows in the order of `ids`: of another scene file, whose new Gaussians have score 0."""
@@ -123,6 +145,7 @@ class Selection:
         return {
             "format": FORMAT,
             "label": self.label,
+            "scene": self.scene,
             "threshold": self.threshold,
             "span": None if self.span is None else list(self.span),
             "count": int(self.chosen.sum()),
@@ -146,9 +169,19 @@ class Selection:
                 float(data["threshold"]),
                 span,
                 str(data["label"]),
+                str(data.get("scene", "")),
             )
         except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
             raise F4xError(f"This selection is damaged ({type(error).__name__}: {error}); write it anew.") from error
+
+
+def fingerprint(scene: Scene) -> str:
+    """Name and 12 hexadecimal digits that tell a fitted scene from others, whatever its edits and features: `dog 3f09…`."""
+    digest = hashlib.sha256()
+    for part in (scene.base.static, scene.base.dynamic):
+        digest.update(np.ascontiguousarray(part.ids, np.int64).tobytes())
+        digest.update(np.ascontiguousarray(part.xyz, np.float32).tobytes())
+    return f"{scene.name} {digest.hexdigest()[:12]}"
 
 
 def _agree(scores: np.ndarray, chosen: np.ndarray, threshold: float) -> np.ndarray:

@@ -1,0 +1,71 @@
+"""What there is in a scene, by the words that it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+
+import numpy as np
+
+from ..features.null import null_vector
+from ..scene import Scene
+from .calibration import evidence
+from .labels import Encode, ask_for, text_head
+from .pixels import label_scores
+from .prompts import select_by_text
+from .score import cosines
+from .selection import Selection
+from .standing import standing
+
+LOOKED_AT = 4096
+"""Gaussians, evenly spread, that are asked which word they answer to most."""
+LEAST = 0.01
+"""Share of them that a word must win to be asked of the whole scene."""
+SAME = 0.5
+"""Two words mean the same thing where their Gaussians overlap by more (intersection over union)."""
+NEAREST = 4
+"""Labels that are offered in place of one that is not there."""
+
+
+def labels_of(scene: Scene) -> list[str]:
+    """The words of the scene's vocabulary; none where it knows no words."""
+    if scene.features is None or not any(head.spec.text_encoder for head in scene.features.heads):
+        return []
+    known = scene.features.vocabularies.get(text_head(scene).spec.text_encoder or "")
+    return [] if known is None else list(known.labels)
+
+
+def things_there(scene: Scene) -> dict[str, Selection]:
+    """Words of the vocabulary that select somebody, with whom they select, most first; of words for one thing the likeliest.
+
+    Words that few Gaussians answer to more than to any other are not asked.
+    """
+    labels, there = labels_of(scene), np.flatnonzero(standing(scene))
+    if not labels or not len(there):
+        return {}
+    query = ask_for(scene, labels, [])
+    latents = scene.latents()[there[:: max(1, len(there) // LOOKED_AT)]]
+    null = null_vector(query.head.spec.text_encoder or "")
+    scores = label_scores(query, latents) if null is None else evidence(query.head(latents), query.vectors, null)
+    counts = np.bincount(scores.argmax(1), minlength=len(labels))
+    candidates = [query.labels[i] for i in np.flatnonzero(counts >= LEAST * len(latents))]
+    asked = {label: select_by_text(scene, [label]) for label in candidates}
+    found = {label: selection for label, selection in asked.items() if selection.chosen.any()}
+    kept: dict[str, Selection] = {}
+    for label in sorted(found, key=lambda label: -float(found[label].scores[found[label].chosen].mean())):
+        own = found[label].chosen
+        if all((own & other.chosen).sum() <= SAME * (own | other.chosen).sum() for other in kept.values()):
+            kept[label] = found[label]
+    return dict(sorted(kept.items(), key=lambda item: -int(item[1].chosen.sum())))
+
+
+def nearest_there(scene: Scene, words: Sequence[str], encode: Encode | None = None) -> list[str]:
+    """Up to `NEAREST` labels that are in the scene: those spelt like one of `words` first, then those nearest in meaning."""
+    asked = ask_for(scene, words, [], encode=encode)
+    there = [label for label in things_there(scene) if label not in asked.labels]
+    if not there:
+        return []
+    likeness = cosines(ask_for(scene, there, []).vectors, asked.vectors).max(1)
+    by_meaning = [there[i] for i in np.argsort(-likeness, kind="stable")]
+    spelt = [label for word in words for label in get_close_matches(word, there, 2)]
+    return list(dict.fromkeys([*spelt, *by_meaning]))[:NEAREST]

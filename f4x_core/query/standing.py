@@ -1,0 +1,29 @@
+"""Who is left of a scene after its edits: what was deleted stays as rows of opacity 0, and no query may mean it."""
+
+from __future__ import annotations
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..scene import Scene
+
+MOMENTS = 16
+"""Clip frames, evenly over the clip, at which an edited scene is looked at: edits may delete for a time only."""
+
+_STANDING: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
+
+
+def standing(scene: Scene) -> np.ndarray:
+    """(N,) bool over `scene.posed`: Gaussians whose opacity is above 0 at some moment. Kept as long as the scene lives."""
+    if scene.base is scene:
+        return np.ones(len(scene.ids), bool)  # before edits nothing is deleted
+    if scene not in _STANDING:
+        there = np.zeros(len(scene.ids), bool)
+        times = scene.cameras.times
+        for t in np.unique(np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)):
+            there |= scene.posed(float(times[t])).opacities > 0
+            if there.all():
+                break
+        _STANDING[scene] = there
+    return _STANDING[scene]
