@@ -179,7 +179,6 @@ def _times(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progres
     from ..fit.pipeline import fit_clip
     from ..report.feature_cost import measure_times
     from .distilling import maps_of
-    from .fitting import scene_of
 
     folder = args.features or args.scene.parent / "features"
     maps = [maps_of(scene, folder / name, name, clip, progress) for name in scene.require_field().names]
@@ -188,7 +187,7 @@ def _times(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progres
 
         def fit() -> Scene:
             config = replace(profile("quick"), threads=threads)
-            return scene_of(clip, fit_clip(clip, Path(place), config, progress))
+            return fit_clip(clip, Path(place), config, progress).scene(clip)
 
         return measure_times(fit, maps, DistilConfig(threads=threads), args.repeats, progress)
 

@@ -15,11 +15,11 @@ from ..features.teachers import require_ready
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
-from ..fit.pipeline import FitResult, fit_clip, require_enough
+from ..fit.pipeline import fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress
 from ..report.evaluation import evaluate
-from ..scene import DynamicSet, Scene, StaticSet, write_scene
+from ..scene import Scene, write_scene
 from ..scene.view import render
 from .checks import listed_teachers
 from .distilling import distill_into
@@ -92,7 +92,7 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     result = fit_clip(clip, folder, config, progress, resume)
     from ..fit.diagnostics import worst_frames, write_diagnostics  # matplotlib: a second that the start need not wait
 
-    scene = scene_of(clip, result)
+    scene = result.scene(clip)
     metrics = evaluate(scene, clip, baselines=True, backend=config.backend, progress=progress)
     figures = {name: value for name, value in metrics.items() if name != "frames"}
     figures["gaussians"] = len(scene.static) + len(scene.dynamic)
@@ -108,22 +108,6 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     }
     write_diagnostics(folder / "diagnostics.html", clip, result, metrics, worst)
     return {"scene": str(path), "metrics": figures, "needs": list(scene.needs), "text": _summary(path, scene, figures)}
-
-
-def scene_of(clip: Clip, result: FitResult) -> Scene:
-    """The fitted arrays as a scene."""
-    return Scene(
-        name=clip.name,
-        static=StaticSet(**result.static),
-        dynamic=DynamicSet(**result.dynamic) if result.dynamic is not None else DynamicSet.empty(),
-        scaffold=result.scaffold,
-        cameras=result.cameras,
-        fps=clip.fps,
-        held_out=tuple(int(i) for i in clip.held_out.nonzero()[0]),
-        provenance=result.provenance,
-        needs=tuple(need.row() for need in result.needs),
-        next_id=result.next_id,
-    )
 
 
 def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:

@@ -12,7 +12,13 @@ from ..errors import F4xError
 from ..gaussians import DensityConfig, SpawnConfig
 from ..priors import PriorsConfig, TracksConfig
 from ..raster import choose_backend
+from ..scaffold.graph import GraphConfig
+from ..scaffold.optimise import GeometryConfig
+from ..scaffold.selection import Rotations, SelectionConfig
 from ..scaffold.skinning import Kernel
+
+# Node counts that are tried, fewest first.
+NODE_COUNTS = (4, 8, 16, 32, 64, 128, 192, 256, 384, 512)
 
 
 @dataclass(frozen=True)
@@ -29,8 +35,35 @@ class ScaffoldConfig:
     """Nodes (itself included) that a Gaussian follows."""
     kernel: Kernel = "sigma"
     """Skinning kernel: `sigma` exp(-d^2/2s^2) (MoSca code) or `paper` exp(-d^2/2r) (Eq. 1)."""
+    distance_rank: int = 1
+    """The distance of two nodes is the so-many-th largest over time: 1 the maximum (Feature4X), more forgive bad frames."""
+    rotations: Rotations = "tracks"
+    """Nodes start turned as the `tracks` around them turn (MoSca's code), or all upright (`identity`, Feature4X)."""
     geometry_steps: int = 300
     """Steps of the geometric optimisation."""
+    geometry_arap: float = 1.0
+    """Weight of the as-rigid-as-possible losses in the geometric optimisation."""
+
+    @property
+    def graph(self) -> GraphConfig:
+        """The node graph of every stage."""
+        return GraphConfig(neighbours=self.neighbours, kth=self.distance_rank)
+
+    def selection(self, seed: int) -> SelectionConfig:
+        """How nodes are drawn from tracks."""
+        between = tuple(count for count in NODE_COUNTS if self.least_nodes <= count <= self.most_nodes)
+        return SelectionConfig(
+            counts=between or (self.most_nodes,),
+            maximum=self.most_nodes,
+            rotations=self.rotations,
+            seed=seed,
+            graph=self.graph,
+        )
+
+    def geometry(self, seed: int) -> GeometryConfig:
+        """The geometric optimisation."""
+        weight = self.geometry_arap
+        return GeometryConfig(steps=self.geometry_steps, coordinate=weight, length=weight, seed=seed, graph=self.graph)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from ..priors.config import config_hash
 from ..progress import Progress, silent
 from ..raster import choose_backend
 from ..scaffold import Scaffold
-from ..scaffold.graph import GraphConfig
+from ..scene import DynamicSet, Scene, StaticSet
 from .checkpoint import load_checkpoint
 from .config import FitConfig, resolved
 from .model import CameraRig, NodeSet, SceneModel
@@ -64,6 +64,21 @@ class FitResult:
     seconds: dict[str, float]
     """Wall time per stage of this call."""
 
+    def scene(self, clip: Clip) -> Scene:
+        """The fitted arrays as a scene."""
+        return Scene(
+            name=clip.name,
+            static=StaticSet(**self.static),
+            dynamic=DynamicSet(**self.dynamic) if self.dynamic is not None else DynamicSet.empty(),
+            scaffold=self.scaffold,
+            cameras=self.cameras,
+            fps=clip.fps,
+            held_out=tuple(int(i) for i in clip.held_out.nonzero()[0]),
+            provenance=self.provenance,
+            needs=tuple(need.row() for need in self.needs),
+            next_id=self.next_id,
+        )
+
 
 def fit_clip(
     clip: Clip, folder: Path, config: FitConfig, progress: Progress = silent, resume: bool = False
@@ -93,14 +108,30 @@ def fit_clip(
     key = config_hash(settings, digests, clip.width, clip.height)
     checkpoint = folder / "checkpoints" / "photometric.pt"
     state = load_checkpoint(checkpoint, key) if resume else None
-    degree, needs = _decide(clip, priors, config)
-    stage, more = _start(clip, priors, config, degree, progress)
+    stage, needs = start_fit(clip, priors, config, progress)
     lap("start")
     if state is not None:
         stage.restore(state)
     stage.run(checkpoint, key, progress)
     lap("photometric")
-    needs += [*more, _gaussian_need(stage, config)]
+    return finish_fit(clip, priors, stage, needs, seconds)
+
+
+def start_fit(
+    clip: Clip, priors: Priors, config: FitConfig, progress: Progress = silent
+) -> tuple[PhotometricStage, list[Need]]:
+    """Everything before the first photometric step, and what it decided: SH degree, scaffold, first Gaussians."""
+    degree, needs = _decide(clip, priors, config)
+    stage, more = _start(clip, priors, config, degree, progress)
+    return stage, needs + more
+
+
+def finish_fit(
+    clip: Clip, priors: Priors, stage: PhotometricStage, needs: list[Need], seconds: dict[str, float]
+) -> FitResult:
+    """What a stage has learnt, with its provenance."""
+    config = stage.config
+    needs = [*needs, _gaussian_need(stage, config)]
     # Wall times stay out of the scene: the same clip, settings and seed give the same file.
     unsaid = ("key", "seconds")
     provenance = {
@@ -161,7 +192,7 @@ def _start(
     if scaffold is None:
         model = SceneModel(static, None, None, rig, config.scaffold.kernel, config.native_threads)
         return PhotometricStage(model, clip, priors, config, next_id=len(static)), needs
-    nodes = NodeSet(scaffold, GraphConfig(neighbours=config.scaffold.neighbours))
+    nodes = NodeSet(scaffold, config.scaffold.graph)
     dynamic = _spawn_dynamic(clip, priors, config, degree, static, nodes, rig, rng, progress)
     model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.native_threads)
     return PhotometricStage(model, clip, priors, config, next_id=len(static) + len(dynamic)), needs

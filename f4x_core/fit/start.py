@@ -7,17 +7,14 @@ import numpy as np
 from ..priors import Priors
 from ..progress import Progress
 from ..scaffold import Scaffold
-from ..scaffold.graph import GraphConfig
 from ..scaffold.lifting import lift_tracks
-from ..scaffold.optimise import GeometryConfig, optimise_geometry
-from ..scaffold.selection import SelectionConfig, choose_nodes, scaffold_of
+from ..scaffold.optimise import optimise_geometry
+from ..scaffold.selection import choose_nodes, scaffold_of
 from .config import FitConfig
 from .needs import Need
 
 # A track belongs to the moving region when most of its visible samples lie in the mask.
 MASK_SHARE = 0.6
-# Node counts that are tried, fewest first.
-NODE_COUNTS = (4, 8, 16, 32, 64, 128, 192, 256, 384, 512)
 # Fewer lifted tracks than this cannot carry a scaffold.
 LEAST_TRACKS = 8
 
@@ -51,17 +48,11 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> tup
         return None, []
     settings = config.scaffold
     progress("scaffold", 0, 2, f"{len(lifted)} moving tracks")
-    selected = SelectionConfig(
-        counts=tuple(count for count in NODE_COUNTS if settings.least_nodes <= count <= settings.most_nodes),
-        maximum=settings.most_nodes,
-        seed=config.seed,
-        graph=GraphConfig(neighbours=settings.neighbours),
-    )
+    selected = settings.selection(config.seed)
     selection = choose_nodes(lifted, times, settings.tolerance, selected, priors.cameras)
     scaffold = scaffold_of(lifted, selection.index, times, selection.unit, selected)
     progress("scaffold", 1, 2, f"{len(scaffold)} nodes")
-    geometry = GeometryConfig(steps=settings.geometry_steps, seed=config.seed, graph=selected.graph)
-    scaffold = optimise_geometry(scaffold, geometry, progress)
+    scaffold = optimise_geometry(scaffold, settings.geometry(config.seed), progress)
     progress("scaffold", 2, 2, f"{len(scaffold)} nodes")
     evidence = ", ".join(f"{row.nodes}: {row.residual:.2f}" for row in selection.table)
     need = Need(

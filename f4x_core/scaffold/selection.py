@@ -1,11 +1,12 @@
 """Which tracks become nodes, and how many a scene needs. numpy and scipy."""
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from ..errors import F4xError
-from ..geometry import pose
+from ..geometry import pose, quaternion
 from ..geometry.camera import CameraPath
 from .deformation import deform, pairs_of
 from .distance import curve_distance, distance_to
@@ -15,6 +16,8 @@ from .radius import RadiusConfig, initial_radius
 from .rotation import initial_rotations
 from .skinning import skinning_weights
 from .structure import Scaffold
+
+Rotations = Literal["tracks", "identity"]
 
 NOISE_MARGIN = 2.0
 """No model of noisy tracks leaves less than their own noise; the noise of a few nodes adds up to as much again."""
@@ -40,6 +43,8 @@ class SelectionConfig:
     """The residual of a count is this quantile over held-out tracks: a small moving part is not averaged away."""
     candidates: int = 2000
     """At most so many tracks (the longest observed) are considered as nodes; more cost time and add little."""
+    rotations: Rotations = "tracks"
+    """Nodes turn as the `tracks` around them do, or not at all (`identity`)."""
     support: int = 12
     """Tracks around a node that determine its rotation."""
     seed: int = 0
@@ -156,9 +161,11 @@ def scaffold_of(
     xyz, certain = lifted.xyz[:, index], lifted.certain[:, index]
     distance = curve_distance(xyz, certain, config.graph.kth)
     neighbours, edge_mask = build_graph(distance, config.graph.neighbours, config.graph.reach * unit)
-    to_tracks = distance_to(xyz, lifted.xyz)
-    support = np.argsort(to_tracks, axis=1, kind="stable")[:, : config.support]
-    quat = initial_rotations(support, np.ones(support.shape, bool), lifted.xyz, lifted.certain)
+    if config.rotations == "identity":
+        quat = np.tile(quaternion.IDENTITY, (*certain.shape, 1))
+    else:
+        support = np.argsort(distance_to(xyz, lifted.xyz), axis=1, kind="stable")[:, : config.support]
+        quat = initial_rotations(support, np.ones(support.shape, bool), lifted.xyz, lifted.certain)
     return Scaffold(
         np.asarray(times, np.float64),
         xyz,

@@ -4,7 +4,6 @@ import dataclasses
 
 import pytest
 
-from f4x_core.cli.fitting import scene_of
 from f4x_core.clip import read_clip, write_images
 from f4x_core.fit.config import profile
 from f4x_core.fit.pipeline import fit_clip
@@ -20,7 +19,7 @@ SHORT = dataclasses.replace(profile("quick"), steps=400)
 def train(shared, tmp_path_factory):
     """A fitted stretch of `train`: (clip, scene)."""
     clip = read_clip(shared / "clips" / "train", frames="0:20", width=240, hold_out=8)
-    return clip, scene_of(clip, fit_clip(clip, tmp_path_factory.mktemp("train"), SHORT))
+    return clip, fit_clip(clip, tmp_path_factory.mktemp("train"), SHORT).scene(clip)
 
 
 def test_a_moving_clip_is_rebuilt_and_its_held_out_frames_are_foreseen(train):
