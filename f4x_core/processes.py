@@ -13,6 +13,7 @@ import atexit
 import contextlib
 import json
 import os
+import queue
 import signal
 import stat
 import subprocess
@@ -20,7 +21,8 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -32,6 +34,8 @@ GRACE = 1.0
 """Seconds that an interrupted child has for its last step and for saving what it has."""
 TAIL = 5
 """Lines of a failed child's errors that are told."""
+TICK = 0.2
+"""Seconds between two looks at whether somebody wants an end."""
 INTERVAL = 0.05
 """Seconds between two lines of one stage: no reader looks more often."""
 
@@ -105,6 +109,83 @@ def start_child(
     )
 
 
+@dataclass(frozen=True)
+class Ended:
+    """How a child of `run_child` ended."""
+
+    code: int
+    """Exit code; negative: the signal that ended it."""
+    last: dict[str, Any]
+    """Its last JSON line."""
+    tail: str
+    """Last lines of its standard error."""
+    cpu_seconds: float
+    """Of all its cores; 0 where the system does not tell."""
+    memory: int
+    """Most bytes that it held at once; 0 where the system does not tell."""
+
+
+def run_child(
+    command: Sequence[str],
+    folder: Path,
+    progress: Progress = silent,
+    *,
+    tick: Callable[[], None] | None = None,
+    log: TextIO | None = None,
+    variables: Mapping[str, str] | None = None,
+) -> Ended:
+    """Run a child that speaks the protocol above until it ends by itself.
+
+    `tick` is called at least every TICK seconds, whether or not the child says something; `log` gets what it writes on standard
+    error. What `progress` or `tick` raises, Cancelled for one, goes through once the child is gone.
+    """
+    child = start_child(command, folder, variables)
+    assert child.stdout is not None and child.stderr is not None and child.stdin is not None
+    lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+    tail: deque[str] = deque(maxlen=TAIL)
+
+    def listen(file: TextIO) -> None:
+        for line in file:
+            lines.put(line)
+        lines.put(None)
+
+    def keep(file: TextIO) -> None:
+        for line in file:  # a full pipe would stop the child
+            tail.append(line)
+            if log is not None:
+                log.write(line)
+
+    pipes = ((listen, child.stdout), (keep, child.stderr))
+    threads = [threading.Thread(target=work, args=(file,), daemon=True) for work, file in pipes]
+    for thread in threads:
+        thread.start()
+    last: dict[str, Any] = {}
+    line: str | None = ""
+    try:
+        while line is not None:
+            try:
+                line = lines.get(timeout=TICK)
+            except queue.Empty:
+                line = ""
+            said = _json_line(line or "")
+            if "stage" in said:
+                progress(said["stage"], said["done"], said["total"], said["message"])
+            last = said or last
+            if tick is not None:
+                tick()
+        cpu_seconds, memory = _wait(child)
+    except BaseException:
+        child.stdin.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            child.wait(2 * GRACE)
+        end_tree(child.pid)
+        raise
+    end_tree(child.pid)  # one that was killed may have left children
+    for thread in threads:
+        thread.join()
+    return Ended(child.returncode, last, "".join(tail).strip(), cpu_seconds, memory)
+
+
 def run_verb(arguments: Sequence[str], folder: Path, progress: Progress = silent) -> dict[str, Any]:
     """Run `f4x` with `arguments` in a child of its own, in `folder`; returns the verb's result.
 
@@ -112,30 +193,31 @@ def run_verb(arguments: Sequence[str], folder: Path, progress: Progress = silent
         F4xError: the verb's own sentence, or that it ended without one.
         Cancelled: raised by `progress`; the child is gone then.
     """
-    child = start_child([sys.executable, "-m", f"{__package__}", *arguments, "--progress-json"], folder)
-    assert child.stdout is not None and child.stderr is not None and child.stdin is not None
-    tail: deque[str] = deque(maxlen=TAIL)
-    listener = threading.Thread(target=tail.extend, args=(child.stderr,), daemon=True)
-    listener.start()  # a full pipe would stop the child
-    last: dict[str, Any] = {}
-    try:
-        for line in child.stdout:
-            with contextlib.suppress(ValueError):
-                last = json.loads(line)
-                if "stage" in last:
-                    progress(last["stage"], last["done"], last["total"], last["message"])
-        code = child.wait()
-        listener.join()
-    except BaseException:
-        child.stdin.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(2 * GRACE)
-        end_tree(child.pid)
-        raise
-    if "result" in last:
-        return last["result"]
-    told = last.get("error") or f"ended with {code}: " + ("".join(tail).strip() or "not a word")
+    ended = run_child([sys.executable, "-m", f"{__package__}", *arguments, "--progress-json"], folder, progress)
+    if "result" in ended.last:
+        return ended.last["result"]
+    told = ended.last.get("error") or f"ended with {ended.code}: {ended.tail or 'not a word'}"
     raise F4xError(f"f4x {arguments[0]}: {told}")
+
+
+def _json_line(line: str) -> dict[str, Any]:
+    """The object on a line; empty for whatever else a library may print."""
+    try:
+        said = json.loads(line)
+    except ValueError:
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def _wait(child: subprocess.Popen[str]) -> tuple[float, int]:
+    """Wait for the end of `child`; its CPU seconds and most bytes of memory."""
+    if sys.platform == "win32":
+        child.wait()
+        return 0.0, 0
+    _, status, usage = os.wait4(child.pid, 0)
+    child.returncode = os.waitstatus_to_exitcode(status)
+    unit = 1 if sys.platform == "darwin" else 1024
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss * unit
 
 
 def end_tree(process: int) -> None:
