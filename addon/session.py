@@ -32,8 +32,8 @@ from ..f4x_core.edit.resolve import Context, resolve
 from ..f4x_core.edit.selects import Ids
 from ..f4x_core.edit.stack import UNDONE, EditStack, merge, read_stack, with_stack, write_stack
 from ..f4x_core.errors import F4xError
+from ..f4x_core.query.calibration import prepare
 from ..f4x_core.query.selection import Selection
-from ..f4x_core.query.smoothing import group_of
 from ..f4x_core.scene import Scene, read_header, read_scene
 from .point_cloud import read_attribute, write_attribute
 
@@ -240,9 +240,9 @@ def forget() -> None:
 
 
 def _prepare(scene: Scene) -> None:
-    """Begin, beside Blender, what the first query needs of a scene: its neighbourhoods (seconds where nothing is compiled)."""
+    """Begin, beside Blender, what the first query needs of a scene: its neighbourhoods (two seconds where nothing is compiled)."""
     if scene.features is not None:
-        thread = Thread(target=group_of, args=(scene,), daemon=True)
+        thread = Thread(target=prepare, args=(scene,), daemon=True)
         _preparing[id(scene.static)] = thread
         thread.start()
 

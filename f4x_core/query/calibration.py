@@ -22,8 +22,8 @@ PRESENT, DOUBT = 0.26, 0.03
 """Evidence at which a thing is as likely there as not, and the step that makes the odds e times better."""
 CANDIDATE = 0.01
 """Share of the light that a word of the vocabulary must win for its thing to be looked for, where a surface is asked."""
-ROUNDS = 100
-"""Of expectation and maximisation."""
+ROUNDS, SETTLED = 100, 1e-9
+"""Of expectation and maximisation at most, and the change of the share after which nothing more comes of it."""
 LEAST_SPREAD = 0.01
 """Standard deviation of a half, at least: bytes of latents are no finer."""
 
@@ -58,8 +58,8 @@ def split(values: np.ndarray, weights: np.ndarray) -> Split:
     means = np.full(2, weights @ values)
     share = 0.0
     for _ in range(ROUNDS):
-        share = float(weights @ high)
-        if not 1e-6 < share < 1 - 1e-6:
+        before, share = share, float(weights @ high)
+        if not 1e-6 < share < 1 - 1e-6 or abs(share - before) < SETTLED:
             break
         parts = np.stack([weights * (1 - high), weights * high]) / [[1 - share], [share]]
         means = parts @ values
@@ -71,6 +71,14 @@ def split(values: np.ndarray, weights: np.ndarray) -> Split:
         )
         high = _probability(odds)
     return Split(high, (float(means[0]), float(means[1])), share)
+
+
+def prepare(scene: Scene) -> None:
+    """Work out what words of every text encoder need of a scene, so that the first one is answered as quickly as the next."""
+    patches = group_of(scene)
+    for head in scene.require_field().heads:
+        if head.spec.text_encoder is not None:
+            patches.features(head)
 
 
 def word_probabilities(scene: Scene, query: TextQuery) -> np.ndarray | None:
@@ -101,7 +109,7 @@ class _Space:
 
     def __init__(self, patches: Patches, query: TextQuery, null: np.ndarray):
         self.patches, self.null, self.encoder = patches, null, query.head.spec.text_encoder or ""
-        self.features = query.head(patches.latents)  # (P,C)
+        self.features = patches.features(query.head)  # (P,C)
         self.temperature = query.head.spec.temperature or TEMPERATURE
         self.rivals = cosines(self.features, query.vectors[query.targets :]) / self.temperature  # (P,R)
 

@@ -7,13 +7,13 @@ A few thousand patches carry a scene of any size, and heads decode their mean la
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from ..scene import DynamicSet, Scene, StaticSet
-from ..scene.field import FeatureField
+from ..scene.field import FeatureField, FieldHead
 from .light import light_into
 
 LOOKS_ALIKE = "visual"
@@ -64,6 +64,14 @@ class Patches:
     """(E,) int64: the patch at the other end; every bond is there from both ends."""
     bond: np.ndarray
     """(E,) float32 in [0, 1]."""
+    _decoded: dict[FieldHead, np.ndarray] = field(default_factory=dict)
+
+    def features(self, head: FieldHead) -> np.ndarray:
+        """(P,C) float32, read-only: what `head` sees in each patch. Decoded once, most of what a word costs."""
+        if head not in self._decoded:
+            self._decoded[head] = head(self.latents)
+            self._decoded[head].setflags(write=False)
+        return self._decoded[head]
 
     def smooth(self, values: np.ndarray, trust: float = TRUST) -> np.ndarray:
         """`argmin_x sum trust weight_i (x_i - values_i)^2 + sum bond_ij (x_i - x_j)^2` of `values (P,)`, float64.

@@ -103,6 +103,19 @@ def test_the_split_finds_two_normal_distributions(share):
     assert steps.min() > -1e-9  # a higher score is never less probable
 
 
+def test_the_split_ends_where_more_rounds_change_nothing(monkeypatch):
+    random = np.random.default_rng(3)
+    values = np.concatenate([random.normal(0, 1, 3000), random.normal(4, 0.7, 500)])
+    weights = random.random(3500)
+    rounds = []
+    monkeypatch.setattr(calibration, "_probability", lambda odds: rounds.append(0) or 1 / (1 + np.exp(-odds)))
+    early, used = split(values, weights), len(rounds)
+    assert used < calibration.ROUNDS / 2
+    monkeypatch.setattr(calibration, "SETTLED", 0.0)
+    monkeypatch.setattr(calibration, "ROUNDS", 2000)
+    np.testing.assert_allclose(early.high, split(values, weights).high, atol=1e-6)
+
+
 def test_the_split_weighs_and_survives_a_constant():
     values, weights = np.array([0.0, 0.1, 5.0, 5.1]), np.array([1.0, 1, 3, 3])
     assert split(values, weights).share == pytest.approx(0.75)
@@ -134,6 +147,21 @@ def test_a_thing_that_is_absent_or_everywhere(scene):
     assert select_by_text(everywhere, ["square"]).chosen.all()
     both = select_by_text(scene, ["square", "elephant"], encode=elephant)
     np.testing.assert_array_equal(both.chosen, is_square(scene))
+
+
+def test_patches_are_decoded_once_for_all_words(scene, monkeypatch):
+    calibration.prepare(scene)
+    patches = group_of(scene)
+    head = next(head for head in scene.features.heads if head.spec.text_encoder is not None)
+    np.testing.assert_array_equal(patches.features(head), head(patches.latents))
+
+    def decoded_again(head, latent):
+        raise AssertionError("decoded again")
+
+    monkeypatch.setattr(type(head), "__call__", decoded_again)
+    np.testing.assert_array_equal(select_by_text(scene, ["square"]).chosen, is_square(scene))
+    twice = replace(scene, static=scene.static)
+    assert group_of(twice).features(head) is patches.features(head)
 
 
 def test_a_surface_is_what_no_thing_takes(scene):
