@@ -1,0 +1,1 @@
+"""What the hard cases share: how they film, fit, blend and draw."""

@@ -1,0 +1,164 @@
+"""A small world of textured cards and a camera that films it by tracing rays: exact colours, depth, masks and cameras.
+
+It shares no code with the rasteriser, so that a case can tell right from wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from f4x_core.clip import Clip
+from f4x_core.geometry import pose, quaternion
+from f4x_core.geometry.camera import Camera, CameraPath
+
+WIDTH, HEIGHT, FRAMES = 96, 56, 10
+FOCAL = 0.9
+"""Picture widths."""
+Texture = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Places (...) on a card, world units -> colours (..., 3) in [0, 1]."""
+Places = Callable[[float], np.ndarray]
+"""Time in frames -> (3,) world position."""
+
+
+def checks(period: float, tint: float = 0.0) -> Texture:
+    """Soft checks, the largest of `period` world units, in colours of their own `tint`."""
+    hue = 0.5 + 0.18 * np.cos(tint + np.array([0, 2.1, 4.2]))
+
+    def colour(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        a, b = 2 * np.pi * (0.9 * u + 0.4 * v) / period, 2 * np.pi * (0.9 * v - 0.4 * u) / period
+        large, small = np.sin(a + tint) * np.cos(b), np.sin(1.9 * b + 1.3 * tint) + np.sin(2.3 * a)
+        return hue + 0.16 * large[..., None] + 0.06 * np.stack([small, small, -small], -1)
+
+    return colour
+
+
+def plain(*rgb: float) -> Texture:
+    """One colour."""
+    return lambda u, v: np.broadcast_to(np.array(rgb), (*u.shape, 3))
+
+
+@dataclass(frozen=True)
+class Card:
+    """A flat rectangle (or disc) in the plane z = 0 of its own frame."""
+
+    texture: Texture
+    half: tuple[float, float] = (np.inf, np.inf)
+    """Half sides, world units."""
+    at: Places = lambda time: np.zeros(3)
+    """Where its centre is."""
+    turn: Callable[[float], np.ndarray] = lambda time: np.zeros(3)
+    """How it is turned: rotation vector (3,), radians."""
+    moves: bool = False
+    """It belongs to the mask of what moves by itself."""
+    disc: bool = False
+
+
+@dataclass(frozen=True)
+class Film:
+    """What was filmed, and the truth about it."""
+
+    clip: Clip
+    cameras: CameraPath
+    depth: np.ndarray
+    """(T, H, W) float32 z depth, NaN where no card is."""
+    mask: np.ndarray
+    """(T, H, W) bool: a card that moves."""
+
+
+def standing(*place: float) -> Places:
+    """A place that stays."""
+    return lambda time: np.array(place, float)
+
+
+def gliding(start: Sequence[float], step: Sequence[float]) -> Places:
+    """A place that moves by `step` a frame."""
+    return lambda time: np.array(start, float) + time * np.array(step, float)
+
+
+def room(*cards: Card) -> list[Card]:
+    """A wall, a floor and two posts that stand before it, and `cards`."""
+    return [
+        Card(checks(0.5), at=standing(0, 0, 1.5)),
+        Card(checks(0.4, 1.0), at=standing(0, 0.42, 1), turn=standing(np.pi / 2, 0, 0)),
+        Card(checks(0.15, 2.0), (0.06, 0.5), at=standing(-0.42, 0.1, 1.0)),
+        Card(checks(0.15, 3.0), (0.05, 0.5), at=standing(0.5, 0.1, 0.9)),
+        *cards,
+    ]
+
+
+def mover(speed: float = 0.01, depth: float = 0.8) -> Card:
+    """A card that glides to the left and down."""
+    return Card(checks(0.2, 4.0), (0.12, 0.12), at=gliding((0.08, -0.04, depth), (-speed, speed, 0)), moves=True)
+
+
+def trace(cards: Sequence[Card], camera: Camera, time: float, rows: slice = slice(None)) -> tuple[np.ndarray, ...]:
+    """Colours (h,W,3) in [0,1], z depth (h,W) with NaN where nothing is, and whether it moves (h,W), of some rows."""
+    pixels = camera.pixel_grid()[rows]
+    eye, far = camera.center, camera.unproject(pixels, np.ones(pixels.shape[:2]))
+    rays = far - eye  # z depth 1 in the camera
+    rgb, depth = np.zeros((*pixels.shape[:2], 3)), np.full(pixels.shape[:2], np.inf)
+    moving = np.zeros(pixels.shape[:2], bool)
+    for card in cards:
+        q, t = pose.invert(quaternion.from_rotation_vector(card.turn(time)), card.at(time))
+        origin, along = pose.transform(q, t, eye), quaternion.rotate(q, rays)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = -origin[2] / along[..., 2]
+            u, v = (origin[i] + distance * along[..., i] for i in (0, 1))
+            inside = (abs(u) <= card.half[0]) & (abs(v) <= card.half[1]) & (distance > 1e-3) & (distance < depth)
+            if card.disc:
+                inside &= np.hypot(u, v) <= card.half[0]
+        depth = np.where(inside, distance, depth)
+        rgb[inside] = card.texture(u[inside], v[inside])
+        moving[inside] = card.moves
+    return rgb, np.where(np.isinf(depth), np.nan, depth), moving
+
+
+def film(
+    cards: Sequence[Card],
+    eye: Places = gliding((-0.1, 0, 0), (0.02, 0, 0)),
+    look: Places = standing(0, 0, 0),
+    frames: int = FRAMES,
+    focal: float = FOCAL,
+    size: tuple[int, int] = (WIDTH, HEIGHT),
+    hold_out: int = 4,
+    shutter: float = 0.0,
+    readout: float = 0.0,
+    gain: Callable[[float], float] = lambda time: 1.0,
+    cut_to: tuple[int, Sequence[Card]] | None = None,
+) -> Film:
+    """Film `cards` from `eye`, turned by the rotation vector `look`.
+
+    `shutter`: share of a frame that the shutter is open (motion blur); `readout`: share of a frame between the first and
+    the last row (rolling shutter); `gain`: exposure; `cut_to`: from that frame on other cards are seen.
+    """
+    width, height = size
+    lens = np.array([[focal * width, 0, width / 2], [0, focal * width, height / 2], [0, 0, 1]])
+
+    def camera(time: float) -> Camera:
+        q = quaternion.from_rotation_vector(look(time))
+        return Camera(lens, pose.to_matrix(*pose.invert(q, eye(time))), width, height)
+
+    def shown(time: float) -> Sequence[Card]:
+        return cut_to[1] if cut_to and time >= cut_to[0] else cards
+
+    pictures, depths, masks = [], [], []
+    for t in range(frames):
+        _, depth, moving = trace(shown(t), camera(t), t)
+        moments = t + shutter * np.linspace(-0.5, 0.5, 5) if shutter else [t]
+        seen = []
+        for moment in moments:
+            bands = [(row, moment + readout * (row / height - 0.5)) for row in range(height)] if readout else [(None, moment)]
+            parts = [trace(shown(t), camera(m), m, slice(None) if row is None else slice(row, row + 1))[0] for row, m in bands]
+            seen.append(np.concatenate(parts))
+        pictures.append(np.clip(255 * gain(t) * np.mean(seen, 0), 0, 255).round().astype(np.uint8))
+        depths.append(depth)
+        masks.append(moving)
+    held_out = np.arange(frames) % hold_out == hold_out - 1 if hold_out else np.zeros(frames, bool)
+    held_out[-1] = False  # a camera beyond the last used one would be a guess
+    times = np.arange(frames, dtype=float)
+    clip = Clip("film", np.stack(pictures), times, 24.0, held_out, "film")
+    path = CameraPath(np.tile(lens, (frames, 1, 1)), np.stack([camera(t).world_to_camera for t in times]), times, width, height)
+    return Film(clip, path, np.stack(depths).astype(np.float32), np.stack(masks))
