@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, get_args
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from .looks import LOOKS
 from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Style, Transform, rotation_of
 from .rows import Rows, Step, steps_of
 from .stack import EditStack, of, with_stack
-from .warps import holds, progress
+from .warps import Look, effect, progress
 
 MOST_MOMENTS = 512
 """Moments of the base scene that one picture may need: every copy that lags needs its own, and stacks multiply."""
@@ -36,8 +36,8 @@ FARTHEST = 1e12
 """World units; sizes and distances stay within float32 however often they are scaled."""
 BASE_PERCENTILE = 98
 """The base of a thing is this percentile of its heights: a stray Gaussian below it does not count."""
-LOOKS_OF = (Recolour, Opacity, Delete, Extract, Style, Match)
-"""Operations that change what Gaussians look like; the others change where they are, or when."""
+LOOKS_OF = get_args(Look)
+"""The operations of `Look`."""
 
 
 class Placement(NamedTuple):
@@ -321,12 +321,14 @@ class EditedScene(Scene):
         step = self.steps[below]
         operation, dyed = step.edit.operation, step.chosen[rows]
         assert isinstance(operation, LOOKS_OF)
-        if not holds(operation.frames, time) or not dyed.any():
+        share = effect(operation, time, self._last)
+        if not share or not dyed.any():
             return state
         if isinstance(operation, Delete | Extract):
             return state._replace(opacities=np.where(dyed, np.float32(0), state.opacities))
         if isinstance(operation, Opacity):
-            fainter = np.clip(state.opacities * np.float32(operation.factor), 0, 1)
+            factor = np.float32(1 + share * (operation.factor - 1))
+            fainter = np.clip(state.opacities * factor, 0, 1)
             return state._replace(opacities=np.where(dyed, fainter, state.opacities))
 
         known = None

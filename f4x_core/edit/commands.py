@@ -50,6 +50,7 @@ from .phrases import (
     factor,
     fraction,
     known_thing,
+    means_something,
     more_colour,
     multiple,
     name,
@@ -61,7 +62,7 @@ from .phrases import (
     thing,
     whose,
 )
-from .selects import SelectKind
+from .selects import All, SelectKind
 from .words import inflected
 
 Value = Callable[[SelectKind, When, Context], Operation]
@@ -125,7 +126,18 @@ def _opacity(by: float) -> Value:
     return lambda who, when, _: Opacity(who, round(by, PLACES), **when.effect)
 
 
+def _faded(by: float, slowly: bool = False) -> Value:
+    def value(who: SelectKind, when: When, _: Context) -> Operation:
+        if slowly and "ease" not in when.fading:
+            raise Refusal("It is not said from when to when it fades; add for example 'from second 1 to 2'.")
+        return Opacity(who, round(by, PLACES), **when.fading)
+
+    return value
+
+
 def _deleted(who: SelectKind, when: When, _: Context) -> Operation:
+    if who == All():
+        raise Refusal("Nothing would be left; say what to remove, or 'hide everything' if that is meant.")
     return Delete(who, **when.effect)
 
 
@@ -155,16 +167,22 @@ def _moved(way: Steps, far: Distance | None = None) -> Value:
 
 
 def _copied(
-    way: Steps | None = None, far: Distance | None = None, times: float = 1.0, shift: Moment | None = None
+    way: Steps | None = None,
+    far: Distance | None = None,
+    times: float = 1.0,
+    shift: Moment | None = None,
+    called: str = "",
 ) -> Value:
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
-    told: dict[str, Any] = {"count": int(times)}
+    told: dict[str, Any] = {"count": int(times), "name": called}
     if way or far or shift is None:
         offset, unit = displacement(way or _RIGHT, far, COPY_DISTANCE)
         told |= {"offset": offset, "unit": unit, "axes": "camera"}
 
     def value(who: SelectKind, when: When, context: Context) -> Operation:
+        if called:
+            context.names.setdefault(called.lower(), called)
         later = 0.0 if shift is None else shift.resolve(context)
         return Duplicate(who, time_shift=later, **told, **when.none("A copy"))
 
@@ -203,6 +221,9 @@ def _matched(source: Who) -> Value:
 
 
 def _named(called: str) -> Value:
+    if means_something(called):
+        raise Refusal(f"'{called}' cannot be a name, because it means something else in a sentence; choose another.")
+
     def value(who: SelectKind, when: When, context: Context) -> Operation:
         return Name(who, context.names.setdefault(called.lower(), called), **when.none("A name"))
 
@@ -559,10 +580,26 @@ _command(
     again=_again,
     itself="reappear",
 )
-_faded = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (lambda x: 1 - x)
-_command("fade the background", "fade", lambda by=0.5: _opacity(by), itself="fade", by=_faded)
-_faded_out = lit("out|away|out completely|to nothing|to invisible")
-_command("fade out the dog", "fade", _always(_opacity(0.0)), "out", itself="fade", out=_faded_out)
+_to_share = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (lambda x: 1 - x)
+_outward = lit("out|away|out completely|to nothing|to invisible")
+_slowly = table({"slowly|gradually|little by little|bit by bit|smoothly": True})
+_command(
+    "fade the background",
+    "fade|dissolve",
+    lambda by=0.5, slowly=False: _faded(by, slowly),
+    itself="fade",
+    by=_to_share,
+    slowly=_slowly,
+)
+_command(
+    "fade out the dog",
+    "fade|dissolve",
+    lambda slowly=False: _faded(0.0, slowly),
+    "out",
+    itself="fade",
+    out=_outward,
+    slowly=_slowly,
+)
 
 # Taking out, and leaving alone
 _DELETING = "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with"
@@ -675,7 +712,8 @@ _shift = either(
     _lagging + duration + lit("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
 )
-_beside: dict[str, Any] = {"way": steps, "far": distance, "shift": _shift}
+_called_so = ~lit(",") + lit("called|named|by the name of") + name
+_beside: dict[str, Any] = {"way": steps, "far": distance, "shift": _shift, "called": _called_so}
 _copies = either(
     lit("a|another|one|one more|a second|an extra|a new") + lit("copy|clone|duplicate|replica") >> (lambda: 1.0),
     number + ~lit("more|extra|other|additional") + lit("copies|clones|duplicates|replicas"),

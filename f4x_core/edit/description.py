@@ -24,7 +24,7 @@ from .operations import (
     Transform,
     Vector,
 )
-from .phrases import PLACES
+from .phrases import COPY, PLACES
 from .selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
 
 _WHICH = {"largest": "biggest"}
@@ -81,6 +81,13 @@ def _(operation: Opacity) -> str:
         told = f"show {who} again"
     elif factor > 1:
         told = f"increase the opacity of {who} by {_percent(factor - 1)}"
+    elif operation.ease:
+        told = f"fade {who} to {_percent(factor)}" if factor else f"fade out {who}"
+        return (
+            told
+            + _span(operation.frames, "to the end")
+            + ("" if operation.ease == "linear" else f" ({operation.ease})")
+        )
     else:
         told = f"give {who} {_percent(factor)} opacity" if factor else f"hide {who}"
     return told + _span(operation.frames)
@@ -176,7 +183,9 @@ def whom(select: SelectKind) -> str:
     if isinstance(select, Text):
         return " and ".join(f"the {label}" for label in select.labels)
     if isinstance(select, Instance):
-        kind = "moving thing" if isinstance(select.of, Moving) else whom(select.of).removeprefix("the ")
+        kind = whom(select.of).removeprefix("the ")
+        if isinstance(select.of, Moving | Or):
+            kind = "moving thing" if isinstance(select.of, Moving) else f"one of {whom(select.of)}"
         return f"the {_WHICH.get(select.which, select.which)} {kind} of frame {select.frame}"
     if isinstance(select, Point):
         return f"the thing at {select.x:g}, {select.y:g} in frame {select.frame}"
@@ -189,7 +198,7 @@ def whom(select: SelectKind) -> str:
     if isinstance(select, Not):
         return "the background" if isinstance(select.of, Moving) else f"everything except {whom(select.of)}"
     if isinstance(select, Named):
-        return select.name
+        return f"the {select.name}" if select.name.split()[0] == COPY else select.name
     if isinstance(select, Ids):
         return select.words or f"{len(select.array)} Gaussians"
     return {All: "everything", Moving: "what moves", Current: "the selection"}[type(select)]

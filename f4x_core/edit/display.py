@@ -17,7 +17,7 @@ from ..query.selection import Selection
 from ..scene import Posed, Scene
 from .apply import EVERY, LOOKS_OF, Appearance, EditedScene
 from .operations import Transform
-from .warps import holds
+from .warps import effect
 
 GREY = 0.5
 """What stands for the picture under a heat map: scores are to be read, not textures."""
@@ -71,7 +71,7 @@ class Display:
             if span is not None:
                 if any(other.reads for other in self._steps[:depth]):
                     return time  # its tones may be those of Gaussians at other moments
-                timed.append(holds(span, time))
+                timed.append(effect(step.edit.operation, time, float(self.scene.cameras.times[-1])))
         return tuple(timed)
 
     def rows_of(self, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

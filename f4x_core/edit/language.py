@@ -30,8 +30,8 @@ from .grammar import (
     tokenise,
 )
 from .operations import Duplicate, Operation
-from .phrases import COPY, Context, Refusal, Span, When, span, together
-from .selects import SelectKind
+from .phrases import Context, Refusal, Span, When, span, together
+from .selects import Named, SelectKind, parts_of
 from .words import FUNCTION_WORDS, inflected, singular, word_set
 
 __all__ = ["Refusal", "describe", "parse"]
@@ -187,9 +187,16 @@ def parse(
         raise Refusal(refusal.reason, _nearest(tokens)) from refusal
     except F4xError as error:
         raise Refusal(f"That is not possible: {error}", _nearest(tokens)) from error
-    if context.copy_named:
-        operations = [replace(one, name=COPY) if isinstance(one, Duplicate) else one for one in operations]
-    return tuple(operations)
+    meant = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
+    spare = context.spare - meant
+    return tuple(replace(one, name="") if getattr(one, "name", "") in spare else one for one in operations)
+
+
+def _selected(operation: Operation) -> Iterator[SelectKind]:
+    """Every selection in an operation."""
+    for name in ("select", "source"):
+        if hasattr(operation, name):
+            yield from parts_of(getattr(operation, name))
 
 
 def _statements(tokens: list[Token]) -> list[Token]:
@@ -244,8 +251,10 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: Context) -> Itera
             settled = When.of(own or front or last, context)
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
-            context.copied |= any(isinstance(one, Duplicate) for one in operations)
-            yield from operations
+            for operation in operations:
+                if isinstance(operation, Duplicate):
+                    operation, topics[-1] = context.copied(operation)
+                yield operation
         context.they = together(topics)
 
 
@@ -267,8 +276,43 @@ def _not_understood(reading: Reading) -> str:
             close = get_close_matches(token.text, sorted(VOCABULARY | COLOURS.keys() | parts), 1, 0.8)
             return f"I do not understand '{word}'" + (f"; did you mean '{close[0]}'?" if close else ".")
     if reading.farthest >= len(reading.tokens):
-        return "The command is not complete: something is missing."
+        return f"The command is not complete: {_lacking(reading)}."
     return f"I do not understand '{reading.said(reading.farthest, reading.farthest + 1)}' here."
+
+
+_UNSAID = {
+    "who": "whom or what it is for",
+    "values": "what becomes of it",
+    "rgb": "which color",
+    "by": "how much",
+    "way": "which way",
+    "sense": "which way",
+    "angle": "by how many degrees",
+    "source": "what it is to look like",
+    "called": "which name it gets",
+}
+"""What is missing where a slot of a command was not filled."""
+
+
+_beginnings = [
+    (command, verb, verb + command.who)
+    for command in COMMANDS
+    if command.verbs and command.needed <= _UNSAID.keys()
+    for verb in [lit("|".join(inflected(command.verbs, 1)))]
+]
+"""Commands with the rules of their verb, and of the verb and whom it is for."""
+
+
+def _lacking(reading: Reading) -> str:
+    """What the last command of a sentence lacks."""
+    end = len(reading.tokens)
+    for at in range(end):
+        for command, verb, verb_and_who in _beginnings:
+            whole = end in verb_and_who.at(reading, at)
+            if (whole and command.needed) or end in verb.at(reading, at):
+                unsaid = " and ".join(_UNSAID[slot] for slot in sorted(command.needed if whole else {"who"}))
+                return f"after '{reading.said(at, end)}' it is not said {unsaid}, as in '{command.example}'"
+    return "something is missing after the last word"
 
 
 def nearest(sentence: str, count: int = 3) -> tuple[str, ...]:

@@ -104,6 +104,8 @@ class Opacity(Change):
     """Opacity is multiplied by it and held in [0, 1]; 0 hides."""
     frames: Span | None = None
     """In effect from … to; None = always."""
+    ease: Ease | None = None
+    """None: in full, from the first frame to the last alone. Else it comes between the two, as in `Transform`, and stays."""
 
     def __post_init__(self) -> None:
         """Validate."""

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 from ..errors import F4xError
 from .colour_names import COLOURS, SHADES, Colour, from_hex, shaded
-from .grammar import VOCABULARY, Mismatch, Reading, Rule, chosen, either, listed, lit, optional, sign, silent, table
-from .operations import Vector
+from .grammar import (
+    VOCABULARY,
+    Mismatch,
+    Reading,
+    Rule,
+    chosen,
+    either,
+    listed,
+    lit,
+    optional,
+    sign,
+    silent,
+    table,
+    tokenise,
+)
+from .operations import Duplicate, Vector
 from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
-from .words import FRACTIONS, FUNCTION_WORDS, NO_THINGS, ONES, TENS, singular, word_set
+from .words import EVERYBODY, FRACTIONS, FUNCTION_WORDS, NO_THINGS, ONES, TENS, singular, word_set
 
 PLACES = 3
 """Decimals that numbers worked out from words keep."""
@@ -46,10 +60,10 @@ class Context:
     """The last thing named: "it"."""
     they: SelectKind | None = None
     """All that the last command was about: "them"."""
-    copied: bool = False
-    """A copy has been made, so that "the copy" is something."""
-    copy_named: bool = False
-    """"The copy" has been said: it needs a name to be selected by."""
+    copies: dict[str, SelectKind] = field(default_factory=dict)
+    """Name of the copies of each command that made some, the last one last -> what was copied."""
+    spare: set[str] = field(default_factory=set)
+    """Those of the names that nobody gave."""
 
     @property
     def present(self) -> int:
@@ -61,6 +75,27 @@ class Context:
         if self.last is None and not self.selected:
             raise Refusal(f"Nothing is named or selected that {word} could be; name a thing or select one.")
         return self.last or Current()
+
+    def one(self) -> SelectKind:
+        """What "the left one" is one of: the kind of the last thing named, a thing and its copies after copying."""
+        select = self.it("'one'")
+        if isinstance(select, Named) and select.name in self.copies:
+            return together((self.copies[select.name], select))
+        return select.of if isinstance(select, Instance) else select
+
+    def copied(self, operation: Duplicate) -> tuple[Duplicate, SelectKind]:
+        """The operation with a name for its copies, which are "it" from now on; and "they": a single one and its original."""
+        name = operation.name
+        if not name:
+            name = f"{COPY} {len(self.copies) + 1}" if self.copies else COPY
+            self.spare.add(name)
+        self.copies[name] = operation.select
+        self.last = Named(name)
+        return replace(operation, name=name), self.one() if operation.count == 1 else self.last
+
+    def and_copies(self, select: SelectKind) -> SelectKind:
+        """A thing said in the plural: with the copies that the sentence made of it."""
+        return together((select, *(Named(name) for name, who in self.copies.items() if who == select)))
 
 
 # How much ------------------------------------------------------------------------------------------------------------
@@ -379,6 +414,11 @@ class When:
             return {"frames": (self.frames[0], self.frames[0]), "ease": "step"}
         return self.effect
 
+    @property
+    def fading(self) -> dict[str, Any]:
+        """Fields of an opacity that comes little by little over a range."""
+        return self.effect | ({"ease": "linear"} if self.frames is not None and self.kind == "range" else {})
+
     def pause(self, context: Context) -> dict[str, Any]:
         """Fields of a freeze."""
         if self.frames is None:
@@ -476,9 +516,12 @@ def _strangers_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
             yield last, f"{reading.said(at, last - 1).lower()} {name}"
 
 
-_known, _part, _modified, _stranger, _strangers = map(
-    chosen, (_known_at, _part_at, _modified_at, _stranger_at, _strangers_at)
-)
+def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """The label of people in "everyone"."""
+    if reading.word(at) in ("everyone", "everybody"):
+        yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
+
+
 _several = silent(chosen(lambda reading, at: ((end, x) for end, x in _number_at(reading, at) if x >= 2)))
 _article = lit(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|some|every|each|any|all|all (of) [the|these|those|my]|both|"
@@ -487,10 +530,23 @@ _article = lit(
 _determiner = either(_article + ~_several, _several)
 
 
-def _thing(label: str) -> Who:
+def _things(match: Callable[[Reading, int], Iterator[tuple[int, str]]]) -> Rule:
+    """The `Who` of a noun."""
+
+    def thing_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
+        for end, label in match(reading, at):
+            yield end, _thing(label, plural=singular(reading.word(end - 1)) != reading.word(end - 1))
+
+    return chosen(thing_at)
+
+
+def _thing(label: str, plural: bool) -> Who:
     def who(context: Context) -> SelectKind:
+        if label == COPY and context.copies:
+            return _the_copy(context)
         name = context.names.get(label.lower())
-        return Text((label,)) if name is None else Named(name)
+        select = Text((label,)) if name is None else Named(name)
+        return context.and_copies(select) if plural else select
 
     return who
 
@@ -501,10 +557,11 @@ def _always(select: SelectKind) -> Callable[..., Who]:
 
 _OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones"
 _objects = lit(_OBJECTS)
-_familiar = either(_part, _known, _modified) >> _thing
-_noun = either(_part, _known, _modified, _stranger) >> _thing
-_bare_stranger = chosen(_bare_stranger_at) >> _thing
-_named_at_length = _article + _strangers >> _thing
+_known, _part, _modified, _stranger = map(_things, (_known_at, _part_at, _modified_at, _stranger_at))
+_everybody, _strangers, _bare_stranger = map(_things, (_everybody_at, _strangers_at, _bare_stranger_at))
+_familiar = either(_part, _known, _modified, _everybody)
+_noun = either(_part, _known, _modified, _stranger)
+_named_at_length = _article + _strangers
 _moving = either(
     lit(
         "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones] [that|which]"
@@ -551,17 +608,20 @@ _WHERE = {
 _which, _where = table(_WHICH), ~lit("that is|that are|which is|which are|standing|sitting") + table(_WHERE)
 _seen_in = optional(lit("of|as of|seen in|seen at") + lit("frame") + number)
 _kind = either(
-    _moving, _moving_noun, _noun, lit("one|ones") >> (lambda *_: lambda context: _kind_of(context.it("'one'")))
+    _moving,
+    _moving_noun,
+    _noun,
+    ~lit("one|ones") + lit("of (the|these|those|my|all the)") + _noun,
+    lit("one|ones") >> (lambda: Context.one),
 )
 
 
-def _kind_of(select: SelectKind) -> SelectKind:
-    """What there are several of, when one of them was named."""
-    return select.of if isinstance(select, Instance) else select
-
-
 def _one_of(which: Any, kind: Who, seen: float | None) -> Who:
-    return lambda context: Instance(kind(context), which, context.present if seen is None else _frame(seen, context))
+    def who(context: Context) -> SelectKind:
+        frame = context.present if seen is None else _frame(seen, context)
+        return Instance(context.and_copies(kind(context)), which, frame)
+
+    return who
 
 
 def _frame(said: float, context: Context) -> int:
@@ -601,11 +661,17 @@ COPY = "copy"
 _copy = lit("the [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)") >> (lambda: _the_copy)
 
 
-def _the_copy(context: Context) -> SelectKind:
-    if not context.copied:
+def _the_copy(context: Context) -> Named:
+    if not context.copies:
         raise Refusal("No copy was made before in the sentence; say which thing is meant.")
-    context.copy_named = True
-    return Named(COPY)
+    return Named(list(context.copies)[-1])
+
+
+_original = lit("the original (one)") >> (lambda: _the_original)
+
+
+def _the_original(context: Context) -> SelectKind:
+    return context.copies[_the_copy(context).name]
 
 
 _current = either(
@@ -615,7 +681,7 @@ _current = either(
 _PICTURE = "scene|picture|image|video|clip|shot|footage|movie|film"
 _everything = silent(
     either(
-        lit("everything|all|everyone|all (of) the [things|objects]|all [things|objects]|every [object|thing]"),
+        lit("everything|all|all (of) the [things|objects]|all [things|objects]|every [object|thing]"),
         lit(
             f"(the) [whole|entire|full|complete] [{_PICTURE}|thing]|[the|this|my] [{_PICTURE}]|all of the [{_PICTURE}]"
         ),
@@ -625,12 +691,16 @@ everything_else = lit(
     "[everything|all|anything] else|all the rest|the (whole) rest (of it|of them|of the scene|of the picture)|the others|"
     "all (the) other [things|objects|stuff]|the other [things|objects]"
 ) >> (lambda *_: lambda context: Not(context.it("'else'")))
+_everybody_else = _everybody + lit("else") >> (
+    lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
+)
 _in_scene = ~lit(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{_PICTURE}]|out of the [{_PICTURE}]"
 )
 _definite = (
     either(
         everything_else,
+        _everybody_else,
         _current,
         _moving,
         _static,
@@ -644,6 +714,7 @@ _definite = (
         _it,
         _they,
         _copy,
+        _original,
     )
     + _in_scene
 )
@@ -678,9 +749,7 @@ _EXCEPT = (
     "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|"
     "not including|but (for)"
 )
-_the_biggest = lit("the") + _which >> (
-    lambda which: _one_of(which, lambda context: _kind_of(context.it("'one'")), None)
-)
+_the_biggest = lit("the") + _which >> (lambda which: _one_of(which, Context.one, None))
 _besides = ~lit(",") + lit(_EXCEPT) + (_union | _the_biggest)
 everything_but = _everything + _in_scene + _besides
 """What is spared in "everything except the dog": a `Who`."""
@@ -822,3 +891,12 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 name = chosen(_name_at)
+_no_name = either(
+    _moving, _static, _current, _instance, _everybody, silent(_everything), _it, _they, _copy, _original, colour, _which
+)
+
+
+def means_something(called: str) -> bool:
+    """Whether a name would be taken for a colour or for another way to say who: "red", "it", "everything"."""
+    readings = (Reading.of(said, tokenise(said), {}) for said in (called, f"the {called}"))
+    return called.lower() in FUNCTION_WORDS or any(len(said.tokens) in _no_name.at(said, 0) for said in readings)

@@ -16,8 +16,8 @@ from . import endpoint, language
 from .apply import edited, stack_of, with_operations
 from .judge import judge
 from .operations import Duplicate, Operation, Transform
-from .records import Record
 from .phrases import Refusal
+from .records import Record
 from .resolve import Absent, Context, Resolver, labels_of
 from .selects import Text
 from .stack import EditStack, of, write_stack

@@ -5,8 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from .operations import Duplicate, Ease, Freeze, Loop, Operation, Retime, Reverse, Span
+from .operations import (
+    Delete,
+    Duplicate,
+    Ease,
+    Extract,
+    Freeze,
+    Loop,
+    Match,
+    Opacity,
+    Operation,
+    Recolour,
+    Retime,
+    Reverse,
+    Span,
+    Style,
+)
 
+Look = Recolour | Opacity | Delete | Extract | Style | Match
+"""Operations that change what Gaussians look like; the others change where they are, or when."""
 Warp = Callable[[float], float]
 """Clip frame shown -> clip frame read."""
 
@@ -25,6 +42,13 @@ def progress(frames: Span | None, ease: Ease, time: float, last: float) -> float
         return float(time >= first)
     share = min(max((time - first) / (end - first), 0.0), 1.0)
     return share * share * (3 - 2 * share) if ease == "smooth" else share
+
+
+def effect(operation: Look, time: float, last: float) -> float:
+    """How much of a change of looks there is at `time`, 0 to 1."""
+    if isinstance(operation, Opacity) and operation.ease is not None:
+        return progress(operation.frames, operation.ease, time, last)
+    return float(holds(operation.frames, time))
 
 
 def warp_of(operation: Operation, clip: tuple[float, float]) -> Warp | None:

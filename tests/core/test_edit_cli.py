@@ -81,7 +81,11 @@ def test_it_is_the_selection_that_a_query_left(scene, capsys, tmp_path):
     chosen = Selection(ids, np.ones(5), np.zeros(5, bool))
     (tmp_path / "selection.json").write_text(json.dumps(chosen.to_json()))
     code, told = f4x(capsys, "edit", scene, "--say", "remove it", "--select", tmp_path / "selection.json")
-    assert code == 0 and told["gaussians"] == [5] and told["edits"][0]["select"] == Ids.of(ids).to_json()
+    assert (
+        code == 0
+        and told["gaussians"] == [5]
+        and told["edits"][0]["select"] == {**Ids.of(ids).to_json(), "words": "the selection"}
+    )
     (tmp_path / "selection.json").write_text("{}")
     code = main(["edit", str(scene), "--say", "remove it", "--select", str(tmp_path / "selection.json")])
     assert code == 2 and "selection.json: This is no selection" in capsys.readouterr().err

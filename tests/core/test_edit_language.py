@@ -3,6 +3,7 @@
 import json
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from f4x_core.edit.commands import COMMANDS, SHOWN
 from f4x_core.edit.grammar import VOCABULARY
 from f4x_core.edit.language import LONGEST, Refusal, describe, parse
 from f4x_core.edit.operations import Delete, Freeze, Recolour, Transform, read_operation
-from f4x_core.edit.selects import Current, Named, Not, Text
+from f4x_core.edit.selects import Current, Instance, Named, Not, Or, Text
 from f4x_core.errors import F4xError
 
 TABLE = json.loads(Path(__file__).with_name("phrases.json").read_text())
@@ -109,7 +110,7 @@ def test_words_of_an_operation_mean_it(number):
             and describe(operation) != "remove the background"
         ):
             continue  # "everything except" is an extraction, and "else" needs a sentence before it
-        names = ["rex", "fido"]
+        names = ["rex", "fido", "copy", "twin"]
         (again,) = say(describe(operation), selected=True, names=names)
         assert again == operation, describe(operation)
 
@@ -133,10 +134,34 @@ def test_it_is_the_last_thing_named_then_what_is_selected():
         say("make it red")
 
 
+@pytest.mark.parametrize("left", ["the left one", "the left dog", "the leftmost of the dogs"])
+def test_of_a_thing_and_its_copy_there_is_a_left_one(left):
+    copied, painted = say(f"copy the dog to the left and make {left} red")
+    assert copied.name == "copy" and painted.select == Instance(Or((DOG, Named("copy"))), "left", 12)
+    assert say("copy the dog to the left, then copy it up and make the copy red")[2].select == Named("copy 2")
+
+
+@pytest.mark.parametrize(
+    ("sentence", "missing"),
+    [
+        ("move the dog", "after 'move the dog' it is not said which way"),
+        ("paint the dog", "what becomes of it, as in 'paint the car blue'"),
+        ("hide the cat and call the dog", "after 'call the dog' it is not said which name"),
+        ("scale", "whom or what it is for"),
+    ],
+)
+def test_of_half_a_command_the_other_half_is_asked_for(sentence, missing):
+    with pytest.raises(Refusal) as told:
+        say(sentence)
+    assert missing in told.value.reason
+
+
 def test_the_copy_gets_a_name_by_which_it_is_selected():
     copied, painted = say("copy the dog and make the copy red")
     assert (copied.name, painted.select) == ("copy", Named("copy"))
-    assert say("copy the dog and make it red")[1].select == DOG
+    copied, painted = say("copy the dog and make it red")
+    assert describe(copied).endswith("called copy") and describe(painted) == "make the copy red"
+    assert say("copy the dog and make the dog red") == (replace(copied, name=""), replace(painted, select=DOG))
     with pytest.raises(Refusal, match="No copy"):
         say("make the copy red")
 
