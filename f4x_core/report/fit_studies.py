@@ -1,0 +1,149 @@
+"""Speed against error of the fit: profile, steps, resolution, number of Gaussians."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from ..fit.config import PROFILES, FitConfig, profile
+from .evaluation import baseline_scores
+from .study import Context, Figure, Findings, Row, Table
+from .toy_fits import NOTE, base_config, fit_world, measure, over_seeds, score_world, shorten, thin_out, toy_world
+from .toy_worlds import make_world
+
+WORLD = "two movers"
+"""What is fitted: two rigid movers need a scaffold, and the camera moves."""
+PROFILE_SHARE = 1 / 24
+"""Of a profile's steps in a quick report."""
+QUICK_COUNTS, FULL_COUNTS = (50, 100, 200, 400), (150, 300, 600, 1200, 2400, 4800)
+QUICK_WIDTHS, FULL_WIDTHS = (48, 96, 192), (96, 192, 240, 336, 480)
+QUICK_FACTORS, FULL_FACTORS = (0.25, 0.5, 1.0, 2.0), (0.125, 0.25, 0.5, 1.0, 2.0, 4.0)
+SEEDS = 3
+"""Fits of each setting in a full report."""
+TIMED = ("fit (s)",)
+LPIPS = "LPIPS: not run; no weights of that network come with the project"
+
+
+def study_profiles(context: Context) -> Findings:
+    """Every profile, and two ways of making held-out frames that know no 3D."""
+    world = toy_world(context, WORLD)
+    rows: list[Row] = []
+    for name in PROFILES:
+        config = replace(profile(name), threads=context.threads)
+        config = shorten(config, max(round(PROFILE_SHARE * config.steps), 20)) if context.quick else config
+        rows.append({"profile": name, "steps": config.steps} | _fits(context, name, world, config))
+    rows += context.step("baselines", partial(_baselines, world))
+    best = max(rows, key=lambda row: row.get("novel (dB)") or 0)
+    quickest = min((row for row in rows if "steps" in row), key=lambda row: row["fit (s)"])
+    still = max(row["held out (dB)"] for row in rows if "steps" not in row)
+    words = [
+        f"{best['profile']} comes nearest to novel views ({best['novel (dB)']:.2f} dB after {best['steps']} steps);"
+        f" {quickest['profile']} is the quickest fit and stays {best['novel (dB)'] - quickest['novel (dB)']:.2f} dB behind.",
+        f"On held-out frames the profiles reach {_span(rows)} dB, the better baseline without 3D {still:.2f} dB.",
+    ]
+    note = NOTE + (f" Steps are {PROFILE_SHARE:.3g} of the profile's." if context.quick else "")
+    figures = _figures("profiles", "profile", "Profiles")
+    return Findings([Table("profiles", rows, f"World `{WORLD}`", TIMED, note)], figures, words, [LPIPS])
+
+
+def study_steps(context: Context) -> Findings:
+    """The same schedule in fewer and more steps."""
+    world, rows = toy_world(context, WORLD), []
+    for steps in context.choose(QUICK_COUNTS, FULL_COUNTS):
+        rows.append({"steps": steps} | _fits(context, f"steps {steps}", world, shorten(base_config(context), steps)))
+    words = [_doubling("steps", rows)]
+    figures = _figures("steps", "", "Steps")
+    return Findings([Table("steps", rows, f"World `{WORLD}`", TIMED, NOTE)], figures, words, [LPIPS])
+
+
+def study_resolution(context: Context) -> Findings:
+    """Fits at several picture sizes, all judged at the largest."""
+    widths = context.choose(QUICK_WIDTHS, FULL_WIDTHS)
+    frames, rows = toy_world(context, WORLD).frames, []
+    judge = make_world(WORLD, widths[-1], frames)
+    for width in widths:
+        world = make_world(WORLD, width, frames)
+
+        def work(seed: int, world: Any = world) -> Row:
+            fitted = fit_world(world, replace(base_config(context), seed=seed))
+            cameras = fitted.scene.cameras.resized(judge.width, judge.height)
+            own = score_world(world, fitted.scene)
+            scores = score_world(judge, replace(fitted.scene, cameras=cameras))
+            return scores | {"novel at its own size (dB)": own["novel (dB)"], "fit (s)": sum(fitted.seconds.values())}
+
+        found = over_seeds(context, f"width {width}", work, _seeds(context), width=width, judged=judge.width)
+        rows.append({"width (px)": width} | _with_error(found))
+    words = [_doubling("width (px)", rows)]
+    note = f"{NOTE} All are judged at {judge.width}x{judge.height}, where small pictures' scenes lack detail."
+    figures = _figures("resolution", "", "Width of the pictures")
+    return Findings([Table("resolution", rows, f"World `{WORLD}`", TIMED, note)], figures, words, [LPIPS])
+
+
+def study_budget(context: Context) -> Findings:
+    """Fewer and more Gaussians, at the start and at the limit."""
+    world, rows = toy_world(context, WORLD), []
+    for factor in context.choose(QUICK_FACTORS, FULL_FACTORS):
+        config = thin_out(base_config(context), factor)
+        rows.append({"budget": factor} | _fits(context, f"budget {factor}", world, config))
+    words = [_doubling("Gaussians", rows)]
+    note = f"{NOTE} Budget 1: the `quick` profile's density of Gaussians at the start, and its limit."
+    figures = _figures("budget", "", "Gaussians", across="Gaussians")
+    figures += _figures("budget", "", "Gaussians: time")
+    return Findings([Table("budget", rows, f"World `{WORLD}`", TIMED, note)], figures, words, [LPIPS])
+
+
+def _fits(context: Context, name: str, world: Any, config: FitConfig) -> Row:
+    def work(seed: int) -> Row:
+        return measure(world, replace(config, seed=seed))
+
+    return _with_error(over_seeds(context, name, work, _seeds(context), steps=config.steps, width=world.width))
+
+
+def _seeds(context: Context) -> int:
+    return context.choose(1, SEEDS)
+
+
+def _with_error(row: Row) -> Row:
+    """The row with the root mean square error of novel views (colours in 0..1), for logarithmic plots."""
+    ends = {"novel error (rms)": "novel (dB)", "novel error low (rms)": "novel high (dB)"}
+    ends |= {"novel error high (rms)": "novel low (dB)"}
+    return row | {column: 10 ** (-row[source] / 20) for column, source in ends.items()}
+
+
+def _figures(table: str, series: str, title: str, across: str = "fit (s)") -> list[Figure]:
+    low, high = "novel error low (rms)", "novel error high (rms)"
+    return [Figure(title, table, across, "novel error (rms)", series, low, high, front=bool(series))]
+
+
+def _baselines(world: Any) -> list[Row]:
+    """Held-out frames by the nearest used frame and by a blend along optical flow."""
+    clip = world.clip
+    held_out = set(clip.held_out.nonzero()[0].tolist())
+    start = time.perf_counter()
+    scores = [baseline_scores(clip, index, held_out) for index in sorted(held_out)]
+    seconds = (time.perf_counter() - start) / 2
+    names = {"psnr_nearest": "nearest used frame", "psnr_flow_blend": "blend along flow"}
+    return [
+        {"profile": f"no 3D: {said}", "held out (dB)": statistics.fmean(s[name] for s in scores), "fit (s)": seconds}
+        for name, said in names.items()
+        if all(name in s for s in scores)
+    ]
+
+
+def _span(rows: list[Row]) -> str:
+    values = [row["held out (dB)"] for row in rows if "steps" in row]
+    return f"{min(values):.2f} to {max(values):.2f}"
+
+
+def _doubling(column: str, rows: list[Row]) -> str:
+    """What the last step up of a ladder cost and brought, and the first."""
+    said = []
+    for before, after in ((rows[0], rows[1]), (rows[-2], rows[-1])):
+        said.append(
+            f"{column} {before[column]:,.4g} to {after[column]:,.4g}: {after['novel (dB)'] - before['novel (dB)']:+.2f} dB on"
+            f" novel views for {after['fit (s)'] / before['fit (s)']:.2f} times the time"
+        )
+    return "; ".join(said) + "."

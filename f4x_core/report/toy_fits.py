@@ -1,0 +1,174 @@
+"""Fits of toy worlds with true priors, and how far they are from the truth: what the studies of the fit are made of."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..fit.config import FitConfig, profile
+from ..fit.losses import psnr, ssim
+from ..fit.model import SceneModel
+from ..fit.pipeline import finish_fit, start_fit
+from ..priors import Priors
+from ..scene import Scene
+from ..scene.view import render
+from .study import Context, Row
+from .toy_worlds import View, World, make_world
+from .tracking import track_pixels
+
+QUICK_STEPS = 200
+"""Steps of a fit in a quick report."""
+QUICK_SIZE, FULL_SIZE = (96, 16), (240, 24)
+"""Width and frames of the worlds' clips."""
+TRACKED = 120
+"""Most true tracks that are followed."""
+NOTE = (
+    "Toy worlds: true priors; novel views look from 4 degrees aside of the path and 3 above it, `moving` counts pixels that"
+    " show what moves. The world itself has error 0."
+)
+"""For tables of these errors."""
+
+
+def toy_world(context: Context, name: str) -> World:
+    """The world called `name` at the report's size."""
+    return make_world(name, *context.choose(QUICK_SIZE, FULL_SIZE))
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A scene and what it cost."""
+
+    scene: Scene
+    seconds: dict[str, float]
+    """Wall time of `start` and `photometric`."""
+
+
+def base_config(context: Context, **changes: Any) -> FitConfig:
+    """The `quick` profile, with fewer steps in a quick report."""
+    config = replace(profile("quick"), threads=context.threads, seed=context.seed)
+    return replace(config if not context.quick else shorten(config, QUICK_STEPS), **changes)
+
+
+def shorten(config: FitConfig, steps: int) -> FitConfig:
+    """The same schedule in `steps` steps: what happens every so many steps happens as often."""
+    share = steps / config.steps
+    every = {
+        name: replace(control, every=max(round(share * control.every), 1))
+        for name, control in (("density_static", config.density_static), ("density_dynamic", config.density_dynamic))
+    }
+    scaffold = replace(config.scaffold, geometry_steps=round(share**0.5 * config.scaffold.geometry_steps))
+    graph_every = max(round(share * config.graph_every), 1)
+    return replace(config, steps=steps, scaffold=scaffold, graph_every=graph_every, measure_every=steps, **every)
+
+
+def thin_out(config: FitConfig, factor: float) -> FitConfig:
+    """The same with `factor` times as many Gaussians per area, at the start and at the limit."""
+    changes: dict[str, Any] = {}
+    for name in ("static", "dynamic"):
+        spawn, density = getattr(config, f"spawn_{name}"), getattr(config, f"density_{name}")
+        changes[f"spawn_{name}"] = replace(spawn, spacing=spawn.spacing / factor**0.5)
+        changes[f"density_{name}"] = replace(density, most=max(round(density.most * factor), density.least))
+    return replace(config, **changes)
+
+
+def fit_world(
+    world: World, config: FitConfig, priors: Priors | None = None, model: type[SceneModel] | None = None
+) -> Fitted:
+    """Fit the world's clip to its true priors, or to `priors`.
+
+    `model` trains another kind of scene in the place of the usual one, started from the same Gaussians.
+    """
+    torch.set_num_threads(max(config.threads, 1))
+    clip, priors = world.clip, priors or world.priors
+    clock = time.perf_counter()
+    stage, needs = start_fit(clip, priors, config)
+    if model is not None:
+        old = stage.model
+        stage.model = model(old.static, old.dynamic, old.nodes, old.rig, old.kernel)
+    started = time.perf_counter()
+    stage.run()
+    seconds = {"start": started - clock, "photometric": time.perf_counter() - started}
+    return Fitted(finish_fit(clip, priors, stage, needs, seconds).scene(clip), seconds)
+
+
+def score_world(world: World, scene: Scene) -> Row:
+    """Errors of a scene against the truth.
+
+    Novel views: cameras `NOVEL_DEGREES` off the clip's path; `moving` counts only pixels that truly show what moves. Tracks:
+    median distance in pixels between where true points go, from the first frame that sees them, and where the scene says.
+    """
+    cameras = scene.cameras
+    pairs = [(psnr_of(scene, camera, moment, view), view) for camera, moment, view in world.novel_views]
+    moving = [
+        psnr_of(scene, camera, moment, view, view.moving > 0.5)
+        for camera, moment, view in world.novel_views
+        if (view.moving > 0.5).any()
+    ]
+    held_out = [psnr_of(scene, cameras[i], float(i), world.views[i]) for i in scene.held_out]
+    used = [
+        psnr_of(scene, cameras[i], float(i), world.views[i]) for i in range(len(cameras)) if i not in scene.held_out
+    ]
+    likeness = [
+        ssim(_picture(scene, camera, moment), torch.from_numpy(view.rgb)) for camera, moment, view in world.novel_views
+    ]
+    return {
+        "novel (dB)": float(np.mean([value for value, _ in pairs])),
+        "novel SSIM": float(np.mean(likeness)),
+        "novel, moving (dB)": float(np.mean(moving)) if moving else None,
+        "held out (dB)": float(np.mean(held_out)) if held_out else None,
+        "used (dB)": float(np.mean(used)),
+        "track (px)": track_error(world, scene) if moving else None,
+        "Gaussians": len(scene.static) + len(scene.dynamic),
+        "nodes": 0 if scene.scaffold is None else len(scene.scaffold),
+    }
+
+
+def measure(
+    world: World, config: FitConfig, priors: Priors | None = None, model: type[SceneModel] | None = None
+) -> Row:
+    """Fit and score: the errors, and `fit (s)`."""
+    fitted = fit_world(world, config, priors, model)
+    return score_world(world, fitted.scene) | {"fit (s)": sum(fitted.seconds.values())}
+
+
+def over_seeds(context: Context, name: str, work: Callable[[int], Row], count: int, **settings: Any) -> Row:
+    """Means of what `work(seed)` returned for `count` seeds, a step each, with the ends `novel low (dB)`, `novel high (dB)`."""
+    seeds = range(context.seed, context.seed + count)
+    rows = [context.step(f"{name} {seed}", partial(work, seed), **settings) for seed in seeds]
+    means = {
+        column: statistics.fmean(row[column] for row in rows) if rows[0][column] is not None else None
+        for column in rows[0]
+    }
+    every = [row["novel (dB)"] for row in rows]
+    return means | {"novel low (dB)": min(every), "novel high (dB)": max(every), "seeds": count}
+
+
+def psnr_of(scene: Scene, camera: Any, moment: float, view: View, mask: np.ndarray | None = None) -> float:
+    """PSNR (dB) of a view against the truth, over `mask` (H,W) bool where given."""
+    weight = None if mask is None else torch.from_numpy(mask.astype(np.float32))
+    return psnr(_picture(scene, camera, moment), torch.from_numpy(view.rgb), weight)
+
+
+def _picture(scene: Scene, camera: Any, moment: float) -> torch.Tensor:
+    return torch.from_numpy(np.clip(render(scene, camera, moment, ("rgb",))["rgb"], 0, 1))
+
+
+def track_error(world: World, scene: Scene) -> float:
+    """Median distance (pixels) between true and followed points that move."""
+    pixels, visible, moving = world.tracks
+    first = visible[:, moving].argmax(0)
+    pixels, visible = pixels[:, moving], visible[:, moving]
+    start = int(np.bincount(first[visible.any(0)]).argmax())
+    chosen = np.flatnonzero(visible[start])
+    chosen = chosen[:: max(1, len(chosen) // TRACKED)]
+    targets = [t for t in range(0, world.frames, 3) if t != start]
+    found = track_pixels(scene, start, pixels[start, chosen], targets)  # (targets,Q,2)
+    seen = visible[targets][:, chosen]
+    return float(np.median(np.linalg.norm(found - pixels[targets][:, chosen], axis=-1)[seen]))
