@@ -341,6 +341,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--clips", type=path_argument, metavar="DIR", help="real clips: DIR/CLIP/images and DIR/CLIP/masks"
     )
     sub.add_argument("--data", type=path_argument, metavar="DIR", help="data sets: DIR/nvidia, DIR/dycheck, …")
+    sub.add_argument("--cases", type=path_argument, metavar="DIR", help="hard cases (default: tests/hard_cases here)")
     sub.add_argument("--threads", type=int, default=1, help="threads of the kernels that can use more (default: 1)")
     sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
 

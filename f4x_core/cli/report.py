@@ -24,13 +24,15 @@ def run_report(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     studies = choose(args.only.split(",") if args.only is not None else None)
     if args.threads < 1:
         raise F4xError(f"--threads {args.threads}: wants 1 or more.")
-    for source in (args.clips, args.data):
+    for source in (args.clips, args.data, args.cases):
         if source is not None and not source.is_dir():
-            raise F4xError(f"{source}: there is no such folder; name the one that holds the clips or data sets.")
+            raise F4xError(
+                f"{source}: there is no such folder; name the one that holds the clips, data sets or hard cases."
+            )
     torch.set_num_threads(args.threads)
     folder: Path = args.output.resolve()  # verbs in children run in folders of their own
     folder.mkdir(parents=True, exist_ok=True)
-    context = Context(folder, args.quick, args.clips, args.data, args.threads, args.seed)
+    context = Context(folder, args.quick, args.clips, args.data, args.cases, args.threads, args.seed)
     report = run_studies(studies, folder, context, progress)
     write_page(folder / PAGE_FILE, report)
     failed = [f"{name}: {text}" for name, record in report["studies"].items() for text in record["failed"]]

@@ -116,6 +116,8 @@ class Context:
     """Folder of real clips, CLIP/images beside CLIP/masks; None = studies of real clips are skipped."""
     data: Path | None = None
     """Folder of the field's data sets."""
+    cases: Path | None = None
+    """Folder of the hard cases; None = where a checkout has them."""
     threads: int = 1
     seed: int = 0
     progress: Progress = silent

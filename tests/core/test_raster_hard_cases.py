@@ -1,4 +1,5 @@
-"""Input that has broken rasterisers: every backend agrees with the float64 reference, stays finite and never crashes."""
+"""Input that has broken rasterisers, beside the catalogue in `tests/hard_cases`: the backends agree with the float64
+reference, stay finite and never crash."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -52,32 +53,6 @@ def assert_agrees(scene, backend, image=2e-5, gradient=1e-4, visible=True, **opt
     return out
 
 
-@pytest.mark.parametrize("scale", [0.0, 1e-42, 1e-30])
-def test_no_size_at_all(backend, scale):
-    scene = make_scene()
-    scene["scales"] = torch.full_like(scene["scales"], scale)
-    out = assert_agrees(scene, backend)
-    assert out.alpha.max() > 0.1  # the footprint of a pixel remains
-
-
-@pytest.mark.parametrize("length", [1e-6, 1e-3, 1e4])
-def test_quaternions_of_any_length(backend, length):
-    scene = make_scene()
-    plain = differentiate(scene, backend)[0].channels
-    scene["quats"] = scene["quats"] * length
-    out, gradients = differentiate(scene, backend)
-    torch.testing.assert_close(out.channels, plain, rtol=0, atol=1e-5)
-    assert all(g.isfinite().all() for g in gradients.values())
-
-
-@pytest.mark.parametrize("opacity", [0.0, 1 / 255, 0.9895, 0.99, 1.0])
-def test_opacities_at_the_edges_of_the_rule(backend, opacity):
-    scene = make_scene()
-    scene["opacities"] = torch.full_like(scene["opacities"], opacity)
-    # At 1/255 the ellipse is a point: whether that meets the image is decided by rounding.
-    assert_agrees(scene, backend, gradient=1e-3, visible=opacity != 1 / 255)
-
-
 def test_alpha_exactly_at_the_cut(backend):
     """Centred on a pixel, alpha is the opacity: 1/255 still counts, the next smaller number does not."""
     cut = torch.tensor(1 / 255, dtype=torch.float32)
@@ -111,11 +86,6 @@ def test_double_precision_arrays(backend):
     np.testing.assert_allclose(got, rasterize(**scene, backend=backend).channels.numpy(), atol=1e-5)
 
 
-@pytest.mark.parametrize("size", [(1, 1), (61, 1), (1, 45), (17, 16)])
-def test_small_images(backend, size):
-    assert_agrees(make_scene(60, 3, *size), backend)
-
-
 @pytest.mark.slow
 def test_a_picture_of_nine_megapixels(backend):
     width, height, splat = 4096, 2160, 24.0  # px
@@ -134,16 +104,10 @@ def test_a_picture_of_nine_megapixels(backend):
     assert true.alpha.max() > 0.5 and error.quantile(0.99) < 1e-3
 
 
-def test_a_splat_in_every_tile(backend):
-    scene = make_scene(40, 3, 200, 150)
-    scene["scales"][:8] = 20.0
-    scene["opacities"][:8] = 0.1
-    assert_agrees(scene, backend)
-
-
-@pytest.mark.parametrize("count", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
-def test_a_crowd_in_one_pixel(backend, count):
-    """Many splats on one spot: the front ones decide, the rest must neither overflow nor take forever."""
+@pytest.mark.slow
+def test_a_million_in_one_pixel(backend):
+    """The front ones decide, the rest must neither overflow nor take forever."""
+    count = 1_000_000
     scene = make_scene(1, 1, 9, 9)
     crowd = {
         "means": torch.tensor([[0.0, 0.0, 2.0]]).repeat(count, 1),

@@ -14,7 +14,9 @@ STAGE = "raster"
 
 def check():
     scene = wavy()
-    depth = torch.logspace(-1.7, 3.3, len(scene["means"]))[torch.randperm(80, generator=torch.Generator().manual_seed(0))]
+    depth = torch.logspace(-1.7, 3.3, len(scene["means"]))[
+        torch.randperm(80, generator=torch.Generator().manual_seed(0))
+    ]
     factor = (depth / scene["means"][:, 2])[:, None]
     scene["means"] *= factor
     scene["scales"] *= factor

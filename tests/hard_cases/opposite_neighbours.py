@@ -31,6 +31,8 @@ def check():
         for time in (3.999, 4.0):
             (places, turns), gradients = differentiate(function, carried, time, torch.float32)
             extent = np.linalg.norm(carried.leaves["local_xyz"], axis=1)
-            yield that("no farther than a turn can bring it", (np.linalg.norm(places, axis=1) < 1.001 * extent).all(), name)
+            yield that(
+                "no farther than a turn can bring it", (np.linalg.norm(places, axis=1) < 1.001 * extent).all(), name
+            )
             yield that("turns are turns", np.allclose(np.linalg.det(turns), 1, atol=1e-4), name)
             yield that("gradients are finite", all(np.isfinite(g).all() for g in gradients.values()), name)

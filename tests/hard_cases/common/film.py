@@ -116,10 +116,14 @@ def trace(cards: Sequence[Card], camera: Camera, time: float, rows: slice = slic
     return rgb, np.where(np.isinf(depth), np.nan, depth), moving
 
 
+SIDEWAYS = gliding((-0.1, 0, 0), (0.02, 0, 0))
+LEVEL = standing(0, 0, 0)
+
+
 def film(
     cards: Sequence[Card],
-    eye: Places = gliding((-0.1, 0, 0), (0.02, 0, 0)),
-    look: Places = standing(0, 0, 0),
+    eye: Places = SIDEWAYS,
+    look: Places = LEVEL,
     frames: int = FRAMES,
     focal: float = FOCAL,
     size: tuple[int, int] = (WIDTH, HEIGHT),
@@ -150,8 +154,15 @@ def film(
         moments = t + shutter * np.linspace(-0.5, 0.5, 5) if shutter else [t]
         seen = []
         for moment in moments:
-            bands = [(row, moment + readout * (row / height - 0.5)) for row in range(height)] if readout else [(None, moment)]
-            parts = [trace(shown(t), camera(m), m, slice(None) if row is None else slice(row, row + 1))[0] for row, m in bands]
+            bands = (
+                [(row, moment + readout * (row / height - 0.5)) for row in range(height)]
+                if readout
+                else [(None, moment)]
+            )
+            parts = [
+                trace(shown(t), camera(m), m, slice(None) if row is None else slice(row, row + 1))[0]
+                for row, m in bands
+            ]
             seen.append(np.concatenate(parts))
         pictures.append(np.clip(255 * gain(t) * np.mean(seen, 0), 0, 255).round().astype(np.uint8))
         depths.append(depth)
@@ -160,5 +171,7 @@ def film(
     held_out[-1] = False  # a camera beyond the last used one would be a guess
     times = np.arange(frames, dtype=float)
     clip = Clip("film", np.stack(pictures), times, 24.0, held_out, "film")
-    path = CameraPath(np.tile(lens, (frames, 1, 1)), np.stack([camera(t).world_to_camera for t in times]), times, width, height)
+    path = CameraPath(
+        np.tile(lens, (frames, 1, 1)), np.stack([camera(t).world_to_camera for t in times]), times, width, height
+    )
     return Film(clip, path, np.stack(depths).astype(np.float32), np.stack(masks))
