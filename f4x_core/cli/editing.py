@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import Any
 
 from ..edit.apply import base_of, open_scene, with_operations
 from ..edit.bake import bake
+from ..edit.description import describe
 from ..edit.json_files import read_json, read_operations
 from ..edit.judge import contact_sheet
 from ..edit.operations import Name
@@ -44,7 +44,10 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         write_scene(base_of(scene), args.output)
         where = str(args.output)
     chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(scene, "steps", ())}
-    lines += [f"{told(edit)}: {chosen.get(edit.id, 0):,} Gaussians" for edit in new]
+    lines += [
+        f"{number} {told(edit)}" + (f": {chosen[edit.id]:,} Gaussians" if edit.id in chosen else "")
+        for number, edit in enumerate(new, before + 1)
+    ]
     return {
         **found,
         "output": None if args.dry_run else where,
@@ -58,6 +61,7 @@ def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """List the edits of a scene, and those that `redo` would bring back."""
     stack = read_stack(args.scene)
     lines = [told(edit) for edit in stack.edits] + [f"{told(edit)} [undone]" for edit in reversed(stack.undone)]
+    lines = [f"{number} {line}" for number, line in enumerate(lines, 1)]
     return {
         "edits": stack.to_json(),
         "undone": [edit.to_json() for edit in stack.undone],
@@ -67,17 +71,25 @@ def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def run_undo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Take back the last edits."""
-    return _left(args, undo(args.scene, args.count))
+    before = len(read_stack(args.scene))
+    stack = undo(args.scene, args.count)
+    return _left(args, stack, before - len(stack), "taken back")
 
 
 def run_redo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Bring back what was undone last."""
-    return _left(args, redo(args.scene, args.count))
+    before = len(read_stack(args.scene))
+    stack = redo(args.scene, args.count)
+    return _left(args, stack, len(stack) - before, "brought back")
 
 
 def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Fold the edits into the arrays of a new scene file."""
     scene = read_scene(args.scene)
+    if args.output.exists() and args.output.samefile(args.scene):
+        raise F4xError(
+            f"{args.output}: it is the scene itself, whose edits could not be undone any more; give another file."
+        )
     if not scene.edits:
         raise F4xError(f"{args.scene}: it has no edits to fold in; copy the file.")
     baked = bake(scene)
@@ -147,15 +159,18 @@ def _context(args: argparse.Namespace) -> Context:
 
 
 def told(edit: Edit) -> str:
-    """One line: number, operation, its fields but the selection, the words it came from."""
-    fields = {name: value for name, value in edit.operation.to_json().items() if name not in ("op", "select", "source")}
-    settings = ", ".join(f"{name} {json.dumps(value)}" for name, value in fields.items())
-    said = f' "{edit.said}"' if edit.said else ""
-    return (
-        f"{edit.id} {edit.operation.TAG}{f' ({settings})' if settings else ''}{said}{'' if edit.enabled else ' [off]'}"
-    )
+    """One line: the edit in words, and the sentence that it came from."""
+    does = describe(edit.operation)
+    said = f' ("{edit.said}")' if edit.said not in ("", does) else ""
+    return f"{does}{said}{'' if edit.enabled else ' [off]'}"
 
 
-def _left(args: argparse.Namespace, stack: EditStack) -> dict[str, Any]:
+def _left(args: argparse.Namespace, stack: EditStack, moved: int, how: str) -> dict[str, Any]:
     done, undone = len(stack), len(stack.undone)
-    return {"edits": done, "undone": undone, "text": f"{args.scene}: {done} edits, {undone} undone"}
+    fewer = f" (there were no more, {args.count} were asked for)" if moved < args.count else ""
+    text = f"{args.scene}: {_edits(moved)} {how}{fewer}; {_edits(done)} in effect, {undone} to redo"
+    return {"edits": done, "undone": undone, "text": text}
+
+
+def _edits(count: int) -> str:
+    return f"{count} edit{'' if count == 1 else 's'}"

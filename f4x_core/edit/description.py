@@ -252,10 +252,16 @@ def _numbers(values: tuple[float, ...]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
 
+def _rounded(values: tuple[float, ...]) -> str:
+    """Numbers as a person reads them: what is less than a hundredth of the largest is none."""
+    largest = max(map(abs, values))
+    return ", ".join(f"{value:.3g}" if abs(value) >= largest / 100 else "0" for value in values)
+
+
 def _way(vector: Vector, unit: str, axes: str) -> str:
     measure = "unit" if unit == "world" else "size"
     if axes == "world":
-        return f"by ({_numbers(vector)}) {measure}s along the world's axes"
+        return f"by ({_rounded(vector)}) {measure}s along the world's axes"
     steps = [(abs(x), _AXES[axis][x > 0]) for axis, x in enumerate(vector) if x]
     return " and ".join(f"by {far:g} {measure}{'' if far == 1 else 's'} {way}" for far, way in steps)
 
@@ -269,7 +275,7 @@ def _turn(who: str, rotate: Vector, axes: str) -> str:
         return f"rotate {who} by {abs(y):g} degrees to the {side}"
     if axes == "camera" and z and not x and not y:
         return f"tilt {who} by {abs(z):g} degrees to the {side}"
-    return f"rotate {who} by ({_numbers(rotate)}) degrees about the {axes}'s axes"
+    return f"rotate {who} by ({_rounded(rotate)}) degrees about the {axes}'s axes"
 
 
 def _about(pivot: str | Vector) -> str:

@@ -28,5 +28,7 @@ def read_json(path: Path, wanted: str) -> Any:
         if path.stat().st_size > MOST_BYTES:
             raise F4xError(f"{path}: it is larger than {MOST_BYTES >> 20} MiB; give {wanted}.")
         return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
+    except RecursionError as error:
+        raise F4xError(f"{path}: its brackets are nested too deep to be read; give {wanted}.") from error
+    except ValueError as error:
         raise F4xError(f"{path}: it is not JSON ({error}); give {wanted}.") from error

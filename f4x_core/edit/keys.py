@@ -32,22 +32,25 @@ def rekeyed(scene: Scene, edits: Iterable[Edit]) -> Scaffold | None:
     nodes that are not there.
     """
     scaffold = scene.scaffold
-    changes = [edit for edit in edits if edit.enabled and isinstance(edit.operation, Rekey)]
+    changes = [(n, edit) for n, edit in enumerate(edits, 1) if edit.enabled and isinstance(edit.operation, Rekey)]
     if not changes:
         return scaffold
     if scaffold is None:
-        raise F4xError(f"{scene.name}: {changes[0].title}: the scene has no scaffold; take the edit back.")
+        number, edit = changes[0]
+        raise F4xError(f"{scene.name}: {edit.titled(number)}: the scene has no scaffold; take the edit back.")
     place = {int(id): index for index, id in enumerate(scaffold.ids)}
-    knots = [scaffold.times, scene.cameras.times, *(edit.operation.times for edit in changes)]  # type: ignore[union-attr]
+    knots = [scaffold.times, scene.cameras.times, *(edit.operation.times for _, edit in changes)]  # type: ignore[union-attr]
     times = np.unique(np.concatenate(knots))
     scaffold = resample_in_time(scaffold, times)
     xyz, quat = scaffold.xyz.copy(), scaffold.quat.copy()
-    for edit in changes:
+    for number, edit in changes:
         operation = edit.operation
         assert isinstance(operation, Rekey)
         missing = [id for id in operation.nodes if id not in place]
         if missing:
-            raise F4xError(f"{scene.name}: {edit.title}: the scaffold has no node {missing[0]}; take the edit back.")
+            raise F4xError(
+                f"{scene.name}: {edit.titled(number)}: the scaffold has no node {missing[0]}; take the edit back."
+            )
         where = np.searchsorted(times, operation.times)[:, None], np.array([place[id] for id in operation.nodes])
         xyz[where], quat[where] = operation.arrays
     return replace(scaffold, xyz=xyz, quat=align_signs(quat))

@@ -16,6 +16,8 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from ..errors import F4xError
 
+_LONGEST_WHERE = 100
+"""Letters of the place of what lies too deep."""
 DEEPEST = 32
 """Levels of records inside records that are read: no person needs more, and a hostile file could ask for thousands."""
 
@@ -42,7 +44,7 @@ def read_record(family: Any, data: Any, where: str, depth: int = 0) -> Any:
     `where` begins every sentence, for example "edit 3". Raises F4xError.
     """
     if depth > DEEPEST:
-        raise F4xError(f"{where}: more than {DEEPEST} records inside one another; write it flatter.")
+        raise F4xError(f"{where[:_LONGEST_WHERE]} …: more than {DEEPEST} records inside one another; write it flatter.")
     if not isinstance(data, Mapping):
         raise F4xError(f"{where}: {_short(data)} is no JSON object; write {{...}}.")
     members = {kind.TAG: kind for kind in get_args(family)} if get_args(family) else {}

@@ -131,11 +131,9 @@ class Resolver:
 
     def _looked_up(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         found = self._settled(scene, select, tidy)
-        return (
-            replace(found, words=whom(select)[:LONGEST_WORDS])
-            if isinstance(found, Ids) and found is not select
-            else found
-        )
+        if isinstance(found, Ids) and found is not select:
+            return replace(found, words="".join(filter(str.isprintable, whom(select)))[:LONGEST_WORDS])
+        return found
 
     def _settled(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         if isinstance(select, And | Or):

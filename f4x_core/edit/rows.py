@@ -107,11 +107,11 @@ def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], R
     """The edits that do something, in order, and the Gaussians in the end. Raises F4xError that names the edit."""
     rows, clip = Rows.of(scene), (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
     steps = []
-    for edit in edits:
+    for number, edit in enumerate(edits, 1):
         try:
             step, rows = _step(edit, rows, clip)
         except F4xError as error:
-            raise F4xError(f"{scene.name}: {edit.title}: {error}") from error
+            raise F4xError(f"{scene.name}: {edit.titled(number)}: {error}") from error
         if step is not None:
             steps.append(step)
     return tuple(steps), rows

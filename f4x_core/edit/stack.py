@@ -44,10 +44,9 @@ class Edit:
         if len(self.said) > LONGEST_SAID:
             raise F4xError(f"said has {len(self.said)} letters; keep at most {LONGEST_SAID}.")
 
-    @property
-    def title(self) -> str:
-        """How sentences call it: "edit 3 (recolour)"."""
-        return f"edit {self.id} ({self.operation.TAG})"
+    def titled(self, number: int) -> str:
+        """How sentences call it as the edit `number` (from 1) of its stack: "edit 3 (recolour)"."""
+        return f"edit {number} ({self.operation.TAG})"
 
     def to_json(self) -> dict[str, Any]:
         """The operation's JSON with `id`, and with `enabled` and `said` where they say something."""
@@ -191,7 +190,9 @@ def patched(stack: EditStack, changes: Iterable[Difference]) -> EditStack:
         if change.before is not None:
             at = stack.position(change.before.id)
             if stack.edits[at] != change.before:
-                raise F4xError(f"{change.before.title} was changed in between; look at both versions and choose one.")
+                raise F4xError(
+                    f"{stack.edits[at].titled(at + 1)} was changed in between; look at both versions and choose one."
+                )
             stack = stack.remove(change.before.id)
         if change.after is not None:
             assert change.at is not None
@@ -213,7 +214,7 @@ def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
             continue
         if a != old:
             told = "one side removed it, the other changed it" if a is None or b is None else "both changed it"
-            raise F4xError(f"{old.title}: {told}, each in its own way; choose one of them.")
+            raise F4xError(f"{old.titled(base.position(id) + 1)}: {told}, each in its own way; choose one of them.")
         merged = merged.remove(id) if b is None else merged._with(b)
     if [edit.id for edit in ours.edits if edit.id in was] == [edit.id for edit in base.edits if edit.id in mine]:
         order = {id: place for place, id in enumerate(other)}
@@ -249,21 +250,23 @@ def write_stack(path: Path | str, stack: EditStack) -> None:
 
 
 def undo(path: Path | str, count: int = 1) -> EditStack:
-    """Take the last `count` edits of a scene file back, atomically; F4xError where there are fewer, and nothing changes."""
-    return _stepped(path, EditStack.undo, count)
+    """Take the last `count` edits of a scene file back, or all where there are fewer, atomically; F4xError where there is none."""
+    return _stepped(path, EditStack.undo, lambda stack: len(stack), count)
 
 
 def redo(path: Path | str, count: int = 1) -> EditStack:
-    """Bring back the `count` edits undone last; F4xError where there are fewer, and nothing changes."""
-    return _stepped(path, EditStack.redo, count)
+    """Bring back the `count` edits undone last, or all where there are fewer, atomically; F4xError where there is none."""
+    return _stepped(path, EditStack.redo, lambda stack: len(stack.undone), count)
 
 
-def _stepped(path: Path | str, step: Callable[[EditStack], EditStack], count: int) -> EditStack:
+def _stepped(
+    path: Path | str, step: Callable[[EditStack], EditStack], most: Callable[[EditStack], int], count: int
+) -> EditStack:
     stack = read_stack(path)
     if count < 1:
         raise F4xError(f"{path}: {count} steps are asked for; give 1 or more.")
     try:
-        for _ in range(count):
+        for _ in range(min(count, max(most(stack), 1))):
             stack = step(stack)
     except F4xError as error:
         raise F4xError(f"{path}: {error}") from error

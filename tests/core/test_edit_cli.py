@@ -9,7 +9,8 @@ from labelled_scene import labelled_scene
 from random_scene import random_scene
 
 from f4x_core.cli.main import main
-from f4x_core.edit.selects import Ids
+from f4x_core.edit.operations import Delete
+from f4x_core.edit.selects import Ids, Moving, Named
 from f4x_core.edit.stack import EditStack, read_stack, write_stack
 from f4x_core.query.selection import Selection
 from f4x_core.scene import read_scene, write_scene
@@ -54,9 +55,43 @@ def test_edit_history_undo_redo_and_the_same_bytes_again(scene, operations, caps
     assert [edit["op"] for edit in told["edits"]] == ["recolour", "duplicate", "delete"] and told["undone"] == []
     assert f4x(capsys, "undo", scene, "--count", 2) == (0, {"edits": 1, "undone": 2})
     assert f4x(capsys, "redo", scene) == (0, {"edits": 2, "undone": 1})
-    assert f4x(capsys, "undo", scene, "--count", 2) == (0, {"edits": 0, "undone": 3})
+    assert f4x(capsys, "undo", scene, "--count", 99) == (0, {"edits": 0, "undone": 3})
     write_stack(scene, EditStack())
     assert sha(scene) == before
+
+
+def test_undo_of_more_than_there_are_takes_all_back_and_says_so(scene, operations, capsys):
+    f4x(capsys, "edit", scene, "--ops", operations)
+    assert main(["undo", str(scene), "--count", "99"]) == 0
+    assert "3 edits taken back (there were no more, 99 were asked for); 0 edits in effect" in capsys.readouterr().out
+    assert main(["undo", str(scene)]) == 2
+    assert "nothing to undo" in capsys.readouterr().err
+
+
+def test_history_numbers_the_edits_and_tells_them_in_words(scene, capsys):
+    say = ["edit", str(scene), "--say"]
+    for sentence in ("make the square red", "make everything darker", "copy the square to the left and move it up"):
+        main([*say, sentence])
+    main(["undo", str(scene), "--count", "3"])
+    main([*say, "call the square rex"])
+    capsys.readouterr()
+    main(["history", str(scene)])
+    assert capsys.readouterr().out.splitlines() == [
+        "1 make the square red",
+        '2 call the square "rex" ("call the square rex")',
+    ]
+    main(["undo", str(scene)])
+    capsys.readouterr()
+    main(["history", str(scene)])
+    assert capsys.readouterr().out.splitlines()[1].startswith("2 call the square") and len(read_stack(scene)) == 1
+
+
+def test_a_broken_edit_is_called_by_its_number_in_the_history(scene, capsys):
+    stack = EditStack().append(Delete(Moving())).undo().append(Delete(Named("rex")))
+    assert stack.edits[0].id == 2
+    write_stack(scene, stack)
+    assert main(["info", str(scene)]) == 2
+    assert "edit 1 (delete): no selection before it is named 'rex'" in capsys.readouterr().err
 
 
 def test_a_dry_run_and_another_file_leave_the_scene_alone(scene, operations, capsys, tmp_path):
@@ -112,6 +147,9 @@ def test_bake(scene, operations, capsys, tmp_path):
     operations.write_text(json.dumps(OPERATIONS[:2]))
     assert f4x(capsys, "bake", scene, "-o", tmp_path / "no.f4x")[0] == 2
     f4x(capsys, "edit", scene, "--ops", operations)
+    before = sha(scene)
+    assert main(["bake", str(scene), "-o", str(scene)]) == 2
+    assert "give another file" in capsys.readouterr().err and sha(scene) == before
     code, told = f4x(capsys, "bake", scene, "-o", tmp_path / "b.f4x")
     assert code == 0 and (told["folded"], told["left"], told["dynamic"]) == (2, 0, 162)
     assert len(read_scene(tmp_path / "b.f4x").dynamic) == 162
@@ -130,7 +168,8 @@ def test_bake(scene, operations, capsys, tmp_path):
         ('[{"op": "delete", "select": {"by": "moving"}}, 7]', "operation 2: 7 is no JSON object"),
         ('[{"op": "delete", "select": {"by": "named", "name": "rex"}}]', "named 'rex'"),
         ('[{"op": "delete", "select": {"by": "moving"}, "frames": [90, null]}]', "90"),
-        ("[" * 100000, "not JSON"),
+        ("[" * 3000 + "]" * 3000, "nested too deep"),
+        ('{"op": "delete", "select": ' + 90 * '{"by": "not", "of": ' + '{"by": "all"}' + 91 * "}", "write it flatter"),
     ],
 )
 def test_a_wrong_file_is_one_sentence_and_changes_nothing(scene, tmp_path, capsys, text, told):

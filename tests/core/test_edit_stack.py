@@ -168,11 +168,17 @@ def test_undone_and_forgotten_edits_leave_the_same_bytes(tmp_path):
     assert sha(path) == before
 
 
-def test_too_many_steps_change_nothing(tmp_path):
+def test_more_steps_than_there_are_take_all(tmp_path):
+    path = tmp_path / "a.f4x"
+    write_scene(with_stack(random_scene(), stack_of(*OPERATIONS[:2])), path)
+    assert len(undo(path, 3)) == 0 and len(redo(path, 99)) == 2
+
+
+def test_steps_that_cannot_be_taken_change_nothing(tmp_path):
     path = tmp_path / "a.f4x"
     write_scene(with_stack(random_scene(), stack_of(*OPERATIONS[:2])), path)
     before = sha(path)
-    for step, count in ((undo, 3), (redo, 1), (undo, 0)):
+    for step, count in ((redo, 1), (undo, 0)):
         with pytest.raises(F4xError, match=re.escape(str(path))):
             step(path, count)
     assert sha(path) == before
