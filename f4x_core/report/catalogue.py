@@ -106,6 +106,13 @@ STUDIES = (
         ".fit_studies:study_budget",
     ),
     Study(
+        "mutations",
+        "stability",
+        "Formulas broken on purpose",
+        "Does a test of the everyday suite notice a sign, a factor or a transpose that is wrong?",
+        ".mutations:measure_mutations",
+    ),
+    Study(
         "clips-fit",
         "clips",
         "Real clips: fitted",

@@ -1,0 +1,41 @@
+"""Formulas broken on purpose: every one is still written as it is broken, and one of each kind of outcome is seen."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from f4x_core.errors import F4xError
+from f4x_core.report.mutations import MUTATIONS, ROOT, try_mutation
+
+FORMULA = "dual = 0.5 * quaternion.multiply(pure, q)\n"
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda m: f"{m.formula}: {m.wrong}")
+def test_the_formula_is_there_once_and_its_tests_exist(mutation):
+    assert (ROOT / "f4x_core" / mutation.file).read_text(encoding="utf-8").count(mutation.old) == 1
+    assert mutation.new != mutation.old
+    assert all((ROOT / "tests" / "core" / name).is_file() for name in mutation.tests)
+
+
+def small_checkout(folder: Path, test: str) -> Path:
+    (folder / "f4x_core" / "geometry").mkdir(parents=True)
+    (folder / "tests" / "core").mkdir(parents=True)
+    (folder / "f4x_core" / "geometry" / "dual_quaternion.py").write_text(FORMULA)
+    (folder / "tests" / "core" / "test_one.py").write_text(test)
+    for name in ("pyproject.toml", "__init__.py"):
+        (folder / name).write_text("")
+    return folder
+
+
+def test_what_a_test_notices_and_what_none_does(tmp_path):
+    half = dataclasses.replace(MUTATIONS[1], tests=("test_one.py",))
+    source = "from pathlib import Path\n\ndef test_half():\n    assert {}\n"
+    noticed = source.format('"0.5" in Path("f4x_core/geometry/dual_quaternion.py").read_text()')
+    caught = try_mutation(half, small_checkout(tmp_path / "noticed", noticed))
+    assert caught == {"caught by": "test_one.py::test_half"}
+    assert try_mutation(half, small_checkout(tmp_path / "missed", source.format("True")))["caught by"] is None
+    with pytest.raises(F4xError, match="did not run"):
+        try_mutation(half, small_checkout(tmp_path / "broken", "import nothing_of_that_name\n"))
+    with pytest.raises(F4xError, match="up to date"):
+        try_mutation(dataclasses.replace(half, old="not there"), tmp_path / "noticed")
