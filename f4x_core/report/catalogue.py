@@ -64,6 +64,20 @@ STUDIES = (
         ".raster_curves:measure_gradients",
     ),
     Study(
+        "deformation-forms",
+        "speed",
+        "Deformation: forms of the blend",
+        "What do linear blending, dual quaternions and the exact mean cost, and how far apart are they?",
+        ".deformation_curves:measure_forms",
+    ),
+    Study(
+        "deformation-rotations",
+        "speed",
+        "Deformation: every angle",
+        "How wrong is each form between a node at rest and one that turns by 0 to 359 degrees?",
+        ".deformation_curves:measure_rotations",
+    ),
+    Study(
         "hard-cases",
         "stability",
         "The catalogue of hard cases",
@@ -111,6 +125,22 @@ STUDIES = (
         "Formulas broken on purpose",
         "Does a test of the everyday suite notice a sign, a factor or a transpose that is wrong?",
         ".mutations:measure_mutations",
+    ),
+    Study(
+        "latent-width",
+        "speed",
+        "Features: width of the latent",
+        "What do wider latents cost, and what do they tell apart?",
+        ".latent_studies:study_widths",
+        seed_tables=("D", "E"),
+    ),
+    Study(
+        "inference",
+        "speed",
+        "Features: inference in feature space or from rendered pictures",
+        "Are the scene's own features quicker than a teacher that looks at its pictures, and as good?",
+        ".latent_studies:study_inference",
+        seed_tables=("A", "C"),
     ),
     Study(
         "clips-fit",

@@ -123,7 +123,9 @@ def _markdown_table(table: Record) -> str:
 def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
     """One plot as SVG, where a value of 0 on a logarithmic `y` stands below the plot; "" where no row has both values."""
     x, y = figure["x"], figure["y"]
-    shown = [row for row in rows if _drawable(row, x, "x" in figure["log"]) and _drawable(row, y)]
+    wanted = figure.get("where", {}).items()
+    shown = [row for row in rows if all(row.get(column) == value for column, value in wanted)]
+    shown = [row for row in shown if _drawable(row, x, "x" in figure["log"]) and _drawable(row, y)]
     shown = [row for row in shown if row[y] >= 0 or "y" not in figure["log"]]
     if not shown:
         return ""

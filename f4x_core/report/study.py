@@ -64,6 +64,8 @@ class Figure:
     """Columns with the ends of error bars: of `x` where their name starts with its, else of `y`."""
     log: str = "xy"
     """Which axes are logarithmic."""
+    where: Row = field(default_factory=dict)
+    """Only rows that have these values in these columns."""
     front: bool = False
     """Draw the Pareto front (less is better on both axes) in place of lines through the points."""
 
