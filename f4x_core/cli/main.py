@@ -28,6 +28,10 @@ ADVICE = {
 """What helps against an error of the disk."""
 
 
+AGAIN = {"fit": "; the same command with --resume continues", "batch": "; the same command continues"}
+"""What is told after Ctrl-C."""
+
+
 class Parser(argparse.ArgumentParser):
     """Tells what is wrong with a command line as every other bad input is told: in one sentence."""
 
@@ -160,6 +164,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit, above 0 and below 90 (default: 5)")
     sub.add_argument("--video", action="store_true", help="also write DIR/CHANNEL.mp4")
+    sub.add_argument("--part", metavar="I/N", help="only the I-th of N parts of the path, for N machines")
     backend_option(sub)
 
     sub = verb("eval", "Measure a scene against its clip.")
@@ -298,6 +303,27 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("what", choices=("list", "get", "path"))
     sub.add_argument("name", nargs="?", help="of the weights, or of a teacher")
 
+    sub = verb("batch", "Many clips: every row of a manifest, in processes of this machine or on a Ray cluster.")
+    sub.add_argument("manifest", help="FILE.csv, FILE.json, or a pattern in quotes, 'shots/*.mp4'")
+    sub.add_argument(
+        "-o",
+        "--output",
+        dest="place",
+        required=True,
+        metavar="DIR|URL",
+        help="gets index.html and a folder for each row",
+    )
+    where = sub.add_mutually_exclusive_group()
+    where.add_argument(
+        "--jobs", type=int, metavar="N", help="tasks at a time (default: the cores, by threads of a task)"
+    )
+    where.add_argument("--ray", metavar="ADDRESS|auto", help="run on this Ray cluster")
+    sub.add_argument(
+        "--set", action="append", default=[], metavar="COLUMN=VALUE", help="of rows that do not say it themselves"
+    )
+    sub.add_argument("--scratch", metavar="DIR", help="for work in progress, on each machine (default: DIR itself)")
+    sub.add_argument("--dry-run", action="store_true", help="tell the tasks and what is done; do nothing")
+
     verb("doctor", "What this machine has, and whether it works.")
 
     sub = verb("bench", "Speed against error of the kernels on this machine.")
@@ -393,7 +419,7 @@ def main(arguments: list[str] | None = None) -> int:
         sentence = f"The memory does not suffice ({error}); use fewer frames or smaller ones."
         return _fail(args, lines, sentence, EXIT_BAD_INPUT)
     except (KeyboardInterrupt, Cancelled):
-        again = "; the same command with --resume continues" if args.verb == "fit" else ""
+        again = AGAIN.get(args.verb, "")
         return _fail(args, lines, f"Stopped{again}.", EXIT_INTERRUPTED)
     code, text = result.pop("exit_code", 0), result.pop("text", None)
     if lines is not None:

@@ -73,14 +73,16 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if not 0 < args.degrees < 90:
         raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, args.path, args.degrees)
+    mine = part_of(len(views), args.part, args.video)
     folders = {name: Path(args.output) / file_name(name) for name in channels}
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
     span = depth_span(scene, args.backend) if "depth" in channels else (0.0, 1.0)
     largest = FULL_MOTION * scene.cameras.width
     pictures: dict[str, list[np.ndarray]] = {name: [] for name in channels}
-    for index, (camera, time) in enumerate(views):
-        progress("render", index, len(views))
+    for done, index in enumerate(mine):
+        progress("render", done, len(mine))
+        camera, time = views[index]
         plain = [name for name in channels if name in CHANNELS]
         wanted = plain if len(plain) + len(masks) == len(channels) else [*plain, "latent", "alpha"]
         maps = render(scene, camera, time, channels=wanted, backend=args.backend)
@@ -95,15 +97,27 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         try:
             write_frame(folders, index, maps, shown)
         except F4xError as error:
-            raise F4xError(f"{error}; {index} of {len(views)} frames were written whole.") from error
+            raise F4xError(f"{error}; {done} of {len(mine)} frames were written whole.") from error
         if args.video:
             for name, picture in shown.items():
                 pictures[name].append(picture)
-    progress("render", len(views), len(views))
+    progress("render", len(mine), len(mine))
     for name, frames in pictures.items():
         if frames:
             write_video(Path(args.output) / f"{file_name(name)}.mp4", np.stack(frames), scene.fps)
-    return {"frames": len(views), "output": str(args.output), "text": f"{args.output}: {len(views)} frames"}
+    return {"frames": len(mine), "output": str(args.output), "text": f"{args.output}: {len(mine)} frames"}
+
+
+def part_of(count: int, part: str | None, video: bool = False) -> range:
+    """The views that `--part I/N` means: all parts together are every view once, and as even as can be."""
+    if part is None:
+        return range(count)
+    if video:
+        raise F4xError("--video needs every frame; leave out --part.")
+    which, _, parts = part.partition("/")
+    if not (which.isdecimal() and parts.isdecimal() and 1 <= int(which) <= int(parts)):
+        raise F4xError(f"--part {part}: write I/N with I from 1 to N, for example 2/4.")
+    return range(count * (int(which) - 1) // int(parts), count * int(which) // int(parts))
 
 
 def file_name(channel: str) -> str:

@@ -1,0 +1,167 @@
+"""The tasks of a row: ordinary `f4x` commands, what each needs of the others, and a key that says whether it is done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from .. import __version__
+from ..errors import F4xError
+from ..scene.formats import FORMATS
+from .manifest import Row
+from .storage import URL
+
+KINDS = ("priors", "fit", "distill", "query", "edit", "render", "export")
+"""Kinds of task, in the order of the graph: the first word of a stage."""
+GIGABYTE = 1 << 30
+MEMORY = {"priors": 2, "fit": 2, "distill": 3}
+"""Gigabytes that a task asks a cluster for: twice what 90 frames of 480x270 took; other kinds draw one picture at a time."""
+SAVES = {"priors": ("priors/*",), "fit": ("checkpoints/*",), "distill": ("features/*/*", "features/.*/*")}
+"""Files from which a stopped task goes on."""
+CLIP = "{clip}"
+"""Stands for the clip in a command: a clip behind a URL is fetched first."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task of one row. Its commands run in an empty folder that holds what it takes; what they leave there is its result."""
+
+    row: str
+    """Name of the row."""
+    stage: str
+    """What it does, once in a row: its kind, then which: `render orbit 2/4`."""
+    commands: tuple[tuple[str, ...], ...]
+    """Arguments of `f4x`, one after the other."""
+    clip: str
+    """Path or URL."""
+    takes: tuple[tuple[str, str], ...]
+    """(stage, file or folder) of the same row that it reads."""
+    key: str
+    """Hash of everything that decides the result."""
+    threads: int
+    """Cores."""
+    memory: int
+    """Bytes."""
+    gpus: int
+    """Whole GPUs."""
+
+    @property
+    def kind(self) -> str:
+        """First word of the stage."""
+        return self.stage.split(" ")[0]
+
+    @property
+    def slug(self) -> str:
+        """The stage as the name of a file."""
+        return slug(self.stage)
+
+    @property
+    def saves(self) -> tuple[str, ...]:
+        """Patterns of the files from which it can go on."""
+        return SAVES.get(self.kind, ())
+
+
+def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
+    """The tasks of a row, each after those that it needs.
+
+    `digest(path)` is a hash of what lies there; a task's key holds those of all that it reads, so that it follows from the
+    manifest alone whether a task is done.
+    """
+    tasks: dict[str, Task] = {}
+    places: dict[str, str] = {}
+
+    def place(folder: str, words: str) -> str:
+        """A folder for what is written about some words."""
+        name = f"{folder}/{slug(words)}"
+        if places.setdefault(name.lower(), words) != words:
+            raise F4xError(
+                f"{row.name}: '{places[name.lower()]}' and '{words}' would both write {name}; rename one of them."
+            )
+        return name
+
+    def add(stage: str, *commands: Sequence[str], takes: Mapping[str, str], reads: Sequence[str] = ()) -> None:
+        before = {name: tasks[name].key for name in takes}
+        state = [__version__, commands, before, takes, [digest(path) for path in reads]]
+        kind = stage.split(" ")[0]
+        tasks[stage] = Task(
+            row=row.name,
+            stage=stage,
+            commands=tuple(tuple(command) for command in commands),
+            clip=row.clip if URL in row.clip else os.path.abspath(os.path.expanduser(row.clip)),
+            takes=tuple(takes.items()),
+            key=hashlib.sha256(json.dumps(state).encode()).hexdigest(),
+            threads=row.threads,
+            memory=MEMORY.get(kind, 1) * GIGABYTE,
+            gpus=int(row.backend == "gsplat" and kind != "priors"),
+        )
+
+    masks = _absolute(row.masks) if row.masks not in (None, "layout") else row.masks
+    prior = [entry.partition("=") for entry in row.prior]
+    mine = [*([row.masks] if row.masks not in (None, "layout") else []), *(path for _, _, path in prior)]
+    frames = _options(frames=row.frames)
+    drawn, costs = _options(backend=row.backend), _options(seed=row.seed, threads=row.threads)
+    clip = [*frames, *_options(width=row.width, hold_out=row.hold_out, masks=masks)]
+    fit = [*_options(profile=row.profile, provider=row.provider, cameras=row.cameras, depth=row.depth), *costs, *drawn]
+    fit += [word for name, _, path in prior for word in ("--prior", f"{name}={_absolute(path)}")]
+    sources = [row.clip, *mine]
+    add("priors", ["priors", CLIP, "-o", ".", *clip, *fit], takes={}, reads=sources)
+    add("fit", ["fit", CLIP, "-o", ".", "--resume", *clip, *fit], takes={"priors": "priors/"}, reads=sources)
+    scene, source = "scene.f4x", "fit"
+    if row.features:
+        labels = _options(vocabulary=",".join(row.vocabulary) or None)
+        head = ["distill", scene, "--teacher", ",".join(row.features), "--clip", CLIP, *frames]
+        add(
+            "distill",
+            [*head, *labels, "--features", "features", "-o", "distilled.f4x", *costs, *drawn],
+            takes={source: scene},
+            reads=[row.clip],
+        )
+        scene, source = "distilled.f4x", "distill"
+    for words in row.queries:
+        asked = ["query", scene, "--text", words, "-o", place("query", words), *drawn]
+        add(f"query {words}", asked, takes={source: scene})
+    if row.edits:
+        commands: list[list[str]] = []
+        target = scene
+        for edit in row.edits:
+            how = ["--ops", _absolute(edit)] if edit.endswith(".json") else ["--say", edit]
+            commands.append(["edit", target, *how, *drawn, *([] if commands else ["-o", "edited.f4x"])])
+            target = "edited.f4x"
+        add("edit", *commands, takes={source: scene}, reads=[edit for edit in row.edits if edit.endswith(".json")])
+        scene, source = "edited.f4x", "edit"
+    for path in row.paths:
+        own = path.endswith(".json")
+        target = place("render", path if not own else PurePosixPath(path).stem)
+        along = ["--path", _absolute(path) if own else path, "--channels", ",".join(row.channels)]
+        for part in range(1, row.parts + 1):
+            share = f"{part}/{row.parts}"
+            command = ["render", scene, "-o", target, *along, "--part", share, *drawn]
+            add(f"render {path} {share}", command, takes={source: scene}, reads=[path] if own else [])
+    for name in row.exports:
+        whole = FORMATS[name].write_clip is not None
+        target = f"export/{row.name}-{name}{FORMATS[name].suffixes[0]}" if whole else f"export/{name}"
+        add(f"export {name}", ["export", scene, "-o", target, "--format", name], takes={source: scene})
+    return tuple(tasks.values())
+
+
+def _options(**options: object) -> list[str]:
+    return [
+        word
+        for name, value in options.items()
+        if value is not None
+        for word in (f"--{name.replace('_', '-')}", str(value))
+    ]
+
+
+def _absolute(path: str) -> str:
+    return path if URL in path else str(Path(path).expanduser().absolute())
+
+
+def slug(text: str) -> str:
+    """A text as the name of a file."""
+    return re.sub(r"[^\w.-]+", "_", text)

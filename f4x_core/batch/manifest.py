@@ -1,0 +1,216 @@
+"""What a batch is to do: a glob, a CSV or a JSON file becomes one `Row` for each clip."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import PurePosixPath
+from typing import Any, get_args, get_type_hints
+
+from ..edit.records import Record, near, read_record
+from ..errors import F4xError
+from ..scene.formats import FORMATS
+from .storage import expand, join, read_bytes
+
+SEPARATOR = ";"
+"""Between the entries of a list in a CSV cell: sentences and words have commas of their own."""
+NOTHING = "none"
+"""A list in a CSV cell that is empty; an empty cell is the default."""
+NAME = re.compile(r"\w[\w.-]{0,99}")
+"""What a row may be called: its folder's name on every file system."""
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """One clip and what becomes of it; a column of a manifest for each field.
+
+    Options of `f4x fit` have its names; None is its default.
+    """
+
+    clip: str
+    """Video, folder of pictures or data set; in a CSV or JSON file relative to that file's folder. URLs too."""
+    name: str = ""
+    """Of the row and its folder; empty: the clip's."""
+    profile: str | None = None
+    """How much work to spend on the fit."""
+    frames: str | None = None
+    """Frames to use, A:B:S."""
+    width: int | None = None
+    """Picture width in pixels."""
+    hold_out: int | None = None
+    """Keep frames with index % N == N-1 for measuring."""
+    masks: str | None = None
+    """Folder of masks of what moves, or `layout`."""
+    provider: str | None = None
+    """Who makes all priors."""
+    cameras: str | None = None
+    """Who makes the cameras."""
+    depth: str | None = None
+    """Who makes the depth."""
+    prior: tuple[str, ...] = ()
+    """Own priors, NAME=PATH."""
+    seed: int = 0
+    """Seed of everything random."""
+    threads: int = 1
+    """Cores that each task of the row takes; results are bit-equal for an equal number."""
+    backend: str = "auto"
+    """What draws; `gsplat` asks a cluster for a GPU."""
+    features: tuple[str, ...] = ()
+    """Teachers whose features are distilled into the scene."""
+    vocabulary: tuple[str, ...] = ()
+    """Words to store with them."""
+    queries: tuple[str, ...] = ()
+    """Words; each gets masks and a heat map."""
+    edits: tuple[str, ...] = ()
+    """Sentences, or JSON files of operations, in this order."""
+    paths: tuple[str, ...] = ("original",)
+    """Camera paths to render: original, orbit, frozen:T, or a JSON file."""
+    channels: tuple[str, ...] = ("rgb",)
+    """What is rendered."""
+    parts: int = 1
+    """Each path is rendered in this many tasks, which may run at the same time."""
+    exports: tuple[str, ...] = ()
+    """Formats to export to, all frames."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no task could do."""
+        if not self.clip:
+            raise F4xError("the clip is empty; name a video or a folder of pictures.")
+        for name in ("threads", "parts"):
+            if getattr(self, name) < 1:
+                raise F4xError(f"{name} is {getattr(self, name)}; give 1 or more.")
+        for name in self.exports:
+            if name not in FORMATS:
+                raise F4xError(f"exports has {name!r}{near(name, FORMATS)}; known: {', '.join(FORMATS)}.")
+
+
+def read_manifest(source: str, defaults: Mapping[str, str] | None = None) -> tuple[Row, ...]:
+    """The rows of a CSV or JSON file, or of the clips that a glob finds.
+
+    Args:
+        source: FILE.csv with a head line; FILE.json, a list of objects; otherwise a pattern. Local or a URL.
+        defaults: column -> cell as in a CSV, for rows that do not say it themselves.
+
+    Raises:
+        F4xError: it cannot be read, a column is unknown, a value is wrong, or two rows would write into one folder.
+    """
+    given = _cells(defaults or {}, "--set")
+    suffix = PurePosixPath(source).suffix.lower()
+    if suffix in (".csv", ".json"):
+        rows = (_csv_rows if suffix == ".csv" else _json_rows)(source, _text(source), given)
+        folder = source.replace("\\", "/").rpartition("/")[0]
+        rows = [_located(row, folder) for row in rows]
+    else:
+        clips = expand(source)
+        if not clips:
+            raise F4xError(f"{source}: no clip is there; give a pattern in quotes, a CSV or a JSON file.")
+        rows = [read_record(Row, given | {"clip": clip}, f"{source}, {clip}") for clip in clips]
+    return _named(rows, source)
+
+
+def _text(source: str) -> str:
+    try:
+        return read_bytes(source).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise F4xError(f"{source}: is not UTF-8 text ({error.reason}); save it as CSV UTF-8.") from error
+
+
+def _csv_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
+    rows = []
+    try:
+        reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+        for cells in reader:
+            where = f"{source}, line {reader.line_num}"
+            if None in cells or None in cells.values():
+                raise F4xError(f"{where}: it has not as many cells as the head has columns; put commas in quotes.")
+            rows.append(read_record(Row, {**given, **_cells(cells, where)}, where))
+    except csv.Error as error:
+        raise F4xError(f"{source}: is no CSV ({error}); save it as comma-separated values.") from error
+    if not rows:
+        raise F4xError(f"{source}: has no rows; the first line names the columns, each further line is a clip.")
+    return rows
+
+
+def _json_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        raise F4xError(f"{source}: is no JSON ({error}); write a list of objects.") from error
+    if not isinstance(data, list) or not data:
+        raise F4xError(f"{source}: write a list of objects with at least one, [{{'clip': 'a.mp4'}}].".replace("'", '"'))
+    rows = []
+    for number, entry in enumerate(data, 1):
+        merged = {**given, **entry} if isinstance(entry, dict) else entry
+        rows.append(read_record(Row, merged, f"{source}, row {number}"))
+    return rows
+
+
+def _cells(cells: Mapping[str, str], where: str) -> dict[str, Any]:
+    """Text as the fields' types want it, without empty cells; what is no number is left for the reader to refuse."""
+    hints = get_type_hints(Row)
+    values: dict[str, Any] = {}
+    for column, cell in cells.items():
+        name, cell = column.strip(), cell.strip()
+        if name not in hints:
+            known = ", ".join(entry.name for entry in fields(Row))
+            raise F4xError(f"{where}: there is no column '{name}'{near(name, hints)}; known: {known}.")
+        if not cell:
+            continue
+        hint = hints[name]
+        if getattr(hint, "__origin__", None) is tuple:
+            parts = [part.strip() for part in cell.split(SEPARATOR)] if cell != NOTHING else []
+            values[name] = [part for part in parts if part]
+        elif hint is int or int in get_args(hint):
+            values[name] = int(cell) if re.fullmatch(r"[+-]?\d+", cell) else cell
+        else:
+            values[name] = cell
+    return values
+
+
+def _located(row: Row, folder: str) -> Row:
+    """The row with its paths, which are relative to the manifest's folder, seen from where we are."""
+
+    def file(text: str) -> str:
+        return join(folder, text)
+
+    def json_file(text: str) -> str:
+        return file(text) if text.endswith(".json") else text
+
+    return replace(
+        row,
+        clip=file(row.clip),
+        masks=file(row.masks) if row.masks not in (None, "layout") else row.masks,
+        prior=tuple("=".join((name, file(path))) for name, _, path in (entry.partition("=") for entry in row.prior)),
+        edits=tuple(map(json_file, row.edits)),
+        paths=tuple(map(json_file, row.paths)),
+    )
+
+
+def _named(rows: Sequence[Row], source: str) -> tuple[Row, ...]:
+    """The rows with a name each; F4xError where two are the same, also on file systems that know no case."""
+    named: list[Row] = []
+    seen: dict[str, tuple[int, str]] = {}
+    for number, row in enumerate(rows, 1):
+        name = row.name or _name_of(row.clip)
+        if not NAME.fullmatch(name):
+            raise F4xError(f"{source}, row {number}: '{name}' cannot name a folder; use letters, digits, _ . and -.")
+        if name.lower() in seen:
+            other, clip = seen[name.lower()]
+            raise F4xError(
+                f"{source}: rows {other} ({clip}) and {number} ({row.clip}) would both write the folder '{name}'; give them"
+                " different names in the column name."
+            )
+        seen[name.lower()] = number, row.clip
+        named.append(replace(row, name=name))
+    return tuple(named)
+
+
+def _name_of(clip: str) -> str:
+    """The last part of a path that says something; a folder `images` is called as the one it lies in."""
+    parts = [part for part in clip.replace("\\", "/").split("/") if part not in ("", "images")]
+    stem = PurePosixPath(parts[-1]).stem if parts else ""
+    return re.sub(r"[^\w.-]+", "_", stem).strip("_.-")

@@ -1,0 +1,204 @@
+"""Tasks on a Ray cluster: Ray schedules and retries, each task is the same child process on the node that it lands on."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import socket
+from collections.abc import Callable, Sequence
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+from .. import __version__
+from ..errors import F4xError
+from .graph import Task
+from .run import LOCK
+from .storage import open_store
+from .work import ROOT, Outcome, Settings, run_task
+
+RETRIES = 5
+"""How often a task is begun anew when its worker or its node dies; it goes on from what it had saved."""
+PATIENCE = 5.0
+"""Seconds until an address that does not answer is taken for unreachable."""
+PROBE_PATIENCE = 60.0
+"""Seconds that a node may take to start a Python and tell its version."""
+FAREWELL = 10.0
+"""Seconds that running tasks have, at Ctrl-C, to save what they can go on from."""
+AHEAD = 2
+"""Tasks per core that are handed to Ray: enough that no node waits, and few enough to forget."""
+
+
+class RayEngine:
+    """An `Engine` on the cluster at an address. Use as a context manager: it leaves the cluster at the end, and never stops it."""
+
+    def __init__(self, settings: Settings, address: str, tasks: Sequence[Task] = ()):
+        """Connect, and see that every node has this version and reaches the store, and that some node has room for each task.
+
+        Raises:
+            F4xError: Ray is not installed or not reachable, or a node does not fit.
+        """
+        self.settings = settings
+        self.ray = connect(address)
+        try:
+            nodes = [node for node in self.ray.nodes() if node["Alive"]]
+            self._require_nodes(nodes)
+            _require_room([node["Resources"] for node in nodes], tasks)
+            self.slots = max(1, int(AHEAD * self.ray.cluster_resources().get("CPU", 1)))
+            self.remote = self.ray.remote(_work)
+        except BaseException:
+            self.ray.shutdown()
+            raise
+        self.running: dict[Any, Task] = {}
+
+    def __enter__(self) -> RayEngine:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ray.shutdown()
+
+    def start(self, task: Task) -> None:
+        """As the protocol says."""
+        remote = self.remote.options(
+            num_cpus=task.threads,
+            num_gpus=task.gpus,
+            memory=task.memory,
+            max_retries=RETRIES,
+            name=f"{task.row} {task.stage}",
+        )
+        self.running[remote.remote(task, self.settings)] = task
+
+    def finished(self, timeout: float) -> list[tuple[Task, Outcome]]:
+        """As the protocol says."""
+        if not self.running:
+            return []
+        first, _ = self.ray.wait(list(self.running), num_returns=1, timeout=timeout)
+        if not first:
+            return []
+        ended, _ = self.ray.wait(list(self.running), num_returns=len(self.running), timeout=0)
+        return [(task, self._outcome(task, answer)) for answer in ended for task in [self.running.pop(answer)]]
+
+    def progress(self) -> dict[tuple[str, str], tuple[str, int, int]]:
+        """Nodes tell no steps: what they did is in the logs."""
+        return {}
+
+    def stop(self) -> list[tuple[Task, Outcome]]:
+        """As the protocol says."""
+        for answer in self.running:
+            self.ray.cancel(answer, force=False)
+        if self.running:
+            self.ray.wait(list(self.running), num_returns=len(self.running), timeout=FAREWELL)
+        left = [(task, Outcome(task.row, task.stage, task.key, "stopped")) for task in self.running.values()]
+        self.running.clear()
+        return left
+
+    def _outcome(self, task: Task, answer: Any) -> Outcome:
+        try:
+            return self.ray.get(answer)
+        except self.ray.exceptions.RayError as error:
+            lines = str(error).strip().splitlines() or [type(error).__name__]
+            told = f"the cluster gave up on it after {RETRIES} new attempts: {lines[0]}"
+            return Outcome(task.row, task.stage, task.key, "failed", error=told)
+
+    def _require_nodes(self, nodes: Sequence[dict[str, Any]]) -> None:
+        """Ask every node for its version, and whether it sees the lock of this batch."""
+        from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+        probe = self.ray.remote(_make_probe())
+        package = __package__.split(".")[0]
+        answers = {}
+        for node in nodes:
+            here = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
+            remote = probe.options(num_cpus=0, scheduling_strategy=here, max_retries=0)
+            answers[node["NodeID"]] = remote.remote(package, self.settings.url, LOCK)
+        for node in nodes:
+            name = f"node {node['NodeManagerHostname']} ({node['NodeManagerAddress']})"
+            try:
+                version, sees = self.ray.get(answers[node["NodeID"]], timeout=PROBE_PATIENCE)
+            except self.ray.exceptions.RayError as error:
+                raise F4xError(f"{name} does not answer ({type(error).__name__}); restart Ray there.") from error
+            if version != code_version():
+                has = f"has Feature4X {version}" if version else "has no Feature4X with `f4x batch`"
+                raise F4xError(
+                    f"{name} {has}, this machine {code_version()}; install the same on both and restart Ray there."
+                )
+            if not sees:
+                raise F4xError(
+                    f"{name} does not see {self.settings.url}; choose a folder that all machines share, under one path, or a URL."
+                )
+
+
+def connect(address: str) -> Any:
+    """The module `ray`, connected to the cluster at `address`; F4xError with the reason why not."""
+    try:
+        ray: Any = import_module("ray")
+    except ImportError as error:
+        raise F4xError("--ray needs the package ray: pip install 'feature4x-blender[cluster]'.") from error
+    host, _, port = address.rpartition("://")[2].rpartition(":")
+    if address != "auto":
+        if not (host and port.isdigit()):
+            raise F4xError(f"--ray {address}: write HOST:PORT, as `ray start --head` prints it, or auto.")
+        try:
+            socket.create_connection((host, int(port)), PATIENCE).close()
+        except (OSError, OverflowError) as error:
+            raise F4xError(
+                f"--ray {address}: nobody answers there ({error}); start one by `ray start --head` and give the address that it"
+                " prints."
+            ) from error
+    try:
+        ray.init(address=address, namespace="feature4x", log_to_driver=False, logging_level="ERROR")
+    except Exception as error:  # ConnectionError, RuntimeError of another version, …
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+        raise F4xError(f"--ray {address}: {reason.rstrip('.')}; is Ray running there (`ray start --head`)?") from error
+    return ray
+
+
+@cache
+def code_version() -> str:
+    """Version, and a hash of the code: results are bit-equal only where it is the same."""
+    state = hashlib.sha256()
+    package = ROOT / __package__.split(".")[0]
+    for file in sorted(file for suffix in ("py", "cpp", "hpp") for file in package.rglob(f"*.{suffix}")):
+        state.update(f"{file.relative_to(package).as_posix()}\n".encode() + file.read_bytes())
+    return f"{__version__} ({state.hexdigest()[:8]})"
+
+
+def _work(task: Task, settings: Settings) -> Outcome:
+    return run_task(task, settings)
+
+
+def _make_probe() -> Callable[[str, str, str], tuple[str | None, bool]]:
+    """A function that travels by its code, for it has to run where this package is missing or another one."""
+
+    def probe(package: str, url: str, lock: str) -> tuple[str | None, bool]:
+        from importlib import import_module
+
+        try:
+            engine = import_module(f"{package}.batch.ray_engine")
+            version = engine.code_version()
+        except ImportError:
+            return None, False
+        return version, engine.sees(url, lock)
+
+    return probe
+
+
+def sees(url: str, name: str) -> bool:
+    """Whether this machine reaches a file of a store."""
+    with contextlib.suppress(F4xError, OSError):
+        return open_store(url).read(name) is not None
+    return False
+
+
+def _require_room(nodes: Sequence[dict[str, float]], tasks: Sequence[Task]) -> None:
+    """F4xError for a task that no node could ever take: Ray would wait for one without a word."""
+    for threads, memory, gpus, row in sorted({(t.threads, t.memory, t.gpus, t.row) for t in tasks}):
+        if any(
+            node.get("CPU", 0) >= threads and node.get("memory", 0) >= memory and node.get("GPU", 0) >= gpus
+            for node in nodes
+        ):
+            continue
+        wants = f"{threads} cores, {memory / 2**30:.0f} GB" + (f" and {gpus} GPU" if gpus else "")
+        raise F4xError(
+            f"{row}: no node of the cluster has {wants}; change threads or backend of the row, or add a node."
+        )

@@ -1,0 +1,314 @@
+"""Where a batch writes: a folder, or whatever `fsspec` knows by URL (`s3://`, `gs://`, `memory://`).
+
+A name is relative to the store, with `/` between its parts. A file is there whole or not at all: in a folder by renaming, and an
+object store shows an object when its upload ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import glob
+import hashlib
+import os
+import shutil
+import uuid
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..errors import F4xError
+from ..files import replace_file
+
+CHUNK = 1 << 20
+"""Bytes that are hashed at a time."""
+URL = "://"
+
+
+class Store(Protocol):
+    """What a batch needs of a place."""
+
+    @property
+    def url(self) -> str:
+        """What opens it again, on another machine too."""
+
+    @property
+    def local(self) -> Path | None:
+        """The folder, where it is one."""
+
+    def read(self, name: str) -> bytes | None:
+        """The content, or None where there is no such file."""
+
+    def write(self, name: str, data: bytes) -> None:
+        """Put a small file in place, whole."""
+
+    def create(self, name: str, data: bytes) -> bool:
+        """The same only where there is none yet; says whether it did."""
+
+    def remove(self, name: str) -> None:
+        """Take a file away, if it is there."""
+
+    def fetch(self, name: str, path: Path) -> None:
+        """Have a file at `path` for reading."""
+
+    def publish(self, path: Path, name: str) -> None:
+        """Put the file at `path` in place, whole; it may be gone from `path` afterwards, or be the same file."""
+
+    def sizes(self, prefix: str) -> dict[str, int]:
+        """Name -> bytes of every file below a folder."""
+
+
+class Folder:
+    """A store in a folder, shared between machines or not."""
+
+    def __init__(self, path: Path):
+        """The folder is made with its first file."""
+        self.root = self.local = path.expanduser().absolute()
+        self.url = str(self.root)
+
+    def read(self, name: str) -> bytes | None:
+        """As the protocol says."""
+        try:
+            return (self.root / name).read_bytes()
+        except FileNotFoundError:
+            return None
+
+    def write(self, name: str, data: bytes) -> None:
+        """As the protocol says."""
+        with replace_file(self._place(name)) as file:
+            file.write(data)
+
+    def create(self, name: str, data: bytes) -> bool:
+        """As the protocol says."""
+        try:
+            with open(self._place(name), "xb") as file:
+                file.write(data)
+        except FileExistsError:
+            return False
+        return True
+
+    def remove(self, name: str) -> None:
+        """As the protocol says."""
+        (self.root / name).unlink(missing_ok=True)
+
+    def fetch(self, name: str, path: Path) -> None:
+        """A second name of the file where that is possible: whoever writes, replaces files and never changes one."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _link_or_copy(self.root / name, path)
+
+    def publish(self, path: Path, name: str) -> None:
+        """As the protocol says."""
+        place = self._place(name)
+        beside = place.with_name(f".{place.name[:80]}.{uuid.uuid4().hex}.part")
+        try:
+            _link_or_copy(path, beside)
+            os.replace(beside, place)
+        finally:  # a rename of two names of one file leaves both
+            beside.unlink(missing_ok=True)
+
+    def sizes(self, prefix: str) -> dict[str, int]:
+        """As the protocol says."""
+        found = {}
+        for folder, _, names in os.walk(self.root / prefix):
+            for name in names:
+                path = Path(folder, name)
+                with contextlib.suppress(FileNotFoundError):
+                    found[path.relative_to(self.root).as_posix()] = path.stat().st_size
+        return found
+
+    def _place(self, name: str) -> Path:
+        place = self.root / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        return place
+
+
+class Remote:
+    """A store behind a URL."""
+
+    def __init__(self, url: str):
+        """F4xError where its library is not installed or the place cannot be reached."""
+        self.url, self.local = url.rstrip("/"), None
+        self.system, self.root = _file_system(self.url)
+
+    def read(self, name: str) -> bytes | None:
+        """As the protocol says."""
+        with _told(self.url):
+            try:
+                return self.system.cat_file(self._path(name))
+            except FileNotFoundError:
+                return None
+
+    def write(self, name: str, data: bytes) -> None:
+        """As the protocol says."""
+        with _told(self.url):
+            self.system.pipe_file(self._path(name), data)
+
+    def create(self, name: str, data: bytes) -> bool:
+        """As the protocol says."""
+        with _told(self.url):
+            try:
+                self.system.pipe_file(self._path(name), data, mode="create")
+            except FileExistsError:
+                return False
+            return True
+
+    def remove(self, name: str) -> None:
+        """As the protocol says."""
+        with _told(self.url), contextlib.suppress(FileNotFoundError):
+            self.system.rm_file(self._path(name))
+
+    def fetch(self, name: str, path: Path) -> None:
+        """As the protocol says."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with _told(self.url):
+            self.system.get_file(self._path(name), str(path))
+
+    def publish(self, path: Path, name: str) -> None:
+        """As the protocol says."""
+        with _told(self.url):
+            self.system.makedirs(self._path(name).rpartition("/")[0], exist_ok=True)
+            self.system.put_file(str(path), self._path(name))
+
+    def sizes(self, prefix: str) -> dict[str, int]:
+        """As the protocol says."""
+        with _told(self.url):
+            self.system.invalidate_cache()
+            found = self.system.find(self._path(prefix), detail=True)
+        return {path[len(self.root) :].lstrip("/"): int(entry["size"] or 0) for path, entry in found.items()}
+
+    def _path(self, name: str) -> str:
+        return f"{self.root}/{name}".rstrip("/")
+
+
+def open_store(place: str) -> Store:
+    """The store at a folder or URL; F4xError says why not."""
+    return Remote(place) if URL in place else Folder(Path(place))
+
+
+def read_bytes(place: str) -> bytes:
+    """A whole small file, local or behind a URL."""
+    try:
+        if URL in place:
+            system, path = _file_system(place)
+            with _told(place):
+                return system.cat_file(path)
+        return Path(place).read_bytes()
+    except OSError as error:
+        raise F4xError(f"{place}: cannot be read ({error.strerror or error}); check the path.") from error
+
+
+def expand(pattern: str) -> list[str]:
+    """What a glob finds, in order; a path without wildcards stands for itself."""
+    if URL in pattern:
+        system, path = _file_system(pattern)
+        with _told(pattern):
+            return [system.unstrip_protocol(found) for found in sorted(system.glob(path))]
+    if Path(pattern).exists():  # a name may hold brackets
+        return [pattern]
+    return sorted(glob.glob(os.path.expanduser(pattern)))
+
+
+def join(folder: str, path: str) -> str:
+    """`path` as seen from `folder`; absolute ones and URLs are left alone."""
+    if not folder or URL in path or os.path.isabs(os.path.expanduser(path)):
+        return path
+    return f"{folder}/{path}" if URL in folder else os.path.join(folder, path)
+
+
+def fetch_tree(place: str, folder: Path) -> Path:
+    """Copy a file or folder behind a URL into `folder`, under its own name."""
+    system, path = _file_system(place)
+    target = folder / path.rstrip("/").rpartition("/")[2]
+    with _told(place):
+        folder.mkdir(parents=True, exist_ok=True)
+        system.get(path.rstrip("/"), str(target), recursive=system.isdir(path))
+    return target
+
+
+class Digests:
+    """Hashes of what paths hold; a local file is read again only when its size or time of change is another."""
+
+    def __init__(self, known: dict[str, list[str]] | None = None):
+        """`known` is what `to_json` of an earlier run gave."""
+        self.known = known or {}
+
+    def to_json(self) -> dict[str, list[str]]:
+        """Path -> (what its files looked like, hash)."""
+        return self.known
+
+    def of(self, place: str) -> str:
+        """Hash of the bytes of a file, or of the names and bytes of a folder; of a URL, of what its store tells of the object.
+
+        Empty where nothing is there: whoever needs it has the better sentence.
+        """
+        if URL in place:
+            return _remote_digest(place)
+        root = Path(place).expanduser()
+        files = sorted(file for file in root.rglob("*") if file.is_file()) if root.is_dir() else [root]
+        try:
+            stats = [(file.relative_to(root).as_posix(), file.stat()) for file in files]
+            looks = _hash(f"{name} {stat.st_size} {stat.st_mtime_ns}".encode() for name, stat in stats)
+            if self.known.get(place, [""])[0] != looks:
+                self.known[place] = [looks, _hash(part for file in files for part in _content(file, root))]
+        except OSError:
+            return ""
+        return self.known[place][1]
+
+
+def _hash(parts: Iterable[bytes]) -> str:
+    state = hashlib.sha256()
+    for part in parts:
+        state.update(part)
+    return state.hexdigest()
+
+
+def _content(file: Path, root: Path) -> Iterator[bytes]:
+    yield f"{file.relative_to(root).as_posix()} {file.stat().st_size}\n".encode()
+    with open(file, "rb") as stream:
+        while block := stream.read(CHUNK):
+            yield block
+
+
+def _remote_digest(place: str) -> str:
+    system, path = _file_system(place)
+    with _told(place):
+        found = sorted(system.find(path, detail=True).items())
+    told = ("size", "ETag", "etag", "md5Hash", "mtime", "created")
+    lines = (
+        f"{name[len(path) :]} {[(key, str(entry[key])) for key in told if key in entry]}\n" for name, entry in found
+    )
+    return _hash(line.encode() for line in lines) if found else ""
+
+
+def _link_or_copy(source: Path, target: Path) -> None:
+    try:
+        os.link(source, target)
+    except FileExistsError:
+        raise
+    except OSError as error:  # another disk, or a file system without links
+        if error.errno in (errno.ENOENT, errno.ENOSPC, errno.EDQUOT):
+            raise
+        shutil.copyfile(source, target)
+
+
+def _file_system(url: str) -> tuple[Any, str]:
+    """The fsspec file system of a URL, and the path in it."""
+    try:
+        from fsspec.core import url_to_fs
+    except ImportError as error:
+        raise F4xError(f"{url}: URLs need the package fsspec; pip install fsspec, or the extra [cluster].") from error
+    try:
+        return url_to_fs(url)
+    except (ImportError, ValueError) as error:
+        raise F4xError(f"{url}: {error}") from error
+
+
+@contextlib.contextmanager
+def _told(place: str) -> Iterator[None]:
+    """Errors of a store's library as one sentence; FileNotFoundError and FileExistsError are answers."""
+    try:
+        yield
+    except (FileNotFoundError, FileExistsError, F4xError):
+        raise
+    except Exception as error:  # every library has its own
+        raise F4xError(f"{place}: {type(error).__name__}: {error}; check the address and your rights there.") from error

@@ -1,0 +1,73 @@
+"""Stands in for `f4x` where the batch itself is measured or tested: `python -m f4x_core.batch.stub VERB …` in milliseconds.
+
+It leaves files of the right names, whose content follows from the clip's and from the arguments. A clip is a JSON file that says how
+the verbs behave: `{"steps": 20, "seconds": 0.1, "fail": {"fit": "a sentence"}, "die": {"priors": 9}}`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from ..processes import LineProgress, stop_with_parent
+
+
+def main(arguments: list[str]) -> int:
+    """Run one pretended verb; the exit code."""
+    stop_with_parent()
+    lines = LineProgress(sys.stdout)
+    verb, source = arguments[0], Path(arguments[1])
+    content = source.read_bytes()
+    clip = json.loads(content) if verb in ("priors", "fit") else {}
+    print(f"stub {verb}", file=sys.stderr)
+    if verb in clip.get("die", {}):
+        os.kill(os.getpid(), clip["die"][verb])
+    if verb in clip.get("fail", {}):
+        lines.tell(error=clip["fail"][verb])
+        return 2
+    target = Path(arguments[arguments.index("-o") + 1]) if "-o" in arguments else source
+    words = [word for word in arguments[2:] if word != "--resume"]
+    result: dict[str, Any] = {}
+    if verb == "fit":
+        result = _fit(content, clip, words, target, lines)
+    else:
+        name = {"priors": "priors/depth.npy", "render": "rgb/00000.png", "query": "selection.json"}.get(verb, "")
+        name = "name_0000.ply" if verb == "export" and not target.suffix else name
+        _write(target / name, _digest(content, *words))
+    lines.tell(result=result, text="")
+    return 0
+
+
+def _fit(content: bytes, clip: dict[str, Any], words: list[str], target: Path, lines: LineProgress) -> dict[str, Any]:
+    """A chain of hashes, one for each step, with a checkpoint after each."""
+    steps, checkpoint = clip.get("steps", 1), target / "checkpoints" / "photometric.pt"
+    first, state = 0, _digest(content, (target / "priors" / "depth.npy").read_text(), *words)
+    if checkpoint.is_file():
+        first, state = json.loads(checkpoint.read_text())
+    for step in range(first, steps):
+        time.sleep(clip.get("seconds", 0) / steps)
+        state = _digest(state.encode())
+        _write(checkpoint, json.dumps([step + 1, state]))
+        lines("fit", step + 1, steps)
+    _write(target / "scene.f4x", state)
+    return {"metrics": {"used_psnr": 30.0, "first_step": first}}
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(path.name + ".part")
+    beside.write_text(text)
+    beside.replace(path)
+
+
+def _digest(content: bytes, *words: str) -> str:
+    return hashlib.sha256(content + "\n".join(words).encode()).hexdigest()
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,221 @@
+"""`f4x batch`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from ..batch.graph import CLIP
+from ..batch.index import FILE, write_index
+from ..batch.local import LocalEngine
+from ..batch.manifest import Row, read_manifest
+from ..batch.run import (
+    DONE,
+    FAILED,
+    KEPT,
+    READY,
+    RUNNING,
+    SKIPPED,
+    STOPPED,
+    WAITING,
+    Board,
+    Engine,
+    RowState,
+    clear_work,
+    locked,
+    plan,
+    run_board,
+)
+from ..batch.storage import URL, Store, open_store
+from ..batch.work import Settings
+from ..errors import F4xError
+from ..progress import Progress
+from .checks import require_folder
+
+MOST_FAILED = 100
+"""The exit code is the number of failed rows up to this; higher ones mean other things to shells."""
+INDEX_EVERY = 5.0
+"""Seconds, at least, between two writings of the index …"""
+INDEX_SHARE = 20
+"""… which take no more than one part in so many of the time."""
+MARKS = {WAITING: "·", READY: "·", RUNNING: "…", DONE: "✓", KEPT: "✓", FAILED: "✗", SKIPPED: "–", STOPPED: "‖"}
+SHOWN_ROWS = 20
+"""Rows in the table: those at work and those that failed last."""
+
+
+def run_batch(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Work on all rows of a manifest; what is done already is not done again."""
+    if URL not in args.place:
+        require_folder(Path(args.place))
+    if args.jobs is not None and args.jobs < 1:
+        raise F4xError(f"--jobs {args.jobs}: give 1 or more.")
+    rows = read_manifest(args.manifest, _defaults(args.set))
+    store = open_store(args.place)
+    if args.dry_run:
+        board = plan(rows, store, lambda done, total: progress("reading clips", done, total))
+        _require_commands(board)
+        return _told_plan(board)
+    with locked(store):
+        board = plan(rows, store, lambda done, total: progress("reading clips", done, total), remember=True)
+        _require_commands(board)
+        clear_work(store)
+        settings = Settings(store.url, args.scratch)
+        start = time.monotonic()
+        try:
+            with _engine(args, settings, board) as engine, _watching(board, engine, store, progress, args) as watch:
+                run_board(board, engine, watch)
+        finally:
+            write_index(store, board, args.manifest)
+    return _told(board, store, time.monotonic() - start)
+
+
+def _defaults(entries: list[str]) -> dict[str, str]:
+    defaults = {}
+    for entry in entries:
+        name, equals, value = entry.partition("=")
+        if not (name and equals):
+            raise F4xError(f"--set {entry}: write COLUMN=VALUE, for example profile=quick.")
+        defaults[name] = value
+    return defaults
+
+
+def _require_commands(board: Board) -> None:
+    """Refuse a value that `f4x` would, before the first task."""
+    from .main import build_parser
+
+    parser = build_parser()
+    for each in board.rows.values():
+        for task in each.tasks:
+            for command in task.commands:
+                try:
+                    parser.parse_args([each.row.clip if word == CLIP else word for word in command])
+                except F4xError as error:
+                    raise F4xError(f"row {each.row.name}, {task.stage}: {error}") from error
+
+
+@contextmanager
+def _engine(args: argparse.Namespace, settings: Settings, board: Board) -> Iterator[Engine]:
+    if args.ray is None:
+        most = max(each.row.threads for each in board.rows.values())
+        yield LocalEngine(settings, args.jobs or max(1, (os.cpu_count() or 1) // most))
+        return
+    from ..batch.ray_engine import RayEngine
+
+    open_tasks = [task for each in board.rows.values() for task in each.tasks if each.states[task.stage] == WAITING]
+    with RayEngine(settings, args.ray, open_tasks) as engine:
+        yield engine
+
+
+@contextmanager
+def _watching(
+    board: Board, engine: Engine, store: Store, progress: Progress, args: argparse.Namespace
+) -> Iterator[Callable[[Board], None]]:
+    """What looks at the board while it is worked on: a table on a terminal, else lines; and the index from time to time."""
+    console = Console(stderr=True, highlight=False)
+    drawn = console.is_terminal and not args.progress_json
+    live = Live(console=console, auto_refresh=False, transient=True) if drawn else None
+    next_index = time.monotonic() + INDEX_EVERY
+
+    def watch(board: Board) -> None:
+        nonlocal next_index
+        if live is not None:
+            live.update(table_of(board, engine), refresh=True)
+        else:
+            progress("batch", board.number(DONE, KEPT, FAILED, SKIPPED), board.number(), _time_left(board))
+        if time.monotonic() >= next_index:
+            start = time.monotonic()
+            write_index(store, board, args.manifest)
+            took = time.monotonic() - start
+            next_index = time.monotonic() + max(INDEX_EVERY, INDEX_SHARE * took)
+
+    with live or nullcontext():
+        yield watch
+
+
+def table_of(board: Board, engine: Engine) -> Table:
+    """Rows at work and rows that failed last, a column for each kind of task, and counts of all below."""
+    table = Table(box=None, pad_edge=False, show_footer=True)
+    rows = list(board.rows.values())
+    done = sum(each.state == DONE for each in rows)
+    failed = len(board.failed)
+    footer = f"{done} of {len(rows)} clips" + (f", {failed} failed" if failed else "") + _time_left(board)
+    table.add_column("clip", footer=footer, no_wrap=True)
+    for kind in board.kinds:
+        counts = board.counts[kind]
+        table.add_column(kind, footer=f"{counts[DONE] + counts[KEPT]}/{counts.total()}", justify="right")
+    steps = engine.progress()
+    at_work = [each for each in rows if RUNNING in each.states.values()]
+    for each in [*board.failed[-SHOWN_ROWS // 4 :], *at_work][:SHOWN_ROWS]:
+        table.add_row(each.row.name, *(_cell(each, kind, steps) for kind in board.kinds))
+    return table
+
+
+def _cell(each: RowState, kind: str, steps: dict[tuple[str, str], tuple[str, int, int]]) -> str:
+    stages = [task.stage for task in each.tasks if task.kind == kind]
+    for stage in stages:
+        name, done, total = steps.get((each.row.name, stage), ("", 0, 0))
+        if each.states[stage] == RUNNING and total:
+            return f"{name} {done / total:.0%}"
+    states = [each.states[stage] for stage in stages]
+    if len(states) > 1 and set(states) - {DONE, KEPT}:
+        return f"{sum(state in (DONE, KEPT) for state in states)}/{len(states)}"
+    return MARKS[states[0]] if states else ""
+
+
+def _time_left(board: Board) -> str:
+    seconds = board.eta()
+    return "" if not seconds else f", about {_duration(seconds)} left"
+
+
+def _duration(seconds: float) -> str:
+    for unit, name in ((86400, "days"), (3600, "hours"), (60, "minutes")):
+        if seconds >= 2 * unit:
+            return f"{seconds / unit:.0f} {name}"
+    return f"{seconds:.0f} seconds"
+
+
+def _told_plan(board: Board) -> dict[str, Any]:
+    """What would be done, and nothing else."""
+    rows = [_row_plan(each) for each in board.rows.values()]
+    lines = [
+        f"{row['name']}: " + ", ".join(f"{task['stage']} [{task['state']}]" for task in row["tasks"]) for row in rows
+    ]
+    to_do = board.number(WAITING)
+    lines.append(f"{to_do} of {board.number()} tasks to do, nothing was done")
+    return {"rows": rows, "tasks": board.number(), "to_do": to_do, "text": "\n".join(lines)}
+
+
+def _row_plan(each: RowState) -> dict[str, Any]:
+    row: Row = each.row
+    tasks = [{"stage": t.stage, "state": each.states[t.stage], "commands": t.commands} for t in each.tasks]
+    return {"name": row.name, "clip": row.clip, "tasks": tasks}
+
+
+def _told(board: Board, store: Store, seconds: float) -> dict[str, Any]:
+    rows = list(board.rows.values())
+    failed = {each.row.name: each.errors for each in board.failed}
+    index = f"{store.url}/{FILE}"
+    done, kept, new = sum(each.state == DONE for each in rows), board.number(KEPT), board.number(DONE)
+    lines = [f"{name}, {stage}: {error}" for name, errors in failed.items() for stage, error in errors.items()]
+    lines.append(
+        f"{done} of {len(rows)} clips are done, {len(failed)} failed; {new} tasks in {_duration(seconds)}, {kept} were done before"
+    )
+    return {
+        "rows": len(rows),
+        "done": done,
+        "failed": failed,
+        "tasks": {"done": new, "kept": kept, "failed": board.number(FAILED), "skipped": board.number(SKIPPED)},
+        "seconds": seconds,
+        "index": index,
+        "text": "\n".join([*lines, index]),
+        "exit_code": min(len(failed), MOST_FAILED),
+    }
