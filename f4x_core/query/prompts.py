@@ -25,6 +25,7 @@ from .segmentation import FeaturePropagation, MaskDecoder
 from .selection import Selection, fingerprint
 from .smoothing import LOOKS_ALIKE
 from .standing import standing
+from .things import point_out
 
 ASPECT_TOLERANCE = 0.01
 """Relative difference of aspects up to which a mask is taken for one of the clip: rounding to even sizes changes it so."""
@@ -145,8 +146,14 @@ def select_by_prompts(
     cameras = scene.cameras
     if not prompts:
         raise F4xError("Nothing is prompted; give a point, a box or a mask on some frame.")
-    for frame, prompt in prompts.items():
-        check_prompt(frame, len(cameras), (cameras.height, cameras.width), **prompt)
+    size = (cameras.height, cameras.width)
+    checked = {frame: check_prompt(frame, len(cameras), size, **prompt) for frame, prompt in prompts.items()}
+    what = "mask" if len(prompts) == 1 and "mask" in next(iter(prompts.values())) else "prompt"
+    label = f"{what} at {', '.join(map(str, prompts))}"
+    if decoder is None and all(prompt.mask is None for prompt in checked.values()):
+        scores = point_out(scene, checked)
+        if scores is not None:
+            return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
     decoder = decoder_of(scene, backend) if decoder is None else decoder
     masks = {}
     for frame, prompt in prompts.items():
@@ -168,10 +175,7 @@ def select_by_prompts(
     total = weight + dim
     scores = (weight * share + dim * later) / np.maximum(total, 1e-12)
     scores = _from_neighbours(scene, scores, total > config.least_light, config)
-    what = "mask" if len(prompts) == 1 and "mask" in next(iter(prompts.values())) else "prompt"
-    return _selection(
-        scene, scores, np.zeros(len(scores), bool), threshold, span, f"{what} at {', '.join(map(str, prompts))}"
-    )
+    return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
 
 
 def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
