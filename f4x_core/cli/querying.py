@@ -11,15 +11,16 @@ from typing import Any
 import numpy as np
 
 from ..clip import write_video
-from ..clip.images import list_images, read_mask, resize_nearest
+from ..clip.images import list_images, read_mask
 from ..edit.apply import open_scene
 from ..errors import F4xError
 from ..files import replace_file
 from ..progress import Progress
 from ..query.chat import ChatServer
+from ..query.inventory import nearest_there
 from ..query.labels import encode_labels, words_of
 from ..query.pixels import heat_map, mask_video, share_picture
-from ..query.prompts import select_by_box, select_by_mask, select_by_points, select_by_text
+from ..query.prompts import at_clip_size, select_by_box, select_by_mask, select_by_points, select_by_text
 from ..query.questions import Answer, answer, ask_features
 from ..query.selection import Selection
 from ..scene import Scene
@@ -50,6 +51,9 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     lines = [
         f"{selection.label}: {result['chosen']} of {result['gaussians']} Gaussians, {result['static']} of them standing"
     ]
+    if not result["chosen"]:
+        result["there"] = nearest_there(scene, words_of(args.text), encode_labels) if args.text else []
+        lines = [_nobody(selection, result["there"])]
     if args.output is not None:
         _write(scene, selection, views, args.output, args.backend, progress)
         result["output"] = str(args.output)
@@ -67,7 +71,8 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         said: Answer = ask_features(scene, args.question, views, SmolVlm(args.model), args.backend, progress)
     else:
         server = ChatServer.from_environment(args.endpoint)
-        said = answer(scene, args.question, views, server=server, backend=args.backend, progress=progress)
+        options: dict[str, Any] = {"encode": encode_labels, "backend": args.backend, "progress": progress}
+        said = answer(scene, args.question, views, server=server, **options)
     return {
         "answer": said.text,
         "answered_by": said.answered_by,
@@ -83,14 +88,26 @@ def read_masks(folder: Path, scene: Scene) -> dict[int, np.ndarray]:
         raise F4xError(
             f"--masks {folder}: it has {len(files)} pictures, the clip {len(scene.cameras)} frames; give one each."
         )
-    cameras = scene.cameras
-    return {t: resize_nearest(read_mask(file), cameras.width, cameras.height) for t, file in enumerate(files)}
+    return {t: mask_of(file, scene) for t, file in enumerate(files)}
+
+
+def mask_of(file: Path, scene: Scene) -> np.ndarray:
+    """(H,W) bool of the picture `file` at the size of the scene's pictures; F4xError for colours or another aspect."""
+    try:
+        return at_clip_size(read_mask(file, colours=False), scene.cameras)
+    except F4xError as error:
+        told = str(error)
+        raise F4xError(told if told.startswith(str(file)) else f"{file}: {told}") from error
 
 
 def _selection(
     scene: Scene, args: argparse.Namespace, kind: str, span: tuple[float, float] | None, progress: Progress
 ) -> Selection:
     if kind == "text":
+        if args.frame is not None:
+            raise F4xError(
+                "--frame goes with --point, --box and --mask; words are asked of the whole clip (--span A:B)."
+            )
         negatives = words_of(args.negatives) if args.negatives is not None else None
         return select_by_text(scene, words_of(args.text), negatives, args.threshold, encode=encode_labels, span=span)
     if args.negatives is not None:
@@ -107,7 +124,14 @@ def _selection(
         return select_by_points(scene, [_numbers(args.point, 2, "--point", "X,Y")], args.frame, **options)
     if kind == "box":
         return select_by_box(scene, _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1"), args.frame, **options)
-    return select_by_mask(scene, read_mask(args.mask), args.frame, **options)
+    return select_by_mask(scene, mask_of(args.mask, scene), args.frame, **options)
+
+
+def _nobody(selection: Selection, there: list[str]) -> str:
+    """The line about a selection that holds no Gaussian."""
+    best = float(selection.scores.max(initial=0))
+    known = f"; the scene holds {', '.join(there)}" if there else ""
+    return f"{selection.label}: nothing in the scene answers to it with {selection.threshold:g} or more (best: {best:.2f}){known}"
 
 
 def _numbers(text: str, count: int, flag: str, form: str) -> list[float]:

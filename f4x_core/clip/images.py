@@ -32,10 +32,15 @@ def read_color(file: Path) -> np.ndarray:
         return np.asarray(ImageOps.exif_transpose(image).convert("RGB"))
 
 
-def read_mask(file: Path) -> np.ndarray:
-    """Return `(H, W)` bool, true where the picture (grey, colour or palette index) is not 0; raises F4xError."""
+def read_mask(file: Path, colours: bool = True) -> np.ndarray:
+    """Return `(H, W)` bool, true where the picture (grey, colour or palette index) is not 0; raises F4xError.
+
+    With `colours` False one whose channels differ is refused: a photo given by mistake would mark nearly every pixel.
+    """
     with _opened(file) as image:
         values = np.asarray(image.convert(image.mode.removesuffix("A")) if image.mode in ("RGBA", "LA") else image)
+    if not colours and values.ndim == 3 and (values != values[..., :1]).any():
+        raise F4xError(f"{file} is a colour picture and no mask; make the thing white and all else black.")
     return values.any(axis=-1) if values.ndim == 3 else values != 0
 
 

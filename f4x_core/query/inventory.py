@@ -35,6 +35,15 @@ def labels_of(scene: Scene) -> list[str]:
     return [] if known is None else list(known.labels)
 
 
+def find(scene: Scene, label: str, encode: Encode | None = None) -> Selection:
+    """Whom `label` means, nobody where its thing is not there: `select_by_text`.
+
+    Without a null vector scores say which word rather than whether one, so the label is weighed against the whole vocabulary.
+    """
+    calibrated = null_vector(text_head(scene).spec.text_encoder or "") is not None
+    return select_by_text(scene, [label], None if calibrated else labels_of(scene), encode=encode)
+
+
 def things_there(scene: Scene) -> dict[str, Selection]:
     """Words of the vocabulary that select somebody, with whom they select, most first; of words for one thing the likeliest.
 
@@ -49,7 +58,7 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     scores = label_scores(query, latents) if null is None else evidence(query.head(latents), query.vectors, null)
     counts = np.bincount(scores.argmax(1), minlength=len(labels))
     candidates = [query.labels[i] for i in np.flatnonzero(counts >= LEAST * len(latents))]
-    asked = {label: select_by_text(scene, [label]) for label in candidates}
+    asked = {label: find(scene, label) for label in candidates}
     found = {label: selection for label, selection in asked.items() if selection.chosen.any()}
     kept: dict[str, Selection] = {}
     for label in sorted(found, key=lambda label: -float(found[label].scores[found[label].chosen].mean())):

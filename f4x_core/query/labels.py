@@ -6,12 +6,17 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import F4xError
 from ..scene import Scene
 from ..scene.field import FieldHead
+
+if TYPE_CHECKING:
+    from ..features.text import TextEncoder
 
 BACKGROUND = ("sky", "tree", "grass", "sand", "water", "road", "wall", "fence", "building", "floor")
 """What an asked word is weighed against when no other words are given: what surrounds things."""
@@ -113,9 +118,15 @@ def text_head(scene: Scene, name: str | None = None) -> FieldHead:
 
 def encode_labels(encoder: str, labels: list[str]) -> np.ndarray:
     """(L,dim) unit vectors from the text encoder of that name; F4xError where it is not installed. An `Encode`."""
+    return _encoder(encoder).encode(labels)
+
+
+@lru_cache(maxsize=1)
+def _encoder(name: str) -> TextEncoder:
+    """The text encoder of that name, loaded once: that is what takes seconds."""
     from ..features.text import load_text_encoder
 
-    return load_text_encoder(encoder).encode(labels)
+    return load_text_encoder(name)
 
 
 def unknown_label(scene: Scene, label: str, known: Sequence[str], encoder: str) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,48 +15,65 @@ from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
 from .chat import ChatServer, picture_part
-from .labels import BACKGROUND, Encode, ask_for, text_head
-from .pixels import head_map, text_picture
-from .segmentation import connected_regions
+from .inventory import find, labels_of, nearest_there, things_there
+from .labels import Encode, spellings, text_head
+from .pixels import head_map
+from .selection import Selection
+from .standing import standing
+from .wording import Asked, understand
 
 COMPUTED, SERVER = "computed", "server"
 """Values of `Answer.answered_by`, besides names of models."""
 VIEWS = 8
 """Views, evenly over the trajectory, that are looked at."""
 COLUMNS = 96
-"""Width in pixels of the pictures on which labels are found."""
-PRESENT = 0.01
-"""Share of the picture that a label must win in some view to be there."""
-PIECE = 0.25
-"""A separate region is another thing when it is at least so large, relative to the largest of its label."""
-STILL = 0.01
-"""World units per view (1 = median depth) below which a thing stands still: about what jitter of the fit gives."""
-THING = "something that moves"
-"""What moving things are called in a scene that knows no words."""
+"""Width in pixels of the pictures on which things are found."""
+SEEN = 0.5
+"""Share of a pixel's light that a thing must send for the pixel to be its own."""
+PRESENT = 0.005
+"""Share of the picture that a thing must fill in a view to be seen there."""
+MOMENTS = 24
+"""Clip times, evenly over what is asked about, at which places are taken for motion."""
+STILL = 0.03
+"""World units a second (1 = median depth) below which a thing stands still: about what jitter of the fit gives."""
+WINDOW = 0.25
+"""Seconds before and after a moment that tell whether something moves at it."""
+SIDEWAYS = 0.05
+"""Share of the picture's width that a thing must cross to go to the left or the right."""
+THING = "something unnamed"
+"""What moving things are called that the scene has no word for."""
+PEOPLE = {"minilm": r"person|people|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|boys?|girls?|humans?|faces?|hands?"}
+"""Text encoder -> what the teacher that speaks through it knows nothing of (docs/features.md)."""
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """What a label's pixels tell over the views."""
+    """What the Gaussians of one thing tell over the views."""
 
     label: str
-    """The label."""
-    share: float
+    """The thing."""
+    chosen: int
+    """Number of its Gaussians."""
+    best: float
+    """Largest score of any Gaussian for the label, 0..1."""
+    share: float = 0.0
     """Largest share of the picture, 0..1."""
-    place: str
-    """Where in the picture, in the view where it is largest: left, middle or right."""
-    distance: str
+    time: float = 0.0
+    """Clip time of the view in which it is largest."""
+    place: str = ""
+    """Where in the picture, in that view: on the left, in the middle or on the right."""
+    distance: str = ""
     """near, at middle distance, or far, against the median depth of that view."""
-    count: int
-    """Number of separate regions in that view."""
-    path: float
+    path: float = 0.0
     """World units (1 = median depth) that the centre of its moving Gaussians travels."""
-    frames: tuple[int, int] | None
+    frames: tuple[int, int] | None = None
     """First and last clip frame between which it moves; None = it stands still."""
     heading: str = ""
     """Where it goes in the picture: to the left, right, or nothing."""
     moments: list[float] = field(default_factory=list)
     """Clip times of the views that show it."""
+    note: str = ""
+    """What the answer about it leaves open."""
 
 
 @dataclass(frozen=True)
@@ -83,18 +100,29 @@ def answer(
 ) -> Answer:
     """Answer `question` about what `trajectory` (the clip's own views when None) shows.
 
-    With `server` rendered frames are sent there. Without, the answer is computed from labels, places and motion in the scene,
-    and says so. Raises F4xError: an empty question, a server that does not answer, a label that nobody knows.
+    With `server` rendered frames are sent there. Without, the answer is computed from words, places and motion in the scene,
+    and says so; a thing is there when `inventory.find` finds it, as `f4x query --text` does. Raises F4xError: an empty
+    question, a time beyond the clip, a server that does not answer, a word that nobody knows; `wording.Unanswerable` for
+    what cannot be computed.
     """
     question = " ".join(question.split())
     if not question:
         raise F4xError('The question is empty; ask something, for example "What moves?".')
-    views = _spread(original(scene.cameras) if trajectory is None else trajectory)
+    trajectory = original(scene.cameras) if trajectory is None else trajectory
+    views = _spread(trajectory)
     if server is not None:
         return ask_server(scene, question, views, server, backend, progress)
-    sightings = look(scene, views, _asked_labels(scene, question, encode), encode, backend, progress)
-    text = compose(question, sightings, scene.features is not None)
-    return Answer(text, COMPUTED, {"views": len(views), "sightings": [asdict(s) for s in sightings]})
+    told: list[str] = []
+    evidence: list[dict[str, Any]] = []
+    for asked in understand(question, scene.fps, len(scene.cameras)):
+        found = [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, encode, backend, progress)
+        told.append(compose(scene, asked, found, encode))
+        evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
+    limits = (
+        "words, places and motion in the scene" if labels_of(scene) else "motion in the scene, which knows no words"
+    )
+    text = f"{' '.join(told)} (Computed from {limits}; no language model was asked.)"
+    return Answer(text, COMPUTED, {"views": len(views), "sightings": evidence})
 
 
 def ask_server(
@@ -152,136 +180,239 @@ def ask_features(
 def look(
     scene: Scene,
     views: Trajectory,
-    labels: Sequence[str],
-    encode: Encode | None = None,
+    times: np.ndarray,
+    found: dict[str, Selection],
     backend: str = "auto",
     progress: Progress = silent,
 ) -> list[Sighting]:
-    """What can be seen of `labels` in `views`, largest first; without labels, of what moves."""
-    query = ask_for(scene, labels, None, None, encode) if labels else None
-    names = list(query.labels[: query.targets]) if query else [THING]
-    moving = scene.moving
+    """What `views` show of the selections `found`, and how they move over the clip `times (K,)`; in the given order."""
+    chosen = np.stack([selection.chosen for selection in found.values()], 1)  # (N,n)
     masks: list[np.ndarray] = []  # per view (n,H,W)
-    places: list[np.ndarray] = []  # per view (n,3): centre of the moving part, NaN where there is none
     depths: list[np.ndarray] = []
     for done, (camera, time) in enumerate(views):
         progress("look", done, len(views))
         small = camera.resized(COLUMNS, max(1, round(COLUMNS * camera.height / camera.width)))
-        means = scene.posed(time).means
-        values = {"moving": np.concatenate([moving[:, None], moving[:, None] * means], 1, dtype=np.float32)}
-        drawn = render(scene, small, time, ("depth", "alpha"), backend, values=values)
-        layer = drawn["moving"]
-        if query is None:
-            found = layer[None, ..., 0] > 0.5
-        else:
-            best = text_picture(scene, query, small, time, backend).argmax(-1)
-            found = (best == np.arange(query.targets)[:, None, None]) & (drawn["alpha"] > 0.5)
-        masks.append(found)
+        drawn = render(scene, small, time, ("depth",), backend, values={"share": chosen.astype(np.float32)})
+        masks.append(np.moveaxis(drawn["share"], -1, 0) > SEEN)
         depths.append(drawn["depth"])
-        weight = found * (layer[..., 0] > 0.5) * layer[..., 0]
-        light = weight.sum((1, 2))
-        # A centre from a few stray pixels would jump about.
-        enough = light > PRESENT * small.width * small.height
-        centre = np.einsum("nhw,hwc->nc", weight, layer[..., 1:] / np.maximum(layer[..., :1], 1e-6))
-        places.append(np.where(enough[:, None], centre / np.maximum(light, 1e-6)[:, None], np.nan))
     progress("look", len(views), len(views))
-    times = np.array([time for _, time in views])
+    moving = chosen & scene.moving[:, None]
+    moving &= 2 * moving.sum(0) > chosen.sum(0)  # a few that move at the rim do not carry the rest along
+    posed = [scene.posed(float(time)) for time in times]
+    weights = np.stack([one.opacities @ moving for one in posed])  # (K,n)
+    places = np.stack([(one.opacities[:, None] * moving).T @ one.means for one in posed])  # (K,n,3)
+    places = np.where(weights[..., None] > 0, places / np.maximum(weights, 1e-9)[..., None], np.nan)
     seen = np.stack(masks)  # (V,n,H,W)
-    share = seen.mean((2, 3))
-    shown = [_sighting(n, names[n], seen[:, n], share[:, n], np.stack(depths), np.stack(places)[:, n], times, views)
-             for n in range(len(names)) if share[:, n].max() >= PRESENT]  # fmt: skip
-    return sorted(shown, key=lambda sighting: -sighting.share)
+    return [
+        _sighting(scene, name, selection, seen[:, n], np.stack(depths), places[:, n], times, views)
+        for n, (name, selection) in enumerate(found.items())
+    ]
 
 
-def _sighting(n, label, seen, share, depths, places, times, views) -> Sighting:
-    """The numbers of one label; arguments are those of all views."""
+def _sighting(scene, label, selection, seen, depths, places, times, views) -> Sighting:
+    """The numbers of one thing: `seen (V,H,W)` and `depths (V,H,W)` of the views, `places (K,3)` at `times (K,)`."""
+    sighting = Sighting(label, int(selection.chosen.sum()), float(selection.scores.max(initial=0)))
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    moves = np.flatnonzero(np.nan_to_num(steps) > STILL * np.diff(times) / scene.fps)
+    if len(moves):
+        camera = scene.cameras.at(float(times[(moves[0] + moves[-1] + 1) // 2]))
+        ends, _ = camera.project(places[[moves[0], moves[-1] + 1]].astype(np.float64))
+        drift = (ends[1, 0] - ends[0, 0]) / camera.width
+        sighting = replace(
+            sighting,
+            path=float(steps[moves].sum()),
+            frames=(round(float(times[moves[0]])), round(float(times[moves[-1] + 1]))),
+            heading="" if abs(drift) < SIDEWAYS else "to the right" if drift > 0 else "to the left",
+        )
+    share = seen.mean((1, 2))
     best = int(share.argmax())
+    if not share[best]:
+        return sighting
     mask, depth = seen[best], depths[best]
     column = np.nonzero(mask)[1].mean() / mask.shape[1]
     ratio = np.nanmedian(depth[mask]) / np.nanmedian(depth) if np.isfinite(depth[mask]).any() else 1.0
-    regions = connected_regions(mask.astype(int))
-    sizes = np.unique(regions[mask], return_counts=True)[1]
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    steps = np.where(np.isfinite(steps), steps, 0) * (np.diff(times) != 0)
-    moves = np.flatnonzero(steps > STILL)
-    frames = (round(float(times[moves[0]])), round(float(times[moves[-1] + 1]))) if len(moves) else None
-    heading = ""
-    if frames is not None:
-        known = np.flatnonzero(np.isfinite(places[:, 0]))
-        camera = views[int(known[len(known) // 2])].camera
-        ends, _ = camera.project(places[known[[0, -1]]].astype(np.float64))
-        drift = (ends[1, 0] - ends[0, 0]) / camera.width
-        heading = "" if abs(drift) < 0.05 else "to the right" if drift > 0 else "to the left"
-    return Sighting(
-        label,
-        float(share[best]),
-        "on the left" if column < 0.38 else "on the right" if column > 0.62 else "in the middle",
-        "near" if ratio < 0.8 else "far" if ratio > 1.25 else "at middle distance",
-        int((sizes >= PIECE * sizes.max()).sum()),
-        float(steps[moves].sum()),
-        frames,
-        heading,
-        times[share >= PRESENT].tolist(),
+    return replace(
+        sighting,
+        share=float(share[best]),
+        time=float(views[best][1]),
+        place="on the left" if column < 0.38 else "on the right" if column > 0.62 else "in the middle",
+        distance="near" if ratio < 0.8 else "far" if ratio > 1.25 else "at middle distance",
+        moments=[float(time) for (_, time), part in zip(views, share, strict=True) if part >= PRESENT],
     )
 
 
-INTENTS = (
-    ("order", r"\border\b|\bfirst\b|\blast\b|\bbefore\b|\bafter\b"),
-    ("count", r"\bhow many\b|\bnumber of\b|\bcount\b"),
-    ("far", r"\bhow far\b|\bdistance\b|\bhow much\b"),
-    ("when", r"\bwhen\b|\bmov(e|es|ing)\b|\bgo(es|ing)?\b|\bwalk|\brun|\bswim|\bdriv"),
-    ("where", r"\bwhere\b|\bleft\b|\bright\b|\bnear(er)?\b|\bclose"),
-)
-"""What a question wants to know, by the first pattern that it contains; else everything."""
-
-
-def compose(question: str, sightings: Sequence[Sighting], knows_words: bool) -> str:
-    """The sentences for a question, with the note that they are computed."""
-    intent = next((name for name, pattern in INTENTS if re.search(pattern, question.lower())), "what")
-    moving = sorted((s for s in sightings if s.frames), key=lambda s: s.frames[0] if s.frames else 0)
-    if not sightings:
-        told = "I find nothing of that in these views."
-    elif intent == "order":
-        names = ", then ".join(f"{s.label} (frame {s.frames[0]})" for s in moving if s.frames)
-        told = f"In the order in which they start to move: {names}." if moving else "Nothing moves."
-    elif intent == "count":
-        told = " ".join(f"{s.label}: {s.count}." for s in sightings)
-    elif intent in ("far", "when"):
-        told = " ".join(_motion(s) for s in (moving or sightings))
-    elif intent == "where":
-        told = " ".join(f"The {s.label} is {s.place}, {s.distance}." for s in sightings)
+def _look_for(
+    scene: Scene, asked: Asked, trajectory: Trajectory, encode: Encode | None, backend: str, progress: Progress
+) -> list[Sighting]:
+    """The sightings that a question is about."""
+    views = trajectory
+    first, last = (float(time) for time in scene.cameras.times[[0, -1]])
+    if asked.span is not None:
+        views = [view for view in trajectory if asked.span[0] - 0.5 <= view.time <= asked.span[1] + 0.5]
+        if not views:
+            raise F4xError(f"The camera path shows nothing at frame {asked.span[0]:g}; ask without --path.")
+        around = WINDOW * scene.fps if asked.span[0] == asked.span[1] else 0.0
+        first, last = max(first, asked.span[0] - around), min(last, asked.span[1] + around)
     else:
-        told = " ".join(
-            f"{s.label}: {s.place}, {s.distance}, {s.share:.0%} of the picture. {_motion(s)}" for s in sightings
-        )
-    limits = "labels, places and motion in the scene" if knows_words else "motion in the scene, which knows no words"
-    return f"{told} (Computed from {limits}; no language model was asked.)"
+        shown = [float(view.time) for view in trajectory]
+        first, last = min(shown), max(shown)
+    times = np.unique(np.linspace(first, last, min(MOMENTS, 1 + round(last - first))))
+    notes: dict[str, str] = {}
+    if asked.things:
+        words = {name: _word_of(scene, name) for name in asked.things}
+        found = {word: find(scene, word, encode) for word in words.values()}
+        notes = {word: _note(scene, name, word) for name, word in words.items()}
+    else:
+        found = things_there(scene)
+        rest = scene.moving & standing(scene)
+        for selection in found.values():
+            rest &= ~selection.chosen
+        found |= {THING: Selection(scene.ids, rest.astype(float), np.zeros(len(rest), bool))}
+    views = _spread(views, MOMENTS if asked.kind in ("seen", "seeing") else VIEWS)
+    sightings = look(scene, views, times, found, backend, progress)
+    if not asked.things:
+        sightings = sorted((s for s in sightings if s.share >= PRESENT), key=lambda s: -s.share)
+    return [replace(sighting, note=notes.get(sighting.label, "")) for sighting in sightings]
 
 
-def _spread(trajectory: Trajectory) -> Trajectory:
-    """`VIEWS` views, evenly over a trajectory."""
+def _word_of(scene: Scene, name: str) -> str:
+    """The word to look for: of "red cars", where the scene knows only "car", that."""
+    known = {label.lower(): label for label in labels_of(scene)}
+    words = name.split()
+    forms = [form for start in range(len(words)) for form in spellings(" ".join(words[start:]))]
+    return next((known[form] for form in forms if form in known), name)
+
+
+def _note(scene: Scene, name: str, word: str) -> str:
+    """What looking for `word` leaves open about `name`."""
+    if len(word.split()) < len(name.split()):
+        return f"I looked for {word} alone: what is {name.rsplit(maxsplit=len(word.split()))[0]} I cannot tell."
+    unknown = PEOPLE.get(text_head(scene).spec.text_encoder or "")
+    if unknown and re.fullmatch(unknown, name.lower()):
+        return "The scene's text features know no people, so this says little."
+    return ""
+
+
+CLIP_FACTS = ("frames", "long", "rate")
+"""Kinds of question about the clip itself."""
+
+
+def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: Encode | None = None) -> str:
+    """The sentences for one question, from what was found."""
+    if asked.kind in CLIP_FACTS:
+        frames = len(scene.cameras)
+        seconds = frames / scene.fps
+        return f"The clip has {frames} frames (0 to {frames - 1}), {scene.fps:g} a second, and lasts {seconds:.2f} seconds."
+    when = _moment(asked.span, scene.fps) if asked.span else ""
+    there = [s for s in sightings if s.chosen]
+    missing = [s for s in sightings if not s.chosen]
+    told = [_absent(scene, s, encode, asked.polar) for s in missing]
+    moving = sorted((s for s in there if s.frames), key=lambda s: s.frames[0] if s.frames else 0)
+    if not asked.things and asked.kind in ("motion", "far", "fast", "lasting", "order"):
+        there = moving
+    if asked.kind == "order" and moving:
+        starts = ", then ".join(f"{_the(s)} (frame {s.frames[0]})" for s in moving if s.frames)
+        told.append(f"In the order in which they start to move: {starts}.")
+    elif not there and not missing:
+        nothing = "moves" if asked.kind in ("motion", "far", "fast", "lasting", "order") else "stands out"
+        told.append(f"{'No: nothing' if asked.polar else 'Nothing'} {nothing}{when}.")
+    else:
+        told += [SENTENCES[asked.kind](s, asked, scene.fps, when) for s in there]
+    told += [s.note for s in sightings if s.note]
+    return " ".join(told)
+
+
+def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, polar: bool) -> str:
+    """The sentence about a thing that is not there."""
+    near = nearest_there(scene, [sighting.label], encode)
+    holds = f"; the scene holds {', '.join(near)}" if near else ""
+    what = f"nothing in the scene answers to '{sighting.label}' (best: {sighting.best:.2f}){holds}."
+    return f"No: {what}" if polar else what[0].upper() + what[1:]
+
+
+def _sentence(yes: str, s: Sighting, rest: str) -> str:
+    """A sentence about a thing, after "Yes" or "No" where that is wanted."""
+    subject = _the(s)
+    return f"{yes}: {subject} {rest}" if yes else f"{subject[0].upper()}{subject[1:]} {rest}"
+
+
+def _the(s: Sighting) -> str:
+    return s.label if s.label == THING else f"the {s.label}"
+
+
+def _of_motion(s: Sighting, asked: Asked, fps: float, when: str) -> str:
+    if s.frames is None:
+        return _sentence("No" if asked.polar else "", s, f"stands still{when}.")
+    yes = "Yes" if asked.polar else ""
+    way = f" {s.heading}" if s.heading else ""
+    if asked.span and asked.span[0] == asked.span[1]:
+        return _sentence(yes, s, f"moves{way}{when}, {_speed(s, fps)}.")
+    return _sentence(yes, s, f"moves{way} {_from_to(s.frames, fps)}, {s.path:.2f} times the median depth.")
+
+
+def _of_path(s: Sighting, asked: Asked, fps: float, when: str) -> str:
+    if s.frames is None:
+        return _sentence("", s, f"stands still{when}.")
+    if asked.kind == "fast":
+        return _sentence("", s, f"moves at {_speed(s, fps)}, {_from_to(s.frames, fps)}.")
+    if asked.kind == "lasting":
+        count = s.frames[1] - s.frames[0]
+        return _sentence("", s, f"moves for {count / fps:.2f} seconds, {_from_to(s.frames, fps)}.")
+    return _sentence("", s, f"moves {s.path:.2f} times the median depth, {_from_to(s.frames, fps)}.")
+
+
+def _of_place(s: Sighting, asked: Asked, fps: float, when: str) -> str:
+    if s.share < PRESENT:
+        return _sentence("No" if asked.side else "", s, f"is hardly seen{when}.")
+    at = when or f" at frame {s.time:g}"
+    yes = ("Yes" if s.place.endswith(asked.side) else "No") if asked.side else ""
+    return _sentence(yes, s, f"is {s.place}, {s.distance}, {s.share:.1%} of the picture{at}.")
+
+
+def _of_sight(s: Sighting, asked: Asked, fps: float, when: str) -> str:
+    if not s.moments:
+        return _sentence("", s, f"is hardly seen{when}: never {PRESENT:.1%} of the picture.")
+    if asked.polar:
+        return _sentence("Yes", s, f"is {s.place}, {s.distance}, {s.share:.1%} of the picture at frame {s.time:g}.")
+    frames = round(s.moments[0]), round(s.moments[-1])
+    lasts = f", about {(frames[1] - frames[0] + 1) / fps:.2f} seconds" if asked.kind == "seeing" else ""
+    return _sentence("", s, f"is seen {_from_to(frames, fps)}{lasts}.")
+
+
+def _of_thing(s: Sighting, asked: Asked, fps: float, when: str) -> str:
+    return f"{s.label}: {s.place}, {s.distance}, {s.share:.1%} of the picture. {_of_motion(s, asked, fps, when)}"
+
+
+SENTENCES = {
+    "motion": _of_motion,
+    **dict.fromkeys(("far", "fast", "lasting", "order"), _of_path),
+    **dict.fromkeys(("where", "side", "size"), _of_place),
+    **dict.fromkeys(("seen", "seeing"), _of_sight),
+    "things": _of_thing,
+}
+"""Kind of question -> the sentence about a thing that is there."""
+
+
+def _spread(trajectory: Trajectory, count: int = VIEWS) -> Trajectory:
+    """At most `count` views, evenly over a trajectory."""
     if not trajectory:
         raise F4xError("The camera path has no view; give one with at least one camera.")
-    count = min(VIEWS, len(trajectory))
+    count = min(count, len(trajectory))
     return [trajectory[i] for i in np.linspace(0, len(trajectory) - 1, count).round().astype(int)]
 
 
-def _motion(sighting: Sighting) -> str:
-    if sighting.frames is None:
-        return f"The {sighting.label} stands still."
-    first, last = sighting.frames
-    way = f" {sighting.heading}" if sighting.heading else ""
-    return f"The {sighting.label} moves{way} from frame {first} to {last}, {sighting.path:.2f} times the median depth."
+def _moment(span: tuple[float, float], fps: float) -> str:
+    first, last = span
+    if first == last:
+        return f" at frame {first:g} ({first / fps:.1f} s)"
+    return f" {_from_to((round(first), round(last)), fps)}"
 
 
-def _asked_labels(scene: Scene, question: str, encode: Encode | None) -> list[str]:
-    """Labels that the question names, singular or plural; else all things of the vocabulary; none without words."""
-    if scene.features is None or not any(head.spec.text_encoder for head in scene.features.heads):
-        return []
-    encoder = text_head(scene).spec.text_encoder
-    known = scene.features.vocabularies.get(encoder or "")
-    if known is None:
-        return []
-    text = question.lower()
-    named = [label for label in known.labels if re.search(rf"\b{re.escape(label.lower())}(s|es)?\b", text)]
-    return named or [label for label in known.labels if label not in BACKGROUND]
+def _from_to(frames: tuple[int, int], fps: float) -> str:
+    return f"from frame {frames[0]} to {frames[1]} ({frames[0] / fps:.1f} to {frames[1] / fps:.1f} s)"
+
+
+def _speed(s: Sighting, fps: float) -> str:
+    assert s.frames is not None
+    seconds = max(s.frames[1] - s.frames[0], 1) / fps
+    return f"{s.path / seconds:.2f} times the median depth a second"

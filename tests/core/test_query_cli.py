@@ -104,9 +104,73 @@ def test_bench_finds_no_change_in_the_pictures(folder, capsys, tmp_path):
         assert code == 2 and words in err
 
 
+def test_a_word_that_nobody_answers_to_is_told_with_what_is_there(folder, capsys):
+    code, out, _ = run(capsys, "query", folder / "scene.f4x", "--text", "sky", "--not", "wall,square")
+    assert code == 0 and out.strip().count("\n") == 0
+    assert re.match(r"sky: nothing in the scene answers to it with 0\.5 or more .*the scene holds .*square", out)
+    code, out, _ = run(capsys, "query", folder / "scene.f4x", "--text", "sky", "--not", "wall,square", "--json")
+    told = json.loads(out)
+    assert code == 0 and told["chosen"] == 0 and set(told["there"]) == {"square", "wall"}
+
+
+def test_what_was_deleted_is_found_no_more(folder, capsys, tmp_path):
+    scene = tmp_path / "edited.f4x"
+    write_scene(labelled_scene(), scene)
+    assert run(capsys, "edit", scene, "--say", "remove the square")[0] == 0
+    code, out, _ = run(capsys, "query", scene, "--text", "square")
+    assert code == 0 and "nothing in the scene answers" in out and "best: 0.00" in out
+    code, _, err = run(capsys, "edit", scene, "--say", "make the square red")
+    assert code == 2 and "nothing in the scene is called" in err and "best: 1.00" not in err
+    mask = folder / "masks" / "00000.png"
+    code, out, _ = run(capsys, "query", scene, "--mask", mask, "--frame", 0, "--json")
+    assert code == 0 and json.loads(out)["chosen"] == json.loads(out)["static"] > 0
+
+
+def test_masks_that_are_none_of_the_clip(folder, capsys, tmp_path):
+    def told(picture):
+        picture.save(tmp_path / "mask.png")
+        return run(capsys, "query", folder / "scene.f4x", "--mask", tmp_path / "mask.png", "--frame", 0)
+
+    mask = Image.open(folder / "masks" / "00000.png")
+    same = told(mask)
+    assert same[0] == 0 and told(mask.convert("RGB")) == same and told(mask.resize((2 * WIDTH, 2 * HEIGHT), 0)) == same
+    for picture, words in (
+        (mask.resize((WIDTH, 2 * HEIGHT)), f"has {WIDTH}x{2 * HEIGHT} pixels, the clip's pictures {WIDTH}x{HEIGHT}"),
+        (Image.merge("RGB", [mask, mask, Image.new("L", mask.size)]), "is a colour picture and no mask"),
+    ):
+        code, _, err = told(picture)
+        assert code == 2 and words in err and "mask.png" in err and err.strip().count("\n") == 0
+
+
+def test_a_selection_belongs_to_its_scene(folder, capsys, tmp_path):
+    run(capsys, "query", folder / "scene.f4x", "--text", "square", "-o", tmp_path)
+    other = labelled_scene()
+    moved = dataclasses.replace(other.static, xyz=other.static.xyz + np.float32(0.01))
+    write_scene(labelled_scene(static=moved), tmp_path / "other.f4x")
+    edit = ["--say", "make it red", "--select", tmp_path / "selection.json", "--dry-run"]
+    assert run(capsys, "edit", folder / "scene.f4x", *edit)[0] == 0
+    code, _, err = run(capsys, "edit", tmp_path / "other.f4x", *edit)
+    assert code == 2 and "was made of the scene labelled" in err
+    unknown = json.loads((tmp_path / "selection.json").read_text()) | {
+        "scene": "",
+        "ids": [90_001],
+        "scores": [1],
+        "wins": [],
+    }
+    (tmp_path / "selection.json").write_text(json.dumps(unknown))
+    code, _, err = run(capsys, "edit", folder / "scene.f4x", *edit)
+    assert code == 2 and "1 of the selection's 1 Gaussians are not in" in err
+
+
+def test_questions_that_cannot_be_answered_are_one_sentence(folder, capsys):
+    code, out, err = run(capsys, "ask", folder / "scene.f4x", "What colour is the square?")
+    assert code == 2 and not out and "it can tell" in err and err.strip().count("\n") == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (["--text", "square", "--frame", "1"], "--frame goes with"),
         (["--text", ""], "names no label"),
         (["--text", "unicorn"], "lacks 'unicorn'"),
         (["--text", "a", "--point", "1,2"], "exactly one"),

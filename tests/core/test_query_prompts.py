@@ -79,6 +79,12 @@ def test_a_word_that_only_the_encoder_knows(scene):
     assert asked == [("words", ["red thing"])]
 
 
+@pytest.mark.parametrize("word", ["Square", "the square", "a  square", "Squares", "any squares"])
+def test_words_of_the_vocabulary_need_no_encoder(scene, word):
+    found = select_by_text(scene, [word], ["the walls"])  # without an encoder others are refused
+    np.testing.assert_array_equal(found.scores, select_by_text(scene, ["square"], ["wall"]).scores)
+
+
 @pytest.mark.parametrize(
     ("labels", "words"),
     [
@@ -159,6 +165,7 @@ def test_masks_of_another_size_are_scaled(scene):
         (lambda s: select_by_box(s, (5, 5, 5, 9), 0), "box"),
         (lambda s: select_by_mask(s, np.zeros((HEIGHT, WIDTH)), 0), "empty"),
         (lambda s: select_by_mask(s, np.ones((4, 4, 3)), 0), "shape"),
+        (lambda s: select_by_mask(s, np.ones((HEIGHT, HEIGHT)), 0), "clip's pictures"),
         (lambda s: select_by_mask(s, square_mask(0), -1), "no frame -1"),
         (lambda s: select_by_mask(s, square_mask(0), 0, span=(0, 99)), "within the clip"),
         (lambda s: select_by_prompts(s, {}), "Nothing is prompted"),

@@ -8,10 +8,14 @@ import pytest
 from labelled_scene import FRAMES, labelled_scene
 from stub_server import client, saying, stub_server
 
+from f4x_core.edit.apply import with_operations
+from f4x_core.edit.operations import Delete
+from f4x_core.edit.selects import Ids
 from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import frozen, orbit, original
 from f4x_core.query.chat import ChatServer
 from f4x_core.query.questions import COMPUTED, SERVER, answer, ask_features
+from f4x_core.query.wording import Unanswerable
 
 GOOD = saying(" A red square moves. ")
 
@@ -86,12 +90,26 @@ def test_computed_answers_say_so(scene):
 @pytest.mark.parametrize(
     ("question", "words"),
     [
-        ("Where is the square?", "square is on the left|square is in the middle"),
-        ("When does the square move?", "moves to the right from frame 0 to 5"),
-        ("How far does it go?", r"0\.2\d times"),
-        ("How many squares are there?", "square: 1"),
-        ("In what order do things move?", r"square \(frame 0\)"),
-        ("Does the sky move?", "nothing of that"),
+        ("Where is the square?", r"The square is (on the left|in the middle), near, [\d.]+% of the picture"),
+        ("Where is the square at the end?", r"in the middle.* at frame 5"),
+        ("When does the square move?", r"The square moves to the right from frame 0 to 5 \(0\.0 to 0\.2 s\)"),
+        ("How far does it go?", r"The square moves 0\.25 times"),
+        ("How fast is the square?", r"The square moves at 1\.20 times the median depth a second"),
+        ("In what order do things move?", r"start to move: the square \(frame 0\)\."),
+        ("Does the square move?", "^Yes: the square moves"),
+        ("Is the wall moving?", "^No: the wall stands still"),
+        ("Is there a square?", "^Yes: the square is"),
+        ("Are there any squares?", "^Yes: the square is"),
+        ("Is there a sky?", "^No: nothing in the scene answers to 'sky' .*the scene holds (wall, square|square, wall)"),
+        ("Does the sky move?", "^No: nothing in the scene answers to 'sky'"),
+        ("Is there a square on the right?", "^No: the square is"),
+        ("Is there a red square?", "^Yes: the square.*what is red I cannot tell"),
+        ("When is the square visible?", "The square is seen from frame 0 to 5"),
+        ("How many frames are there?", r"6 frames \(0 to 5\), 24 a second, and lasts 0\.25 seconds"),
+        ("How long is the clip?", r"lasts 0\.25 seconds"),
+        ("What happens at second 0.1?", r"square: .*moves to the right at frame 2\.4 \(0\.1 s\), 1\.2\d times"),
+        ("What happens at frame 3?", "wall: .*The wall stands still at frame 3"),
+        ("Where is the square and when does it move?", "square is .* The square moves to the right from"),
     ],
 )
 def test_computed_answers_are_right(scene, question, words):
@@ -99,16 +117,52 @@ def test_computed_answers_are_right(scene, question, words):
     assert re.search(words, said.text), said.text
 
 
-def test_other_views_give_other_places(scene):
+@pytest.mark.parametrize(
+    ("question", "words"),
+    [
+        ("What happens at second 3?", "no second 3: the clip lasts 0.25 seconds, frames 0 to 5"),
+        ("Where is the square at frame 6?", "no frame 6"),
+        ("Is it there at 0:02?", "no second 2"),
+        ("What colour is the square?", "cannot tell what colour"),
+        ("What was the focal length of the camera?", "cannot tell what the camera did"),
+        ("Does the camera move?", "cannot tell what the camera did"),
+        ("Why does the square move?", "cannot tell why"),
+        ("Who is that?", "cannot tell who"),
+        ("How many squares are there?", "cannot tell how many"),
+        ("What is the square doing?", "cannot tell what somebody does"),
+        ("Is there a square with a hat?", "cannot tell that"),
+        ("Is the square happy?", "cannot tell that"),
+        ("Where is the zebra?", "lacks 'zebra'"),
+    ],
+)
+def test_what_cannot_be_computed_is_refused_in_one_sentence(scene, question, words):
+    with pytest.raises(F4xError, match=words) as caught:
+        answer(scene, question)
+    assert "\n" not in str(caught.value)
+    assert not isinstance(caught.value, Unanswerable) or "it can tell whether, where and when" in str(caught.value)
+
+
+def test_other_views_give_other_answers(scene):
     still = answer(scene, "When does the square move?", frozen(scene.cameras, 2.0))
     assert "stands still" in still.text
     turned = answer(scene, "Where is the square?", orbit(scene.cameras, degrees=5))
     assert turned.evidence["sightings"][0]["label"] == "square"
+    with pytest.raises(F4xError, match="path shows nothing at frame 5"):
+        answer(scene, "Where is the square at frame 5?", frozen(scene.cameras, 2.0))
+
+
+def test_what_was_deleted_is_not_there(scene):
+    square = np.arange(len(scene.ids)) >= len(scene.static)
+    left = with_operations(scene, Delete(Ids.of(scene.ids[square])))
+    assert answer(left, "Is there a square?").text.startswith("No: nothing")
+    assert "square" not in answer(left, "What is there?").text
+    for_a_time = with_operations(scene, Delete(Ids.of(scene.ids[square]), frames=(0, 3)))
+    assert "seen from frame 4 to 5" in answer(for_a_time, "When is the square visible?").text
 
 
 def test_a_scene_without_words_still_knows_what_moves():
     said = answer(labelled_scene(features=False), "When does it move?")
-    assert "something that moves" in said.text and "knows no words" in said.text
+    assert "Something unnamed moves to the right" in said.text and "knows no words" in said.text
 
 
 def test_an_empty_question(scene):

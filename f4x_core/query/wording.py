@@ -1,0 +1,307 @@
+"""What a question wants to know: a closed grammar of English questions that a scene can answer by computing.
+
+Times are taken out first ("at second 2"), then the rest must be one of `FORMS` from its first word to its last: what is not
+understood whole is refused, for half an understanding gives an answer to another question.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from ..errors import F4xError
+
+CAN = (
+    "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
+    " what moves first, what there is at a second or frame, and how long the clip is (more by a model: --endpoint or --model)"
+)
+"""What a refusal says."""
+
+
+class Unanswerable(F4xError):  # noqa: N818  # nothing went wrong
+    """A question that cannot be answered by computing."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A question that was understood."""
+
+    kind: str
+    """One of `FORMS`."""
+    things: tuple[str, ...] = ()
+    """What it is about; empty: whatever there is, or what moves."""
+    span: tuple[float, float] | None = None
+    """First and last clip frame that it is about; None = the clip."""
+    side: str = ""
+    """left, middle or right, where it asks whether a thing is there."""
+    polar: bool = False
+    """Whether it wants yes or no."""
+
+
+_CLIP = r"(?:(?:the|this) (?:whole |entire )?)?(?:clip|video|film|movie|footage|sequence|recording|scene|shot)"
+_PICTURE = rf"(?:{_CLIP}|(?:the |this )?(?:picture|image|view|frame)|it|here)"
+_SEEN = rf"(?:there|here|present|visible|seen|shown|in view|on screen|in {_PICTURE})"
+_WAY = (
+    r"(?: (?:around|about|at all|along|away|forwards?|backwards?|past|by|in total|altogether|there|now|to|in|towards))*"
+)
+_MOVE = (
+    r"(?:mov(?:e|es|ed|ing)|go(?:es|ing|ne)?|went|travel(?:s|led|ed|ling|ing)?|com(?:e|es|ing)|walk(?:s|ed|ing)?"
+    r"|run(?:s|ning)?|ran|swim(?:s|ming)?|swam|driv(?:e|es|ing|en)|drove|fl(?:y|ies|ying)|roll(?:s|ed|ing)?|rid(?:e|es|ing)"
+    r"|slid(?:e|es|ing)|float(?:s|ed|ing)?|in motion)"
+)
+_DO = r"(?:does|do|did|is|are|was|were|has|have|will)"
+_START = r"(?:(?:start|begin|stop|finish|cease)(?:s|ing)? ?(?:to )?)?"
+_WHO = r"(?P<who>.+?)"
+_WHEN = r"(?:when|(?:at|in|from|since|until) (?:what|which) (?:time|times|moment|second|seconds|frame|frames))"
+_US = r"(?: (?:to|from) (?:the camera|the viewer|us|me|you|here))?"
+
+FORMS: tuple[tuple[str, str], ...] = (
+    (
+        "frames",
+        rf"how many (?:frames|pictures|images)(?: (?:are there|{_DO} {_PICTURE}"
+        rf"(?: have| has| contain| last)?))?(?: in {_PICTURE})?",
+    ),
+    ("long", rf"how (?:long|many seconds) (?:is|are|does|do) (?:{_CLIP}|it)(?: last| run| take| go on| have)?"),
+    (
+        "long",
+        rf"how many seconds(?: are (?:there )?in {_CLIP})?|(?:what is )?(?:the )?(?:length|duration)"
+        rf"(?: of {_CLIP})?",
+    ),
+    ("rate", r"(?:what is )?(?:the )?(?:frame ?rate|fps)(?: of .+)?|how many frames (?:per|a) second(?: .+)?"),
+    (
+        "order",
+        rf"(?:in )?(?:which|what) order(?: (?:do|does|did) .+? (?:{_START}){_MOVE})?|"
+        rf"(?:what is )?the order of .+",
+    ),
+    (
+        "order",
+        rf"(?:what|which(?: (?:one|thing|object))?) (?:is the (?:first|last) (?:one |thing )?to "
+        rf"(?:{_START})?{_MOVE}|{_START}{_MOVE} (?:first|last))",
+    ),
+    (
+        "motion",
+        rf"(?:what|which (?:things?|objects?|ones?|parts?)|who) ?(?:is|are)? {_MOVE}{_WAY}|what motion is there",
+    ),
+    ("polar motion", rf"(?:is|are) (?:there )?(?P<who>anything|something)(?: that)?(?: is)? {_MOVE}{_WAY}"),
+    ("lasting", rf"(?:for )?how (?:long|many frames|many seconds) {_DO} {_WHO} (?:{_START}{_MOVE}){_WAY}"),
+    (
+        "seeing",
+        rf"(?:for )?how (?:long|many frames|many seconds) (?:is|are|can) (?:"
+        rf"(?:i|we|you|one) see )?{_WHO} {_SEEN}",
+    ),
+    ("fast", rf"how (?:fast|quick|quickly|slow|slowly) {_DO} {_WHO}(?: {_MOVE}{_WAY})?"),
+    (
+        "fast",
+        rf"(?:what is |at what |with what |at which )?(?:the )?(?:speed|velocity) "
+        rf"(?:of {_WHO}|{_DO} (?P<who2>.+?) {_MOVE}{_WAY})",
+    ),
+    ("far", rf"(?:how far|how much|(?:what|which) distance) {_DO} {_WHO} (?:{_MOVE}|cover(?:s|ed)?){_WAY}"),
+    ("where", rf"how (?:far|near|close)(?: away)? (?:is|are) {_WHO}(?: away)?{_US}"),
+    ("size", rf"how (?:big|large|small) (?:is|are|does|do) {_WHO}(?: (?:appear|look|seem))?(?: in {_PICTURE})?"),
+    ("size", rf"how much of {_PICTURE} (?:is|are|does|do) {_WHO}(?: (?:cover|fill|take up))?"),
+    ("motion", rf"{_WHEN} {_DO} {_WHO} {_START}{_MOVE}{_WAY}"),
+    ("motion", rf"{_WHEN} {_DO} {_WHO} (?:start|begin|stop|stand still|rest)(?:s|ing)?"),
+    (
+        "motion",
+        rf"(?:in )?(?:which|what) "
+        rf"(?:way|direction) {_DO} {_WHO} {_MOVE}{_WAY}|where {_DO} (?P<who2>.+?) {_MOVE}{_WAY}",
+    ),
+    (
+        "seen",
+        rf"{_WHEN} (?:is|are|was|were|do|does|did|can) (?:(?:i|we|you|one) see )?{_WHO}(?: (?:first )?"
+        rf"(?:appear|disappear|enter|leave|{_SEEN}))*",
+    ),
+    ("motion", rf"{_DO} {_WHO} (?:stand(?:s|ing)? still|still|stationary|at rest|resting|stay(?:s|ing)? still)"),
+    ("polar motion", rf"{_DO} {_WHO} (?:ever )?{_MOVE}{_WAY}"),
+    (
+        "where",
+        rf"where (?:is|are|was|were|do|does|can) (?:(?:i|we|you|one) (?:see|find) )?{_WHO}(?: "
+        rf"(?:be|located|placed|seen|now|visible|in {_PICTURE}))*",
+    ),
+    ("where", rf"(?:in|on) (?:which|what) (?:part|side|half|place)(?: of {_PICTURE})? (?:is|are) {_WHO}"),
+    ("where", rf"(?:is|are) {_WHO} (?:near|nearby|close|far|far away){_US}"),
+    (
+        "polar side",
+        rf"(?:is|are) (?:there )?{_WHO} (?:on|at|to|in) the (?P<side>left|right|middle|center|centre)"
+        rf"(?:[ -]hand)?(?: side)?(?: of {_PICTURE})?",
+    ),
+    ("polar seen", rf"(?:is|are|was|were) there (?:also )?{_WHO}(?: {_SEEN})?"),
+    (
+        "polar seen",
+        rf"(?:do|can|could) (?:you|i|we|one) (?:also )?(?:see|find|spot|recogni[sz]e|detect) {_WHO}"
+        rf"(?: {_SEEN})?",
+    ),
+    ("polar seen", rf"(?:does|do) {_PICTURE} (?:have|show|contain|include) {_WHO}"),
+    ("polar seen", rf"(?:is|are|was|were) {_WHO} {_SEEN}"),
+    (
+        "things",
+        rf"what (?:happens|is happening|goes on|is going on|is there|are there|is it|is this|does it show|does {_CLIP} show)"
+        rf"(?: to see)?(?: (?:here|there|in {_PICTURE}))*",
+    ),
+    ("things", rf"what (?:is|are|can be)(?: to be)? (?:seen|shown|visible|in {_PICTURE})(?: in {_PICTURE})?"),
+    (
+        "things",
+        rf"what (?:(?:things|objects) )?(?:can|do|could) (?:i|we|you|one) see(?: (?:here|there|in {_PICTURE}))*",
+    ),
+    (
+        "things",
+        rf"(?:what|which) (?:things|objects) (?:are (?:there|seen|visible)|do you see)"
+        rf"(?: in {_PICTURE})*|describe {_PICTURE}",
+    ),
+)
+"""(kind, pattern), the first that fits; a kind that begins with `polar` is answered by yes or no."""
+
+SUBJECTS = (
+    (r"\bcolou?r|\bpaint|\btexture|\bmade of\b|\bmaterial", "what colour or material a thing has"),
+    (r"\bcamera|\blens|\bfocal|\biso\b|\baperture|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
+    (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
+    (r"^(?:and )?who\b|\bwhose\b|\bname\b", "who somebody is"),
+    (r"\bhow many\b|\bnumber of\b|\bcount\b", "how many of a kind there are"),
+    (r"\bdoing\b|^what (?:does|do|did|is|are) \S", "what somebody does beyond moving"),
+)
+"""(pattern, what it asks for that nobody can compute), the first that fits."""
+_EVERYBODY = r"(?:it|they|them|he|she|this|that|(?:some|any|every)(?:thing|one|body)|things?|objects?|one)"
+"""Words for whatever there is."""
+_BINDING = (
+    r"\b(?:of|to|from|with|without|than|that|which|who|whose|when|while|because|before|after|behind|beside|between|under|over"
+    r"|near|on|in|at|by|into|onto|not|is|are|was|were|does|do|did|has|have|be|being|been|or|if|as|like|for|you|i|we|what|how"
+    r"|camera)\b"
+)
+"""Words that no name of a thing holds: where one is left over, the question says more than was understood."""
+_IT = r"\b(?:it|they|them)\b"
+"""Words for what was named just before."""
+_ASKING = r"(?:when|where|how|what|which|is|are|do|does|did|in what|in which|at what|at which)"
+_POLITE = r"(?:and|so|please|hey|hi|hello|tell me|(?:can|could|would) you (?:please )?(?:tell me|say)|do you know),? "
+_SIDES = {"center": "middle", "centre": "middle"}
+
+
+def understand(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
+    """What `question`, one or several joined by "and", wants to know of a clip of so many `frames`.
+
+    Raises F4xError: a time beyond the clip; `Unanswerable`: what no form fits.
+    """
+    text = " ".join(question.lower().replace("’", "'").split())
+    text = re.sub(r"\b(what|where|when|who|how|there|it|that)'s\b", r"\1 is", text)
+    parts = re.split(rf"[?!.;]+ (?:and )?|,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
+    understood: list[Asked] = []
+    for part in parts:
+        asked = _understood(re.sub(rf"^(?:{_POLITE})+", "", part), fps, frames)
+        if understood and not asked.things and re.search(_IT, part):
+            asked = replace(asked, things=understood[-1].things)
+        understood.append(asked)
+    return tuple(understood)
+
+
+def _understood(text: str, fps: float, frames: int) -> Asked:
+    rest, span = _without_times(text, fps, frames)
+    for kind, pattern in FORMS:
+        found = re.fullmatch(pattern, rest)
+        if found is None:
+            continue
+        groups = found.groupdict()
+        things = _names(groups.get("who") or groups.get("who2") or "")
+        if things is None or (kind in ("frames", "long", "rate") and span is not None):
+            continue
+        side = groups.get("side") or ""
+        return Asked(kind.removeprefix("polar "), things, span, _SIDES.get(side, side), kind.startswith("polar"))
+    subject = next((what for pattern, what in SUBJECTS if re.search(pattern, rest)), "that")
+    raise Unanswerable(f"Computing from the scene cannot tell {subject}; {CAN}.")
+
+
+def _names(text: str) -> tuple[str, ...] | None:
+    """The things that a phrase lists; none for whatever there is; None where it is no list of names."""
+    names: list[str] = []
+    for part in re.split(r",| and | or ", text):
+        name = re.sub(
+            r"^(?:the|an?|any|some|this|that|these|those|my|your|other|ever|really) ", "", " ".join(part.split())
+        )
+        name = re.sub(rf"(?: {_SEEN})+$", "", name)
+        if not name or re.fullmatch(_EVERYBODY, name):
+            continue
+        if re.search(_BINDING, name) or not re.fullmatch(r"[^\W\d_]+(?:[ '-][^\W\d_]+){0,3}", name):
+            return None
+        names.append(name)
+    return tuple(dict.fromkeys(names))
+
+
+_N = r"(\d+(?:\.\d+)?)"
+_S = r"(?:s|secs?|seconds?)"
+_IN = r"(?:at|in|on|during|around|over|by)?"
+_TO = r"(?:and|to|until|till|-|through)"
+Read = Callable[[re.Match[str]], tuple[tuple[str, float], tuple[str, float]]]
+"""From a match to (unit, number) of the first and the last moment; units: second, frame, share of the clip."""
+
+
+def _unit(text: str) -> str:
+    return "frame" if text.startswith("frame") else "second"
+
+
+_TIMES: tuple[tuple[str, Read], ...] = (
+    (
+        rf"(?:between|from|in|during|over)? ?(?:the )?(seconds?|frames?) {_N} ?{_TO} ?(?:second |frame )?{_N}",
+        lambda m: ((_unit(m[1]), float(m[2])), (_unit(m[1]), float(m[3]))),
+    ),
+    (
+        rf"(?:between|from|in|during) {_N} ?(?:{_S}|frames)? ?{_TO} ?{_N} ?({_S}|frames)",
+        lambda m: ((_unit(m[3]), float(m[1])), (_unit(m[3]), float(m[2]))),
+    ),
+    (
+        rf"(after|since|before|until|till) (?:the )?(second|frame|time) {_N}",
+        lambda m: (
+            ((_unit(m[2]), float(m[3])), ("share", 1))
+            if m[1] in ("after", "since")
+            else (("share", 0), (_unit(m[2]), float(m[3])))
+        ),
+    ),
+    (
+        rf"(?:in|during|over) the (first|last) {_N} ({_S}|frames)",
+        lambda m: (
+            (("share", 0), (_unit(m[3]), float(m[2])))
+            if m[1] == "first"
+            else ((f"last {_unit(m[3])}", float(m[2])), ("share", 1))
+        ),
+    ),
+    (rf"{_IN} ?(?:the )?(\d+):(\d\d)(?: minutes)?", lambda m: (("second", 60 * float(m[1]) + float(m[2])),) * 2),
+    (
+        rf"{_IN} ?(?:the )?(second|frame|time|moment|timestamp)s? (?:number |no |# ?)?{_N}(?: ?{_S})?",
+        lambda m: ((_unit(m[1]), float(m[2])),) * 2,
+    ),
+    (rf"(?:{_IN}|after) ?{_N} ?{_S}(?: (?:in|into))?(?: {_CLIP})?", lambda m: (("second", float(m[1])),) * 2),
+    (
+        rf"(?:at|in|near) the (?:very )?(start|beginning|end|first frame|last frame)(?: of {_CLIP})?",
+        lambda m: (("share", float(m[1] in ("end", "last frame"))),) * 2,
+    ),
+    (rf"half ?way(?: (?:through|into))?(?: {_CLIP})?|(?:at|in) the middle of {_CLIP}", lambda m: (("share", 0.5),) * 2),
+)
+_NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+_DIGITS = {word: str(n) for n, word in enumerate(_NUMBERS)}
+
+
+def _without_times(text: str, fps: float, frames: int) -> tuple[str, tuple[float, float] | None]:
+    """`text` without the time that it names, and that time in clip frames; F4xError where the clip has none such."""
+    number = "|".join(_DIGITS)
+    text = re.sub(rf"\b(seconds?|frames?) ({number})\b", lambda m: f"{m[1]} {_DIGITS[m[2]]}", text)
+    text = re.sub(rf"\b({number}) (seconds?|frames)\b", lambda m: f"{_DIGITS[m[1]]} {m[2]}", text)
+    for pattern, read in _TIMES:
+        found = re.search(rf"(?<![\w-]){pattern}(?![\w:])", text)
+        if found is not None:
+            first, last = (_frame(unit, value, fps, frames) for unit, value in read(found))
+            rest = " ".join((text[: found.start()] + " " + text[found.end() :]).replace(",", " ").split())
+            return rest, (min(first, last), max(first, last))
+    return text, None
+
+
+def _frame(unit: str, value: float, fps: float, frames: int) -> float:
+    """The clip frame of a moment."""
+    last, seconds = frames - 1, frames / fps
+    if unit == "share":
+        return value * last
+    within = value <= (last if unit == "frame" else frames if unit == "last frame" else seconds)
+    if not within:
+        raise F4xError(
+            f"There is no {unit.removeprefix('last ')} {value:g}: the clip lasts {seconds:.2f} seconds, frames 0 to {last}."
+        )
+    if unit.startswith("last "):
+        return max(0.0, frames - value * (fps if unit == "last second" else 1))
+    return min(value * (fps if unit == "second" else 1), last)
