@@ -24,7 +24,9 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
     filter_glob: StringProperty(default="*.f4x;*.ply;*.splat", options={"HIDDEN"})  # type: ignore[valid-type]
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
     set_up_render: BoolProperty(  # type: ignore[valid-type]
-        name="Set Up Render", description="Take over the clip's size, rate, frame range and camera", default=True
+        name="Set Up Render",
+        description="Take over the clip's size, rate, frame range and camera, and draw with the engine Feature4X",
+        default=True,
     )
     sequence: BoolProperty(  # type: ignore[valid-type]
         name="Sequence", description="Take a numbered PLY for its whole sequence", default=True
@@ -56,6 +58,8 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
             item.select_set(False)
         root.select_set(True)
         context.view_layer.objects.active = root
+        if self.set_up_render:
+            viewport.use_engine(context.scene)
         viewport.show(root, context.scene.camera if self.set_up_render and session.PATH in root else None)
         return {"FINISHED"}
 

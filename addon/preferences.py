@@ -41,6 +41,12 @@ class F4X_AP_preferences(bpy.types.AddonPreferences):  # noqa: N801 - Blender wa
         name="Save Edits with the .blend",
         description="Saving the .blend also writes pending edits into their scene files",
     )
+    show_exactly: BoolProperty(  # type: ignore[valid-type]
+        name="Show Imported Scenes with the Feature4X Engine",
+        description="The true picture in the viewport, a coarse one while things move; off: Material Preview."
+        " Where the compiled kernels are missing it is always that",
+        default=True,
+    )
     checked: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
     """JSON: [[good, line], …] of the last check."""
 
@@ -54,6 +60,7 @@ class F4X_AP_preferences(bpy.types.AddonPreferences):  # noqa: N801 - Blender wa
         row.operator("f4x.set_up_worker", icon="IMPORT")
         row.operator("f4x.check_worker", icon="CHECKMARK")
         layout.prop(self, "save_edits")
+        layout.prop(self, "show_exactly")
         for good, line in json.loads(self.checked or "[]"):
             layout.label(text=line, icon="CHECKMARK" if good else "ERROR")
         for job in jobs.all_jobs():

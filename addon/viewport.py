@@ -1,15 +1,28 @@
-"""Making what was imported visible: engine-independent colours, the clip's camera or the whole thing in view."""
+"""Making what was imported visible: as the engine draws it or in colours, the clip's camera or the whole thing in view."""
 
 import bpy
 
+from ..f4x_core.native.library import open_library
+from .preferences import preferences
+from .render_engine import Feature4XRenderEngine
+
+EXACT = "RENDERED"
+"""Shading that shows what the scene's engine draws."""
 COLOURED = "MATERIAL"
-"""Shading that shows point clouds in colour: Solid draws them grey up to 5.2."""
+"""Shading that shows point clouds in colour whatever the engine: Solid draws them grey up to 5.2."""
+
+
+def use_engine(scene: bpy.types.Scene) -> None:
+    """Draw `scene` with the engine Feature4X, unless the preferences say no or numpy alone would keep the window waiting."""
+    settings = preferences()
+    if (settings is None or settings.show_exactly) and open_library()[0] is not None:
+        scene.render.engine = Feature4XRenderEngine.bl_idname
 
 
 def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
     """Let every 3D viewport of the window show colours and no lines to parents.
 
-    It looks through `camera` if given, else at all below `root`.
+    They are the engine's where the scene is drawn with Feature4X. The view is that of `camera` if given, else all below `root`.
     """
     window = bpy.context.window
     if window is None:  # without a window there is nothing to look through
@@ -18,7 +31,8 @@ def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
         if area.type != "VIEW_3D":
             continue
         space = area.spaces.active
-        space.shading.type = COLOURED
+        exact = bpy.context.scene.render.engine == Feature4XRenderEngine.bl_idname
+        space.shading.type = EXACT if exact else COLOURED
         space.overlay.show_relationship_lines = False  # hundreds of nodes have the same parent
         if camera is not None:
             space.region_3d.view_perspective = "CAMERA"

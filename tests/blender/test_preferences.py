@@ -217,3 +217,25 @@ assert "flow" in stages and "flow" not in again  # what was finished is not done
 assert os.path.isfile(folder + "/walk_4d/scene.f4x") and "walk" in bpy.data.objects
 """
     print(blender(WINDOWED + code, str(tmp_path), timeout=600))
+
+
+def test_imported_scenes_are_drawn_by_the_engine_unless_it_is_not_wanted_or_slow(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    code = """
+from feature4x.addon import viewport
+scene = bpy.context.scene
+
+def engine_after(library, **options):
+    viewport.open_library = lambda: (library, "")
+    scene.render.engine = "CYCLES"
+    bpy.ops.f4x.import_scene(filepath=sys.argv[2] + "/scene.f4x", **options)
+    return scene.render.engine
+
+there = object()
+assert engine_after(there) == "FEATURE4X"
+assert engine_after(there, set_up_render=False) == "CYCLES"
+assert engine_after(None) == "CYCLES"
+settings.show_exactly = False
+assert engine_after(there) == "CYCLES"
+"""
+    blender(code, str(tmp_path))
