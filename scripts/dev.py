@@ -1,4 +1,4 @@
-"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|lint|kernels|extension|setup`.
+"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|coverage|lint|kernels|extension|results|setup`.
 
 Standard library only. The first call makes `.venv`, installs the pinned packages and builds the native kernel; later calls
 find nothing to do and start at once.
@@ -24,12 +24,15 @@ STAMP = VENV / "installed.sha256"
 PYTHON = (3, 11)
 # The C++ compiler that builds for all platforms from any of them; 100 MB, so it comes only when it is asked for.
 ZIG = "ziglang==0.17.1"
+EVERYDAY = ("-m", "not slow and not real")
 VERBS = {
     "demo": "a rendered clip all the way to a Blender file; takes the options of `f4x demo` (demo --help)",
     "test": "the everyday tests; takes the options of pytest, such as a file, or -m real for the real clips",
+    "coverage": "the everyday tests, and how many lines of f4x_core they run",
     "lint": "ruff check, ruff format --check and mypy",
     "kernels": "compile the native library; with --all for every platform of the extension, by the package ziglang",
     "extension": "feature4x-VERSION.zip for Blender, in -o DIR; with --all with the kernels of every platform",
+    "results": "docs/results.md from docs/results/, after taking over the measurements of the report in DIR where one is given",
     "setup": "only make .venv, install what is pinned, and build the native kernel",
 }
 
@@ -94,7 +97,12 @@ def run(command: list[str]) -> int:
 
 def test(arguments: list[str]) -> int:
     """The everyday tests; extra arguments go to pytest (`-m real` for the real clips)."""
-    return run(["-m", "pytest", *(arguments or ["-m", "not slow and not real"])])
+    return run(["-m", "pytest", *(arguments or EVERYDAY)])
+
+
+def coverage() -> int:
+    """Lines of the core that the everyday tests run."""
+    return run(["-m", "coverage", "run", "-m", "pytest", *EVERYDAY]) or run(["-m", "coverage", "report", "--skip-covered"])
 
 
 def lint() -> int:
@@ -133,15 +141,19 @@ def main() -> int:
     parser.add_argument("verb", choices=VERBS, metavar="VERB", help="one of: " + ", ".join(VERBS))
     parser.add_argument("options", nargs=argparse.REMAINDER, help="what the verb takes, --help too")
     args = parser.parse_args()
-    if args.options and args.verb in ("lint", "setup"):
+    if args.options and args.verb in ("coverage", "lint", "setup"):
         parser.error(f"{args.verb} takes no options")
     ensure_environment()
     if args.verb == "demo":
         return run(["-m", "f4x_core", "demo", *args.options])
     if args.verb == "test":
         return test(args.options)
+    if args.verb == "coverage":
+        return coverage()
     if args.verb == "kernels":
         return kernels(args.options)
+    if args.verb == "results":
+        return run(["-m", "f4x_core.report.publication", "docs", *args.options])
     if args.verb == "extension":
         return extension(args.options)
     return lint() if args.verb == "lint" else 0
