@@ -1,4 +1,4 @@
-"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|coverage|lint|kernels|extension|results|setup`.
+"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|lint|…` (--help lists the verbs).
 
 Standard library only. The first call makes `.venv`, installs the pinned packages and builds the native kernel; later calls
 find nothing to do and start at once.
@@ -102,7 +102,9 @@ def test(arguments: list[str]) -> int:
 
 def coverage() -> int:
     """Lines of the core that the everyday tests run."""
-    return run(["-m", "coverage", "run", "-m", "pytest", *EVERYDAY]) or run(["-m", "coverage", "report", "--skip-covered"])
+    return run(["-m", "coverage", "run", "-m", "pytest", *EVERYDAY]) or run(
+        ["-m", "coverage", "report", "--skip-covered"]
+    )
 
 
 def lint() -> int:
