@@ -21,6 +21,8 @@ LITTLE_PARALLAX, MODEST_PARALLAX = 2.0, 8.0
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
 LEAST_REGISTERED, MISSED_PX = 0.3, 1.5
+# Brightest over darkest exposure within a shot (the same things in both) above which colours no longer agree.
+MUCH_EXPOSURE = 1.25
 # Fewer supervised frames than this leave most surfaces seen once or twice.
 FEW_FRAMES = 12
 # Above this moving share (of all pixels) the background is mostly hidden.
@@ -103,6 +105,7 @@ def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, An
     found = [
         *_about_scores(metrics),
         *_about_single_frames(metrics),
+        *_about_changes(priors),
         *_about_camera(priors),
         *_about_motion(priors, scaffold),
         *_about_depth(priors),
@@ -210,6 +213,31 @@ def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
                 "note",
                 f"Frames more than {FRAME_GAP:.0f} dB below the median of {median:.1f} dB: {named}.",
                 "Look for blur, flashes or cuts there, and leave such frames out with --frames.",
+            )
+        )
+    return found
+
+
+def _about_changes(priors: Priors) -> list[Finding]:
+    """What breaks off or changes all at once in the clip itself (`clip.changes`)."""
+    known = priors.statistics.get("changes", {})
+    cuts, exposure = known.get("cuts", []), known.get("exposure", 1.0)
+    found = []
+    if cuts:
+        named = ", ".join(map(str, cuts[:NAMED_FRAMES])) + (" …" if len(cuts) > NAMED_FRAMES else "")
+        found.append(
+            Finding(
+                "problem",
+                f"The clip holds {len(cuts) + 1} shots, cut at frame {named}; a scene can be made of one.",
+                f"Give one shot, for example --frames :{cuts[0]}.",
+            )
+        )
+    if exposure > MUCH_EXPOSURE:
+        found.append(
+            Finding(
+                "problem",
+                f"The exposure changes by {exposure - 1:.0%}; the scene has one brightness, a mean of all.",
+                "Lock the exposure while filming, or leave the frames where it changes out with --frames.",
             )
         )
     return found

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..clip.changes import find_changes
 from ..errors import F4xError
 from ..progress import Progress, silent
 from . import files
@@ -39,6 +40,9 @@ def build_priors(
     fixed = files.take(priors, clip, config, own, folder)
     priors.write(folder, [name for name in fixed if name not in own])
     picture = _clip_digest(clip)
+    changes = find_changes(clip.frames[priors.frames])
+    cuts = [int(priors.frames[cut]) for cut in changes.cuts]
+    priors.statistics["changes"] = {"cuts": cuts, "exposure": round(changes.exposure, 3)}
     for index, (stage, fields) in enumerate(STAGES.items()):
         progress("priors", index, len(STAGES), stage)
         wanted = [name for name in fields if name not in fixed]
