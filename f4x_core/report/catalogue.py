@@ -78,6 +78,14 @@ STUDIES = (
         ".deformation_curves:measure_rotations",
     ),
     Study(
+        "storage",
+        "speed",
+        "Storage",
+        "How small can a scene be stored, and what do its pictures lose?",
+        ".storage:measure_storage",
+        seed_tables=("B",),
+    ),
+    Study(
         "hard-cases",
         "stability",
         "The catalogue of hard cases",

@@ -16,7 +16,7 @@ from .toy_worlds import make_world
 
 WORLD = "two movers"
 """What is fitted: two rigid movers need a scaffold, and the camera moves."""
-PROFILE_SHARE = 1 / 24
+PROFILE_SHARE = 1 / 40
 """Of a profile's steps in a quick report."""
 QUICK_COUNTS, FULL_COUNTS = (50, 100, 200, 400), (150, 300, 600, 1200, 2400, 4800)
 QUICK_WIDTHS, FULL_WIDTHS = (48, 96, 192), (96, 192, 240, 336, 480)

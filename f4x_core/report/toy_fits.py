@@ -139,15 +139,19 @@ def measure(
 
 
 def over_seeds(context: Context, name: str, work: Callable[[int], Row], count: int, **settings: Any) -> Row:
-    """Means of what `work(seed)` returned for `count` seeds, a step each, with the ends `novel low (dB)`, `novel high (dB)`."""
+    """Means of what `work(seed)` returned for `count` seeds, a step each; what is no number is the first's.
+
+    `novel low (dB)` and `novel high (dB)` are the worst and the best of the seeds.
+    """
     seeds = range(context.seed, context.seed + count)
     rows = [context.step(f"{name} {seed}", partial(work, seed), **settings) for seed in seeds]
-    means = {
-        column: statistics.fmean(row[column] for row in rows) if rows[0][column] is not None else None
-        for column in rows[0]
-    }
+    means = {column: _mean([row[column] for row in rows]) for column in rows[0]}
     every = [row["novel (dB)"] for row in rows]
     return means | {"novel low (dB)": min(every), "novel high (dB)": max(every), "seeds": count}
+
+
+def _mean(values: list[Any]) -> Any:
+    return statistics.fmean(values) if all(isinstance(value, (int, float)) for value in values) else values[0]
 
 
 def psnr_of(scene: Scene, camera: Any, moment: float, view: View, mask: np.ndarray | None = None) -> float:
