@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import tempfile
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -94,6 +95,28 @@ REACH = {
     for kind in ("original", "novel")
 }
 """What the figures of `bench features` and `bench edit` should reach, beside them in the table."""
+MEANING = {
+    "gaussians": "Gaussians of the scene",
+    "open_s": "seconds to open the file",
+    "propose_s": "seconds to understand the sentence and look its words up",
+    "apply_s": "seconds to write the edit into the file",
+    "sentence_s": "seconds from the sentence to the edited file: the two before",
+    "still_flicker": "what stands still is painted: flicker after / before, 1 = none is added",
+    "mask_*": "the thing is chosen by its true mask on one frame …",
+    "point_*": "… by a click into its middle",
+    "text_*": "… by the word",
+    "moving_*": "… as what moves",
+    "best_*": "… as well as whole Gaussians can",
+    "*_delete_*": "it is deleted (else it is dyed)",
+    "*iou*": "changed pixels against the true masks: shared / all of both, 1 = the same",
+    "*iou_worst*": "… on the worst frame",
+    "*coverage*": "share of the true mask that changed",
+    "*leakage*": "share of all change that lies outside the true mask and a thin rim",
+    "*leakage_strict*": "… without the rim",
+    "*_original": "seen by the clip's own cameras",
+    "*_novel": "seen by cameras that the fit never saw",
+}
+"""What figures of `bench edit` mean, by patterns of their names."""
 
 
 def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -158,8 +181,15 @@ def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     progress("bench edit", 0, 0, "a server that fails")
     told = try_faults()
     lines = [f"a server that fails ({fault}): {sentence}" for fault, sentence in told.items()]
-    table = _as_table(report) if report else ""
-    return {**report, "endpoint_faults": told, "text": "\n".join(filter(None, [table, *lines]))}
+    table = _as_table(report) + "\n\n" + _meanings(report) if report else ""
+    return {**report, "endpoint_faults": told, "text": "\n\n".join(filter(None, [table, "\n".join(lines)]))}
+
+
+def _meanings(report: dict[str, Any]) -> str:
+    """One line for each kind of figure in a report of `bench edit`."""
+    told = [pattern for pattern in MEANING if any(fnmatchcase(name, pattern) for name in report)]
+    width = max(map(len, told))
+    return "\n".join(f"{pattern:<{width}}  {MEANING[pattern]}" for pattern in told)
 
 
 def _pictures(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

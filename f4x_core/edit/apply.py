@@ -329,6 +329,10 @@ class EditedScene(Scene):
         if isinstance(operation, Opacity):
             factor = np.float32(1 + share * (operation.factor - 1))
             fainter = np.clip(state.opacities * factor, 0, 1)
+            if operation.factor > 1:  # nothing times a factor is nothing: what was hidden comes back as it was
+                hidden = (state.opacities == 0) & ~step.before.gone[rows]
+                there = self._constant["opacities"][step.before.origin[rows]]
+                fainter = np.where(hidden, np.float32(share) * there, fainter)
             return state._replace(opacities=np.where(dyed, fainter, state.opacities))
 
         known = None

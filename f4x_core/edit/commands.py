@@ -240,8 +240,8 @@ _colour_value = either(
     _article + _flat + ~_flat + colour + _colored >> _recoloured,
     lit("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of") + (colour | colourish)
     >> _faintly,
-    _article + colourish + _colored >> _faintly,
-    _fully + _article + _shade_of + ~lit("the color") + colour + _colored >> _assigned,
+    ~lit("a|an|some") + colourish + _colored >> _faintly,
+    _fully + ~lit("a|an|some") + _shade_of + ~lit("the color") + colour + _colored >> _assigned,
 )
 _more_colour_value = (
     optional(table({"a (little) bit|a little|slightly|somewhat": 0.5, "much|a lot|far|way": 2.0}), 1.0) + more_colour

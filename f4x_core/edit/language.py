@@ -312,7 +312,7 @@ def _lacking(reading: Reading) -> str:
             if (whole and command.needed) or end in verb.at(reading, at):
                 unsaid = " and ".join(_UNSAID[slot] for slot in sorted(command.needed if whole else {"who"}))
                 return f"after '{reading.said(at, end)}' it is not said {unsaid}, as in '{command.example}'"
-    return "something is missing after the last word"
+    return f"something is missing after '{reading.said(end - 1, end)}'"
 
 
 def nearest(sentence: str, count: int = 3) -> tuple[str, ...]:

@@ -658,7 +658,9 @@ _they = lit(
 ) >> (lambda: lambda context: context.they or context.it("'they'"))
 COPY = "copy"
 """The name by which "the copy" is selected after "copy the dog"."""
-_copy = lit("the [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)") >> (lambda: _the_copy)
+_copy = lit("[the|its|their|his|her] [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)") >> (
+    lambda: _the_copy
+)
 
 
 def _the_copy(context: Context) -> Named:
@@ -899,4 +901,6 @@ _no_name = either(
 def means_something(called: str) -> bool:
     """Whether a name would be taken for a colour or for another way to say who: "red", "it", "everything"."""
     readings = (Reading.of(said, tokenise(said), {}) for said in (called, f"the {called}"))
-    return called.lower() in FUNCTION_WORDS or any(len(said.tokens) in _no_name.at(said, 0) for said in readings)
+    return called.lower() in FUNCTION_WORDS | NO_THINGS or any(
+        len(said.tokens) in _no_name.at(said, 0) for said in readings
+    )

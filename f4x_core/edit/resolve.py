@@ -18,7 +18,7 @@ from ..query.standing import standing
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id, with_operations
 from .description import whom
-from .operations import Duplicate, Freeze, Operation, Rekey, Transform
+from .operations import Duplicate, Freeze, Opacity, Operation, Rekey, Transform
 from .pieces import things, which_thing, width_along
 from .rows import Rows
 from .selects import (
@@ -75,6 +75,7 @@ class Resolver:
         self._found: dict[tuple[bytes, Select], Selection] = {}
         self._before: Scene | None = None
         self._said: dict[SelectKind, SelectKind] = {}
+        self._hidden_too = False
 
     def resolve_sentence(
         self, scene: Scene, operations: Sequence[Operation], tidy: bool = False
@@ -97,6 +98,7 @@ class Resolver:
         _check_times(scene, operation, self.context.frame)
         if isinstance(operation, Rekey):
             return operation
+        self._hidden_too = isinstance(operation, Opacity) and operation.factor > 1
         changed: dict[str, Any] = {}
         for name in {"select", "source"} & {entry.name for entry in fields(operation)}:
             changed[name] = self.select(scene, getattr(operation, name), tidy)
@@ -111,6 +113,10 @@ class Resolver:
         """The selection in ids, names, `all` and `moving`; F4xError where it is empty."""
         found = self._rewrite(scene, select, tidy)
         if not len(rows_of(scene, found)):
+            if chosen(scene, found).any():
+                raise Absent(
+                    f"{scene.name}: {whom(select)} was removed before; take that back, or name something else."
+                )
             raise Absent(self._nothing(scene, select))
         return found
 
@@ -142,6 +148,7 @@ class Resolver:
             return Not(self._rewrite(scene, select.of, tidy))
         if isinstance(select, Text):
             scene = self._before or scene
+            scene = scene.base if self._hidden_too else scene
             rows = self._rows_of_words(scene, select)
             if tidy and len(rows):
                 rows = rows[~things(scene.posed(self.context.frame), rows)[1]]

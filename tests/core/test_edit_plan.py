@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from labelled_scene import FRAMES, STEP, labelled_scene, sheet
+from labelled_scene import FRAMES, STEP, VECTORS, labelled_scene, sheet
 from PIL import Image
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -14,11 +14,13 @@ from stub_server import client, saying, stub_server
 from f4x_core.cli import main
 from f4x_core.edit import plan
 from f4x_core.edit.apply import edited, with_operations
-from f4x_core.edit.language import Refusal
+from f4x_core.edit.display import Display
+from f4x_core.edit.language import Refusal, describe
 from f4x_core.edit.operations import Delete, Duplicate, Freeze, Match, Name, Recolour, Transform
 from f4x_core.edit.pieces import connected, things, which_thing
 from f4x_core.edit.resolve import Context, labels_of, resolve, rows_of
 from f4x_core.edit.selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, Text
+from f4x_core.edit.stack import of
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
@@ -243,6 +245,82 @@ def test_later_commands_see_what_earlier_ones_left(scene):
     assert len(rows_of(plan.preview(scene, found), paint.select)) == 2 * len(square_of(scene))
     rgb = plan.preview(scene, found)
     assert len(rgb.ids) == len(scene.ids) + len(square_of(scene))
+
+
+def as_square(encoder, labels):
+    """An encoder to which every word that the vocabulary lacks means a square."""
+    return np.repeat(VECTORS[:1], len(labels), axis=0)
+
+
+def with_words(scene, *absent):
+    """The scene with more words in its vocabulary to which nothing in it answers."""
+    words = scene.features.vocabularies["words"]
+    nothing = np.repeat(-(VECTORS[:1] + VECTORS[1:2]) / np.sqrt(2), len(absent), axis=0)
+    vectors = np.concatenate([words.vectors, nothing.astype(np.float16)])
+    more = replace(words, labels=(*words.labels, *absent), vectors=vectors)
+    return replace(scene, features=replace(scene.features, vocabularies={"words": more}))
+
+
+def rows_after(scene, sentence):
+    """(rows that each operation is about, edited scene) of a sentence."""
+    found = plan.propose(scene, sentence, HERE).chosen
+    after = plan.preview(scene, found)
+    return [set(rows_of(after, operation.select).tolist()) for operation in found.operations], after
+
+
+def test_a_word_means_what_it_meant_before_the_sentence(scene):
+    (square, copies, again), after = rows_after(
+        scene, "copy the square to the left, move it up and make the square green"
+    )
+    assert square == again and len(copies) == len(square) and not copies & square
+    assert copies == set(range(len(scene.ids), len(after.ids)))
+    (square, both), _ = rows_after(scene, "copy the square to the left and make them green")
+    assert both == square | copies
+
+
+@pytest.mark.parametrize(
+    ("sentence", "nobody"),
+    [
+        ("make the square and the cat red", "'cat'"),
+        ("make the square but not the cat red", "'cat'"),
+        ("remove everything except the square and the cat", "'cat'"),
+        ("delete the square's cat", "'cat'"),
+        ("delete the cat of the square", "'cat'"),
+        ("delete the square cat", "'cat'"),
+        ("delete the toy square", "lacks 'toy square'"),
+        ("delete everyone", "'person'"),
+        ("remove the square and make it red", "the square was removed before"),
+    ],
+)
+def test_what_nobody_answers_to_refuses_the_whole_sentence(scene, sentence, nobody):
+    with pytest.raises(Refusal, match=nobody) as caught:
+        plan.propose(with_words(scene, "cat", "person"), sentence, HERE, encode=as_square)
+    assert caught.value.nearest
+    assert plan.propose(scene, "delete the blue square", HERE, encode=as_square)  # a mere adjective is none of these
+
+
+def test_what_was_hidden_is_shown_again_as_it_was(path, scene):
+    plan.apply(path, plan.propose(read_scene(path), "hide the square", HERE).chosen)
+    hidden = read_scene(path)
+    shown = plan.preview(hidden, plan.propose(hidden, "show the square again", HERE).chosen)
+    np.testing.assert_array_equal(shown.posed(2.0).opacities, scene.posed(2.0).opacities)
+    gone = plan.preview(scene, plan.propose(scene, "remove the square, then make everything opaque", HERE).chosen)
+    assert not gone.posed(2.0).opacities[rows_of(scene, Moving())].any()
+
+
+def test_fading_out_over_a_span_comes_little_by_little_and_stays(scene):
+    faded = plan.preview(scene, plan.propose(scene, "fade out the square from frame 1 to 5", HERE).chosen)
+    rows = rows_of(scene, Moving())
+    shares = [faded.posed(t).opacities[rows] / scene.posed(t).opacities[rows] for t in (0.0, 1.0, 2.0, 3.0, 5.0, 6.0)]
+    np.testing.assert_allclose([share.mean() for share in shares], [1, 1, 0.75, 0.5, 0, 0], atol=1e-6)
+    keys = [Display(faded).looks_key(frame) for frame in (2, 3, 5, 6)]
+    assert keys[0] != keys[1] != keys[2] == keys[3]
+
+
+def test_the_stack_tells_in_words_whom_it_is_about(path):
+    stack = plan.apply(path, plan.propose(read_scene(path), "hide the square", HERE).chosen)
+    assert describe(stack.edits[0].operation) == "hide the square"
+    assert describe(of(read_scene(path)).edits[0].operation) == "hide the square"
 
 
 def test_candidates_differ_and_the_best_is_known(scene):
