@@ -1,5 +1,6 @@
 """The clip behind the scene: pictures or film as the background of its camera."""
 
+import re
 from pathlib import Path
 
 import bpy
@@ -22,15 +23,26 @@ def find_clip(scene: Scene, file: Path) -> Path | None:
     return next((place for place in places if place.exists()), None)
 
 
-def show_clip(camera: bpy.types.Object, clip: Path, frames: np.ndarray, *, exact: bool = False) -> bool:
+def frames_of(scene: Scene) -> range | None:
+    """Which pictures of its clip a scene was made of, as its fit wrote down; None where that is not known."""
+    told = scene.provenance.get("frames")
+    if not isinstance(told, str) or not re.fullmatch(r"\d+:\d+:[1-9]\d*", told):
+        return None
+    first, end, step = map(int, told.split(":"))
+    return range(first, end, step)
+
+
+def show_clip(
+    camera: bpy.types.Object, clip: Path, frames: np.ndarray, *, exact: bool = False, picked: range | None = None
+) -> bool:
     """Show `clip`, a film or a folder of numbered pictures, in `camera` at Blender frames `frames (T,)`; whether it did.
 
-    `exact`: only when it has one picture for each frame, so that a selection of frames is never shown beside another.
-    Raises F4xError for what is neither.
+    `exact`: only when it has one picture for each frame, so that a selection of frames is never shown beside another, or
+    when `picked` says which of its pictures they are. Raises F4xError for what is neither.
     """
     if clip.is_dir():
         pictures = find_layout(clip).images
-        if exact and len(pictures) != len(frames):
+        if not _fits(exact, picked, len(pictures), len(frames)):
             return False
         image = _image(pictures[0])
         image.source = "SEQUENCE"
@@ -38,7 +50,7 @@ def show_clip(camera: bpy.types.Object, clip: Path, frames: np.ndarray, *, exact
     elif clip.suffix.lower() in FILMS | SUFFIXES:
         image = _image(clip)
         first, count = 1, image.frame_duration
-        if exact and count != len(frames):
+        if not _fits(exact, picked, count, len(frames)):
             bpy.data.images.remove(image)
             return False
     else:
@@ -52,10 +64,27 @@ def show_clip(camera: bpy.types.Object, clip: Path, frames: np.ndarray, *, exact
     background.display_depth, background.frame_method = "BACK", "STRETCH"
     user = background.image_user
     user.frame_start, user.frame_duration = int(frames[0]), count
-    user.frame_offset = first - 1
+    user.frame_offset = first - 1 + (picked.start if picked else 0)
     user.use_auto_refresh = True
+    if picked and picked.step > 1:
+        _skip(camera.data, user, frames, picked.step)
     camera.data.show_background_images = True
     return True
+
+
+def _fits(exact: bool, picked: range | None, pictures: int, frames: int) -> bool:
+    """Whether it is known which of so many pictures belongs to which frame, or does not matter."""
+    if picked is not None:
+        return len(picked) == frames and picked[-1] < pictures
+    return not exact or pictures == frames
+
+
+def _skip(data: bpy.types.Camera, user: bpy.types.ImageUser, frames: np.ndarray, step: int) -> None:
+    """Let the background go on by `step` pictures a frame: Blender plays every picture, but the offset can be animated."""
+    start = user.frame_offset
+    for index, frame in enumerate(frames):
+        user.frame_offset = start + (step - 1) * index
+        data.keyframe_insert("background_images[0].image_user.frame_offset", frame=float(frame))
 
 
 def _image(file: Path) -> bpy.types.Image:

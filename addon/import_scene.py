@@ -34,7 +34,7 @@ from ..f4x_core.scene.view import NEAR
 from . import display, session
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
-from .clip_background import find_clip, show_clip
+from .clip_background import find_clip, frames_of, show_clip
 from .gaussian_attributes import write_looks, write_places
 from .motion_edits import mark_keyed
 from .motion_nodes import build_motion_tree
@@ -122,7 +122,7 @@ def _show_own_clip(scene: Scene, path: Path, camera: bpy.types.Object) -> None:
     clip = find_clip(scene, path)
     if clip is not None:
         try:
-            show_clip(camera, clip, scene.cameras.times, exact=True)
+            show_clip(camera, clip, scene.cameras.times, exact=True, picked=frames_of(scene))
         except F4xError:
             return  # a help that nobody asked for may be missing
 

@@ -30,6 +30,9 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError("there is nothing to do; give --teacher NAME, --vocabulary WORDS, or both.")
     config = config_of(args)
     scene = read_scene(args.scene)
+    # Whoever brings words wants these; what is learnt already is learnt anew by --teacher alone.
+    there = [name for name in names if labels and scene.features is not None and name in scene.features.names]
+    names = [name for name in names if name not in there]
     if names:
         folder = args.features or args.scene.parent / "features"
         clip = clip_of_scene(scene, args.clip, args.frames, progress) if args.clip else None
@@ -37,7 +40,10 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         for encoder in {each.spec.text_encoder for each in maps} - {None} if labels else ():
             require_path(find_text_encoder(encoder).weights)  # before the work, not after it
         scene = distil(scene, maps, config, progress)
-    return finished(scene, args.output or args.scene, names, labels)
+    told = finished(scene, args.output or args.scene, names, labels)
+    if there:
+        told["text"] += f"\n  {', '.join(there)}: kept as learnt; --teacher without --vocabulary learns anew"
+    return told
 
 
 def distill_into(
@@ -52,17 +58,12 @@ def distill_into(
 def finished(scene: Scene, path: Path, names: Sequence[str], labels: Sequence[str]) -> dict[str, Any]:
     """Add the vocabulary, write the scene, and tell what is in it; a head for words brings everyday ones along, where its
     text encoder is here."""
-    wordless: list[str] = []
-    if labels:
-        scene = with_vocabulary(scene, labels)
-    else:
-        field = scene.require_field()
-        new = sorted(
-            {encoder for name in names if (encoder := field.spec(name).text_encoder)} - field.vocabularies.keys()
-        )
-        here = [name for name in new if name in TEXT_ENCODERS and TEXT_ENCODERS[name].here]
-        scene = with_vocabulary(scene, EVERYDAY, encoders=here) if here else scene
-        wordless = [name for name in new if name not in here]
+    field = scene.require_field()
+    new = sorted({encoder for name in names if (encoder := field.spec(name).text_encoder)} - field.vocabularies.keys())
+    here = [name for name in new if name in TEXT_ENCODERS and TEXT_ENCODERS[name].here]
+    scene = with_vocabulary(scene, EVERYDAY, encoders=here) if here else scene
+    scene = with_vocabulary(scene, labels) if labels else scene
+    wordless = [name for name in new if name not in here and not labels]
     assert scene.features is not None
     write_scene(scene, path)
     field, megabytes = scene.features, scene.info()["megabytes"]
@@ -120,7 +121,7 @@ def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | None, progress: 
                 f"{folder} holds no feature maps and the scene's clip is not at {source}; give --clip CLIP, or --features"
                 " DIR with the maps."
             )
-        clip = clip_of_scene(scene, Path(source), None, progress)
+        clip = clip_of_scene(scene, Path(source), scene.provenance.get("frames") or None, progress)
     return extract(clip, name, folder, progress=progress)
 
 

@@ -27,11 +27,14 @@ def run_features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]
     if args.rank is not None and args.rank < 1:
         raise F4xError(f"--rank {args.rank}: give a number above 0.")
     clip = read_clip(args.clip, args.frames, args.width, progress=progress)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name in names:
         folder = args.output / "features" / name
         rows.append(_row(extract(clip, name, folder, args.model, args.rank, progress)))
-    return {"features": rows, "text": "\n".join(map(_told, rows))}
+    few = [row for row in rows if args.rank is not None and args.rank >= row["spec"]["dim"]]
+    lines = [*map(_told, rows)]
+    lines += [f"{row['folder']}: --rank {args.rank} keeps all {row['spec']['dim']} channels there are" for row in few]
+    return {"features": rows, "text": "\n".join(lines)}
 
 
 def run_models(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

@@ -24,6 +24,8 @@ class Clip:
     """(T,) bool: kept back from the fit, for measuring it."""
     source: str
     """The path it was read from."""
+    picked: str = ""
+    """Its frames of that source, `first:end:step` with all three numbers; empty = not known."""
     cameras: CameraPath | None = None
     """Cameras of all T frames at `times`, in the units of the source, where the source knows them."""
     masks: np.ndarray | None = None

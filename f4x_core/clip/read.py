@@ -65,6 +65,7 @@ def read_clip(
         fps=(fps or DEFAULT_FPS) / (span.step or 1),
         held_out=np.arange(len(indices)) % hold_out == hold_out - 1 if hold_out else np.zeros(len(indices), bool),
         source=str(source),
+        picked=f"{indices[0]}:{indices[-1] + 1}:{span.step or 1}",
         cameras=_cameras(layout, indices, width, height) if layout else None,
         masks=_stack_like_frames(_mask_files(masks, layout, source, indices, total), read_mask, width, height)
         if masks is not None

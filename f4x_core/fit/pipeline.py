@@ -137,6 +137,8 @@ def finish_fit(
     provenance = {
         "feature4x": __version__,
         "source": clip.source,
+        "frames": clip.picked,
+        "width": clip.width,
         "config": resolved(config),
         "priors": {n: {k: v for k, v in entry.items() if k not in unsaid} for n, entry in priors.provenance.items()},
         "backend": choose_backend(config.backend, stage.model.static.parameters["xyz"]),

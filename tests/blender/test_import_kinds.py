@@ -102,6 +102,9 @@ def background():
 
 load("own.f4x")
 told["own clip"] = background()
+for name in ("later", "skipping", "too short"):
+    load(f"{name}.f4x")
+    told[name] = background()
 load("edited.f4x")
 told["no clip"] = background()
 load("edited.f4x", clip=str(folder / "pictures"))
@@ -163,8 +166,14 @@ def imported(tmp_path_factory):
     write_video(folder / "film.mp4", np.zeros((CLIP, 64, 96, 3), np.uint8), 24)
     for name, source in (("own", "pictures"), ("longer", "more")):
         write_scene(replace(scene, provenance={"source": source}), folder / f"{name}.f4x")
+    for name, frames in (
+        ("later", f"2:{2 + CLIP}:1"),
+        ("skipping", f"1:{2 * CLIP}:2"),
+        ("too short", f"9:{9 + CLIP}:1"),
+    ):
+        write_scene(replace(scene, provenance={"source": "more", "frames": frames}), folder / f"{name}.f4x")
     (folder / "more").mkdir()
-    for frame in range(CLIP + 3):
+    for frame in range(2 * CLIP):
         Image.new("RGB", (96, 64)).save(folder / "more" / f"{frame:05d}.png")
     done = subprocess.run(
         [sys.executable, "-c", CHILD, str(ROOT), str(folder), str(CLIP)],
@@ -230,6 +239,13 @@ def test_the_clip_behind_the_camera(imported):
     assert told["own clip"] == pictures and told["chosen"] == pictures
     assert told["no clip"] is None
     assert told["film"] == ["MOVIE", ["film.mp4"] * CLIP, True]
+
+
+def test_the_frames_that_a_fit_took_of_its_clip(imported):
+    _, _, told = imported
+    for name, first, step in (("later", 2, 1), ("skipping", 1, 2)):
+        assert told[name] == ["SEQUENCE", [f"{first + step * frame:05d}.png" for frame in range(CLIP)], True]
+    assert told["too short"] is None
 
 
 def test_a_clip_with_another_number_of_pictures_is_shown_only_when_asked(imported):

@@ -134,6 +134,7 @@ def test_video_frames_come_back(video):
     assert clip.name == "phone" and clip.fps == 25 and clip.frames.shape == (10, 16, 24, 3)
     np.testing.assert_allclose(clip.frames[:, 12:, 16:].mean((1, 2, 3)), 8 * np.arange(10), atol=2)
     part = read_clip(video, frames="3:8:2", width=12)
+    assert clip.picked == "0:10:1" and part.picked == "3:8:2"
     assert part.frames.shape == (3, 8, 12, 3) and part.fps == 12.5
     np.testing.assert_allclose(part.frames[:, 6:, 8:].mean((1, 2, 3)), [24, 40, 56], atol=2)
 

@@ -48,6 +48,7 @@ def test_moving_toy_gets_few_nodes_and_a_good_picture(fit, tmp_path):
     assert result.scaffold is not None and len(result.scaffold) <= 8, "one rigid mover needs few nodes"
     assert result.dynamic is not None and len(result.dynamic["ids"]) > 50
     assert len(result.cameras) == 8
+    assert (result.provenance["source"], result.provenance["frames"], result.provenance["width"]) == ("toy", "", 64)
     ids = np.concatenate([result.static["ids"], result.dynamic["ids"]])
     assert len(np.unique(ids)) == len(ids) and ids.max() < result.next_id
 

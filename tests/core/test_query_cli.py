@@ -3,17 +3,22 @@
 import dataclasses
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 from PIL import Image
 
+from f4x_core.cli import distilling
 from f4x_core.cli.main import main
 from f4x_core.clip import write_images
+from f4x_core.features.spec import FeatureSpec
+from f4x_core.features.teachers import TEACHERS
+from f4x_core.fit.vocabulary import with_vocabulary
 from f4x_core.query.score import overlap
 from f4x_core.query.selection import Selection
-from f4x_core.scene import write_scene
+from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.view import render
 
 
@@ -192,6 +197,44 @@ def test_questions_that_cannot_be_answered_are_one_sentence(folder, capsys):
 def test_wrong_queries_are_one_sentence(folder, capsys, arguments, words):
     code, _, err = run(capsys, "query", folder / "scene.f4x", *arguments)
     assert code == 2 and words in err and err.strip().count("\n") == 0
+
+
+def test_words_are_added_without_learning_a_head_anew(folder, capsys, tmp_path, monkeypatch):
+    class Encoder:
+        def encode(self, labels):
+            return np.eye(8, dtype=np.float32)[[5] * len(labels)]
+
+    def add(scene, labels, **options):
+        return with_vocabulary(scene, labels, lambda name: Encoder(), **options)
+
+    monkeypatch.setattr(distilling, "with_vocabulary", add)
+    monkeypatch.setattr(distilling, "distil", lambda *_: pytest.fail("a head was learnt anew"))
+    scene = tmp_path / "scene.f4x"
+    write_scene(labelled_scene(), scene)
+    code, out, err = run(capsys, "distill", scene, "--teacher", "text", "--vocabulary", "boat, ship")
+    assert code == 0 and "text: kept as learnt" in out, err
+    before, after = read_scene(folder / "scene.f4x").features, read_scene(scene).features
+    assert after.vocabularies["words"].labels == (*before.vocabularies["words"].labels, "boat", "ship")
+    np.testing.assert_array_equal(after.static, before.static)
+
+
+def test_a_rank_beyond_the_channels_is_told(capsys, tmp_path, monkeypatch):
+    class Teacher:
+        def spec_for(self, width, height):
+            return FeatureSpec("means", 3, (2, 3))
+
+        def encode(self, rgb):
+            return np.ones((2, 3, 3), np.float32)
+
+    entry = SimpleNamespace(name="means", version=1, load=lambda model: Teacher())
+    monkeypatch.setitem(TEACHERS, "means", entry)
+    monkeypatch.setattr("f4x_core.cli.features.require_ready", lambda name: None)
+    write_images(tmp_path / "clip", np.zeros((3, 8, 12, 3), np.uint8))
+    features = ["features", tmp_path / "clip", "--teacher", "means", "-o"]
+    code, out, err = run(capsys, *features, tmp_path / "all", "--rank", 9999)
+    assert code == 0 and "--rank 9999 keeps all 3 channels there are" in out, err
+    code, out, _ = run(capsys, *features, tmp_path / "one", "--rank", 1)
+    assert code == 0 and "keeps all" not in out and "kept as 1 directions" in out
 
 
 def test_words_need_a_field(folder, capsys):

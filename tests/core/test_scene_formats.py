@@ -120,6 +120,8 @@ def test_sequence_names_progress_and_deleted_gaussians(tmp_path):
     )
     assert calls[-1][:3] == ("export", 6, 6) and len(calls) == 7
     assert [path.name for path in export(scene, tmp_path / "s", [0.5], "splat")] == ["random_scene_0000.splat"]
+    names = [path.name for path in export(scene, tmp_path / "some", [1.0, 3.0, 5.0], "splat")]
+    assert names == [f"random_scene_{frame:04d}.splat" for frame in (1, 3, 5)]
 
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path):

@@ -87,7 +87,8 @@ def export(
     """Write `scene` at the clip `times` in the format `name` and return the files.
 
     `output` is a file where it ends as the format's files do, else a folder (made if absent) that gets
-    `NAME_0000.ply, NAME_0001.ply, …`, numbered from 0 without gaps: what sequence readers and splat editors recognise.
+    `NAME_0000.ply, NAME_0001.ply, …`: what sequence readers and splat editors recognise. The numbers are the clip frames,
+    or count from 0 where a time lies between two frames.
     `transform`: 4x4 similarity in the scene's axes, baked in. Raises F4xError; no file is left half-written.
     """
     output, format = Path(output), FORMATS[name]
@@ -98,7 +99,7 @@ def export(
     if is_file and len(times) != 1:
         raise F4xError(f"{output}: {name} holds one moment a file; give a folder for {len(times)} moments.")
     assert format.write_frame is not None
-    paths = [output] if is_file else _numbered(output, scene.name, format.suffixes[0], len(times))
+    paths = [output] if is_file else _numbered(output, scene.name, format.suffixes[0], times)
     for done, (time, path) in enumerate(zip(times, paths, strict=True)):
         progress("export", done, len(times), path.name)
         format.write_frame(scene, time, path, transform)
@@ -106,12 +107,14 @@ def export(
     return paths
 
 
-def _numbered(folder: Path, name: str, suffix: str, count: int) -> list[Path]:
-    """Paths in `folder`, which is made if absent."""
+def _numbered(folder: Path, name: str, suffix: str, times: Sequence[float]) -> list[Path]:
+    """Paths in `folder`, which is made if absent, one for each of `times`."""
+    whole = all(float(time).is_integer() and time >= 0 for time in times)
+    numbers = [int(time) for time in times] if whole else list(range(len(times)))
     prefix = re.sub(r"[^\w-]+", "_", name).strip("_") or "scene"
-    digits = max(4, len(str(count - 1)))
+    digits = max(4, len(str(max(numbers, default=0))))
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise F4xError(f"{folder}: this folder cannot be made ({error.strerror}); choose another one") from error
-    return [folder / f"{prefix}_{number:0{digits}d}{suffix}" for number in range(count)]
+    return [folder / f"{prefix}_{number:0{digits}d}{suffix}" for number in numbers]
