@@ -233,7 +233,7 @@ def test_read_only_lists_and_does_no_writing(place):
     assert set(tools) == READING and "file" not in tools["render_view"].input_schema["properties"]
     assert all(tool.annotations.read_only_hint for tool in tools.values())
     assert "no 'file'" in refusal(session, "render_view", file="a.png")
-    proposal = call(session, "propose_edit", sentence="remove everything")[0]["proposal"]
+    proposal = call(session, "propose_edit", sentence="hide everything")[0]["proposal"]
     for tool, arguments in (("apply_edit", {"proposal": proposal}), ("undo", {}), ("export", {"output": "a.usda"})):
         assert "Unknown tool" in refusal(session, tool, **arguments)
     with pytest.raises(F4xError, match="only reads"):  # whoever gets past the list
@@ -550,7 +550,7 @@ def test_what_is_kept_is_bounded(session):
     assert "no selection 'selection 1'" in refusal(session, "render_view", selection="selection 1")
     assert call(session, "render_view", selection="selection 2")
     for _ in range(KEPT_PROPOSALS + 1):
-        last = session.propose_edit(sentence="remove everything").data["proposal"]
+        last = session.propose_edit(sentence="hide everything").data["proposal"]
     assert len(session._proposed) == KEPT_PROPOSALS and last in session._proposed
 
 
