@@ -8,10 +8,10 @@ from urllib.parse import quote
 
 from .. import page
 from .graph import slug
+from .manifest import PAGE
 from .run import DONE, FAILED, KEPT, Board, RowState
 from .storage import Store
 
-FILE = "index.html"
 SCORES = {"used_psnr": "PSNR (dB)", "held_out_psnr": "held out (dB)", "gaussians": "Gaussians"}
 """Figures of the fit that are shown, where a row has them."""
 STYLE = """<style>
@@ -31,7 +31,7 @@ def write_index(store: Store, board: Board, title: str) -> None:
     body = [f'{STYLE}<p class="verdict">{verdict}</p>', _times(board)]
     body.append(page.section("Failures", "".join(map(_failure, failed))))
     body.append(page.section("Clips", _table(rows)))
-    store.write(FILE, page.document(title, body))
+    store.write(PAGE, page.document(title, body))
 
 
 def _times(board: Board) -> str:

@@ -22,6 +22,8 @@ NOTHING = "none"
 """A list in a CSV cell that is empty; an empty cell is the default."""
 NAME = re.compile(r"\w[\w.-]{0,99}")
 """What a row may be called: its folder's name on every file system."""
+PAGE = "index.html"
+"""The page of the whole batch, beside the folders of the rows."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +198,7 @@ def _named(rows: Sequence[Row], source: str) -> tuple[Row, ...]:
     seen: dict[str, tuple[int, str]] = {}
     for number, row in enumerate(rows, 1):
         name = row.name or _name_of(row.clip)
-        if not NAME.fullmatch(name):
+        if not NAME.fullmatch(name) or name.lower() == PAGE:
             raise F4xError(f"{source}, row {number}: '{name}' cannot name a folder; use letters, digits, _ . and -.")
         if name.lower() in seen:
             other, clip = seen[name.lower()]

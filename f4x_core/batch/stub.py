@@ -1,7 +1,7 @@
 """Stands in for `f4x` where the batch itself is measured or tested: `python -m f4x_core.batch.stub VERB …` in milliseconds.
 
-It leaves files of the right names, whose content follows from the clip's and from the arguments. A clip is a JSON file that says how
-the verbs behave: `{"steps": 20, "seconds": 0.1, "fail": {"fit": "a sentence"}, "die": {"priors": 9}}`.
+It leaves files of the right names, whose content follows from the clip's and from the arguments. A clip is a JSON file that says
+how the verbs behave: `{"steps": 20, "seconds": 0.1, "fail": {"fit": "a sentence"}, "die": {"priors": 9}}`.
 """
 
 from __future__ import annotations

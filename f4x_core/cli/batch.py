@@ -15,9 +15,9 @@ from rich.live import Live
 from rich.table import Table
 
 from ..batch.graph import CLIP
-from ..batch.index import FILE, write_index
+from ..batch.index import write_index
 from ..batch.local import LocalEngine
-from ..batch.manifest import Row, read_manifest
+from ..batch.manifest import PAGE, Row, read_manifest
 from ..batch.run import (
     DONE,
     FAILED,
@@ -203,7 +203,7 @@ def _row_plan(each: RowState) -> dict[str, Any]:
 def _told(board: Board, store: Store, seconds: float) -> dict[str, Any]:
     rows = list(board.rows.values())
     failed = {each.row.name: each.errors for each in board.failed}
-    index = f"{store.url}/{FILE}"
+    index = f"{store.url}/{PAGE}"
     done, kept, new = sum(each.state == DONE for each in rows), board.number(KEPT), board.number(DONE)
     lines = [f"{name}, {stage}: {error}" for name, errors in failed.items() for stage, error in errors.items()]
     lines.append(

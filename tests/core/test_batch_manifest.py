@@ -1,0 +1,183 @@
+"""Manifests: what each kind says, the tasks that follow from it, and the one sentence for what is wrong."""
+
+import json
+
+import pytest
+
+from f4x_core.batch.graph import CLIP, tasks_of
+from f4x_core.batch.manifest import Row, read_manifest
+from f4x_core.batch.storage import Digests
+from f4x_core.cli.main import build_parser
+from f4x_core.errors import F4xError
+
+
+def write(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_a_glob_makes_a_row_of_each_clip(tmp_path):
+    for name in ("b.mp4", "a.mp4", "a.txt"):
+        write(tmp_path / "shots" / name, name)
+    rows = read_manifest(str(tmp_path / "shots" / "*.mp4"), {"profile": "quick", "exports": "usd; ply"})
+    assert [row.name for row in rows] == ["a", "b"]
+    assert rows[0].profile == "quick" and rows[0].exports == ("usd", "ply") and rows[0].paths == ("original",)
+
+
+def test_a_csv_and_a_json_say_the_same(tmp_path):
+    table = write(
+        tmp_path / "list.csv",
+        "clip,name,width,edits,paths,masks\n"
+        'a.mp4,,320,"make it red, then blue; ops/wide.json",none,layout\n'
+        "takes/images,second,,,orbit;mine.json,masks/a\n",
+    )
+    data = [
+        {
+            "clip": "a.mp4",
+            "width": 320,
+            "edits": ["make it red, then blue", "ops/wide.json"],
+            "paths": [],
+            "masks": "layout",
+        },
+        {"clip": "takes/images", "name": "second", "paths": ["orbit", "mine.json"], "masks": "masks/a", "seed": 3},
+    ]
+    described = write(tmp_path / "list.json", json.dumps(data))
+    rows = read_manifest(table, {"seed": "3"})
+    assert read_manifest(described)[1] == rows[1]
+    assert (
+        rows[0].clip == str(tmp_path / "a.mp4") and rows[0].name == "a" and rows[0].width == 320 and rows[0].seed == 3
+    )
+    assert rows[0].edits == ("make it red, then blue", str(tmp_path / "ops" / "wide.json")) and rows[0].paths == ()
+    assert rows[1].masks == str(tmp_path / "masks" / "a") and rows[0].masks == "layout"
+    assert rows[1].paths == ("orbit", str(tmp_path / "mine.json")) and rows[1].width is None
+
+
+def test_a_folder_called_images_has_the_name_of_the_one_it_lies_in(tmp_path):
+    assert read_manifest(write(tmp_path / "l.json", '[{"clip": "big dog/images"}]'))[0].name == "big_dog"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sentence"),
+    [
+        ("l.csv", "clip,profil\na.mp4,quick\n", "line 2: there is no column 'profil', near it is 'profile'"),
+        ("l.csv", "clip,width\na.mp4,wide\n", "line 2, width is 'wide'; write a whole number"),
+        ("l.csv", "clip,width\na.mp4,1,2\n", "line 2: it has not as many cells"),
+        ("l.csv", "clip\n", "has no rows"),
+        ("l.csv", "name\nx\n", "'clip' is missing"),
+        ("l.csv", "clip\nx/a.mp4\ny/a.mp4\n", "rows 1 .*x/a.mp4.* and 2 .*y/a.mp4.* would both write the folder 'a'"),
+        ("l.csv", "clip,name\na.mp4,A\nb.mp4,a\n", "would both write the folder"),
+        ("l.csv", "clip,name\na.mp4,../a\n", "'../a' cannot name a folder"),
+        ("l.csv", "clip,name\na.mp4,index.html\n", "'index.html' cannot name a folder"),
+        ("l.csv", "clip,parts\na.mp4,0\n", "parts is 0; give 1 or more"),
+        ("l.csv", "clip,exports\na.mp4,usdz\n", "exports has 'usdz', near it is 'usd'"),
+        ("l.json", "{", "is no JSON"),
+        ("l.json", "[]", "at least one"),
+        ("l.json", '[{"clip": "a", "edit": []}]', "row 1: 'edit' is unknown, near it is 'edits'"),
+        ("l.json", '["a.mp4"]', "row 1: 'a.mp4' is no JSON object"),
+    ],
+)
+def test_bad_manifests_are_one_sentence(tmp_path, name, text, sentence):
+    with pytest.raises(F4xError, match=sentence):
+        read_manifest(write(tmp_path / name, text))
+
+
+def test_a_glob_that_finds_nothing_and_a_file_that_is_missing(tmp_path):
+    with pytest.raises(F4xError, match="no clip is there"):
+        read_manifest(str(tmp_path / "*.mp4"))
+    with pytest.raises(F4xError, match=r"absent\.csv: cannot be read"):
+        read_manifest(str(tmp_path / "absent.csv"))
+
+
+FULL = Row(
+    "clip.mp4",
+    "clip",
+    profile="quick",
+    frames="0:9",
+    hold_out=4,
+    masks="masks",
+    prior=("depth=far",),
+    features=("dinov2", "clip"),
+    vocabulary=("dog", "cat"),
+    queries=("big dog",),
+    edits=("make the dog red", "wide.json"),
+    paths=("original", "frozen:3", "mine.json"),
+    parts=2,
+    exports=("usd", "ply"),
+)
+
+
+def test_every_task_is_a_command_that_f4x_takes():
+    tasks = tasks_of(FULL, lambda path: "")
+    assert [task.stage for task in tasks] == [
+        "priors",
+        "fit",
+        "distill",
+        "query big dog",
+        "edit",
+        *(f"render {path} {part}/2" for path in FULL.paths for part in (1, 2)),
+        "export usd",
+        "export ply",
+    ]
+    stages = set()
+    for task in tasks:
+        assert {stage for stage, _ in task.takes} <= stages
+        stages.add(task.stage)
+        for command in task.commands:
+            args = build_parser().parse_args(["clip.mp4" if word == CLIP else word for word in command])
+            assert args.verb == task.kind
+    assert {task.kind: dict(task.takes) for task in tasks} == {
+        "priors": {},
+        "fit": {"priors": "priors/"},
+        "distill": {"fit": "scene.f4x"},
+        "query": {"distill": "distilled.f4x"},
+        "edit": {"distill": "distilled.f4x"},
+        "render": {"edit": "edited.f4x"},
+        "export": {"edit": "edited.f4x"},
+    }
+
+
+def test_a_key_changes_with_what_decides_a_task_and_with_nothing_else(tmp_path):
+    from dataclasses import replace
+
+    clip = write(tmp_path / "clip.mp4", "pictures")
+    row = replace(FULL, clip=clip, masks=None, prior=(), paths=("original",), edits=("make it red",))
+
+    def keys(row):
+        return {task.stage: task.key for task in tasks_of(row, Digests().of)}
+
+    def changed(other):
+        return {stage.split(" ")[0] for stage, key in keys(other).items() if key != keys(row)[stage]}
+
+    assert changed(row) == set()
+    assert changed(replace(row, name="other", exports=("usd-points", "usd", "ply")[1:])) <= {"export"}
+    assert changed(replace(row, edits=("make it blue",))) == {"edit", "render", "export"}
+    assert changed(replace(row, channels=("rgb", "depth"))) == {"render"}
+    everything = {"priors", "fit", "distill", "query", "edit", "render", "export"}
+    assert changed(replace(row, seed=1)) == everything
+    moved = write(tmp_path / "elsewhere" / "clip.mp4", "pictures")
+    assert changed(replace(row, clip=moved)) == set()
+    before = keys(row)
+    write(tmp_path / "clip.mp4", "Pictures")
+    assert all(keys(row)[stage] != key for stage, key in before.items())
+
+
+def test_two_words_that_would_share_a_folder_are_refused():
+    from dataclasses import replace
+
+    with pytest.raises(F4xError, match="'a b' and 'a_b' would both write query/a_b"):
+        tasks_of(replace(FULL, queries=("a b", "a_b")), lambda path: "")
+
+
+def test_digests_are_read_again_only_after_a_change(tmp_path, monkeypatch):
+    clip = write(tmp_path / "clip" / "0.png", "one")
+    folder = str(tmp_path / "clip")
+    digests = Digests()
+    first = digests.of(folder)
+    again = Digests(json.loads(json.dumps(digests.to_json())))
+    monkeypatch.setattr("f4x_core.batch.storage._content", None)
+    assert again.of(folder) == first
+    monkeypatch.undo()
+    write(tmp_path / "clip" / "1.png", "two")
+    assert again.of(folder) != first
+    assert Digests().of(clip) != "" and Digests().of(str(tmp_path / "absent")) == ""

@@ -1,0 +1,361 @@
+"""Running a batch on this machine: order, failures, what is kept, Ctrl-C, stores, and the lock."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from toy import clip_and_priors
+
+from f4x_core.batch.index import write_index
+from f4x_core.batch.local import LocalEngine
+from f4x_core.batch.manifest import Row, read_manifest
+from f4x_core.batch.run import DIGESTS, LOCK, locked, plan, run_board
+from f4x_core.batch.storage import Folder, open_store
+from f4x_core.batch.work import Settings, run_task
+from f4x_core.cli import batch as cli_batch
+from f4x_core.cli import main
+from f4x_core.errors import F4xError
+
+STUB = (sys.executable, "-m", "f4x_core.batch.stub")
+QUICK = {"paths": "orbit", "parts": "2", "exports": "usd"}
+
+
+def write_clips(folder, **clips):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, behaviour in clips.items():
+        (folder / f"{name}.clip").write_text(json.dumps({"name": name, **behaviour}))
+    return str(folder / "*.clip")
+
+
+def run(pattern, place, slots=2, defaults=QUICK, **settings):
+    """The board after one run."""
+    store = open_store(str(place))
+    with locked(store):
+        board = plan(read_manifest(pattern, defaults), store, remember=True)
+        run_board(board, LocalEngine(Settings(store.url, program=STUB, **settings), slots), lambda board: None)
+    return board
+
+
+def contents(folder):
+    """Published files but logs and records -> bytes."""
+    files = [file for file in Path(folder).rglob("*") if file.is_file()]
+    return {
+        str(file.relative_to(folder)): file.read_bytes()
+        for file in files
+        if not {".batch", "logs"} & set(file.relative_to(folder).parts) and file.name != "index.html"
+    }
+
+
+@pytest.fixture
+def stub_cli(monkeypatch):
+    monkeypatch.setattr(cli_batch, "Settings", partial(Settings, program=STUB))
+
+
+def test_rows_leave_the_ordinary_files_and_a_second_run_does_nothing(tmp_path):
+    pattern, out = write_clips(tmp_path / "clips", a={}, b={}), tmp_path / "out"
+    board = run(pattern, out)
+    assert board.counts["render"] == {"done": 4, "waiting": 0, "ready": 0, "running": 0}
+    wanted = {"priors/depth.npy", "scene.f4x", "render/orbit/rgb/00000.png", "export/a-usd.usda"}
+    assert set(contents(out / "a")) == wanted
+    assert {file.name for file in (out / "a" / "logs").iterdir()} >= {"priors.log", "fit.log", "render_orbit_2_2.log"}
+    assert not list((out / ".batch" / "work").iterdir()), "nothing is left of the work"
+    before = contents(out)
+    again = run(pattern, out)
+    assert again.number("kept") == again.number() == 10 and contents(out) == before
+    assert again.rows["a"].scores["used_psnr"] == 30
+
+
+def test_only_what_an_input_changes_is_done_again(tmp_path):
+    pattern, out = write_clips(tmp_path / "clips", a={}, b={}), tmp_path / "out"
+    run(pattern, out)
+    more = run(pattern, out, defaults=QUICK | {"exports": "usd;usd-points"})
+    assert (more.number("kept"), more.number("done")) == (10, 2)
+    write_clips(tmp_path / "clips", a={"steps": 3})
+    changed = run(pattern, out)
+    assert set(changed.rows["a"].states.values()) == {"done"} and set(changed.rows["b"].states.values()) == {"kept"}
+    (out / "b" / "scene.f4x").unlink()
+    assert run(pattern, out).rows["b"].states["fit"] == "done", "a file that somebody removed is made again"
+
+
+def test_files_that_a_changed_task_does_not_leave_any_more_are_removed(tmp_path):
+    pattern, out = write_clips(tmp_path / "clips", a={}), tmp_path / "out"
+    run(pattern, out)
+    record = json.loads((out / "a" / ".batch" / "fit.json").read_text())
+    record["files"]["old.txt"] = 3
+    (out / "a" / "old.txt").write_text("old")
+    (out / "a" / ".batch" / "fit.json").write_text(json.dumps(record | {"key": "another"}))
+    run(pattern, out)
+    assert not (out / "a" / "old.txt").exists()
+
+
+def test_one_bad_clip_never_stops_the_others(tmp_path, stub_cli, capsys):
+    pattern = write_clips(
+        tmp_path / "clips", a={}, blue={"fail": {"fit": "the sky is <too> blue"}}, big={"die": {"priors": 9}}, z={}
+    )
+    out = tmp_path / "out"
+    code = main(["batch", pattern, "-o", str(out), "--json", "--jobs", "2"])
+    told = json.loads(capsys.readouterr().out)
+    assert code == 2 == len(told["failed"]) and told["done"] == 2
+    assert told["failed"]["blue"] == {"fit": "the sky is <too> blue"}
+    assert "ended by signal 9" in told["failed"]["big"]["priors"]
+    page = (out / "index.html").read_text()
+    assert "the sky is &lt;too&gt; blue" in page and "2 of 4 clips are done, 2 failed" in page
+    assert 'src="a/render/original/rgb/00000.png"' in page and 'href="blue/logs/fit.log"' in page
+    write_clips(tmp_path / "clips", blue={}, big={})
+    assert main(["batch", pattern, "-o", str(out)]) == 0, "failed rows are tried again"
+
+
+def test_a_clip_that_is_not_there_is_a_failed_row(tmp_path):
+    table = tmp_path / "list.csv"
+    write_clips(tmp_path, a={})
+    table.write_text("clip\na.clip\nabsent.clip\n")
+    board = run(str(table), tmp_path / "out")
+    assert board.rows["a"].state == "done" and board.rows["absent"].state == "failed"
+
+
+def test_a_dry_run_touches_nothing(tmp_path, capsys):
+    pattern = write_clips(tmp_path / "clips", a={})
+    assert main(["batch", pattern, "-o", str(tmp_path / "out"), "--dry-run", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["to_do"] == told["tasks"] == 3 and told["rows"][0]["tasks"][1]["stage"] == "fit"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--set", "profile=quik"], "row a, priors: argument --profile: invalid choice: 'quik'"),
+        (["--set", "profil=quick"], "no column 'profil', near it is 'profile'"),
+        (["--set", "profile"], "write COLUMN=VALUE"),
+        (["--jobs", "0"], "--jobs 0: give 1 or more"),
+        (["--jobs", "2", "--ray", "auto"], "not allowed with"),
+        (["--ray", "nowhere"], "--ray nowhere: write HOST:PORT"),
+        (["--ray", "127.0.0.1:9"], "--ray 127.0.0.1:9: nobody answers there"),
+    ],
+)
+def test_bad_input_is_one_sentence_before_any_work(tmp_path, capsys, arguments, sentence):
+    if "nowhere" in arguments or "127.0.0.1:9" in arguments:
+        pytest.importorskip("ray", reason="ray is not installed")
+    pattern = write_clips(tmp_path / "clips", a={})
+    assert main(["batch", pattern, "-o", str(tmp_path / "out"), *arguments]) == 2
+    assert sentence in capsys.readouterr().err
+    assert contents(tmp_path / "out") == {}
+
+
+def test_a_stopped_fit_goes_on_from_its_checkpoint_with_the_same_result(tmp_path):
+    pattern = write_clips(tmp_path / "clips", a={"steps": 20, "seconds": 0})
+    whole = contents(run(pattern, tmp_path / "whole") and tmp_path / "whole")
+    write_clips(tmp_path / "slow", a={"steps": 20, "seconds": 0})  # equal content, equal keys
+    out, store = tmp_path / "out", open_store(str(tmp_path / "out"))
+    (row,) = read_manifest(pattern, QUICK)
+    board = plan([row], store)
+    priors, fit = board.rows["a"].tasks[:2]
+    settings = Settings(store.url, program=STUB, save_every=0.0)
+    assert run_task(priors, settings).state == "done"
+    steps = []
+
+    def progress(stage, done, total, message=""):
+        steps.append(done)
+
+    stopped = run_task(fit, settings, progress, lambda: len(steps) >= 1 and steps[-1] >= 1)
+    assert stopped.state == "stopped" and not (out / "a" / "scene.f4x").exists()
+    assert (out / "a" / ".batch" / "fit" / "checkpoints" / "photometric.pt").is_file()
+    done = run_task(fit, settings)
+    assert done.state == "done" and done.attempts == 2 and done.results[0]["metrics"]["first_step"] > 0
+    assert not (out / "a" / ".batch" / "fit" / "saved.json").exists()
+    assert run(pattern, out).rows["a"].state == "done" and contents(out) == whole
+
+
+def test_what_was_saved_for_other_inputs_is_not_taken(tmp_path):
+    pattern = write_clips(tmp_path / "clips", a={"steps": 4})
+    store = open_store(str(tmp_path / "out"))
+    run(pattern, tmp_path / "out")
+    (row,) = read_manifest(pattern, QUICK)
+    fit = plan([replace(row, seed=1)], store).rows["a"].tasks[1]
+    store.write("a/.batch/fit/checkpoints/photometric.pt", b'[4, "another"]')
+    head = {
+        "key": "of another fit",
+        "attempts": 1,
+        "seconds": 0,
+        "cpu_seconds": 0,
+        "files": ["checkpoints/photometric.pt"],
+    }
+    store.write("a/.batch/fit/saved.json", json.dumps(head).encode())
+    done = run_task(fit, Settings(store.url, program=STUB))
+    assert done.results[0]["metrics"]["first_step"] == 0 and done.attempts == 1
+
+
+PROGRAM = """
+import sys
+from functools import partial
+from f4x_core.batch.work import Settings
+from f4x_core.cli import batch, main
+batch.Settings = partial(Settings, program=(sys.executable, "-m", "f4x_core.batch.stub"), save_every=0.05)
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGINT for one process there")
+def test_ctrl_c_ends_at_once_and_the_same_command_goes_on(tmp_path):
+    pattern, out = write_clips(tmp_path / "clips", a={"steps": 40, "seconds": 4}, b={}), tmp_path / "out"
+    command = [sys.executable, "-c", PROGRAM, "batch", pattern, "-o", str(out), "--jobs", "2"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    saved = out / "a" / ".batch" / "fit" / "saved.json"
+    wait_for(saved.exists)
+    process.send_signal(signal.SIGINT)
+    start = time.monotonic()
+    assert process.wait(10) == 130 and time.monotonic() - start < 6
+    assert "the same command continues" in process.stderr.read()
+    assert not (out / LOCK).exists() and saved.exists() and (out / "index.html").exists()
+    write_clips(tmp_path / "quick", a={})
+    board = run(pattern, out, defaults={})
+    assert board.rows["a"].state == "done" and board.rows["a"].scores["first_step"] > 0
+
+
+def wait_for(condition, seconds=20):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen in time"
+        time.sleep(0.02)
+
+
+def test_two_batches_cannot_write_into_one_folder(tmp_path, capsys):
+    pattern, out = write_clips(tmp_path / "clips", a={}), tmp_path / "out"
+    with locked(open_store(str(out))):
+        assert main(["batch", pattern, "-o", str(out)]) == 2
+        assert "another batch (process" in capsys.readouterr().err
+    assert not (out / LOCK).exists()
+
+
+@pytest.mark.parametrize("holder", ["a dead process", "silent for long", "damaged"])
+def test_the_lock_of_a_dead_batch_is_taken_over(tmp_path, holder):
+    store = open_store(str(tmp_path))
+    import socket
+
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    mine = {"host": socket.gethostname(), "pid": dead.pid, "token": "", "beat": time.time()}
+    if holder == "silent for long":
+        mine |= {"host": "another", "beat": time.time() - 1000}
+    store.write(LOCK, b"{" if holder == "damaged" else json.dumps(mine).encode())
+    with locked(store):
+        assert json.loads(store.read(LOCK))["pid"] == os.getpid()
+
+
+def test_a_store_behind_a_url_gets_the_same_files(tmp_path):
+    fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed")
+    pattern = write_clips(tmp_path / "clips", a={"steps": 5}, b={})
+    whole = contents(run(pattern, tmp_path / "whole") and tmp_path / "whole")
+    place = f"memory://{tmp_path.name}"
+    board = run(pattern, place)
+    store, system = open_store(place), fsspec.filesystem("memory")
+    published = {
+        name for each in board.rows for name in store.sizes(each) if "/.batch/" not in name and "/logs/" not in name
+    }
+    assert published == set(whole) and all(store.read(name) == whole[name] for name in published)
+    assert run(pattern, place).number("kept") == 10
+    with locked(store), pytest.raises(F4xError, match="another batch"), locked(open_store(place)):
+        pass
+    clip = f"memory://{tmp_path.name}-clips/a.clip"
+    system.pipe_file(clip.removeprefix("memory:/"), (tmp_path / "clips" / "a.clip").read_bytes())
+    board = run(clip, tmp_path / "out")
+    assert board.rows["a"].state == "done" and board.rows["a"].row.clip.startswith("memory://")
+    assert (tmp_path / "out" / "a" / "scene.f4x").read_bytes() == whole["a/scene.f4x"]
+
+
+def test_a_url_of_an_unknown_kind_is_one_sentence():
+    pytest.importorskip("fsspec", reason="fsspec is not installed")
+    with pytest.raises(F4xError, match="nowhere://x: "):
+        open_store("nowhere://x")
+
+
+def test_a_full_disk_fails_the_task_and_loses_nothing(tmp_path, monkeypatch):
+    pattern, out = write_clips(tmp_path / "clips", a={}, b={}), tmp_path / "out"
+    publish = Folder.publish
+
+    def full(self, path, name):
+        if name == "a/scene.f4x":
+            raise OSError(28, "No space left on device", str(path))
+        publish(self, path, name)
+
+    monkeypatch.setattr(Folder, "publish", full)
+    board = run(pattern, out)
+    assert board.rows["b"].state == "done" and board.rows["a"].states["priors"] == "done"
+    assert "No space left on device; make room there" in board.rows["a"].errors["fit"]
+    monkeypatch.undo()
+    again = run(pattern, out)
+    assert again.rows["a"].states == {"priors": "kept"} | dict.fromkeys(list(again.rows["a"].states)[1:], "done")
+
+
+def test_slots_are_used_and_never_more(tmp_path):
+    names = {f"c{number}": {"steps": 1, "seconds": 0.3} for number in range(4)}
+    pattern = write_clips(tmp_path / "clips", **names)
+    store, most = open_store(str(tmp_path / "out")), []
+    board = plan(read_manifest(pattern, {"paths": "none"}), store)
+    engine = LocalEngine(Settings(store.url, program=STUB), 3)
+    run_board(board, engine, lambda board: most.append(board.number("running")))
+    assert max(most) == 3 and all(each.state == "done" for each in board.rows.values())
+    assert threading.active_count() < 10
+
+
+def test_the_table_shows_rows_at_work_and_what_failed(tmp_path):
+    from rich.console import Console
+
+    pattern = write_clips(tmp_path / "clips", a={"steps": 8, "seconds": 0.8}, b={"fail": {"fit": "no"}})
+    store = open_store(str(tmp_path / "out"))
+    board = plan(read_manifest(pattern, QUICK), store)
+    engine, seen = LocalEngine(Settings(store.url, program=STUB), 2), []
+
+    def watch(board):
+        console = Console(width=100, record=True, file=io.StringIO())
+        console.print(cli_batch.table_of(board, engine))
+        seen.append(console.export_text())
+
+    run_board(board, engine, watch)
+    assert any("fit" in text and "%" in text.split("clip", 1)[1] for text in seen)
+    assert "1 of 2 clips, 1 failed" in seen[-1] and "✗" in seen[-1]
+    assert board.eta() == 0
+
+
+def test_the_page_of_a_thousand_rows_is_small_and_escapes(tmp_path):
+    rows = [Row(f"<b>{number}.mp4", f"row{number}") for number in range(1000)]
+    store = open_store(str(tmp_path))
+    board = plan(rows, store)
+    write_index(store, board, "a <title>")
+    page = (tmp_path / "index.html").read_text()
+    assert len(page) < 1_000_000 and "<b>" not in page and "a &lt;title&gt;" in page and page.count("<tr>") > 1000
+    assert not (tmp_path / DIGESTS).exists()
+
+
+@pytest.mark.slow
+def test_a_real_clip_end_to_end(tmp_path, capsys):
+    clip, _ = clip_and_priors(frames=6)
+    folder = tmp_path / "clip" / "images"
+    folder.mkdir(parents=True)
+    for index, frame in enumerate(clip.frames):
+        Image.fromarray(frame).save(folder / f"{index:03d}.png")
+    (tmp_path / "list.csv").write_text("clip,edits,parts,exports\nclip/images,make everything grey,2,ply\n")
+    out = tmp_path / "out"
+    code = main(["batch", str(tmp_path / "list.csv"), "-o", str(out), "--set", "profile=quick", "--json"])
+    told = json.loads(capsys.readouterr().out)
+    assert code == 0, told
+    pictures = sorted((out / "clip" / "render" / "original" / "rgb").iterdir())
+    assert [file.name for file in pictures] == [f"{index:05d}.png" for index in range(6)]
+    picture = np.asarray(Image.open(pictures[0])).astype(int)
+    assert np.abs(picture - picture.mean(-1, keepdims=True)).max() < 30, "the edit is in the picture"
+    assert len(list((out / "clip" / "export" / "ply").iterdir())) == 6
+    whole = tmp_path / "whole"
+    assert main(["render", str(out / "clip" / "edited.f4x"), "-o", str(whole), "--json"]) == 0
+    assert [file.read_bytes() for file in sorted((whole / "rgb").iterdir())] == [file.read_bytes() for file in pictures]
+    assert "PSNR" in (out / "index.html").read_text()
