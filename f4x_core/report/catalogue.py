@@ -14,6 +14,13 @@ STUDIES = (
         ".physical_limit:measure_peaks",
     ),
     Study(
+        "kernel-shares",
+        "limit",
+        "Kernels",
+        "Which share of this machine's multiply-adds and copies does each compiled kernel reach?",
+        ".kernel_shares:measure_kernels",
+    ),
+    Study(
         "raster-backends",
         "speed",
         "Rasteriser: backends",
@@ -76,6 +83,20 @@ STUDIES = (
         "Deformation: every angle",
         "How wrong is each form between a node at rest and one that turns by 0 to 359 degrees?",
         ".deformation_curves:measure_rotations",
+    ),
+    Study(
+        "neighbours",
+        "speed",
+        "Nearest neighbours",
+        "What do exact, approximate and sampled searches for nodes cost, and whom do they get wrong?",
+        ".neighbour_curves:measure_neighbours",
+    ),
+    Study(
+        "curve-distance",
+        "speed",
+        "Distance of curves",
+        "Do some frames tell how far two trajectories ever get apart?",
+        ".neighbour_curves:measure_curve_distance",
     ),
     Study(
         "storage",
@@ -149,6 +170,21 @@ STUDIES = (
         "Are the scene's own features quicker than a teacher that looks at its pictures, and as good?",
         ".latent_studies:study_inference",
         seed_tables=("A", "C"),
+    ),
+    Study(
+        "needs-ladder",
+        "needs",
+        "Toy worlds that need more and more",
+        "Is what the program chose neither more nor less than the scene needs?",
+        ".needs_studies:study_ladder",
+    ),
+    Study(
+        "needs-clips",
+        "needs",
+        "Real clips",
+        "What did real clips need, and would less have done?",
+        ".needs_studies:study_clips",
+        only_full=True,
     ),
     Study(
         "clips-fit",

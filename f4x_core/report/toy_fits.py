@@ -59,13 +59,20 @@ def base_config(context: Context, **changes: Any) -> FitConfig:
 def shorten(config: FitConfig, steps: int) -> FitConfig:
     """The same schedule in `steps` steps: what happens every so many steps happens as often."""
     share = steps / config.steps
-    every = {
-        name: replace(control, every=max(round(share * control.every), 1))
-        for name, control in (("density_static", config.density_static), ("density_dynamic", config.density_dynamic))
-    }
+    static, dynamic = (
+        replace(control, every=max(round(share * control.every), 1))
+        for control in (config.density_static, config.density_dynamic)
+    )
     scaffold = replace(config.scaffold, geometry_steps=round(share**0.5 * config.scaffold.geometry_steps))
-    graph_every = max(round(share * config.graph_every), 1)
-    return replace(config, steps=steps, scaffold=scaffold, graph_every=graph_every, measure_every=steps, **every)
+    return replace(
+        config,
+        steps=steps,
+        scaffold=scaffold,
+        graph_every=max(round(share * config.graph_every), 1),
+        measure_every=steps,
+        density_static=static,
+        density_dynamic=dynamic,
+    )
 
 
 def thin_out(config: FitConfig, factor: float) -> FitConfig:
@@ -138,20 +145,23 @@ def measure(
     return score_world(world, fitted.scene) | {"fit (s)": sum(fitted.seconds.values())}
 
 
-def over_seeds(context: Context, name: str, work: Callable[[int], Row], count: int, **settings: Any) -> Row:
+def over_seeds(
+    context: Context, name: str, work: Callable[[int], Row], count: int, error: str = "novel (dB)", **settings: Any
+) -> Row:
     """Means of what `work(seed)` returned for `count` seeds, a step each; what is no number is the first's.
 
-    `novel low (dB)` and `novel high (dB)` are the worst and the best of the seeds.
+    Of column `error` there are also the worst and the best: `novel low (dB)`, `novel high (dB)`.
     """
     seeds = range(context.seed, context.seed + count)
     rows = [context.step(f"{name} {seed}", partial(work, seed), **settings) for seed in seeds]
     means = {column: _mean([row[column] for row in rows]) for column in rows[0]}
-    every = [row["novel (dB)"] for row in rows]
-    return means | {"novel low (dB)": min(every), "novel high (dB)": max(every), "seeds": count}
+    every, (name, _, unit) = [row[error] for row in rows], error.partition(" (")
+    return means | {f"{name} low ({unit}": min(every), f"{name} high ({unit}": max(every), "seeds": count}
 
 
 def _mean(values: list[Any]) -> Any:
-    return statistics.fmean(values) if all(isinstance(value, (int, float)) for value in values) else values[0]
+    numbers = all(isinstance(value, (int, float)) for value in values)
+    return statistics.fmean(values) if numbers and len(set(values)) > 1 else values[0]
 
 
 def psnr_of(scene: Scene, camera: Any, moment: float, view: View, mask: np.ndarray | None = None) -> float:

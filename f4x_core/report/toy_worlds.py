@@ -151,7 +151,9 @@ class World:
         colours = [spherical_harmonics.evaluate(body.sh, own[rows]) for body, rows in self._rows()]
         layers = [np.concatenate(colours), np.eye(len(self.labels))[self.label_of], self.moving[:, None]]
         out = rasterize(
-            *(a.astype(np.float32) for a in (xyz, quat, self.scales)),
+            xyz.astype(np.float32),
+            quat.astype(np.float32),
+            self.scales.astype(np.float32),
             np.full(len(xyz), OPACITY, np.float32),
             np.concatenate(layers, 1).astype(np.float32),
             camera.world_to_camera.astype(np.float32),
@@ -240,7 +242,7 @@ def sheet(
 
     `look` seeds the texture, `shine` is how strongly its colour changes with the direction of view (degree 1).
     """
-    corner, u, v = (np.asarray(a, float) for a in (origin, across, up))
+    corner, u, v = (np.array(a, float) for a in (origin, across, up))
     counts = [max(round(np.linalg.norm(side) / spacing), 1) for side in (u, v)]
     a, b = np.meshgrid(*((np.arange(n) + 0.5) / n for n in counts), indexing="ij")
     xyz = corner + a.reshape(-1, 1) * u + b.reshape(-1, 1) * v
@@ -255,15 +257,15 @@ def sheet(
 
 def box(label: str, centre: Sequence[float], size: Sequence[float], look: int, motion: Motion | None = None) -> Body:
     """Six textured faces around `centre`, axes along the world's at rest."""
-    centre, half = np.asarray(centre, float), np.asarray(size, float) / 2
+    middle, half = np.array(centre, float), np.array(size, float) / 2
     faces = []
     for axis in range(3):
         one, two = np.eye(3)[(axis + 1) % 3] * 2 * half, np.eye(3)[(axis + 2) % 3] * 2 * half
         for side in (-1, 1):
-            corner = centre + side * np.eye(3)[axis] * half - (one + two) / 2
+            corner = middle + side * np.eye(3)[axis] * half - (one + two) / 2
             faces.append(sheet(label, corner, *((one, two) if side > 0 else (two, one)), look))
-    parts = (np.concatenate([getattr(face, name) for face in faces]) for name in ("xyz", "quat", "sh"))
-    return Body(label, *parts, motion)
+    xyz, quat, sh = (np.concatenate([getattr(face, name) for face in faces]) for name in ("xyz", "quat", "sh"))
+    return Body(label, xyz, quat, sh, motion)
 
 
 def texture(xyz: np.ndarray, look: int) -> np.ndarray:

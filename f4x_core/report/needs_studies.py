@@ -1,0 +1,316 @@
+"""What a scene needs: what was chosen, what it cost, and what the next smaller and the next larger choice would have been."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from ..clip import read_clip
+from ..fit.config import FitConfig
+from ..fit.distil import distil
+from ..fit.distil_config import DistilConfig
+from ..fit.needs import moving_share
+from ..fit.pipeline import finish_fit, start_fit
+from ..fit.start import moving_tracks
+from ..priors import Priors, build_priors
+from ..scene import Scene, read_scene, write_scene
+from .evaluation import evaluate
+from .study import Context, Figure, Findings, MissingError, Row, Table
+from .toy_features import score_features, world_maps
+from .toy_fits import NOTE, base_config, fit_world, over_seeds, score_world, thin_out, toy_world
+from .toy_worlds import KINDS, World
+
+LADDER = ("static", "rigid", "two movers", "articulated", "deforming", "view-dependent", "feature-rich")
+"""Worlds, from what needs least."""
+SCAFFOLD, NODES, DEGREE, GAUSSIANS, WIDTH = CHOICES = ("scaffold", "nodes", "SH degree", "Gaussians", "latent width")
+QUICK_CHOICES: Mapping[str, tuple[str, ...]] = {
+    "static": (SCAFFOLD, DEGREE, GAUSSIANS),
+    "rigid": (SCAFFOLD, NODES, WIDTH),
+    "two movers": (NODES,),
+    "articulated": (SCAFFOLD, NODES, GAUSSIANS),
+    "deforming": (SCAFFOLD, NODES),
+    "view-dependent": (DEGREE,),
+    "feature-rich": (WIDTH,),
+}
+"""What a quick report varies; a full one varies everything everywhere."""
+KNEE = {"dB": 0.3, "%": 1.0}
+"""A choice sits at the knee when the next smaller one loses at least so much and the next larger one gains less."""
+PRETENDED = "box"
+"""Label of the static thing that the larger choice of a still world carries by a scaffold."""
+DIM, QUICK_STEPS, FULL_STEPS = 128, 80, 600
+"""Channels of the made-up teacher; steps of distilling."""
+CLIP_WIDTH, CLIP_FRAMES, CLIP_HOLD_OUT = 240, "0:48:1", 8
+"""Of real clips."""
+SEEDS = 3
+"""Fits of each setting in a full report."""
+TIMED = ("fit (s)", "smaller, time ratio", "larger, time ratio", "distil (s)")
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is fitted, and how errors are read."""
+
+    name: str
+    fit: Callable[[FitConfig, Priors | None], tuple[Scene, Row]]
+    """To a scene and its errors; with other priors than its own where some are given."""
+    error: str
+    """Column that judges all choices ..."""
+    moving_error: str
+    """... but those about motion."""
+    still: Callable[[], Priors | None]
+    """Priors that call a still thing moving; None where there is none."""
+
+    def judge(self, choice: str, row: Row) -> str:
+        """The column that judges a choice."""
+        return (
+            self.moving_error if choice in (SCAFFOLD, NODES) and row.get(self.moving_error) is not None else self.error
+        )
+
+
+def study_ladder(context: Context) -> Findings:
+    """Toy worlds that need more and more."""
+    found = _Found()
+    for name in LADDER:
+        world = toy_world(context, name)
+        subject = Subject(
+            name, partial(_fit_world, world), "novel (dB)", "novel, moving (dB)", partial(_pretend_moving, world)
+        )
+        chosen = QUICK_CHOICES[name] if context.quick else CHOICES
+        said = {"scene": name, "what": KINDS[name][0]}
+        found.add(context, subject, said, base_config(context), [choice for choice in chosen if choice != WIDTH])
+        if WIDTH in chosen:
+            found.add_widths(context, world)
+    return found.findings(NOTE)
+
+
+def study_clips(context: Context) -> Findings:
+    """Real clips: the same question, judged on held-out frames."""
+    if context.clips is None:
+        raise MissingError("--clips DIR names the folder of real clips, DIR/CLIP/images.")
+    found = _Found()
+    for place in sorted(folder.parent for folder in context.clips.glob("*/images")):
+        subject = Subject(place.name, _fit_clip(context, place), "held out (dB)", "held out, moving (dB)", lambda: None)
+        found.add(context, subject, {"scene": place.name}, base_config(context), [SCAFFOLD, NODES, DEGREE, GAUSSIANS])
+    note = f"{CLIP_WIDTH} pixels wide, frames {CLIP_FRAMES}, every {CLIP_HOLD_OUT}th held out; offline priors."
+    return found.findings(note)
+
+
+class _Found:
+    """Rows as they come in."""
+
+    def __init__(self) -> None:
+        self.needs: list[Row] = []
+        self.evidence: list[Row] = []
+        self.knees: list[Row] = []
+        self.options: dict[str, list[Row]] = {choice: [] for choice in CHOICES}
+
+    def add(self, context: Context, subject: Subject, said: Row, base: FitConfig, choices: list[str]) -> None:
+        """Fit what the program chooses, then its neighbours."""
+        seeds = context.choose(1, SEEDS)
+
+        def work(config: FitConfig, priors: Callable[[], Priors | None], seed: int) -> Row:
+            scene, row = subject.fit(replace(config, seed=seed), priors())
+            if config is base and seed == context.seed:
+                write_scene(scene, context.folder / f"{subject.name}.f4x")
+            return row | _facts(scene)
+
+        def run(option: str, config: FitConfig, priors: Callable[[], Priors | None] = lambda: None) -> Row:
+            return over_seeds(
+                context,
+                f"{subject.name} {option}",
+                partial(work, config, priors),
+                seeds,
+                subject.error,
+                steps=config.steps,
+            )
+
+        chosen = run("chosen", base)
+        self.evidence += [{"scene": subject.name} | row for row in chosen["needs"]]
+        columns = ["moving (%)", "nodes", "SH degree", "static", "dynamic", "stages", "fit (s)", "size (MB)"]
+        columns += [subject.error, subject.moving_error]
+        self.needs.append(said | {column: chosen.get(column) for column in columns})
+        for choice in choices:
+            tried = {"chosen": (_value(choice, chosen), chosen)}
+            for option, config, priors in _neighbours(choice, chosen, base, subject):
+                row = run(f"{choice} {option}", config, priors)
+                tried[option] = _value(choice, row), row
+            if len(tried) > 1:
+                self._compare(subject.name, choice, subject.judge(choice, chosen), "dB", tried, "fit (s)")
+
+    def add_widths(self, context: Context, world: World) -> None:
+        """The latent that the spectrum asks for, and half and twice of it."""
+        plain = read_scene(context.folder / f"{world.name}.f4x")
+        maps = world_maps(world, context.folder / "maps" / world.name, DIM)
+        steps = context.choose(QUICK_STEPS, FULL_STEPS)
+
+        def work(width: int | None) -> Row:
+            config = DistilConfig(width, steps, seed=context.seed, threads=context.threads)
+            start = time.perf_counter()
+            scene = distil(plain, [maps], config)
+            seconds = time.perf_counter() - start
+            need = next(row for row in scene.needs if row["what"] == "latent")
+            miou = score_features(world, scene, DIM)[0]
+            return {"mIoU (%)": 100 * miou, "distil (s)": seconds, "width": scene.require_field().width, "needs": need}
+
+        chosen = context.step(f"{world.name} width", partial(work, None), steps=steps)
+        width = chosen["width"]
+        self.evidence.append({"scene": world.name} | chosen["needs"])
+        tried = {"chosen": (width, chosen)}
+        for option, other in (("smaller", width // 2), ("larger", 2 * width)):
+            tried[option] = other, context.step(f"{world.name} width {option}", partial(work, other), steps=steps)
+        self._compare(world.name, WIDTH, "mIoU (%)", "%", tried, "distil (s)")
+
+    def _compare(
+        self, scene: str, choice: str, judged: str, unit: str, tried: dict[str, tuple[Any, Row]], cost: str
+    ) -> None:
+        """The three options as rows, and what the neighbours lose and gain."""
+        order = [option for option in ("smaller", "chosen", "larger") if option in tried]
+        for option in order:
+            value, row = tried[option]
+            kept = {column: row.get(column) for column in (judged, "Gaussians", cost)}
+            kept = {column: entry for column, entry in kept.items() if entry is not None}
+            self.options[choice].append({"scene": scene, "option": option, choice: value} | kept)
+        value, chosen = tried["chosen"]
+        knee: Row = {"scene": scene, "choice": choice, "chosen": value, "judged by": judged}
+        change = {option: row[judged] - chosen[judged] for option, (_, row) in tried.items()}
+        knee |= {"smaller loses": -change["smaller"] if "smaller" in change else None}
+        knee |= {"larger gains": change.get("larger")}
+        for option in ("smaller", "larger"):
+            knee[f"{option}, time ratio"] = tried[option][1][cost] / chosen[cost] if option in tried else None
+        self.knees.append(knee | {"verdict": _verdict(knee["smaller loses"], knee["larger gains"], KNEE[unit])})
+
+    def findings(self, note: str) -> Findings:
+        """The tables, a plot for each choice, and what they say."""
+        verdicts = [row["verdict"] for row in self.knees]
+        words = [f"{verdicts.count('at the knee')} of {len(verdicts)} choices sit at the knee."]
+        words += [_sentence(row) for row in self.knees if row["verdict"] != "at the knee"]
+        bound = f"{KNEE['dB']} dB, or {KNEE['%']:g} % mIoU for the latent"
+        told = f"At the knee: the next smaller choice loses at least {bound}, the next larger one gains less. {note}"
+        tables = [
+            Table("needs", self.needs, "What was chosen, and its cost", TIMED, note),
+            Table("knees", self.knees, "The next smaller and the next larger choice", TIMED, told),
+        ]
+        figures = []
+        for choice, rows in self.options.items():
+            if rows:
+                name = f"choice-{choice.replace(' ', '-')}"
+                tables.append(Table(name, rows, f"Choices: {choice}", TIMED))
+                judged = next(column for column in rows[0] if column.endswith(("(dB)", "(%)")))
+                if choice in (NODES, GAUSSIANS, WIDTH):
+                    figures.append(Figure(f"Choices: {choice}", name, choice, judged, "scene", log="x"))
+        tables.append(Table("evidence", self.evidence, "By which evidence"))
+        return Findings(tables, figures, words)
+
+
+def _facts(scene: Scene) -> Row:
+    """What a scene is made of."""
+    nodes = next((row["chosen"] for row in scene.needs if row["what"] == "motion nodes"), "0")
+    moving = len(scene.dynamic) > 0
+    return {
+        "needs": list(scene.needs),
+        "nodes at start": int(nodes),
+        "SH degree": round(scene.static.sh.shape[1] ** 0.5) - 1,
+        "static": len(scene.static),
+        "dynamic": len(scene.dynamic),
+        "Gaussians": len(scene.static) + len(scene.dynamic),
+        "stages": "scaffold, Gaussians of both sets" if moving else "static Gaussians",
+        "size (MB)": sum(scene.info()["megabytes"].values()),
+    }
+
+
+def _value(choice: str, row: Row) -> Any:
+    """What was chosen, as the table shows it."""
+    if choice == SCAFFOLD:
+        return "yes" if row["dynamic"] else "no"
+    return row["nodes at start" if choice == NODES else choice]
+
+
+def _neighbours(
+    choice: str, chosen: Row, base: FitConfig, subject: Subject
+) -> list[tuple[str, FitConfig, Callable[[], Priors | None]]]:
+    """(smaller | larger, settings, priors) of the next choices; none where the choice has no meaning."""
+    same: Callable[[], Priors | None] = lambda: None  # noqa: E731
+    nodes = chosen["nodes at start"]
+    if choice == SCAFFOLD:
+        if nodes:
+            return [("smaller", replace(base, moving_share=2.0), same)]  # no clip moves in more than all of its pixels
+        return [("larger", base, subject.still)] if subject.still() is not None else []
+    if choice == NODES:
+        counts = {"smaller": nodes // 2, "larger": 2 * nodes} if nodes > 1 else {}
+        return [
+            (option, replace(base, scaffold=replace(base.scaffold, least_nodes=count, most_nodes=count)), same)
+            for option, count in counts.items()
+        ]
+    if choice == DEGREE:
+        degrees = {"smaller": chosen["SH degree"] - 1, "larger": chosen["SH degree"] + 1}
+        return [(option, replace(base, sh_degree=n), same) for option, n in degrees.items() if n >= 0]
+    return [(option, thin_out(base, factor), same) for option, factor in (("smaller", 0.5), ("larger", 2.0))]
+
+
+def _verdict(loses: float | None, gains: float | None, knee: float) -> str:
+    if gains is not None and gains >= knee:
+        return "larger would pay"
+    return "smaller would do" if loses is not None and loses < knee else "at the knee"
+
+
+def _sentence(row: Row) -> str:
+    """What a choice off the knee misses."""
+    if row["verdict"] == "larger would pay":
+        return (
+            f"{row['scene']}, {row['choice']} {row['chosen']}: the next larger choice gains {row['larger gains']:.2f}"
+            f" ({row['judged by']}) for {row['larger, time ratio']:.2f} times the time."
+        )
+    lost = row["smaller loses"]
+    said = f"loses only {lost:.2f}" if lost >= 0 else f"is even better by {-lost:.2f}"
+    return (
+        f"{row['scene']}, {row['choice']} {row['chosen']}: the next smaller choice {said} ({row['judged by']}) and takes"
+        f" {row['smaller, time ratio']:.2f} times the time."
+    )
+
+
+def _fit_world(world: World, config: FitConfig, priors: Priors | None) -> tuple[Scene, Row]:
+    fitted = fit_world(world, config, priors)
+    cost = {"fit (s)": sum(fitted.seconds.values()), "moving (%)": 100 * moving_share(world.priors)}
+    return fitted.scene, score_world(world, fitted.scene) | cost
+
+
+def _pretend_moving(world: World) -> Priors | None:
+    """The true priors, but a thing that stands still is called moving; None where it is not there or something moves."""
+    if world.moving.any() or PRETENDED not in world.labels:
+        return None
+    label, used = world.labels.index(PRETENDED), world.clip.supervised
+    mask = np.stack([world.views[i].label == label for i in used])
+    priors = replace(world.priors, mask=mask, motion=mask.astype(np.float16))
+    inside = np.isin(np.arange(len(world.tracks[2])), moving_tracks(priors))
+    return replace(priors, tracks_motion=inside.astype(np.float32))
+
+
+def _fit_clip(context: Context, place: Path) -> Callable[[FitConfig, Priors | None], tuple[Scene, Row]]:
+    """How a real clip is fitted: priors once, for all choices."""
+    clip = read_clip(place, CLIP_FRAMES, CLIP_WIDTH, CLIP_HOLD_OUT)
+
+    def fit(config: FitConfig, priors: Priors | None) -> tuple[Scene, Row]:
+        torch.set_num_threads(max(config.threads, 1))
+        priors = build_priors(clip, context.folder / "priors" / place.name, config.priors, context.progress)
+        start = time.perf_counter()
+        stage, needs = start_fit(clip, priors, config, context.progress)
+        stage.run(progress=context.progress)
+        seconds = time.perf_counter() - start
+        scene = finish_fit(clip, priors, stage, needs, {}).scene(clip)
+        scores = evaluate(scene, clip)
+        return scene, {
+            "held out (dB)": scores["held_out_psnr"],
+            "held out, moving (dB)": scores.get("held_out_psnr_moving"),
+            "used (dB)": scores["used_psnr"],
+            "moving (%)": 100 * moving_share(priors),
+            "fit (s)": seconds,
+        }
+
+    return fit
