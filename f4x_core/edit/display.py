@@ -67,11 +67,11 @@ class Display:
         """Frames with equal keys show the base's Gaussians, those drawn apart left out, in the same looks."""
         time, timed = self.time(frame), []
         for depth, step in enumerate(self._steps):
-            span = step.edit.operation.frames if isinstance(step.edit.operation, LOOKS_OF) else None
-            if span is not None:
+            operation = step.edit.operation
+            if isinstance(operation, LOOKS_OF) and operation.frames is not None:
                 if any(other.reads for other in self._steps[:depth]):
                     return time  # its tones may be those of Gaussians at other moments
-                timed.append(effect(step.edit.operation, time, float(self.scene.cameras.times[-1])))
+                timed.append(effect(operation, time, float(self.scene.cameras.times[-1])))
         return tuple(timed)
 
     def rows_of(self, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

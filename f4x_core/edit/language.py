@@ -189,7 +189,9 @@ def parse(
         raise Refusal(f"That is not possible: {error}", _nearest(tokens)) from error
     meant = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
     spare = context.spare - meant
-    return tuple(replace(one, name="") if getattr(one, "name", "") in spare else one for one in operations)
+    return tuple(
+        replace(one, name="") if isinstance(one, Duplicate) and one.name in spare else one for one in operations
+    )
 
 
 def _selected(operation: Operation) -> Iterator[SelectKind]:
