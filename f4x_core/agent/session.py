@@ -224,7 +224,7 @@ class Session:
         )
 
     def ask(self, question: Sentence, scene: SceneName = "") -> Reply:
-        """Ask what is there, where, how many, what moves and when; answered by computing, and it says so."""
+        """Ask what is there, where and when, what moves, how far and how fast; answered by computing, and it says so."""
         _, opened = self._open(scene)
         said = answer(opened, question, encode=encode_labels, backend=self.backend, progress=self.progress)
         return Reply({"answered_by": said.answered_by}, {"answer": said.text, "evidence": said.evidence})
