@@ -255,6 +255,8 @@ def _set_up_render(target: bpy.types.Scene, scene: Scene | SplatSequence, camera
     # the saved picture is then the core's: Standard undoes the linear light of the pass, noise would be added to it
     target.view_settings.view_transform = "Standard"
     render.dither_intensity = 0.0
+    # a frame is the same file whoever renders it, and whenever: what a farm leaves can be compared
+    render.use_stamp_date = render.use_stamp_render_time = render.use_stamp_memory = render.use_stamp_hostname = False
     target.frame_set(target.frame_start)
 
 
