@@ -144,8 +144,9 @@ def measure_forms(context: Context) -> Findings:
 
 _FORMS_NOTE = (
     f"`{DEGREES}`, `{PLACE}` (world units; median depth 1): from the exact mean. Rounding: from the same form in float64. `spread`:"
-    " nodes turn by up to that much, and their dual quaternions have either sign. Times of numpy functions, the gather of neighbours included; a processor has no float16"
-    " arithmetic, so times of float16 mean nothing. Linear blending spends most on the nearest rotation, which a mesh doesn't need."
+    " nodes turn by up to that much, and their dual quaternions have either sign. Times of numpy functions, with the gather of"
+    " neighbours; a processor has no float16 arithmetic, so times of float16 mean nothing. Linear blending spends most on the"
+    " nearest rotation, which a mesh doesn't need."
 )
 _USED_NOTE = "`gather` and `CSR` are in torch with gradients to poses and weights (a fit without the compiled library)."
 

@@ -130,6 +130,12 @@ def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
     if not shown:
         return ""
     canvas, (axis,) = page.plot(figure["title"], x, y, height=3.2)
+    if "x" in figure["log"]:
+        axis.set_xscale("log")
+    if "y" in figure["log"]:
+        axis.set_yscale("log")
+        if not any(row[y] for row in shown):
+            axis.set_ylim(1e-16, 1)  # an empty logarithmic axis has no limits of its own
     names = list(dict.fromkeys(row.get(figure["series"], "") for row in shown))
     for number, name in enumerate(names):
         chosen = [row for row in shown if row.get(figure["series"], "") == name]
@@ -149,10 +155,6 @@ def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
         points = [(row[x], row[y]) for row in shown if row[y] > 0 or "y" not in figure["log"]]
         front = [points[index] for index in pareto_front(points)] or [(math.nan, math.nan)]
         axis.step(*zip(*front, strict=True), where="post", color=page.GREY, linewidth=1, linestyle="--", label="front")
-    if "x" in figure["log"]:
-        axis.set_xscale("log")
-    if "y" in figure["log"]:
-        axis.set_yscale("log")
     if len(names) > 1 or figure["front"]:
         page.legend(axis)
     return page.svg(canvas)
