@@ -45,6 +45,8 @@ class FollowConfig:
     """Pixels of light in all lifted frames below which a Gaussian's score comes from its neighbours."""
     neighbours: int = 8
     """Number of those neighbours."""
+    one_kind: float = 0.9
+    """A prompt of whose light so much moves means something that moves, and nothing that stands; and the other way about."""
     colour_weight: float = 4.0
     """World units (1 = median depth) that a colour difference of 1 is worth when neighbours are looked for."""
 
@@ -137,8 +139,10 @@ def select_by_prompts(
 ) -> Selection:
     """Gaussians of one object that is prompted on one frame or several: `{clip frame: arguments of MaskDecoder.prompt}`.
 
-    The decoder (features of the scene when None, see `decoder_of`) carries the prompts to the other frames as masks. A
-    Gaussian's score is the share of its light that falls inside the masks; where it sends none, its neighbours' mean.
+    Points and boxes on what moves mean a moving thing, found in all frames at once (`things.point_out`). For the rest, and with
+    a `decoder` always, the decoder (features of the scene when None, see `decoder_of`) carries the prompts to the other frames
+    as masks. A Gaussian's score is then the share of its light that falls inside the masks; where it sends none, its
+    neighbours' mean; and what moves and what stands still are told apart if the prompt is clearly on one of them.
 
     Raises F4xError: no prompt, an empty or contradictory one, a point outside the picture, a frame outside the clip.
     """
@@ -175,6 +179,10 @@ def select_by_prompts(
     total = weight + dim
     scores = (weight * share + dim * later) / np.maximum(total, 1e-12)
     scores = _from_neighbours(scene, scores, total > config.least_light, config)
+    marked = share * light
+    moves = marked[scene.moving].sum() / max(marked.sum(), 1e-12)
+    if not 1 - config.one_kind < moves < config.one_kind:
+        scores = scores * (scene.moving == (moves >= config.one_kind))
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
 
 
