@@ -6,6 +6,7 @@ import base64
 import html
 import io
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -17,6 +18,8 @@ from PIL import Image
 PICTURE_WIDTH, JPEG_QUALITY = 320, 82
 # Written into plots in place of a colour and replaced by the page's text colour, which follows light and dark.
 TEXT_COLOUR = "#010203"
+# A legend of more entries covers what it explains; and how much a row of one below the plot takes.
+ENTRIES_INSIDE, ENTRY_INCHES = 3, 0.2
 # Legible on white and on black.
 TEAL, ORANGE, VIOLET, GREY = "#1f9e8f", "#e07a3f", "#8d7fe0", "#8a8f98"
 
@@ -107,7 +110,7 @@ def plot(title: str, across: str, up: str, columns: int = 1, height: float = 2.7
         axis.set_xlabel(across)
         axis.set_ylabel(up)
         axis.set_title(title, fontsize=10, color=TEXT_COLOUR)
-        axis.tick_params(colors=TEXT_COLOUR, labelsize=8)
+        axis.tick_params(which="both", colors=TEXT_COLOUR, labelsize=8)
         axis.patch.set_alpha(0)
         axis.grid(True, color=GREY, alpha=0.25, linewidth=0.6)
         for label in (axis.xaxis.label, axis.yaxis.label):
@@ -120,8 +123,16 @@ def plot(title: str, across: str, up: str, columns: int = 1, height: float = 2.7
 
 
 def legend(axis: Axes) -> None:
-    """A legend in the page's text colour."""
-    axis.legend(fontsize=8, frameon=False, labelcolor=TEXT_COLOUR)
+    """A legend in the page's text colour; one of many entries stands below a plot that grows by it."""
+    entries = len(axis.get_legend_handles_labels()[1])
+    below: dict[str, Any] = {}
+    if entries > ENTRIES_INSIDE:
+        rows = -(-entries // 2)
+        canvas = axis.get_figure(root=True)
+        assert isinstance(canvas, Figure)
+        canvas.set_figheight(canvas.get_figheight() + ENTRY_INCHES * rows)
+        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.18), "ncols": 2}
+    axis.legend(fontsize=8, frameon=False, labelcolor=TEXT_COLOUR, **below)
 
 
 def svg(figure: Figure) -> str:

@@ -24,6 +24,13 @@ SLIDE = 0.2
 DEGREES, PLACE = "rotation rms (deg)", "position rms"
 USUAL = 40.0
 """How far neighbours turn at most, in degrees, where something else varies."""
+COUNTS, IMPLEMENTED = (3000, 30_000), ((10_000,), (50_000, 100_000))
+"""Gaussians of a quick and of a full report."""
+NEIGHBOURS, SPREADS = ((2, 8), (1, 2, 4, 8, 16)), ((10.0, 80.0), (5.0, 10.0, 20.0, 80.0))
+ANGLES = (
+    (0, 15, 45, 90, 120, 150, 170, 179, 181, 190, 210, 240, 270, 315, 345, 359),
+    (*range(0, 175, 5), 175, 178, 179, 179.9, 180, 180.1, 181, 182, *range(185, 360, 5), 359),
+)
 OWN_DEGREES, OWN_PLACE = "rounding of rotation (deg)", "rounding of position"
 MADE_DEGREES, MADE_PLACE = "rotation rms, as made (deg)", "position rms, as made"
 LARGEST_EXACT = 1e-9
@@ -109,14 +116,13 @@ def _forms() -> list[Form]:
 
 def measure_forms(context: Context) -> Findings:
     """Forms of the blend against the exact mean: neighbours, how far these differ, precisions."""
-    count = context.choose(3000, 30_000)
-    cases = [(k, USUAL) for k in context.choose((2, 8), (1, 2, 4, 8, 16))]
-    cases += [(8, spread) for spread in context.choose((10.0, 80.0), (5.0, 10.0, 20.0, 80.0))]
+    count = context.choose(*COUNTS)
+    cases = [(k, USUAL) for k in context.choose(*NEIGHBOURS)] + [(8, spread) for spread in context.choose(*SPREADS)]
     rows: list[Row] = []
-    for k, spread in cases:
+    for k, spread in sorted(cases):
         work = partial(_form_rows, count, k, spread, context)
         rows += context.step(f"{k}-neighbours-{spread:.0f}-degrees", work, count=count)
-    counts = context.choose((10_000,), (50_000, 100_000))
+    counts = context.choose(*IMPLEMENTED)
     implementations = context.step("implementations", partial(_implementation_rows, counts, context), counts=counts)
     tables = [
         Table("forms", rows, f"{count:,} Gaussians, one thread", time_columns(), _FORMS_NOTE),
@@ -136,8 +142,17 @@ def measure_forms(context: Context) -> Findings:
         Figure(
             f"Position, 8 neighbours up to {USUAL:.0f}° apart", "forms", "time (ms)", PLACE, "form", *bars, where=usual
         ),
-        Figure("How far 8 neighbours differ", "forms", "spread (deg)", DEGREES, "form", where={"K": 8} | wide),
-        Figure("How many neighbours", "forms", "K", "time (ms)", "form", *bars, where={"spread (deg)": USUAL} | wide),
+        Figure("How far 8 neighbours differ", "forms", "spread (deg)", DEGREES, "form", log="y", where={"K": 8} | wide),
+        Figure(
+            "How many neighbours",
+            "forms",
+            "K",
+            "time (ms)",
+            "form",
+            *bars,
+            log="y",
+            where={"spread (deg)": USUAL} | wide,
+        ),
     ]
     return Findings(tables, figures, _form_words([row for row in rows if all(row[k] == v for k, v in usual.items())]))
 
@@ -226,10 +241,7 @@ def difference(found: Poses, truth: Poses) -> tuple[float, float]:
 
 def measure_rotations(context: Context) -> Findings:
     """A Gaussian between a node at rest and one that turns by 0 to 359 degrees."""
-    angles = context.choose(
-        (0, 15, 45, 90, 120, 150, 170, 179, 181, 190, 210, 240, 270, 315, 345, 359),
-        (*range(0, 175, 5), 175, 178, 179, 179.9, 180, 180.1, 181, 182, *range(185, 360, 5), 359),
-    )
+    angles = context.choose(*ANGLES)
     shares = context.choose((0.25,), (0.25, 0.5))
     count = context.choose(64, 1000)
     rows: list[Row] = context.step(
@@ -244,9 +256,9 @@ def measure_rotations(context: Context) -> Findings:
     shown = [row for row in rows if row["share"] == shares[0]]
     wide, ours = {"precision": "float64", "share": shares[0]}, {"kind": "aligned", "share": shares[0]}
     figures = [
-        Figure("From the mean on the short way", "rotations", "angle (deg)", DEGREES, "form", log="y", where=wide),
+        Figure("From the mean on the short way", "rotations", "angle (deg)", DEGREES, "form", log="", where=wide),
         Figure("Position, from the same mean", "rotations", "angle (deg)", PLACE, "form", log="y", where=wide),
-        Figure("From the turn as it was made", "rotations", "angle (deg)", MADE_DEGREES, "form", log="y", where=wide),
+        Figure("From the turn as it was made", "rotations", "angle (deg)", MADE_DEGREES, "form", log="", where=wide),
         Figure("Rounding of the aligned blend", "rotations", "angle (deg)", OWN_DEGREES, "name", log="y", where=ours),
     ]
     exact = [row for row in rows if row["form"] == EXACT and row["angle (deg)"] != 180]

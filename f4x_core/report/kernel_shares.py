@@ -35,6 +35,8 @@ from ..timing import time_in_turn
 from .physical_limit import COPY_BYTES
 from .study import Context, Figure, Findings, MissingError, Row, Table, time_columns
 
+SIZES = (6000, 192, 108, 20_000), (50_000, 480, 270, 200_000)
+"""Gaussians drawn, pixels, and Gaussians moved and coloured; of a quick and of a full report."""
 PEAK_S = 0.05
 """Of multiply-adds in each round."""
 FLOAT = 4
@@ -67,7 +69,7 @@ def measure_kernels(context: Context) -> Findings:
     """Every kernel's time beside the peaks of the same rounds."""
     if open_library()[0] is None or raster.open_library()[0] is None:
         raise MissingError(f"no compiled kernels ({raster.open_library()[1]}); `f4x doctor` says what they need.")
-    count, width, height, many = context.choose((6000, 192, 108, 20_000), (50_000, 480, 270, 200_000))
+    count, width, height, many = context.choose(*SIZES)
     channels = context.choose((3, 35), (3, 35, 128, 512))
     groups: dict[str, Callable[[], Iterable[Kernel]]] = {
         "raster": partial(_raster_kernels, count, width, height, channels, context.seed),

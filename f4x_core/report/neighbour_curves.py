@@ -18,6 +18,8 @@ WOBBLE = 0.02
 """World units that a curve leaves its part by."""
 WRONG, FARTHER = "wrong (share)", "farther than the nearest"
 RELATIVE, EDGES = "relative error", "edges changed (share)"
+SIZES, CURVES = ((24, 300, 3000), (64, 1000, 50_000)), ((48, 200), (96, 1000))
+"""Frames, nodes and points; frames and curves; of a quick and of a full report."""
 UNIT_FRAMES = (16, 8, 4, 2, 1)
 """The scaffold takes 16."""
 EVERY = (2, 4, 8, 16)
@@ -46,7 +48,7 @@ def make_curves(frames: int, count: int, seed: int) -> np.ndarray:
 
 def measure_neighbours(context: Context) -> Findings:
     """The node that each Gaussian follows, and the spacing of nodes."""
-    frames, nodes, points = context.choose((24, 300, 3000), (64, 1000, 50_000))
+    frames, nodes, points = context.choose(*SIZES)
     about = {"frames": frames, "nodes": nodes, "points": points}
     attach = context.step("attach", partial(_attach_rows, frames, nodes, points, context), **about)
     unit = context.step("unit", partial(_unit_rows, frames, points, context), **about)
@@ -145,7 +147,7 @@ def _unit_rows(frames: int, points: int, context: Context) -> list[Row]:
 
 def measure_curve_distance(context: Context) -> Findings:
     """How far two trajectories ever get apart: all frames and some, float64 and float32, block sizes."""
-    frames, nodes = context.choose((48, 200), (96, 1000))
+    frames, nodes = context.choose(*CURVES)
     rows = context.step("curves", partial(_curve_rows, frames, nodes, context), frames=frames, nodes=nodes)
     bars = time_columns()[1:]
     figures = [

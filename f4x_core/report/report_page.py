@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.ticker import NullFormatter
 
 from .. import page
 from ..files import replace_file
@@ -125,7 +126,9 @@ def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
     x, y = figure["x"], figure["y"]
     wanted = figure.get("where", {}).items()
     shown = [row for row in rows if all(row.get(column) == value for column, value in wanted)]
-    shown = [row for row in shown if _drawable(row, x, "x" in figure["log"]) and _drawable(row, y)]
+    shown = [
+        row for row in shown if _drawable(row, y) and (_is_word(row, x) or _drawable(row, x, "x" in figure["log"]))
+    ]
     shown = [row for row in shown if row[y] >= 0 or "y" not in figure["log"]]
     if not shown:
         return ""
@@ -145,7 +148,7 @@ def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
         across, up = [row[x] for row in chosen], [row[y] for row in chosen]
         look: dict[str, Any] = {
             "color": COLOURS[number % len(COLOURS)],
-            "marker": MARKERS[number % len(MARKERS)],
+            "marker": MARKERS[(number + number // len(COLOURS)) % len(MARKERS)],  # no pair twice
             "markersize": 4,
         }
         bars = _error_bars(figure, chosen)
@@ -155,6 +158,8 @@ def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
         points = [(row[x], row[y]) for row in shown if row[y] > 0 or "y" not in figure["log"]]
         front = [points[index] for index in pareto_front(points)] or [(math.nan, math.nan)]
         axis.step(*zip(*front, strict=True), where="post", color=page.GREY, linewidth=1, linestyle="--", label="front")
+    for scale in figure["log"]:
+        _show_decades(axis, scale)
     if len(names) > 1 or figure["front"]:
         page.legend(axis)
     return page.svg(canvas)
@@ -163,6 +168,19 @@ def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
 def _drawable(row: Mapping[str, Any], column: str, positive: bool = False) -> bool:
     value = row.get(column)
     return isinstance(value, (int, float)) and math.isfinite(value) and not (positive and value <= 0)
+
+
+def _is_word(row: Mapping[str, Any], column: str) -> bool:
+    return isinstance(row.get(column), str)
+
+
+def _show_decades(axis: Axes, scale: str) -> None:
+    """Label powers of ten alone on the axis "x" or "y", and let two of them be in view."""
+    one = getattr(axis, f"{scale}axis")
+    one.set_minor_formatter(NullFormatter())
+    low, high = (math.log10(end) for end in getattr(axis, f"get_{scale}lim")())
+    if math.floor(high) - math.ceil(low) < 1:
+        getattr(axis, f"set_{scale}lim")(10 ** math.floor(low), 10 ** math.ceil(high))
 
 
 def _stand_at_zero(axis: Axes, across: Sequence[float], look: dict[str, Any]) -> None:

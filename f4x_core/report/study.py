@@ -56,7 +56,7 @@ class Figure:
     """Name of the table whose rows are the points."""
     x: str
     y: str
-    """Columns; rows in which either is None are left out."""
+    """Columns; rows in which either is None are left out. `x` may hold words, on an axis that isn't logarithmic."""
     series: str = ""
     """Column whose values part the points into lines ("" = one line)."""
     low: str = ""
