@@ -79,10 +79,10 @@ def gliding(start: Sequence[float], step: Sequence[float]) -> Places:
 
 
 def room(*cards: Card) -> list[Card]:
-    """A wall, a floor and two posts that stand before it, and `cards`."""
+    """A slanting wall, a floor and two posts that stand before it, and `cards`."""
     return [
-        Card(checks(0.5), at=standing(0, 0, 1.5)),
-        Card(checks(0.4, 1.0), at=standing(0, 0.42, 1), turn=standing(np.pi / 2, 0, 0)),
+        Card(checks(0.57), at=standing(0, 0, 1.6), turn=standing(0, 0.35, 0)),
+        Card(checks(0.43, 1.0), at=standing(0, 0.25, 1), turn=standing(np.pi / 2, 0, 0)),
         Card(checks(0.15, 2.0), (0.06, 0.5), at=standing(-0.42, 0.1, 1.0)),
         Card(checks(0.15, 3.0), (0.05, 0.5), at=standing(0.5, 0.1, 0.9)),
         *cards,
@@ -116,7 +116,7 @@ def trace(cards: Sequence[Card], camera: Camera, time: float, rows: slice = slic
     return rgb, np.where(np.isinf(depth), np.nan, depth), moving
 
 
-SIDEWAYS = gliding((-0.1, 0, 0), (0.02, 0, 0))
+SIDEWAYS = gliding((-0.11, 0, 0), (0.025, 0, 0))
 LEVEL = standing(0, 0, 0)
 
 
