@@ -22,7 +22,10 @@ TABLE_WIDTH = 100
 
 
 def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Speed against error of the raster backends or of the scaffold's deformation; or how well a scene answers and is edited."""
+    """Speed against error of the raster backends or of the scaffold's deformation; how well a scene answers and is edited; or what
+    a batch costs."""
+    if args.what == "scale":
+        return _scale(args, progress)
     import torch
 
     torch.set_num_threads(1)  # threads are the backends' own, so that one thread means one
@@ -87,6 +90,10 @@ REACH = {
     "point_iou": ">= 0.8",
     "mask_leakage": "< 0.02",
     "point_leakage": "< 0.02",
+    "two_workers_gain": ">= 1.8",
+    "local_overhead_s": "<= 0.2",
+    "ray_overhead_s": "<= 1",
+    "cost_error_most": "|.| <= 0.25",
 } | {
     f"{prompt}_{edit}_{figure}_{kind}": wanted
     for prompt in ("mask", "point", "moving")
@@ -94,7 +101,7 @@ REACH = {
     for figure, wanted in (("iou", ">= 0.85"), ("leakage", "< 0.02"))
     for kind in ("original", "novel")
 }
-"""What the figures of `bench features` and `bench edit` should reach, beside them in the table."""
+"""What the figures of `bench features`, `bench edit` and `bench scale` should reach, beside them in the table."""
 MEANING = {
     "gaussians": "Gaussians of the scene",
     "open_s": "seconds to open the file",
@@ -190,6 +197,17 @@ def _meanings(report: dict[str, Any]) -> str:
     told = [pattern for pattern in MEANING if any(fnmatchcase(name, pattern) for name in report)]
     width = max(map(len, told))
     return "\n".join(f"{pattern:<{width}}  {MEANING[pattern]}" for pattern in told)
+
+
+def _scale(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from ..batch.benchmark import SIZES, benchmark
+
+    if not 0 <= args.clips <= len(SIZES):
+        raise F4xError(f"--clips {args.clips}: give a number from 0 to {len(SIZES)}.")
+    report = benchmark(args.clips, progress)
+    if report.get("cost_errors"):
+        report["cost_error_most"] = max(report["cost_errors"], key=abs)
+    return {**report, "text": _as_table({name: value for name, value in report.items() if not isinstance(value, list)})}
 
 
 def _pictures(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
