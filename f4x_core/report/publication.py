@@ -39,6 +39,7 @@ def publish(docs: Path, report: Path | None = None) -> None:
         for file in sorted(report.glob(f"*/{STUDY_FILE}")):
             record = read_json(file)
             if record["tables"]:
+                (docs / "results").mkdir(exist_ok=True)
                 write_json(docs / "results" / f"{file.parent.name}.json", record)
     with replace_file(docs / "results.md") as out:
         out.write(results_page(docs / "results").encode())

@@ -43,7 +43,10 @@ def as_markdown(studies: Iterable[Record], level: int = 3) -> str:
     """Studies as Markdown: question, tables, what was found, the command."""
     parts = []
     for record in studies:
-        parts.append(f"{'#' * level} {record['title']}\n\n{record['question']} `{record['command']}`\n")
+        asked = [record["question"], f"`{record['command']}`" if record["command"] else ""]
+        parts.append(
+            "\n\n".join(filter(None, [f"{'#' * level} {record['title']}", " ".join(filter(None, asked))])) + "\n"
+        )
         parts += [_markdown_table(table) for table in record["tables"] if table["rows"]]
         told = [*record["words"], *(f"**Failed**: {text}" for text in record["failed"])]
         told += [f"Not measured: {text}" for text in record["skipped"]]

@@ -210,7 +210,7 @@ def as_plain(value: Any) -> Any:
 def write_json(file: Path, data: Any) -> None:
     """Write JSON data, atomically."""
     with replace_file(file) as out:
-        out.write((json.dumps(as_plain(data), indent=1) + "\n").encode())
+        out.write((json.dumps(as_plain(data), indent=1, ensure_ascii=False) + "\n").encode())
 
 
 def read_json(file: Path) -> Any:

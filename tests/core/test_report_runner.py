@@ -2,12 +2,14 @@
 
 import csv
 import json
+from pathlib import Path
 
 import pytest
 
 from f4x_core.cli.main import main
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.report import catalogue, clip_studies, runner
+from f4x_core.report.publication import publish, results_page
 from f4x_core.report.report_page import as_markdown, told, write_page
 from f4x_core.report.runner import run_studies
 from f4x_core.report.study import (
@@ -132,3 +134,16 @@ def test_plain_data_survives_json():
 def test_real_clips_are_asked_for_in_one_sentence(tmp_path):
     with pytest.raises(MissingError, match="--clips DIR"):
         clip_studies.fit_clips(Context(tmp_path))
+
+
+def test_the_page_of_results_is_what_its_data_say():
+    docs = Path(__file__).resolve().parents[2] / "docs"
+    page = (docs / "results.md").read_text(encoding="utf-8")
+    assert page == results_page(docs / "results"), "run `python3 scripts/dev.py results`"
+
+
+def test_a_report_is_taken_over_into_the_results(studies, tmp_path):
+    run_studies(studies, tmp_path / "report", Context(tmp_path, quick=True))
+    publish(tmp_path, tmp_path / "report")
+    assert [file.name for file in (tmp_path / "results").iterdir()] == ["well.json"]  # the others measured nothing
+    assert "| b | 2 | 1e-06 |" in (tmp_path / "results.md").read_text()
