@@ -107,27 +107,27 @@ class Pieces:
 def point_out(scene: Scene, prompts: Mapping[int, Prompt]) -> np.ndarray | None:
     """(N,) float64, 1 for the Gaussians of the moving thing at points or in a box (clip frame -> prompt), else 0.
 
-    None where the light at the points, or most of it in the boxes, comes from what stands still.
+    None where the light at the points, or most of it in the boxes, comes from what stands still, or nothing is left to mean.
     """
-    starts, beside, outside = [], np.zeros(len(scene.ids)), np.zeros(len(scene.ids))
+    starts, rest = [], np.zeros((3, len(scene.ids)))
     for frame, prompt in prompts.items():
         layers = _marks(prompt, (scene.cameras.height, scene.cameras.width))
         light = light_into(scene, float(scene.cameras.times[frame]), frame, layers).T
-        starts += [*light[2:]]
-        beside, outside = beside + light[0], outside + light[1]
+        starts += [*light[3:]]
+        rest += light[:3]
     toward = np.sum(starts, 0)
     least = MOVING_POINT if any(prompt.labels.any() for prompt in prompts.values()) else MOVING_BOX
     if toward[scene.moving].sum() < least * toward.sum() or not toward[scene.moving].any():
         return None
     pieces = pieces_of(scene)
-    beside, outside = pieces.gather(beside), pieces.gather(outside)
-    against = (beside > MARKED * beside.max()) | (outside > pieces.gather(toward))
+    beside, outside, inside = map(pieces.gather, rest)
+    against = (beside > MARKED * beside.max()) | (outside > inside)
     chosen = np.any([pieces.grow(pieces.gather(start), against) for start in starts], 0)
-    return pieces.spread(chosen, len(scene.ids))
+    return pieces.spread(chosen, len(scene.ids)) if chosen.any() else None
 
 
 def _marks(prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
-    """(H,W,2+n) float32 in {0, 1}: at points beside the thing, outside the box, at each of n points on it (else in the box)."""
+    """(H,W,3+n) float32 in {0, 1}: at points beside the thing, outside the box, inside, at each of n points on it (else inside)."""
     rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
 
     def around(points: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ def _marks(prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
         left, top, right, bottom = prompt.box
         inside = (columns >= left) & (columns <= right) & (rows >= top) & (rows <= bottom)
     on = [around(point[None]) & inside for point in prompt.points[prompt.labels]] or [inside]
-    return np.stack([around(prompt.points[~prompt.labels]), ~inside, *on], -1).astype(np.float32)
+    return np.stack([around(prompt.points[~prompt.labels]), ~inside, inside, *on], -1).astype(np.float32)
 
 
 def pieces_of(scene: Scene) -> Pieces:

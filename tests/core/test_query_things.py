@@ -7,7 +7,7 @@ import pytest
 from labelled_scene import HALF, SQUARE, labelled_scene, sheet, square_mask
 
 from f4x_core.features.models.prompt import check_prompt
-from f4x_core.query.prompts import select_by_box, select_by_points
+from f4x_core.query.prompts import select_by_box, select_by_points, select_by_prompts
 from f4x_core.query.things import Pieces, pieces_of, point_out
 from f4x_core.scene import DynamicSet
 
@@ -57,6 +57,7 @@ def test_a_box_or_a_point_beside_leaves_out_what_is_not_meant():
     assert either[square].mean() > 0.95 and either[scene.moving & ~square].mean() > 0.5
     for found in (
         select_by_box(scene, box, 0).chosen,
+        select_by_prompts(scene, {0: {"box": box, "points": [middle(square_mask(0))]}}).chosen,
         select_by_points(scene, [middle(square_mask(0)), ripples], 0, labels=[True, False]).chosen,
     ):
         assert found[square].mean() > 0.95
@@ -68,6 +69,13 @@ def test_a_click_on_what_stands_is_no_moving_thing():
     prompt = check_prompt(0, len(scene.cameras), (scene.cameras.height, scene.cameras.width), points=[(60, 5)])
     assert point_out(scene, {0: prompt}) is None
     assert not select_by_points(scene, [(60, 5)], 0).chosen[scene.moving].any()
+
+
+def test_a_box_too_small_for_any_piece_means_no_moving_thing():
+    scene = labelled_scene()
+    x, y = np.floor(middle(square_mask(0)))
+    prompt = check_prompt(0, len(scene.cameras), (scene.cameras.height, scene.cameras.width), box=[x, y, x + 1, y + 1])
+    assert point_out(scene, {0: prompt}) is None
 
 
 def test_nothing_moves():
