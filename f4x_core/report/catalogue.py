@@ -187,6 +187,13 @@ STUDIES = (
         only_full=True,
     ),
     Study(
+        "ablations",
+        "ablations",
+        "The fit without one of its parts",
+        "Which parts of the method does the picture need?",
+        ".ablations:study_ablations",
+    ),
+    Study(
         "clips-fit",
         "clips",
         "Real clips: fitted",

@@ -16,6 +16,7 @@ from ..fit.config import FitConfig, profile
 from ..fit.losses import psnr, ssim
 from ..fit.model import SceneModel
 from ..fit.pipeline import finish_fit, start_fit
+from ..geometry.camera import Camera
 from ..priors import Priors
 from ..scene import Scene
 from ..scene.view import render
@@ -111,26 +112,16 @@ def score_world(world: World, scene: Scene) -> Row:
     Novel views: cameras `NOVEL_DEGREES` off the clip's path; `moving` counts only pixels that truly show what moves. Tracks:
     median distance in pixels between where true points go, from the first frame that sees them, and where the scene says.
     """
-    cameras = scene.cameras
-    pairs = [(psnr_of(scene, camera, moment, view), view) for camera, moment, view in world.novel_views]
-    moving = [
-        psnr_of(scene, camera, moment, view, view.moving > 0.5)
-        for camera, moment, view in world.novel_views
-        if (view.moving > 0.5).any()
-    ]
-    held_out = [psnr_of(scene, cameras[i], float(i), world.views[i]) for i in scene.held_out]
-    used = [
-        psnr_of(scene, cameras[i], float(i), world.views[i]) for i in range(len(cameras)) if i not in scene.held_out
-    ]
-    likeness = [
-        ssim(_picture(scene, camera, moment), torch.from_numpy(view.rgb)) for camera, moment, view in world.novel_views
-    ]
+    novel = [(_picture(scene, camera, moment), view) for camera, moment, view in world.novel_views]
+    moving = [_psnr(picture, view, view.moving > 0.5) for picture, view in novel if (view.moving > 0.5).any()]
+    clip = [_psnr(_picture(scene, scene.cameras[i], float(i)), view) for i, view in enumerate(world.views)]
+    held_out = np.isin(np.arange(len(clip)), scene.held_out)
     return {
-        "novel (dB)": float(np.mean([value for value, _ in pairs])),
-        "novel SSIM": float(np.mean(likeness)),
+        "novel (dB)": float(np.mean([_psnr(*pair) for pair in novel])),
+        "novel SSIM": float(np.mean([ssim(picture, torch.from_numpy(view.rgb)) for picture, view in novel])),
         "novel, moving (dB)": float(np.mean(moving)) if moving else None,
-        "held out (dB)": float(np.mean(held_out)) if held_out else None,
-        "used (dB)": float(np.mean(used)),
+        "held out (dB)": float(np.mean(np.array(clip)[held_out])),
+        "used (dB)": float(np.mean(np.array(clip)[~held_out])),
         "track (px)": track_error(world, scene) if moving else None,
         "Gaussians": len(scene.static) + len(scene.dynamic),
         "nodes": 0 if scene.scaffold is None else len(scene.scaffold),
@@ -155,8 +146,8 @@ def over_seeds(
     seeds = range(context.seed, context.seed + count)
     rows = [context.step(f"{name} {seed}", partial(work, seed), **settings) for seed in seeds]
     means = {column: _mean([row[column] for row in rows]) for column in rows[0]}
-    every, (name, _, unit) = [row[error] for row in rows], error.partition(" (")
-    return means | {f"{name} low ({unit}": min(every), f"{name} high ({unit}": max(every), "seeds": count}
+    every, (what, _, unit) = [row[error] for row in rows], error.partition(" (")
+    return means | {f"{what} low ({unit}": min(every), f"{what} high ({unit}": max(every), "seeds": count}
 
 
 def _mean(values: list[Any]) -> Any:
@@ -164,13 +155,13 @@ def _mean(values: list[Any]) -> Any:
     return statistics.fmean(values) if numbers and len(set(values)) > 1 else values[0]
 
 
-def psnr_of(scene: Scene, camera: Any, moment: float, view: View, mask: np.ndarray | None = None) -> float:
-    """PSNR (dB) of a view against the truth, over `mask` (H,W) bool where given."""
+def _psnr(picture: torch.Tensor, view: View, mask: np.ndarray | None = None) -> float:
+    """PSNR (dB) against the truth, over `mask` (H,W) bool where given."""
     weight = None if mask is None else torch.from_numpy(mask.astype(np.float32))
-    return psnr(_picture(scene, camera, moment), torch.from_numpy(view.rgb), weight)
+    return psnr(picture, torch.from_numpy(view.rgb), weight)
 
 
-def _picture(scene: Scene, camera: Any, moment: float) -> torch.Tensor:
+def _picture(scene: Scene, camera: Camera, moment: float) -> torch.Tensor:
     return torch.from_numpy(np.clip(render(scene, camera, moment, ("rgb",))["rgb"], 0, 1))
 
 
