@@ -1,13 +1,15 @@
 """What lies in a folder: the data-set layouts, each described as file lists, cameras, masks and depth.
 
 A layout function returns a `Layout` when the folder is of its kind, otherwise None, and raises F4xError when the folder
-is of its kind but broken. Nothing is decoded here.
+is of its kind but broken. What a data set keeps back for measuring is a layout too (`find_novel`). Nothing is decoded here.
 """
 
 import json
-from dataclasses import dataclass, field
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +19,12 @@ from .images import list_images
 
 DEFAULT_FPS = 24.0  # of image folders, which do not tell; also the rate of DAVIS
 DYCHECK_FPS = 30.0  # what the iPhone of DyCheck recorded, unless its extra.json tells
+DYCHECK_SPLITS = (("train", "val"), ("train_mono", "val_mono"))
+"""Files of `splits/` of one hand-held camera and of the others: DyCheck's own captures, and what it made of Nerfies."""
+SCALES = (1, 2, 4, 8, 16)
+"""Downsampling factors that name folders like `rgb/2x`."""
+NVIDIA_PICTURE = re.compile(r"v(\d+)_t(\d+)")
+"""Names of the true pictures of view v at time t in the evaluation results of DynamicNeRF and RoDynRF."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +56,16 @@ class Layout:
     """(width, height) that the intrinsics belong to."""
     distortions: list[Distortion] = field(default_factory=list)
     """One per image where a lens distorts, else none."""
+    times: np.ndarray | None = None
+    """(T,) frames of the clip in whose folder it lies, when it is a camera kept back for measuring."""
+
+
+class Item(NamedTuple):
+    """One picture of a Nerfies folder."""
+
+    time: int
+    camera: int
+    name: str
 
 
 def find_layout(folder: Path) -> Layout:
@@ -85,38 +103,40 @@ def davis(folder: Path) -> Layout | None:
 
 
 def dycheck(folder: Path) -> Layout | None:
-    """DyCheck and Nerfies: `rgb/1x`, `camera/ID.json`, `dataset.json`, optional `splits/`, `depth/1x`.
+    """DyCheck and Nerfies: `rgb/1x`, `camera/ID.json`, `dataset.json`, optional `metadata.json`, `splits/`, `depth/1x`.
 
-    The clip is the training split, in order of time: that is the one hand-held camera (Nerfies: its interleaved pair).
-    `scene.json` only recentres and rescales, so cameras and depth stay in the units of the capture.
+    The clip is the one hand-held camera in order of time (of Nerfies' pair the left one, DyCheck's split `mono`); the others
+    are in `dycheck_novel`. `scene.json` only recentres and rescales, so cameras and depth stay in the units of the capture.
     """
     if not (folder / "camera").is_dir() or not (folder / "rgb").is_dir():
         return None
-    scale = next((scale for scale in (1, 2, 4, 8, 16) if (folder / "rgb" / f"{scale}x").is_dir()), None)
+    return _nerfies_layout(folder, folder.name, [item.name for item in _dycheck_items(folder)[0]])
+
+
+def _nerfies_layout(folder: Path, name: str, ids: Sequence[str], times: np.ndarray | None = None) -> Layout:
+    """The pictures `ids` (all of them where there is none) with their cameras."""
+    scale = _scale(folder / "rgb")
     if scale is None:
         raise F4xError(f"{folder}/rgb lacks a folder like 1x or 2x; put the frames there")
-    images = {file.stem: file for file in list_images(folder / "rgb" / f"{scale}x")}
-    names = _training_names(folder) or list(images)
+    images = {file.stem: file for file in list_images(folder / "rgb" / scale)}
+    names = list(ids) or list(images)
     missing = next((name for name in names if name not in images), None)
     if missing is not None:
-        raise F4xError(f"{folder}/rgb/{scale}x lacks the frame {missing} of its own split; complete the download")
+        raise F4xError(f"{folder}/rgb/{scale} lacks the frame {missing} of its own split; complete the download")
     cameras = [_read_json(folder / "camera" / f"{name}.json") for name in names]
     try:
         intrinsics, matrices = np.stack([_nerfies_intrinsics(c) for c in cameras]), _nerfies_poses(cameras)
-        lenses = [
-            np.array([*(c.get("radial_distortion") or [0] * 3), *(c.get("tangential_distortion") or [0] * 2)])
-            for c in cameras
-        ]
+        lenses = [np.array([*(c.get("radial_distortion") or [0] * 3), *(_tangential(c) or [0] * 2)]) for c in cameras]
         width, height = (int(pixels) for pixels in cameras[0]["image_size"])
         lens = [Distortion(k, l[[0, 1, 3, 4, 2]]) for k, l in zip(intrinsics, lenses, strict=True)]
     except (KeyError, ValueError, TypeError, IndexError) as error:
         raise F4xError(
             f"{folder}/camera has a file that is no Nerfies camera ({error!r}); download it again"
         ) from error
-    depth = [folder / "depth" / f"{scale}x" / f"{name}.npy" for name in names]
+    depth = [folder / "depth" / scale / f"{name}.npy" for name in names]
     extra = folder / "extra.json"
     return Layout(
-        folder.name,
+        name,
         [images[name] for name in names],
         fps=float(_read_json(extra).get("fps", DYCHECK_FPS)) if extra.exists() else DYCHECK_FPS,
         depth=depth if all(file.exists() for file in depth) else [],
@@ -124,7 +144,18 @@ def dycheck(folder: Path) -> Layout | None:
         world_to_camera=matrices,
         size=(width, height),
         distortions=lens if any(l.coefficients.any() for l in lens) else [],
+        times=times,
     )
+
+
+def _tangential(camera: dict[str, Any]) -> Any:
+    """The tangential distortion under its name in DyCheck, or in Nerfies."""
+    return camera.get("tangential_distortion") or camera.get("tangential")
+
+
+def _scale(folder: Path) -> str | None:
+    """Name of the largest pictures in a folder of `1x`, `2x`, ...; None when there are none."""
+    return next((f"{scale}x" for scale in SCALES if (folder / f"{scale}x").is_dir()), None)
 
 
 def nvidia(folder: Path) -> Layout | None:
@@ -169,27 +200,118 @@ def plain(folder: Path) -> Layout | None:
     )
 
 
+def find_novel(folder: Path) -> list[Layout]:
+    """Cameras that a data set keeps back for measuring, in the folder of `find_layout`; none in other folders."""
+    return dycheck_novel(folder) or nvidia_novel(folder)
+
+
+def dycheck_novel(folder: Path) -> list[Layout]:
+    """DyCheck's and Nerfies' other cameras, at times of the clip; `masks` = `covisible/` where it is complete."""
+    if dycheck(folder) is None:
+        return []
+    learnt, kept = _dycheck_items(folder)
+    frames = {item.time: frame for frame, item in enumerate(learnt)}
+    layouts = []
+    for camera in sorted({item.camera for item in kept}):
+        items = [item for item in kept if item.camera == camera and item.time in frames]
+        if items:
+            times = np.array([frames[item.time] for item in items])
+            layout = _nerfies_layout(folder, str(camera), [item.name for item in items], times)
+            layouts.append(replace(layout, masks=_covisible(folder, layout.images)))
+    return layouts
+
+
+def _covisible(folder: Path, images: list[Path]) -> list[Path]:
+    for _, split in DYCHECK_SPLITS:
+        masks = [
+            folder / "covisible" / (_scale(folder / "covisible") or "") / split / f"{file.stem}.png" for file in images
+        ]
+        if all(file.exists() for file in masks):
+            return masks
+    return []
+
+
+def nvidia_novel(folder: Path) -> list[Layout]:
+    """NVIDIA as RoDynRF measures it: `gt/v000_t000.png ...` in the scene or `../gt/SCENE`, what view v sees at time t.
+
+    View v is the camera of picture v of the clip: the one of view 0 never moves.
+    """
+    clip = nvidia(folder)
+    if clip is None or clip.intrinsics is None or clip.world_to_camera is None:
+        return []
+    found = list_images(folder / "gt") or list_images(folder.parent / "gt" / folder.name)
+    named = [(match, file) for file in found if (match := NVIDIA_PICTURE.fullmatch(file.stem))]
+    layouts = []
+    for view in sorted({int(match[1]) for match, _ in named}):
+        seen = sorted((int(match[2]), file) for match, file in named if int(match[1]) == view)
+        if view >= len(clip.images) or seen[-1][0] >= len(clip.images):
+            raise F4xError(f"{seen[-1][1]} is of a view or time that the {len(clip.images)} pictures lack; remove it")
+        layouts.append(
+            replace(
+                clip,
+                name=f"v{view:03d}",
+                images=[file for _, file in seen],
+                masks=[],
+                intrinsics=np.repeat(clip.intrinsics[view : view + 1], len(seen), 0),
+                world_to_camera=np.repeat(clip.world_to_camera[view : view + 1], len(seen), 0),
+                times=np.array([time for time, _ in seen]),
+            )
+        )
+    return layouts
+
+
+def dycheck_keypoints(folder: Path) -> tuple[dict[int, Path], int]:
+    """Frame of the clip -> `keypoint/2x/SPLIT/ID.json`, and the factor of their pixels (2); none where there are none."""
+    scale = _scale(folder / "keypoint")
+    if scale is None or dycheck(folder) is None:
+        return {}, 1
+    files = {}
+    for frame, item in enumerate(_dycheck_items(folder)[0]):
+        for split, _ in DYCHECK_SPLITS:
+            file = folder / "keypoint" / scale / split / f"{item.name}.json"
+            if file.exists():
+                files[frame] = file
+    return files, int(scale.removesuffix("x"))
+
+
 def _masks_beside(folder: Path) -> list[Path]:
     return list_images(folder / "masks") or list_images(folder / "motion_masks")
 
 
-def _training_names(folder: Path) -> list[str]:
-    """Return the frame names of the training split in order of time; none when there is no split."""
-    split, dataset = folder / "splits" / "train.json", folder / "dataset.json"
+def _dycheck_items(folder: Path) -> tuple[list[Item], list[Item]]:
+    """Pictures to learn from, in order of time, and those of other cameras; both empty where nothing tells."""
+    for train, test in DYCHECK_SPLITS:
+        if (folder / "splits" / f"{train}.json").exists():
+            return _split(folder / "splits" / f"{train}.json"), _split(folder / "splits" / f"{test}.json")
+    dataset, metadata = folder / "dataset.json", folder / "metadata.json"
     try:
-        if split.exists():
-            data = _read_json(split)
-            names = [str(name) for name in data["frame_names"]]
-            times = data.get("time_ids", range(len(names)))
-            return [name for _, name in sorted(zip(times, names, strict=True))]
+        known = _read_json(metadata) if metadata.exists() else {}
+        items = sorted(Item(int(e["warp_id"]), int(e.get("camera_id", 0)), str(n)) for n, e in known.items())
+        first = min((item.camera for item in items), default=0)
+        if any(item.camera != first for item in items):
+            return [i for i in items if i.camera == first], [i for i in items if i.camera != first]
         if dataset.exists():
             data = _read_json(dataset)
-            return [str(name) for name in data.get("train_ids") or data["ids"]]
-    except (KeyError, ValueError, TypeError) as error:
+            return [Item(time, 0, str(name)) for time, name in enumerate(data.get("train_ids") or data["ids"])], []
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise F4xError(
-            f"{split if split.exists() else dataset} does not list frames ({error!r}); write it again"
+            f"{metadata if metadata.exists() else dataset} does not list frames ({error!r}); download it again"
         ) from error
-    return []
+    return [], []
+
+
+def _split(file: Path) -> list[Item]:
+    """The pictures that a split names, in order of time; none where there is no such file."""
+    if not file.exists():
+        return []
+    data = _read_json(file)
+    try:
+        names = [str(name) for name in data["frame_names"]]
+        times = data.get("time_ids", range(len(names)))
+        cameras = data.get("camera_ids", [0] * len(names))
+        return sorted(Item(int(t), int(c), name) for t, c, name in zip(times, cameras, names, strict=True))
+    except (KeyError, ValueError, TypeError) as error:
+        raise F4xError(f"{file} does not list frames ({error!r}); write it again") from error
 
 
 def _nerfies_intrinsics(camera: dict[str, Any]) -> np.ndarray:

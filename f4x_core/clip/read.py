@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -51,7 +52,7 @@ def read_clip(
     else:
         name, fps, total = layout.name, layout.fps, len(layout.images)
         indices = _select(span, total, source)
-        pictures = _read_pictures(layout, indices, width, progress)
+        pictures = read_pictures(layout, indices, partial(even_size, new_width=width), progress)
     if hold_out is not None and hold_out > len(indices):
         raise F4xError(
             f"--hold-out {hold_out} holds out none of the {len(indices)} frames of {source}; give a smaller number, or"
@@ -130,8 +131,13 @@ def _read_video(
     return indices, np.stack(kept), count
 
 
-def _read_pictures(layout: Layout, indices: np.ndarray, width: int | None, progress: Progress) -> np.ndarray:
-    """Return `(T, H, W, 3)`, undistorted and resized; raises F4xError for pictures of several sizes."""
+def read_pictures(
+    layout: Layout,
+    indices: np.ndarray,
+    new_size: Callable[[int, int], tuple[int, int]],
+    progress: Progress = silent,
+) -> np.ndarray:
+    """Return `(T, H, W, 3)`, undistorted and resized to `new_size(W, H)`; raises F4xError for pictures of several sizes."""
     kept: list[np.ndarray] = []
     native: tuple[int, ...] = ()
     for done, index in enumerate(indices):
@@ -142,14 +148,14 @@ def _read_pictures(layout: Layout, indices: np.ndarray, width: int | None, progr
             sizes = f"{image.shape[1]}x{image.shape[0]}, the first frame is {native[1]}x{native[0]}"
             raise F4xError(f"{layout.images[index]} is {sizes}; make all frames the same size")
         if layout.distortions and layout.size:
-            image = _undistort(image, layout.distortions[index], layout.size)
-        kept.append(resize_color(image, *even_size(image.shape[1], image.shape[0], width)))
+            image = undistort(image, layout.distortions[index], layout.size)
+        kept.append(resize_color(image, *new_size(image.shape[1], image.shape[0])))
     progress(STAGE, len(indices), len(indices))
     return np.stack(kept)
 
 
-def _undistort(image: np.ndarray, lens: Distortion, size: tuple[int, int]) -> np.ndarray:
-    """Return the picture a pinhole with the same intrinsics would have taken."""
+def undistort(image: np.ndarray, lens: Distortion, size: tuple[int, int]) -> np.ndarray:
+    """Return the picture a pinhole with the same intrinsics would have taken; black where the lens saw nothing."""
     import cv2
 
     scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1], 1.0])[:, None]
