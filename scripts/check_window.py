@@ -1,4 +1,4 @@
-"""A person at the window: types a word, queries, recolours, undoes, redoes and saves, in a real Blender with a display.
+"""A person at the window of a real Blender: asks by word, click and box, recolours, undoes, redoes, saves, stops F12 and a job.
 
 python scripts/check_window.py SCENE.f4x --root CHROOT --word dog --out FOLDER
 
@@ -25,22 +25,62 @@ PLACES = {
     "query": (1050, 314),
     "recolour": (1050, 526),
     "save": (1002, 156),
+    "point": (1006, 288),
+    "box": (1071, 288),
+    "stop job": (1099, 818),
     "viewport": (300, 800),
 }
-PATIENCE, TRIES = 120.0, 4
+SCROLL_DOWN, F12 = 5, 96
+"""Button of the mouse; number of the key, whose name xdotool reaches with Alt held."""
+RENDERED = 8000
+"""Pixels across the picture that F12 draws: large enough to be stopped."""
+PATIENCE, TRIES = 80.0, 8
 """Seconds and attempts for one step: pictures are drawn by the processor, and the machine may be busy."""
 STARTUP = """
-import json, sys, traceback
+import json, os, sys
 sys.path.insert(0, "{home}/feature4x/scripts")
 import bpy, door
+import numpy as np
+from bpy_extras import view3d_utils
+from mathutils import Vector
 door.load_extension().register()
+from feature4x.addon import jobs, session, worker
 bpy.context.preferences.view.show_splash = False  # it would take the first click
+bpy.context.preferences.view.render_display_type = "SCREEN"  # there is no window manager that would focus a new window
 begun = False
+state = dict(thing=None, rendered="")
+WAIT = "import json, time; from f4x_core.processes import stop_with_parent; stop_with_parent()\\n"
+WAIT += "while True: print(json.dumps(dict(stage='wait', done=0, total=0)), flush=True); time.sleep(1)"
 
 def tell():
+    with open("{home}/state.new", "w") as file:
+        json.dump(state, file)
+    os.replace("{home}/state.new", "{home}/state.json")
+
+def note(what):
+    return lambda *_: state.update(rendered=what)
+
+bpy.app.handlers.render_pre.append(note("running"))
+bpy.app.handlers.render_complete.append(note("complete"))
+bpy.app.handlers.render_cancel.append(note("cancelled"))
+
+def on_screen(root, area, region):
+    # left, top, right, bottom of most of the selected Gaussians, pixels of the screen
+    chosen = session.read(root, session.SELECTED)
+    points = session.shown(root).scene.posed(session.frame_of(root)).means[chosen]
+    points = [root.matrix_world @ Vector(point) for point in points[:: max(1, len(points) // 1000)].tolist()]
+    view = area.spaces.active.region_3d
+    seen = np.array([view3d_utils.location_3d_to_region_2d(region, view, point) for point in points])
+    (left, right), (bottom, top) = np.percentile(seen, (3, 97), axis=0).T
+    return [left + region.x, {height} - top - region.y, right + region.x, {height} - bottom - region.y]
+
+def look():
     global begun
     window = bpy.context.window_manager.windows[0]
-    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    area = next((area for area in window.screen.areas if area.type == "VIEW_3D"), None)
+    if area is None:  # a picture that is being rendered fills the window
+        tell()
+        return 0.3
     if not begun:
         begun = True
         for item in list(bpy.data.objects):
@@ -50,6 +90,7 @@ def tell():
             bpy.ops.f4x.import_scene("EXEC_DEFAULT", True, filepath="{home}/scene.f4x")
             bpy.context.scene.frame_set({frame})
             bpy.context.scene.render.engine = "FEATURE4X"
+            bpy.context.scene.render.resolution_percentage = 100 * {rendered} // bpy.context.scene.render.resolution_x
             space = area.spaces.active
             space.shading.type = "{shading}"
             space.show_region_ui = True
@@ -61,17 +102,23 @@ def tell():
         sidebar.active_panel_category = "Feature4X"  # read-only until the sidebar was drawn once
     except (AttributeError, TypeError):
         return 0.5
-    from feature4x.addon import session
     root = session.root_of(bpy.context.object)
     if root is not None:
         told = root.f4x
-        state = dict(selected=told.selected, total=told.total, text=told.text)
-        state |= dict(edits=len(told.history), saved=session.is_saved(root))
-        with open("{home}/state.json", "w") as file:
-            json.dump(state, file)
+        if told.selected and state["thing"] is None:
+            region = next(region for region in area.regions if region.type == "WINDOW")
+            state["thing"] = on_screen(root, area, region)
+        if os.path.exists("{home}/start_job") and not jobs.all_jobs():
+            jobs.start(worker.Job("Wait", [sys.executable, "-c", WAIT]))
+        state.update(selected=told.selected, total=told.total, text=told.text)
+        state.update(edits=len(told.history), saved=session.is_saved(root))
+        last = bpy.context.window_manager.operators
+        state.update(last=last[-1].bl_idname if last else "")
+        state.update(job=[job.state for job in jobs.all_jobs()], stage=[job.stage for job in jobs.all_jobs()])
+        tell()
     return 0.3
 
-bpy.app.timers.register(tell, first_interval=1.0, persistent=True)
+bpy.app.timers.register(look, first_interval=1.0, persistent=True)
 """
 
 
@@ -96,8 +143,15 @@ class Window:
         """What the sidebar says."""
         try:
             return json.loads((self.home / "state.json").read_text())
-        except (OSError, ValueError):  # not there yet, or being written
-            return dict.fromkeys(("selected", "total", "text", "edits", "saved"))
+        except OSError:  # not there yet
+            return dict.fromkeys(
+                ("selected", "total", "text", "edits", "saved", "last", "thing", "rendered", "job", "stage")
+            )
+
+    def start_job(self) -> None:
+        """Let Blender start a job that never ends, and roll the sidebar to it."""
+        (self.home / "start_job").touch()
+        self.hand("mousemove", *PLACES["recolour"], "click", "--repeat", 40, "--delay", 50, SCROLL_DOWN)
 
     def until(self, step: str, reached: Callable[[dict], bool], action: Callable[[], None] | None = None) -> dict:
         """Act until the sidebar says so, and take a picture; SystemExit where it never does.
@@ -138,7 +192,9 @@ def blender(root: Path, scene: Path, out: Path, frame: int, shading: str, pause:
         for name in ("addon", "f4x_core", "scripts"):
             shutil.copytree(REPOSITORY / name, home / "feature4x" / name, ignore=shutil.ignore_patterns("__pycache__"))
         shutil.copy(REPOSITORY / "__init__.py", home / "feature4x")
-        (home / "startup.py").write_text(STARTUP.format(home=inside, frame=frame, shading=shading))
+        (home / "startup.py").write_text(
+            STARTUP.format(home=inside, frame=frame, shading=shading, height=SIZE[1], rendered=RENDERED)
+        )
         display = f":{90 + os.getpid() % 900}"
         size = [str(side) for side in SIZE]
         environment = os.environ | {"DISPLAY": display, "HOME": inside, "BLENDER_USER_RESOURCES": f"{inside}/user"}
@@ -192,7 +248,7 @@ def main() -> None:
             window.hand("key", "Return")  # takes the suggestion
             window.hand("key", "Return")
 
-        def press(keys: str) -> None:
+        def press(keys: str | int) -> None:
             window.hand("mousemove", *PLACES["viewport"])
             window.hand("key", keys)
 
@@ -200,12 +256,36 @@ def main() -> None:
         window.until("2_text", lambda state: state["text"] == options.word, type_word)
         asked = window.until("3_queried", lambda state: state["selected"], lambda: window.click("query"))
         window.until("4_recoloured", lambda state: state["edits"] == 1, lambda: window.click("recolour"))
-        state = window.until("5_undone", lambda state: state["edits"] == 0, lambda: press("ctrl+z"))
-        if state["selected"] != asked["selected"]:
-            raise SystemExit(f"5_undone: the selection went as well; the sidebar says {state}")
+        undone = window.until("5_undone", lambda state: state["edits"] == 0, lambda: press("ctrl+z"))
+        if undone["selected"] != asked["selected"]:
+            raise SystemExit(f"5_undone: the selection went as well; the sidebar says {undone}")
         window.until("6_redone", lambda state: state["edits"] == 1, lambda: press("ctrl+shift+z"))
         window.until("7_saved", lambda state: state["saved"] and state["edits"] == 1, lambda: window.click("save"))
         shutil.copy(window.home / "scene.f4x", options.out / "saved.f4x")
+
+        left, top, right, bottom = asked["thing"]
+
+        def point() -> None:
+            window.click("point")
+            window.hand("mousemove", (left + right) // 2, (top + bottom) // 2, "sleep", 0.5, "click", 1)
+
+        def draw_box() -> None:
+            window.click("box")
+            window.hand("mousemove", left, top, "sleep", 0.5, "mousedown", 1, "sleep", 0.5)
+            window.hand("mousemove", (left + right) // 2, bottom, "sleep", 0.5, "mousemove", right, bottom)
+            window.picture("9_drawn")
+            window.hand("mouseup", 1)
+
+        def by(operator: str) -> Callable[[dict], bool]:
+            return lambda state: bool(state["selected"]) and state["last"] == f"F4X_OT_query_{operator}"
+
+        window.until("8_pointed", by("point"), point)
+        window.until("9_boxed", by("box"), draw_box)
+        window.until("10_rendering", lambda state: state["rendered"] == "running", lambda: press(F12))
+        window.until("11_stopped", lambda state: state["rendered"] == "cancelled", lambda: press("Escape"))
+        press("Escape")  # back from the picture to the viewport
+        window.until("12_working", lambda state: state["stage"] == ["wait"], window.start_job)
+        window.until("13_cancelled", lambda state: state["job"] == ["cancelled"], lambda: window.click("stop job"))
 
 
 if __name__ == "__main__":
