@@ -31,6 +31,7 @@ from .model import (
     DYNAMIC_ARRAYS,
     GAUSSIAN_ARRAYS,
     SCAFFOLD_ARRAYS,
+    SPAN,
     DynamicSet,
     Scene,
     StaticSet,
@@ -38,8 +39,9 @@ from .model import (
 )
 
 FORMAT = "f4x"
-VERSION = 2
-"""The newest that this program reads. 1: no feature field. 2: with one. Written is the smallest that holds the scene."""
+VERSION = 3
+"""The newest that this program reads. 1: the beginning. 2: a feature field. 3: Gaussians that come and go. Written is the
+smallest that holds the scene."""
 HEADER = "scene.json"
 GROUPS = {"static": GAUSSIAN_ARRAYS, "dynamic": DYNAMIC_ARRAYS, "scaffold": SCAFFOLD_ARRAYS, "cameras": CAMERA_ARRAYS}
 
@@ -125,7 +127,7 @@ def write_scene(scene: Scene, path: Path | str) -> None:
         entries[name] = {"shape": list(array.shape), "dtype": array.dtype.str, "sha256": digest.hexdigest()}
     header = {
         "format": FORMAT,
-        "version": 1 if scene.features is None else VERSION,
+        "version": VERSION if scene.fades else 1 if scene.features is None else 2,
         "name": scene.name,
         "size": [scene.cameras.width, scene.cameras.height],
         "fps": scene.fps,
@@ -328,13 +330,14 @@ def _scene(header: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> Scene:
         if type(unit) not in (int, float) or not 0 < unit < math.inf:
             raise F4xError("'scaffold_unit' is not a positive number")
         scaffold["unit"] = float(unit)
+    spans = [arrays.pop(f"{part}/{SPAN}", None) if header["version"] >= 3 else None for part in ("static", "dynamic")]
     told = header.get("features") if header["version"] >= 2 else None
     features = None if told is None else FeatureField.take_from(arrays, told)
     known = {*FIELDS, "format", "version", "arrays", "scaffold_unit", *([] if told is None else ["features"])}
     return Scene(
         name=header["name"],
-        static=StaticSet(**static),
-        dynamic=DynamicSet.empty() if dynamic is None else DynamicSet(**dynamic),
+        static=StaticSet(**static, span=spans[0]),
+        dynamic=DynamicSet.empty() if dynamic is None else DynamicSet(**dynamic, span=spans[1]),
         scaffold=None if scaffold is None else Scaffold(**scaffold),
         cameras=CameraPath(**cameras, width=header["size"][0], height=header["size"][1]),
         fps=float(header["fps"]),
@@ -367,12 +370,17 @@ def _scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
         if parts[group] is not None and (group != "dynamic" or len(scene.dynamic))
         for name, (dtype, _) in layout.items()
     }
-    features = {} if scene.features is None else scene.features.to_arrays()
+    more = {
+        f"{part}/{SPAN}": np.ascontiguousarray(held.span, "<f4")
+        for part, held in (("static", scene.static), ("dynamic", scene.dynamic))
+        if held.span is not None and (part == "static" or len(held))
+    }
+    more |= {} if scene.features is None else scene.features.to_arrays()
     clashes = scene.extra.keys() & {
         *(f"{group}/{name}" for group, layout in GROUPS.items() for name in layout),
-        *features,
+        *more,
     }
-    for name, value in [*features.items(), *scene.extra.items()]:
+    for name, value in [*more.items(), *scene.extra.items()]:
         if name in clashes or not MEMBER_NAME.fullmatch(name) or value.dtype.kind not in "biuf":
             raise F4xError(f"array {name!r}: use a new name of letters, digits, '_', '-' and '/', and plain numbers")
         arrays[name] = np.ascontiguousarray(value, value.dtype.newbyteorder("<")).reshape(value.shape)

@@ -52,6 +52,8 @@ CAMERA_ARRAYS = {
     "times": ("<f8", ("T",)),
 }
 """Array name -> dtype in the file and axes; a letter is one length throughout its group."""
+SPAN = "span"
+"""The one array that a set may lack: then all its Gaussians are always there."""
 
 WEIGHT_SUM_TOLERANCE = 1e-3
 """How far the skinning weights of one Gaussian may sum from 1: float32 rounding of 16 weights, with a wide margin."""
@@ -98,6 +100,9 @@ class StaticSet:
     """(N,) float32 in [0, 1]."""
     sh: np.ndarray
     """(N,S,3) float32; directions are in the Gaussian's own frame, R_g^T d."""
+    span: np.ndarray | None = field(default=None, kw_only=True)
+    """(N,4) float32 clip times that do not decrease: it comes from the first to the second, is there until the third and gone
+    at the fourth (`presence`); infinities for one that never comes or goes. None: all are always there."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -114,6 +119,12 @@ class StaticSet:
             raise F4xError(f"{group}/opacity leaves [0, 1]; store the activated opacity, not its logit")
         if not (self.rotation != 0).any(axis=1).all():
             raise F4xError(f"{group}/rotation holds a zero quaternion")
+        if self.span is not None and (
+            self.span.shape != (len(self), 4)
+            or self.span.dtype.kind != "f"
+            or not (self.span[:, 1:] >= self.span[:, :-1]).all()
+        ):
+            raise F4xError(f"{group}/{SPAN} must hold four times that do not decrease for each of {len(self)} Gaussians")
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -126,7 +137,18 @@ class StaticSet:
 
     def take(self, index: np.ndarray) -> Self:
         """The Gaussians at `index` ((n,) int or (N,) bool), same class."""
-        return type(self)(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
+        held = {f.name: getattr(self, f.name) for f in fields(self)}
+        return type(self)(**{name: None if value is None else value[index] for name, value in held.items()})
+
+    def presence(self, time: float) -> np.ndarray:
+        """(N,) float32 how much of each Gaussian is there at clip time `time`, 0 to 1."""
+        if self.span is None:
+            return np.ones(len(self), np.float32)
+        start, there, until, end = self.span.T.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a ramp without length, or at infinity, is a step
+            coming = np.where(there > start, np.clip((time - start) / (there - start), 0, 1), time >= start)
+            going = np.where(end > until, np.clip((end - time) / (end - until), 0, 1), time < end)
+        return np.minimum(coming, going).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +175,22 @@ class DynamicSet(StaticSet):
         follows = self.strength > WEIGHT_SUM_TOLERANCE
         if (np.abs(self.weight.sum(axis=1, dtype=np.float64) - 1)[follows] > WEIGHT_SUM_TOLERANCE).any():
             raise F4xError("dynamic/weight does not sum to 1 for every Gaussian")
+
+
+def _arrays_of(gaussians: StaticSet) -> list[np.ndarray]:
+    return [value for value in vars(gaussians).values() if value is not None]
+
+
+def faded(opacity: np.ndarray, presence: np.ndarray) -> np.ndarray:
+    """Return the opacity (N,) of Gaussians of which a share (N,) is there: `1 - (1 - opacity)^presence`.
+
+    Optical depth fades, not alpha: one surface that goes while its like comes, their shares summing to 1, stays as opaque as
+    either (in alpha it would turn glassy half-way).
+    """
+    partly = (presence > 0) & (presence < 1)
+    shown = np.where(presence > 0, opacity, np.float32(0))
+    shown[partly] = 1 - (1 - opacity[partly]) ** presence[partly]
+    return shown
 
 
 class Posed(NamedTuple):
@@ -274,23 +312,43 @@ class Scene:
         """(N,) bool in the order of `posed`: whether a Gaussian moves."""
         return self._constant["dynamic"]
 
+    @property
+    def fades(self) -> bool:
+        """Whether some Gaussians are not always there."""
+        return self.static.span is not None or self.dynamic.span is not None
+
+    def presence(self, time: float) -> np.ndarray:
+        """(N,) float32 in the order of `posed`: how much of each Gaussian is there at `time`, 0 to 1."""
+        return np.concatenate([self.static.presence(time), self.dynamic.presence(time)])
+
     def posed(self, time: float) -> Posed:
         """Return all Gaussians at clip time `time` (frame index, float allowed).
 
         Dynamic ones follow the dual-quaternion blend of their nodes' motion from their own reference time to `time`:
-        x' = R x + t, R_g' = R R_g; scale, opacity and SH stay.
+        x' = R x + t, R_g' = R R_g; scale and SH stay, opacity is `faded` where there is a span. Who is absent has opacity 0.
         """
         xyz, rotation = self.static.xyz, self.static.rotation
         if len(self.dynamic):
-            dynamic, index = self.dynamic, self._pairs.index
-            table = self._motions(time)
-            moved = carry(table, index, dynamic.weight, dynamic.strength, dynamic.xyz, dynamic.rotation)
+            moved = self._carried(time)
             xyz, rotation = (np.concatenate(parts) for parts in zip((xyz, rotation), moved, strict=True))
+        there = {"opacities": faded(self._constant["opacities"], self.presence(time))} if self.fades else {}
         return Posed(
             means=xyz.astype(np.float32, copy=False),
             quats=quaternion.normalize(rotation).astype(np.float32, copy=False),
-            **self._constant,
+            **self._constant | there,
         )
+
+    def _carried(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Centres and rotations of the dynamic set at `time`; who is absent then stays at its reference."""
+        dynamic, index, table = self.dynamic, self._pairs.index, self._motions(time)
+        held = index, dynamic.weight, dynamic.strength, dynamic.xyz, dynamic.rotation
+        if dynamic.span is None:
+            return carry(table, *held)
+        rows = np.flatnonzero(dynamic.presence(time))
+        moved = dynamic.xyz.copy(), dynamic.rotation.copy()
+        for whole, part in zip(moved, carry(table, *(array[rows] for array in held)), strict=True):
+            whole[rows] = part
+        return moved
 
     def latents(self) -> np.ndarray:
         """(N,D) float32 latents of the feature field, in the order of `posed`; F4xError where there is no field."""
@@ -321,8 +379,8 @@ class Scene:
         """Return what is worth telling about the scene, as JSON: counts, megabytes by part, provenance, needs."""
         scaffold = [] if self.scaffold is None else [getattr(self.scaffold, name) for name in SCAFFOLD_ARRAYS]
         parts = {
-            "static": vars(self.static).values(),
-            "dynamic": vars(self.dynamic).values(),
+            "static": _arrays_of(self.static),
+            "dynamic": _arrays_of(self.dynamic),
             "scaffold": scaffold,
             "cameras": [getattr(self.cameras, name) for name in CAMERA_ARRAYS],
             "features": [] if self.features is None else self.features.to_arrays().values(),
