@@ -434,7 +434,7 @@ def _curve(rows: list[Row], across: str, size: str) -> Findings:
     figures = [
         Figure("A training step", "curve", across, f"{STEP} (ms)", "backend", *time_columns(STEP)[1:]),
         Figure("A picture", "curve", across, f"{PICTURE} (ms)", "backend", *time_columns(PICTURE)[1:]),
-        Figure("Error of the picture", "curve", across, RMSE, "backend"),
+        Figure("Error of the picture", "curve", across, MOST, "backend"),
         Figure("Worst gradient", "curve", across, WORST, "backend"),
     ]
     return Findings(

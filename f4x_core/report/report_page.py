@@ -191,7 +191,15 @@ def _stand_at_zero(axis: Axes, across: Sequence[float], look: dict[str, Any]) ->
     place = axis.get_xaxis_transform()
     axis.plot(across, [0] * len(across), linestyle="", transform=place, clip_on=False, zorder=3, **look)
     for x in across:
-        axis.annotate("0", (x, 0), (4, 3), xycoords=place, textcoords="offset points", fontsize=7, color=look["color"])
+        axis.annotate(
+            "0",
+            (axis.convert_xunits(x), 0),
+            (4, 3),
+            xycoords=place,
+            textcoords="offset points",
+            fontsize=7,
+            color=look["color"],
+        )
 
 
 def _error_bars(figure: Record, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
