@@ -27,7 +27,7 @@ PLACES = {
     "save": (1002, 156),
     "point": (1006, 288),
     "box": (1071, 288),
-    "stop job": (1099, 818),
+    "stop job": (1095, 850),
     "viewport": (300, 800),
 }
 SCROLL_DOWN, F12 = 5, 96
