@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(not Path("/proc").is_dir(), r
 ray = pytest.importorskip("ray", reason="ray is not installed")
 STUB = (sys.executable, "-m", "f4x_core.batch.stub")
 NODE = {"num_cpus": 1, "object_store_memory": 80_000_000, "memory": 4 << 30, "include_dashboard": False}
+LOOPBACK = "127.0.0.2"
+"""Not .1: Ray would put the machine's outer address in its place."""
 ROWS = {"paths": "none"}
 
 
@@ -30,11 +33,17 @@ ROWS = {"paths": "none"}
 def cluster():
     from ray.cluster_utils import Cluster
 
-    made = Cluster(initialize_head=True, head_node_args=NODE | {"node_ip_address": "127.0.0.1"})
-    made.add_node(**NODE, node_ip_address="127.0.0.1")
+    made = Cluster(initialize_head=True, head_node_args=NODE | {"node_ip_address": LOOPBACK})
+    made.add_node(**NODE, node_ip_address=LOOPBACK)
     made.wait_for_nodes()
     yield made
     made.shutdown()
+
+
+@pytest.fixture(autouse=True)
+def fresh_version():
+    """The code is read again: somebody may have worked on it since the last test."""
+    ray_engine.code_version.cache_clear()
 
 
 def write_clips(folder, **clips):
@@ -108,7 +117,7 @@ def test_rows_finish_and_logs_come_home(cluster, tmp_path):
 def test_a_killed_worker_and_a_killed_node_lose_nothing(cluster, tmp_path):
     clips = {f"c{number}": {"steps": 50, "seconds": 5} for number in range(4)}
     pattern, out = write_clips(tmp_path / "clips", **clips), tmp_path / "out"
-    extra = cluster.add_node(**NODE, node_ip_address="127.0.0.1")
+    extra = cluster.add_node(**NODE, node_ip_address=LOOPBACK)
     cluster.wait_for_nodes()
 
     def saved():
@@ -131,14 +140,14 @@ def test_a_killed_worker_and_a_killed_node_lose_nothing(cluster, tmp_path):
 
 def test_a_node_with_another_version_is_told_before_any_work(cluster, tmp_path, monkeypatch):
     pattern = write_clips(tmp_path / "clips", a={})
-    monkeypatch.setattr(ray_engine, "code_version", lambda: "0.0.1 (abc)")
+    monkeypatch.setattr(ray_engine, "code_version", cache(lambda: "0.0.1 (abc)"))
     with pytest.raises(F4xError, match=r"node .* has Feature4X .*, this machine 0\.0\.1 \(abc\); install the same"):
         run(cluster, pattern, tmp_path / "out")
     assert not ray.is_initialized() and not scenes(tmp_path / "out")
 
 
 def test_a_node_that_does_not_see_the_folder_is_told(cluster, tmp_path):
-    with pytest.raises(F4xError, match="does not see .*; choose a folder that all machines share"):
+    with pytest.raises(F4xError, match=r"does not see .*; choose a folder that all machines share"):
         ray_engine.RayEngine(Settings(str(tmp_path / "not there")), cluster.address)
     assert not ray.is_initialized()
 

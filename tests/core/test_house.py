@@ -35,6 +35,7 @@ TORCH_FREE = (
     "scene",
     "query",
     "edit",
+    "batch",
     "agent",
     "errors",
     "files",
