@@ -6,7 +6,7 @@ import argparse
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -60,21 +60,22 @@ def run_batch(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(f"--jobs {args.jobs}: give 1 or more.")
     rows = read_manifest(args.manifest, _defaults(args.set))
     store = open_store(args.place)
-    if args.dry_run:
-        board = plan(rows, store, lambda done, total: progress("reading clips", done, total))
-        _require_commands(board)
-        return _told_plan(board)
-    with locked(store):
-        board = plan(rows, store, lambda done, total: progress("reading clips", done, total), remember=True)
-        _require_commands(board)
-        clear_work(store)
-        settings = Settings(store.url, args.scratch)
-        start = time.monotonic()
-        try:
-            with _engine(args, settings, board) as engine, _watching(board, engine, store, progress, args) as watch:
-                run_board(board, engine, watch)
-        finally:
-            write_index(store, board, args.manifest)
+    with Screen(args, progress) as screen:
+        if args.dry_run:
+            board = plan(rows, store, screen.read)
+            _require_commands(board)
+            return _told_plan(board)
+        with locked(store):
+            board = plan(rows, store, screen.read, remember=True)
+            _require_commands(board)
+            clear_work(store)
+            settings = Settings(store.url, args.scratch)
+            start = time.monotonic()
+            try:
+                with _engine(args, settings, board) as engine:
+                    run_board(board, engine, screen.watch(engine, store))
+            finally:
+                write_index(store, board, args.manifest)
     return _told(board, store, time.monotonic() - start)
 
 
@@ -115,30 +116,49 @@ def _engine(args: argparse.Namespace, settings: Settings, board: Board) -> Itera
         yield engine
 
 
-@contextmanager
-def _watching(
-    board: Board, engine: Engine, store: Store, progress: Progress, args: argparse.Namespace
-) -> Iterator[Callable[[Board], None]]:
-    """What looks at the board while it is worked on: a table on a terminal, else lines; and the index from time to time."""
-    console = Console(stderr=True, highlight=False)
-    drawn = console.is_terminal and not args.progress_json
-    live = Live(console=console, auto_refresh=False, transient=True) if drawn else None
-    next_index = time.monotonic() + INDEX_EVERY
+class Screen:
+    """What a person sees while a batch runs: a table on a terminal, else the lines of `progress`. A context manager."""
 
-    def watch(board: Board) -> None:
-        nonlocal next_index
-        if live is not None:
-            live.update(table_of(board, engine), refresh=True)
+    def __init__(self, args: argparse.Namespace, progress: Progress):
+        """Nothing is drawn yet."""
+        console = Console(stderr=True, highlight=False)
+        self.title, self.progress = args.manifest, progress
+        drawn = console.is_terminal and not (args.progress_json or args.json)
+        self.live = Live(console=console, auto_refresh=False, transient=True) if drawn else None
+
+    def __enter__(self) -> Screen:
+        if self.live is not None:
+            self.live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.live is not None:
+            self.live.stop()
+
+    def read(self, done: int, total: int) -> None:
+        """Tell that the clips are being read."""
+        if self.live is None:
+            self.progress("reading clips", done, total)
         else:
-            progress("batch", board.number(DONE, KEPT, FAILED, SKIPPED), board.number(), _time_left(board))
-        if time.monotonic() >= next_index:
-            start = time.monotonic()
-            write_index(store, board, args.manifest)
-            took = time.monotonic() - start
-            next_index = time.monotonic() + max(INDEX_EVERY, INDEX_SHARE * took)
+            self.live.update(f"reading clips {done}/{total}", refresh=True)
 
-    with live or nullcontext():
-        yield watch
+    def watch(self, engine: Engine, store: Store) -> Callable[[Board], None]:
+        """What looks at the board while it is worked on, and writes the index from time to time."""
+        next_index = time.monotonic() + INDEX_EVERY
+
+        def watch(board: Board) -> None:
+            nonlocal next_index
+            if self.live is None:
+                self.progress("batch", board.number(DONE, KEPT, FAILED, SKIPPED), board.number(), _time_left(board))
+            else:
+                self.live.update(table_of(board, engine), refresh=True)
+            if time.monotonic() >= next_index:
+                start = time.monotonic()
+                write_index(store, board, self.title)
+                took = time.monotonic() - start
+                next_index = time.monotonic() + max(INDEX_EVERY, INDEX_SHARE * took)
+
+        return watch
 
 
 def table_of(board: Board, engine: Engine) -> Table:
