@@ -20,6 +20,7 @@ from ..geometry import quaternion, spherical_harmonics
 from ..scaffold import Scaffold
 from ..scaffold.deformation import motions_to, node_poses_at
 from ..scene import Posed, Scene, read_scene
+from ..scene.model import faded
 from . import colours
 from .keys import rekeyed
 from .looks import LOOKS
@@ -49,6 +50,8 @@ class Placement(NamedTuple):
     """(n,4) float32 wxyz, unit."""
     scales: np.ndarray
     """(n,3) float32."""
+    presence: np.ndarray
+    """(n,) float32 how much of them is there at the moment that is shown, 0 to 1."""
 
 
 class Appearance(NamedTuple):
@@ -87,14 +90,15 @@ class Motion(NamedTuple):
         turns, resizes = self.rotation[1:].any(), self.scale != 1
         if not (turns or resizes or self.translate.any()):
             return placed
-        means, quats, scales = placed.means.astype(np.float64), placed.quats, placed.scales
+        means, quats, scales, presence = placed.means.astype(np.float64), *placed[1:]
         if turns or resizes:
             means = self.pivot + self.scale * quaternion.rotate(self.rotation, means - self.pivot)
         if turns:
             quats = quaternion.normalize(quaternion.multiply(self.rotation, quats)).astype(np.float32)
         if resizes:
             scales = np.minimum(scales * self.scale, FARTHEST).astype(np.float32)
-        return Placement(np.clip(means + self.translate, -FARTHEST, FARTHEST).astype(np.float32), quats, scales)
+        means = np.clip(means + self.translate, -FARTHEST, FARTHEST).astype(np.float32)
+        return Placement(means, quats, scales, presence)
 
 
 NO_MOTION = Motion(quaternion.IDENTITY, 1.0, np.zeros(3), np.zeros(3))
@@ -144,11 +148,17 @@ class EditedScene(Scene):
     def part(self, time: float, rows: Wanted) -> Posed:
         """Only the Gaussians `rows` of `posed(time)`, without working out where the others are."""
         self._moments.clear()
-        placed = self._placed(len(self.steps), time, rows)
-        return Posed(*placed, *self.looks(time, rows), ids=self.rows.ids[rows], dynamic=self.rows.moves[rows])
+        *placed, presence = self._placed(len(self.steps), time, rows)
+        opacities, sh = self.looks(time, rows)
+        opacities = faded(opacities, presence) if self.fades else opacities
+        return Posed(*placed, opacities, sh, ids=self.rows.ids[rows], dynamic=self.rows.moves[rows])
+
+    def presence(self, time: float) -> np.ndarray:
+        """(N,) float32 in the order of `posed`: how much of each Gaussian is there at the moment that `time` shows of it."""
+        return self._placed(len(self.steps), time, EVERY).presence
 
     def looks(self, time: float, rows: Wanted = EVERY) -> Appearance:
-        """What the Gaussians `rows` look like at `time`, wherever they are."""
+        """What the Gaussians `rows` look like at `time`, wherever they are and were they there."""
         return self._seen(len(self.steps), time, rows)
 
     def latents(self) -> np.ndarray:
@@ -238,7 +248,8 @@ class EditedScene(Scene):
                 state = state._replace(means=(state.means + shift).astype(np.float32))
         else:
             posed = self._base(time)
-            state = Placement(posed.means[rows], posed.quats[rows], posed.scales[rows])
+            presence = super().presence(time)[rows]
+            state = Placement(posed.means[rows], posed.quats[rows], posed.scales[rows], presence)
         for below in range(start, depth):
             if isinstance(self.steps[below].edit.operation, Transform):
                 state = self._moved(below, time, rows, state)

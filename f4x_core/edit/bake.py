@@ -66,7 +66,8 @@ def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
     """How many edits from the first on may be folded, the most first; after that, fewer by one that shows other moments."""
     whole = edited(with_stack(scene, EditStack(active)))
     steps = whole.steps if isinstance(whole, EditedScene) else ()
-    lasting = next((s.edit.id for s in steps if _needs_time(s.edit)), None)
+    # what comes and goes is there by the clip's clock: edits that show other moments of it cannot be folded
+    lasting = next((s.edit.id for s in steps if _needs_time(s.edit) or (s.reads and scene.fades)), None)
     count = len(active) if lasting is None else [edit.id for edit in active].index(lasting)
     yield count
     inexact = {step.edit.id for step in steps if step.reads}
@@ -216,6 +217,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
     if base.scaffold is not None and not all(group.is_nothing(times) for group in moving):
         base = _with_knots(base, base.scaffold, times)
     posed, count = scene.posed(float(times[0])), len(base.static)
+    opacities, _ = scene.looks(float(times[0]))
     standing = [group for group in groups if group.lasts and not rows.carried[group.rows[0]]]
     still = np.sort(np.concatenate([np.zeros(0, int), *(group.rows for group in standing)]))
     turned = np.isin(still, [row for group in standing if group.turns[0, 1:].any() for row in group.rows])
@@ -225,8 +227,9 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         xyz=posed.means[still],
         rotation=np.where(turned[:, None], posed.quats[still], base.static.rotation[origin]),
         scale=posed.scales[still],
-        opacity=posed.opacities[still],
+        opacity=opacities[still],
         sh=posed.sh[still, : base.static.sh.shape[1]],
+        span=_spans(base, origin),
     )
     build = _Nodes(base, times, scene.scaffold)
     for group in moving:
@@ -254,6 +257,18 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         next_id=next_id(base),
         provenance={**base.provenance, "baked": [*base.provenance.get("baked", []), *told]},
     )
+
+
+def _spans(base: Scene, origin: np.ndarray) -> np.ndarray | None:
+    """(n,4) when the Gaussians that come from rows `origin (n,)` of `base.posed` are there; None where all always are."""
+    if not base.fades:
+        return None
+    always = (-np.inf, -np.inf, np.inf, np.inf)
+    spans = [
+        np.full((len(part), 4), always, np.float32) if part.span is None else part.span
+        for part in (base.static, base.dynamic)
+    ]
+    return np.concatenate(spans)[origin]
 
 
 def _with_knots(base: Scene, scaffold: Scaffold, times: np.ndarray) -> Scene:
@@ -406,12 +421,13 @@ class _Nodes:
             "xyz": xyz,
             "rotation": rotation,
             "scale": scale,
-            "opacity": posed.opacities[rows],
+            "opacity": scene.looks(float(self.times[0])).opacities[rows],
             "sh": posed.sh[rows, :size],
             "reference": reference.astype(np.int32),
             "node": place[node].astype(np.int32),
             "weight": weight.astype(np.float32),
             "strength": strength.astype(np.float32),
+            "span": _spans(base, scene.rows.origin[rows]),
         }
         order = np.argsort(rows)
         return DynamicSet(**arrays).take(order), scaffold, latents[place >= 0], rows[order]

@@ -56,7 +56,7 @@ class Display:
     @cached_property
     def changes(self) -> bool:
         """Whether another frame shows anything that the base's own motion does not."""
-        return self.looks_change or bool(self.scene.moving[self.apart].any())
+        return self.looks_change or bool(len(self.apart) and (self.scene.fades or self.scene.moving[self.apart].any()))
 
     @cached_property
     def rest_rotation(self) -> np.ndarray:
@@ -98,11 +98,10 @@ class Display:
         return float(min(max(frame, first), last))
 
     def looks(self, frame: float) -> Appearance:
-        """Of all Gaussians: opacities (N,), harmonics (N,S,3) in their own frames."""
+        """Of all Gaussians, were they there: opacities (N,), harmonics (N,S,3) in their own frames."""
         if isinstance(self.scene, EditedScene):
             return self.scene.looks(self.time(frame), EVERY)
-        posed = self.scene.posed(self.time(frame))
-        return Appearance(posed.opacities, posed.sh)
+        return Appearance(*self.scene.looks_of_all)
 
     def of_base(self, found: Selection) -> Selection:
         """A selection of the base scene in the order of `posed`: a copy is what its original is."""

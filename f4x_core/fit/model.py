@@ -22,6 +22,7 @@ from ..scaffold.graph import GraphConfig, multilevel_edges
 from ..scaffold.losses import ArapEdges
 from ..scaffold.radius import RadiusConfig, radius_from_logit, radius_to_logit
 from ..scaffold.skinning import Kernel
+from ..scene import StaticSet
 
 
 class CameraRig:
@@ -141,7 +142,7 @@ class NodeSet:
 
 @dataclass
 class Posed:
-    """All Gaussians at one time, static first: activated, world frame, differentiable."""
+    """All Gaussians at one time, static first, the backdrop last: activated, world frame, differentiable."""
 
     means: Tensor
     quats: Tensor
@@ -149,6 +150,12 @@ class Posed:
     opacities: Tensor
     sh: Tensor
     static_count: int
+
+
+def _fixed(gaussians: StaticSet) -> list[Tensor]:
+    """Means, quaternions, scales, opacities and harmonics as tensors."""
+    arrays = gaussians.xyz, gaussians.rotation, gaussians.scale, gaussians.opacity, gaussians.sh
+    return [torch.from_numpy(np.ascontiguousarray(array, np.float32)) for array in arrays]
 
 
 class SceneModel:
@@ -162,11 +169,14 @@ class SceneModel:
         rig: CameraRig,
         kernel: Kernel,
         threads: int = 0,
+        backdrop: StaticSet | None = None,
     ):
         """Put the parts together; `dynamic` and `nodes` are None where nothing moves. `kernel`: skinning kernel.
 
-        With `threads` the compiled library moves and colours the Gaussians, without torch does.
+        With `threads` the compiled library moves and colours the Gaussians, without torch does. `backdrop`: Gaussians that
+        are drawn and never change, of the SH degree of the others.
         """
+        self.backdrop = None if backdrop is None else _fixed(backdrop)
         self.static, self.dynamic, self.nodes, self.rig, self.kernel = static, dynamic, nodes, rig, kernel
         self.threads = threads
         self.times = rig.path.times
@@ -229,6 +239,9 @@ class SceneModel:
             for part, more in zip(
                 parts, (moved[0], moved[1], self.dynamic.scale, self.dynamic.opacity, self.dynamic.sh), strict=True
             ):
+                part.append(more)
+        if self.backdrop is not None:
+            for part, more in zip(parts, self.backdrop, strict=True):
                 part.append(more)
         means, quats, scales, opacities, sh = (torch.cat(part) if len(part) > 1 else part[0] for part in parts)
         return Posed(means, quats, scales, opacities, sh, len(static))

@@ -156,7 +156,8 @@ class PhotometricStage:
         loss.backward()
         if offset.grad is not None:
             static_count = len(model.static)
-            for name, rows in (("static", slice(0, static_count)), ("dynamic", slice(static_count, None))):
+            own = slice(static_count, self.count())
+            for name, rows in (("static", slice(0, static_count)), ("dynamic", own)):
                 if name in self.controls:
                     self.controls[name].record(offset.grad[rows], visible[rows], data.width, data.height)
         for optimiser in self.optimisers.values():
@@ -183,13 +184,15 @@ class PhotometricStage:
             others = [] if partner is None else [float(model.times[partner])]
             poses = model.dynamic_at(time, *others)
             moved = poses[0]
-            indicator = torch.zeros(self.count(), 1)
-            indicator[len(model.static) :] = 1
-            extra = indicator
-            if partner is not None:
-                there = torch.cat([model.static.parameters["xyz"].detach(), poses[1][0]])
-                extra = torch.cat([indicator, there], 1)
         posed = model.posed(moved)
+        if model.dynamic is not None:
+            own = slice(len(model.static), self.count())
+            extra = torch.zeros(len(posed.means), 1)
+            extra[own] = 1
+            if partner is not None:
+                still = posed.means.detach()
+                there = torch.cat([still[: own.start], poses[1][0], still[own.stop :]])
+                extra = torch.cat([extra, there], 1)
         offset = torch.zeros(len(posed.means), 2, requires_grad=True)
         out = model.render(
             posed,

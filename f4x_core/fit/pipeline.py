@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from ..scaffold import Scaffold
 from ..scene import DynamicSet, Scene, StaticSet
 from .checkpoint import load_checkpoint
 from .config import FitConfig, resolved
+from .earlier import Backdrop, Earlier
 from .model import CameraRig, NodeSet, SceneModel
 from .needs import Need, moving_share, sh_degree
 from .photometric import PhotometricStage
@@ -81,9 +82,14 @@ class FitResult:
 
 
 def fit_clip(
-    clip: Clip, folder: Path, config: FitConfig, progress: Progress = silent, resume: bool = False
+    clip: Clip,
+    folder: Path,
+    config: FitConfig,
+    progress: Progress = silent,
+    resume: bool = False,
+    earlier: Earlier | None = None,
 ) -> FitResult:
-    """Fit `clip`, keeping priors and checkpoints in `folder`.
+    """Fit `clip`, keeping priors and checkpoints in `folder`; `earlier` is the window that a window of a long clip goes on from.
 
     Raises:
         F4xError: a clip that `require_enough` refuses, unusable priors, or a checkpoint that does not belong to this clip
@@ -105,24 +111,44 @@ def fit_clip(
     lap("priors")
     digests = {name: entry.get("digest") for name, entry in priors.provenance.items()}
     settings = {k: v for k, v in resolved(config).items() if k not in ("checkpoint_every", "measure_every")}
-    key = config_hash(settings, digests, clip.width, clip.height)
+    key = config_hash(settings, digests, clip.width, clip.height, *([] if earlier is None else [earlier.digest]))
     checkpoint = folder / "checkpoints" / "photometric.pt"
     state = load_checkpoint(checkpoint, key) if resume else None
-    stage, needs = start_fit(clip, priors, config, progress)
+    backdrop = None
+    if earlier is not None:
+        priors = earlier.place(priors, config.backend)
+        rows = _spawn_frames(priors, config)
+        backdrop = earlier.backdrop(clip, priors, rows, MASK_MARGIN, config.backend)
+    first_id = 0 if earlier is None else earlier.scene.next_id
+    stage, needs = start_fit(clip, priors, config, progress, backdrop, first_id)
     lap("start")
     if state is not None:
         stage.restore(state)
     stage.run(checkpoint, key, progress)
     lap("photometric")
-    return finish_fit(clip, priors, stage, needs, seconds)
+    result = finish_fit(clip, priors, stage, needs, seconds)
+    if backdrop is not None:
+        result = replace(result, static=backdrop.with_own(result.static))
+    if earlier is not None and result.scaffold is not None:
+        scaffold, _ = earlier.continued(result.scaffold)
+        result = replace(result, scaffold=scaffold)
+    return result
 
 
 def start_fit(
-    clip: Clip, priors: Priors, config: FitConfig, progress: Progress = silent
+    clip: Clip,
+    priors: Priors,
+    config: FitConfig,
+    progress: Progress = silent,
+    backdrop: Backdrop | None = None,
+    first_id: int = 0,
 ) -> tuple[PhotometricStage, list[Need]]:
-    """Everything before the first photometric step, and what it decided: SH degree, scaffold, first Gaussians."""
+    """Everything before the first photometric step, and what it decided: SH degree, scaffold, first Gaussians.
+
+    `backdrop`: Gaussians that are there already and stay as they are; new ones get ids from `first_id`.
+    """
     degree, needs = _decide(clip, priors, config)
-    stage, more = _start(clip, priors, config, degree, progress)
+    stage, more = _start(clip, priors, config, degree, progress, backdrop, first_id)
     return stage, needs + more
 
 
@@ -169,7 +195,13 @@ def _decide(clip: Clip, priors: Priors, config: FitConfig) -> tuple[int, list[Ne
 
 
 def _start(
-    clip: Clip, priors: Priors, config: FitConfig, degree: int, progress: Progress
+    clip: Clip,
+    priors: Priors,
+    config: FitConfig,
+    degree: int,
+    progress: Progress,
+    backdrop: Backdrop | None,
+    first_id: int,
 ) -> tuple[PhotometricStage, list[Need]]:
     """Cameras, scaffold and first Gaussians, ready to be trained."""
     assert priors.cameras is not None
@@ -186,18 +218,28 @@ def _start(
         needs.append(
             Need("motion", "none: no scaffold, no dynamic Gaussians", why, "the whole dynamic set and its stage")
         )
-    static = _spawn_static(clip, priors, config, degree, moving=scaffold is not None, rng=rng, progress=progress)
-    if len(static) == 0 and scaffold is not None:  # everything moves: a backdrop from what moves
-        static = _spawn_static(clip, priors, config, degree, moving=False, rng=rng, progress=progress)
-    if len(static) == 0:
+    told = backdrop, first_id, rng, progress
+    static = _spawn_static(clip, priors, config, degree, scaffold is not None, *told)
+    if len(static) == 0 and scaffold is not None and backdrop is None:  # everything moves: a backdrop from what moves
+        static = _spawn_static(clip, priors, config, degree, False, *told)
+    if len(static) == 0 and backdrop is None:
         raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
+    drawn = None if backdrop is None else backdrop.drawn
+    how = config.scaffold.kernel, config.native_threads
+    next_id = first_id + len(static)
     if scaffold is None:
-        model = SceneModel(static, None, None, rig, config.scaffold.kernel, config.native_threads)
-        return PhotometricStage(model, clip, priors, config, next_id=len(static)), needs
+        model = SceneModel(static, None, None, rig, *how, drawn)
+        return PhotometricStage(model, clip, priors, config, next_id), needs
     nodes = NodeSet(scaffold, config.scaffold.graph)
-    dynamic = _spawn_dynamic(clip, priors, config, degree, static, nodes, rig, rng, progress)
-    model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.native_threads)
-    return PhotometricStage(model, clip, priors, config, next_id=len(static) + len(dynamic)), needs
+    dynamic = _spawn_dynamic(clip, priors, config, degree, static, nodes, rig, next_id, rng, progress)
+    model = SceneModel(static, dynamic, nodes, rig, *how, drawn)
+    return PhotometricStage(model, clip, priors, config, next_id + len(dynamic)), needs
+
+
+def _spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:
+    """Indices into F of the frames from which the static set is spawned."""
+    count = min(config.spawn_static.frames, len(priors.frames))
+    return np.unique(np.linspace(0, len(priors.frames) - 1, count).round().astype(int))
 
 
 def _spawn_static(
@@ -206,14 +248,14 @@ def _spawn_static(
     config: FitConfig,
     degree: int,
     moving: bool,
+    backdrop: Backdrop | None,
+    first_id: int,
     rng: np.random.Generator,
     progress: Progress,
 ) -> StaticGaussians:
     spawn = config.spawn_static
     assert priors.depth is not None and priors.cameras is not None
-    chosen = np.unique(
-        np.linspace(0, len(priors.frames) - 1, min(spawn.frames, len(priors.frames))).round().astype(int)
-    )
+    chosen = _spawn_frames(priors, config)
     parts: list[Spawned] = []
     existing = np.zeros((0, 3), np.float32)
     for done, which in enumerate(coarse_to_fine(len(chosen))):
@@ -223,6 +265,8 @@ def _spawn_static(
         valid = np.isfinite(depth) & (depth > 0)
         if moving and priors.mask is not None:
             valid &= ~binary_dilation(priors.mask[frame], iterations=MASK_MARGIN)
+        if backdrop is not None:
+            valid &= ~backdrop.explained[frame]
         image = clip.frames[priors.frames[frame]]
         part = cover(image, depth, valid, priors.cameras[frame], existing, spawn, rng)
         parts.append(part)
@@ -230,7 +274,7 @@ def _spawn_static(
         if len(existing) >= spawn.most:
             break
     progress("spawn", len(chosen), len(chosen), "static")
-    return spawn_static(_joined(parts, spawn.most), degree, spawn)
+    return spawn_static(_joined(parts, spawn.most), degree, spawn, first_id)
 
 
 def _spawn_dynamic(
@@ -241,6 +285,7 @@ def _spawn_dynamic(
     static: StaticGaussians,
     nodes: NodeSet,
     rig: CameraRig,
+    first_id: int,
     rng: np.random.Generator,
     progress: Progress,
 ) -> DynamicGaussians:
@@ -271,7 +316,7 @@ def _spawn_dynamic(
         references.append(np.full(len(part.xyz), frame))
         joined = _joined(parts, spawn.most)
         reference = np.concatenate(references)[: len(joined.xyz)]
-        dynamic = spawn_dynamic(joined, reference, node_xyz, node_quat, neighbours, degree, spawn, first_id=len(static))
+        dynamic = spawn_dynamic(joined, reference, node_xyz, node_quat, neighbours, degree, spawn, first_id)
         if len(joined.xyz) >= spawn.most:
             break
     progress("spawn", len(chosen), len(chosen), "dynamic")

@@ -54,6 +54,19 @@ def interpolate_rotation(times: np.ndarray, q: Array, time: float) -> Array:
     return _turned(curve, last * u**3)
 
 
+def presence(span: np.ndarray, time: float) -> np.ndarray:
+    """Return (N,) float32, 0 to 1: how much of each of N things is there at `time`.
+
+    `span (N,4)` are times that do not decrease: one comes from the first to the second, is there until the third and gone at
+    the fourth; ramps are linear, those without length are steps, and infinities are for what never comes or goes.
+    """
+    start, there, until, end = np.asarray(span, np.float64).T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        coming = np.where(there > start, np.clip((time - start) / (there - start), 0, 1), time >= start)
+        going = np.where(end > until, np.clip((end - time) / (end - until), 0, 1), time < end)
+    return np.minimum(coming, going).astype(np.float32)
+
+
 def _interval(times: np.ndarray, time: float) -> tuple[int, float, float]:
     """Return the interval that contains `time`, its length, and the fraction of it that has passed."""
     i = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))

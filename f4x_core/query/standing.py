@@ -21,8 +21,11 @@ def standing(scene: Scene) -> np.ndarray:
     if scene not in _STANDING:
         there = np.zeros(len(scene.ids), bool)
         times = scene.cameras.times
-        for t in np.unique(np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)):
-            there |= scene.posed(float(times[t])).opacities > 0
+        looked = [times[np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)]]
+        # who comes and goes is looked at when it is there in full
+        looked += [part.span[:, 1:3].ravel() for part in (scene.static, scene.dynamic) if part.span is not None]
+        for time in np.unique(np.clip(np.concatenate(looked), times[0], times[-1])):
+            there |= scene.posed(float(time)).opacities > 0
             if there.all():
                 break
         _STANDING[scene] = there

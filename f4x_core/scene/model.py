@@ -17,6 +17,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera, CameraPath
+from ..geometry.interpolation import presence
 from ..scaffold import Scaffold
 from ..scaffold.deformation import Pairs, pairs_of, relative_motions
 from ..scaffold.deformation_library import carry
@@ -124,7 +125,9 @@ class StaticSet:
             or self.span.dtype.kind != "f"
             or not (self.span[:, 1:] >= self.span[:, :-1]).all()
         ):
-            raise F4xError(f"{group}/{SPAN} must hold four times that do not decrease for each of {len(self)} Gaussians")
+            raise F4xError(
+                f"{group}/{SPAN} must hold four times that do not decrease for each of {len(self)} Gaussians"
+            )
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -144,11 +147,7 @@ class StaticSet:
         """(N,) float32 how much of each Gaussian is there at clip time `time`, 0 to 1."""
         if self.span is None:
             return np.ones(len(self), np.float32)
-        start, there, until, end = self.span.T.astype(np.float64)
-        with np.errstate(invalid="ignore"):  # a ramp without length, or at infinity, is a step
-            coming = np.where(there > start, np.clip((time - start) / (there - start), 0, 1), time >= start)
-            going = np.where(end > until, np.clip((end - time) / (end - until), 0, 1), time < end)
-        return np.minimum(coming, going).astype(np.float32)
+        return presence(self.span, time)
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,6 +310,11 @@ class Scene:
     def moving(self) -> np.ndarray:
         """(N,) bool in the order of `posed`: whether a Gaussian moves."""
         return self._constant["dynamic"]
+
+    @property
+    def looks_of_all(self) -> tuple[np.ndarray, np.ndarray]:
+        """Opacities (N,) and harmonics (N,S,3) in the order of `posed`, as if all Gaussians were always there."""
+        return self._constant["opacities"], self._constant["sh"]
 
     @property
     def fades(self) -> bool:

@@ -1,0 +1,148 @@
+"""What a window of a long clip takes over from the one before: its world and unit, its background, its nodes.
+
+The two share frames. There the earlier scene is known from its own cameras, and the later priors know the same pictures in a
+world of their own: that relates the worlds. Of the earlier background the window keeps, unchanged, what still explains its
+pictures; what shows them wrongly leaves (it moved, or the light changed), and new Gaussians come only where pictures are
+left unexplained.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.ndimage import binary_dilation, uniform_filter
+
+from ..clip import Clip
+from ..errors import F4xError
+from ..geometry import pose, quaternion
+from ..priors import Priors
+from ..raster.light import light_into
+from ..scaffold import Scaffold
+from ..scaffold.joining import continue_nodes
+from ..scene import Scene, StaticSet
+from ..scene.view import render
+
+WRONG = 0.08
+"""Colours (of 1) differ so much, over a neighbourhood and all channels, that the background does not explain a pixel."""
+NEIGHBOURHOOD = 5
+"""Pixels of its side: cameras are refined later, and edges that lie a pixel off are not wrong."""
+OPAQUE = 0.8
+"""Alpha from which on the background is there at all."""
+CONTINUES_PX = 1.5
+"""Pixels, at the median depth, by which a node that goes on may differ from itself over the shared frames."""
+
+
+@dataclass(frozen=True, eq=False)
+class Earlier:
+    """The window before."""
+
+    scene: Scene
+    """As it was fitted; its static set is all the background so far."""
+    offset: int
+    """Frames from its first to this window's first."""
+    next_node: int
+    """First node id that no window has used."""
+
+    @property
+    def digest(self) -> str:
+        """Hash of what the later window depends on."""
+        state = hashlib.blake2b(digest_size=16)
+        for array in (self.scene.static.ids, self.scene.static.xyz, self.scene.cameras.world_to_camera):
+            state.update(np.ascontiguousarray(array).tobytes())
+        return state.hexdigest()
+
+    def place(self, priors: Priors, backend: str = "auto") -> Priors:
+        """Return `priors` in the earlier window's world: cameras and depth by one similarity, from the shared frames.
+
+        Scale: median ratio of the depth that the earlier scene shows to the priors'. Rotation and place: the mean over the
+        shared cameras.
+        """
+        assert priors.cameras is not None and priors.depth is not None
+        shared = np.flatnonzero(priors.frames + self.offset < len(self.scene.cameras))
+        if len(shared) == 0:
+            raise F4xError(f"{self.scene.name}: two windows share no frame that may be seen; give a larger --overlap.")
+        ratios, then = [], []
+        for row in shared:
+            frame = int(priors.frames[row]) + self.offset
+            camera = self.scene.cameras[frame]
+            seen = render(self.scene, camera, float(self.scene.cameras.times[frame]), ("depth", "alpha"), backend)
+            known = (seen["alpha"] > OPAQUE) & (priors.depth[row] > 0)
+            ratios.append(seen["depth"][known] / priors.depth[row][known])
+            then.append(np.linalg.inv(camera.world_to_camera))
+        ratio = np.concatenate(ratios)
+        scale = float(np.median(ratio)) if len(ratio) else 1.0
+        cameras = priors.cameras.scaled_world(scale)
+        now = np.linalg.inv(cameras.world_to_camera[shared])
+        turns, _ = pose.from_matrix(np.stack(then) @ np.linalg.inv(now))
+        turn = quaternion.to_matrix(quaternion.normalize(quaternion.align_sequence(turns).mean(0)))
+        shift = (np.stack(then)[:, :3, 3] - now[:, :3, 3] @ turn.T).mean(0)
+        world = np.eye(4)
+        world[:3, :3], world[:3, 3] = turn, shift  # from the priors' scaled world into the earlier one
+        moved = replace(cameras, world_to_camera=cameras.world_to_camera @ np.linalg.inv(world))
+        return replace(priors, cameras=moved, depth=priors.depth * np.float32(scale))
+
+    def backdrop(self, clip: Clip, priors: Priors, rows: np.ndarray, margin: int, backend: str = "auto") -> Backdrop:
+        """What stays of the earlier background, judged by the frames `rows` (indices into F) of placed priors.
+
+        `margin`: pixels around the moving mask in which nothing is judged.
+        """
+        assert priors.cameras is not None
+        world = self.scene.static
+        masks = priors.mask
+        still = {} if masks is None else {row: ~binary_dilation(masks[row], iterations=margin) for row in rows}
+        light = np.zeros((len(world), 3))  # into all pixels, into those that are judged, into those that are wrong
+        for row in rows:
+            wrong, _ = self._compare(world, clip, priors, row, backend)
+            judged = still.get(row, np.ones_like(wrong))
+            layers = np.stack([np.ones_like(wrong), judged, wrong & judged], -1).astype(np.float32)
+            camera = priors.cameras[int(row)]
+            shapes = world.xyz, world.rotation, world.scale, world.opacity
+            light += light_into(*shapes, camera.world_to_camera, camera.intrinsics, layers, backend=backend)
+        stays = light[:, 2] <= 0.5 * light[:, 1]
+        drawn = world.take(stays & (light[:, 0] > 0))
+        explained = {}
+        for row in rows:
+            wrong, there = self._compare(drawn, clip, priors, row, backend)
+            explained[int(row)] = there & ~wrong
+        return Backdrop(world.take(stays), drawn, explained)
+
+    def _compare(
+        self, world: StaticSet, clip: Clip, priors: Priors, row: int, backend: str
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(H,W) bool: where the background is there and differs from the picture, and where it is there."""
+        assert priors.cameras is not None
+        scene = Scene("backdrop", world, priors.cameras)
+        seen = render(scene, priors.cameras[int(row)], 0.0, ("rgb", "alpha"), backend)
+        picture = clip.frames[priors.frames[row]].astype(np.float32) / 255
+        off = np.abs(uniform_filter(seen["rgb"] - picture, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))).mean(-1)
+        there = seen["alpha"] > OPAQUE
+        return there & (off > WRONG), there
+
+    def continued(self, scaffold: Scaffold) -> tuple[Scaffold, int]:
+        """(The window's scaffold with the ids of the earlier nodes that go on in it, the first node id never used)."""
+        before = self.scene.scaffold
+        if before is None:
+            ids = self.next_node + np.arange(len(scaffold))
+            return replace(scaffold, ids=ids), self.next_node + len(ids)
+        tolerance = CONTINUES_PX / float(self.scene.cameras.intrinsics[0, 0, 0])
+        before = replace(before, times=before.times - self.offset)
+        found = continue_nodes(scaffold, before, tolerance, self.next_node)
+        return found, max(self.next_node, int(found.ids.max(initial=-1)) + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Backdrop:
+    """The background that a window starts with."""
+
+    world: StaticSet
+    """All of it that stays."""
+    drawn: StaticSet
+    """What of it the window's cameras see."""
+    explained: dict[int, np.ndarray] = field(default_factory=dict)
+    """(H,W) bool by supervised frame: pixels that it shows rightly."""
+
+    def with_own(self, static: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Arrays of the window's whole background: what stayed, then its own."""
+        return {name: np.concatenate([getattr(self.world, name), own]) for name, own in static.items()}
