@@ -298,7 +298,10 @@ def _rotation_rows(angle: float, share: float, count: int, seed: int) -> list[Ro
     rows = []
     for (name, kind, _), answer in zip(forms, answers, strict=True):
         row: Row = {"angle (deg)": angle, "share": share, "form": name, "precision": kind.__name__}
-        row |= {"kind": "aligned" if name.startswith(ALIGNED) else "other", "name": f"{name}, {kind.__name__}"}
+        row |= {
+            "kind": "aligned" if name.startswith(ALIGNED) else "other",
+            "name": f"{name.removeprefix('dual quaternion, ')}, {kind.__name__}",
+        }
         row |= dict(zip((DEGREES, PLACE), difference(answer, short), strict=True))
         row |= dict(zip((MADE_DEGREES, MADE_PLACE), difference(answer, made), strict=True))
         own_form = wide[name.removesuffix(", compiled")]
