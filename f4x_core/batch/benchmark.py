@@ -79,10 +79,14 @@ def run_rows(
 
 
 def measure_gain(folder: Path, count: int, progress: Progress = silent) -> dict[str, Any]:
-    """Small real clips, one thread each, by one worker and by two; and the cost model, each clip predicted from the others."""
+    """Small real clips, one thread each, by one worker and by two; and the cost model, each clip predicted from the others.
+
+    The gain is of wall time, and means something where nobody else is at work. `busy` is the share of the workers' time in which
+    commands run, `cpu_growth` what a task's CPU time grows by beside another one: both mean something on a busy machine too.
+    """
     for number, (frames, width, height) in enumerate(SIZES[:count]):
         make_clip(folder / "clips" / f"clip{number}" / "images", frames, width, height, seed=number)
-    seconds: dict[int, float] = {}
+    seconds, busy, used = {}, {}, {}
     for workers in (1, 2):
         progress("bench scale", 0, 0, f"{count} clips, {workers} at a time")
         place = str(folder / f"by{workers}")
@@ -90,11 +94,15 @@ def measure_gain(folder: Path, count: int, progress: Progress = silent) -> dict[
         bad = [error for each in board.failed for error in each.errors.values()]
         if bad:
             raise F4xError(f"a clip of the measurement failed: {bad[0]}")
+        busy[workers] = sum(sum(each.seconds.values()) for each in board.rows.values())
+        used[workers] = sum(sum(times.values()) for _, times in cost_rows(Path(place), SIZES[:count]))
     measured = cost_rows(folder / "by1", SIZES[:count])
     return {
         "seconds_1_worker": seconds[1],
         "seconds_2_workers": seconds[2],
         "two_workers_gain": seconds[1] / seconds[2],
+        "two_workers_busy": busy[2] / (2 * seconds[2]),
+        "two_workers_cpu_growth": used[2] / used[1],
         "cost_coefficients": dict(fit_costs(measured).coefficients),
         "cost_errors": leave_one_out(measured) if count > 4 else [],
     }
