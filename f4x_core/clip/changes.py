@@ -18,7 +18,7 @@ STANDS_OUT = 3.0
 """A cut is so many times less alike than the frames around it are: what crosses the picture fast is no cut."""
 AROUND = 2
 """Frames on either side of a cut that it must stand out from."""
-FLAT = 2.0
+FLAT = 0.5
 """Standard deviation of the cells (of 255) below which a picture shows nothing to compare."""
 DARK = 4.0
 """Brightness (of 255) added before a ratio is taken, so that black cells say nothing."""

@@ -23,6 +23,9 @@ LITTLE_PARALLAX, MODEST_PARALLAX = 2.0, 8.0
 LEAST_REGISTERED, MISSED_PX = 0.3, 1.5
 # Brightest over darkest exposure within a shot (the same things in both) above which colours no longer agree.
 MUCH_EXPOSURE = 1.25
+# Where cameras and depth put tracked static points in another frame: median miss in shares of the picture's width, over
+# at most so many pairs of frames.
+CONTRADICTION, CONTRADICTION_PAIRS = 0.01, 24
 # Fewer supervised frames than this leave most surfaces seen once or twice.
 FEW_FRAMES = 12
 # Above this moving share (of all pixels) the background is mostly hidden.
@@ -100,6 +103,30 @@ def scaffold_coverage(priors: Priors, scaffold: Scaffold) -> float:
     return inside / total if total else float("nan")
 
 
+def contradiction(priors: Priors) -> float:
+    """How far (pixels, median) static points land from their tracks in a later frame, by the depth and cameras here.
+
+    Depth, cameras and tracks that are right meet; NaN where one of them is missing.
+    """
+    if priors.cameras is None or priors.depth is None or priors.tracks is None or priors.tracks_visible is None:
+        return float("nan")
+    motion = priors.tracks_motion if priors.tracks_motion is not None else np.zeros(priors.tracks.shape[1])
+    frames, gap = len(priors.frames), max(1, len(priors.frames) // 4)
+    misses = [np.zeros(0)]
+    for t in np.unique(np.linspace(0, max(frames - 1 - gap, 0), CONTRADICTION_PAIRS).astype(int)):
+        if t + gap >= frames:
+            break
+        both = priors.tracks_visible[t] & priors.tracks_visible[t + gap] & (motion < 0.3)
+        here, there = (priors.tracks[i, both].astype(np.float64) for i in (t, t + gap))
+        column, row = np.clip(np.floor(here), 0, [priors.width - 1, priors.height - 1]).astype(int).T
+        depth = priors.depth[t, row, column].astype(np.float64)
+        known = np.isfinite(depth)
+        points = priors.cameras[int(t)].unproject(here[known], depth[known])
+        misses.append(np.linalg.norm(priors.cameras[int(t + gap)].project(points)[0] - there[known], axis=1))
+    missed = np.concatenate(misses)
+    return float(np.median(missed)) if len(missed) else float("nan")
+
+
 def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, Any]) -> list[Finding]:
     """Everything worth telling, problems first. `metrics`: the result of `report.evaluation.evaluate`."""
     found = [
@@ -109,6 +136,7 @@ def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, An
         *_about_camera(priors),
         *_about_motion(priors, scaffold),
         *_about_depth(priors),
+        *_about_contradiction(priors),
         *(Finding("note", warning) for warning in priors.warnings),
     ]
     order = ("problem", "note", "good")
@@ -384,3 +412,16 @@ def _about_depth(priors: Priors) -> list[Finding]:
                 )
             )
     return found
+
+
+def _about_contradiction(priors: Priors) -> list[Finding]:
+    missed = contradiction(priors)
+    if not missed > CONTRADICTION * priors.width:
+        return []
+    return [
+        Finding(
+            "problem",
+            f"Depth, cameras and tracks contradict each other: static points land {missed:.1f} px (median) beside their tracks.",
+            "One of them is wrong: leave out what was given with --prior, or give cameras and depth that belong together.",
+        )
+    ]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from f4x_core.clip import Clip
+from f4x_core.errors import F4xError
 from f4x_core.fit.advice import findings
 from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.pipeline import FitResult, fit_clip
@@ -74,7 +75,10 @@ def fit(clip: Clip, **priors: Any) -> Fitted:
     """Priors, fit and evaluation; `priors` are arrays or files that the user gives."""
     with tempfile.TemporaryDirectory() as folder:
         files = {name: _file(Path(folder) / name, value) for name, value in priors.items()}
-        result = fit_clip(clip, Path(folder) / "fit", small(**files))
+        try:
+            result = fit_clip(clip, Path(folder) / "fit", small(**files))
+        except F4xError as reason:  # without the name of a folder that is another one every time
+            raise F4xError(str(reason).replace(folder, "films")) from reason
     scene = result.scene(clip)
     return Fitted(result, scene, evaluate(scene, clip))
 

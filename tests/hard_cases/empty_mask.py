@@ -1,0 +1,23 @@
+"""A mask that is empty everywhere.
+
+Hard: the user's masks say that nothing moves, though something does.
+
+Why: no moving pixel means no track, no scaffold, no dynamic Gaussian; means over nothing.
+
+Must hold: a static scene, and it is said that nothing was taken to move.
+"""
+
+from f4x_core.report.hard_cases import that, told
+
+from .common.film import film, mover, room
+from .common.fitting import fit, judge, np
+
+STAGE, SLOW = "fit", True
+
+
+def check():
+    shot = film(room(mover()))
+    fitted = fit(shot.clip, mask=np.zeros_like(shot.mask))
+    yield from judge(fitted, "Nothing was taken to move")
+    yield that("no dynamic Gaussian", len(fitted.scene.dynamic) == 0 and fitted.scene.scaffold is None)
+    yield told("nothing moves", "Nothing was taken to move", fitted.said)

@@ -1,0 +1,22 @@
+"""A mask that is full everywhere.
+
+Hard: the user's masks say that every pixel moves.
+
+Why: there is no background to find cameras by, and no static Gaussian to begin with.
+
+Must hold: it fits, and it is said that the background is hardly seen.
+"""
+
+from f4x_core.report.hard_cases import told
+
+from .common.film import film, mover, room
+from .common.fitting import fit, judge, np
+
+STAGE, SLOW = "fit", True
+
+
+def check():
+    shot = film(room(mover()))
+    fitted = fit(shot.clip, mask=np.ones_like(shot.mask))
+    yield from judge(fitted, "picture counts as moving")
+    yield told("everything moves", "picture counts as moving", fitted.said)

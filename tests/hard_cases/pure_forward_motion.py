@@ -1,0 +1,19 @@
+"""A camera that moves straight ahead.
+
+Hard: the epipole lies in the middle of the picture, where nothing moves and depth cannot be seen.
+
+Why: two views triangulate badly along the axis; the middle swallows or spits out depth.
+
+Must hold: unseen frames are right, or it is said why not.
+"""
+
+from .common.film import film, gliding, mover, room
+from .common.fitting import fit, judge
+
+STAGE, SLOW = "fit", True
+
+
+def check():
+    yield from judge(
+        fit(film(room(mover()), eye=gliding((0, 0, -0.15), (0, 0, 0.03))).clip), "parallax|moved very little|depth"
+    )

@@ -1,0 +1,21 @@
+"""A camera that only turns.
+
+Hard: pictures move, but there is no parallax.
+
+Why: an essential matrix exists for any baseline, and its depth is noise.
+
+Must hold: the camera's own views are right, and it is said that depth is a guess.
+"""
+
+from f4x_core.report.hard_cases import told
+
+from .common.film import film, gliding, mover, room, standing
+from .common.fitting import fit, judge
+
+STAGE, SLOW = "fit", True
+
+
+def check():
+    fitted = fit(film(room(mover(0.02)), eye=standing(0, 0, 0), look=gliding((0, -0.1, 0), (0, 0.02, 0))).clip)
+    yield from judge(fitted)
+    yield told("depth is not known", "camera only turned", fitted.said)

@@ -1,0 +1,21 @@
+"""A camera that stands still.
+
+Hard: nothing tells how far things are.
+
+Why: structure from motion fails or invents a motion, and depth from it is arbitrary.
+
+Must hold: the original view is right, and it is said that no other can be believed.
+"""
+
+from f4x_core.report.hard_cases import told
+
+from .common.film import film, mover, room, standing
+from .common.fitting import fit, judge
+
+STAGE, SLOW = "fit", True
+
+
+def check():
+    fitted = fit(film(room(mover(0.02)), eye=standing(0, 0, 0)).clip)
+    yield from judge(fitted)
+    yield told("depth is not known", "camera stood still", fitted.said)

@@ -1,0 +1,19 @@
+"""A turning disc of one colour.
+
+Hard: nobody can see that it turns.
+
+Why: tracks on it slip, motion masks are empty, and a motion is made up.
+
+Must hold: unseen frames are right: what cannot be seen need not be known.
+"""
+
+from .common.film import Card, film, gliding, plain, room, standing
+from .common.fitting import fit, judge
+
+STAGE, SLOW = "fit", True
+
+
+def check():
+    turn = gliding((0, 0, 0), (0, 0, 0.3))
+    disc = Card(plain(0.8, 0.8, 0.2), (0.13, 0.13), standing(0.05, -0.03, 0.8), turn, disc=True)
+    yield from judge(fit(film(room(disc)).clip), "camera moved very little|camera only turned")

@@ -1,0 +1,27 @@
+"""Cameras and depth in millimetres, and in thousands of metres.
+
+Hard: what the user gives is a thousand times smaller or larger than the program's own unit.
+
+Why: learning rates, node spacings and near planes are lengths.
+
+Must hold: the world is brought to median depth 1, and both come out as good, and as each other.
+"""
+
+from f4x_core.report.hard_cases import within
+
+from .common.film import film, mover, room
+from .common.fitting import fit, judge, np
+
+STAGE, SLOW = "fit", True
+
+
+def check():
+    shot = film(room(mover()))
+    scores = []
+    for scale in (1e-3, 1e3):
+        fitted = fit(shot.clip, cameras=shot.cameras.scaled_world(scale), depth=(scale * shot.depth).astype(np.float32))
+        yield from judge(fitted, least=27)
+        depth = float(np.nanmedian(fitted.priors.depth))
+        yield within(f"scale {scale:g}: median depth, from 1", abs(depth - 1), 0.01)
+        scores.append(fitted.psnr)
+    yield within("difference of the two, dB", abs(scores[0] - scores[1]), 0.3)
