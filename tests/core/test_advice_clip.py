@@ -1,0 +1,46 @@
+"""What the diagnostics page says about cuts, exposure and priors that do not belong together."""
+
+import dataclasses
+
+import pytest
+from toy import clip_and_priors
+
+from f4x_core.fit.advice import contradiction, findings
+from f4x_core.priors import PriorsConfig, build_priors
+
+
+def said(priors) -> str:
+    return " ".join(finding.what + finding.advice for finding in findings(priors, None, {}))
+
+
+def test_true_priors_meet_and_wrong_ones_are_said():
+    _, priors = clip_and_priors()
+    assert contradiction(priors) < 0.1 and "contradict" not in said(priors)
+    priors.cameras = priors.cameras.scaled_world(3.0)
+    assert contradiction(priors) > 1 and "contradict each other" in said(priors)
+    priors.depth = None
+    assert not contradiction(priors) > 0 and "contradict" not in said(priors)
+
+
+@pytest.mark.parametrize(
+    ("cuts", "words"), [([], ""), ([5], "2 shots, cut at frame 5"), ([3, 6], "3 shots, cut at frame 3, 6")]
+)
+def test_cuts_are_named(cuts, words):
+    _, priors = clip_and_priors()
+    priors.statistics["changes"] = {"cuts": cuts, "exposure": 1.0}
+    assert (words in said(priors)) and ("shots" in said(priors)) == bool(cuts)
+    assert not cuts or f"--frames :{cuts[0]}" in said(priors)
+
+
+def test_exposure_is_told_in_percent():
+    _, priors = clip_and_priors()
+    priors.statistics["changes"] = {"cuts": [], "exposure": 1.5}
+    assert "exposure changes by 50%" in said(priors)
+
+
+def test_building_priors_looks_for_cuts_and_counts_clip_frames(tmp_path):
+    clip, _ = clip_and_priors(frames=8)
+    clip = dataclasses.replace(clip, frames=clip.frames.copy(), held_out=clip.times == 1)
+    clip.frames[5:] = 255 - clip.frames[5:, ::-1, ::-1]
+    built = build_priors(clip, tmp_path / "priors", PriorsConfig())
+    assert built.statistics["changes"]["cuts"] == [5]
