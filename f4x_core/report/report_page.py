@@ -31,7 +31,10 @@ def write_page(file: Path, report: Mapping[str, Any]) -> None:
         report: as `runner.gather` returns it.
     """
     studies: Mapping[str, Record] = report["studies"]
-    body = [f'<p class="dim">{html.escape(_machine_words(report["machine"]))}</p>', _overview(studies)]
+    body = [
+        f'<p class="dim">{html.escape(_machine_words(report["machine"]))}</p>',
+        _overview(studies, report["source"]),
+    ]
     for key, title in SECTIONS.items():
         parts = [_study(record) for record in studies.values() if record["section"] == key]
         body.append(page.section(title, "".join(parts)))
@@ -72,17 +75,20 @@ def _machine_words(machine: Mapping[str, Any]) -> str:
     return " · ".join(words)
 
 
-def _overview(studies: Mapping[str, Record]) -> str:
-    """What failed and what was not measured comes first."""
+def _state(record: Record, source: str) -> str:
+    """One word or two for the overview; `source` is the code of today."""
+    if record["failed"]:
+        return "failed"
+    if not record["tables"]:
+        return "not measured"
+    return "measured" if record.get("source") == source else "measured by other code"
+
+
+def _overview(studies: Mapping[str, Record], source: str) -> str:
+    """What failed and what was not measured."""
     rows = []
     for record in studies.values():
-        state = (
-            "failed"
-            if record["failed"]
-            else "not measured"
-            if record["skipped"] and not record["tables"]
-            else "measured"
-        )
+        state = _state(record, source)
         rows.append(
             [record["title"], state, f"{record['seconds']:.0f} s", "; ".join([*record["failed"], *record["skipped"]])]
         )

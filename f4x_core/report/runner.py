@@ -14,7 +14,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..progress import Progress, silent
 from .catalogue import STUDIES
-from .machine import describe_machine
+from .machine import describe_machine, digest_source
 from .study import Context, Findings, MissingError, Study, read_json, write_json
 
 STUDY_FILE = "study.json"
@@ -56,7 +56,7 @@ def gather(folder: Path) -> dict[str, Any]:
     """All studies that a folder holds, in the order of the catalogue; also written as `report.json`."""
     found = {study.name: folder / study.name / STUDY_FILE for study in STUDIES}
     studies = {name: read_json(file) for name, file in found.items() if file.is_file()}
-    report = {"machine": describe_machine(), "studies": studies}
+    report = {"machine": describe_machine(), "source": digest_source(), "studies": studies}
     write_json(folder / REPORT_FILE, report)
     return report
 
@@ -72,8 +72,12 @@ def as_csv(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _is_done(place: Path, settings: dict[str, Any]) -> bool:
+    """Whether it was measured, and nothing failed: what was missing then may be here now."""
     file = place / STUDY_FILE
-    return file.is_file() and read_json(file).get("settings") == settings
+    if not file.is_file():
+        return False
+    record = read_json(file)
+    return record.get("settings") == settings and bool(record["tables"]) and not record["failed"]
 
 
 def _measure(study: Study, context: Context) -> Findings:
@@ -102,5 +106,6 @@ def _keep(study: Study, findings: Findings, seconds: float, settings: dict[str, 
         "command": again,
         "seconds": round(seconds, 1),
         "machine": describe_machine(),
+        "source": digest_source(),
     }
     write_json(place / STUDY_FILE, record | asdict(findings))

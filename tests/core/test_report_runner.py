@@ -2,6 +2,8 @@
 
 import csv
 import json
+import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -50,7 +52,7 @@ def measure_nothing(context):
 def studies(monkeypatch):
     CALLS.clear()
     here = "f4x_core.report.probe"
-    monkeypatch.setitem(__import__("sys").modules, here, __import__("sys").modules[__name__])
+    monkeypatch.setitem(sys.modules, here, sys.modules[__name__])
     made = tuple(
         Study(name, "speed", f"Title of {name}", "Why?", f".probe:measure_{name}")
         for name in ("well", "badly", "nothing")
@@ -91,6 +93,17 @@ def test_what_is_done_is_not_done_again_and_a_stopped_study_goes_on(studies, tmp
     assert CALLS == ["first", "second"]
     run_studies(studies[:1], tmp_path, Context(tmp_path, seed=1))
     assert CALLS == ["first", "second"] * 2
+
+
+def test_what_was_missing_is_tried_again_and_old_code_is_named(studies, tmp_path, monkeypatch):
+    run_studies(studies, tmp_path, Context(tmp_path))
+    monkeypatch.setattr(runner, "digest_source", lambda: "changed")
+    monkeypatch.setattr(sys.modules[__name__], "measure_nothing", measure_well)
+    report = run_studies(studies, tmp_path, Context(tmp_path))
+    assert report["studies"]["nothing"]["tables"] and not report["studies"]["badly"]["tables"]
+    write_page(tmp_path / "index.html", report)
+    cells = re.findall(r"<td[^>]*>(measured[^<]*|failed)</td>", (tmp_path / "index.html").read_text())
+    assert cells == ["measured by other code", "failed", "measured"]
 
 
 def test_the_page_shows_the_command_and_escapes_words(studies, tmp_path):
