@@ -44,7 +44,7 @@ KNEE = {"dB": 0.3, "%": 1.0}
 """A choice sits at the knee when the next smaller one loses at least so much and the next larger one gains less."""
 PRETENDED = "box"
 """Label of the static thing that the larger choice of a still world carries by a scaffold."""
-DIM, QUICK_STEPS, FULL_STEPS = 128, 80, 600
+DIM, QUICK_STEPS, FULL_STEPS = 128, 60, 600
 """Channels of the made-up teacher; steps of distilling."""
 CLIP_WIDTH, CLIP_FRAMES, CLIP_HOLD_OUT = 240, "0:48:1", 8
 """Of real clips."""
@@ -204,7 +204,9 @@ class _Found:
                 tables.append(Table(name, rows, f"Choices: {choice}", TIMED))
                 judged = next(column for column in rows[0] if column.endswith(("(dB)", "(%)")))
                 if choice in (NODES, GAUSSIANS, WIDTH):
-                    figures.append(Figure(f"Choices: {choice}", name, choice, judged, "scene", log="x"))
+                    figures.append(
+                        Figure(f"Choices: {choice}; chosen: middle point", name, choice, judged, "scene", log="x")
+                    )
         tables.append(Table("evidence", self.evidence, "By which evidence"))
         return Findings(tables, figures, words)
 
@@ -265,14 +267,11 @@ def _sentence(row: Row) -> str:
     if row["verdict"] == "larger would pay":
         return (
             f"{row['scene']}, {row['choice']} {row['chosen']}: the next larger choice gains {row['larger gains']:.2f}"
-            f" ({row['judged by']}) for {row['larger, time ratio']:.2f} times the time."
+            f" ({row['judged by']})."
         )
     lost = row["smaller loses"]
     said = f"loses only {lost:.2f}" if lost >= 0 else f"is even better by {-lost:.2f}"
-    return (
-        f"{row['scene']}, {row['choice']} {row['chosen']}: the next smaller choice {said} ({row['judged by']}) and takes"
-        f" {row['smaller, time ratio']:.2f} times the time."
-    )
+    return f"{row['scene']}, {row['choice']} {row['chosen']}: the next smaller choice {said} ({row['judged by']})."
 
 
 def _fit_world(world: World, config: FitConfig, priors: Priors | None) -> tuple[Scene, Row]:

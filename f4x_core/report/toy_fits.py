@@ -24,7 +24,7 @@ from .study import Context, Row
 from .toy_worlds import View, World, make_world
 from .tracking import track_pixels
 
-QUICK_STEPS = 200
+QUICK_STEPS = 160
 """Steps of a fit in a quick report."""
 QUICK_SIZE, FULL_SIZE = (96, 16), (240, 24)
 """Width and frames of the worlds' clips."""

@@ -33,7 +33,7 @@ MIDDLE = np.array([0.0, 0.0, 0.95])
 WAVES, LONGEST, SHORTEST = 14, 0.6, 0.035
 """Number and wavelengths of a texture's waves."""
 HOLD_OUT = 5
-"""Every so many frames one is held out."""
+"""Every so many frames the middle one is held out: each has used ones on both sides."""
 NOVEL_DEGREES = (4.0, -3.0)
 """Novel views look from so far to the side of, and above, the clip's path."""
 PURE = 0.85
@@ -188,9 +188,9 @@ class World:
 
     @cached_property
     def clip(self) -> Clip:
-        """The frames, every `HOLD_OUT`-th held out."""
+        """The frames, one of `HOLD_OUT` held out."""
         frames = np.stack([(255 * view.rgb + 0.5).astype(np.uint8) for view in self.views])
-        held_out = np.arange(self.frames) % HOLD_OUT == HOLD_OUT - 1
+        held_out = np.arange(self.frames) % HOLD_OUT == HOLD_OUT // 2
         return Clip(self.name, frames, self.cameras.times, 24.0, held_out, self.name)
 
     @cached_property
