@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -20,6 +21,8 @@ PICTURE_WIDTH, JPEG_QUALITY = 320, 82
 TEXT_COLOUR = "#010203"
 # A legend of more entries covers what it explains; and how much a row of one below the plot takes.
 ENTRIES_INSIDE, ENTRY_INCHES = 3, 0.2
+# A cell that holds a number, with or without a unit, or nothing.
+NUMBER = re.compile(r"[-+]?[\d.]|–?$")
 # Legible on white and on black.
 TEAL, ORANGE, VIOLET, GREY = "#1f9e8f", "#e07a3f", "#8d7fe0", "#8a8f98"
 
@@ -61,10 +64,13 @@ def section(title: str, content: str) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = False) -> str:
-    """A table of escaped cells; with `numbers` all columns but the first are set right."""
+    """A table of escaped cells; with `numbers`, columns that hold nothing but numbers are set right, the first never."""
+    rows = list(rows)
+    columns = list(zip(*rows, strict=True))[1:] if numbers else []
+    right = {place for place, column in enumerate(columns, start=1) if all(map(NUMBER.match, column))}
 
     def cells(row: Sequence[str], tag: str) -> str:
-        kinds = ["", *([' class="number"'] * (len(row) - 1) if numbers else [""] * (len(row) - 1))]
+        kinds = [' class="number"' if place in right else "" for place in range(len(row))]
         return "".join(f"<{tag}{kind}>{html.escape(cell)}</{tag}>" for kind, cell in zip(kinds, row, strict=True))
 
     lines = [f"<tr>{cells(head, 'th')}</tr>", *(f"<tr>{cells(row, 'td')}</tr>" for row in rows)]
