@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise, product
 
@@ -40,8 +41,8 @@ class Changes:
         return max(float(shot.max() / shot.min()) for shot in shots)
 
 
-def find_changes(frames: np.ndarray) -> Changes:
-    """Return cuts and brightness of `frames (T, H, W, 3)` uint8.
+def find_changes(frames: Iterable[np.ndarray]) -> Changes:
+    """Return cuts and brightness of `frames (T, H, W, 3)` uint8, or of frames that come one at a time.
 
     Small pictures of neighbouring frames are laid over each other, shifted as they fit best. A cut lies between t - 1 and t
     when neither t - 1 nor t - 2 looks like t or t + 1, and the frames around are more alike: correlation knows no exposure,

@@ -1,0 +1,233 @@
+"""Long clips: shots, then overlapping windows that are fitted one after the other and joined into one scene.
+
+Memory holds one window at a time. Each window goes on from the one before (`fit.earlier`): it lives in its world, starts with
+its background and knows its nodes; what it leaves is an ordinary scene in `windows/NNN/scene.f4x`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..clip import Clip
+from ..errors import F4xError
+from ..files import replace_file
+from ..fit.config import FitConfig, resolved
+from ..fit.earlier import Earlier
+from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
+from ..priors.config import config_hash
+from ..progress import Progress, silent
+from ..report.evaluation import evaluate, summary
+from ..scene import Scene, read_scene, write_scene
+from ..scene.join import join_scenes
+
+LENGTH = 60
+"""Frames of a window: two seconds, in which a thing shows enough of itself and few tracks are lost."""
+OVERLAP = 12
+"""Frames that neighbouring windows share."""
+LEAST_OVERLAP = 2
+"""With fewer shared frames nothing can go over from one window to the next."""
+LONG = 240
+"""Clips of more frames are cut into windows unless told otherwise: about as many as a phone films in eight seconds."""
+
+Window = tuple[int, int]
+"""First frame and end, not included."""
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Windows of one shot, in the clip's frames."""
+
+    windows: tuple[Window, ...]
+    """In order, each sharing frames with the next."""
+
+    @property
+    def start(self) -> int:
+        """First frame."""
+        return self.windows[0][0]
+
+    @property
+    def end(self) -> int:
+        """One past the last frame."""
+        return self.windows[-1][1]
+
+
+def plan_windows(start: int, end: int, length: int = LENGTH, overlap: int = OVERLAP) -> tuple[Window, ...]:
+    """Cut the frames `start` to `end` into the fewest windows of at most `length` frames that share `overlap` with the next.
+
+    All are equally long up to one frame: a short last one would be fitted worse than the others. Raises F4xError for
+    lengths that leave a window no frame of its own.
+    """
+    if overlap < LEAST_OVERLAP or length <= 2 * overlap:
+        raise F4xError(
+            f"windows of {length} frames cannot share {overlap}: let --overlap be {LEAST_OVERLAP} or more and --window more"
+            " than twice that."
+        )
+    count = max(1, math.ceil((end - start - overlap) / (length - overlap)))
+    edges = start + np.round(np.linspace(0, end - start - overlap, count + 1)).astype(int)
+    return tuple((int(a), int(b) + overlap) for a, b in pairwise(edges))
+
+
+def plan_shots(count: int, cuts: Sequence[int], length: int = LENGTH, overlap: int = OVERLAP) -> tuple[Shot, ...]:
+    """The windows of every shot of a clip of `count` frames that is cut before each of `cuts`.
+
+    Shots too short for any fit are left out.
+    """
+    edges = [0, *cuts, count]
+    shots = [(a, b) for a, b in pairwise(edges) if b - a >= LEAST_FRAMES]
+    return tuple(Shot(plan_windows(a, b, length, overlap)) for a, b in shots)
+
+
+def fit_shot(
+    shot: Shot,
+    read: Callable[[int, int], Clip],
+    folder: Path,
+    config: FitConfig,
+    progress: Progress = silent,
+    resume: bool = False,
+) -> Scene:
+    """Fit the windows of a shot one after the other and return the joined scene, which has no metrics yet.
+
+    `read(start, end)` gives those frames as a clip. Every window leaves its scene in `folder/windows`; with `resume` finished
+    ones are kept as long as settings, pictures and the windows before are what they were.
+    """
+    paths, picked = [], []
+    earlier: Earlier | None = None
+    for number, (start, end) in enumerate(shot.windows):
+        place = folder / "windows" / f"{number:03d}"
+        clip = read(start, end)
+        require_enough(clip)
+        told = _progress_of(number, len(shot.windows), progress)
+        scene, next_node = _fit_window(clip, place, config, earlier, told, resume)
+        paths.append(place / "scene.f4x")
+        picked.append(clip.picked.split(":"))
+        if number + 1 < len(shot.windows):
+            earlier = Earlier(scene, shot.windows[number + 1][0] - start, next_node)
+            # One lens films all windows, and their colours are of one degree.
+            focal = float(scene.cameras.intrinsics[0, 0, 0]) / scene.cameras.width
+            cameras = replace(config.priors.cameras, focal=focal)
+            config = replace(config, priors=replace(config.priors, cameras=cameras), sh_degree=scene.sh_degree)
+    local = [(a - shot.start, b - shot.start) for a, b in shot.windows]
+    joined = join_scenes((read_scene(path) for path in paths), local, config.backend, progress)
+    provenance = {name: value for name, value in joined.provenance.items() if name != "window"}
+    provenance |= {"windows": local, "frames": ":".join([picked[0][0], *picked[-1][1:]])}
+    need = {
+        "what": "windows",
+        "chosen": str(len(shot.windows)),
+        "evidence": f"{shot.end - shot.start} frames, at most {max(b - a for a, b in shot.windows)} at a time",
+        "saved": "memory that grows with the clip",
+    }
+    return replace(joined, provenance=provenance, needs=(need,))
+
+
+def _fit_window(
+    clip: Clip, folder: Path, config: FitConfig, earlier: Earlier | None, progress: Progress, resume: bool
+) -> tuple[Scene, int]:
+    """(The window's scene, the first node id never used), kept from an earlier run where nothing has changed."""
+    path = folder / "scene.f4x"
+    state = hashlib.blake2b(clip.frames.tobytes() + clip.held_out.tobytes(), digest_size=16).hexdigest()
+    key = config_hash(resolved(config), state, "" if earlier is None else earlier.digest)
+    if resume and path.is_file():
+        scene = read_scene(path)
+        window = scene.provenance.get("window", {})
+        if window.get("key") == key:
+            return scene, int(window["next_node"])
+    result = fit_clip(clip, folder, config, progress, resume, earlier)
+    scene = result.scene(clip)
+    ids = [] if scene.scaffold is None else scene.scaffold.ids
+    next_node = max([0 if earlier is None else earlier.next_node, *(int(i) + 1 for i in ids)])
+    scene = replace(scene, provenance={**scene.provenance, "window": {"key": key, "next_node": next_node}})
+    write_scene(scene, path)
+    for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them
+        shutil.rmtree(folder / done, ignore_errors=True)
+    return scene, next_node
+
+
+def _progress_of(number: int, count: int, progress: Progress) -> Progress:
+    """The progress of one window as one of many."""
+
+    def tell(stage: str, done: int, total: int, message: str = "") -> None:
+        progress(stage, done, total, f"window {number + 1} of {count}" + (f", {message}" if message else ""))
+
+    return tell
+
+
+def evaluate_shot(
+    scene: Scene, shot: Shot, read: Callable[[int, int], Clip], backend: str = "auto", progress: Progress = silent
+) -> dict[str, Any]:
+    """What `report.evaluation.evaluate` tells of the joined scene, read a window at a time, and of its seams.
+
+    `seam_psnr` and `rest_psnr` (dB) are means over the used frames that two windows share and over the others.
+    """
+    frames: list[dict[str, Any]] = []
+    shared = np.zeros(shot.end - shot.start, bool)
+    for (_, end), (start, _) in pairwise(shot.windows):
+        shared[start - shot.start : end - shot.start] = True
+    for number, (start, _) in enumerate(shot.windows):
+        end = shot.windows[number + 1][0] if number + 1 < len(shot.windows) else shot.end
+        first, past = start - shot.start, end - shot.start
+        path = scene.cameras
+        cameras = replace(
+            path,
+            intrinsics=path.intrinsics[first:past],
+            world_to_camera=path.world_to_camera[first:past],
+            times=path.times[first:past],
+        )
+        held_out = tuple(frame - first for frame in scene.held_out if first <= frame < past)
+        part = replace(scene, cameras=cameras, held_out=held_out)
+        told = evaluate(
+            part, read(start, end), backend=backend, progress=_progress_of(number, len(shot.windows), progress)
+        )
+        frames += [row | {"frame": row["frame"] + first} for row in told["frames"]]
+    figures = {"frames": frames, **summary(frames)}
+    if shared.any():
+        used = [(row["psnr"], shared[row["frame"]]) for row in frames if not row["held_out"]]
+        figures["seam_psnr"] = float(np.mean([value for value, at_seam in used if at_seam]))
+        figures["rest_psnr"] = float(np.mean([value for value, at_seam in used if not at_seam]))
+    return figures
+
+
+def fit_long(
+    shots: Sequence[Shot],
+    read: Callable[[int, int], Clip],
+    folder: Path,
+    config: FitConfig,
+    progress: Progress = silent,
+    resume: bool = False,
+) -> list[dict[str, Any]]:
+    """Fit every shot: `folder/scene.f4x` and `metrics.json`, or those in `folder/shot_N` where the clip is cut.
+
+    Returns for each shot `scene` (path), `frames`, `windows`, `metrics`.
+    """
+    told = []
+    for number, shot in enumerate(shots, 1):
+        place = folder if len(shots) == 1 else folder / f"shot_{number}"
+        scene = fit_shot(shot, read, place, config, progress, resume)
+        metrics = evaluate_shot(scene, shot, read, config.backend, progress)
+        figures = {name: value for name, value in metrics.items() if name != "frames"}
+        figures["gaussians"] = len(scene.static) + len(scene.dynamic)
+        scene = replace(scene, metrics=figures)
+        write_scene(scene, place / "scene.f4x")
+        with replace_file(place / "metrics.json") as file:
+            file.write(json.dumps({**figures, "frames": metrics["frames"]}, indent=1).encode())
+        told.append(
+            {
+                "scene": str(place / "scene.f4x"),
+                "frames": [shot.start, shot.end],
+                "windows": len(shot.windows),
+                "metrics": figures,
+                "static": len(scene.static),
+                "dynamic": len(scene.dynamic),
+                "nodes": 0 if scene.scaffold is None else len(scene.scaffold),
+            }
+        )
+    return told

@@ -1,0 +1,234 @@
+"""Scenes of overlapping windows of one shot become one scene over its whole length. Needs numpy; draws through `raster`.
+
+The windows are in one world and one space of ids: each began with the background that the one before left, so the same id is
+the same Gaussian or node (`fit.earlier`). What moves in a window fades in and out over the frames that it shares with its
+neighbours. A Gaussian of the background is there from the window that made it until the one that did away with it; one that
+no earlier frame would show, because nobody had looked there, is there from the beginning.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
+from typing import TypeVar
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry import pose, quaternion
+from ..geometry.camera import CameraPath
+from ..geometry.interpolation import presence
+from ..progress import Progress, silent
+from ..scaffold import Scaffold
+from ..scaffold.joining import join_scaffolds
+from .model import DynamicSet, Scene, StaticSet
+
+Gaussians = TypeVar("Gaussians", bound=StaticSet)
+
+ALWAYS = (-np.inf, -np.inf, np.inf, np.inf)
+"""The span of what never comes or goes."""
+SHOWN = 0.25
+"""Pixels of light in one frame from which on that frame shows a Gaussian."""
+LOOKS_PER_WINDOW = 4
+"""Frames of a window in which it is looked whether they would show what later windows made."""
+
+
+def spans_of(windows: Sequence[tuple[int, int]]) -> np.ndarray:
+    """(P,4) when each of the windows (first frame, end) is there: ramps over the shared frames, none at the clip's ends."""
+    spans = np.array([ALWAYS] * len(windows))
+    for number, ((_, end), (start, _)) in enumerate(pairwise(windows)):
+        spans[number, 2:] = spans[number + 1, :2] = start, end - 1
+    return spans
+
+
+def join_scenes(
+    scenes: Iterable[Scene], windows: Sequence[tuple[int, int]], backend: str = "auto", progress: Progress = silent
+) -> Scene:
+    """Return one scene of the scenes of `windows` (first frame, end) in order; each counts its frames from 0.
+
+    `scenes` are taken one after the other, so that only one need be in memory. Edits, features and metrics are left behind:
+    they belong to the whole, not to parts. Raises F4xError where scenes and windows do not belong together.
+    """
+    spans = spans_of(windows)
+    static, moving, path, held_out = _Background(), _Moving(spans), _Path(windows), set[int]()
+    last: Scene | None = None
+    for number, (scene, (start, end)) in enumerate(zip(scenes, windows, strict=True)):
+        progress("join", number, len(windows))
+        if len(scene.cameras) != end - start or (last is not None and scene.next_id < last.next_id):
+            raise F4xError(
+                f"{scene.name}: these scenes are not the windows {start}:{end} of one clip; fit the clip again."
+            )
+        static.add(scene.static, spans[number])
+        moving.add(scene, number, start)
+        path.add(scene.cameras, spans[number], start)
+        held_out.update(frame + start for frame in scene.held_out)
+        last = scene
+    assert last is not None
+    dynamic, scaffold = moving.finish()
+    joined = replace(
+        last,
+        static=static.finish(),
+        dynamic=dynamic,
+        scaffold=scaffold,
+        cameras=path.finish(),
+        held_out=tuple(sorted(held_out)),
+        metrics={},
+        edits=(),
+        features=None,
+        extra={},
+    )
+    return _with_new_ground(joined, windows, backend, progress)
+
+
+@dataclass
+class _Background:
+    """The union of the background's Gaussians as windows come in."""
+
+    parts: list[StaticSet] = field(default_factory=list)
+    spans: list[np.ndarray] = field(default_factory=list)
+
+    def add(self, static: StaticSet, span: np.ndarray) -> None:
+        """One window's whole background."""
+        for known, when in zip(self.parts, self.spans, strict=True):
+            gone = ~np.isin(known.ids, static.ids) & (when[:, 3] == np.inf)
+            when[gone, 2:] = span[:2]
+        known_ids = np.concatenate([np.zeros(0, np.int64), *(part.ids for part in self.parts)])
+        new = static.take(~np.isin(static.ids, known_ids))
+        self.parts.append(new)
+        self.spans.append(np.tile([*span[:2], np.inf, np.inf], (len(new), 1)))
+
+    def finish(self) -> StaticSet:
+        """All of it, with when it is there."""
+        return _concatenated(self.parts, self.spans)
+
+
+@dataclass
+class _Moving:
+    """What moves in the windows, as they come in."""
+
+    spans: np.ndarray
+    parts: list[DynamicSet] = field(default_factory=list)
+    scaffolds: list[Scaffold] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+
+    def add(self, scene: Scene, number: int, start: int) -> None:
+        """One window's, if something moves in it."""
+        if scene.scaffold is not None:
+            self.parts.append(_rested_inside(scene, self.spans[number] - start))
+            self.scaffolds.append(replace(scene.scaffold, times=scene.scaffold.times + start))
+            self.numbers.append(number)
+
+    def finish(self) -> tuple[DynamicSet, Scaffold | None]:
+        """The joined set and scaffold."""
+        if not self.parts:
+            return DynamicSet.empty(), None
+        spans = self.spans[self.numbers]
+        scaffold, rows = join_scaffolds(self.scaffolds, spans)
+        slots = max(part.node.shape[1] for part in self.parts)
+        parts = [
+            replace(
+                part,
+                reference=np.searchsorted(scaffold.times, own.times[part.reference]).astype(np.int32),
+                node=np.pad(row[part.node], ((0, 0), (0, slots - part.node.shape[1])), mode="edge").astype(np.int32),
+                weight=np.pad(part.weight, ((0, 0), (0, slots - part.node.shape[1]))),
+            )
+            for part, own, row in zip(self.parts, self.scaffolds, rows, strict=True)
+        ]
+        return _concatenated(parts, [np.tile(s, (len(p), 1)) for s, p in zip(spans, parts, strict=True)]), scaffold
+
+
+@dataclass
+class _Path:
+    """The cameras of the windows, as they come in; over shared frames one goes over into the other."""
+
+    windows: Sequence[tuple[int, int]]
+    size: tuple[int, int] = (0, 0)
+
+    def __post_init__(self) -> None:
+        frames = self.windows[-1][1] - self.windows[0][0]
+        self.lens, self.turn = np.zeros((frames, 3, 3)), np.zeros((frames, 4))
+        self.centre, self.total = np.zeros((frames, 3)), np.zeros(frames)
+
+    def add(self, cameras: CameraPath, span: np.ndarray, start: int) -> None:
+        """One window's cameras."""
+        self.size = cameras.width, cameras.height
+        rows = slice(start - self.windows[0][0], start - self.windows[0][0] + len(cameras))
+        share = np.maximum([presence(span[None], start + t)[0] for t in range(len(cameras))], 1e-6)
+        turn, centre = pose.invert(*pose.from_matrix(cameras.world_to_camera))
+        turn = turn * np.where((self.turn[rows] * turn).sum(-1, keepdims=True) < 0, -1, 1)
+        self.lens[rows] += share[:, None, None] * cameras.intrinsics
+        self.turn[rows] += share[:, None] * turn
+        self.centre[rows] += share[:, None] * centre
+        self.total[rows] += share
+
+    def finish(self) -> CameraPath:
+        """One camera per frame."""
+        inverse = pose.invert(quaternion.normalize(self.turn), self.centre / self.total[:, None])
+        times = self.windows[0][0] + np.arange(len(self.total), dtype=np.float64)
+        return CameraPath(self.lens / self.total[:, None, None], pose.to_matrix(*inverse), times, *self.size)
+
+
+def _concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Gaussians:
+    """One set of several, with their spans; the smaller degrees of harmonics are padded with zeros."""
+    size = max(part.sh.shape[1] for part in parts)
+    whole = {
+        entry.name: [getattr(part, entry.name) for part in parts] for entry in fields(parts[0]) if entry.name != "span"
+    }
+    whole["sh"] = [np.pad(sh, ((0, 0), (0, size - sh.shape[1]), (0, 0))) for sh in whole["sh"]]
+    span = np.concatenate(spans).astype(np.float32)
+    arrays = {name: np.concatenate(values) for name, values in whole.items()}
+    return type(parts[0])(**arrays, span=None if (span == ALWAYS).all() else span)
+
+
+def _rested_inside(scene: Scene, span: np.ndarray) -> DynamicSet:
+    """The dynamic set of a window, resting at moments when it is there alone: over shared frames nodes belong to both."""
+    dynamic, scaffold = scene.dynamic, scene.scaffold
+    assert scaffold is not None
+    inside = np.flatnonzero((scaffold.times > span[1]) & (scaffold.times < span[2]))
+    if len(inside) == 0:
+        return dynamic
+    near = inside[np.abs(scaffold.times[:, None] - scaffold.times[inside]).argmin(1)]  # (F,)
+    reference = near[dynamic.reference]
+    xyz, rotation = dynamic.xyz.copy(), dynamic.rotation.copy()
+    changed = reference != dynamic.reference
+    for row in np.unique(reference[changed]):
+        posed, here = scene.posed(float(scaffold.times[row])), changed & (reference == row)
+        xyz[here], rotation[here] = posed.means[posed.dynamic][here], posed.quats[posed.dynamic][here]
+    return replace(dynamic, xyz=xyz, rotation=rotation, reference=reference.astype(np.int32))
+
+
+def _with_new_ground(scene: Scene, windows: Sequence[tuple[int, int]], backend: str, progress: Progress) -> Scene:
+    """The scene in which the background that no earlier frame shows is there from the beginning."""
+    if scene.static.span is None:
+        return scene
+    span = scene.static.span.copy()
+    since = span[:, 0].copy()
+    early = since > -np.inf
+    span[early, :2] = -np.inf
+    open_ground = replace(scene, static=replace(scene.static, span=span))
+    shown = np.zeros(len(span), bool)
+    looks = list(_looks(windows))
+    for done, time in enumerate(looks):
+        progress("join", done, len(looks), "what earlier frames would show")
+        later = early & (since > time) & ~shown
+        if later.any():
+            shown[later] = _light(open_ground, time, backend)[: len(span)][later] > SHOWN
+    kept = scene.static.span.copy()
+    kept[early & ~shown, :2] = -np.inf
+    return replace(scene, static=replace(scene.static, span=None if (kept == ALWAYS).all() else kept))
+
+
+def _looks(windows: Sequence[tuple[int, int]]) -> Iterator[float]:
+    for start, end in windows[:-1]:
+        yield from np.unique(np.linspace(start, end - 1, LOOKS_PER_WINDOW).round()).tolist()
+
+
+def _light(scene: Scene, time: float, backend: str) -> np.ndarray:
+    """(N,) pixels of light of every Gaussian in the clip's picture at `time`."""
+    from ..raster.light import light_into
+
+    camera, posed = scene.cameras.at(time), scene.posed(time)
+    shapes = posed.means, posed.quats, posed.scales, posed.opacities
+    whole = np.ones((camera.height, camera.width, 1), np.float32)
+    return light_into(*shapes, camera.world_to_camera, camera.intrinsics, whole, backend=backend)[:, 0]
