@@ -53,7 +53,11 @@ class LocalEngine:
 
     def _work(self, task: Task) -> None:
         tell = partial(self._tell, (task.row, task.stage))
-        self.ended.put((task, run_task(task, self.settings, tell, self.stopping.is_set)))
+        outcome = Outcome(task.row, task.stage, task.key, "failed", "the batch itself failed; see the message above.")
+        try:
+            outcome = run_task(task, self.settings, tell, self.stopping.is_set)
+        finally:  # whatever happened, the other rows go on
+            self.ended.put((task, outcome))
 
     def _tell(self, of: tuple[str, str], stage: str, done: int, total: int, message: str = "") -> None:
         self.steps[of] = (stage, done, total)

@@ -184,8 +184,10 @@ def plan(
 
     Reads every clip once to know its content; with `remember` the store keeps what it was.
     """
-    known = store.read(DIGESTS)
-    digests = Digests(json.loads(known) if known else None)
+    known = None
+    with contextlib.suppress(ValueError):  # damaged: all clips are read again
+        known = json.loads(store.read(DIGESTS) or b"{}")
+    digests = Digests(known)
 
     def state_of(row: Row) -> RowState:
         state = RowState(row, tasks_of(row, digests.of))

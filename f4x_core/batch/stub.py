@@ -36,7 +36,9 @@ def main(arguments: list[str]) -> int:
     if verb == "fit":
         result = _fit(content, clip, words, target, lines)
     else:
-        name = {"priors": "priors/depth.npy", "render": "rgb/00000.png", "query": "selection.json"}.get(verb, "")
+        part = int(arguments[arguments.index("--part") + 1].split("/")[0]) - 1 if "--part" in arguments else 0
+        names = {"priors": "priors/depth.npy", "render": f"rgb/{part:05d}.png", "query": "selection.json"}
+        name = names.get(verb, "")
         name = "name_0000.ply" if verb == "export" and not target.suffix else name
         _write(target / name, _digest(content, *words))
     lines.tell(result=result, text="")

@@ -92,7 +92,10 @@ def run_task(
         progress: told what the commands tell.
         stopped: looked at often; when it says yes, the commands end as after Ctrl-C.
     """
-    attempt = Attempt(task, settings)
+    try:
+        attempt = Attempt(task, settings)
+    except F4xError as error:
+        return Outcome(task.row, task.stage, task.key, "failed", str(error), socket.gethostname())
     try:
         attempt.run(progress, stopped)
         outcome = attempt.outcome("done")
@@ -113,8 +116,8 @@ class Attempt:
     """One attempt at a task, in a folder of its own."""
 
     def __init__(self, task: Task, settings: Settings):
-        """Nothing is touched yet."""
-        self.task, self.settings = task, settings
+        """Nothing is touched yet; F4xError where the store cannot be opened."""
+        self.task, self.settings, self.store = task, settings, open_store(settings.url)
         self.start = time.perf_counter()
         self.busy, self.cpu, self.memory, self.attempts = 0.0, 0.0, 0, 1
         self.results: list[dict[str, Any]] = []
@@ -127,7 +130,6 @@ class Attempt:
 
     def run(self, progress: Progress, stopped: Callable[[], bool]) -> None:
         """All of it; raises what went wrong."""
-        self.store = open_store(self.settings.url)
         folder = self._make_folder()
         work, self.log = folder / "work", folder / "log"
         work.mkdir()
@@ -206,8 +208,9 @@ class Attempt:
         """Begin where an earlier attempt with the same key was."""
         if not self.task.saves:
             return
-        data = self.store.read(self._saved_head)
-        head = json.loads(data) if data else {}
+        head: dict[str, Any] = {}
+        with contextlib.suppress(ValueError):  # damaged: begun anew
+            head = json.loads(self.store.read(self._saved_head) or b"{}")
         if head.get("key") == self.task.key:
             self.attempts = head["attempts"] + 1
             self.busy, self.cpu = head["seconds"], head["cpu_seconds"]

@@ -66,7 +66,8 @@ def test_rows_leave_the_ordinary_files_and_a_second_run_does_nothing(tmp_path):
     pattern, out = write_clips(tmp_path / "clips", a={}, b={}), tmp_path / "out"
     board = run(pattern, out)
     assert board.counts["render"] == {"done": 4, "waiting": 0, "ready": 0, "running": 0}
-    wanted = {"priors/depth.npy", "scene.f4x", "render/orbit/rgb/00000.png", "export/a-usd.usda"}
+    wanted = {"priors/depth.npy", "scene.f4x", "render/orbit/rgb/00000.png", "render/orbit/rgb/00001.png"}
+    wanted |= {"export/a-usd.usda"}
     assert set(contents(out / "a")) == wanted
     assert {file.name for file in (out / "a" / "logs").iterdir()} >= {"priors.log", "fit.log", "render_orbit_2_2.log"}
     assert not list((out / ".batch" / "work").iterdir()), "nothing is left of the work"
