@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from .. import page
 from ..files import replace_file
@@ -184,12 +184,16 @@ def _is_word(row: Mapping[str, Any], column: str) -> bool:
 
 
 def _show_decades(axis: Axes, scale: str) -> None:
-    """Label powers of ten alone on the axis "x" or "y", and let two of them be in view."""
+    """Label powers of ten alone on the axis "x" or "y"; where fewer than two are in view, round numbers between them too."""
     one = getattr(axis, f"{scale}axis")
-    one.set_minor_formatter(NullFormatter())
     low, high = (math.log10(end) for end in getattr(axis, f"get_{scale}lim")())
-    if math.floor(high) - math.ceil(low) < 1:
-        getattr(axis, f"set_{scale}lim")(10 ** math.floor(low), 10 ** math.ceil(high))
+    if math.floor(high) - math.ceil(low) >= 1:
+        one.set_minor_formatter(NullFormatter())
+        return
+    one.set_minor_locator(LogLocator(subs=(1.5, 2, 3, 5, 7)))
+    one.set_major_formatter("{x:g}")
+    one.set_minor_formatter("{x:g}")
+    axis.tick_params(which="minor", labelsize=8, colors=page.TEXT_COLOUR)
 
 
 def _stand_at_zero(axis: Axes, across: Sequence[float], look: dict[str, Any]) -> None:

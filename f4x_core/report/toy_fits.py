@@ -112,9 +112,9 @@ def score_world(world: World, scene: Scene) -> Row:
     Novel views: cameras `NOVEL_DEGREES` off the clip's path; `moving` counts only pixels that truly show what moves. Tracks:
     median distance in pixels between where true points go, from the first frame that sees them, and where the scene says.
     """
-    novel = [(_picture(scene, camera, moment), view) for camera, moment, view in world.novel_views]
+    novel = [(picture_of(scene, camera, moment), view) for camera, moment, view in world.novel_views]
     moving = [_psnr(picture, view, view.moving > 0.5) for picture, view in novel if (view.moving > 0.5).any()]
-    clip = [_psnr(_picture(scene, scene.cameras[i], float(i)), view) for i, view in enumerate(world.views)]
+    clip = [_psnr(picture_of(scene, scene.cameras[i], float(i)), view) for i, view in enumerate(world.views)]
     held_out = np.isin(np.arange(len(clip)), scene.held_out)
     return {
         "novel (dB)": float(np.mean([_psnr(*pair) for pair in novel])),
@@ -161,7 +161,8 @@ def _psnr(picture: torch.Tensor, view: View, mask: np.ndarray | None = None) -> 
     return psnr(picture, torch.from_numpy(view.rgb), weight)
 
 
-def _picture(scene: Scene, camera: Camera, moment: float) -> torch.Tensor:
+def picture_of(scene: Scene, camera: Camera, moment: float) -> torch.Tensor:
+    """(H,W,3) what the scene shows, in [0,1]."""
     return torch.from_numpy(np.clip(render(scene, camera, moment, ("rgb",))["rgb"], 0, 1))
 
 
