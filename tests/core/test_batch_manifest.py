@@ -8,6 +8,7 @@ from f4x_core.batch.graph import CLIP, tasks_of
 from f4x_core.batch.manifest import Row, read_manifest
 from f4x_core.batch.storage import Digests
 from f4x_core.cli.main import build_parser
+from f4x_core.cli.rendering import part_of
 from f4x_core.errors import F4xError
 
 
@@ -181,3 +182,16 @@ def test_digests_are_read_again_only_after_a_change(tmp_path, monkeypatch):
     write(tmp_path / "clip" / "1.png", "two")
     assert again.of(folder) != first
     assert Digests().of(clip) != "" and Digests().of(str(tmp_path / "absent")) == ""
+
+
+@pytest.mark.parametrize(("count", "parts"), [(10, 3), (2, 4), (7, 1)])
+def test_the_parts_of_a_path_are_every_view_once(count, parts):
+    shares = [part_of(count, f"{part}/{parts}") for part in range(1, parts + 1)]
+    assert [view for share in shares for view in share] == list(range(count))
+    assert max(map(len, shares)) - min(map(len, shares)) <= 1
+
+
+@pytest.mark.parametrize("part", ["0/4", "5/4", "1", "a/b", "1/0", "-1/2"])
+def test_a_part_that_is_none_is_one_sentence(part):
+    with pytest.raises(F4xError, match="write I/N with I from 1 to N"):
+        part_of(10, part)
