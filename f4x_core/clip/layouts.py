@@ -58,6 +58,8 @@ class Layout:
     """One per image where a lens distorts, else none."""
     times: np.ndarray | None = None
     """(T,) frames of the clip in whose folder it lies, when it is a camera kept back for measuring."""
+    factor: int | None = None
+    """By how much its authors shrink pictures of `size` before they measure, where they tell."""
 
 
 class Item(NamedTuple):
@@ -134,17 +136,18 @@ def _nerfies_layout(folder: Path, name: str, ids: Sequence[str], times: np.ndarr
             f"{folder}/camera has a file that is no Nerfies camera ({error!r}); download it again"
         ) from error
     depth = [folder / "depth" / scale / f"{name}.npy" for name in names]
-    extra = folder / "extra.json"
+    extra = _read_json(folder / "extra.json") if (folder / "extra.json").exists() else {}
     return Layout(
         name,
         [images[name] for name in names],
-        fps=float(_read_json(extra).get("fps", DYCHECK_FPS)) if extra.exists() else DYCHECK_FPS,
+        fps=float(extra.get("fps", DYCHECK_FPS)),
         depth=depth if all(file.exists() for file in depth) else [],
         intrinsics=intrinsics,
         world_to_camera=matrices,
         size=(width, height),
         distortions=lens if any(l.coefficients.any() for l in lens) else [],
         times=times,
+        factor=extra.get("factor"),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry.camera import CameraPath
-from .images import read_mask, resize_nearest
+from .images import read_color, read_mask, resize_nearest
 from .layouts import Layout, dycheck_keypoints, find_layout, find_novel
 from .model import Clip
 from .read import ASPECT_TOLERANCE, frame_indices, read_pictures, undistort
@@ -55,6 +55,19 @@ def read_novel_cameras(clip: Clip) -> list[NovelCamera]:
             path = path.resized(clip.width, clip.height)
             cameras.append(NovelCamera(layout.name, path, pictures, _seen(layout, rows, clip.width, clip.height)))
     return cameras
+
+
+def measured_width(source: Path | str, factor: int | None = None) -> int | None:
+    """Width in pixels at which a data set is measured: by its own factor or `factor`, else that of its novel pictures.
+
+    None = nothing tells.
+    """
+    layout = find_layout(Path(source))
+    factor = layout.factor or factor
+    if factor and layout.size:
+        return round(layout.size[0] / factor)
+    novel = find_novel(Path(source))
+    return read_color(novel[0].images[0]).shape[1] if novel else None
 
 
 def read_keypoints(clip: Clip) -> dict[int, np.ndarray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,15 +15,31 @@ from ..errors import F4xError
 from ..fit.losses import psnr, ssim
 from ..fit.model import CameraRig
 from ..gaussians import appearance
-from ..geometry.camera import CameraPath
+from ..geometry.camera import Camera, CameraPath
 from ..progress import Progress, silent
 from ..raster import rasterize
 from ..scene import Scene
 
-# Camera refinement on one frame: Adam steps and start rate (radians; world units), decayed to a tenth.
-REFINE_STEPS, REFINE_RATE = 60, 1e-3
+# Mean squared error below which a picture is as good as its target.
+LEAST_ERROR = 1e-12
 # Pixels with this much dynamic alpha belong to the moving region.
 MOVING_ALPHA = 0.5
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """How a camera is moved to match a picture while the scene stays as it is."""
+
+    steps: int = 60
+    """Steps of Adam."""
+    rate: float = 1e-3
+    """Learning rate at the start: radians, and world units (median depth 1)."""
+    last_rate: float = 1e-4
+    """At the last step."""
+    hold: int = 0
+    """Steps before the rate begins to fall, along a cosine."""
+    least_alpha: float = 0.0
+    """Pixels that the scene covers less than this do not count."""
 
 
 class FrozenMoment:
@@ -37,8 +55,8 @@ class FrozenMoment:
         self.moving = torch.from_numpy(np.ascontiguousarray(posed.dynamic)).float()
         self.backend = backend
 
-    def draw(self, view: Tensor, intrinsics: Tensor, width: int, height: int) -> tuple[Tensor, Tensor]:
-        """Return rgb (H,W,3) and the dynamic alpha (H,W) for a (4,4) world_to_camera and (3,3) intrinsics."""
+    def draw(self, view: Tensor, intrinsics: Tensor, width: int, height: int) -> tuple[Tensor, Tensor, Tensor]:
+        """Return rgb (H,W,3), the dynamic alpha and the alpha (H,W) for a (4,4) world_to_camera and (3,3) intrinsics."""
         centre = -(view[:3, :3].T @ view[:3, 3]).detach()
         colors = torch.cat([appearance(self.sh, self.means, self.quats, centre), self.moving[:, None]], 1)
         out = rasterize(
@@ -53,7 +71,7 @@ class FrozenMoment:
             height,
             backend=self.backend,
         )
-        return out.channels[..., :3].clamp(0, 1), out.channels[..., 3]
+        return out.channels[..., :3].clamp(0, 1), out.channels[..., 3], out.alpha
 
 
 def evaluate(
@@ -89,7 +107,7 @@ def evaluate(
         rig = CameraRig(cameras.at_times([float(cameras.times[index])]))
         view, lens = rig.view(0), rig.intrinsics(0, clip.width, clip.height)
         with torch.no_grad():
-            picture, moving = moment.draw(view, lens, clip.width, clip.height)
+            picture, moving, _ = moment.draw(view, lens, clip.width, clip.height)
         region = (moving > MOVING_ALPHA).float()
         row: dict[str, Any] = {
             "frame": index,
@@ -100,7 +118,7 @@ def evaluate(
             "psnr_static": psnr(picture, target, 1 - region),
         }
         if row["held_out"] and refine_camera:
-            row["psnr_refined"] = psnr(refine(moment, rig, target), target)
+            row["psnr_refined"] = psnr(refine(moment, rig, target)[0], target)
         if row["held_out"] and baselines:
             row |= baseline_scores(clip, index, held_out)
         frames.append(row)
@@ -121,23 +139,32 @@ def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
     return result
 
 
-def refine(moment: FrozenMoment, rig: CameraRig, target: Tensor) -> Tensor:
-    """The picture (H,W,3) after the camera of a one-frame rig was moved to match `target`; the scene stays as it is."""
+def refine(
+    moment: FrozenMoment, rig: CameraRig, target: Tensor, settings: Refinement | None = None
+) -> tuple[Tensor, Camera]:
+    """The picture (H,W,3), and its camera, after that of a one-frame rig was moved to match `target` (H,W,3) in [0,1].
+
+    PSNR over covered pixels is maximised; the best step counts. The scene stays as it is.
+    """
+    settings = settings or Refinement()
     height, width = target.shape[:2]
     parameters = [rig.parameters["camera_rotation"], rig.parameters["camera_position"]]
-    optimiser = torch.optim.Adam(parameters, lr=REFINE_RATE)
-    schedule = torch.optim.lr_scheduler.ExponentialLR(optimiser, 0.1 ** (1 / REFINE_STEPS))
-    best, best_error = None, float("inf")
-    for _ in range(REFINE_STEPS + 1):
-        picture, _ = moment.draw(rig.view(0), rig.intrinsics(0, width, height), width, height)
-        error = (picture - target).square().mean()
+    optimiser = torch.optim.Adam(parameters, lr=settings.rate)
+    falling = max(settings.steps - settings.hold, 1)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, falling, settings.last_rate)
+    best, best_error = None, math.inf
+    for step in range(settings.steps + 1):
+        picture, _, alpha = moment.draw(rig.view(0), rig.intrinsics(0, width, height), width, height)
+        covered = (alpha.detach() >= settings.least_alpha).float()
+        error = ((picture - target).square().mean(-1) * covered).sum() / covered.sum().clamp_min(1)
         value = float(error.detach())
         if value < best_error:
-            best, best_error = picture.detach(), value
+            best, best_error = (picture.detach(), rig.refined()[0]), value
         optimiser.zero_grad()
-        error.backward()
+        error.clamp_min(LEAST_ERROR).log().backward()
         optimiser.step()
-        schedule.step()
+        if step >= settings.hold:
+            schedule.step()
     assert best is not None
     return best
 

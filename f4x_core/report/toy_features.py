@@ -14,6 +14,7 @@ from ..geometry.camera import Camera
 from ..query.score import cosines
 from ..scene import Scene
 from ..scene.view import COVERED, render
+from .picture_metrics import score_confusion
 from .toy_worlds import View, World
 
 HEAD = "text"
@@ -66,9 +67,7 @@ def score_views(world: World, find: Callable[[Camera, float], np.ndarray]) -> tu
         found, known = enlarge(find(camera, time), view.label.shape), view.label >= 0
         pairs = view.label[known] * (count + 1) + np.where(found < 0, count, found)[known]
         confusion += np.bincount(pairs, minlength=confusion.size).reshape(confusion.shape)
-    hits = np.diag(confusion)
-    union = confusion.sum(1) + confusion[:, :count].sum(0) - hits
-    return float((hits[union > 0] / union[union > 0]).mean()), float(hits.sum() / confusion.sum())
+    return score_confusion(confusion)
 
 
 def enlarge(picture: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

@@ -97,3 +97,29 @@ def joint_accuracy(scene: Scene, annotation: dict, areas: dict[int, float], back
             right += bool(distance <= 0.2 * np.sqrt(areas[frame]))
             total += 1
     return {"pck": right / max(total, 1), "points": total}
+
+
+def keypoint_accuracy(
+    scene: Scene, keypoints: dict[int, np.ndarray], ratio: float = 0.05, backend: str = "auto"
+) -> dict[str, float]:
+    """DyCheck's PCK: keypoints are carried from every annotated frame to every one, and land within `ratio` of the longer side.
+
+    Means over pairs of frames (a frame with itself is one, as in DyCheck's own evaluation) of the share of points that both
+    show; NaN where no two frames share one.
+
+    Args:
+        keypoints: clip frame -> (J,3) x, y in pixels of the scene's size and 1 where visible.
+    """
+    frames, shares = sorted(keypoints), []
+    reach = ratio * max(scene.cameras.width, scene.cameras.height)
+    for start in frames:
+        shown = keypoints[start][:, 2] > 0.5
+        if not shown.any():
+            continue
+        tracked = track_pixels(scene, start, keypoints[start][shown, :2], frames, backend)
+        for found, target in zip(tracked, frames, strict=True):
+            truth = keypoints[target][shown]
+            both = truth[:, 2] > 0.5
+            if both.any():
+                shares.append(float((np.linalg.norm(found - truth[:, :2], axis=1) < reach)[both].mean()))
+    return {"pck": float(np.mean(shares)) if shares else float("nan"), "pairs": len(shares)}

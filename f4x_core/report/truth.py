@@ -266,7 +266,7 @@ def _score_view(
         if refine_camera:
             rig = CameraRig(CameraPath(camera.intrinsics[None], camera.world_to_camera[None], np.array([time]), *size))
             scores["psnr_covered_refined"] = psnr(
-                refine(FrozenMoment(scene, time, backend), rig, target), target, weight
+                refine(FrozenMoment(scene, time, backend), rig, target)[0], target, weight
             )
     return scores
 
