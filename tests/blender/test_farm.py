@@ -1,4 +1,4 @@
-"""Rendering frames on a farm: what `blender -b SHOT.blend -E FEATURE4X -s A -e B -a` leaves on several nodes is one machine's, byte by byte."""
+"""Frames on a farm: what `blender -b SHOT.blend -E FEATURE4X -s A -e B -a` leaves on nodes is one machine's, byte by byte."""
 
 import subprocess
 import sys
