@@ -84,6 +84,7 @@ REACH = {
     "mask_time_ratio": ">= 3",
     "logits_error": "<= 1e-5",
     "bypass_encoder_calls": "0",
+    "sam2_time_ratio": ">= 2",
     "sentence_s": "<= 5",
     "still_flicker": "<= 1.05",
     "mask_iou": ">= 0.8",

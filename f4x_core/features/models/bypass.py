@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,7 +28,7 @@ def compare_bypass(
 
     `model` is a checkpoint as in `load_sam2`, or `RANDOM`. Returns `model`, `frames`, `logits_error` and `logits_spread`
     (largest difference over all frames, and the standard deviation that it compares with), and how often the encoder ran:
-    `pixel_encoder_calls`, `bypass_encoder_calls`.
+    `pixel_encoder_calls`, `bypass_encoder_calls`; seconds of both paths over all frames, drawing pictures or features left out.
     """
     full = random_sam2() if model == RANDOM else load(transformers.Sam2VideoModel, find(DEFAULT, model))
     bypass = without_encoder(full)
@@ -37,7 +38,9 @@ def compare_bypass(
     pixels = [picture_tensor(frame, (side, side), IMAGENET_MEAN, IMAGENET_STD) for frame in frames]
     progress("sam2 from pixels", 0, 1)
     with torch.inference_mode(), counted(encoder) as pixel_calls:
+        begun = time.perf_counter()
         expected = _pixel_path(full, torch.cat(pixels), size)
+        pixel_seconds = time.perf_counter() - begun
     progress("sam2 features", 0, 1)
     with torch.inference_mode():
         pyramids = [full.get_image_features(picture, return_dict=True).fpn_hidden_states for picture in pixels]
@@ -49,8 +52,10 @@ def compare_bypass(
     progress("sam2 from features", 0, 1)
     with counted(encoder) as bypass_calls:
         decoder = Sam2MaskDecoder(bypass, lambda t: levels[t][2], count, size, lambda t: (levels[t][0], levels[t][1]))
+        begun = time.perf_counter()
         decoder.prompt(0, points=[[size[1] / 2, size[0] / 2]])
         found = dict(decoder.propagate())
+        bypass_seconds = time.perf_counter() - begun
     return {
         "model": str(model),
         "frames": count,
@@ -58,6 +63,9 @@ def compare_bypass(
         "logits_spread": float(np.std([expected[t] for t in range(count)])),
         "pixel_encoder_calls": len(pixel_calls),
         "bypass_encoder_calls": len(bypass_calls),
+        "pixel_seconds": pixel_seconds,
+        "bypass_seconds": bypass_seconds,
+        "sam2_time_ratio": pixel_seconds / bypass_seconds,
     }
 
 
