@@ -13,6 +13,7 @@ from typing import Any, get_args, get_type_hints
 
 from ..edit.records import Record, near, read_record
 from ..errors import F4xError
+from ..features.teachers import TEACHERS
 from ..scene.formats import FORMATS
 from .storage import expand, join, read_bytes
 
@@ -85,9 +86,10 @@ class Row(Record):
         for name in ("threads", "parts"):
             if getattr(self, name) < 1:
                 raise F4xError(f"{name} is {getattr(self, name)}; give 1 or more.")
-        for name in self.exports:
-            if name not in FORMATS:
-                raise F4xError(f"exports has {name!r}{near(name, FORMATS)}; known: {', '.join(FORMATS)}.")
+        for column, known in (("exports", FORMATS), ("features", TEACHERS)):
+            for name in getattr(self, column):
+                if name not in known:
+                    raise F4xError(f"{column} has {name!r}{near(name, known)}; known: {', '.join(known)}.")
 
 
 def read_manifest(source: str, defaults: Mapping[str, str] | None = None) -> tuple[Row, ...]:
