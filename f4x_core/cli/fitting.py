@@ -8,14 +8,18 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ..batch.windows import LENGTH, LONG, Shot, fit_long, plan_shots, plan_windows
 from ..clip import Clip, read_clip
+from ..clip.stream import Survey, claimed_frames, survey
 from ..errors import F4xError
 from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
-from ..fit.pipeline import fit_clip, require_enough
+from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress
 from ..report.evaluation import evaluate
@@ -77,6 +81,9 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     for name in names:
         if not (args.output / "features" / name / "spec.json").is_file():
             require_ready(name)  # before the fit, not after it
+    windows = windows_of(args, progress)
+    if windows is not None:
+        return fit_windows(args, *windows, config, names, progress)
     clip = clip_of(args, progress)
     told = fit_to_folder(clip, args.output, config, progress, args.resume)
     if names:
@@ -85,6 +92,59 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         added = distill_into(path, clip, names, args.output / "features", settings, progress)
         told |= {"features": added, "text": told["text"] + "\n" + added.pop("text")}
     return told
+
+
+def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tuple[Shot, ...]] | None:
+    """What is known of a clip that is fitted in windows, and its shots; None for one that is fitted at once."""
+    length = LENGTH if args.window is None else args.window
+    if length == 0 or (args.window is None and claimed_frames(args.clip, args.frames) <= LONG):
+        return None
+    plan_windows(0, length, length, args.overlap)  # a wrong pair is told before the clip is read
+    if args.prior:
+        raise F4xError("--prior cannot be cut into windows; fit with --window 0, or leave it out.")
+    known = survey(args.clip, args.frames, args.width, progress)
+    shots = plan_shots(known.count, known.cuts, length, args.overlap)
+    if not shots:
+        raise F4xError(
+            f"{args.clip}: no shot of this clip has {LEAST_FRAMES} frames; give --window 0 to fit it as one."
+        )
+    return known, shots
+
+
+def fit_windows(
+    args: argparse.Namespace,
+    known: Survey,
+    shots: tuple[Shot, ...],
+    config: FitConfig,
+    names: list[str],
+    progress: Progress,
+) -> dict[str, Any]:
+    """Fit a long clip window by window and distil the features `names` into each shot's scene."""
+
+    def read(start: int, end: int) -> Clip:
+        clip = read_clip(args.clip, known.part(start, end), args.width, None, args.masks, progress)
+        step = args.hold_out
+        held_out = np.arange(start, end) % step == step - 1 if step else clip.held_out
+        return dataclasses.replace(clip, held_out=held_out)
+
+    told = fit_long(shots, read, args.output, config, progress, args.resume)
+    lines = []
+    for shot in told:
+        figures = shot["metrics"]
+        lines.append(
+            f"{shot['scene']}: frames {shot['frames'][0]} to {shot['frames'][1] - 1} in {shot['windows']} windows,"
+            f" {shot['static']:,} static and {shot['dynamic']:,} dynamic Gaussians, PSNR of used frames"
+            f" {figures['used_psnr']:.2f} dB"
+        )
+        if "seam_psnr" in figures:
+            lines[-1] += f" ({figures['seam_psnr']:.2f} dB where windows meet, {figures['rest_psnr']:.2f} dB elsewhere)"
+        if names:
+            settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
+            path = Path(shot["scene"])
+            added = distill_into(path, read(*shot["frames"]), names, path.parent / "features", settings, progress)
+            lines.append(added.pop("text"))
+            shot["features"] = added
+    return {"shots": told, "cuts": list(known.cuts), "text": "\n".join(lines)}
 
 
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:

@@ -116,6 +116,15 @@ def build_parser() -> argparse.ArgumentParser:
     fit_options(sub)
     sub.add_argument("--resume", action="store_true", help="continue an interrupted fit")
     sub.add_argument(
+        "--window",
+        type=int,
+        metavar="N",
+        help="fit N frames at a time and join them (default: 60 for clips of more than 240 frames; 0: all at once)",
+    )
+    sub.add_argument(
+        "--overlap", type=int, default=12, metavar="N", help="frames that neighbouring windows share (default: 12)"
+    )
+    sub.add_argument(
         "--features", metavar="NAME[,NAME]", help="also distil these teachers' features, see `f4x models list`"
     )
 

@@ -153,10 +153,6 @@ class EditedScene(Scene):
         opacities = faded(opacities, presence) if self.fades else opacities
         return Posed(*placed, opacities, sh, ids=self.rows.ids[rows], dynamic=self.rows.moves[rows])
 
-    def presence(self, time: float) -> np.ndarray:
-        """(N,) float32 in the order of `posed`: how much of each Gaussian is there at the moment that `time` shows of it."""
-        return self._placed(len(self.steps), time, EVERY).presence
-
     def looks(self, time: float, rows: Wanted = EVERY) -> Appearance:
         """What the Gaussians `rows` look like at `time`, wherever they are and were they there."""
         return self._seen(len(self.steps), time, rows)
@@ -248,7 +244,7 @@ class EditedScene(Scene):
                 state = state._replace(means=(state.means + shift).astype(np.float32))
         else:
             posed = self._base(time)
-            presence = super().presence(time)[rows]
+            presence = self.presence(time)[rows]
             state = Placement(posed.means[rows], posed.quats[rows], posed.scales[rows], presence)
         for below in range(start, depth):
             if isinstance(self.steps[below].edit.operation, Transform):

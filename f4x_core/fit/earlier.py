@@ -30,6 +30,8 @@ NEIGHBOURHOOD = 5
 """Pixels of its side: cameras are refined later, and edges that lie a pixel off are not wrong."""
 OPAQUE = 0.8
 """Alpha from which on the background is there at all."""
+LEAST_PIXELS = 32
+"""Fewer tell no depth."""
 CONTINUES_PX = 1.5
 """Pixels, at the median depth, by which a node that goes on may differ from itself over the shared frames."""
 
@@ -56,10 +58,12 @@ class Earlier:
     def place(self, priors: Priors, backend: str = "auto") -> Priors:
         """Return `priors` in the earlier window's world: cameras and depth by one similarity, from the shared frames.
 
-        Scale: median ratio of the depth that the earlier scene shows to the priors'. Rotation and place: the mean over the
-        shared cameras.
+        Scale: median ratio of the depth that the earlier scene shows to the priors', where nothing moves. Rotation and place:
+        the mean over the shared cameras. How far away movers are is a guess that may differ from window to window: they get
+        the ratio of their own pixels.
         """
         assert priors.cameras is not None and priors.depth is not None
+        moving = np.zeros(priors.depth.shape, bool) if priors.mask is None else priors.mask
         shared = np.flatnonzero(priors.frames + self.offset < len(self.scene.cameras))
         if len(shared) == 0:
             raise F4xError(f"{self.scene.name}: two windows share no frame that may be seen; give a larger --overlap.")
@@ -69,10 +73,11 @@ class Earlier:
             camera = self.scene.cameras[frame]
             seen = render(self.scene, camera, float(self.scene.cameras.times[frame]), ("depth", "alpha"), backend)
             known = (seen["alpha"] > OPAQUE) & (priors.depth[row] > 0)
-            ratios.append(seen["depth"][known] / priors.depth[row][known])
+            ratios.append(np.where(known, seen["depth"] / priors.depth[row], np.nan))
             then.append(np.linalg.inv(camera.world_to_camera))
-        ratio = np.concatenate(ratios)
-        scale = float(np.median(ratio)) if len(ratio) else 1.0
+        ratio = np.stack(ratios)
+        scale = _median(ratio[~moving[shared]], 1.0)
+        factor = np.where(moving, _median(ratio[moving[shared]], scale), scale).astype(np.float32)
         cameras = priors.cameras.scaled_world(scale)
         now = np.linalg.inv(cameras.world_to_camera[shared])
         turns, _ = pose.from_matrix(np.stack(then) @ np.linalg.inv(now))
@@ -81,7 +86,7 @@ class Earlier:
         world = np.eye(4)
         world[:3, :3], world[:3, 3] = turn, shift  # from the priors' scaled world into the earlier one
         moved = replace(cameras, world_to_camera=cameras.world_to_camera @ np.linalg.inv(world))
-        return replace(priors, cameras=moved, depth=priors.depth * np.float32(scale))
+        return replace(priors, cameras=moved, depth=priors.depth * factor)
 
     def backdrop(self, clip: Clip, priors: Priors, rows: np.ndarray, margin: int, backend: str = "auto") -> Backdrop:
         """What stays of the earlier background, judged by the frames `rows` (indices into F) of placed priors.
@@ -130,6 +135,12 @@ class Earlier:
         before = replace(before, times=before.times - self.offset)
         found = continue_nodes(scaffold, before, tolerance, self.next_node)
         return found, max(self.next_node, int(found.ids.max(initial=-1)) + 1)
+
+
+def _median(ratios: np.ndarray, otherwise: float) -> float:
+    """Median of those that are known, if enough are."""
+    known = ratios[np.isfinite(ratios)]
+    return float(np.median(known)) if len(known) >= LEAST_PIXELS else otherwise
 
 
 @dataclass(frozen=True, eq=False)

@@ -322,7 +322,7 @@ class Scene:
         return self.static.span is not None or self.dynamic.span is not None
 
     def presence(self, time: float) -> np.ndarray:
-        """(N,) float32 in the order of `posed`: how much of each Gaussian is there at `time`, 0 to 1."""
+        """(N,) float32 in the order of `base.posed`: how much of each Gaussian is there at `time`, 0 to 1."""
         return np.concatenate([self.static.presence(time), self.dynamic.presence(time)])
 
     def posed(self, time: float) -> Posed:
