@@ -123,13 +123,13 @@ def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
     if hasattr(root, "f4x") and root.f4x.show_score:
         looks = by_score(looks, session.read(root, session.SCORE))
     for cloud, at, row in session.points(root):
-        data = cloud.data
+        data, opacities = cloud.data, looks.opacities[row]
         if len(at) < len(data.points):  # an artist joined it with something else
             continue
         if session.APART in cloud:
             moment = display.moment(frame)
             part = np.searchsorted(display.apart, row)
-            quats = moment.quats[part]
+            quats, opacities = moment.quats[part], moment.opacities[part]
             write_places(data, moment.means[part], quats, moment.scales[part])
             write_attribute(data, GONE, "BOOLEAN", gone[row])
         elif everything:
@@ -137,7 +137,7 @@ def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
             write_attribute(data, GONE, "BOOLEAN", elsewhere[row])
         else:
             continue
-        write_looks(data, quats, looks.sh[row], looks.opacities[row])
+        write_looks(data, quats, looks.sh[row], opacities)
         data.update_tag()
     _set_up_visible(session.clouds_of(root))
 

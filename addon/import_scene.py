@@ -15,7 +15,8 @@ whole. Blender frame = clip frame index.
 Attributes of the points (the names that Blender 5.3 draws as splats): `position`, `scale` (linear), `rotation` (wxyz),
 `radiance:base` (DC coefficients, opacity), `radiance:sh_0 ..` (higher coefficients, turned from the Gaussian's own
 frame into the object's); ours: `gid` (identity), `rgb` (linear display colour), `radius`, and on the dynamic cloud
-`reference`, `pair_k`, `w_k`, `strength`; where the scene has features `f4x_latent`, their three principal components from 0 to 1.
+`reference`, `pair_k`, `w_k`, `strength`; `span_0 .. span_3` where Gaussians come and go (`build_presence_tree`); where the
+scene has features `f4x_latent`, their three principal components from 0 to 1.
 """
 
 from pathlib import Path
@@ -37,7 +38,7 @@ from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, show_clip
 from .gaussian_attributes import write_looks, write_places
 from .motion_edits import mark_keyed
-from .motion_nodes import build_motion_tree
+from .motion_nodes import build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
 from .scaffold_rig import add_graph, add_nodes
 from .sequence import add_sequence, check_size
@@ -46,6 +47,7 @@ MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
 MAX_GID = 2**31 - 1  # Blender attributes have 32-bit integers
 MIN_REACH = 100.0  # Blender's own clip end, world units
 SMALL = 0.1  # drawn size of the root and the camera, world units: the scene is about one away from them
+NEVER = 1e9  # frames; stands for infinity, which geometry nodes cannot reckon with
 SOURCE = "f4x_source"
 """Property of the root of what came from another program: its file. A scene's root has `f4x_path` instead."""
 
@@ -181,6 +183,10 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     write_attribute(cloud, "gid", "INT", gaussians.ids)
     if latent is not None:
         write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", latent)
+    if gaussians.span is not None:
+        for i, times in enumerate(np.clip(gaussians.span, -NEVER, NEVER).T):
+            write_attribute(cloud, f"span_{i}", "FLOAT", times)
+        item.modifiers.new("Feature4X presence", "NODES").node_group = build_presence_tree(f"{name} presence")
     cloud.materials.append(material)
     return item
 

@@ -25,6 +25,8 @@ import bpy
 
 from ..f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND
 
+STEP = 1e-4
+"""Frames that the shortest ramp of a presence lasts."""
 SCENE_FRAME = "RELATIVE"
 """Empties are read in the frame of the Gaussians' object: the scene's own."""
 
@@ -167,6 +169,36 @@ def build_graph_tree(name: str, nodes: bpy.types.Collection) -> bpy.types.Geomet
     now = tree.add("FunctionNodeSeparateTransform", tree.out("GeometryNodeInstanceTransform")).outputs["Translation"]
     place = tree.sample(info.outputs[0], now, tree.out("GeometryNodeInputIndex"), "FLOAT_VECTOR", "INSTANCE")
     tree.link(tree.out("GeometryNodeSetPosition", tree.inputs["Geometry"], None, place), tree.outputs["Posed"])
+    _lay_out(tree.tree)
+    return tree.tree
+
+
+def build_presence_tree(name: str) -> bpy.types.GeometryNodeTree:
+    """Return the tree that fades Gaussians by their attributes `span_0 .. span_3`, as `f4x_core.scene.model.faded` does.
+
+    It changes the alpha of `radiance:base` and `rgb` by the frame of the Blender scene.
+    """
+    tree = _Tree(name, {"Geometry": "NodeSocketGeometry"}, {"Faded": "NodeSocketGeometry"})
+    frame = tree.add("GeometryNodeInputSceneTime").outputs["Frame"]
+    start, there, until, end = (tree.attribute(f"span_{i}", "FLOAT") for i in range(4))
+
+    def ramp(since, first, last):
+        """Share of the way from first to last that has passed; a step where they are equal."""
+        length = tree.math("MAXIMUM", tree.math("SUBTRACT", last, first), STEP)
+        node = tree.add("ShaderNodeMath", since, length, operation="DIVIDE")
+        node.use_clamp = True
+        return node.outputs[0]
+
+    coming = ramp(tree.math("ADD", tree.math("SUBTRACT", frame, start), STEP), start, there)
+    presence = tree.math("MINIMUM", coming, ramp(tree.math("SUBTRACT", end, frame), until, end))
+    geometry, presence = tree.capture(tree.inputs["Geometry"], Presence=("FLOAT", presence))
+    for attribute in ("radiance:base", "rgb"):
+        color = tree.add("FunctionNodeSeparateColor", tree.attribute(attribute, "FLOAT_COLOR")).outputs
+        through = tree.math("POWER", tree.math("SUBTRACT", 1.0, color["Alpha"]), presence)
+        seen = tree.math("SUBTRACT", 1.0, through)
+        faded = tree.out("FunctionNodeCombineColor", color["Red"], color["Green"], color["Blue"], seen)
+        geometry = tree.store(geometry, attribute, "FLOAT_COLOR", faded)
+    tree.link(geometry, tree.outputs["Faded"])
     _lay_out(tree.tree)
     return tree.tree
 

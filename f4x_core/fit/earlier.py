@@ -32,8 +32,8 @@ OPAQUE = 0.8
 """Alpha from which on the background is there at all."""
 LEAST_PIXELS = 32
 """Fewer tell no depth."""
-CONTINUES_PX = 1.5
-"""Pixels, at the median depth, by which a node that goes on may differ from itself over the shared frames."""
+CONTINUES = 0.4
+"""Node units by which a node that goes on may differ from itself over the shared frames: it stands for the motion around it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +131,8 @@ class Earlier:
         if before is None:
             ids = self.next_node + np.arange(len(scaffold))
             return replace(scaffold, ids=ids), self.next_node + len(ids)
-        tolerance = CONTINUES_PX / float(self.scene.cameras.intrinsics[0, 0, 0])
         before = replace(before, times=before.times - self.offset)
-        found = continue_nodes(scaffold, before, tolerance, self.next_node)
+        found = continue_nodes(scaffold, before, CONTINUES * before.unit, self.next_node)
         return found, max(self.next_node, int(found.ids.max(initial=-1)) + 1)
 
 

@@ -1,0 +1,211 @@
+"""Long clips in windows: how they are cut, and that windows of a made-up clip go on from each other."""
+
+import dataclasses
+import json
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from toy import clip_and_priors
+
+from f4x_core.batch import windows
+from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows
+from f4x_core.cli.fitting import windows_of
+from f4x_core.clip import write_images
+from f4x_core.clip.stream import survey
+from f4x_core.errors import F4xError
+from f4x_core.fit import pipeline
+from f4x_core.fit.config import profile
+from f4x_core.fit.earlier import Earlier
+from f4x_core.scene import Scene, StaticSet, read_scene
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """Tiny tensors: more threads only wait for each other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("frames", [3, 12, 60, 61, 100, 108, 109, 1000])
+def test_windows_cover_a_clip_evenly(frames):
+    plan = plan_windows(5, 5 + frames)
+    assert plan[0][0] == 5 and plan[-1][1] == 5 + frames
+    lengths = {end - start for start, end in plan}
+    assert max(lengths) <= max(LENGTH, OVERLAP) and max(lengths) - min(lengths) <= 1
+    assert all(end - start == OVERLAP for (_, end), (start, _) in pairwise(plan))
+    assert len(plan) == max(1, -(-(frames - OVERLAP) // (LENGTH - OVERLAP)))
+
+
+@pytest.mark.parametrize(("length", "overlap"), [(24, 12), (60, 1), (60, 30), (-5, 12)])
+def test_windows_without_frames_of_their_own_are_refused(length, overlap):
+    with pytest.raises(F4xError, match="cannot share"):
+        plan_windows(0, 100, length, overlap)
+
+
+def test_cuts_come_before_windows():
+    shots = plan_shots(200, (50, 51), 60, 12)
+    assert [(shot.start, shot.end, len(shot.windows)) for shot in shots] == [(0, 50, 1), (51, 200, 3)]
+
+
+def test_survey_reads_once_and_finds_the_cut(tmp_path):
+    clip, _ = clip_and_priors(12)
+    other = np.roll(255 - clip.frames[:6, :, ::-1], 11, 1)[..., ::-1]
+    write_images(tmp_path / "images", [*clip.frames, *other])
+    known = survey(tmp_path, "2:18:2")
+    assert (known.first, known.step, known.count, known.cuts) == (2, 2, 8, (5,))
+    assert known.part(3, 7) == "8:15:2"
+
+
+def arguments(clip, **changes):
+    return SimpleNamespace(
+        **{"clip": clip, "frames": None, "width": None, "prior": [], "window": None, "overlap": 12} | changes
+    )
+
+
+def test_only_long_clips_are_cut_into_windows(tmp_path):
+    clip, _ = clip_and_priors(9)
+    write_images(tmp_path / "images", clip.frames)
+    assert windows_of(arguments(tmp_path), lambda *_: None) is None
+    assert windows_of(arguments(tmp_path, window=0, overlap=90), lambda *_: None) is None
+    _, shots = windows_of(arguments(tmp_path, window=5, overlap=2), lambda *_: None)
+    assert shots[0].windows == ((0, 4), (2, 7), (5, 9))
+    with pytest.raises(F4xError, match="--prior"):
+        windows_of(arguments(tmp_path, window=5, overlap=2, prior=["depth=x"]), lambda *_: None)
+
+
+SHIFT, TURN = np.array([0.3, -0.2, 0.1]), np.pi / 7
+
+
+def part(clip, priors, start, end, scale=1.0, turned=False):
+    """Frames and true priors of a window, the priors in a world of their own when asked for."""
+    rows = slice(start, end)
+    clip = dataclasses.replace(
+        clip, frames=clip.frames[rows], times=np.arange(end - start, dtype=float), held_out=clip.held_out[rows],
+        picked=f"{start}:{end}:1",
+    )  # fmt: skip
+    path = priors.cameras
+    cameras = dataclasses.replace(
+        path, intrinsics=path.intrinsics[rows], world_to_camera=path.world_to_camera[rows], times=clip.times
+    ).scaled_world(scale)
+    if turned:
+        world = np.eye(4)
+        world[:2, :2] = [[np.cos(TURN), -np.sin(TURN)], [np.sin(TURN), np.cos(TURN)]]
+        world[:3, 3] = SHIFT
+        cameras = dataclasses.replace(cameras, world_to_camera=cameras.world_to_camera @ world)
+    cut = {
+        name: getattr(priors, name)[rows] for name in ("depth_confidence", "mask", "motion", "tracks", "tracks_visible")
+    }
+    pairs = {name: getattr(priors, name)[start : end - 1] for name in vars(priors) if name.startswith("flow_")}
+    depth = priors.depth[rows] * np.float32(scale)
+    frames = np.arange(end - start)
+    return clip, dataclasses.replace(priors, cameras=cameras, depth=depth, frames=frames, **cut, **pairs)
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    """A toy clip of 16 frames fitted in three windows, the later ones' priors in worlds of their own."""
+    patch = pytest.MonkeyPatch()
+    folder = tmp_path_factory.mktemp("long")
+    clip, priors = clip_and_priors(16)
+    worlds = {0: (1.0, False), 5: (1.3, True), 10: (0.8, False)}
+    config = dataclasses.replace(
+        profile("quick"), steps=90, measure_every=90, checkpoint_every=90, threads=1, backend="torch"
+    )
+
+    def read(start, end):
+        return part(clip, priors, start, end)[0]
+
+    def build(window, *_):
+        start, end, _ = map(int, window.picked.split(":"))
+        return part(clip, priors, start, end, *worlds[start])[1]
+
+    patch.setattr(pipeline, "build_priors", build)
+    plan = windows.Shot(((0, 8), (5, 13), (10, 16)))
+    told = windows.fit_long([plan], read, folder, config)
+    yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, told=told[0])
+    patch.undo()
+
+
+def test_windows_join_into_one_scene(shot):
+    scene, figures = read_scene(shot.folder / "scene.f4x"), shot.told["metrics"]
+    assert len(scene.cameras) == 16 and scene.provenance["frames"] == "0:16:1"
+    assert figures["used_psnr"] > 22
+    assert figures["seam_psnr"] > figures["rest_psnr"] - 0.5, "seams are as good as the rest"
+    frames = json.loads((shot.folder / "metrics.json").read_text())["frames"]
+    assert [row["frame"] for row in frames] == list(range(16))
+    assert not (shot.folder / "windows" / "001" / "priors").exists()
+
+
+def test_later_worlds_are_the_first_one(shot):
+    """The camera slides 0.02 a frame in the first window's unit and goes on so, whatever the unit of later priors."""
+    centers = read_scene(shot.folder / "scene.f4x").cameras.centers
+    assert np.allclose(np.diff(centers[:, 0]), 0.02, atol=0.008)
+    assert np.allclose(centers[:, 1:], 0, atol=0.02)
+
+
+def test_later_windows_keep_the_background_and_add_little(shot):
+    first, second = (read_scene(shot.folder / "windows" / name / "scene.f4x") for name in ("000", "001"))
+    kept = np.isin(first.static.ids, second.static.ids)
+    assert kept.mean() > 0.6
+    rows = np.searchsorted(second.static.ids, first.static.ids[kept])
+    assert np.array_equal(second.static.xyz[rows], first.static.xyz[kept]), "what is taken over is never changed"
+    assert second.dynamic.ids.min() > first.dynamic.ids.max()
+
+
+def test_the_mover_goes_on(shot):
+    scene = read_scene(shot.folder / "scene.f4x")
+
+    def place(time):
+        posed = scene.posed(time)
+        weight = posed.opacities * posed.dynamic
+        return weight @ posed.means / weight.sum()
+
+    path = np.stack([place(t) for t in range(16)])
+    assert np.allclose(np.diff(path[:, 0]), 0.03, atol=0.02), "0.03 a frame, without a jump where windows meet"
+    assert np.abs(path[:, 2] - 0.9).max() < 0.1
+
+
+def test_finished_windows_are_kept(shot, monkeypatch):
+    before = [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
+    monkeypatch.setattr(windows, "fit_clip", None)  # nothing is fitted again
+    windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True)
+    assert before == [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
+    with pytest.raises(TypeError):
+        windows.fit_shot(shot.plan, shot.read, shot.folder, dataclasses.replace(shot.config, seed=1), resume=True)
+
+
+def test_windows_that_share_no_used_frame_are_refused():
+    _, priors = clip_and_priors(8)
+    scene = Scene("toy", StaticSet.empty(), priors.cameras)
+    with pytest.raises(F4xError, match="overlap"):
+        Earlier(scene, 8, 0).place(priors)
+
+
+def test_background_that_turned_wrong_leaves(shot):
+    """A ghost in front of the wall, seen by no later picture, leaves; what is right stays."""
+    clip, priors = clip_and_priors(8, moving=False)
+    scene = read_scene(shot.folder / "windows" / "000" / "scene.f4x")
+    ghost = scene.static.take(np.arange(1))
+    ghost = dataclasses.replace(
+        ghost,
+        ids=ghost.ids + 10_000,
+        xyz=np.float32([[0.05, 0.0, 0.6]]),
+        scale=np.full((1, 3), 0.06, np.float32),
+        opacity=np.ones(1, np.float32),
+        sh=np.full_like(ghost.sh, 3.0),
+    )
+    arrays = {
+        name: np.concatenate([getattr(scene.static, name), getattr(ghost, name)])
+        for name in vars(ghost)
+        if name != "span"
+    }
+    haunted = dataclasses.replace(scene, static=StaticSet(**arrays))
+    found = Earlier(haunted, 0, 0).backdrop(clip, priors, np.arange(0, 8, 2), 2, "torch")
+    assert 10_000 + scene.static.ids[0] not in found.world.ids
+    assert len(found.world) > 0.6 * len(scene.static)
+    assert np.mean([shown.mean() for shown in found.explained.values()]) > 0.5
