@@ -46,6 +46,8 @@ from .view_questions import (
 )
 
 METHOD = "this program"
+QUICK_EVERY = 4
+"""Views of which a quick report labels one."""
 TIMED = ("fit (s)", "distil (s)", "time (s)")
 LPIPS = "LPIPS: not run; no weights of that network come with the project"
 DAVIS_PROFILE = "f4x_davis"
@@ -183,7 +185,7 @@ def _measure_scene(
     about = {"scene": folder.name, "source": OURS}
     if "labels" in teachers:
         labels = labels_for(folder)
-        work = partial(label_views, scene, teachers["labels"], labels, placed)
+        work = partial(label_views, scene, teachers["labels"], labels, placed, context.choose(QUICK_EVERY, 1))
         answers.labels += [about | row for row in context.step(f"{clip.name} labels", work, labels=labels, **settings)]
     if "masks" in teachers:
         for novel, cameras in placed[:1]:
