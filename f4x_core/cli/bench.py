@@ -95,6 +95,9 @@ REACH = {
     "local_overhead_s": "<= 0.2",
     "ray_overhead_s": "<= 1",
     "cost_error_most": "|.| <= 0.25",
+    "memory_ratio": "<= 1.3",
+    "time_ratio": "0.85 to 1.15",
+    "seam_loss": "<= 0.5",
 } | {
     f"{prompt}_{edit}_{figure}_{kind}": wanted
     for prompt in ("mask", "point", "moving")
@@ -203,12 +206,34 @@ def _meanings(report: dict[str, Any]) -> str:
 def _scale(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     from ..batch.benchmark import SIZES, benchmark
 
+    if args.long is not None:
+        return _long(args, progress)
     if not 0 <= args.clips <= len(SIZES):
         raise F4xError(f"--clips {args.clips}: give a number from 0 to {len(SIZES)}.")
     report = benchmark(args.clips, progress)
     if report.get("cost_errors"):
         report["cost_error_most"] = max(report["cost_errors"], key=abs)
     return {**report, "text": _as_table({name: value for name, value in report.items() if not isinstance(value, list)})}
+
+
+def _long(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """A clip played to and fro, short and long."""
+    from ..batch.long_benchmark import measure_long
+    from ..batch.windows import LENGTH
+
+    counts = sorted({*args.long})
+    if len(counts) < 2 or counts[0] <= LENGTH:
+        raise F4xError(
+            f"--long {' '.join(map(str, args.long))}: give two numbers of frames above {LENGTH}, e.g. 200 1000."
+        )
+    with tempfile.TemporaryDirectory() as place:
+        report = measure_long(Path(place), counts, args.clip, progress)
+    lines = [
+        f"{row['frames']:>6} frames: {row['memory_mb']:5.0f} MB, {row['cpu_s_per_frame']:5.2f} s of one core a frame, PSNR"
+        f" {row['seam_psnr']:.2f} dB where windows meet, {row['rest_psnr']:.2f} dB elsewhere"
+        for row in report["rows"]
+    ]
+    return {**report, "text": "\n".join([*lines, _as_table({n: v for n, v in report.items() if n != "rows"})])}
 
 
 def _pictures(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

@@ -338,6 +338,14 @@ def build_parser() -> argparse.ArgumentParser:
     sub = verb("bench", "Speed against error of the kernels on this machine.")
     sub.add_argument("what", choices=("raster", "deform", "features", "edit", "scale"))
     sub.add_argument("--clips", type=int, default=8, metavar="N", help="small clips that are fitted, 0 to 8 (scale)")
+    sub.add_argument(
+        "--long",
+        type=int,
+        nargs="+",
+        metavar="N",
+        help="in place of small clips: one of so many frames and a longer one, e.g. 200 1000, of the pictures in --clip or"
+        " made up; takes hours (scale)",
+    )
     sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
     sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
     sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")

@@ -1,0 +1,88 @@
+"""What the length of a clip costs: `f4x bench scale --long`. Memory, time and seams of one clip played to and fro."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from itertools import cycle, islice
+from pathlib import Path
+from typing import Any
+
+from ..clip.images import list_images
+from ..errors import F4xError
+from ..progress import Progress, silent
+from .benchmark import make_clip
+
+WIDTH, HEIGHT = 240, 136
+"""Pixels of the measurement."""
+MADE_UP = 60
+"""Frames of the made-up clip before it is played to and fro."""
+KILOBYTE = 1 if sys.platform == "darwin" else 1024
+"""Bytes of the unit in which the system tells the largest memory of a process."""
+
+
+def play_to_and_fro(source: Path, target: Path, frames: int) -> None:
+    """Write so many pictures of the folder `source` into `target`, forwards and backwards by turns; no turn doubles a frame."""
+    files = list_images(source)
+    if len(files) < 2:
+        raise F4xError(f"{source} holds {len(files)} pictures; give a folder with two or more.")
+    target.mkdir(parents=True, exist_ok=True)
+    for number, file in enumerate(islice(cycle([*files, *files[-2:0:-1]]), frames)):
+        shutil.copyfile(file, target / f"{number:05d}{file.suffix}")
+
+
+def measure_long(
+    folder: Path, counts: Sequence[int], source: Path | None = None, progress: Progress = silent
+) -> dict[str, Any]:
+    """Fit the first of `counts` frames, then each larger number, in processes of their own (profile `quick`, one thread).
+
+    `source`: a folder of pictures; a made-up clip without it. What is fitted already in `folder` is not done again, and then
+    not measured. Returns rows of `frames`, `memory_mb` (largest resident set), `cpu_s`, `cpu_s_per_frame`, `used_psnr`,
+    `seam_psnr`, `rest_psnr`, and by the last row against the first `memory_ratio` and `time_ratio` (per frame), and the
+    largest `seam_loss` (dB).
+    """
+    if source is None:
+        source = folder / "made_up"
+        make_clip(source, MADE_UP, WIDTH, HEIGHT, seed=0)
+    rows = []
+    for count in counts:
+        progress("bench scale", len(rows), len(counts), f"{count} frames")
+        clip, place = folder / f"clip{count}", folder / f"fit{count}"
+        play_to_and_fro(source, clip / "images", count)
+        options = [
+            "--window",
+            "60",
+            "--profile",
+            "quick",
+            "--threads",
+            "1",
+            "--width",
+            str(WIDTH),
+            "--resume",
+            "--json",
+        ]
+        command = [sys.executable, "-m", "f4x_core", "fit", str(clip), "-o", str(place), *options]
+        child = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=os.environ | {"OMP_NUM_THREADS": "1"})
+        _, status, used = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+        if child.returncode:
+            raise F4xError(f"{clip}: fitting {count} frames failed; the lines above say why.")
+        figures = json.loads((place / "metrics.json").read_text(encoding="utf-8"))
+        cpu = used.ru_utime + used.ru_stime
+        row = {
+            "frames": count,
+            "memory_mb": used.ru_maxrss * KILOBYTE / 1e6,
+            "cpu_s": cpu,
+            "cpu_s_per_frame": cpu / count,
+        }
+        rows.append(row | {name: figures[name] for name in ("used_psnr", "seam_psnr", "rest_psnr") if name in figures})
+    return {
+        "rows": rows,
+        "memory_ratio": rows[-1]["memory_mb"] / rows[0]["memory_mb"],
+        "time_ratio": rows[-1]["cpu_s_per_frame"] / rows[0]["cpu_s_per_frame"],
+        "seam_loss": max(row["rest_psnr"] - row["seam_psnr"] for row in rows if "seam_psnr" in row),
+    }
