@@ -130,21 +130,31 @@ def fit_windows(
     told = fit_long(shots, read, args.output, config, progress, args.resume)
     lines = []
     for shot in told:
-        figures = shot["metrics"]
+        figures, (start, end) = shot["metrics"], shot["frames"]
         lines.append(
-            f"{shot['scene']}: frames {shot['frames'][0]} to {shot['frames'][1] - 1} in {shot['windows']} windows,"
-            f" {shot['static']:,} static and {shot['dynamic']:,} dynamic Gaussians, PSNR of used frames"
-            f" {figures['used_psnr']:.2f} dB"
+            f"{shot['scene']}: frames {start} to {end - 1} in {shot['windows']} windows, {shot['static']:,} static and"
+            f" {shot['dynamic']:,} dynamic Gaussians, PSNR of used frames {figures['used_psnr']:.2f} dB"
         )
         if "seam_psnr" in figures:
             lines[-1] += f" ({figures['seam_psnr']:.2f} dB where windows meet, {figures['rest_psnr']:.2f} dB elsewhere)"
         if names:
             settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
             path = Path(shot["scene"])
-            added = distill_into(path, read(*shot["frames"]), names, path.parent / "features", settings, progress)
+            added = distill_into(path, read(start, end), names, path.parent / "features", settings, progress)
             lines.append(added.pop("text"))
             shot["features"] = added
-    return {"shots": told, "cuts": list(known.cuts), "text": "\n".join(lines)}
+    longest = max(told, key=lambda shot: shot["frames"][1] - shot["frames"][0])
+    scene = args.output / "scene.f4x"
+    if len(told) > 1:  # where those look who know no shots
+        with replace_file(scene) as file:
+            file.write(Path(longest["scene"]).read_bytes())
+    return {
+        "scene": str(scene),
+        "metrics": longest["metrics"],
+        "shots": told,
+        "cuts": list(known.cuts),
+        "text": "\n".join(lines),
+    }
 
 
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:
