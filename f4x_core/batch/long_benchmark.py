@@ -48,7 +48,7 @@ def measure_long(
     if source is None:
         source = folder / "made_up"
         make_clip(source, MADE_UP, WIDTH, HEIGHT, seed=0)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for count in counts:
         progress("bench scale", len(rows), len(counts), f"{count} frames")
         clip, place = folder / f"clip{count}", folder / f"fit{count}"

@@ -143,8 +143,8 @@ def _fit_window(
             return scene, int(window["next_node"])
     result = fit_clip(clip, folder, config, progress, resume, earlier)
     scene = result.scene(clip)
-    ids = [] if scene.scaffold is None else scene.scaffold.ids
-    next_node = max([0 if earlier is None else earlier.next_node, *(int(i) + 1 for i in ids)])
+    newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
+    next_node = max(newest + 1, 0 if earlier is None else earlier.next_node)
     scene = replace(scene, provenance={**scene.provenance, "window": {"key": key, "next_node": next_node}})
     write_scene(scene, path)
     for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them

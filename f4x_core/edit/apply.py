@@ -148,10 +148,10 @@ class EditedScene(Scene):
     def part(self, time: float, rows: Wanted) -> Posed:
         """Only the Gaussians `rows` of `posed(time)`, without working out where the others are."""
         self._moments.clear()
-        *placed, presence = self._placed(len(self.steps), time, rows)
+        means, quats, scales, presence = self._placed(len(self.steps), time, rows)
         opacities, sh = self.looks(time, rows)
         opacities = faded(opacities, presence) if self.fades else opacities
-        return Posed(*placed, opacities, sh, ids=self.rows.ids[rows], dynamic=self.rows.moves[rows])
+        return Posed(means, quats, scales, opacities, sh, self.rows.ids[rows], self.rows.moves[rows])
 
     def looks(self, time: float, rows: Wanted = EVERY) -> Appearance:
         """What the Gaussians `rows` look like at `time`, wherever they are and were they there."""

@@ -125,15 +125,13 @@ class Earlier:
         there = seen["alpha"] > OPAQUE
         return there & (off > WRONG), there
 
-    def continued(self, scaffold: Scaffold) -> tuple[Scaffold, int]:
-        """(The window's scaffold with the ids of the earlier nodes that go on in it, the first node id never used)."""
+    def continued(self, scaffold: Scaffold) -> Scaffold:
+        """The window's scaffold with the ids of the earlier nodes that go on in it, and new ones for the others."""
         before = self.scene.scaffold
         if before is None:
-            ids = self.next_node + np.arange(len(scaffold))
-            return replace(scaffold, ids=ids), self.next_node + len(ids)
+            return replace(scaffold, ids=self.next_node + np.arange(len(scaffold)))
         before = replace(before, times=before.times - self.offset)
-        found = continue_nodes(scaffold, before, CONTINUES * before.unit, self.next_node)
-        return found, max(self.next_node, int(found.ids.max(initial=-1)) + 1)
+        return continue_nodes(scaffold, before, CONTINUES * before.unit, self.next_node)
 
 
 def _median(ratios: np.ndarray, otherwise: float) -> float:

@@ -130,8 +130,7 @@ def fit_clip(
     if backdrop is not None:
         result = replace(result, static=backdrop.with_own(result.static))
     if earlier is not None and result.scaffold is not None:
-        scaffold, _ = earlier.continued(result.scaffold)
-        result = replace(result, scaffold=scaffold)
+        result = replace(result, scaffold=earlier.continued(result.scaffold))
     return result
 
 

@@ -141,7 +141,8 @@ class StaticSet:
     def take(self, index: np.ndarray) -> Self:
         """The Gaussians at `index` ((n,) int or (N,) bool), same class."""
         held = {f.name: getattr(self, f.name) for f in fields(self)}
-        return type(self)(**{name: None if value is None else value[index] for name, value in held.items()})
+        taken: dict[str, Any] = {name: None if value is None else value[index] for name, value in held.items()}
+        return type(self)(**taken)
 
     def presence(self, time: float) -> np.ndarray:
         """(N,) float32 how much of each Gaussian is there at clip time `time`, 0 to 1."""
