@@ -49,7 +49,8 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> tup
     settings = config.scaffold
     progress("scaffold", 0, 2, f"{len(lifted)} moving tracks")
     selected = settings.selection(config.seed)
-    selection = choose_nodes(lifted, times, settings.tolerance, selected, priors.cameras)
+    tolerance = settings.tolerance_at(priors.width)
+    selection = choose_nodes(lifted, times, tolerance, selected, priors.cameras)
     scaffold = scaffold_of(lifted, selection.index, times, selection.unit, selected)
     progress("scaffold", 1, 2, f"{len(scaffold)} nodes")
     scaffold = optimise_geometry(scaffold, settings.geometry(config.seed), progress)
@@ -58,7 +59,7 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> tup
     need = Need(
         "motion nodes",
         str(len(scaffold)),
-        f"90 % of {len(lifted)} tracks held out follow within so many pixels, by nodes: {evidence}; wanted {settings.tolerance}",
+        f"90 % of {len(lifted)} tracks held out follow within so many pixels, by nodes: {evidence}; wanted {tolerance:g}",
         f"{max(settings.most_nodes - len(scaffold), 0)} nodes of at most {settings.most_nodes}",
     )
     return scaffold, [need]

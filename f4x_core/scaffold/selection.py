@@ -35,6 +35,8 @@ class SelectionConfig:
     """Never more nodes."""
     counts: tuple[int, ...] = (4, 8, 16, 32, 64, 128, 256, 512)
     """Node counts that `choose_nodes` tries."""
+    tracks_per_node: float = 2.0
+    """Counts that leave a node fewer tracks are not tried: such nodes are the tracks themselves, not what moves them."""
     held_out: float = 0.25
     """Fraction of the tracks that only measure the residual: never nodes, never used for node rotations."""
     slack: float = 0.1
@@ -133,7 +135,8 @@ def choose_nodes(
     noise = float(np.median(track_noise(lifted, times, cameras)))
     enough = max(tolerance, NOISE_MARGIN * noise)
     table, picks = [], []
-    for count in sorted({min(count, len(order)) for count in config.counts}):
+    supported = [count for count in config.counts if count * config.tracks_per_node <= len(lifted)]
+    for count in sorted({min(count, len(order)) for count in supported or [min(config.counts)]}):
         pick = _centred(nodes, order[:count])
         scaffold = scaffold_of(nodes, pick, times, max(float(covering[count - 1]), _least_unit(nodes)), config)
         residual = track_residuals(scaffold, lifted.subset(held_out), cameras)

@@ -53,6 +53,12 @@ def test_moving_toy_gets_few_nodes_and_a_good_picture(fit, tmp_path):
     assert len(np.unique(ids)) == len(ids) and ids.max() < result.next_id
 
 
+def test_small_pictures_are_followed_to_less_than_a_pixel():
+    scaffold = profile("quick").scaffold
+    assert scaffold.tolerance_at(480) == scaffold.tolerance_at(1920) == scaffold.tolerance
+    assert scaffold.tolerance_at(96) == pytest.approx(0.48)
+
+
 def test_static_clip_gets_no_scaffold(fit, tmp_path):
     result = fit(tmp_path, small(20), moving=False)
     assert result.dynamic is None and result.scaffold is None

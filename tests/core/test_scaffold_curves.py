@@ -292,6 +292,14 @@ def test_a_jointed_mover_needs_more_and_the_table_says_why():
     assert len(loose.index) < len(chosen.index)
 
 
+def test_nodes_are_not_as_many_as_tracks():
+    tracks = mover(kind="jointed", number=40, noise=0.001)
+    tried = [row.nodes for row in choose_nodes(tracks, TIMES, 0.0).table]
+    assert tried[-1] == 16, "32 of 40 tracks would carry the others by being them"
+    forced = choose_nodes(tracks, TIMES, 0.0, SelectionConfig(counts=(24,)))
+    assert len(forced.index) == 24, "but who asks for one count gets it"
+
+
 def test_tolerance_in_pixels():
     k = np.array([[200.0, 0, 100], [0, 200, 100], [0, 0, 1]])
     path = CameraPath(np.repeat(k[None], 24, 0), np.repeat(np.eye(4)[None], 24, 0), TIMES, 200, 200)
