@@ -24,7 +24,7 @@ from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
 from .apply import LOOKS_OF, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
 from .keys import with_keys_folded
-from .operations import Delete, Duplicate, Name, Transform
+from .operations import Delete, Duplicate, Name, Opacity, Transform
 from .rows import Rows
 from .selects import Ids, Moving, Select
 from .stack import Edit, EditStack, of, with_stack
@@ -69,6 +69,9 @@ def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
     # what comes and goes is there by the clip's clock: edits that show other moments of it cannot be folded
     lasting = next((s.edit.id for s in steps if _needs_time(s.edit) or (s.reads and scene.fades)), None)
     count = len(active) if lasting is None else [edit.id for edit in active].index(lasting)
+    factors = [edit.operation.factor if isinstance(edit.operation, Opacity) else 1.0 for edit in active]
+    if any(factor > 1 for factor in factors[count:]) and 0 in factors[:count]:
+        count = factors.index(0)  # what stays brings back what was hidden, as the base has it
     yield count
     inexact = {step.edit.id for step in steps if step.reads}
     yield from (index for index in range(count - 1, -1, -1) if active[index].id in inexact)

@@ -28,8 +28,6 @@ Gaussians = TypeVar("Gaussians", bound=StaticSet)
 
 ALWAYS = (-np.inf, -np.inf, np.inf, np.inf)
 """The span of what never comes or goes."""
-SHOWN = 0.25
-"""Pixels of light in one frame from which on that frame shows a Gaussian."""
 LOOKS_PER_WINDOW = 4
 """Frames of a window in which it is looked whether they would show what later windows made."""
 
@@ -213,7 +211,7 @@ def _with_new_ground(scene: Scene, windows: Sequence[tuple[int, int]], backend: 
         progress("join", done, len(looks), "what earlier frames would show")
         later = early & (since > time) & ~shown
         if later.any():
-            shown[later] = _light(open_ground, time, backend)[: len(span)][later] > SHOWN
+            shown[later] = _light(open_ground, time, backend)[: len(span)][later] > 0  # thousands of little ones add up
     kept = scene.static.span.copy()
     kept[early & ~shown, :2] = -np.inf
     return replace(scene, static=replace(scene.static, span=None if (kept == ALWAYS).all() else kept))

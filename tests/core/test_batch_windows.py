@@ -113,9 +113,7 @@ def shot(tmp_path_factory):
     folder = tmp_path_factory.mktemp("long")
     clip, priors = clip_and_priors(16)
     worlds = {0: (1.0, False), 5: (1.3, True), 10: (0.8, False)}
-    config = dataclasses.replace(
-        profile("quick"), steps=90, measure_every=90, checkpoint_every=90, threads=1, backend="torch"
-    )
+    config = dataclasses.replace(profile("quick"), steps=80, measure_every=80, checkpoint_every=80, threads=1)
 
     def read(start, end):
         return part(clip, priors, start, end)[0]
