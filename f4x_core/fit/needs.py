@@ -9,7 +9,9 @@ from ..geometry import spherical_harmonics
 from ..geometry.camera import CameraPath
 from ..priors import Priors
 
-# A higher SH degree must explain the colours of left-out frames this much better (dB) to be worth its coefficients.
+# A higher SH degree must explain the colours of left-out frames this much better (dB) to be worth its coefficients. Low,
+# because the evidence is one-sided: a wall that does not shine shows 2.3 dB where pictures are small and textures fine (3.8
+# where it shines), dog 0.45 and camel 1.05; a higher bar would take from real clips before it told the toy walls apart.
 SH_GAIN_DB = 0.25
 # Tracks and samples per track that make the colour evidence trustworthy.
 SH_TRACKS, SH_SAMPLES = 1500, 12
