@@ -30,7 +30,7 @@ class ScaffoldConfig:
     tolerance_share: float = 0.005
     """The same as a share of the picture's width; the smaller of both holds. A pixel of a picture 96 wide is five of one
     480 wide. Chosen on toy worlds 96 wide, three seeds each: going on from a pixel to half a one gains 1.4 dB for an arm
-    (8 to 32 nodes) and 3.3 dB for a flag (8 to 64); twice as many nodes then gain less than 0.2 dB. From 200 pixels on it
+    (8 to 32 nodes) and 3.3 dB for a flag (8 to 64); twice as many nodes then gain less than 0.3 dB. From 200 pixels on it
     is the whole pixel."""
     least_nodes: int = 4
     """Never fewer nodes than this."""
