@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
+from ..query.compounds import head_of, names_another
 from ..query.inventory import labels_of, nearest_there
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.prompts import select_by_box, select_by_points, select_by_text
@@ -36,7 +37,6 @@ from .selects import (
     Text,
     parts_of,
 )
-from .words import head_of, names_another
 
 __all__ = ["Absent", "Context", "Resolver", "chosen", "labels_of", "resolve", "rows_of"]
 
@@ -146,10 +146,21 @@ class Resolver:
             return replace(select, of=tuple(self._rewrite(scene, part, tidy) for part in select.of))
         if isinstance(select, Not):
             return Not(self._rewrite(scene, select.of, tidy))
+        if isinstance(select, Ids):
+            strange = np.setdiff1d(select.array, scene.ids)
+            if len(strange):
+                raise F4xError(
+                    f"{scene.name}: there is no Gaussian of the id {strange[0]}; take ids of this scene with its edits, as"
+                    " `f4x query` gives them."
+                )
         if isinstance(select, Text):
             scene = self._before or scene
             scene = scene.base if self._hidden_too else scene
             rows = self._rows_of_words(scene, select)
+            if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
+                rows = first
+            if select.number == "both" and len(rows) and not things(scene.posed(self.context.frame), rows)[0].any():
+                raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
             if tidy and len(rows):
                 rows = rows[~things(scene.posed(self.context.frame), rows)[1]]
             return Ids.of(scene.ids[rows])
@@ -210,11 +221,13 @@ class Resolver:
         words = next((part for part in parts_of(select) if isinstance(part, Text)), None)
         if words is None or scene.features is None:
             return f"{scene.name}: the selection is empty at this place in the edits; select something else."
+        if isinstance(select, And) and any(isinstance(part, Instance) for part in parts_of(select)):
+            return f"In the scene '{scene.name}' there is only one of {whom(words)}, so nobody is left of {whom(select)}."
         best = float(self.selection(scene, words).scores.max(initial=0))
         near = nearest_there(scene, words.labels, self.encode)
         hint = f"; nearest labels: {', '.join(near)}" if near else ""
         return (
-            f"{scene.name}: nothing in the scene is called '{', '.join(words.labels)}' with a probability of"
+            f"In the scene '{scene.name}' nothing is called '{', '.join(words.labels)}' with a probability of"
             f" {words.threshold:g} or more (best: {best:.2f}){hint}."
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 
 
 def word_set(text: str) -> frozenset[str]:
@@ -79,34 +79,6 @@ def singular(word: str) -> str:
 
 EVERYBODY = ("person", "people", "human")
 """The label that "everyone" means: the first of these that a scene knows."""
-_IDIOMS = ("hot dog", "sea horse", "sea lion", "guinea pig", "teddy bear", "toilet seat", "shoe tree", "clothes horse")
-_MADE_UP = word_set("toy stuffed plush teddy rocking gummy cartoon imaginary")
-"""What has one of these before it is no such thing: a toy dog is a toy."""
-
-
-def names_another(label: str) -> bool:
-    """Whether a name's last word does not say what kind of thing it is: "hot dog", "toy car"."""
-    first, *more = label.lower().split()
-    return bool(more) and (label.lower() in _IDIOMS or first in _MADE_UP)
-
-
-def head_of(label: str, known: Collection[str]) -> str | None:
-    """The kind of thing that a compound is: "house" of "dog house", "hat" of "dog's hat", "roof" of "roof of the house".
-
-    None for a label in `known` (lower case) and for a thing with mere adjectives ("parked car"): its last word is the thing itself.
-    """
-    words = label.lower().split()
-    if len(words) < 2 or label.lower() in known:
-        return None
-    if "of" in words[1:-1]:
-        return " ".join(words[: words.index("of")])
-    owner = next((i for i in range(len(words) - 1, 0, -1) if words[i - 1].endswith(("'s", "s'"))), 0)
-    if owner:
-        return " ".join(words[owner:])
-    heads = (i for i in range(1, len(words)) if " ".join(words[i:]) in known)
-    start = next(heads, len(words) - 1)
-    return " ".join(words[start:]) if any({w, singular(w)} & {*known} for w in words[:start]) else None
-
 
 _FORMS = _table(
     "make making made, take taking taken, give giving given, hide hiding hidden, freeze freezing frozen, "

@@ -7,13 +7,15 @@ from difflib import get_close_matches
 
 import numpy as np
 
+from ..errors import F4xError
 from ..features.null import null_vector
 from ..scene import Scene
 from .calibration import evidence
-from .labels import Encode, ask_for, text_head
+from .compounds import head_of, names_another
+from .labels import Encode, ask_for, spellings, text_head, unknown_label
 from .pixels import label_scores
 from .prompts import select_by_text
-from .score import cosines
+from .score import THRESHOLD, cosines
 from .selection import Selection
 from .standing import standing
 
@@ -41,7 +43,30 @@ def find(scene: Scene, label: str, encode: Encode | None = None) -> Selection:
     Without a null vector scores say which word rather than whether one, so the label is weighed against the whole vocabulary.
     """
     calibrated = null_vector(text_head(scene).spec.text_encoder or "") is not None
-    return select_by_text(scene, [label], None if calibrated else labels_of(scene), encode=encode)
+    return select_word(scene, label, None if calibrated else labels_of(scene), encode=encode)
+
+
+def select_word(
+    scene: Scene,
+    label: str,
+    negatives: Sequence[str] | None = None,
+    threshold: float = THRESHOLD,
+    *,
+    encode: Encode | None = None,
+    span: tuple[float, float] | None = None,
+) -> Selection:
+    """`select_by_text` of one label; of a compound those that are the kind of thing it says, too: a dog house is a house.
+
+    Raises F4xError besides: a word that the vocabulary lacks and whose last part names something else ("hot dog").
+    """
+    known = {word.lower() for word in labels_of(scene)}
+    if names_another(label) and known.isdisjoint(spellings(label)):
+        raise F4xError(unknown_label(scene, label, labels_of(scene), text_head(scene).spec.text_encoder or ""))
+    selection = select_by_text(scene, [label], negatives, threshold, encode=encode, span=span)
+    head = None if not known.isdisjoint(spellings(label)) else head_of(label, known)
+    if head is None:
+        return selection
+    return selection.among(select_by_text(scene, [head], negatives, threshold, encode=encode).chosen)
 
 
 def things_there(scene: Scene) -> dict[str, Selection]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,12 +16,13 @@ from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
 from .chat import ChatServer, picture_part
+from .compounds import ADJECTIVE
 from .inventory import find, labels_of, nearest_there, things_there
 from .labels import Encode, spellings, text_head
 from .pixels import head_map
 from .selection import Selection
 from .standing import standing
-from .wording import Asked, understand
+from .wording import CAN, Asked, Unanswerable, understand
 
 COMPUTED, SERVER = "computed", "server"
 """Values of `Answer.answered_by`, besides names of models."""
@@ -72,8 +74,12 @@ class Sighting:
     """Where it goes in the picture: to the left, right, or nothing."""
     moments: list[float] = field(default_factory=list)
     """Clip times of the views that show it."""
+    unseen: list[float] = field(default_factory=list)
+    """Clip times of the views that do not."""
     note: str = ""
     """What the answer about it leaves open."""
+    given: bool = False
+    """Whether the label is a name that somebody gave, which takes no article."""
 
 
 @dataclass(frozen=True)
@@ -95,13 +101,15 @@ def answer(
     *,
     server: ChatServer | None = None,
     encode: Encode | None = None,
+    names: Mapping[str, Selection] | None = None,
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Answer:
     """Answer `question` about what `trajectory` (the clip's own views when None) shows.
 
     With `server` rendered frames are sent there. Without, the answer is computed from words, places and motion in the scene,
-    and says so; a thing is there when `inventory.find` finds it, as `f4x query --text` does. Raises F4xError: an empty
+    and says so; a thing is there when `inventory.find` finds it, as `f4x query --text` does, or under one of the `names` that
+    the caller knows. Raises F4xError: an empty
     question, a time beyond the clip, a server that does not answer, a word that nobody knows; `wording.Unanswerable` for
     what cannot be computed.
     """
@@ -115,7 +123,11 @@ def answer(
     told: list[str] = []
     evidence: list[dict[str, Any]] = []
     for asked in understand(question, scene.fps, len(scene.cameras)):
-        found = [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, encode, backend, progress)
+        found = (
+            []
+            if asked.kind in CLIP_FACTS
+            else _look_for(scene, asked, trajectory, encode, names or {}, backend, progress)
+        )
         told.append(compose(scene, asked, found, encode))
         evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
     limits = (
@@ -190,12 +202,12 @@ def look(
     masks: list[np.ndarray] = []  # per view (n,H,W)
     depths: list[np.ndarray] = []
     for done, (camera, time) in enumerate(views):
-        progress("look", done, len(views))
+        progress("looking at the scene", done, len(views))
         small = camera.resized(COLUMNS, max(1, round(COLUMNS * camera.height / camera.width)))
         drawn = render(scene, small, time, ("depth",), backend, values={"share": chosen.astype(np.float32)})
         masks.append(np.moveaxis(drawn["share"], -1, 0) > SEEN)
         depths.append(drawn["depth"])
-    progress("look", len(views), len(views))
+    progress("looking at the scene", len(views), len(views))
     moving = chosen & scene.moving[:, None]
     moving &= 2 * moving.sum(0) > chosen.sum(0)  # a few that move at the rim do not carry the rest along
     posed = [scene.posed(float(time)) for time in times]
@@ -226,6 +238,11 @@ def _sighting(scene, label, selection, seen, depths, places, times, views) -> Si
         )
     share = seen.mean((1, 2))
     best = int(share.argmax())
+    sighting = replace(
+        sighting,
+        moments=[float(view.time) for view, part in zip(views, share, strict=True) if part >= PRESENT],
+        unseen=[float(view.time) for view, part in zip(views, share, strict=True) if part < PRESENT],
+    )
     if not share[best]:
         return sighting
     mask, depth = seen[best], depths[best]
@@ -237,12 +254,17 @@ def _sighting(scene, label, selection, seen, depths, places, times, views) -> Si
         time=float(views[best][1]),
         place="on the left" if column < 0.38 else "on the right" if column > 0.62 else "in the middle",
         distance="near" if ratio < 0.8 else "far" if ratio > 1.25 else "at middle distance",
-        moments=[float(time) for (_, time), part in zip(views, share, strict=True) if part >= PRESENT],
     )
 
 
 def _look_for(
-    scene: Scene, asked: Asked, trajectory: Trajectory, encode: Encode | None, backend: str, progress: Progress
+    scene: Scene,
+    asked: Asked,
+    trajectory: Trajectory,
+    encode: Encode | None,
+    names: Mapping[str, Selection],
+    backend: str,
+    progress: Progress,
 ) -> list[Sighting]:
     """The sightings that a question is about."""
     views = trajectory
@@ -259,28 +281,47 @@ def _look_for(
     times = np.unique(np.linspace(first, last, min(MOMENTS, 1 + round(last - first))))
     notes: dict[str, str] = {}
     if asked.things:
-        words = {name: _word_of(scene, name) for name in asked.things}
-        found = {word: find(scene, word, encode) for word in words.values()}
-        notes = {word: _note(scene, name, word) for name, word in words.items()}
+        given = {name.lower(): name for name in names}
+        words = {
+            name: next((given[form] for form in spellings(name) if form in given), None) or _word_of(scene, name)
+            for name in asked.things
+        }
+        found = {word: names[word] if word in names else find(scene, word, encode) for word in words.values()}
+        notes = {word: _note(scene, name, word) for name, word in words.items() if word not in names}
     else:
         found = things_there(scene)
         rest = scene.moving & standing(scene)
         for selection in found.values():
             rest &= ~selection.chosen
         found |= {THING: Selection(scene.ids, rest.astype(float), np.zeros(len(rest), bool))}
-    views = _spread(views, MOMENTS if asked.kind in ("seen", "seeing") else VIEWS)
+    views = _spread(views, len(views) if asked.kind in COMPLETE else MOMENTS if asked.kind in SEEING else VIEWS)
     sightings = look(scene, views, times, found, backend, progress)
     if not asked.things:
         sightings = sorted((s for s in sightings if s.share >= PRESENT), key=lambda s: -s.share)
-    return [replace(sighting, note=notes.get(sighting.label, "")) for sighting in sightings]
+    return [replace(s, note=notes.get(s.label, ""), given=s.label in names) for s in sightings]
 
 
 def _word_of(scene: Scene, name: str) -> str:
-    """The word to look for: of "red cars", where the scene knows only "car", that."""
+    """The word to look for: of "red cars", where the scene knows only "car", that; `Unanswerable` for a word that is left over.
+
+    One unknown word may name a thing that the text encoder knows. Of several, one may as well be a verb or an adverb.
+    """
     known = {label.lower(): label for label in labels_of(scene)}
     words = name.split()
-    forms = [form for start in range(len(words)) for form in spellings(" ".join(words[start:]))]
-    return next((known[form] for form in forms if form in known), name)
+    for start in range(len(words)):
+        form = next((known[form] for form in spellings(" ".join(words[start:])) if form in known), None)
+        if form is not None:
+            break
+    else:
+        start, form = (0, name) if len(words) == 1 else (len(words), "")
+    left = [word for word in words[:start] if not re.fullmatch(ADJECTIVE, word)]
+    if left or not form:
+        named = {*known, "it", "they", "them", "he", "she", "this", "that"}
+        strange = " ".join(word for word in left if named.isdisjoint(spellings(word))) or name
+        raise Unanswerable(
+            f"I do not know what '{strange}' means in '{name}', so I do not answer half the question; {CAN}."
+        )
+    return form
 
 
 def _note(scene: Scene, name: str, word: str) -> str:
@@ -295,6 +336,12 @@ def _note(scene: Scene, name: str, word: str) -> str:
 
 CLIP_FACTS = ("frames", "long", "rate")
 """Kinds of question about the clip itself."""
+SEEING = ("seen", "seeing")
+"""Kinds that many views are looked at for …"""
+COMPLETE = ("always", "enter", "leave")
+"""… and those for which every view is."""
+MOVING = ("motion", "way", "far", "fast", "lasting", "order")
+"""Kinds that are about what moves where no thing is named."""
 
 
 def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: Encode | None = None) -> str:
@@ -306,28 +353,28 @@ def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: E
     when = _moment(asked.span, scene.fps) if asked.span else ""
     there = [s for s in sightings if s.chosen]
     missing = [s for s in sightings if not s.chosen]
-    told = [_absent(scene, s, encode, asked.polar) for s in missing]
+    told = [_absent(scene, s, encode, asked.yes(False)) for s in missing]
     moving = sorted((s for s in there if s.frames), key=lambda s: s.frames[0] if s.frames else 0)
-    if not asked.things and asked.kind in ("motion", "far", "fast", "lasting", "order"):
+    if not asked.things and asked.kind in MOVING:
         there = moving
     if asked.kind == "order" and moving:
         starts = ", then ".join(f"{_the(s)} (frame {s.frames[0]})" for s in moving if s.frames)
         told.append(f"In the order in which they start to move: {starts}.")
     elif not there and not missing:
-        nothing = "moves" if asked.kind in ("motion", "far", "fast", "lasting", "order") else "stands out"
-        told.append(f"{'No: nothing' if asked.polar else 'Nothing'} {nothing}{when}.")
+        nothing = "moves" if asked.kind in MOVING else "stands out"
+        told.append(f"{f'{asked.yes(False)}: nothing' if asked.polar else 'Nothing'} {nothing}{when}.")
     else:
         told += [SENTENCES[asked.kind](s, asked, scene.fps, when) for s in there]
     told += [s.note for s in sightings if s.note]
     return " ".join(told)
 
 
-def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, polar: bool) -> str:
-    """The sentence about a thing that is not there."""
+def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, yes: str) -> str:
+    """The sentence about a thing that is not there, after "Yes" or "No" where that is wanted."""
     near = nearest_there(scene, [sighting.label], encode)
-    holds = f"; the scene holds {', '.join(near)}" if near else ""
+    holds = f"; it answers to {', '.join(near)}" if near else ""
     what = f"nothing in the scene answers to '{sighting.label}' (best: {sighting.best:.2f}){holds}."
-    return f"No: {what}" if polar else what[0].upper() + what[1:]
+    return f"{yes}: {what}" if yes else what[0].upper() + what[1:]
 
 
 def _sentence(yes: str, s: Sighting, rest: str) -> str:
@@ -337,17 +384,25 @@ def _sentence(yes: str, s: Sighting, rest: str) -> str:
 
 
 def _the(s: Sighting) -> str:
-    return s.label if s.label == THING else f"the {s.label}"
+    return s.label if s.given or s.label == THING else f"the {s.label}"
 
 
 def _of_motion(s: Sighting, asked: Asked, fps: float, when: str) -> str:
     if s.frames is None:
-        return _sentence("No" if asked.polar else "", s, f"stands still{when}.")
-    yes = "Yes" if asked.polar else ""
+        return _sentence(asked.yes(False), s, f"stands still{when}.")
+    yes = "" if asked.manner else asked.yes(True)
     way = f" {s.heading}" if s.heading else ""
+    known = f" Whether that is what '{asked.manner}' means I cannot tell." if asked.manner else ""
     if asked.span and asked.span[0] == asked.span[1]:
-        return _sentence(yes, s, f"moves{way}{when}, {_speed(s, fps)}.")
-    return _sentence(yes, s, f"moves{way} {_from_to(s.frames, fps)}, {s.path:.2f} times the median depth.")
+        return _sentence(yes, s, f"moves{way}{when}, {_speed(s, fps)}.{known}")
+    return _sentence(yes, s, f"moves{way} {_from_to(s.frames, fps)}, {s.path:.2f} times the median depth.{known}")
+
+
+def _of_way(s: Sighting, asked: Asked, fps: float, when: str) -> str:
+    told = _of_motion(s, asked, fps, when)
+    if s.frames is None or s.heading:
+        return told
+    return f"{told} It crosses less than {SIDEWAYS:.0%} of the picture's width then, which is too little to tell left from right."
 
 
 def _of_path(s: Sighting, asked: Asked, fps: float, when: str) -> str:
@@ -363,20 +418,44 @@ def _of_path(s: Sighting, asked: Asked, fps: float, when: str) -> str:
 
 def _of_place(s: Sighting, asked: Asked, fps: float, when: str) -> str:
     if s.share < PRESENT:
-        return _sentence("No" if asked.side else "", s, f"is hardly seen{when}.")
+        return _sentence(asked.yes(False), s, f"is hardly seen{when}.")
     at = when or f" at frame {s.time:g}"
-    yes = ("Yes" if s.place.endswith(asked.side) else "No") if asked.side else ""
-    return _sentence(yes, s, f"is {s.place}, {s.distance}, {s.share:.1%} of the picture{at}.")
+    return _sentence(
+        asked.yes(s.place.endswith(asked.side)), s, f"is {s.place}, {s.distance}, {s.share:.1%} of the picture{at}."
+    )
 
 
 def _of_sight(s: Sighting, asked: Asked, fps: float, when: str) -> str:
     if not s.moments:
-        return _sentence("", s, f"is hardly seen{when}: never {PRESENT:.1%} of the picture.")
+        return _sentence(asked.yes(False), s, f"is hardly seen{when}: never {PRESENT:.1%} of the picture.")
     if asked.polar:
-        return _sentence("Yes", s, f"is {s.place}, {s.distance}, {s.share:.1%} of the picture at frame {s.time:g}.")
+        place = f"is {s.place}, {s.distance}, {s.share:.1%} of the picture at frame {s.time:g}."
+        return _sentence(asked.yes(True), s, place)
     frames = round(s.moments[0]), round(s.moments[-1])
     lasts = f", about {(frames[1] - frames[0] + 1) / fps:.2f} seconds" if asked.kind == "seeing" else ""
     return _sentence("", s, f"is seen {_from_to(frames, fps)}{lasts}.")
+
+
+def _of_always(s: Sighting, asked: Asked, fps: float, when: str) -> str:
+    count = len(s.moments) + len(s.unseen)
+    if not s.unseen:
+        return _sentence(asked.yes(True), s, f"is seen in all {count} frames{when}.")
+    first = f", first not at frame {min(s.unseen):g} ({min(s.unseen) / fps:.1f} s)"
+    return _sentence(asked.yes(False), s, f"is seen in {len(s.moments)} of {count} frames{when}{first}.")
+
+
+def _of_change(s: Sighting, asked: Asked, fps: float, when: str) -> str:
+    """Whether and when a thing comes into the picture, or goes out of it."""
+    comes = asked.kind == "enter"
+    seen = sorted([(time, True) for time in s.moments] + [(time, False) for time in s.unseen])
+    turns = [time for (_, before), (time, now) in pairwise(seen) if now != before and now == comes]
+    if turns:
+        moments = ", ".join(f"frame {time:g} ({time / fps:.1f} s)" for time in turns)
+        return _sentence(asked.yes(True), s, f"{'comes into' if comes else 'goes out of'} the picture at {moments}.")
+    if not s.moments:
+        return _sentence(asked.yes(False), s, f"is hardly seen{when}: never {PRESENT:.1%} of the picture.")
+    end = "from the beginning" if comes else "to the end"
+    return _sentence(asked.yes(False), s, f"is seen {end}{when}, and does not {'come in' if comes else 'go out'}.")
 
 
 def _of_thing(s: Sighting, asked: Asked, fps: float, when: str) -> str:
@@ -385,9 +464,12 @@ def _of_thing(s: Sighting, asked: Asked, fps: float, when: str) -> str:
 
 SENTENCES = {
     "motion": _of_motion,
+    "way": _of_way,
+    "always": _of_always,
+    **dict.fromkeys(("enter", "leave"), _of_change),
     **dict.fromkeys(("far", "fast", "lasting", "order"), _of_path),
     **dict.fromkeys(("where", "side", "size"), _of_place),
-    **dict.fromkeys(("seen", "seeing"), _of_sight),
+    **dict.fromkeys(SEEING, _of_sight),
     "things": _of_thing,
 }
 """Kind of question -> the sentence about a thing that is there."""

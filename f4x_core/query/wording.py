@@ -37,19 +37,36 @@ class Asked:
     """left, middle or right, where it asks whether a thing is there."""
     polar: bool = False
     """Whether it wants yes or no."""
+    negated: bool = False
+    """Whether yes means that it is not so: "Does it never move?"."""
+    manner: str = ""
+    """The verb, where it asks for more than motion: "Does it fly?"."""
+
+    def yes(self, so: bool) -> str:
+        """Yes or No where one is wanted, by whether what it asks about (without the negation) is so."""
+        return "" if not self.polar else "Yes" if so != self.negated else "No"
 
 
 _CLIP = r"(?:(?:the|this) (?:whole |entire )?)?(?:clip|video|film|movie|footage|sequence|recording|scene|shot)"
 _PICTURE = rf"(?:{_CLIP}|(?:the |this )?(?:picture|image|view|frame)|it|here)"
 _SEEN = rf"(?:there|here|present|visible|seen|shown|in view|on screen|in {_PICTURE})"
-_WAY = (
-    r"(?: (?:around|about|at all|along|away|forwards?|backwards?|past|by|in total|altogether|there|now|to|in|towards))*"
+_WAY = r"(?: (?:around|about|at all|along|in total|altogether|there|now))*"
+_PLAIN = r"(?:mov(?:e|es|ed|ing)|go(?:es|ing|ne)?|went|travel(?:s|led|ed|ling|ing)?|com(?:e|es|ing)|in motion)"
+"""Motion of any kind."""
+_MANNER = (
+    r"(?:walk(?:s|ed|ing)?|run(?:s|ning)?|ran|swim(?:s|ming)?|swam|driv(?:e|es|ing|en)|drove|fl(?:y|ies|ying)|roll(?:s|ed|ing)?"
+    r"|rid(?:e|es|ing)|slid(?:e|es|ing)|float(?:s|ed|ing)?)"
 )
-_MOVE = (
-    r"(?:mov(?:e|es|ed|ing)|go(?:es|ing|ne)?|went|travel(?:s|led|ed|ling|ing)?|com(?:e|es|ing)|walk(?:s|ed|ing)?"
-    r"|run(?:s|ning)?|ran|swim(?:s|ming)?|swam|driv(?:e|es|ing|en)|drove|fl(?:y|ies|ying)|roll(?:s|ed|ing)?|rid(?:e|es|ing)"
-    r"|slid(?:e|es|ing)|float(?:s|ed|ing)?|in motion)"
+"""Motion of a kind that nobody can compute: whether a thing moves is told, not whether that is to fly."""
+_MOVE = rf"(?:{_PLAIN}|{_MANNER})"
+_ALWAYS = (
+    rf"(?:always|constantly|permanently|throughout(?: {_CLIP})?|all the time|the (?:whole|entire) time|at all times"
+    rf"|(?:in|for|during|over) (?:all|every) (?:the )?frames?|(?:in|for|during|over|through)"
+    rf" (?:all of {_CLIP}|the (?:whole|entire) (?:clip|video|film|movie|sequence)))"
 )
+_ENTER = rf"(?:appear|show up|arrive|turn up|(?:enter|come into) (?:{_PICTURE}|view|sight))(?: in {_PICTURE})?"
+_LEAVE = rf"(?:disappear|vanish|leave(?: {_PICTURE})?|exit(?: {_PICTURE})?|(?:leave|go out of) (?:view|sight))"
+_CAN_SEE = r"(?:do|can|could) (?:you|i|we|one)"
 _DO = r"(?:does|do|did|is|are|was|were|has|have|will)"
 _START = r"(?:(?:start|begin|stop|finish|cease)(?:s|ing)? ?(?:to )?)?"
 _WHO = r"(?P<who>.+?)"
@@ -103,17 +120,23 @@ FORMS: tuple[tuple[str, str], ...] = (
     ("motion", rf"{_WHEN} {_DO} {_WHO} {_START}{_MOVE}{_WAY}"),
     ("motion", rf"{_WHEN} {_DO} {_WHO} (?:start|begin|stop|stand still|rest)(?:s|ing)?"),
     (
-        "motion",
-        rf"(?:in )?(?:which|what) "
-        rf"(?:way|direction) {_DO} {_WHO} {_MOVE}{_WAY}|where {_DO} (?P<who2>.+?) {_MOVE}{_WAY}",
+        "way",
+        rf"(?:in )?(?:which|what) (?:way|direction) {_DO} {_WHO} {_MOVE}{_WAY}(?: in)?"
+        rf"|where {_DO} (?P<who2>.+?) {_MOVE}{_WAY}(?: to)?",
     ),
+    ("enter", rf"{_WHEN} {_DO} {_WHO} (?:first )?{_ENTER}"),
+    ("leave", rf"{_WHEN} {_DO} {_WHO} {_LEAVE}"),
+    ("polar enter", rf"{_DO} {_WHO} (?:ever )?{_ENTER}"),
+    ("polar leave", rf"{_DO} {_WHO} (?:ever )?{_LEAVE}"),
+    ("seen", rf"{_WHEN} (?:can|do|did|could) (?:i|we|you|one) (?:first )?see {_WHO}(?: {_SEEN})?"),
+    ("seen", rf"{_WHEN} (?:is|are|was|were|do|does|did|can) {_WHO}(?: (?:first )?{_SEEN})*"),
+    ("polar still", rf"{_DO} {_WHO} (?:stand(?:s|ing)? still|still|stationary|at rest|resting|stay(?:s|ing)? still)"),
+    ("polar motion", rf"{_DO} {_WHO} (?:ever )?(?:{_PLAIN}|(?P<manner>{_MANNER})){_WAY}"),
     (
-        "seen",
-        rf"{_WHEN} (?:is|are|was|were|do|does|did|can) (?:(?:i|we|you|one) see )?{_WHO}(?: (?:first )?"
-        rf"(?:appear|disappear|enter|leave|{_SEEN}))*",
+        "polar always",
+        rf"(?:is|are|was|were) (?:there )?{_WHO} (?:{_ALWAYS} {_SEEN}|(?:{_SEEN} )?{_ALWAYS})"
+        rf"|(?:is|are|was|were) there always (?P<who2>.+?)|{_CAN_SEE} (?:always see (?P<who3>.+?)|see (?P<who4>.+?) {_ALWAYS})",
     ),
-    ("motion", rf"{_DO} {_WHO} (?:stand(?:s|ing)? still|still|stationary|at rest|resting|stay(?:s|ing)? still)"),
-    ("polar motion", rf"{_DO} {_WHO} (?:ever )?{_MOVE}{_WAY}"),
     (
         "where",
         rf"where (?:is|are|was|were|do|does|can) (?:(?:i|we|you|one) (?:see|find) )?{_WHO}(?: "
@@ -129,7 +152,7 @@ FORMS: tuple[tuple[str, str], ...] = (
     ("polar seen", rf"(?:is|are|was|were) there (?:also )?{_WHO}(?: {_SEEN})?"),
     (
         "polar seen",
-        rf"(?:do|can|could) (?:you|i|we|one) (?:also )?(?:see|find|spot|recogni[sz]e|detect) {_WHO}"
+        rf"{_CAN_SEE} (?:also )?(?:see|find|spot|recogni[sz]e|detect) {_WHO}"
         rf"(?: {_SEEN})?",
     ),
     ("polar seen", rf"(?:does|do) {_PICTURE} (?:have|show|contain|include) {_WHO}"),
@@ -165,7 +188,7 @@ _EVERYBODY = r"(?:it|they|them|he|she|this|that|(?:some|any|every)(?:thing|one|b
 """Words for whatever there is."""
 _BINDING = (
     r"\b(?:of|to|from|with|without|than|that|which|who|whose|when|while|because|before|after|behind|beside|between|under|over"
-    r"|near|on|in|at|by|into|onto|not|is|are|was|were|does|do|did|has|have|be|being|been|or|if|as|like|for|you|i|we|what|how"
+    r"|near|on|in|at|by|into|onto|not|no|never|nothing|nobody|none|neither|nor|but|except|besides|only|is|are|was|were|does|do|did|has|have|be|being|been|or|if|as|like|for|you|i|we|what|how"
     r"|camera)\b"
 )
 """Words that no name of a thing holds: where one is left over, the question says more than was understood."""
@@ -173,6 +196,9 @@ _IT = r"\b(?:it|they|them)\b"
 """Words for what was named just before."""
 _ASKING = r"(?:when|where|how|what|which|is|are|do|does|did|in what|in which|at what|at which)"
 _POLITE = r"(?:and|so|please|hey|hi|hello|tell me|(?:can|could|would) you (?:please )?(?:tell me|say)|do you know),? "
+_NEGATION = r"\b(?:no|not|never)\b"
+_NOT_SO = rf"^(?:(?P<there>{_DO} there) (?:no|not (?:an?|any))|(?P<whom>{_DO} .+?) (?:not|never))\b"
+"""Yes-or-no questions that ask whether something is not so."""
 _SIDES = {"center": "middle", "centre": "middle"}
 
 
@@ -195,17 +221,28 @@ def understand(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
 
 def _understood(text: str, fps: float, frames: int) -> Asked:
     rest, span = _without_times(text, fps, frames)
+    rest = re.sub(rf"^({_DO}|can|could)n't\b", r"\1", rest)  # "Isn't it moving?" wants the same yes as "Is it moving?"
+    rest = re.sub(r"n't\b", " not", rest)
+    whole = rest
+    rest = re.sub(_NOT_SO, lambda m: m["there"] or m["whom"], rest)
+    negated = rest != whole
     for kind, pattern in FORMS:
         found = re.fullmatch(pattern, rest)
         if found is None:
             continue
         groups = found.groupdict()
-        things = _names(groups.get("who") or groups.get("who2") or "")
-        if things is None or (kind in ("frames", "long", "rate") and span is not None):
+        things = _names(next((text for name, text in groups.items() if text and name.startswith("who")), ""))
+        polar, bare = kind.startswith("polar "), kind.removeprefix("polar ")
+        if things is None or (negated and not polar) or (bare in ("frames", "long", "rate") and span is not None):
             continue
         side = groups.get("side") or ""
-        return Asked(kind.removeprefix("polar "), things, span, _SIDES.get(side, side), kind.startswith("polar"))
-    subject = next((what for pattern, what in SUBJECTS if re.search(pattern, rest)), "that")
+        still = bare == "still"
+        told = "motion" if still else bare
+        return Asked(told, things, span, _SIDES.get(side, side), polar, negated != still, groups.get("manner") or "")
+    subject = next((what for pattern, what in SUBJECTS if re.search(pattern, whole)), "that")
+    negation = re.search(_NEGATION, whole)
+    if negation and subject == "that":
+        subject = f"what '{negation[0]}' asks for here"
     raise Unanswerable(f"Computing from the scene cannot tell {subject}; {CAN}.")
 
 
@@ -213,9 +250,7 @@ def _names(text: str) -> tuple[str, ...] | None:
     """The things that a phrase lists; none for whatever there is; None where it is no list of names."""
     names: list[str] = []
     for part in re.split(r",| and | or ", text):
-        name = re.sub(
-            r"^(?:the|an?|any|some|this|that|these|those|my|your|other|ever|really) ", "", " ".join(part.split())
-        )
+        name = re.sub(r"^(?:the|an?|any|some|this|that|these|those|my|your) ", "", " ".join(part.split()))
         name = re.sub(rf"(?: {_SEEN})+$", "", name)
         if not name or re.fullmatch(_EVERYBODY, name):
             continue

@@ -1,0 +1,40 @@
+"""Names of several words: which of them says what kind of thing is meant, and what the others ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from .labels import spellings
+
+_IDIOMS = ("hot dog", "sea horse", "sea lion", "guinea pig", "teddy bear", "toilet seat", "shoe tree", "clothes horse")
+_MADE_UP = ("toy", "stuffed", "plush", "teddy", "rocking", "gummy", "cartoon", "imaginary")
+"""What has one of these before it is no such thing: a toy dog is a toy."""
+ADJECTIVE = (
+    r"red|orange|yellow|green|blue|purple|violet|pink|brown|black|white|gr[ae]y|gold(?:en)?|silver|dark|light|bright|pale"
+    r"|colou?rful|big|large|small|little|tiny|huge|tall|short|long|thin|thick|fat|young|old|new|beautiful|pretty|nice|cute"
+)
+"""Words before the name of a thing that say how it looks: the thing is looked for without them, and that is told."""
+
+
+def names_another(label: str) -> bool:
+    """Whether a name's last word does not say what kind of thing it is: "hot dog", "toy car"."""
+    first, *more = label.lower().split()
+    return bool(more) and (first in _MADE_UP or not {*spellings(label)}.isdisjoint(_IDIOMS))
+
+
+def head_of(label: str, known: Collection[str]) -> str | None:
+    """The kind of thing that a compound is: "house" of "dog house", "hat" of "dog's hat", "roof" of "roof of the house".
+
+    None for a label in `known` (lower case) and for a thing with mere adjectives ("parked car"): its last word is the thing itself.
+    """
+    words = label.lower().split()
+    if len(words) < 2 or label.lower() in known:
+        return None
+    if "of" in words[1:-1]:
+        return " ".join(words[: words.index("of")])
+    owner = next((i for i in range(len(words) - 1, 0, -1) if words[i - 1].endswith(("'s", "s'"))), 0)
+    if owner:
+        return " ".join(words[owner:])
+    heads = (i for i in range(1, len(words)) if " ".join(words[i:]) in known)
+    start = next(heads, len(words) - 1)
+    return " ".join(words[start:]) if any({*spellings(word)} & {*known} for word in words[:start]) else None
