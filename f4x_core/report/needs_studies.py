@@ -45,8 +45,8 @@ KNEE = {"dB": 0.3, "%": 1.0}
 """A choice sits at the knee when the next smaller one loses at least so much and the next larger one gains less."""
 PRETENDED = "box"
 """Label of the static thing that the larger choice of a still world carries by a scaffold."""
-DIM, QUICK_STEPS, FULL_STEPS = 128, 60, 600
-"""Channels of the made-up teacher; steps of distilling."""
+DIM, STEPS = 128, 600
+"""Channels of the made-up teacher; steps of distilling, as many as `f4x distill` takes: fewer measure how fast it learns."""
 CLIP_WIDTH, CLIP_FRAMES, CLIP_HOLD_OUT = 240, "0:48:1", 8
 """Of real clips."""
 SEEDS = 3
@@ -149,10 +149,9 @@ class _Found:
         """The latent that the spectrum asks for, and half and twice of it."""
         plain = read_scene(context.folder / f"{world.name}.f4x")
         maps = world_maps(world, context.folder / "maps" / world.name, DIM)
-        steps = context.choose(QUICK_STEPS, FULL_STEPS)
 
         def work(width: int | None) -> Row:
-            config = DistilConfig(width, steps, seed=context.seed, threads=context.threads)
+            config = DistilConfig(width, STEPS, seed=context.seed, threads=context.threads)
             start = time.perf_counter()
             scene = distil(plain, [maps], config)
             seconds = time.perf_counter() - start

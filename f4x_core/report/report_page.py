@@ -18,7 +18,7 @@ from .study import SECTIONS, pareto_front
 COLOURS = (page.TEAL, page.ORANGE, page.VIOLET, "#c94f6d", "#4f8fd0", "#b59a2d", "#6aa84f", page.GREY)
 MARKERS = "osD^vP*X"
 FEW_ROWS = 24
-"""Longer tables are folded up."""
+"""Longer tables are folded up on the page; in Markdown their data are linked."""
 Record = Mapping[str, Any]
 """A study as `study.json` holds it."""
 
@@ -50,7 +50,7 @@ def as_markdown(studies: Iterable[Record], level: int = 3) -> str:
         parts.append(
             "\n\n".join(filter(None, [f"{'#' * level} {record['title']}", " ".join(filter(None, asked))])) + "\n"
         )
-        parts += [_markdown_table(table) for table in record["tables"] if table["rows"]]
+        parts += [_markdown_table(table, record["name"]) for table in record["tables"] if table["rows"]]
         told = [*record["words"], *(f"**Failed**: {text}" for text in record["failed"])]
         told += [f"Not measured: {text}" for text in record["skipped"]]
         if told:
@@ -90,7 +90,12 @@ def _overview(studies: Mapping[str, Record], source: str) -> str:
     for record in studies.values():
         state = _state(record, source)
         rows.append(
-            [record["title"], state, f"{record['seconds']:.0f} s", "; ".join([*record["failed"], *record["skipped"]])]
+            [
+                record["title"],
+                state,
+                f"{record['seconds']:.0f}\u00a0s",
+                "; ".join([*record["failed"], *record["skipped"]]),
+            ]
         )
     return page.section("Overview", page.table(["", "", "took", "left out or failed, and why"], rows))
 
@@ -122,9 +127,11 @@ def _table(table: Record) -> str:
     return f"<details{state}>{head}{page.table(columns, cells, numbers=True)}{words}</details>"
 
 
-def _markdown_table(table: Record) -> str:
+def _markdown_table(table: Record, study: str) -> str:
     columns = _columns(table["rows"])
     lines = [f"{table['title']}\n"] if table["title"] else []
+    if len(table["rows"]) > FEW_ROWS:
+        return "\n".join([*lines, f"{len(table['rows'])} rows: [{study}.json](results/{study}.json)\n"])
     lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     lines += ["| " + " | ".join(told(row.get(column)) for column in columns) + " |" for row in table["rows"]]
     return "\n".join(lines) + "\n" + (f"\n{table['note']}\n" if table["note"] else "")

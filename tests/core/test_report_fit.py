@@ -27,7 +27,7 @@ def tiny(monkeypatch):
     monkeypatch.setattr(toy_fits, "QUICK_STEPS", 6)
     monkeypatch.setattr(latent_studies, "QUICK_STEPS", 3)
     monkeypatch.setattr(latent_studies, "WIDTHS", (8, 32, 512))
-    monkeypatch.setattr(needs_studies, "QUICK_STEPS", 3)
+    monkeypatch.setattr(needs_studies, "STEPS", 3)
     monkeypatch.setattr(needs_studies, "LADDER", ("static", "rigid"))
     choices = {"static": ("SH degree",), "rigid": ("nodes", "latent width")}
     monkeypatch.setattr(needs_studies, "QUICK_CHOICES", choices)
