@@ -159,12 +159,12 @@ class _Found:
             miou = score_features(world, scene, DIM)[0]
             return {"mIoU (%)": 100 * miou, "distil (s)": seconds, "width": scene.require_field().width, "needs": need}
 
-        chosen = context.step(f"{world.name} width", partial(work, None), steps=steps)
+        chosen = context.step(f"{world.name} width", partial(work, None), steps=STEPS)
         width = chosen["width"]
         self.evidence.append({"scene": world.name} | chosen["needs"])
         tried = {"chosen": (width, chosen)}
         for option, other in (("smaller", width // 2), ("larger", 2 * width)):
-            tried[option] = other, context.step(f"{world.name} width {option}", partial(work, other), steps=steps)
+            tried[option] = other, context.step(f"{world.name} width {option}", partial(work, other), steps=STEPS)
         self._compare(world.name, WIDTH, "mIoU (%)", "%", tried, "distil (s)")
 
     def _compare(
