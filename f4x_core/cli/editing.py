@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from ..edit.apply import base_of, open_scene, with_operations
-from ..edit.bake import bake
+from ..edit.bake import bake, needs_time
 from ..edit.description import describe
 from ..edit.json_files import read_json, read_operations
 from ..edit.judge import contact_sheet
@@ -95,16 +95,28 @@ def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     baked = bake(scene)
     write_scene(baked, args.output)
     left = [edit for edit in of(baked).edits if not isinstance(edit.operation, Name)]
+    names = len(of(baked)) - len(left)
     folded = len(baked.provenance.get("baked", ())) - len(scene.provenance.get("baked", ()))
-    rest = f"; these stay in the stack: {', '.join(edit.operation.TAG for edit in left)}" if left else ""
+    rest = ""
+    if left:
+        staying = [edit.operation.TAG for edit in left] + [f"{names} name{'' if names == 1 else 's'}"] * bool(names)
+        rest = f"; these stay in the stack: {', '.join(staying)}: {_why_not_folded(scene)}"
     return {
         "output": str(args.output),
         "folded": folded,
         "left": len(left),
         "static": len(baked.static),
         "dynamic": len(baked.dynamic),
-        "text": f"{args.output}: {folded} edits folded in{rest}",
+        "text": f"{args.output}: {_edits(folded)} folded in{rest}",
     }
+
+
+def _why_not_folded(scene: Scene) -> str:
+    """Why a bake goes no further than it did."""
+    for number, edit in enumerate(of(scene).edits, 1):
+        if edit.enabled and needs_time(edit):
+            return f"{edit.titled(number)} changes with time what base arrays hold once, and those after it build on it"
+    return "the nodes of a scaffold cannot hold their moments exactly"
 
 
 def _with_file(scene: Scene, args: argparse.Namespace, progress: Progress) -> Scene:

@@ -67,7 +67,7 @@ def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
     whole = edited(with_stack(scene, EditStack(active)))
     steps = whole.steps if isinstance(whole, EditedScene) else ()
     # what comes and goes is there by the clip's clock: edits that show other moments of it cannot be folded
-    lasting = next((s.edit.id for s in steps if _needs_time(s.edit) or (s.reads and scene.fades)), None)
+    lasting = next((s.edit.id for s in steps if needs_time(s.edit) or (s.reads and scene.fades)), None)
     count = len(active) if lasting is None else [edit.id for edit in active].index(lasting)
     factors = [edit.operation.factor if isinstance(edit.operation, Opacity) else 1.0 for edit in active]
     if any(factor > 1 for factor in factors[count:]) and 0 in factors[:count]:
@@ -78,7 +78,7 @@ def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
     yield 0
 
 
-def _needs_time(edit: Edit) -> bool:
+def needs_time(edit: Edit) -> bool:
     """Whether an edit changes looks or sizes over time, which base arrays hold once."""
     operation = edit.operation
     if isinstance(operation, Transform):

@@ -62,7 +62,7 @@ from .phrases import (
     thing,
     whose,
 )
-from .selects import All, SelectKind
+from .selects import All, Not, SelectKind
 from .words import inflected
 
 Value = Callable[[SelectKind, When, Context], Operation]
@@ -126,11 +126,11 @@ def _opacity(by: float) -> Value:
     return lambda who, when, _: Opacity(who, round(by, PLACES), **when.effect)
 
 
-def _faded(by: float, slowly: bool = False) -> Value:
+def _faded(by: float, slowly: bool = False, inward: bool = False) -> Value:
     def value(who: SelectKind, when: When, _: Context) -> Operation:
-        if slowly and "ease" not in when.fading:
+        if (slowly or inward) and "ease" not in when.fading:
             raise Refusal("It is not said from when to when it fades; add for example 'from second 1 to 2'.")
-        return Opacity(who, round(by, PLACES), **when.fading)
+        return Opacity(who, round(by, PLACES), **when.fading, inward=inward)
 
     return value
 
@@ -143,6 +143,10 @@ def _deleted(who: SelectKind, when: When, _: Context) -> Operation:
 
 def _extracted(who: SelectKind, when: When, _: Context) -> Operation:
     return Extract(who, **when.effect)
+
+
+def _rest_grayed(who: SelectKind, when: When, context: Context) -> Operation:
+    return _GRAYED(Not(who), when, context)
 
 
 def _scaled(by: float) -> Value:
@@ -338,15 +342,12 @@ _a_look = either(
 ) >> (lambda strength, look: _styled(look, strength))
 _given_look = _article + _any_look + ~lit("like|colored") + _effect >> _styled
 _source = ~lit("that of|those of|the colors of|the color of") + known_thing + ~lit("'s (color|colors)")
-_same_colour = (
-    either(
-        lit("the (exact) same (color|colors|coloring|look)|the same|(a|the) similar color")
-        + lit("as|like|to")
-        + _source,
-        _article + lit("color|colors|coloring|palette|look|appearance") + lit("of|from") + _source,
-    )
+_same_as = (
+    lit("the (exact) same (color|colors|coloring|look)|the same|(a|the) similar color") + lit("as|like|to") + _source
     >> _matched
 )
+_colour_of = _article + lit("color|colors|coloring|palette|look|appearance") + lit("of|from") + _source >> _matched
+_same_colour = _same_as | _colour_of
 _alike = _seem + lit("like|similar to|the same as") + _source >> _matched
 _made = either(
     _colour_value,
@@ -431,7 +432,11 @@ _command(
     _listed,
     "values",
     values=_values(
-        _a_look, _into + either(_coloured, _alike, _a_look, _same_colour), _more_colour_value, _opacity_value
+        _a_look,
+        _into + either(_coloured, _alike, _a_look, _same_as),
+        lit("to|into") + _colour_of,  # of "change the color of the dog" nobody knows to what
+        _more_colour_value,
+        _opacity_value,
     ),
 )
 _command(
@@ -446,10 +451,10 @@ _command("tint the sky orange", "tint|tinge", _faintly, "rgb", rgb=~lit("in|to|w
 _command(
     "change the color of the car to black",
     "change|set|turn|make|switch|alter|adjust",
-    _listed,
-    "values",
+    lambda colors: colors,
+    "colors",
     who=whose("color|colors|coloring"),
-    values=_values(_into + (_coloured | _same_colour), lit("to|like") + _source >> _matched),
+    colors=_values(_into + (_coloured | _same_as), lit("to|like") + (_source >> _matched | _colour_of)),
 )
 _command(
     "shift the hue of the car to red",
@@ -580,6 +585,7 @@ _command(
     again=_again,
     itself="reappear",
 )
+_command("bring the dog back", "bring", _always(_opacity(SHOWN)), "back", back=lit("back|back again|back in"))
 _to_share = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (lambda x: 1 - x)
 _outward = lit("out|away|out completely|to nothing|to invisible")
 _slowly = table({"slowly|gradually|little by little|bit by bit|smoothly": True})
@@ -601,6 +607,16 @@ _command(
     slowly=_slowly,
 )
 
+_command(
+    "fade in the dog from second 1 to 2",
+    "fade|dissolve",
+    lambda slowly=False: _faded(0.0, slowly, inward=True),
+    "inward",
+    itself="fade",
+    inward=lit("in|into view"),
+    slowly=_slowly,
+)
+
 # Taking out, and leaving alone
 _DELETING = "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with"
 _SPLIT = "take|cut|throw|wipe|rub|edit|crop|get"
@@ -614,6 +630,16 @@ _KEEPING = "keep|show|show me|leave|retain|have|display"
 _only = lit("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
 _only_keep = _only | lit("[only|just] [keep|show|leave|retain]")
 _command("keep only the dog", _KEEPING, _extract, "only", bare=False, only=_only)
+_in_colour = lit("in (full) [color|colors]|colored")
+_command(
+    "show only the dog in color",
+    _KEEPING,
+    _always(_rest_grayed),
+    "only colored",
+    bare=False,
+    only=_only,
+    colored=_in_colour,
+)
 _command("only the dog", "", _extract, "only", bare=False, only=_only_keep)
 _command("isolate the dog", "isolate|extract|single out|separate out", _extract, bare=False)
 _and_remove = ~lit(",") + ~lit("and|but") + lit("|".join(inflected(_DELETING, 1))) + silent(everything_else)
@@ -727,7 +753,7 @@ _how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("t
 _command("copy the dog", "copy|duplicate|clone|replicate", _copied, times=_how_often, **_beside)
 _command("put a copy of the car to the left", _ADDING, _copied, "times", bare=False, times=_copies, **_beside)
 _command("add another dog", _ADDING, _copied, "times", bare=False, times=_others, **_beside)
-_command("a second dog", "", _copied, "times", bare=False, times=_copies | _others, **_beside)
+_command("another copy of the dog", "", _copied, "times", bare=False, times=_copies | _others, **_beside)
 
 # Time
 _still = lit("still|in place|in its tracks|in (mid) motion|moving|from moving|motionless|frozen|standing still|there")

@@ -82,7 +82,7 @@ def _(operation: Opacity) -> str:
     elif factor > 1:
         told = f"increase the opacity of {who} by {_percent(factor - 1)}"
     elif operation.ease:
-        told = f"fade {who} to {_percent(factor)}" if factor else f"fade out {who}"
+        told = f"fade {who} to {_percent(factor)}" if factor else f"fade {'in' if operation.inward else 'out'} {who}"
         return (
             told
             + _span(operation.frames, "to the end")
@@ -205,8 +205,9 @@ def whom(select: SelectKind) -> str:
 
 
 def _both(select: And) -> str:
-    told = [whom(part) for part in select.of if not isinstance(part, Not)]
-    left_out = [whom(part.of) for part in select.of if isinstance(part, Not)]
+    background = Not(Moving())
+    told = [whom(part) for part in select.of if not isinstance(part, Not) or part == background]
+    left_out = [whom(part.of) for part in select.of if isinstance(part, Not) and part != background]
     if len(told) == 2 and isinstance(select.of[1], Moving):
         told = [f"the moving {told[0].removeprefix('the ')}"]
     return " that is also ".join(told or ["everything"]) + "".join(f" but not {part}" for part in left_out)

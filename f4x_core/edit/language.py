@@ -5,7 +5,8 @@ Every word has to be accounted for; one that is not makes the whole sentence a `
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from difflib import SequenceMatcher, get_close_matches
 from typing import Any, NamedTuple
@@ -30,7 +31,7 @@ from .grammar import (
     tokenise,
 )
 from .operations import Duplicate, Operation
-from .phrases import Context, Refusal, Span, When, span, together
+from .phrases import Context, Refusal, Span, When, colour, familiar, span, together
 from .selects import Named, SelectKind, parts_of
 from .words import FUNCTION_WORDS, inflected, singular, word_set
 
@@ -69,6 +70,16 @@ def _telling(filled: dict[str, Any]) -> dict[str, Any]:
     return filled
 
 
+def _stated(verb: str) -> str:
+    """The verb as in "the dog vanishes", "the dog turns around"."""
+    head, *rest = verb.split()
+    stated = "does" if head == "not" else "is" if head == "be" else head
+    if stated == head:
+        stated = head[:-1] + "ies" if head.endswith("y") and head[-2] not in "aeiou" else head
+        stated += "" if stated != head else "es" if head.endswith(("s", "sh", "ch", "x", "o")) else "s"
+    return " ".join([stated, *(["not"] if head == "not" else []), *rest])
+
+
 def _of(command: Command) -> Rule:
     """The clauses of a command: by its verb, of a subject, in the passive."""
     slots = {**command.slots, "when": _when}
@@ -92,7 +103,9 @@ def _of(command: Command) -> Rule:
     subject = command.who
     if command.itself:
         itself = verb(0, command.itself) + own
+        states = table({"|".join(map(_stated, command.itself.split("|"))): None}, reserve=False)
         ways += [
+            subject + states + own >> of_subject,
             _let + subject + ~lit("to") + itself >> of_subject,
             subject + _modal + itself >> of_subject,
             _want + subject + ~lit("to") + itself >> of_subject,
@@ -163,11 +176,13 @@ def parse(
     frames: int,
     selected: bool = False,
     frame: float = 0,
+    copies: Mapping[SelectKind, SelectKind] | None = None,
 ) -> tuple[Operation, ...]:
     """The operations that `sentence` asks for, in order; selections are as said, not yet looked up in a scene.
 
     `labels` and `names`: words that the scene knows and selections that have a name. The clip has `frames` frames, `fps` a second,
-    of which `frame` is the present one; `selected`: there is something that "it" can be. Raises `Refusal`.
+    of which `frame` is the present one; `selected`: there is something that "it" can be; `copies`: those of earlier sentences ->
+    what was copied. Raises `Refusal`.
     """
     if len(sentence) > LONGEST:
         raise Refusal(f"The sentence has {len(sentence)} characters, more than {LONGEST}; say fewer commands at once.")
@@ -179,8 +194,9 @@ def parse(
     reading = Reading.of(sentence, tokens, _known((*labels, *names)))
     found = _sentence.at(reading, 0).get(len(tokens))
     if found is None:
-        raise Refusal(_not_understood(reading), _nearest(tokens))
-    context = Context(fps, frames, frame, selected, {name.lower(): name for name in names})
+        reason, answer = _not_understood(reading)
+        raise Refusal(reason, _nearest(tokens) if answer else ())
+    context = Context(fps, frames, frame, selected, {name.lower(): name for name in names}, earlier=copies or {})
     try:
         operations = list(_operations(found[0], context))
     except Refusal as refusal:
@@ -268,24 +284,66 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
     return operations
 
 
-def _not_understood(reading: Reading) -> str:
-    """The sentence about the word that nobody knows, or at which every way to read ended."""
+_ELSEWHERE = {"undo": "undo", "revert": "undo", "redo": "redo"}
+"""Word -> verb of `f4x` that does it."""
+_UNKNOWN_WAYS = (
+    (lit("not|never"), "Say what is to be done, not what is not: '{said}' is not understood here."),
+    (
+        lit("[half|part|parts|most|some|a third|a quarter] of"),
+        "Things are changed as a whole, so '{said}' means nobody.",
+    ),
+    (
+        lit("[darker|lighter|brighter|deeper]") + silent(colour),
+        "'{said}' is no color; give its name, for example 'dark red'.",
+    ),
+    (
+        lit("the [first|second|third|fourth|fifth|last|next|other]") + familiar,
+        "Things are not counted, so nobody is '{said}'; say for example 'the left one' or 'the biggest one'.",
+    ),
+    (
+        lit("behind|beside|near|under|underneath|above|below|next to|in front of|between|on top of"),
+        "Nobody is found by what is '{said}' it; say for example 'the left one' or 'the nearest one'.",
+    ),
+)
+"""Phrases that no command has, and what is told of them; the words before which reading ended are no fault of their own."""
+
+
+def _not_understood(reading: Reading) -> tuple[str, bool]:
+    """The sentence about the words that nobody knows, or at which every way to read ended; whether examples help."""
+    for token in reading.tokens:
+        if token.text in _ELSEWHERE:
+            return f"That is no edit; use `f4x {_ELSEWHERE[token.text]} SCENE`, or the button for it.", False
+    unknown = _unknown_word(reading)
+    if unknown:
+        return unknown, True
+    for rule, told in _UNKNOWN_WAYS:
+        for at in range(len(reading.tokens)):
+            if ends := rule.at(reading, at):
+                negated = rule is _UNKNOWN_WAYS[0][0]
+                return told.format(said=reading.said(at, max(ends))), not negated
+    if reading.farthest >= len(reading.tokens):
+        return f"The command is not complete: {_lacking(reading)}.", True
+    return f"I do not understand '{reading.said(reading.farthest, reading.farthest + 1)}' here.", True
+
+
+def _unknown_word(reading: Reading) -> str:
+    """The sentence about the first word that is in no lexicon; nothing when there is none."""
+    farthest = reading.farthest + (reading.word(reading.farthest) == "'s")  # of "dog's tail" the tail is unknown
     parts = {word for words in reading.known for word in words}
     vocabulary = VOCABULARY | FUNCTION_WORDS | COLOURS.keys() | SHADES.keys()
-    for at, token in enumerate(reading.tokens[: reading.farthest + 1]):
+    for at, token in enumerate(reading.tokens[: farthest + 1]):
         if token.is_word and not {token.text, singular(token.text)} & (vocabulary | parts):
             word = reading.said(at, at + 1)
             close = get_close_matches(token.text, sorted(VOCABULARY | COLOURS.keys() | parts), 1, 0.8)
             return f"I do not understand '{word}'" + (f"; did you mean '{close[0]}'?" if close else ".")
-    if reading.farthest >= len(reading.tokens):
-        return f"The command is not complete: {_lacking(reading)}."
-    return f"I do not understand '{reading.said(reading.farthest, reading.farthest + 1)}' here."
+    return ""
 
 
 _UNSAID = {
     "who": "whom or what it is for",
     "values": "what becomes of it",
     "rgb": "which color",
+    "colors": "to which color",
     "by": "how much",
     "way": "which way",
     "sense": "which way",
@@ -317,9 +375,25 @@ def _lacking(reading: Reading) -> str:
     return f"something is missing after '{reading.said(end - 1, end)}'"
 
 
-def nearest(sentence: str, count: int = 3) -> tuple[str, ...]:
-    """The examples of commands that are most like the words of a sentence."""
-    return _nearest(tokenise(sentence), count)
+_EXAMPLE_THING = re.compile(r"\bthe (dog|cat|car|house|sky|wall|box|lamp|hat|shirt)\b")
+"""Things of the examples; another stands in its place where it is known what the scene holds."""
+
+
+def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
+    """The examples of commands that are most like the words of a sentence, about the things `there`, if any are given."""
+    tokens = tokenise(sentence)
+    if not there:
+        return _nearest(tokens)
+    said = {form for token in tokens for form in (token.text, singular(token.text))}
+    things = sorted(there, key=lambda label: label.lower() not in said)  # what was spoken about first
+
+    def about(example: str) -> str:
+        nouns = list(dict.fromkeys(_EXAMPLE_THING.findall(example)))
+        return _EXAMPLE_THING.sub(lambda found: f"the {things[nouns.index(found[1])]}", example)
+
+    told = _nearest(tokens, len(COMMANDS))
+    fitting = (about(one) for one in told if len(set(_EXAMPLE_THING.findall(one))) <= len(things))
+    return tuple(dict.fromkeys(fitting))[:3]
 
 
 def _nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:

@@ -106,11 +106,15 @@ class Opacity(Change):
     """In effect from … to; None = always."""
     ease: Ease | None = None
     """None: in full, from the first frame to the last alone. Else it comes between the two, as in `Transform`, and stays."""
+    inward: bool = False
+    """With `ease`: it is there from the start and goes between the two."""
 
     def __post_init__(self) -> None:
         """Validate."""
         _check_share("factor", self.factor, 10)
         _check_span(self.frames)
+        if self.inward and self.ease is None:
+            raise F4xError("inward needs an ease; give one, or leave inward out.")
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
@@ -64,6 +64,8 @@ class Context:
     """Name of the copies of each command that made some, the last one last -> what was copied."""
     spare: set[str] = field(default_factory=set)
     """Those of the names that nobody gave."""
+    earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
+    """The copies of each earlier command that made some, the last one last -> what was copied."""
 
     @property
     def present(self) -> int:
@@ -535,17 +537,18 @@ def _things(match: Callable[[Reading, int], Iterator[tuple[int, str]]]) -> Rule:
 
     def thing_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
         for end, label in match(reading, at):
-            yield end, _thing(label, plural=singular(reading.word(end - 1)) != reading.word(end - 1))
+            yield end, _thing(label, _is_plural(reading, end - 1))
 
     return chosen(thing_at)
 
 
 def _thing(label: str, plural: bool) -> Who:
     def who(context: Context) -> SelectKind:
-        if label == COPY and context.copies:
+        if label == COPY and (context.copies or context.earlier):
             return _the_copy(context)
         name = context.names.get(label.lower())
-        select = Text((label,)) if name is None else Named(name)
+        alone = context.earlier and not plural  # what was copied in an earlier sentence
+        select = Text((label,), number="one" if alone else "any") if name is None else Named(name)
         return context.and_copies(select) if plural else select
 
     return who
@@ -559,7 +562,8 @@ _OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones"
 _objects = lit(_OBJECTS)
 _known, _part, _modified, _stranger = map(_things, (_known_at, _part_at, _modified_at, _stranger_at))
 _everybody, _strangers, _bare_stranger = map(_things, (_everybody_at, _strangers_at, _bare_stranger_at))
-_familiar = either(_part, _known, _modified, _everybody)
+familiar = either(_part, _known, _modified, _everybody)
+"""A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
 _named_at_length = _article + _strangers
 _moving = either(
@@ -619,7 +623,9 @@ _kind = either(
 def _one_of(which: Any, kind: Who, seen: float | None) -> Who:
     def who(context: Context) -> SelectKind:
         frame = context.present if seen is None else _frame(seen, context)
-        return Instance(context.and_copies(kind(context)), which, frame)
+        of = kind(context)
+        of = replace(of, number="any") if isinstance(of, Text) else of  # of a thing and its copies one is the left one
+        return Instance(context.and_copies(of), which, frame)
 
     return who
 
@@ -663,17 +669,22 @@ _copy = lit("[the|its|their|his|her] [copy|copies|clone|clones|duplicate|duplica
 )
 
 
-def _the_copy(context: Context) -> Named:
-    if not context.copies:
-        raise Refusal("No copy was made before in the sentence; say which thing is meant.")
-    return Named(list(context.copies)[-1])
+def _the_copy(context: Context) -> SelectKind:
+    if context.copies:
+        return Named(list(context.copies)[-1])
+    if len(context.earlier) > 1:
+        raise Refusal("Copies were made more than once; say which is meant, for example 'the left one of' its kind.")
+    if not context.earlier:
+        raise Refusal("No copy was made before; say which thing is meant.")
+    return next(iter(context.earlier))
 
 
 _original = lit("the original (one)") >> (lambda: _the_original)
 
 
 def _the_original(context: Context) -> SelectKind:
-    return context.copies[_the_copy(context).name]
+    copy = _the_copy(context)
+    return context.copies[copy.name] if context.copies and isinstance(copy, Named) else context.earlier[copy]
 
 
 _current = either(
@@ -707,7 +718,7 @@ _definite = (
         _moving,
         _static,
         _point,
-        _familiar,
+        familiar,
         _determiner + _noun,
         _instance,
         _moving_noun,
@@ -727,8 +738,8 @@ def together(parts: Sequence[SelectKind]) -> SelectKind:
     merged: list[SelectKind] = []
     for part in parts:
         before = merged[-1] if merged else None
-        if isinstance(part, Text) and isinstance(before, Text):
-            merged[-1] = Text(tuple(dict.fromkeys((*before.labels, *part.labels))))
+        if isinstance(part, Text) and isinstance(before, Text) and part.number == before.number:
+            merged[-1] = replace(before, labels=tuple(dict.fromkeys((*before.labels, *part.labels))))
         elif part != before:
             merged.append(part)
     return merged[0] if len(merged) == 1 else Or(tuple(merged))
@@ -742,9 +753,26 @@ def _all_of(singles: tuple[tuple[Who], ...]) -> Who:
     return who
 
 
+def _is_plural(reading: Reading, at: int) -> bool:
+    return singular(reading.word(at)) != reading.word(at)
+
+
+def _both(label: str, context: Context) -> SelectKind:
+    select = _thing(label, plural=True)(context)
+    context.last = replace(select, number="both") if isinstance(select, Text) else select
+    return context.last
+
+
 _and_also = lit("and|or|,|, and|, or|and also|plus|as well as|along with|together with|and then")
 _single = either(_definite, _bare_stranger + _in_scene)
-_union = ~lit("both|either") + listed(_single, _and_also) >> _all_of
+_both_of_them = (
+    lit("both|both (of) [the|these|those|my|our|your]")
+    + chosen(
+        lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
+    )
+    + _in_scene
+) >> (lambda label: lambda context: _both(label, context))
+_union = either(_both_of_them, ~lit("both|either") + listed(_single, _and_also) >> _all_of)
 known_thing = ~lit("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
 _EXCEPT = (

@@ -49,7 +49,8 @@ def connected(points: np.ndarray, reach: float) -> np.ndarray:
 def things(posed: Posed, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Split the Gaussians `rows (n,)` int: (thing (n,) int from 0, the largest first; stray (n,) bool).
 
-    A smaller piece belongs to the thing whose centre is nearest. Size is surface: opacity times the two largest deviations.
+    A smaller piece belongs to the thing whose centre is nearest. Size is the geometric mean of surface (opacity times the two
+    largest deviations) and of opacity: a few large floaters have surface and no body, a plain thing has surface and few Gaussians.
     """
     points = posed.means[rows]
     sizes = np.sort(posed.scales[rows], axis=1)
@@ -57,7 +58,7 @@ def things(posed: Posed, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low, high = np.percentile(points, INNER, axis=0)
     reach = max(LINK * float(np.median(sizes[:, 2])), FINEST * float(np.linalg.norm(high - low)), 1e-6)
     piece = connected(points, reach)
-    total = np.bincount(piece, surface)
+    total = np.sqrt(np.bincount(piece, surface) * np.bincount(piece, posed.opacities[rows] + 1e-12))
     order = np.argsort(-total, kind="stable")
     large = order[total[order] >= THING * total.max()]
     number = np.full(len(total), -1)

@@ -7,19 +7,23 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..errors import F4xError
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
+from ..query.inventory import things_there
 from ..query.labels import Encode
 from ..scene import Scene, read_scene
 from . import endpoint, language
 from .apply import edited, stack_of, with_operations
+from .description import describe
 from .judge import judge
-from .operations import Duplicate, Operation, Transform
+from .operations import Duplicate, Freeze, Loop, Operation, Retime, Reverse, Transform
 from .phrases import Refusal
 from .records import Record
-from .resolve import Absent, Context, Resolver, labels_of
-from .selects import Text
+from .resolve import Absent, Context, Resolver, labels_of, rows_of
+from .selects import Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
 from .stack import undo as undo
@@ -91,7 +95,10 @@ def propose(
         raise F4xError(f"{candidates} candidates are asked for; give 1 to {MOST_CANDIDATES}.")
     scene, context = edited(scene), context or Context()
     progress("understand", 0, 0)
-    asked, understood_by, notes = understand(scene, sentence, context, server)
+    try:
+        asked, understood_by, notes = understand(scene, sentence, context, server)
+    except Refusal as refusal:
+        raise Refusal(refusal.reason, refusal.nearest and language.nearest(sentence, _there(scene))) from refusal
     resolver = Resolver(context, encode)
     found: list[Candidate] = []
     for operations, tidy, why in _variants(asked):
@@ -102,12 +109,13 @@ def propose(
             if why:
                 continue
             if isinstance(error, Absent):  # in the plain reading: another threshold would be a guess
-                raise Refusal(str(error), language.nearest(sentence)) from error
+                raise Refusal(str(error), language.nearest(sentence, _there(scene))) from error
             raise
         if all(settled != other.operations for other in found):
             found.append(Candidate(settled, why, sentence))
         if len(found) == candidates:
             break
+    notes += tuple(_idle(scene, found[0].operations))
     proposal = Proposal(sentence, tuple(found), 0, understood_by, notes=notes)
     if len(found) == 1:
         return proposal
@@ -139,7 +147,33 @@ def understand(
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)
-    return language.parse(sentence, **told), GRAMMAR, notes
+    return language.parse(sentence, **told, copies=_copies(scene)), GRAMMAR, notes
+
+
+def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
+    """The copies that the edits of a scene made and that are there -> what was copied, in order."""
+    found: dict[SelectKind, SelectKind] = {}
+    for step in getattr(scene, "steps", ()):
+        operation = step.edit.operation
+        if isinstance(operation, Duplicate):
+            copies = Ids.of(operation.first_id + np.arange(len(step.copied) * operation.count))
+            if len(rows_of(scene, copies)):
+                found[replace(copies, words="the copy" if operation.count == 1 else "the copies")] = operation.select
+    return found
+
+
+def _there(scene: Scene) -> tuple[str, ...]:
+    """Labels that examples may speak of."""
+    return tuple(things_there(scene)) if labels_of(scene) else ()
+
+
+def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:
+    """A sentence about each operation that gives other moments to what is the same at all of them."""
+    for operation in operations:
+        retimes = isinstance(operation, Freeze | Retime | Reverse | Loop) and not scene.fades
+        if retimes and not scene.moving[rows_of(scene, operation.select)].any():
+            yield f"{describe(operation)}: that stands still already, so nothing changes."
+        scene = with_operations(scene, operation)
 
 
 def preview(scene: Scene, candidate: Candidate) -> Scene:

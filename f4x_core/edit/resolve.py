@@ -14,7 +14,7 @@ from ..query.inventory import labels_of, nearest_there
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
-from ..query.selection import Selection
+from ..query.selection import Selection, fingerprint
 from ..query.standing import standing
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id, with_operations
@@ -29,6 +29,7 @@ from .selects import (
     Current,
     Ids,
     Instance,
+    Named,
     Not,
     Or,
     Point,
@@ -38,7 +39,7 @@ from .selects import (
     parts_of,
 )
 
-__all__ = ["Absent", "Context", "Resolver", "chosen", "labels_of", "resolve", "rows_of"]
+__all__ = ["Absent", "Context", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
 
 
 class Absent(F4xError):  # noqa: N818  # nothing went wrong
@@ -222,7 +223,9 @@ class Resolver:
         if words is None or scene.features is None:
             return f"{scene.name}: the selection is empty at this place in the edits; select something else."
         if isinstance(select, And) and any(isinstance(part, Instance) for part in parts_of(select)):
-            return f"In the scene '{scene.name}' there is only one of {whom(words)}, so nobody is left of {whom(select)}."
+            return (
+                f"In the scene '{scene.name}' there is only one of {whom(words)}, so nobody is left of {whom(select)}."
+            )
         best = float(self.selection(scene, words).scores.max(initial=0))
         near = nearest_there(scene, words.labels, self.encode)
         hint = f"; nearest labels: {', '.join(near)}" if near else ""
@@ -240,6 +243,16 @@ def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:
 def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
     """(N,) bool over `scene.posed`: whom a resolved selection means."""
     return _rows(scene).chosen(select)
+
+
+def named(scene: Scene) -> dict[str, Selection]:
+    """Name that an edit gave -> whom it means and nobody deleted: things that queries and questions may speak of."""
+    found = {name: chosen(scene, Named(name)).astype(float) for name in _rows(scene).names}
+    nobody, there, mark = np.zeros(len(scene.ids), bool), standing(scene), fingerprint(scene)
+    return {
+        name: Selection(scene.ids, scores, nobody, label=name, scene=mark).among(there)
+        for name, scores in found.items()
+    }
 
 
 def _rows(scene: Scene) -> Rows:

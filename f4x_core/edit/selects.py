@@ -117,6 +117,8 @@ class Text(Select):
     """What they are weighed against; None = the usual surroundings."""
     threshold: float = 0.5
     """Least probability, 0 to 1."""
+    number: Literal["any", "one", "both"] = "any"
+    """`one`: said in the singular, which leaves copies out where anybody else answers; `both`: there must be two or more."""
 
     def __post_init__(self) -> None:
         """Validate."""

@@ -47,7 +47,8 @@ def progress(frames: Span | None, ease: Ease, time: float, last: float) -> float
 def effect(operation: Look, time: float, last: float) -> float:
     """How much of a change of looks there is at `time`, 0 to 1."""
     if isinstance(operation, Opacity) and operation.ease is not None:
-        return progress(operation.frames, operation.ease, time, last)
+        share = progress(operation.frames, operation.ease, time, last)
+        return 1 - share if operation.inward else share
     return float(holds(operation.frames, time))
 
 

@@ -156,7 +156,10 @@ def test_bake(scene, operations, capsys, tmp_path):
     operations.write_text(json.dumps(OPERATIONS[2:]))
     f4x(capsys, "edit", scene, "--ops", operations)
     assert main(["bake", str(scene), "-o", str(tmp_path / "c.f4x")]) == 0
-    assert "these stay in the stack: delete" in capsys.readouterr().out
+    assert (
+        "2 edits folded in; these stay in the stack: delete, 1 name: edit 3 (delete) changes with time"
+        in capsys.readouterr().out
+    )
 
 
 @pytest.mark.parametrize(
@@ -168,6 +171,7 @@ def test_bake(scene, operations, capsys, tmp_path):
         ('[{"op": "delete", "select": {"by": "moving"}}, 7]', "operation 2: 7 is no JSON object"),
         ('[{"op": "delete", "select": {"by": "named", "name": "rex"}}]', "named 'rex'"),
         ('[{"op": "delete", "select": {"by": "moving"}, "frames": [90, null]}]', "90"),
+        ('[{"op": "delete", "select": {"by": "ids", "ids": [1, 9999999]}}]', "no Gaussian of the id 9999999"),
         ("[" * 3000 + "]" * 3000, "nested too deep"),
         ('{"op": "delete", "select": ' + 90 * '{"by": "not", "of": ' + '{"by": "all"}' + 91 * "}", "write it flatter"),
     ],

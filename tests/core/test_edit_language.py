@@ -14,9 +14,9 @@ from f4x_core.edit import looks
 from f4x_core.edit.colour_names import COLOURS
 from f4x_core.edit.commands import COMMANDS, SHOWN
 from f4x_core.edit.grammar import VOCABULARY
-from f4x_core.edit.language import LONGEST, Refusal, describe, parse
-from f4x_core.edit.operations import Delete, Freeze, Recolour, Transform, read_operation
-from f4x_core.edit.selects import Current, Instance, Named, Not, Or, Text
+from f4x_core.edit.language import LONGEST, Refusal, describe, nearest, parse
+from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Transform, read_operation
+from f4x_core.edit.selects import Current, Ids, Instance, Named, Not, Or, Text
 from f4x_core.errors import F4xError
 
 TABLE = json.loads(Path(__file__).with_name("phrases.json").read_text())
@@ -251,3 +251,60 @@ def test_long_texts_take_bounded_time(part):
         with suppress(Refusal):
             say(text)
         assert time.process_time() - start < 1.0
+
+
+@pytest.mark.parametrize(
+    ("sentence", "word"),
+    [
+        ("make the dog not red", "'not'"),
+        ("don't remove the dog", "'don't'"),
+        ("make half of the dog red", "'half of'"),
+        ("make the dog darker red", "'darker red'"),
+        ("paint the second dog blue", "'the second dog'"),
+        ("hide the dog behind the tree", "'behind'"),
+        ("paint the dog's snout blue", "'snout'"),
+        ("undo the last edit", "`f4x undo SCENE`"),
+        ("change the color of the dog", "not said to which color"),
+    ],
+)
+def test_the_word_that_is_blamed_is_the_one_at_fault(sentence, word):
+    with pytest.raises(Refusal) as told:
+        say(sentence, selected=True)
+    assert word in told.value.reason
+    assert not any("remove" in example for example in told.value.nearest if "n't" in sentence)
+
+
+def test_examples_are_about_what_is_there():
+    assert nearest("make the sky pink", ("swan", "water"))[0] in ("make the swan red", "darken the swan")
+    told = [example for sentence in ("make the sky pink", "remove the sky") for example in nearest(sentence, ("swan",))]
+    assert not any(word in " ".join(told).split() for word in ("sky", "dog", "car"))
+    assert nearest("match the water", ("swan", "water"))[0] == "match the water to the swan"
+
+
+def test_copies_of_earlier_sentences_are_the_copy_and_one_thing_is_the_original():
+    copies, one = Ids((7, 8), words="the copy"), replace(DOG, number="one")
+    earlier = {copies: Ids((1, 2), words="the dog")}
+    assert say("make the copy red", copies=earlier)[0].select == copies
+    assert say("make the original red", copies=earlier)[0].select == Ids((1, 2))
+    assert (
+        say("hide the dog", copies=earlier)[0].select == one and say("hide the dogs", copies=earlier)[0].select == DOG
+    )
+    assert say("hide the left dog", copies=earlier)[0].select == Instance(DOG, "left", 12)
+    with pytest.raises(Refusal, match="more than once"):
+        say("make the copy red", copies=earlier | {Ids((9,)): DOG})
+
+
+def test_both_wants_two():
+    assert say("make both dogs red")[0].select == replace(DOG, number="both")
+    assert say("make both of the dogs red")[0].select == replace(DOG, number="both")
+
+
+def test_a_fade_in_ends_with_all_of_it():
+    (fade,) = say("fade the dog in over the first second")
+    assert fade == Opacity(DOG, 0.0, (0, 10), "linear", inward=True)
+    assert say(describe(fade)) == (fade,)
+
+
+def test_the_background_but_not_the_dog_is_told_so():
+    told = "remove the background but not the dog"
+    assert describe(say(told)[0]) == told

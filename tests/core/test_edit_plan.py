@@ -95,8 +95,11 @@ def test_colours_of_both_sides_are_settled_or_told(scene):
     ("operation", "words"),
     [
         (Delete(Text(("zebra",))), "lacks 'zebra'"),
-        (Delete(Text(("grass",), threshold=0.9)), "nothing in the scene is called 'grass'.*nearest labels: .*wall"),
-        (Delete(Instance(Text(("grass",), threshold=0.9), "left")), "nothing in the scene is called 'grass'"),
+        (
+            Delete(Text(("grass",), threshold=0.9)),
+            "In the scene 'labelled' nothing is called 'grass'.*nearest labels: .*wall",
+        ),
+        (Delete(Instance(Text(("grass",), threshold=0.9), "left")), "nothing is called 'grass'"),
         (Delete(And((SQUARE, Not(SQUARE)))), "nothing|empty"),
         (Delete(Not(All())), "the selection is empty"),
         (Delete(Current()), "Nothing is selected"),
@@ -438,3 +441,52 @@ def test_the_bench_tells_times_and_faults(path, capsys):
     assert main(["bench", "edit", "--scene", str(path), "--label", "square", "--json"]) == 0
     found, _ = told(capsys)
     assert found["sentence_s"] < 5 and found["still_flicker"] <= 1.05 and len(found["endpoint_faults"]) == 10
+
+
+def test_a_stray_of_few_large_gaussians_is_no_thing_of_its_own(scene):
+    posed, square = scene.posed(0.0), np.flatnonzero(scene.moving)
+    posed = posed._replace(means=posed.means.copy(), scales=posed.scales.copy())
+    stray = np.arange(3)
+    posed.means[stray], posed.scales[stray] = (0.9, 0.0, 1.1), (0.045, 0.045, 0.002)
+    surface = posed.opacities * posed.scales[:, 0] * posed.scales[:, 1]
+    assert surface[stray].sum() > 0.2 * surface[square].sum()
+    rows = np.concatenate([square, stray])
+    assert set(which_thing(posed, rows, "right", scene.cameras[0])) == set(rows)
+
+
+def test_a_copy_of_an_earlier_command_is_found_and_the_thing_alone_is_the_original(path):
+    plan.apply(path, plan.propose(read_scene(path), "copy the square to the left by two widths", HERE).chosen)
+    after = edited(read_scene(path))
+    base = len(after.base.ids)
+
+    def rows(sentence):
+        (operation,) = plan.propose(after, sentence, HERE).chosen.operations
+        return rows_of(after, operation.select)
+
+    assert len(rows("make the copy red")) == 81 and (rows("make the copy red") >= base).all()
+    assert len(rows("make the square red")) == 81 and (rows("make the square red") < base).all()
+    assert len(rows("make both squares red")) == len(rows("make the squares red")) == 162
+    assert (rows("remove the square on the right") < base).all() and (rows("remove the left square") >= base).all()
+    gone = plan.preview(after, plan.propose(after, "remove the square", HERE).chosen)
+    (left,) = plan.propose(gone, "make the square green", HERE).chosen.operations
+    assert (rows_of(gone, left.select) >= base).all() and len(rows_of(gone, left.select)) == 81
+
+
+@pytest.mark.parametrize("sentence", ["make both squares red", "make all squares except the left one red"])
+def test_of_one_thing_there_are_not_several(scene, sentence):
+    with pytest.raises(Refusal, match="only one of the square"):
+        plan.propose(scene, sentence, HERE)
+
+
+def test_what_stands_still_cannot_be_stopped_and_that_is_told(scene):
+    assert "stands still already" in plan.propose(scene, "freeze the background", HERE).notes[0]
+    assert "stands still already" in plan.propose(scene, "reverse the background", HERE).notes[0]
+    assert plan.propose(scene, "freeze the square", HERE).notes == ()
+
+
+def test_examples_of_a_refusal_are_about_the_scene(scene):
+    for sentence in ("make the cat pink", "make the square bark"):
+        with pytest.raises(Refusal) as told:
+            plan.propose(with_words(scene, "cat"), sentence, HERE)
+        nouns = {word for one in told.value.nearest for word in one.split()}
+        assert {"square", "wall"} & nouns and not {"cat", "dog", "sky", "car"} & nouns
