@@ -22,7 +22,7 @@ from ..edit.description import describe
 from ..edit.operations import Operation, read_operation
 from ..edit.plan import MOST_CANDIDATES
 from ..edit.records import read_record
-from ..edit.resolve import Context, Resolver, labels_of, resolve, rows_of
+from ..edit.resolve import Context, Resolver, labels_of, named, resolve, rows_of
 from ..edit.selects import All, Ids, SelectKind
 from ..edit.stack import Edit, EditStack, of, read_stack
 from ..errors import F4xError
@@ -226,7 +226,8 @@ class Session:
     def ask(self, question: Sentence, scene: SceneName = "") -> Reply:
         """Ask what is there, where and when, what moves, how far and how fast; answered by computing, and it says so."""
         _, opened = self._open(scene)
-        said = answer(opened, question, encode=encode_labels, backend=self.backend, progress=self.progress)
+        options: dict[str, Any] = {"names": named(opened), "backend": self.backend, "progress": self.progress}
+        said = answer(opened, question, encode=encode_labels, **options)
         return Reply({"answered_by": said.answered_by}, {"answer": said.text, "evidence": said.evidence})
 
     def propose_edit(

@@ -74,6 +74,8 @@ class RowState:
     """Rendered files that can stand for the row."""
     hosts: tuple[str, ...] = ()
     """Machines that worked on it."""
+    missing: tuple[str, ...] = ()
+    """Paths that it reads and where nothing is."""
 
     @property
     def state(self) -> str:
@@ -190,7 +192,15 @@ def plan(
     digests = Digests(known)
 
     def state_of(row: Row) -> RowState:
-        state = RowState(row, tasks_of(row, digests.of))
+        missing: dict[str, None] = {}
+
+        def digest(path: str) -> str:
+            told = digests.of(path)
+            if not told:
+                missing[path] = None
+            return told
+
+        state = RowState(row, tasks_of(row, digest), missing=tuple(missing))
         sizes = store.sizes(row.name)
         for task in state.tasks:
             state.states[task.stage] = WAITING

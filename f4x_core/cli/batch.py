@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -209,15 +209,27 @@ def _told_plan(board: Board) -> dict[str, Any]:
     lines = [
         f"{row['name']}: " + ", ".join(f"{task['stage']} [{task['state']}]" for task in row["tasks"]) for row in rows
     ]
+    lacking = [each for each in board.rows.values() if each.missing]
+    lines += [f"{each.row.name}: {path} is missing" for each in lacking for path in each.missing]
     to_do = board.number(WAITING)
     lines.append(f"{to_do} of {board.number()} tasks to do, nothing was done")
-    return {"rows": rows, "tasks": board.number(), "to_do": to_do, "text": "\n".join(lines)}
+    return {
+        "rows": rows,
+        "tasks": board.number(),
+        "to_do": to_do,
+        "text": "\n".join(lines),
+        "exit_code": _exit_code(lacking),
+    }
 
 
 def _row_plan(each: RowState) -> dict[str, Any]:
     row: Row = each.row
     tasks = [{"stage": t.stage, "state": each.states[t.stage], "commands": t.commands} for t in each.tasks]
-    return {"name": row.name, "clip": row.clip, "tasks": tasks}
+    return {"name": row.name, "clip": row.clip, "missing": list(each.missing), "tasks": tasks}
+
+
+def _exit_code(failed: Sequence[RowState]) -> int:
+    return min(len(failed), MOST_FAILED)
 
 
 def _told(board: Board, store: Store, seconds: float) -> dict[str, Any]:
@@ -237,5 +249,5 @@ def _told(board: Board, store: Store, seconds: float) -> dict[str, Any]:
         "seconds": seconds,
         "index": index,
         "text": "\n".join([*lines, index]),
-        "exit_code": min(len(failed), MOST_FAILED),
+        "exit_code": _exit_code(board.failed),
     }

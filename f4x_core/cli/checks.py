@@ -11,6 +11,9 @@ from ..errors import F4xError
 if TYPE_CHECKING:
     from ..scene.posing import Posable
 
+SLOWER = 6
+"""Times that the torch backend takes longer than the compiled kernels, on one thread (docs/results.md)."""
+
 
 def path_argument(text: str) -> Path:
     """The path that a person gave. An empty one, which is what an unset shell variable gives, is not the current folder."""
@@ -60,6 +63,18 @@ def require_backend(name: str) -> None:
     reason = why_not(name)
     if reason is not None:
         raise F4xError(f"--backend {name} cannot run here ({reason}); use --backend auto or torch.")
+
+
+def why_slow() -> str | None:
+    """The line about drawing without compiled kernels; None where they are there, or a GPU draws."""
+    from ..raster import why_not
+
+    if why_not("native") is None or why_not("gsplat") is None:
+        return None
+    return (
+        f"The compiled kernels are not there; drawing is about {SLOWER} times slower;"
+        " `python -m f4x_core.native.build` compiles them."
+    )
 
 
 def require_time(scene: Posable, time: float, flag: str) -> None:

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from .. import __version__
 from ..errors import Cancelled, F4xError
 from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
-from .checks import output_folder, path_argument, require_backend, require_folder
+from .checks import output_folder, path_argument, require_backend, require_folder, why_slow
 from .terminal import TerminalProgress
 
 EXIT_BAD_INPUT = 2
@@ -426,6 +426,8 @@ def main(arguments: list[str] | None = None) -> int:
                 require_folder(output_folder(args))
             if "backend" in args:
                 require_backend(args.backend)
+                if args.backend == "auto" and (slow := why_slow()):
+                    progress.console.print(slow)
             result = find_verb(args.verb)(args, progress)
     except F4xError as error:
         return _fail(args, lines, str(error), EXIT_BAD_INPUT)

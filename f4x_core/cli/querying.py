@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,15 @@ import numpy as np
 from ..clip import write_video
 from ..clip.images import list_images, read_mask
 from ..edit.apply import open_scene
+from ..edit.resolve import named
 from ..errors import F4xError
 from ..files import replace_file
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..query.inventory import nearest_there
-from ..query.labels import encode_labels, words_of
+from ..query.inventory import is_calibrated, labels_of, nearest_there, select_word
+from ..query.labels import BACKGROUND, Encode, encode_labels, spellings, words_of
 from ..query.pixels import heat_map, mask_video, share_picture
-from ..query.prompts import at_clip_size, select_by_box, select_by_mask, select_by_points, select_by_text
+from ..query.prompts import at_clip_size, select_by_box, select_by_mask, select_by_points
 from ..query.questions import Answer, answer, ask_features
 from ..query.selection import Selection
 from ..scene import Scene
@@ -39,7 +41,8 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     scene = open_scene(args.scene, args.edits)
     span = _span(scene, args.span) if args.span is not None else None
     views = trajectory_of(scene, args.path, args.degrees)
-    selection = _selection(scene, args, given[0], span, progress)
+    by_word = _by_words(scene, args, span, encoder(progress)) if args.text is not None else {}
+    selection = _together(by_word) if by_word else _selection(scene, args, given[0], span, progress)
     result: dict[str, Any] = {
         "label": selection.label,
         "chosen": int(selection.chosen.sum()),
@@ -51,8 +54,12 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     lines = [
         f"{selection.label}: {result['chosen']} of {result['gaussians']} Gaussians, {result['static']} of them standing"
     ]
+    if by_word:
+        result["missing"] = [word for word, each in by_word.items() if not each.chosen.any()]
+        lines += [_nobody(by_word[word], []) for word in result["missing"]]
     if not result["chosen"]:
-        result["there"] = nearest_there(scene, words_of(args.text), encode_labels) if args.text else []
+        asked = [word for word in by_word if word not in named(scene)]
+        result["there"] = nearest_there(scene, asked, encoder(progress)) if asked else []
         lines = [_nobody(selection, result["there"])]
     if args.output is not None:
         _write(scene, selection, views, args.output, args.backend, progress)
@@ -71,14 +78,27 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         said: Answer = ask_features(scene, args.question, views, SmolVlm(args.model), args.backend, progress)
     else:
         server = ChatServer.from_environment(args.endpoint)
-        options: dict[str, Any] = {"encode": encode_labels, "backend": args.backend, "progress": progress}
-        said = answer(scene, args.question, views, server=server, **options)
+        options: dict[str, Any] = {"encode": encoder(progress), "backend": args.backend, "progress": progress}
+        said = answer(scene, args.question, views, server=server, names=named(scene), **options)
     return {
         "answer": said.text,
         "answered_by": said.answered_by,
         "evidence": said.evidence,
         "text": f"[{said.answered_by}] {said.text}",
     }
+
+
+def encoder(progress: Progress) -> Encode:
+    """`encode_labels` that tells that it starts: reading an encoder takes seconds, and only words that a scene lacks need it."""
+
+    def encode(name: str, labels: list[str]) -> np.ndarray:
+        stage = f"reading the text encoder for '{', '.join(labels)}' (once)"
+        progress(stage, 0, 1)
+        vectors = encode_labels(name, labels)
+        progress(stage, 1, 1)
+        return vectors
+
+    return encode
 
 
 def read_masks(folder: Path, scene: Scene) -> dict[int, np.ndarray]:
@@ -100,16 +120,46 @@ def mask_of(file: Path, scene: Scene) -> np.ndarray:
         raise F4xError(told if told.startswith(str(file)) else f"{file}: {told}") from error
 
 
+def _by_words(
+    scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, encode: Encode
+) -> dict[str, Selection]:
+    """What each word of --text selects: a name that an edit gave, or a label."""
+    if args.frame is not None:
+        raise F4xError("--frame goes with --point, --box and --mask; words are asked of the whole clip (--span A:B).")
+    words = words_of(args.text)
+    negatives = words_of(args.negatives) if args.negatives is not None else None
+    for word in negatives or ():
+        if any({*spellings(word)} & {*spellings(asked)} for asked in words):
+            raise F4xError(f"--not {word}: --text asks for it as well; leave it out of one of them.")
+    if negatives is None and len(words) > 1:  # one of them is nothing that another is weighed against
+        forms = {form for word in words for form in spellings(word)}
+        negatives = [label for label in labels_of(scene) if label.lower() in {*BACKGROUND} - forms]
+    names = {name.lower(): each for name, each in named(scene).items()}
+    given = {word: names[form] for word in words for form in spellings(word) if form in names}
+    labels = [word for word in words if word not in given]
+    found = {}
+    for word in words:
+        if word in given:
+            found[word] = replace(given[word], threshold=args.threshold, span=span)
+            continue
+        against = negatives
+        if len(labels) > 1 and not is_calibrated(scene):
+            against = [*(negatives or ()), *(other for other in labels if other != word)]
+        found[word] = select_word(scene, word, against, args.threshold, encode=encode, span=span)
+    return found
+
+
+def _together(by_word: dict[str, Selection]) -> Selection:
+    """Whom one of the words selects, at their common threshold."""
+    first, *others = by_word.values()
+    for other in others:
+        first = replace(first, scores=np.maximum(first.scores, other.scores), wins=first.wins | other.wins)
+    return replace(first, label=", ".join(each.label for each in by_word.values()))
+
+
 def _selection(
     scene: Scene, args: argparse.Namespace, kind: str, span: tuple[float, float] | None, progress: Progress
 ) -> Selection:
-    if kind == "text":
-        if args.frame is not None:
-            raise F4xError(
-                "--frame goes with --point, --box and --mask; words are asked of the whole clip (--span A:B)."
-            )
-        negatives = words_of(args.negatives) if args.negatives is not None else None
-        return select_by_text(scene, words_of(args.text), negatives, args.threshold, encode=encode_labels, span=span)
     if args.negatives is not None:
         raise F4xError("--not goes with --text; a point beside the object is not offered here.")
     if args.frame is None:
@@ -130,7 +180,7 @@ def _selection(
 def _nobody(selection: Selection, there: list[str]) -> str:
     """The line about a selection that holds no Gaussian."""
     best = float(selection.scores.max(initial=0))
-    known = f"; the scene holds {', '.join(there)}" if there else ""
+    known = f"; it answers to {', '.join(there)}" if there else ""
     return f"{selection.label}: nothing in the scene answers to it with {selection.threshold:g} or more (best: {best:.2f}){known}"
 
 

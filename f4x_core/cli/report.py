@@ -37,6 +37,9 @@ def run_report(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     write_page(folder / PAGE_FILE, report)
     failed = [f"{name}: {text}" for name, record in report["studies"].items() for text in record["failed"]]
     lines = [f"{record['title']}: {text}" for record in report["studies"].values() for text in record["words"]]
+    lines += [
+        f"{study.title}: not measured: {text}" for study in studies for text in report["studies"][study.name]["skipped"]
+    ]
     lines += [f"FAILED {text}" for text in failed] + [f"{folder / PAGE_FILE}"]
     text = "\n".join(lines)
     return {"page": str(folder / PAGE_FILE), "failed": failed, **report, "text": text, "exit_code": int(bool(failed))}

@@ -42,8 +42,12 @@ def find(scene: Scene, label: str, encode: Encode | None = None) -> Selection:
 
     Without a null vector scores say which word rather than whether one, so the label is weighed against the whole vocabulary.
     """
-    calibrated = null_vector(text_head(scene).spec.text_encoder or "") is not None
-    return select_word(scene, label, None if calibrated else labels_of(scene), encode=encode)
+    return select_word(scene, label, None if is_calibrated(scene) else labels_of(scene), encode=encode)
+
+
+def is_calibrated(scene: Scene) -> bool:
+    """Whether scores say if a word's thing is there, rather than which of several words it is."""
+    return null_vector(text_head(scene).spec.text_encoder or "") is not None
 
 
 def select_word(

@@ -133,6 +133,15 @@ def test_a_dry_run_touches_nothing(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_a_dry_run_names_what_is_missing(tmp_path, capsys):
+    write_clips(tmp_path, a={})
+    table = tmp_path / "list.csv"
+    table.write_text("clip\na.clip\nabsent.clip\n")
+    assert main(["batch", str(table), "-o", str(tmp_path / "out"), "--dry-run"]) == 1
+    told = capsys.readouterr().out
+    assert "absent.clip is missing" in told and "a.clip is missing" not in told
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
