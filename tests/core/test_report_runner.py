@@ -27,6 +27,7 @@ from f4x_core.report.study import (
     time_rows,
 )
 
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 CALLS: list[str] = []
 
 
@@ -124,6 +125,18 @@ def test_the_verb_ends_with_one_where_something_failed(studies, tmp_path, capsys
     assert "studies: well, badly, nothing" in capsys.readouterr().err
 
 
+def test_the_verb_tells_why_a_chosen_study_measured_nothing(studies, tmp_path, capsys):
+    assert main(["report", "-o", str(tmp_path), "--only", "nothing"]) == 0
+    assert ": not measured: no such clip\n" in capsys.readouterr().out
+    assert main(["report", "-o", str(tmp_path), "--only", "well"]) == 0
+    assert "not measured" not in capsys.readouterr().out
+
+
+def test_the_documents_name_every_study():
+    names = re.findall(r"`([\w-]+)`", (DOCS / "report.md").read_text(encoding="utf-8"))
+    assert {study.name for study in catalogue.STUDIES} <= {*names}
+
+
 def test_the_front_keeps_what_nothing_beats():
     assert pareto_front([(3, 1), (1, 3), (2, 2), (2, 4), (4, 1)]) == [1, 2, 0]
 
@@ -150,9 +163,8 @@ def test_real_clips_are_asked_for_in_one_sentence(tmp_path):
 
 
 def test_the_page_of_results_is_what_its_data_say():
-    docs = Path(__file__).resolve().parents[2] / "docs"
-    page = (docs / "results.md").read_text(encoding="utf-8")
-    assert page == results_page(docs / "results"), "run `python3 scripts/dev.py results`"
+    page = (DOCS / "results.md").read_text(encoding="utf-8")
+    assert page == results_page(DOCS / "results"), "run `python3 scripts/dev.py results`"
 
 
 def test_a_report_is_taken_over_into_the_results(studies, tmp_path):
