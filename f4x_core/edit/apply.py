@@ -37,6 +37,10 @@ FARTHEST = 1e12
 """World units; sizes and distances stay within float32 however often they are scaled."""
 BASE_PERCENTILE = 98
 """The base of a thing is this percentile of its heights: a stray Gaussian below it does not count."""
+FADED_DEPTH = 16.0
+"""Optical depth, the sum of -log(1 - alpha) along a pixel, of things in fits of real clips: of it fades are even."""
+MOST_ALPHA = 0.99
+"""What is opaquer is drawn no more so, and would never fade."""
 LOOKS_OF = get_args(Look)
 """The operations of `Look`."""
 
@@ -335,7 +339,11 @@ class EditedScene(Scene):
             return state._replace(opacities=np.where(dyed, np.float32(0), state.opacities))
         if isinstance(operation, Opacity):
             factor = np.float32(1 + share * (operation.factor - 1))
-            fainter = np.clip(state.opacities * factor, 0, 1)
+            if operation.factor < 1 and 0 < share < 1:  # on the way from all to the factor
+                gone = np.float32(1 - operation.factor)
+                fainter = state.opacities * (1 - gone) + gone * thinned(state.opacities, 1 - share)
+            else:
+                fainter = np.clip(state.opacities * factor, 0, 1)
             if operation.factor > 1:  # nothing times a factor is nothing: what was hidden comes back as it was
                 hidden = (state.opacities == 0) & ~step.before.gone[rows]
                 there = self._constant["opacities"][step.before.origin[rows]]
@@ -431,6 +439,16 @@ def pivot_of(kind: str, means: np.ndarray) -> np.ndarray:
     if kind == "base":
         pivot[1] = np.percentile(means[:, 1], BASE_PERCENTILE)
     return pivot
+
+
+def thinned(opacities: np.ndarray, left: float) -> np.ndarray:
+    """Opacities (n,) of which a picture shows the share `left` in [0, 1] of its alpha, where splats stand behind one another.
+
+    `1 - (1 - o)^k` scales the optical depth D of a pixel by k; its alpha 1 - exp(-k D) is to be `left` (1 - exp(-D)). Scaling
+    the opacities themselves would leave a stack of many nearly opaque half-way.
+    """
+    depth = -np.log1p(-left * -np.expm1(-FADED_DEPTH)) / FADED_DEPTH
+    return (1 - (1 - np.minimum(opacities, MOST_ALPHA)) ** depth).astype(np.float32)
 
 
 def has_tones(operation: Operation) -> bool:
