@@ -8,7 +8,7 @@ from PIL import Image
 
 from f4x_core.clip.images import as_bytes
 from f4x_core.geometry.camera import Camera
-from f4x_core.report.toy_worlds import World, make_world
+from f4x_core.report.studies.toy_worlds import World, make_world
 
 UNIT = 2.5
 """Units of the captures in one of the world's."""

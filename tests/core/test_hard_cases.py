@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from f4x_core.errors import F4xError
-from f4x_core.report import stability
-from f4x_core.report.hard_cases import (
+from f4x_core.report.studies import stability
+from f4x_core.report.studies.hard_cases import (
     Case,
     Check,
     limited,
@@ -43,7 +43,7 @@ def write_case(folder: Path, body: str, doc: str = "Title.\n\nHard: a.\n\nWhy: b
     return folder
 
 
-CHECK = "from f4x_core.report.hard_cases import that\nSTAGE = 'scene'\ndef check():\n"
+CHECK = "from f4x_core.report.studies.hard_cases import that\nSTAGE = 'scene'\ndef check():\n"
 
 
 def test_a_file_becomes_a_case(tmp_path):

@@ -16,12 +16,20 @@ from f4x_core.errors import F4xError
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.features.teachers import TeacherEntry
 from f4x_core.query.segmentation import shrink
-from f4x_core.report import datasets, protocols, view_questions
 from f4x_core.report.picture_metrics import masked_psnr, masked_ssim, psnr_bytes, score_confusion, ssim_bytes
-from f4x_core.report.protocols import DYCHECK, NERFIES, NVIDIA, match_cameras, place_cameras, score_picture, score_views
+from f4x_core.report.studies import datasets, protocols, view_questions
+from f4x_core.report.studies.protocols import (
+    DYCHECK,
+    NERFIES,
+    NVIDIA,
+    match_cameras,
+    place_cameras,
+    score_picture,
+    score_views,
+)
+from f4x_core.report.studies.supplement import FOLLOWED, LABELLED, VIEWS
+from f4x_core.report.studies.toy_fits import shorten
 from f4x_core.report.study import Context, MissingError
-from f4x_core.report.supplement import FOLLOWED, LABELLED, VIEWS
-from f4x_core.report.toy_fits import shorten
 from f4x_core.scene.view import render
 
 SCENES = {"nvidia/Balloon1": [12], "dycheck/paper-windmill": [6, 5], "nerfies/tail": [12]}

@@ -8,12 +8,12 @@ import torch
 
 from f4x_core.fit.config import profile
 from f4x_core.geometry import dual_quaternion, pose, quaternion
-from f4x_core.report import ablations, fit_studies, latent_studies, needs_studies, toy_fits, toy_worlds
 from f4x_core.report.catalogue import STUDIES
 from f4x_core.report.runner import run_studies
+from f4x_core.report.studies import ablations, fit_studies, latent_studies, needs_studies, toy_fits, toy_worlds
+from f4x_core.report.studies.supplement import DIMENSIONS, LABELLED, OURS
+from f4x_core.report.studies.toy_features import label_vectors, score_views, world_maps
 from f4x_core.report.study import Context
-from f4x_core.report.supplement import DIMENSIONS, LABELLED, OURS
-from f4x_core.report.toy_features import label_vectors, score_views, world_maps
 
 SIZE = 48, 10
 

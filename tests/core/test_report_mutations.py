@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from f4x_core.errors import F4xError
-from f4x_core.report.mutations import MUTATIONS, ROOT, try_mutation
+from f4x_core.report.studies.mutations import MUTATIONS, ROOT, try_mutation
 
 FORMULA = "dual = 0.5 * quaternion.multiply(pure, q)\n"
 

@@ -10,10 +10,11 @@ import pytest
 
 from f4x_core.cli.main import main
 from f4x_core.errors import Cancelled, F4xError
-from f4x_core.report import catalogue, clip_studies, runner
+from f4x_core.report import catalogue, runner
 from f4x_core.report.publication import publish, results_page
 from f4x_core.report.report_page import as_markdown, told, write_page
 from f4x_core.report.runner import run_studies
+from f4x_core.report.studies import clip_studies
 from f4x_core.report.study import (
     SECTIONS,
     Context,

@@ -10,7 +10,7 @@ Must hold: colours and gradients are finite, in float32 those of float64.
 import torch
 
 from f4x_core.gaussians import appearance
-from f4x_core.report.hard_cases import that, within
+from f4x_core.report.studies.hard_cases import that, within
 
 STAGE = "raster"
 

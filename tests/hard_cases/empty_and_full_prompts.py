@@ -11,7 +11,7 @@ import numpy as np
 
 from f4x_core.errors import F4xError
 from f4x_core.query.prompts import select_by_mask
-from f4x_core.report.hard_cases import Check, refused, that
+from f4x_core.report.studies.hard_cases import Check, refused, that
 
 from .scene_of_one_and_of_a_thousand_frames import scene_of
 

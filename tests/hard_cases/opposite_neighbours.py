@@ -9,7 +9,7 @@ Must hold: the answer is finite and near the middle of all that is possible, and
 
 import numpy as np
 
-from f4x_core.report.hard_cases import that
+from f4x_core.report.studies.hard_cases import that
 
 from .common.carrying import _by_library, _by_torch, differentiate, quaternion, torch, turning
 

@@ -7,7 +7,7 @@ Why: learning rates, node spacings and near planes are lengths.
 Must hold: the world is brought to median depth 1, and both come out as good, and as each other.
 """
 
-from f4x_core.report.hard_cases import within
+from f4x_core.report.studies.hard_cases import within
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge, np

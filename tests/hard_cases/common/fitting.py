@@ -17,7 +17,7 @@ from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.pipeline import FitResult, fit_clip
 from f4x_core.priors import Priors
 from f4x_core.report.evaluation import evaluate
-from f4x_core.report.hard_cases import Check, that, told
+from f4x_core.report.studies.hard_cases import Check, that, told
 from f4x_core.scene import Scene
 
 STEPS = 120

@@ -13,10 +13,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..errors import F4xError
-from .study import Context, Findings, MissingError, Table
+from ...errors import F4xError
+from ..study import Context, Findings, MissingError, Table
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 """Of a checkout, where the tests lie beside the package."""
 COPIED = ("f4x_core", "tests", "pyproject.toml", "__init__.py")
 FAILED = re.compile(r"^FAILED (\S+)", re.MULTILINE)

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..fit.losses import rgb_loss
-from ..gaussians import appearance
-from ..geometry import quaternion
-from ..native import measure_peak, open_library
-from ..raster import RasterConfig
-from ..raster.benchmark import (
+from ...fit.losses import rgb_loss
+from ...gaussians import appearance
+from ...geometry import quaternion
+from ...native import measure_peak, open_library
+from ...raster import RasterConfig
+from ...raster.benchmark import (
     BACKWARD_CHANNEL_OPERATIONS,
     BACKWARD_OPERATIONS,
     FORWARD_CHANNEL_OPERATIONS,
@@ -29,11 +29,11 @@ from ..raster.benchmark import (
     count_pairs,
     make_wavy_scene,
 )
-from ..raster.native import library as raster
-from ..scaffold import deformation_library as deformation
-from ..timing import time_in_turn
+from ...raster.native import library as raster
+from ...scaffold import deformation_library as deformation
+from ...timing import time_in_turn
+from ..study import Context, Figure, Findings, MissingError, Row, Table, time_columns
 from .physical_limit import COPY_BYTES
-from .study import Context, Figure, Findings, MissingError, Row, Table, time_columns
 
 SIZES = (6000, 192, 108, 20_000), (50_000, 480, 270, 200_000)
 """Gaussians drawn, pixels, and Gaussians moved and coloured; of a quick and of a full report."""

@@ -12,24 +12,24 @@ import torch
 from scipy.ndimage import gaussian_filter
 from torch import Tensor
 
-from ..features.heads import Head, head_widths
-from ..features.maps import FeatureMaps
-from ..fit.config import FitConfig
-from ..fit.losses import rgb_loss
-from ..fit.model import SceneModel
-from ..fit.photometric import PhotometricStage
-from ..fit.pipeline import finish_fit, start_fit
-from ..gaussians import appearance
-from ..geometry import dual_quaternion, quaternion
-from ..geometry.arrays import Array
-from ..priors import Priors
-from ..query.score import cosines
-from ..raster import rasterize
-from ..scaffold.deformation import pairs_of, relative_motions
-from ..scene import Scene
-from ..scene.model import Posed
-from ..scene.view import render
-from .study import Context, Findings, Row, Table
+from ...features.heads import Head, head_widths
+from ...features.maps import FeatureMaps
+from ...fit.config import FitConfig
+from ...fit.losses import rgb_loss
+from ...fit.model import SceneModel
+from ...fit.photometric import PhotometricStage
+from ...fit.pipeline import finish_fit, start_fit
+from ...gaussians import appearance
+from ...geometry import dual_quaternion, quaternion
+from ...geometry.arrays import Array
+from ...priors import Priors
+from ...query.score import cosines
+from ...raster import rasterize
+from ...scaffold.deformation import pairs_of, relative_motions
+from ...scene import Scene
+from ...scene.model import Posed
+from ...scene.view import render
+from ..study import Context, Findings, Row, Table
 from .toy_features import label_vectors, score_views, world_maps
 from .toy_fits import NOTE, base_config, fit_world, over_seeds, score_world, toy_world
 from .toy_worlds import World

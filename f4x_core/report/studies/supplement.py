@@ -1,6 +1,6 @@
 """Figures that Feature4X reports in its supplement: on other data and another machine, so they stand beside ours, never mixed."""
 
-from .study import Row
+from ..study import Row
 
 THEIRS = "Feature4X"
 """`source` of their rows."""

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..fit.config import FitConfig, profile
-from ..fit.losses import psnr, ssim
-from ..fit.model import SceneModel
-from ..fit.pipeline import finish_fit, start_fit
-from ..geometry.camera import Camera
-from ..priors import Priors
-from ..scene import Scene
-from ..scene.view import render
-from .study import Context, Row
+from ...fit.config import FitConfig, profile
+from ...fit.losses import psnr, ssim
+from ...fit.model import SceneModel
+from ...fit.pipeline import finish_fit, start_fit
+from ...geometry.camera import Camera
+from ...priors import Priors
+from ...scene import Scene
+from ...scene.view import render
+from ..study import Context, Row
+from ..tracking import track_pixels
 from .toy_worlds import View, World, make_world
-from .tracking import track_pixels
 
 QUICK_STEPS = 160
 """Steps of a fit in a quick report."""

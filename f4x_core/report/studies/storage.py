@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry import quaternion, spherical_harmonics
-from ..geometry.camera import CameraPath
-from ..raster.benchmark import make_wavy_scene
-from ..scaffold import Scaffold
-from ..scaffold.skinning import skinning_weights
-from ..scene import DynamicSet, Scene, StaticSet, write_scene
-from ..scene.field import FeatureField, quantise
-from ..scene.foreign import open_any
-from ..scene.formats import export
-from ..scene.model import DYNAMIC_ARRAYS, GAUSSIAN_ARRAYS, SCAFFOLD_ARRAYS
-from ..scene.view import render
-from .study import Context, Figure, Findings, Row, Table
+from ...geometry import quaternion, spherical_harmonics
+from ...geometry.camera import CameraPath
+from ...raster.benchmark import make_wavy_scene
+from ...scaffold import Scaffold
+from ...scaffold.skinning import skinning_weights
+from ...scene import DynamicSet, Scene, StaticSet, write_scene
+from ...scene.field import FeatureField, quantise
+from ...scene.foreign import open_any
+from ...scene.formats import export
+from ...scene.model import DYNAMIC_ARRAYS, GAUSSIAN_ARRAYS, SCAFFOLD_ARRAYS
+from ...scene.view import render
+from ..study import Context, Figure, Findings, Row, Table
 
 SIZES = (6000, 192, 108), (50_000, 480, 270)
 """Gaussians and pixels of a quick and of a full report."""

@@ -14,23 +14,23 @@ from pathlib import Path
 
 import numpy as np
 
-from ..clip import Clip
-from ..clip.images import as_bytes
-from ..clip.novel import NovelCamera
-from ..errors import F4xError
-from ..features.teachers import Teacher, extract, find_teacher, require_ready
-from ..features.text import load_text_encoder
-from ..fit.distil import distil
-from ..fit.distil_config import DistilConfig
-from ..fit.vocabulary import EVERYDAY
-from ..geometry.camera import Camera
-from ..query.pixels import head_map
-from ..query.score import cosines, overlap
-from ..query.segmentation import FeaturePropagation, MaskDecoder
-from ..scene import Scene, read_scene, write_scene
-from ..scene.view import render
-from .picture_metrics import score_confusion
-from .study import Context, MissingError, Row
+from ...clip import Clip
+from ...clip.images import as_bytes
+from ...clip.novel import NovelCamera
+from ...errors import F4xError
+from ...features.teachers import Teacher, extract, find_teacher, require_ready
+from ...features.text import load_text_encoder
+from ...fit.distil import distil
+from ...fit.distil_config import DistilConfig
+from ...fit.vocabulary import EVERYDAY
+from ...geometry.camera import Camera
+from ...query.pixels import head_map
+from ...query.score import cosines, overlap
+from ...query.segmentation import FeaturePropagation, MaskDecoder
+from ...scene import Scene, read_scene, write_scene
+from ...scene.view import render
+from ..picture_metrics import score_confusion
+from ..study import Context, MissingError, Row
 
 LABELLERS = ("clip", "tipsv2", "text")
 """Teachers whose features words can be compared with, best first: the first whose weights are here answers."""
@@ -171,7 +171,7 @@ def mask_decoder(teacher: str, features: Way, count: int, size: tuple[int, int])
     """What turns features of `teacher` into masks; SAM 2's goes without skip connections, from whatever way features come."""
     if teacher != "sam2":
         return FeaturePropagation(features, count, size)
-    from ..features.models.sam2 import Sam2MaskDecoder, load_sam2
+    from ...features.models.sam2 import Sam2MaskDecoder, load_sam2
 
     return Sam2MaskDecoder(load_sam2(), features, count, size)
 

@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
-from ..scaffold.distance import CHUNK, curve_distance
-from ..scaffold.graph import GraphConfig, attach_nodes, build_graph
-from ..scaffold.selection import automatic_unit
-from .study import Context, Figure, Findings, Row, Table, time_columns, time_rows
+from ...scaffold.distance import CHUNK, curve_distance
+from ...scaffold.graph import GraphConfig, attach_nodes, build_graph
+from ...scaffold.selection import automatic_unit
+from ..study import Context, Figure, Findings, Row, Table, time_columns, time_rows
 
 GROUPS = 12
 """Parts of the made-up motion, which turn and shift as wholes."""

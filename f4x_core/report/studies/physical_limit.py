@@ -6,9 +6,9 @@ import statistics
 
 import numpy as np
 
-from ..native import measure_peak, open_library
-from ..timing import time_in_turn
-from .study import Context, Findings, MissingError, Table
+from ...native import measure_peak, open_library
+from ...timing import time_in_turn
+from ..study import Context, Findings, MissingError, Table
 
 COPY_BYTES = 256 << 20
 """Far beyond any cache."""

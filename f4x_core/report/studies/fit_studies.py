@@ -8,9 +8,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from ..fit.config import PROFILES, FitConfig, profile
-from .evaluation import baseline_scores
-from .study import Context, Figure, Findings, Row, Table
+from ...fit.config import PROFILES, FitConfig, profile
+from ..evaluation import baseline_scores
+from ..study import Context, Figure, Findings, Row, Table
 from .toy_fits import NOTE, base_config, fit_world, measure, over_seeds, score_world, shorten, thin_out, toy_world
 from .toy_worlds import make_world
 

@@ -13,11 +13,11 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from ..clip import Clip
-from ..geometry import pose, quaternion, spherical_harmonics
-from ..geometry.camera import Camera, CameraPath
-from ..priors import Priors
-from ..raster import rasterize
+from ...clip import Clip
+from ...geometry import pose, quaternion, spherical_harmonics
+from ...geometry.camera import Camera, CameraPath
+from ...priors import Priors
+from ...raster import rasterize
 
 Motion = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 """Rest positions (n,3) and phase to positions (n,3) and turns (n,4) or (4,)."""

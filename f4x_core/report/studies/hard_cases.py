@@ -18,7 +18,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Literal
 
-from ..errors import F4xError
+from ...errors import F4xError
 
 Outcome = Literal["right", "told", "refused", "known limit", "wrong"]
 """What became of it: the right answer; one that is not, with the reason said; no answer but a sentence; not right, as the

@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..errors import F4xError
-from ..processes import run_verb
-from .study import Context, Findings, MissingError, Row, Table
+from ...errors import F4xError
+from ...processes import run_verb
+from ..study import Context, Findings, MissingError, Row, Table
 
 WORDS = {"blackswan": "swan", "car-shadow": "car", "camel": "camel", "dog": "dog"}
 """What the masks of a clip show, by the clip's name; another clip's masks show what the clip is called."""
@@ -23,7 +23,7 @@ HOLD_OUT = 8
 TEACHERS = "text,visual"
 FITTED = "clips-fit"
 """Study that leaves the scenes which the others read."""
-SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+SCRIPTS = Path(__file__).resolve().parents[3] / "scripts"
 """Of a checkout."""
 RENDERED = ("procedural", "knight", "fox")
 SIZE = ("--frames", "24", "--size", "240x136", "--samples", "24", "--extra-cameras")

@@ -15,8 +15,8 @@ from typing import Any
 
 import torch
 
-from ..raster import RasterConfig, rasterize, why_not
-from ..raster.benchmark import (
+from ...raster import RasterConfig, rasterize, why_not
+from ...raster.benchmark import (
     GRADIENTS,
     Answer,
     answer,
@@ -25,9 +25,9 @@ from ..raster.benchmark import (
     measure_thread_ceiling,
     passes,
 )
-from ..raster.native import available
+from ...raster.native import available
+from ..study import Context, Figure, Findings, Row, Table, time_columns, time_rows
 from .peers import absent_peers
-from .study import Context, Figure, Findings, Row, Table, time_columns, time_rows
 
 Scene = dict[str, Any]
 PICTURE, STEP = "picture", "step"

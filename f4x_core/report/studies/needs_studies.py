@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..clip import Clip, read_clip
-from ..fit.config import FitConfig
-from ..fit.distil import distil
-from ..fit.distil_config import DistilConfig
-from ..fit.losses import psnr
-from ..fit.needs import moving_share
-from ..fit.pipeline import finish_fit, start_fit
-from ..fit.start import moving_tracks
-from ..priors import Priors, build_priors
-from ..scene import Scene, read_scene, write_scene
-from .evaluation import evaluate
-from .study import Context, Figure, Findings, MissingError, Row, Table
+from ...clip import Clip, read_clip
+from ...fit.config import FitConfig
+from ...fit.distil import distil
+from ...fit.distil_config import DistilConfig
+from ...fit.losses import psnr
+from ...fit.needs import moving_share
+from ...fit.pipeline import finish_fit, start_fit
+from ...fit.start import moving_tracks
+from ...priors import Priors, build_priors
+from ...scene import Scene, read_scene, write_scene
+from ..evaluation import evaluate
+from ..study import Context, Figure, Findings, MissingError, Row, Table
 from .toy_features import score_features, world_maps
 from .toy_fits import NOTE, base_config, fit_world, over_seeds, picture_of, score_world, thin_out, toy_world
 from .toy_worlds import KINDS, World

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry import pose, quaternion
+from ...geometry import pose, quaternion
 
 ROUNDS, CONVERGED = 60, 1e-14
 SMALL = 1e-4

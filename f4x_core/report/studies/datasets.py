@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..clip import Clip, read_clip
-from ..errors import F4xError
-from ..features.teachers import extract
-from ..query.pixels import head_map
-from ..query.score import overlap
-from ..scene import Scene
-from .evaluation import evaluate
+from ...clip import Clip, read_clip
+from ...errors import F4xError
+from ...features.teachers import extract
+from ...query.pixels import head_map
+from ...query.score import overlap
+from ...scene import Scene
+from ..evaluation import evaluate
+from ..study import Context, Findings, MissingError, Row, Table
 from .protocols import (
     DYCHECK,
     NERFIES,
@@ -30,7 +31,6 @@ from .protocols import (
     scenes_of,
     sizes_of,
 )
-from .study import Context, Findings, MissingError, Row, Table
 from .supplement import FOLLOWED, LABELLED, OURS, THEIRS, VIEWS
 from .view_questions import (
     FEATURES,

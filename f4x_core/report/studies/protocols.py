@@ -12,23 +12,23 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ..clip import Clip, read_clip
-from ..clip.images import as_bytes
-from ..clip.layouts import find_layout
-from ..clip.novel import NovelCamera, measured_width, read_keypoints, read_novel_cameras
-from ..errors import F4xError
-from ..fit.config import FitConfig, profile, resolved
-from ..fit.model import CameraRig
-from ..fit.pipeline import fit_clip
-from ..geometry.camera import Camera, CameraPath
-from ..scene import Scene, read_scene, write_scene
-from ..scene.view import render
-from .evaluation import FrozenMoment, Refinement, path_error, refine
-from .picture_metrics import masked_psnr, masked_ssim, psnr_bytes, ssim_bytes
-from .study import Context, MissingError, Row, read_json, write_json
+from ...clip import Clip, read_clip
+from ...clip.images import as_bytes
+from ...clip.layouts import find_layout
+from ...clip.novel import NovelCamera, measured_width, read_keypoints, read_novel_cameras
+from ...errors import F4xError
+from ...fit.config import FitConfig, profile, resolved
+from ...fit.model import CameraRig
+from ...fit.pipeline import fit_clip
+from ...geometry.camera import Camera, CameraPath
+from ...scene import Scene, read_scene, write_scene
+from ...scene.view import render
+from ..evaluation import FrozenMoment, Refinement, path_error, refine
+from ..picture_metrics import masked_psnr, masked_ssim, psnr_bytes, ssim_bytes
+from ..study import Context, MissingError, Row, read_json, write_json
+from ..tracking import keypoint_accuracy
+from ..truth import align_cameras, into_scene
 from .toy_fits import base_config
-from .tracking import keypoint_accuracy
-from .truth import align_cameras, into_scene
 
 QUICK_WIDTH, QUICK_FRAMES = 160, 16
 """Size and frames of a quick report."""

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry import dual_quaternion, pose, quaternion
-from ..native import open_library
-from ..scaffold.benchmark import benchmark
-from ..scaffold.deformation import blend
-from ..scaffold.deformation_library import carry
+from ...geometry import dual_quaternion, pose, quaternion
+from ...native import open_library
+from ...scaffold.benchmark import benchmark
+from ...scaffold.deformation import blend
+from ...scaffold.deformation_library import carry
+from ..study import Context, Figure, Findings, Row, Table, time_columns, time_rows
 from .rigid_mean import rigid_mean
-from .study import Context, Figure, Findings, Row, Table, time_columns, time_rows
 
 NODES, SIDE = 200, 1.0
 """Nodes lie within `SIDE` of the origin in each direction; the scene's median depth is 1."""

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from ..geometry import dual_quaternion, quaternion
-from ..raster import RasterConfig, rasterize, why_not
-from ..raster.benchmark import make_wavy_scene
-from ..scaffold.deformation import COLLAPSED, blend
+from ...geometry import dual_quaternion, quaternion
+from ...raster import RasterConfig, rasterize, why_not
+from ...raster.benchmark import make_wavy_scene
+from ...scaffold.deformation import COLLAPSED, blend
+from ..study import Context, Figure, Findings, MissingError, Row, Table
 from .hard_cases import OUTCOMES, Case, Check, load_cases, run_case
-from .study import Context, Figure, Findings, MissingError, Row, Table
 
-CATALOGUE = Path(__file__).parents[2] / "tests" / "hard_cases"
+CATALOGUE = Path(__file__).parents[3] / "tests" / "hard_cases"
 """Beside the package in a checkout; an installation has none."""
 SCALES = tuple(10.0**power for power in range(-3, 4))
 TURNS = (0, 45, 90, 120, 150, 165, 172, 176, 178, 179, 179.9, 180, 180.1, 181, 182, 184, 188, 195, 210, 240, 300, 360)

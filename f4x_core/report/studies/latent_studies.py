@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import F4xError
-from ..features.teachers import TEACHERS, extract, require_ready
-from ..fit.distil import distil
-from ..fit.distil_config import DistilConfig
-from ..geometry.camera import Camera
-from ..query.pixels import head_map
-from ..query.score import cosines, overlap
-from ..query.segmentation import FeaturePropagation
-from ..scene import Scene, read_scene, write_scene
-from ..scene.view import render
-from .feature_cost import compare_pictures
-from .study import Context, Figure, Findings, MissingError, Row, Table, time_rows
+from ...errors import F4xError
+from ...features.teachers import TEACHERS, extract, require_ready
+from ...fit.distil import distil
+from ...fit.distil_config import DistilConfig
+from ...geometry.camera import Camera
+from ...query.pixels import head_map
+from ...query.score import cosines, overlap
+from ...query.segmentation import FeaturePropagation
+from ...scene import Scene, read_scene, write_scene
+from ...scene.view import render
+from ..feature_cost import compare_pictures
+from ..study import Context, Figure, Findings, MissingError, Row, Table, time_rows
 from .supplement import DIMENSIONS, FOLLOWED, LABELLED, OURS
 from .toy_features import HEAD, enlarge, score_features, score_views, world_maps
 from .toy_fits import base_config, fit_world, toy_world

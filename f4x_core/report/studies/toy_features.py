@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..features.maps import FeatureMaps, write_maps
-from ..features.spec import FeatureSpec
-from ..geometry.camera import Camera
-from ..query.score import cosines
-from ..scene import Scene
-from ..scene.view import COVERED, render
-from .picture_metrics import score_confusion
+from ...features.maps import FeatureMaps, write_maps
+from ...features.spec import FeatureSpec
+from ...geometry.camera import Camera
+from ...query.score import cosines
+from ...scene import Scene
+from ...scene.view import COVERED, render
+from ..picture_metrics import score_confusion
 from .toy_worlds import View, World
 
 HEAD = "text"
