@@ -26,10 +26,11 @@ from ..query.selection import Selection
 from ..scene import Scene, read_scene
 from ..scene.view import render
 from .apply import open_scene, with_operations
-from .endpoint import Request, ask_for_operations
+from .endpoint import ask_for_operations
 from .judge import difference, flicker, grown
 from .operations import Delete, Recolour
 from .plan import apply, propose
+from .request import Request
 from .resolve import Context
 from .selects import All, Ids, Moving, Not
 

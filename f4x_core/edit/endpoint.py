@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeVar
@@ -16,6 +15,7 @@ from typing import Any, TypeVar
 from ..errors import F4xError
 from ..query.chat import ChatError, ChatServer
 from .operations import Operation
+from .request import Request
 
 STEP_DOWN = (400, 404, 422, 501)
 """Statuses by which servers refuse a way to ask that they do not know."""
@@ -37,26 +37,6 @@ Targets: kind `words` with labels in the singular; `everything`; `moving`; `back
 `which`: `any` unless one of several is meant (the left one). `except_words`: what is left out, else [].
 Offsets are percent of the target's width, 100 when no distance is said. Frames are clip frames, seconds times fps; -1 for \
 no limit. `strength` is 100 unless said otherwise. For anything that is not in the schema answer {"operations": []}."""
-
-
-@dataclass(frozen=True)
-class Request:
-    """A sentence and what it may speak about; the rest of the arguments of `language.parse`."""
-
-    sentence: str
-    """What a person typed."""
-    labels: Sequence[str] = ()
-    """Words that the scene knows; empty = any."""
-    names: Sequence[str] = ()
-    """Selections with a name."""
-    fps: float = 30.0
-    """Clip frames per second."""
-    frames: int = 1
-    """Number of clip frames."""
-    selected: bool = False
-    """Whether something is selected at present."""
-    frame: float = 0.0
-    """Present clip frame."""
 
 
 def _example(op: str, words: list[str], which: str = "any", **more: Any) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from .judge import judge
 from .operations import Duplicate, Freeze, Loop, Operation, Retime, Reverse, Transform
 from .phrases import Refusal
 from .records import Record
+from .request import Request
 from .resolve import Absent, Context, Resolver, labels_of, rows_of
 from .selects import Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
@@ -143,7 +144,7 @@ def understand(
     notes: tuple[str, ...] = ()
     if server is not None:
         try:
-            operations = endpoint.ask_for_operations(server, endpoint.Request(sentence, **told))
+            operations = endpoint.ask_for_operations(server, Request(sentence, **told))
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)

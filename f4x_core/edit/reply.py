@@ -35,7 +35,7 @@ from .operations import (
 from .selects import All, And, Current, Instance, Moving, Named, Not, SelectKind, Text
 
 if TYPE_CHECKING:
-    from .endpoint import Request
+    from .request import Request
 
 LONGEST_WORD = 40
 """Letters of a label or a name."""

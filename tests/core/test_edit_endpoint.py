@@ -8,7 +8,6 @@ from stub_server import client, saying, stub_server
 
 from f4x_core.edit.endpoint import (
     EXAMPLES,
-    Request,
     ask_for_operations,
     ask_json,
     first_object,
@@ -30,6 +29,7 @@ from f4x_core.edit.operations import (
     Transform,
 )
 from f4x_core.edit.reply import Choice, Reply, read_answer, schema_of
+from f4x_core.edit.request import Request
 from f4x_core.edit.selects import All, And, Current, Instance, Moving, Named, Not, Text
 from f4x_core.errors import F4xError
 from f4x_core.query.chat import LARGEST, ChatServer
