@@ -41,6 +41,7 @@ tr + tr { border-top: 1px solid var(--soft); } td.number, th.number { text-align
 .row { display: flex; flex-wrap: wrap; gap: 8px; align-items: flex-start; }
 .row figure { margin: 0; flex: 1 1 30%; max-width: 352px; }
 .plots > div { flex: 1 1 45%; min-width: 300px; max-width: 536px; } img, svg { width: 100%; height: auto; display: block; }
+details { overflow-x: auto; } td.number { white-space: nowrap; }
 figcaption { font-size: .8em; opacity: .75; } pre { overflow: auto; font-size: .8em; } summary { cursor: pointer; }
 """
 
