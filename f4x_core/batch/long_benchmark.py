@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Sequence
 from itertools import cycle, islice
@@ -14,6 +12,7 @@ from typing import Any
 
 from ..clip.images import list_images
 from ..errors import F4xError
+from ..processes import run_child
 from ..progress import Progress, silent
 from .benchmark import make_clip
 
@@ -21,8 +20,6 @@ WIDTH, HEIGHT = 240, 136
 """Pixels of the measurement."""
 MADE_UP = 60
 """Frames of the made-up clip before it is played to and fro."""
-KILOBYTE = 1 if sys.platform == "darwin" else 1024
-"""Bytes of the unit in which the system tells the largest memory of a process."""
 
 
 def play_to_and_fro(source: Path, target: Path, frames: int) -> None:
@@ -53,31 +50,17 @@ def measure_long(
         progress("bench scale", len(rows), len(counts), f"{count} frames")
         clip, place = folder / f"clip{count}", folder / f"fit{count}"
         play_to_and_fro(source, clip / "images", count)
-        options = [
-            "--window",
-            "60",
-            "--profile",
-            "quick",
-            "--threads",
-            "1",
-            "--width",
-            str(WIDTH),
-            "--resume",
-            "--json",
-        ]
-        command = [sys.executable, "-m", "f4x_core", "fit", str(clip), "-o", str(place), *options]
-        child = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=os.environ | {"OMP_NUM_THREADS": "1"})
-        _, status, used = os.wait4(child.pid, 0)
-        child.returncode = os.waitstatus_to_exitcode(status)
-        if child.returncode:
-            raise F4xError(f"{clip}: fitting {count} frames failed; the lines above say why.")
+        options = ["--window", "60", "--profile", "quick", "--threads", "1", "--width", str(WIDTH), "--resume"]
+        command = [sys.executable, "-m", "f4x_core", "fit", str(clip), "-o", str(place), *options, "--progress-json"]
+        ended = run_child(command, Path.cwd(), progress, variables={"OMP_NUM_THREADS": "1"})
+        if ended.code:
+            raise F4xError(f"{clip}: fitting {count} frames failed: {ended.last.get('error') or ended.tail}")
         figures = json.loads((place / "metrics.json").read_text(encoding="utf-8"))
-        cpu = used.ru_utime + used.ru_stime
         row = {
             "frames": count,
-            "memory_mb": used.ru_maxrss * KILOBYTE / 1e6,
-            "cpu_s": cpu,
-            "cpu_s_per_frame": cpu / count,
+            "memory_mb": ended.memory / 1e6,
+            "cpu_s": ended.cpu_seconds,
+            "cpu_s_per_frame": ended.cpu_seconds / count,
         }
         rows.append(row | {name: figures[name] for name in ("used_psnr", "seam_psnr", "rest_psnr") if name in figures})
     return {

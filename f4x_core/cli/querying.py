@@ -41,7 +41,8 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     scene = open_scene(args.scene, args.edits)
     span = _span(scene, args.span) if args.span is not None else None
     views = trajectory_of(scene, args.path, args.degrees)
-    by_word = _by_words(scene, args, span, encoder(progress)) if args.text is not None else {}
+    names = {name.lower(): each for name, each in named(scene).items()} if args.text is not None else {}
+    by_word = _by_words(scene, args, span, names, encoder(progress)) if args.text is not None else {}
     selection = _together(by_word) if by_word else _selection(scene, args, given[0], span, progress)
     result: dict[str, Any] = {
         "label": selection.label,
@@ -58,7 +59,7 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         result["missing"] = [word for word, each in by_word.items() if not each.chosen.any()]
         lines += [_nobody(by_word[word], []) for word in result["missing"]]
     if not result["chosen"]:
-        asked = [word for word in by_word if word not in named(scene)]
+        asked = [word for word in by_word if names.keys().isdisjoint(spellings(word))]
         result["there"] = nearest_there(scene, asked, encoder(progress)) if asked else []
         lines = [_nobody(selection, result["there"])]
     if args.output is not None:
@@ -121,9 +122,13 @@ def mask_of(file: Path, scene: Scene) -> np.ndarray:
 
 
 def _by_words(
-    scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, encode: Encode
+    scene: Scene,
+    args: argparse.Namespace,
+    span: tuple[float, float] | None,
+    names: dict[str, Selection],
+    encode: Encode,
 ) -> dict[str, Selection]:
-    """What each word of --text selects: a name that an edit gave, or a label."""
+    """What each word of --text selects: one of `names` (lower case) that an edit gave, or a label."""
     if args.frame is not None:
         raise F4xError("--frame goes with --point, --box and --mask; words are asked of the whole clip (--span A:B).")
     words = words_of(args.text)
@@ -134,7 +139,6 @@ def _by_words(
     if negatives is None and len(words) > 1:  # one of them is nothing that another is weighed against
         forms = {form for word in words for form in spellings(word)}
         negatives = [label for label in labels_of(scene) if label.lower() in {*BACKGROUND} - forms]
-    names = {name.lower(): each for name, each in named(scene).items()}
     given = {word: names[form] for word in words for form in spellings(word) if form in names}
     labels = [word for word in words if word not in given]
     found = {}

@@ -38,7 +38,7 @@ def read_clip(
     Raises F4xError for whatever cannot be read.
     """
     source = Path(source).expanduser()
-    span = _parse_span(frames)
+    span = parse_span(frames)
     if width is not None and width < 2:
         raise F4xError(f"--width {width} is too small; give at least 2 pixels")
     if hold_out is not None and hold_out < 2:
@@ -86,10 +86,10 @@ def _existing(source: Path) -> Path:
 
 def frame_indices(frames: str | None, count: int, source: Path | str) -> np.ndarray:
     """Return the indices that "first:end:step" picks among `count` frames; F4xError names `source` when it cannot."""
-    return _select(_parse_span(frames), count, Path(source))
+    return _select(parse_span(frames), count, Path(source))
 
 
-def _parse_span(text: str | None) -> slice:
+def parse_span(text: str | None) -> slice:
     """Return the slice of "a:b:s", made of numbers >= 0 and a step >= 1."""
     if text is None:
         return slice(None)

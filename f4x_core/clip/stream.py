@@ -14,7 +14,7 @@ from ..progress import Progress, silent
 from .changes import find_changes
 from .images import even_size, resize_color
 from .layouts import find_layout
-from .read import frame_indices, read_pictures
+from .read import frame_indices, parse_span, read_pictures
 from .video import decode, describe
 
 STAGE = "surveying clip"
@@ -64,13 +64,13 @@ def survey(
 
     expected = claimed_frames(source, frames)
     if source.is_file():
-        start, stop, step = (int(part) if part else None for part in [*(frames or "::").split(":"), ""][:3])
+        span = parse_span(frames)
         # `islice` over the decoder and not a list: a film decodes to more than any memory
         pictures = (
             resize_color(image, *even_size(image.shape[1], image.shape[0], width))
-            for image in islice(decode(source), start, stop, step)
+            for image in islice(decode(source), span.start, span.stop, span.step)
         )
-        first, stride = start or 0, step or 1
+        first, stride = span.start or 0, span.step or 1
     else:
         layout = find_layout(source.absolute())
         indices = frame_indices(frames, len(layout.images), source)

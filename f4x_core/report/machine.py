@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+from functools import cache
 from pathlib import Path
 
 from .. import __version__
@@ -34,8 +35,9 @@ def describe_machine() -> dict[str, str | int]:
     }
 
 
+@cache
 def digest_source() -> str:
-    """Short hash of the package's source: figures with another one were measured by other code."""
+    """Short hash of the package's source when first asked: figures with another one were measured by other code."""
     digest = hashlib.sha256()
     for file in sorted(file for pattern in SOURCES for file in PACKAGE.rglob(pattern)):
         digest.update(file.relative_to(PACKAGE).as_posix().encode() + b"\0" + file.read_bytes())

@@ -125,7 +125,7 @@ def _fit(clip: Path, profile: str, context: Context) -> Row:
     place = context.folder / f"{clip.name}-{profile}"
     verb = ["fit", str(clip), "-o", str(place), "--profile", profile, "--hold-out", str(HOLD_OUT), "--resume"]
     run_verb([*verb, "--threads", str(context.threads)], context.folder, context.progress)
-    measure = ["eval", str(place / "scene.f4x"), "--clip", str(clip), "--refine-camera", "--baselines"]
+    measure = ["eval", str(place / "scene.f4x"), "--clip", str(clip), "--refine-camera"]
     if (clip / "joints.json").is_file():
         measure += ["--joints", str(clip / "joints.json"), "--masks", str(clip / "masks")]
     scores = run_verb(measure, context.folder, context.progress)
