@@ -43,9 +43,10 @@ def write_page(file: Path, report: Mapping[str, Any]) -> None:
 
 
 def as_markdown(studies: Iterable[Record], level: int = 3) -> str:
-    """Studies as Markdown: question, tables, what was found, the command."""
+    """Studies as Markdown: question, tables, what was found, the command; links reach a study by its name (`#NAME`)."""
     parts = []
     for record in studies:
+        parts.append(f'<a id="{record["name"]}"></a>\n')  # titles change, names do not
         asked = [record["question"], f"`{record['command']}`" if record["command"] else ""]
         parts.append(
             "\n\n".join(filter(None, [f"{'#' * level} {record['title']}", " ".join(filter(None, asked))])) + "\n"
