@@ -1,0 +1,198 @@
+"""A Debian system with a real Blender, Xvfb and xdotool in a folder, to chroot into; another Debian's or Ubuntu's root only.
+
+python3 scripts/real_blender.py ROOT [--suite sid]
+
+Standard library only. About 300 MB come from a Debian mirror and take up 1.4 GB; a later call finds them and does nothing.
+The system is made in ROOT.partial and becomes ROOT when Blender has said its version there, so ROOT is whole or not at all.
+No file system stays mounted below it: `rm -r` is safe. Exit code 2 and one sentence where it cannot be made.
+"""
+
+import argparse
+import fcntl
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+
+SUITE = "sid"
+"""Debian's only release whose Blender is the present LTS."""
+PACKAGES = (
+    "blender",
+    "python3-numpy",  # Blender's own has it; Debian's merely recommends it
+    "python3-cattr",  # these three: what installing extensions imports
+    "python3-requests",
+    "python3-zstandard",
+    "xvfb",
+    "xdotool",
+    "libgl1-mesa-dri",
+    "libegl1",
+)
+MIRROR = "http://deb.debian.org/debian"
+SOURCES = Path("/etc/apt")
+KEYRING = Path("/usr/share/keyrings/debian-archive-keyring.gpg")
+"""Debian's signatures; without it debootstrap would take anything."""
+ANSWER, PATIENCE = 20.0, 1200.0
+"""Seconds that a mirror may take to answer, and one step of the installation."""
+QUIET = {"DEBIAN_FRONTEND": "noninteractive", "LC_ALL": "C.UTF-8"}
+
+
+class UnavailableError(Exception):
+    """One sentence: why there can be no such system here."""
+
+
+def version(root: Path) -> str | None:
+    """What the Blender in `root` says of itself, such as "Blender 5.2.2 LTS"; None where none runs."""
+    programs = ("blender", "Xvfb", "xdotool")
+    if not all((root / "usr/bin" / name).exists() for name in programs):
+        return None
+    command = ["chroot", str(root), "blender", "--version"]
+    said = subprocess.run(command, capture_output=True, text=True, env=os.environ | QUIET).stdout
+    return next((line for line in said.splitlines() if line.startswith("Blender ")), None)
+
+
+def prepare(root: Path, suite: str = SUITE) -> str:
+    """Make the system in `root` unless it is there; returns its Blender's version.
+
+    Raises:
+        UnavailableError: this machine, its user or its network cannot; or `root` is something else.
+    """
+    root = root.absolute()
+    if platform.system() != "Linux" or os.geteuid() != 0:
+        raise UnavailableError("only root of a Linux machine may set up another system in a folder")
+    root.parent.mkdir(parents=True, exist_ok=True)
+    lock = os.open(root.parent, os.O_RDONLY)  # a second caller waits, and then finds it made
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if root.exists() and any(root.iterdir()):
+            found = version(root)
+            if found is None:
+                raise UnavailableError(
+                    f"{root} is something else than a system with Blender, Xvfb and xdotool; name a new folder"
+                )
+            return found
+        _require_debootstrap()
+        mirror = _find_mirror(suite)
+        partial = root.with_name(root.name + ".partial")
+        _remove(partial)  # of a call that was killed
+        try:
+            found = _install(partial, suite, mirror)
+            _unmount(partial)
+            partial.rename(root)
+        finally:
+            _remove(partial)
+        return found
+    finally:
+        os.close(lock)
+
+
+def _install(folder: Path, suite: str, mirror: str) -> str:
+    """Bootstrap Debian in `folder` and install Blender there; returns its version."""
+    start = time.monotonic()
+    print(f"Debian {suite} from {mirror} …", flush=True)
+    _run("debootstrap", "--variant=minbase", f"--keyring={KEYRING}", "--force-check-gpg", suite, str(folder), mirror)
+    policy = folder / "usr/sbin/policy-rc.d"  # nothing that is installed may start a service
+    policy.write_text("#!/bin/sh\nexit 101\n")
+    policy.chmod(0o755)
+    print(f"Blender, Xvfb and xdotool … ({time.monotonic() - start:.0f} s so far)", flush=True)
+    _run("chroot", str(folder), "apt-get", "-qq", "-y", "install", "--no-install-recommends", *PACKAGES)
+    _run("chroot", str(folder), "apt-get", "-qq", "clean")
+    found = version(folder)
+    if found is None:
+        raise UnavailableError(f"Debian {suite} has packages of Blender that do not run here")
+    print(f"{found} after {time.monotonic() - start:.0f} s", flush=True)
+    return found
+
+
+def _run(*command: str) -> None:
+    """Run a step; UnavailableError with the last that it said where it fails or takes for ever."""
+    name = " ".join(command[2:4] if command[0] == "chroot" else command[:1])
+    try:
+        subprocess.run(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            env=os.environ | QUIET,
+            timeout=PATIENCE,
+            text=True,
+            errors="replace",
+            check=True,
+        )
+    except subprocess.TimeoutExpired:
+        raise UnavailableError(f"{name} had not ended after {PATIENCE / 60:.0f} minutes") from None
+    except subprocess.CalledProcessError as error:
+        said = [line.strip() for line in error.stdout.splitlines() if line.strip()]
+        raise UnavailableError(f"{name} failed ({said[-1] if said else f'exit code {error.returncode}'})") from None
+
+
+def _require_debootstrap() -> None:
+    """Install debootstrap and Debian's keys with apt where they are missing."""
+    if shutil.which("debootstrap") and KEYRING.exists():
+        return
+    if shutil.which("apt-get") is None:
+        raise UnavailableError("debootstrap and Debian's keyring are missing, and there is no apt-get to install them")
+    print("debootstrap …", flush=True)
+    _run("apt-get", "-qq", "update")
+    _run("apt-get", "-qq", "-y", "install", "--no-install-recommends", "debootstrap", "debian-archive-keyring")
+
+
+def _sources() -> Iterator[str]:
+    """URLs that this machine's apt is set up with, in both of its formats."""
+    for file in [SOURCES / "sources.list", *sorted(SOURCES.glob("sources.list.d/*"))]:
+        if not file.is_file() or file.suffix not in (".list", ".sources"):
+            continue
+        for line in file.read_text(errors="replace").splitlines():
+            if re.match(r"\s*(deb\s|URIs:)", line):
+                yield from re.findall(r"https?://[^\s\]]+", line)
+
+
+def _find_mirror(suite: str) -> str:
+    """The first of apt's own sources that has this suite of Debian, else Debian's; UnavailableError where none answers."""
+    tried = list(dict.fromkeys([*(url.rstrip("/") for url in _sources()), MIRROR]))
+    for url in tried:
+        try:
+            with urllib.request.urlopen(f"{url}/dists/{suite}/InRelease", timeout=ANSWER) as answer:
+                if b"\nOrigin: Debian\n" in answer.read(4096):
+                    return url
+        except (OSError, ValueError, urllib.error.URLError):
+            continue
+    raise UnavailableError(f"no mirror with Debian {suite} answers, of {', '.join(tried)}")
+
+
+def _unmount(folder: Path) -> None:
+    """Unmount all that debootstrap may have left mounted below a folder, the innermost first."""
+    mounted = [line.split()[1] for line in Path("/proc/self/mounts").read_text().splitlines()]
+    for place in reversed([place for place in mounted if place.startswith(f"{folder.resolve()}/")]):
+        _run("umount", place)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder, but nothing of this machine that is mounted in it."""
+    if folder.exists():
+        _unmount(folder)
+        shutil.rmtree(folder)
+
+
+def main() -> int:
+    """Parse the command line, prepare, say what is there."""
+    parser = argparse.ArgumentParser(prog="real_blender.py", description=__doc__.splitlines()[0])
+    parser.add_argument("root", type=Path, help="folder of the system; made where it is missing")
+    parser.add_argument("--suite", default=SUITE, help="release of Debian (default: %(default)s)")
+    options = parser.parse_args()
+    try:
+        print(f"{prepare(options.root, options.suite)} in {options.root}")
+    except (UnavailableError, OSError) as error:
+        print(f"error: {error}.", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
