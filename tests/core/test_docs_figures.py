@@ -359,4 +359,5 @@ def test_changed_figures_and_lost_links_would_be_seen_in_the_pages_themselves():
     for sentence in told:
         for number in numbers(plain(sentence)):
             assert faults(sentence.replace(number.shown, "987654"))
-        assert faults(sentence.replace("results.md#", "elsewhere.md#"))
+    unlinked = [s.replace("results.md#", "elsewhere.md#") for s in told if MEASURED.search(plain(CODE.sub("", s)))]
+    assert unlinked and all(map(faults, unlinked))
