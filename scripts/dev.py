@@ -32,6 +32,7 @@ VERBS = {
     "lint": "ruff check, ruff format --check and mypy",
     "kernels": "compile the native library; with --all for every platform of the extension, by the package ziglang",
     "extension": "feature4x-VERSION.zip for Blender, in -o DIR; with --all with the kernels of every platform",
+    "blender": "install, scripts and window in a real Blender, in a Debian of its own; says SKIPPED unless root and network allow",
     "results": "docs/results.md from docs/results/, after taking over the measurements of the report in DIR where one is given",
     "setup": "only make .venv, install what is pinned, and build the native kernel",
 }
@@ -133,6 +134,21 @@ def extension(arguments: list[str]) -> int:
     return code or run([str(ROOT / "scripts" / "build_extension.py"), *rest])
 
 
+def blender(arguments: list[str]) -> int:
+    """The tests in a real Blender, in the system of F4X_BLENDER_ROOT or one that is kept for this user."""
+    from real_blender import UnavailableError, prepare  # not at the top: only Debian's and Ubuntu's root gets far
+
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    root = os.environ.setdefault("F4X_BLENDER_ROOT", str(cache / "feature4x" / "blender"))
+    try:
+        print(f"{prepare(Path(root))} in {root}", flush=True)
+    except (UnavailableError, OSError) as error:
+        line = f"SKIPPED: real Blender was not tested, because {error}."
+        print("!" * len(line), line, "!" * len(line), sep="\n", flush=True)
+        return 0
+    return run(["-m", "pytest", "-m", "real and blender", "tests/real", *arguments])
+
+
 def main() -> int:
     """Parse the command line and run one verb."""
     parser = argparse.ArgumentParser(
@@ -158,6 +174,8 @@ def main() -> int:
         return run(["-m", "f4x_core.report.publication", "docs", *args.options])
     if args.verb == "extension":
         return extension(args.options)
+    if args.verb == "blender":
+        return blender(args.options)
     return lint() if args.verb == "lint" else 0
 
 

@@ -8,18 +8,22 @@ No file system stays mounted below it: `rm -r` is safe. Exit code 2 and one sent
 """
 
 import argparse
-import fcntl
 import os
 import platform
 import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[1]
 
 SUITE = "sid"
 """Debian's only release whose Blender is the present LTS."""
@@ -47,6 +51,46 @@ class UnavailableError(Exception):
     """One sentence: why there can be no such system here."""
 
 
+@dataclass(frozen=True)
+class Profile:
+    """A user of the system `root` whose settings are Blender's own: home and temporary files are in `folder`."""
+
+    root: Path
+    folder: Path
+    """As seen from outside; `inside` is what the system calls it."""
+
+    @property
+    def inside(self) -> str:
+        """The folder's path in the system."""
+        return f"/{self.folder.relative_to(self.root)}"
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """Variables for what runs there; nothing of this machine's."""
+        home = {"HOME": self.inside, "TMPDIR": self.inside, "BLENDER_USER_RESOURCES": f"{self.inside}/blender"}
+        return {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "LC_ALL": "C.UTF-8"} | home
+
+    def command(self, *words: object) -> list[str]:
+        """A command that runs in the system."""
+        return ["chroot", str(self.root), *map(str, words)]
+
+    def check_out(self) -> str:
+        """Copy what Blender needs of this repository; returns its path in the system."""
+        for name in ("addon", "f4x_core", "scripts"):
+            ignored = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(REPOSITORY / name, self.folder / "feature4x" / name, ignore=ignored)
+        shutil.copy(REPOSITORY / "__init__.py", self.folder / "feature4x")
+        return f"{self.inside}/feature4x"
+
+
+@contextmanager
+def clean_profile(root: Path) -> Iterator[Profile]:
+    """A new profile in the system's /tmp, gone when the block ends."""
+    root = root.resolve()
+    with tempfile.TemporaryDirectory(dir=root / "tmp", ignore_cleanup_errors=True) as folder:
+        yield Profile(root, Path(folder))
+
+
 def version(root: Path) -> str | None:
     """What the Blender in `root` says of itself, such as "Blender 5.2.2 LTS"; None where none runs."""
     programs = ("blender", "Xvfb", "xdotool")
@@ -66,6 +110,8 @@ def prepare(root: Path, suite: str = SUITE) -> str:
     root = root.absolute()
     if platform.system() != "Linux" or os.geteuid() != 0:
         raise UnavailableError("only root of a Linux machine may set up another system in a folder")
+    import fcntl  # other systems lack it
+
     root.parent.mkdir(parents=True, exist_ok=True)
     lock = os.open(root.parent, os.O_RDONLY)  # a second caller waits, and then finds it made
     try:

@@ -2,6 +2,7 @@
 
 A stage of its own after the photometric one: geometry, opacity, colour and cameras stand still, so pictures cannot
 change. What stands still is measured once per frame (`features.footprint`); a step is then a sparse product, not a drawing.
+What was measured and the maps lie on disk, so that memory does not grow with the clip.
 
 Light is divided by alpha before heads decode it, here and wherever the field is read: a cell that is half covered has the
 features of what covers it, and no head has to learn what "nothing" looks like. Cells with less than `COVERED` do not count.
@@ -10,7 +11,9 @@ features of what covers it, and no head has to learn what "nothing" looks like. 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -55,14 +58,47 @@ class View:
     """Clip frame."""
     mix: sparse.csr_matrix
     """(h*w, columns) float32; a row sums to 1, or to 0 where nothing is."""
-    gather: sparse.csr_matrix
-    """Its transpose."""
     alpha: Tensor
     """(h,w) covered share of every cell."""
 
 
+class _Views(Sequence[View]):
+    """Views that wait in a temporary file until they are asked for: those of a long clip would fill the memory."""
+
+    def __init__(self, views: Iterable[View]) -> None:
+        """Take the views one by one."""
+        self.file = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as this object, and has no name
+        self.places: list[tuple[int, int, tuple[int, int], tuple[int, int]]] = []
+        self.extend(views)
+
+    def extend(self, views: Iterable[View]) -> None:
+        """Take more."""
+        for view in views:
+            place = self.file.seek(0, os.SEEK_END)
+            for array in (view.mix.indptr, view.mix.indices, view.mix.data, view.alpha.numpy()):
+                self.file.write(np.ascontiguousarray(array, np.float32 if array.dtype.kind == "f" else np.int32).data)
+            self.places.append((view.frame, place, view.mix.shape, tuple(view.alpha.shape)))
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __getitem__(self, number: int) -> View:
+        """Read one."""
+        frame, place, shape, grid = self.places[number]
+        self.file.seek(place)
+        ends = self._read(np.int32, shape[0] + 1)
+        columns, light = self._read(np.int32, ends[-1]), self._read(np.float32, ends[-1])
+        alpha = torch.from_numpy(self._read(np.float32, math.prod(grid)).reshape(grid))
+        return View(frame, sparse.csr_matrix((light, columns, ends), shape), alpha)
+
+    def _read(self, kind: type, count: int) -> np.ndarray:
+        array = np.empty(count, kind)
+        self.file.readinto(array.data)
+        return array
+
+
 class _Mix(torch.autograd.Function):
-    """`matrix @ latents`, with the transpose made before."""
+    """`view.mix @ latents`."""
 
     @staticmethod
     def forward(ctx: Any, latents: Tensor, view: View) -> Tensor:
@@ -74,7 +110,7 @@ class _Mix(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> Any:
         """Gradient of the latents."""
-        return torch.from_numpy(ctx.view.gather @ gradient.numpy()), None
+        return torch.from_numpy(ctx.view.mix.T @ gradient.numpy()), None
 
 
 class HeadTask:
@@ -192,7 +228,7 @@ class _Distillation:
 
     def run(self) -> Scene:
         """Look, start, train, store, report."""
-        views = [self.look(t) for t in self.steps("light", self.used)]
+        views = _Views(self.look(t) for t in self.steps("light", self.used))
         latents, weight = self.train(views, self.first_latents(views))
         old, bits = self.scene.features, self.config.bits
         if self.frozen and old is not None:  # not rounded a second time
@@ -204,8 +240,8 @@ class _Distillation:
         again = list(self.scene.held_out)
         if weight is not None:  # everything has moved a little
             self.scene = replace(self.scene, dynamic=replace(self.scene.dynamic, weight=weight))
-            again, views = [*self.used, *again], []
-        views += [self.look(t) for t in self.steps("light for the report", again)]
+            again, views = [*self.used, *again], _Views([])
+        views.extend(self.look(t) for t in self.steps("light for the report", again))
         heads, pca = self.report(views, latents, stored)
         words = {} if old is None else old.vocabularies
         field = FeatureField(static, nodes, low, step, heads, words, pca, bits)
@@ -240,8 +276,7 @@ class _Distillation:
         if not self.config.feature_grad_to_skinning:
             count = len(scene.static)
             mix = sparse.hstack([mix[:, :count], mix[:, count:] @ self.skinning])
-        mix = sparse.csr_matrix(mix, dtype=np.float32)
-        return View(frame, mix, sparse.csr_matrix(mix.T), torch.from_numpy(alpha.astype(np.float32)))
+        return View(frame, sparse.csr_matrix(mix, dtype=np.float32), torch.from_numpy(alpha.astype(np.float32)))
 
     def first_latents(self, views: Sequence[View]) -> np.ndarray:
         """(Ns+M,D) where training starts: the scene's own latents, or each column's mean of the principal components that
@@ -252,8 +287,8 @@ class _Distillation:
         total, light = 0.0, 0.0
         for view in views:
             seen = (view.alpha > COVERED).float().reshape(-1, 1).numpy()
-            total = total + view.gather @ (self.components(view.frame) * seen)
-            light = light + view.gather @ seen
+            total = total + view.mix.T @ (self.components(view.frame) * seen)
+            light = light + view.mix.T @ seen
         latents = total / np.maximum(light, 1e-6)
         if self.config.feature_grad_to_skinning:
             parts = np.split(np.concatenate([latents * light, light], 1), [len(self.scene.static)])
