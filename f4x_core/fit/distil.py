@@ -15,7 +15,7 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import torch
@@ -46,6 +46,8 @@ PIXELS_PER_CELL = 4
 by 0.2 to 0.3 % of a smooth latent (dog) and take half the time."""
 PICTURE_SAMPLES = 20_000
 """Cells of all frames that the colours of feature pictures are fitted to."""
+HEAD_SAMPLES = 100_000
+"""Cells of all frames, at most, that mean and spread of the features are measured on: every seventh of short clips."""
 LATENT_END, HEAD_END = 0.05, 0.05
 """Share of the learning rates that is left at the last step."""
 
@@ -65,18 +67,24 @@ class View:
 class _Views(Sequence[View]):
     """Views that wait in a temporary file until they are asked for: those of a long clip would fill the memory."""
 
-    def __init__(self, views: Iterable[View]) -> None:
-        """Take the views one by one."""
-        self.file = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as this object, and has no name
+    def __init__(self, file: IO[bytes]) -> None:
+        """Keep none yet; `file` is for reading and writing."""
+        self.file = file
         self.places: list[tuple[int, int, tuple[int, int], tuple[int, int]]] = []
-        self.extend(views)
 
-    def extend(self, views: Iterable[View]) -> None:
-        """Take more."""
+    def take(self, views: Iterable[View]) -> None:
+        """Keep more, one after the other."""
         for view in views:
             place = self.file.seek(0, os.SEEK_END)
-            for array in (view.mix.indptr, view.mix.indices, view.mix.data, view.alpha.numpy()):
-                self.file.write(np.ascontiguousarray(array, np.float32 if array.dtype.kind == "f" else np.int32).data)
+            whole, real = (view.mix.indptr, view.mix.indices), (view.mix.data, view.alpha.numpy())
+            arrays = [array.astype(np.int32) for array in whole] + [array.astype(np.float32) for array in real]
+            try:
+                self.file.writelines(array.data for array in arrays)
+            except OSError as error:
+                raise F4xError(
+                    f"{tempfile.gettempdir()}: {error.strerror}; what frames see needs room there, or name another folder"
+                    " in TMPDIR."
+                ) from error
             self.places.append((view.frame, place, view.mix.shape, tuple(view.alpha.shape)))
 
     def __len__(self) -> int:
@@ -91,10 +99,8 @@ class _Views(Sequence[View]):
         alpha = torch.from_numpy(self._read(np.float32, math.prod(grid)).reshape(grid))
         return View(frame, sparse.csr_matrix((light, columns, ends), shape), alpha)
 
-    def _read(self, kind: type, count: int) -> np.ndarray:
-        array = np.empty(count, kind)
-        self.file.readinto(array.data)
-        return array
+    def _read(self, kind: type[np.generic], count: int) -> np.ndarray:
+        return np.frombuffer(self.file.read(count * kind().itemsize), kind).copy()
 
 
 class _Mix(torch.autograd.Function):
@@ -119,7 +125,8 @@ class HeadTask:
     def __init__(self, maps: FeatureMaps, frames: Sequence[int], width: int, config: DistilConfig):
         """Measure mean and spread of the maps over `frames`, so that the head starts out right in size."""
         self.maps, self.spec = maps, maps.spec
-        sample = np.concatenate([maps.at(t).reshape(-1, self.spec.dim)[::7] for t in frames])
+        every = max(7, len(frames) * math.prod(self.spec.grid) // HEAD_SAMPLES)
+        sample = np.concatenate([maps.at(t).reshape(-1, self.spec.dim)[::every] for t in frames])
         self.mean = torch.from_numpy(sample.mean(0))
         self.spread = float(max(sample.std(0).mean(), 1e-9))
         self.size = float(max(np.abs(sample).mean(), 1e-9))
@@ -228,7 +235,11 @@ class _Distillation:
 
     def run(self) -> Scene:
         """Look, start, train, store, report."""
-        views = _Views(self.look(t) for t in self.steps("light", self.used))
+        with tempfile.TemporaryFile() as file:
+            return self._run(_Views(file))
+
+    def _run(self, views: _Views) -> Scene:
+        views.take(self.look(t) for t in self.steps("light", self.used))
         latents, weight = self.train(views, self.first_latents(views))
         old, bits = self.scene.features, self.config.bits
         if self.frozen and old is not None:  # not rounded a second time
@@ -240,8 +251,8 @@ class _Distillation:
         again = list(self.scene.held_out)
         if weight is not None:  # everything has moved a little
             self.scene = replace(self.scene, dynamic=replace(self.scene.dynamic, weight=weight))
-            again, views = [*self.used, *again], _Views([])
-        views.extend(self.look(t) for t in self.steps("light for the report", again))
+            again, views = [*self.used, *again], _Views(views.file)
+        views.take(self.look(t) for t in self.steps("light for the report", again))
         heads, pca = self.report(views, latents, stored)
         words = {} if old is None else old.vocabularies
         field = FeatureField(static, nodes, low, step, heads, words, pca, bits)
