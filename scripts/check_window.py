@@ -2,8 +2,9 @@
 
 python scripts/check_window.py SCENE.f4x --root CHROOT --word dog --out FOLDER
 
-Needs root: CHROOT is a system with Blender, Xvfb and xdotool in which this runs (`docs/blender.md`). Screenshots go to
-FOLDER; exit code 1 and the step's name where the window does not do what it should. SCENE is copied, not changed.
+Needs root: CHROOT is a system with Blender, Xvfb and xdotool, as `scripts/real_blender.py` makes it. Screenshots go to
+FOLDER; the last line is JSON: what the sidebar said after every step, the seconds and the tries it took. Exit code 1 and the
+step's name where the window does not do what it should. SCENE is copied, not changed.
 """
 
 import argparse
@@ -11,13 +12,13 @@ import json
 import os
 import shutil
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-REPOSITORY = Path(__file__).resolve().parents[1]
+from real_blender import Profile, clean_profile
+
 SIZE = (1400, 1000)
 """Pixels of the screen; the places below are read off its screenshots."""
 PLACES = {
@@ -34,8 +35,10 @@ SCROLL_DOWN, F12 = 5, 96
 """Button of the mouse; number of the key, whose name xdotool reaches with Alt held."""
 RENDERED = 8000
 """Pixels across the picture that F12 draws: large enough to be stopped."""
-PATIENCE, TRIES = 80.0, 8
-"""Seconds and attempts for one step: pictures are drawn by the processor, and the machine may be busy."""
+PATIENCE = 120.0
+"""Seconds for one step: pictures are drawn by the processor, and the machine may be busy."""
+LOST = 12
+"""Times that Blender looks at its state after a press, about 0.3 s apart when it is idle, until the press counts as lost."""
 STARTUP = """
 import json, os, sys
 sys.path.insert(0, "{home}/feature4x/scripts")
@@ -48,11 +51,12 @@ from feature4x.addon import jobs, session, worker
 bpy.context.preferences.view.show_splash = False  # it would take the first click
 bpy.context.preferences.view.render_display_type = "SCREEN"  # there is no window manager that would focus a new window
 begun = False
-state = dict(thing=None, rendered="")
+state = dict(beat=0, thing=None, rendered="", screen="")
 WAIT = "import json, time; from f4x_core.processes import stop_with_parent; stop_with_parent()\\n"
 WAIT += "while True: print(json.dumps(dict(stage='wait', done=0, total=0)), flush=True); time.sleep(1)"
 
-def tell():
+def tell(**more):
+    state.update(beat=state["beat"] + 1, **more)
     with open("{home}/state.new", "w") as file:
         json.dump(state, file)
     os.replace("{home}/state.new", "{home}/state.json")
@@ -79,7 +83,7 @@ def look():
     window = bpy.context.window_manager.windows[0]
     area = next((area for area in window.screen.areas if area.type == "VIEW_3D"), None)
     if area is None:  # a picture that is being rendered fills the window
-        tell()
+        tell(screen="picture")
         return 0.3
     if not begun:
         begun = True
@@ -98,10 +102,11 @@ def look():
             bpy.ops.ed.undo_push(message="Import")
         return 0.5
     sidebar = next(region for region in area.regions if region.type == "UI")
-    try:
-        sidebar.active_panel_category = "Feature4X"  # read-only until the sidebar was drawn once
-    except (AttributeError, TypeError):
-        return 0.5
+    if sidebar.active_panel_category != "Feature4X":  # every assignment draws the sidebar anew, and presses get lost
+        try:
+            sidebar.active_panel_category = "Feature4X"  # read-only until the sidebar was drawn once
+        except (AttributeError, TypeError):
+            return 0.5
     root = session.root_of(bpy.context.object)
     if root is not None:
         told = root.f4x
@@ -110,12 +115,18 @@ def look():
             state["thing"] = on_screen(root, area, region)
         if os.path.exists("{home}/start_job") and not jobs.all_jobs():
             jobs.start(worker.Job("Wait", [sys.executable, "-c", WAIT]))
-        state.update(selected=told.selected, total=told.total, text=told.text)
-        state.update(edits=len(told.history), saved=session.is_saved(root))
         last = bpy.context.window_manager.operators
-        state.update(last=last[-1].bl_idname if last else "")
-        state.update(job=[job.state for job in jobs.all_jobs()], stage=[job.stage for job in jobs.all_jobs()])
-        tell()
+        tell(
+            screen="view",
+            selected=told.selected,
+            total=told.total,
+            text=told.text,
+            edits=len(told.history),
+            saved=session.is_saved(root),
+            last=last[-1].bl_idname if last else "",
+            job=[job.state for job in jobs.all_jobs()],
+            stage=[job.stage for job in jobs.all_jobs()],
+        )
     return 0.3
 
 bpy.app.timers.register(look, first_interval=1.0, persistent=True)
@@ -125,13 +136,15 @@ bpy.app.timers.register(look, first_interval=1.0, persistent=True)
 class Window:
     """Blender's window on a screen of its own."""
 
-    def __init__(self, root: Path, home: Path, display: str, out: Path, pause: float):
-        self.root, self.home, self.display, self.out, self.pause = root, home, display, out, pause
+    def __init__(self, profile: Profile, display: str, out: Path, pause: float):
+        self.profile, self.display, self.out, self.pause = profile, display, out, pause
+        self.home = profile.folder
+        self.steps: dict[str, dict] = {}
 
     def hand(self, *command: object) -> None:
         """Move the mouse or press keys, as xdotool says."""
-        told = ["chroot", str(self.root), "env", f"DISPLAY={self.display}", "xdotool", *map(str, command)]
-        subprocess.run(told, check=True, timeout=30)
+        environment = self.profile.environment | {"DISPLAY": self.display}
+        subprocess.run(self.profile.command("xdotool", *command), env=environment, check=True, timeout=30)
         time.sleep(self.pause)
 
     def click(self, place: str) -> None:
@@ -141,12 +154,12 @@ class Window:
 
     def state(self) -> dict:
         """What the sidebar says."""
+        nothing = ("screen", "selected", "total", "text", "edits", "saved", "last", "thing", "rendered", "job", "stage")
+        state = {"beat": 0} | dict.fromkeys(nothing)
         try:
-            return json.loads((self.home / "state.json").read_text())
+            return state | json.loads((self.home / "state.json").read_text())
         except OSError:  # not there yet
-            return dict.fromkeys(
-                ("selected", "total", "text", "edits", "saved", "last", "thing", "rendered", "job", "stage")
-            )
+            return state
 
     def start_job(self) -> None:
         """Let Blender start a job that never ends, and roll the sidebar to it."""
@@ -156,21 +169,19 @@ class Window:
     def until(self, step: str, reached: Callable[[dict], bool], action: Callable[[], None] | None = None) -> dict:
         """Act until the sidebar says so, and take a picture; SystemExit where it never does.
 
-        A hand may come too early: while a window draws, presses get lost.
+        A hand may come too early: while a window draws, presses get lost. One that may still be answered is not repeated.
         """
-        start = time.monotonic()
-        for _ in range(TRIES):
-            if action is not None:
+        start, tries, lost = time.monotonic(), 0, 0
+        while not reached(state := self.state()):
+            if time.monotonic() - start > PATIENCE:
+                self.picture(f"{step}_failed")
+                raise SystemExit(f"{step}: not after {PATIENCE:.0f} s and {tries} tries; the sidebar says {state}")
+            if action is not None and state["beat"] >= lost:
                 action()
-            waited = time.monotonic()
-            while not reached(state := self.state()) and time.monotonic() - waited < PATIENCE / TRIES:
-                time.sleep(0.1)
-            if reached(state):
-                break
-        else:
-            self.picture(f"{step}_failed")
-            raise SystemExit(f"{step}: not after {TRIES} tries; the sidebar says {state}")
-        print(f"{step}: {time.monotonic() - start:.1f} s, {state}", flush=True)
+                tries, lost = tries + 1, self.state()["beat"] + LOST
+            time.sleep(0.1)
+        self.steps[step] = {"seconds": round(time.monotonic() - start, 1), "tries": tries} | state
+        print(f"{step}: {self.steps[step]}", flush=True)
         time.sleep(3 * self.pause)  # until the picture is drawn
         self.picture(step)
         return state
@@ -185,44 +196,31 @@ class Window:
 @contextmanager
 def blender(root: Path, scene: Path, out: Path, frame: int, shading: str, pause: float) -> Iterator[Window]:
     """A Blender with the extension and the scene, until the block ends."""
-    with tempfile.TemporaryDirectory(dir=root / "tmp") as folder:
-        home = Path(folder)
-        inside = f"/tmp/{home.name}"
-        shutil.copy(scene, home / "scene.f4x")
-        for name in ("addon", "f4x_core", "scripts"):
-            shutil.copytree(REPOSITORY / name, home / "feature4x" / name, ignore=shutil.ignore_patterns("__pycache__"))
-        shutil.copy(REPOSITORY / "__init__.py", home / "feature4x")
-        (home / "startup.py").write_text(
-            STARTUP.format(home=inside, frame=frame, shading=shading, height=SIZE[1], rendered=RENDERED)
-        )
+    with clean_profile(root) as profile, open(out / "blender.log", "w") as log:
+        shutil.copy(scene, profile.folder / "scene.f4x")
+        profile.check_out()
+        startup = profile.folder / "startup.py"
+        home, height = profile.inside, SIZE[1]
+        startup.write_text(STARTUP.format(home=home, frame=frame, shading=shading, height=height, rendered=RENDERED))
         display = f":{90 + os.getpid() % 900}"
-        size = [str(side) for side in SIZE]
-        environment = os.environ | {"DISPLAY": display, "HOME": inside, "BLENDER_USER_RESOURCES": f"{inside}/user"}
-        chroot = ["chroot", str(root)]
-        screen = [
-            *chroot,
-            "Xvfb",
-            display,
-            "-screen",
-            "0",
-            "x".join([*size, "24"]),
-            "-nolisten",
-            "tcp",
-            "-listen",
-            "unix",
-        ]
-        program = [*chroot, "blender", "--factory-startup", "--window-geometry", "0", "0", *size]
-        program += ["--python", f"{inside}/startup.py"]
-        with open(out / "blender.log", "w") as log:
-            children = [subprocess.Popen(screen, env=environment, stdout=log, stderr=log)]
+        environment = profile.environment | {"DISPLAY": display}
+        children: list[subprocess.Popen] = []
+
+        def start(*command: object) -> None:
+            told = profile.command(*command)
+            children.append(subprocess.Popen(told, env=environment, stdout=log, stderr=log))
+
+        try:
+            screen = ("-screen", 0, f"{SIZE[0]}x{SIZE[1]}x24", "-nolisten", "tcp", "-listen", "unix")
+            start("Xvfb", display, *screen)
             time.sleep(2)
-            children.append(subprocess.Popen(program, env=environment, stdout=log, stderr=log))
-            try:
-                yield Window(root, home, display, out, pause)
-            finally:
-                for child in reversed(children):
-                    child.kill()
-                    child.wait()
+            window = ("--factory-startup", "--window-geometry", 0, 0, *SIZE)
+            start("blender", *window, "--python", f"{profile.inside}/startup.py")
+            yield Window(profile, display, out, pause)
+        finally:
+            for child in reversed(children):
+                child.kill()
+                child.wait()
 
 
 def main() -> None:
@@ -245,8 +243,7 @@ def main() -> None:
             window.hand("key", "ctrl+a")
             window.hand("type", "--delay", "100", options.word)
             window.picture("1_typed")
-            window.hand("key", "Return")  # takes the suggestion
-            window.hand("key", "Return")
+            window.hand("key", "Return")  # a second one would open the field again
 
         def press(keys: str | int) -> None:
             window.hand("mousemove", *PLACES["viewport"])
@@ -283,9 +280,10 @@ def main() -> None:
         window.until("9_boxed", by("box"), draw_box)
         window.until("10_rendering", lambda state: state["rendered"] == "running", lambda: press(F12))
         window.until("11_stopped", lambda state: state["rendered"] == "cancelled", lambda: press("Escape"))
-        press("Escape")  # back from the picture to the viewport
-        window.until("12_working", lambda state: state["stage"] == ["wait"], window.start_job)
-        window.until("13_cancelled", lambda state: state["job"] == ["cancelled"], lambda: window.click("stop job"))
+        window.until("12_back", lambda state: state["screen"] == "view", lambda: press("Escape"))
+        window.until("13_working", lambda state: state["stage"] == ["wait"], window.start_job)
+        window.until("14_cancelled", lambda state: state["job"] == ["cancelled"], lambda: window.click("stop job"))
+        print(json.dumps(window.steps))
 
 
 if __name__ == "__main__":

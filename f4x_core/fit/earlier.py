@@ -13,11 +13,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import binary_dilation, uniform_filter
+from scipy.optimize import least_squares
 
 from ..clip import Clip
 from ..errors import F4xError
 from ..geometry import pose, quaternion
+from ..geometry.camera import Camera
 from ..priors import Priors
+from ..priors.flow import consistent, dis, grey
 from ..raster.light import light_into
 from ..scaffold import Scaffold
 from ..scaffold.joining import continue_nodes
@@ -32,6 +35,18 @@ OPAQUE = 0.8
 """Alpha from which on the background is there at all."""
 LEAST_PIXELS = 32
 """Fewer tell no depth."""
+FREEDOM = {"static": 0, "pan": 3, "moving": 6}
+"""Numbers that place a camera of each kind: its rotation, its position."""
+ROUNDS = 2
+"""Times that a camera is registered: flow over a long way is less exact than over what the first time left."""
+LEAST_MATCHED = 0.2
+"""Share of the picture in which the background must be recognised; a corner of it would turn the camera about itself."""
+MATCHES = 2000
+"""Pixels that place a camera: six numbers need no more."""
+FLOW_ERROR = 0.5
+"""Pixels; matches that lie farther off count less."""
+STIFFNESS = 0.3
+"""Pixels of mismatch, all over, that moving a camera by one pixel must save: on a plane, turning and sliding look alike."""
 CONTINUES = 0.4
 """Node units by which a node that goes on may differ from itself over the shared frames: it stands for the motion around it."""
 
@@ -87,6 +102,65 @@ class Earlier:
         world[:3, :3], world[:3, 3] = turn, shift  # from the priors' scaled world into the earlier one
         moved = replace(cameras, world_to_camera=cameras.world_to_camera @ np.linalg.inv(world))
         return replace(priors, cameras=moved, depth=priors.depth * factor)
+
+    def track(self, clip: Clip, priors: Priors, margin: int, backend: str = "auto") -> Priors:
+        """Return placed `priors` whose cameras see the earlier background where the pictures show it.
+
+        Cameras that were found from one window alone drift away from those of the one before, and from a camera that is some
+        pixels off all the background looks wrong. Shared frames have the earlier cameras. Each later frame starts from the
+        one before it and the priors' motion, and is registered to the background as drawn from there: by optical flow, robustly,
+        within what the kind of camera is free to do, as long as it sees enough of it. Depth follows by one factor per frame.
+
+        `margin`: pixels around the moving mask that do not count.
+        """
+        assert priors.cameras is not None and priors.depth is not None
+        path, freedom = priors.cameras, FREEDOM[priors.camera_kind or "moving"]
+        views, depth = path.world_to_camera.copy(), priors.depth.copy()
+        for row, frame in enumerate(priors.frames):
+            still = np.ones(depth[row].shape, bool)
+            if priors.mask is not None:
+                still = ~binary_dilation(priors.mask[row], iterations=margin)
+            if frame + self.offset < len(self.scene.cameras):
+                views[row] = self.scene.cameras.world_to_camera[frame + self.offset]
+            else:
+                step = path.world_to_camera[row] @ np.linalg.inv(path.world_to_camera[row - 1])
+                camera = replace(path[row], world_to_camera=step @ views[row - 1])
+                for _ in range(ROUNDS if freedom else 0):
+                    camera = self._registered(camera, clip.frames[frame], still, freedom, backend)
+                views[row] = camera.world_to_camera
+            seen = self._ground(replace(path[row], world_to_camera=views[row]), backend)
+            known = still & (seen["alpha"] > OPAQUE) & (depth[row] > 0)
+            depth[row] *= _median(np.where(known, seen["depth"] / depth[row], np.nan), 1.0)
+        return replace(priors, cameras=replace(path, world_to_camera=views), depth=depth)
+
+    def _registered(self, camera: Camera, picture: np.ndarray, still: np.ndarray, freedom: int, backend: str) -> Camera:
+        """The camera from which the background is seen where it is in `picture` (H,W,3) uint8, judged where `still` (H,W)."""
+        seen, flow = self._ground(camera, backend), dis("medium", 0)
+        drawn, target = grey(np.stack([(255 * seen["rgb"].clip(0, 1)).astype(np.uint8), picture]))
+        there = flow(drawn, target)
+        matched = still & (seen["alpha"] > OPAQUE) & consistent(there, flow(target, drawn))
+        if matched.mean() < LEAST_MATCHED:
+            return camera
+        chosen = np.flatnonzero(matched)[:: 1 + matched.sum() // MATCHES]
+        pixels = camera.pixel_grid().reshape(-1, 2)[chosen]
+        points = camera.unproject(pixels, seen["depth"].ravel()[chosen])  # (n,3)
+        wanted = pixels + there.reshape(-1, 2)[chosen]
+
+        def moved(step: np.ndarray) -> Camera:
+            turn, shift = np.split(np.pad(step, (0, 6 - freedom)), 2)
+            change = pose.to_matrix(quaternion.from_rotation_vector(turn), shift)
+            return replace(camera, world_to_camera=change @ camera.world_to_camera)
+
+        def off(step: np.ndarray) -> np.ndarray:
+            matches = moved(step).project(points)[0] - wanted
+            return np.append(matches, STIFFNESS * np.sqrt(2 * len(points)) * camera.intrinsics[0, 0] * step)
+
+        return moved(least_squares(off, np.zeros(freedom), loss="soft_l1", f_scale=FLOW_ERROR).x)
+
+    def _ground(self, camera: Camera, backend: str) -> dict[str, np.ndarray]:
+        """Colour, depth and alpha of all the background so far."""
+        scene = Scene("ground", self.scene.static, self.scene.cameras)
+        return render(scene, camera, 0.0, ("rgb", "depth", "alpha"), backend)
 
     def backdrop(self, clip: Clip, priors: Priors, rows: np.ndarray, margin: int, backend: str = "auto") -> Backdrop:
         """What stays of the earlier background, judged by the frames `rows` (indices into F) of placed priors.

@@ -116,7 +116,7 @@ def fit_clip(
     state = load_checkpoint(checkpoint, key) if resume else None
     backdrop = None
     if earlier is not None:
-        priors = earlier.place(priors, config.backend)
+        priors = earlier.track(clip, earlier.place(priors, config.backend), MASK_MARGIN, config.backend)
         rows = _spawn_frames(priors, config)
         backdrop = earlier.backdrop(clip, priors, rows, MASK_MARGIN, config.backend)
     first_id = 0 if earlier is None else earlier.scene.next_id

@@ -1,32 +1,77 @@
 """The window of a real Blender, used as a person would: `scripts/check_window.py` on a small scene."""
 
-import os
+import json
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from labelled_scene import labelled_scene
+from PIL import Image, ImageStat
 
 from f4x_core.edit.stack import of
 from f4x_core.scene import read_scene, write_scene
 
 pytestmark = [pytest.mark.real, pytest.mark.blender]
 REPOSITORY = Path(__file__).resolve().parents[2]
-CHROOT = Path(os.environ.get("F4X_BLENDER_ROOT", "/nowhere"))
-"""A system with Blender, Xvfb and xdotool to chroot into."""
+STEPS = (
+    *("0_imported", "2_text", "3_queried", "4_recoloured", "5_undone", "6_redone", "7_saved", "8_pointed", "9_boxed"),
+    *("10_rendering", "11_stopped", "12_back", "13_working", "14_cancelled"),
+)
 
 
-@pytest.mark.skipif(not (CHROOT / "usr/bin/blender").exists(), reason="F4X_BLENDER_ROOT names no system with Blender")
-@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may chroot")
-def test_query_recolour_undo_redo_and_save_with_mouse_and_keyboard(tmp_path):
-    write_scene(labelled_scene(), tmp_path / "scene.f4x")
-    command = [sys.executable, str(REPOSITORY / "scripts/check_window.py"), str(tmp_path / "scene.f4x")]
-    command += ["--root", str(CHROOT), "--word", "square", "--out", str(tmp_path / "out")]
+@pytest.fixture(scope="module")
+def window(blender_root, tmp_path_factory) -> tuple[Path, dict]:
+    """(folder of what is left, what the sidebar said after every step)."""
+    folder = tmp_path_factory.mktemp("window")
+    write_scene(labelled_scene(), folder / "scene.f4x")
+    command = [sys.executable, str(REPOSITORY / "scripts/check_window.py"), str(folder / "scene.f4x")]
+    command += ["--root", str(blender_root), "--word", "square", "--shading", "RENDERED", "--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
-    print(done.stdout)
-    saved, before = read_scene(tmp_path / "out/saved.f4x"), read_scene(tmp_path / "scene.f4x")
-    (edit,) = of(saved).edits
-    assert edit.operation.TAG == "recolour"
-    assert set(edit.operation.select.array) == set(before.dynamic.ids)
+    steps = json.loads(done.stdout.splitlines()[-1])
+    assert tuple(steps) == STEPS
+    return folder, {name.partition("_")[2]: state for name, state in steps.items()}
+
+
+def test_query_recolour_undo_redo_and_save(window):
+    folder, steps = window
+    square = labelled_scene().dynamic
+    assert steps["queried"]["text"] == "square" and steps["queried"]["selected"] == len(square)
+    assert steps["undone"]["selected"] == len(square) and [steps[s]["edits"] for s in ("undone", "redone")] == [0, 1]
+    (edit,) = of(read_scene(folder / "saved.f4x")).edits
+    assert edit.operation.TAG == "recolour" and set(edit.operation.select.array) == set(square.ids)
+
+
+def test_click_and_box_select_the_square(window):
+    _, steps = window
+    count = len(labelled_scene().dynamic)
+    assert steps["pointed"]["last"] == "F4X_OT_query_point" and steps["pointed"]["selected"] == count
+    assert steps["boxed"]["last"] == "F4X_OT_query_box" and count / 2 < steps["boxed"]["selected"] <= count
+
+
+def test_render_and_job_are_stopped(window):
+    _, steps = window
+    assert steps["rendering"]["rendered"] == "running" and steps["stopped"]["rendered"] == "cancelled"
+    assert steps["working"]["job"] == ["running"] and steps["cancelled"]["job"] == ["cancelled"]
+
+
+def test_the_viewport_shows_what_was_done(window):
+    """The square lies on a blue wall; it becomes redder, goes back, and stays where it is while pictures are rendered."""
+    folder, steps = window
+    left, top, right, bottom = map(int, steps["queried"]["thing"])
+    inner = ((3 * left + right) // 4, (3 * top + bottom) // 4, (left + 3 * right) // 4, (top + 3 * bottom) // 4)
+    beside = (right + 60, top, right + 100, bottom)
+
+    def median(name: str, part: tuple[int, int, int, int]) -> list[int]:
+        return ImageStat.Stat(Image.open(folder / f"{name}.png").convert("RGB").crop(part)).median
+
+    before, after = median("3_queried", inner), median("4_recoloured", inner)
+    assert (
+        np.abs(np.subtract(before, [204, 51, 26])).max() < 20 and np.abs(np.subtract(after, [230, 26, 26])).max() < 20
+    )
+    assert median("5_undone", inner) == before and median("6_redone", inner) == median("14_cancelled", inner) == after
+    for name in STEPS[1:9]:
+        red, _, blue = median(name, beside)
+        assert blue > 150 > 2 * red, name

@@ -19,7 +19,7 @@ WORLD = "two movers"
 PROFILE_SHARE, LEAST_STEPS = 1 / 50, 20
 """Of a profile's steps in a quick report."""
 QUICK_COUNTS, FULL_COUNTS = (50, 100, 200, 400), (150, 300, 600, 1200, 2400, 4800)
-QUICK_WIDTHS, FULL_WIDTHS = (48, 96, 192), (96, 192, 240, 336, 480)
+QUICK_WIDTHS, FULL_WIDTHS = (48, 96, 192), (96, 160, 240, 336, 480)
 QUICK_FACTORS, FULL_FACTORS = (0.25, 0.5, 1.0, 2.0), (0.125, 0.25, 0.5, 1.0, 2.0, 4.0)
 SEEDS = 3
 """Fits of each setting in a full report."""

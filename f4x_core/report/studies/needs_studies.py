@@ -50,7 +50,7 @@ DIM, STEPS = 128, 600
 CLIP_WIDTH, CLIP_FRAMES, CLIP_HOLD_OUT = 240, "0:48:1", 8
 """Of real clips."""
 SEEDS = 3
-"""Fits of each setting in a full report."""
+"""Fits of each setting of a toy world in a full report; of a real clip there is one."""
 TIMED = ("fit (s)", "smaller, time ratio", "larger, time ratio", "distil (s)")
 
 
@@ -77,7 +77,7 @@ class Subject:
 
 def study_ladder(context: Context) -> Findings:
     """Toy worlds that need more and more."""
-    found = _Found()
+    found, seeds = _Found(), context.choose(1, SEEDS)
     for name in LADDER:
         world = toy_world(context, name)
         subject = Subject(
@@ -85,7 +85,7 @@ def study_ladder(context: Context) -> Findings:
         )
         chosen = QUICK_CHOICES[name] if context.quick else CHOICES
         said = {"scene": name, "what": KINDS[name][0]}
-        found.add(context, subject, said, base_config(context), [choice for choice in chosen if choice != WIDTH])
+        found.add(context, subject, said, base_config(context), [choice for choice in chosen if choice != WIDTH], seeds)
         if WIDTH in chosen:
             found.add_widths(context, world)
     return found.findings(NOTE)
@@ -98,7 +98,8 @@ def study_clips(context: Context) -> Findings:
     found = _Found()
     for place in sorted(folder.parent for folder in context.clips.glob("*/images")):
         subject = Subject(place.name, _fit_clip(context, place), "held out (dB)", "held out, moving (dB)", lambda: None)
-        found.add(context, subject, {"scene": place.name}, base_config(context), [SCAFFOLD, NODES, DEGREE, GAUSSIANS])
+        choices = [SCAFFOLD, NODES, DEGREE, GAUSSIANS]
+        found.add(context, subject, {"scene": place.name}, base_config(context), choices, seeds=1)
     note = f"{CLIP_WIDTH} pixels wide, frames {CLIP_FRAMES}, every {CLIP_HOLD_OUT}th held out; offline priors."
     return found.findings(note)
 
@@ -112,9 +113,10 @@ class _Found:
         self.knees: list[Row] = []
         self.options: dict[str, list[Row]] = {choice: [] for choice in CHOICES}
 
-    def add(self, context: Context, subject: Subject, said: Row, base: FitConfig, choices: list[str]) -> None:
+    def add(
+        self, context: Context, subject: Subject, said: Row, base: FitConfig, choices: list[str], seeds: int
+    ) -> None:
         """Fit what the program chooses, then its neighbours."""
-        seeds = context.choose(1, SEEDS)
 
         def work(config: FitConfig, priors: Callable[[], Priors | None], seed: int) -> Row:
             scene, row = subject.fit(replace(config, seed=seed), priors())

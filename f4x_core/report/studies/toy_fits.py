@@ -26,8 +26,8 @@ from .toy_worlds import View, World, make_world
 
 QUICK_STEPS = 160
 """Steps of a fit in a quick report."""
-QUICK_SIZE, FULL_SIZE = (96, 16), (240, 24)
-"""Width and frames of the worlds' clips."""
+QUICK_SIZE, FULL_SIZE = (96, 16), (160, 16)
+"""Width and frames of the worlds' clips: a full report makes some five hundred fits of them in a night."""
 TRACKED = 120
 """Most true tracks that are followed."""
 NOTE = (
