@@ -84,8 +84,8 @@ def measure_kernels(context: Context) -> Findings:
         "Operations and bytes: the least that the formulas need. Peaks: independent multiply-adds and a copy of"
         f" {COPY_BYTES >> 20} MB, timed between the kernels. `share of the limit`: the larger share, which is what bounds the"
         " kernel. Data that fit a cache can be read faster than the copy, so a small scene's share of it may be more than 100 %."
-        " Results of more than 32 MB get fresh memory from the system at every call, which is counted: it is most of the time of the"
-        " colours' backward pass at degree 3."
+        " Results of more than 32 MB get fresh memory from the system at every call, which is counted: it is most of the time of"
+        " the colours' backward pass at degree 3."
     )
     table = Table("kernels", rows, "One thread", (*time_columns(), OF_PEAK, OF_COPY, OF_LIMIT), note)
     figures = [
