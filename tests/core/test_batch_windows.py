@@ -19,6 +19,7 @@ from f4x_core.errors import F4xError
 from f4x_core.fit import pipeline
 from f4x_core.fit.config import profile
 from f4x_core.fit.earlier import Earlier
+from f4x_core.geometry import pose, quaternion
 from f4x_core.scene import Scene, StaticSet, read_scene
 
 
@@ -207,3 +208,32 @@ def test_background_that_turned_wrong_leaves(shot):
     assert 10_000 + scene.static.ids[0] not in found.world.ids
     assert len(found.world) > 0.6 * len(scene.static)
     assert np.mean([shown.mean() for shown in found.explained.values()]) > 0.5
+
+
+def test_drifting_cameras_are_registered_to_the_background(shot):
+    """Cameras that turn away a little more with every frame are brought back to where the background is seen."""
+    clip, priors = part(shot.clip, clip_and_priors(16)[1], 5, 13)
+    scene = read_scene(shot.folder / "windows" / "000" / "scene.f4x")
+    earlier = Earlier(scene, 5, 0)
+    drifted = priors.cameras.world_to_camera.copy()
+    for frame in range(3, 8):  # the first three are shared
+        turn = quaternion.from_rotation_vector(np.array([0.0, 0.008 * (frame - 2), 0.0]))
+        drifted[frame] = pose.to_matrix(turn, np.zeros(3)) @ drifted[frame]
+    lost = dataclasses.replace(priors, cameras=dataclasses.replace(priors.cameras, world_to_camera=drifted))
+    found = earlier.track(clip, lost, 2, "torch")
+
+    def off(path):
+        """Pixels by which points of the wall are seen in a wrong place, by frame."""
+        points = np.stack(np.meshgrid([-0.2, 0.0, 0.2], [-0.1, 0.1], [1.5]), -1)
+        seen, wanted = (np.stack([p[i].project(points)[0] for i in range(8)]) for p in (path, priors.cameras))
+        return np.linalg.norm(seen - wanted, axis=-1).max((1, 2, 3))
+
+    assert off(lost.cameras)[-1] > 2
+    assert off(found.cameras).max() < 0.7
+    still = ~priors.mask
+    assert np.allclose(found.depth[still], priors.depth[still], rtol=0.1)
+    assert np.array_equal(found.depth[priors.mask], priors.depth[priors.mask])
+    standing = dataclasses.replace(lost, camera_kind="static")
+    kept = earlier.track(clip, standing, 2, "torch").cameras.world_to_camera
+    step = drifted[-1] @ np.linalg.inv(drifted[-2])
+    assert np.allclose(kept[-1] @ np.linalg.inv(kept[-2]), step), "a camera that cannot move is not moved"
