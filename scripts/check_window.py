@@ -37,8 +37,9 @@ RENDERED = 8000
 """Pixels across the picture that F12 draws: large enough to be stopped."""
 PATIENCE = 120.0
 """Seconds for one step: pictures are drawn by the processor, and the machine may be busy."""
-LOST = 12
-"""Times that Blender looks at its state after a press, about 0.3 s apart when it is idle, until the press counts as lost."""
+SEEN, DRAWN, LOST = 2, 5, 12
+"""Times that Blender tells its state, 0.3 s apart when it is idle, until it has handled what a hand did, has drawn what came of
+it, and would have done what it was told to."""
 STARTUP = """
 import json, os, sys
 sys.path.insert(0, "{home}/feature4x/scripts")
@@ -48,8 +49,9 @@ from bpy_extras import view3d_utils
 from mathutils import Vector
 door.load_extension().register()
 from feature4x.addon import jobs, session, worker
-bpy.context.preferences.view.show_splash = False  # it would take the first click
-bpy.context.preferences.view.render_display_type = "SCREEN"  # there is no window manager that would focus a new window
+view = bpy.context.preferences.view
+view.show_splash = view.show_tooltips = False  # they would take a click
+view.render_display_type = "SCREEN"  # there is no window manager that would focus a new window
 begun = False
 state = dict(beat=0, thing=None, rendered="", screen="")
 WAIT = "import json, time; from f4x_core.processes import stop_with_parent; stop_with_parent()\\n"
@@ -136,21 +138,21 @@ bpy.app.timers.register(look, first_interval=1.0, persistent=True)
 class Window:
     """Blender's window on a screen of its own."""
 
-    def __init__(self, profile: Profile, display: str, out: Path, pause: float):
-        self.profile, self.display, self.out, self.pause = profile, display, out, pause
+    def __init__(self, profile: Profile, display: str, out: Path):
+        self.profile, self.display, self.out = profile, display, out
         self.home = profile.folder
         self.steps: dict[str, dict] = {}
 
     def hand(self, *command: object) -> None:
-        """Move the mouse or press keys, as xdotool says."""
+        """Move the mouse or press keys, as xdotool says, and wait until Blender has seen it: what comes in a heap gets lost."""
         environment = self.profile.environment | {"DISPLAY": self.display}
         subprocess.run(self.profile.command("xdotool", *command), env=environment, check=True, timeout=30)
-        time.sleep(self.pause)
+        self.wait(SEEN)
 
     def click(self, place: str) -> None:
         """Click on a place of the window."""
-        x, y = PLACES[place]  # no pause before the click: it would only close the tooltip that comes up
-        self.hand("mousemove", x - 2, y, "sleep", 0.2, "mousemove", x, y, "sleep", 0.2, "click", 1)
+        self.hand("mousemove", *PLACES[place])
+        self.hand("click", 1)
 
     def state(self) -> dict:
         """What the sidebar says."""
@@ -161,10 +163,17 @@ class Window:
         except OSError:  # not there yet
             return state
 
+    def wait(self, beats: int) -> None:
+        """Wait until Blender has told its state so many times."""
+        start, first = time.monotonic(), self.state()["beat"]
+        while self.state()["beat"] < first + beats and time.monotonic() - start < PATIENCE:
+            time.sleep(0.05)
+
     def start_job(self) -> None:
         """Let Blender start a job that never ends, and roll the sidebar to it."""
         (self.home / "start_job").touch()
-        self.hand("mousemove", *PLACES["recolour"], "click", "--repeat", 40, "--delay", 50, SCROLL_DOWN)
+        self.hand("mousemove", *PLACES["recolour"])
+        self.hand("click", "--repeat", 40, "--delay", 50, SCROLL_DOWN)
 
     def until(self, step: str, reached: Callable[[dict], bool], action: Callable[[], None] | None = None) -> dict:
         """Act until the sidebar says so, and take a picture; SystemExit where it never does.
@@ -182,7 +191,7 @@ class Window:
             time.sleep(0.1)
         self.steps[step] = {"seconds": round(time.monotonic() - start, 1), "tries": tries} | state
         print(f"{step}: {self.steps[step]}", flush=True)
-        time.sleep(3 * self.pause)  # until the picture is drawn
+        self.wait(DRAWN)
         self.picture(step)
         return state
 
@@ -194,7 +203,7 @@ class Window:
 
 
 @contextmanager
-def blender(root: Path, scene: Path, out: Path, frame: int, shading: str, pause: float) -> Iterator[Window]:
+def blender(root: Path, scene: Path, out: Path, frame: int, shading: str) -> Iterator[Window]:
     """A Blender with the extension and the scene, until the block ends."""
     with clean_profile(root) as profile, open(out / "blender.log", "w") as log:
         shutil.copy(scene, profile.folder / "scene.f4x")
@@ -216,7 +225,7 @@ def blender(root: Path, scene: Path, out: Path, frame: int, shading: str, pause:
             time.sleep(2)
             window = ("--factory-startup", "--window-geometry", 0, 0, *SIZE)
             start("blender", *window, "--python", f"{profile.inside}/startup.py")
-            yield Window(profile, display, out, pause)
+            yield Window(profile, display, out)
         finally:
             for child in reversed(children):
                 child.kill()
@@ -231,12 +240,10 @@ def main() -> None:
     parser.add_argument("--word", default="dog", help="what to query")
     parser.add_argument("--frame", type=int, default=0, help="clip frame to look at")
     parser.add_argument("--shading", default="SOLID", help="of the viewport: SOLID, MATERIAL or RENDERED")
-    parser.add_argument("--pause", type=float, default=1.0, help="seconds to wait after everything that a hand does")
     parser.add_argument("--out", type=Path, required=True, help="folder for screenshots")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    look = (options.frame, options.shading, options.pause)
-    with blender(options.root, options.scene, options.out, *look) as window:
+    with blender(options.root, options.scene, options.out, options.frame, options.shading) as window:
 
         def type_word() -> None:
             window.click("text")
@@ -264,12 +271,13 @@ def main() -> None:
 
         def point() -> None:
             window.click("point")
-            window.hand("mousemove", (left + right) // 2, (top + bottom) // 2, "sleep", 0.5, "click", 1)
+            window.hand("mousemove", (left + right) // 2, (top + bottom) // 2)
+            window.hand("click", 1)
 
         def draw_box() -> None:
             window.click("box")
-            window.hand("mousemove", left, top, "sleep", 0.5, "mousedown", 1, "sleep", 0.5)
-            window.hand("mousemove", (left + right) // 2, bottom, "sleep", 0.5, "mousemove", right, bottom)
+            for command in (("mousemove", left, top), ("mousedown", 1), ("mousemove", right, bottom)):
+                window.hand(*command)
             window.picture("9_drawn")
             window.hand("mouseup", 1)
 
