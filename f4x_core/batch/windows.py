@@ -142,11 +142,18 @@ def _fit_window(
         if window.get("key") == key:
             return scene, int(window["next_node"])
     result = fit_clip(clip, folder, config, progress, resume, earlier)
+    from ..fit.diagnostics import worst_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
+
     scene = result.scene(clip)
+    metrics = evaluate(scene, clip, backend=config.backend, progress=progress)
+    pictures = worst_pictures(scene, metrics, config.backend)
+    write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
     newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
     next_node = max(newest + 1, 0 if earlier is None else earlier.next_node)
-    scene = replace(scene, provenance={**scene.provenance, "window": {"key": key, "next_node": next_node}})
-    write_scene(scene, path)
+    known = 0 if earlier is None else earlier.scene.next_id
+    window = {"key": key, "next_node": next_node, "own": int((scene.static.ids >= known).sum())}
+    figures = {name: value for name, value in metrics.items() if name != "frames"}
+    write_scene(replace(scene, metrics=figures, provenance={**scene.provenance, "window": window}), path)
     for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them
         shutil.rmtree(folder / done, ignore_errors=True)
     return scene, next_node
@@ -204,7 +211,8 @@ def fit_long(
     progress: Progress = silent,
     resume: bool = False,
 ) -> list[dict[str, Any]]:
-    """Fit every shot: `folder/scene.f4x` and `metrics.json`, or those in `folder/shot_N` where the clip is cut.
+    """Fit every shot: `folder/scene.f4x`, `metrics.json` and `diagnostics.html`, or those in `folder/shot_N` where the clip is
+    cut.
 
     Returns for each shot `scene` (path), `frames`, `windows`, `metrics`.
     """
@@ -219,6 +227,7 @@ def fit_long(
         write_scene(scene, place / "scene.f4x")
         with replace_file(place / "metrics.json") as file:
             file.write(json.dumps({**figures, "frames": metrics["frames"]}, indent=1).encode())
+        _write_page(place, scene, shot, metrics)
         told.append(
             {
                 "scene": str(place / "scene.f4x"),
@@ -231,3 +240,32 @@ def fit_long(
             }
         )
     return told
+
+
+def _write_page(folder: Path, scene: Scene, shot: Shot, metrics: dict[str, Any]) -> None:
+    """`diagnostics.html` of a shot: its windows, each with its page, and the PSNR of every frame."""
+    from .. import page
+    from ..fit.diagnostics import frame_scores
+
+    windows = [(start - shot.start, end - shot.start) for start, end in shot.windows]
+    rows, links = [], []
+    for number, (start, end) in enumerate(windows):
+        place = f"windows/{number:03d}"
+        part = read_scene(folder / place / "scene.f4x")
+        own = part.provenance["window"].get("own", 0)
+        nodes = 0 if part.scaffold is None else len(part.scaffold)
+        psnr = part.metrics.get("used_psnr", math.nan)
+        counts = [f"{count:,}" for count in (len(part.static) - own, own, len(part.dynamic), nodes)]
+        rows.append([f"{start} to {end - 1}", f"{psnr:.2f}", *counts])
+        links.append(f'<a href="{place}/diagnostics.html">{start} to {end - 1}</a>')
+    head = ["frames", "PSNR (dB)", "background taken over", "background of its own", "moving Gaussians", "nodes"]
+    shared = [(start, end) for (_, end), (start, _) in pairwise(windows)]
+    counted = f"{len(scene.cameras)} frames in {len(windows)} windows · {len(scene.static):,} static and"
+    body = [
+        f'<p class="dim">{counted} {len(scene.dynamic):,} moving Gaussians</p>',
+        page.section("Scores of the whole", page.plots([frame_scores(metrics, shared)])),
+        page.section("Windows, each as fitted", page.table(head, rows, numbers=True)),
+        page.section("What each window's pictures told", f"<p>{' · '.join(links)}</p>"),
+    ]
+    with replace_file(folder / "diagnostics.html") as file:
+        file.write(page.document(scene.name, body))

@@ -24,7 +24,6 @@ from ..priors import build_priors
 from ..progress import Progress
 from ..report.evaluation import evaluate
 from ..scene import Scene, write_scene
-from ..scene.view import render
 from .checks import listed_teachers
 from .distilling import distill_into
 
@@ -160,7 +159,7 @@ def fit_windows(
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:
     """Fit, measure, and leave `scene.f4x`, `metrics.json`, `diagnostics.html` and checkpoints in `folder`."""
     result = fit_clip(clip, folder, config, progress, resume)
-    from ..fit.diagnostics import worst_frames, write_diagnostics  # matplotlib: a second that the start need not wait
+    from ..fit.diagnostics import worst_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
 
     scene = result.scene(clip)
     metrics = evaluate(scene, clip, baselines=True, backend=config.backend, progress=progress)
@@ -172,11 +171,9 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     write_scene(scene, path)
     with replace_file(folder / "metrics.json") as file:
         file.write(json.dumps({**figures, "frames": metrics["frames"]}, indent=1).encode())
-    worst = {
-        frame: render(scene, scene.cameras[frame], float(scene.cameras.times[frame]), ("rgb",), config.backend)["rgb"]
-        for frame in worst_frames(metrics)
-    }
-    write_diagnostics(folder / "diagnostics.html", clip, result, metrics, worst)
+    write_diagnostics(
+        folder / "diagnostics.html", clip, result, metrics, worst_pictures(scene, metrics, config.backend)
+    )
     return {"scene": str(path), "metrics": figures, "needs": list(scene.needs), "text": _summary(path, scene, figures)}
 
 

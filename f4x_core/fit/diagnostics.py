@@ -18,6 +18,8 @@ from ..files import replace_file
 from ..geometry.camera import CameraPath
 from ..priors import STAGES, Priors
 from ..scaffold import Scaffold
+from ..scene import Scene
+from ..scene.view import render
 from .advice import Finding, findings, parallax_degrees, track_survival, verdict
 from .pipeline import FitResult
 
@@ -48,6 +50,15 @@ def worst_frames(metrics: Mapping[str, Any], count: int = WORST_FRAMES) -> list[
     return [row["frame"] for row in rows[:count]]
 
 
+def worst_pictures(scene: Scene, metrics: Mapping[str, Any], backend: str = "auto") -> dict[int, np.ndarray]:
+    """The scene's pictures (H,W,3) of its worst frames, as `write_diagnostics` takes them."""
+    times = scene.cameras.times
+    return {
+        frame: render(scene, scene.cameras[frame], float(times[frame]), ("rgb",), backend)["rgb"]
+        for frame in worst_frames(metrics)
+    }
+
+
 def write_diagnostics(
     path: Path | str,
     clip: Clip,
@@ -72,7 +83,7 @@ def write_diagnostics(
     shown = np.unique(np.linspace(0, len(priors.frames) - 1, SHOWN_FRAMES).round().astype(int))
     sections = [
         ("Why the scene is as it is, and what you can supply", _findings(found)),
-        ("Scores", _scores(metrics) + page.plots([_frame_scores(metrics), _quality_curve(result.history)])),
+        ("Scores", _scores(metrics) + page.plots([frame_scores(metrics), _quality_curve(result.history)])),
         (
             "What the clip needed",
             page.table(["", "chosen", "evidence", "saved"], [_need_cells(n.row()) for n in result.needs]),
@@ -261,11 +272,15 @@ def _scaffold(clip: Clip, priors: Priors, scaffold: Scaffold | None, shown: Iter
 # --------------------------------------------------------------------------------------------------------------- plots
 
 
-def _frame_scores(metrics: Mapping[str, Any]) -> str:
+def frame_scores(metrics: Mapping[str, Any], shared: Iterable[tuple[int, int]] = ()) -> str:
+    """Plot (SVG) of the PSNR of every frame; `shared` (first frame, end) are frames of two windows, which are shaded."""
     rows = metrics.get("frames", [])
     if not rows:
         return ""
     figure, (axis,) = page.plot("PSNR of every frame", "clip frame", "dB")
+    for number, (start, end) in enumerate(shared):
+        label = None if number else "shared by two windows"
+        axis.axvspan(start, end - 1, color=page.VIOLET, alpha=0.25, linewidth=0, label=label)
     axis.plot([row["frame"] for row in rows], [row["psnr"] for row in rows], color=page.GREY, linewidth=0.8)
     for held_out, colour, label in ((False, page.TEAL, "used"), (True, page.ORANGE, "held out")):
         chosen = [row for row in rows if row["held_out"] == held_out]

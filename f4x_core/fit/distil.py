@@ -70,7 +70,7 @@ class _Views(Sequence[View]):
     def __init__(self, file: IO[bytes]) -> None:
         """Keep none yet; `file` is for reading and writing."""
         self.file = file
-        self.places: list[tuple[int, int, tuple[int, int], tuple[int, int]]] = []
+        self.places: list[tuple[int, int, Any, Any]] = []
 
     def take(self, views: Iterable[View]) -> None:
         """Keep more, one after the other."""
@@ -90,7 +90,7 @@ class _Views(Sequence[View]):
     def __len__(self) -> int:
         return len(self.places)
 
-    def __getitem__(self, number: int) -> View:
+    def __getitem__(self, number: Any) -> Any:
         """Read one."""
         frame, place, shape, grid = self.places[number]
         self.file.seek(place)

@@ -140,6 +140,18 @@ def test_windows_join_into_one_scene(shot):
     assert not (shot.folder / "windows" / "001" / "priors").exists()
 
 
+def test_every_window_and_the_whole_have_a_page(shot):
+    whole = (shot.folder / "diagnostics.html").read_text()
+    for number, (start, end) in enumerate(shot.plan.windows):
+        place = f"windows/{number:03d}/diagnostics.html"
+        assert f'<a href="{place}">{start} to {end - 1}</a>' in whole
+        assert "Worst frames" in (shot.folder / place).read_text()
+    first, second = (read_scene(shot.folder / "windows" / name / "scene.f4x") for name in ("000", "001"))
+    own = np.setdiff1d(second.static.ids, first.static.ids)
+    assert f'<td class="number">{len(own)}</td>' in whole and second.metrics["used_psnr"] > 22
+    assert "shared by two windows" in whole
+
+
 def test_later_worlds_are_the_first_one(shot):
     """The camera slides 0.02 a frame in the first window's unit and goes on so, whatever the unit of later priors."""
     centers = read_scene(shot.folder / "scene.f4x").cameras.centers
