@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..clip import Clip, read_clip
+from ..clip.stream import Reel
 from ..errors import F4xError
 from ..features.maps import FeatureMaps, read_maps
 from ..features.spectrum import WIDTHS
@@ -35,7 +36,7 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     names = [name for name in names if name not in there]
     if names:
         folder = args.features or args.scene.parent / "features"
-        clip = clip_of_scene(scene, args.clip, args.frames, progress) if args.clip else None
+        clip = reel_of_scene(scene, args.clip, args.frames) if args.clip else None
         maps = [maps_of(scene, folder / name, name, clip, progress) for name in names]
         for encoder in {each.spec.text_encoder for each in maps} - {None} if labels else ():
             require_path(find_text_encoder(encoder).weights)  # before the work, not after it
@@ -47,10 +48,11 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def distill_into(
-    path: Path, clip: Clip, names: Sequence[str], folder: Path, config: DistilConfig, progress: Progress
+    path: Path, source: Path, names: Sequence[str], folder: Path, config: DistilConfig, progress: Progress
 ) -> dict[str, Any]:
-    """Extract the maps of teachers into `folder` and distil them into the scene file at `path`."""
+    """Extract the maps of teachers from the scene's clip at `source` into `folder`, and distil them into the file at `path`."""
     scene = read_scene(path)
+    clip = reel_of_scene(scene, source, scene.provenance.get("frames"))
     maps = [extract(clip, name, folder / name, progress=progress) for name in names]
     return finished(distil(scene, maps, config, progress), path, names, [])
 
@@ -98,6 +100,12 @@ def config_of(args: argparse.Namespace) -> DistilConfig:
     return DistilConfig(width=width, steps=args.steps, seed=args.seed, threads=args.threads, backend=args.backend)
 
 
+def reel_of_scene(scene: Scene, source: Path, frames: str | None) -> Reel:
+    """The pictures that a scene was fitted to, at the scene's size, read when they are asked for."""
+    cameras = scene.cameras
+    return Reel(source, frames, cameras.width, cameras.height, len(cameras))
+
+
 def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Progress) -> Clip:
     """The clip that a scene was fitted to, at the scene's size."""
     clip = read_clip(source, frames, scene.cameras.width, progress=progress)
@@ -110,7 +118,7 @@ def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Prog
     return clip
 
 
-def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | None, progress: Progress) -> FeatureMaps:
+def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | Reel | None, progress: Progress) -> FeatureMaps:
     """Maps that lie in `folder`, or extracted from the clip into it; without `clip`, the one the scene names."""
     if clip is None and (folder / "spec.json").is_file():
         return read_maps(folder)
@@ -121,7 +129,7 @@ def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | None, progress: 
                 f"{folder} holds no feature maps and the scene's clip is not at {source}; give --clip CLIP, or --features"
                 " DIR with the maps."
             )
-        clip = clip_of_scene(scene, Path(source), scene.provenance.get("frames") or None, progress)
+        clip = reel_of_scene(scene, Path(source), scene.provenance.get("frames") or None)
     return extract(clip, name, folder, progress=progress)
 
 

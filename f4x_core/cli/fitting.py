@@ -88,7 +88,7 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if names:
         settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
         path = Path(told["scene"])
-        added = distill_into(path, clip, names, args.output / "features", settings, progress)
+        added = distill_into(path, args.clip, names, args.output / "features", settings, progress)
         told |= {"features": added, "text": told["text"] + "\n" + added.pop("text")}
     return told
 
@@ -139,7 +139,7 @@ def fit_windows(
         if names:
             settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
             path = Path(shot["scene"])
-            added = distill_into(path, read(start, end), names, path.parent / "features", settings, progress)
+            added = distill_into(path, args.clip, names, path.parent / "features", settings, progress)
             lines.append(added.pop("text"))
             shot["features"] = added
     longest = max(told, key=lambda shot: shot["frames"][1] - shot["frames"][0])

@@ -1,8 +1,8 @@
-"""Clips that no memory should hold at once: surveyed in one pass, then read a window at a time."""
+"""Clips that no memory should hold at once: surveyed in one pass, then read a window at a time, or gone through."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import F4xError
 from ..progress import Progress, silent
 from .changes import find_changes
 from .images import even_size, resize_color
@@ -38,6 +39,53 @@ class Survey:
         return f"{self.first + start * self.step}:{self.first + (end - 1) * self.step + 1}:{self.step}"
 
 
+@dataclass(frozen=True)
+class Reel:
+    """A clip whose pictures are read whenever someone goes through them, one in memory at a time.
+
+    It stands for a `Clip` where `frames` are looked at one after the other.
+    """
+
+    source: Path
+    """As `read_clip` takes it."""
+    picked: str | None
+    """The `frames` of `read_clip`."""
+    width: int
+    """Pixels in a row; pictures are averaged down to it."""
+    height: int
+    """Pixels in a column, as they must come out."""
+    count: int
+    """Frames, as many as there must be."""
+
+    @property
+    def frames(self) -> Reel:
+        """What goes through the pictures (H,W,3) uint8, in order; F4xError where they are not of that size and number."""
+        return self
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        seen, (high, wide) = 0, (self.height, self.width)
+        for picture in _opened(self.source, self.picked, self._size)[2]:
+            seen, (high, wide) = seen + 1, picture.shape[:2]
+            if seen > self.count or (high, wide) != (self.height, self.width):
+                break
+            yield picture
+        if seen != self.count or (high, wide) != (self.height, self.width):
+            less = "" if seen < self.count else "at least "
+            raise F4xError(
+                f"{self.source}: the clip has {less}{seen} frames of {wide}x{high}, wanted are"
+                f" {self.count} of {self.width}x{self.height}; give the clip that the scene was fitted to, with the same"
+                " --frames."
+            )
+
+    def _size(self, width: int, height: int) -> tuple[int, int]:
+        """What pictures of the source become: the wanted size where an odd `--width` was rounded on the way to it."""
+        found = even_size(width, height, self.width)
+        return (self.width, self.height) if abs(found[1] - self.height) <= 2 else found
+
+
 def claimed_frames(source: str | Path, frames: str | None = None) -> int:
     """How many frames `read_clip` would read, as far as the source tells without being decoded; 0 = it does not."""
     source = Path(source).expanduser()
@@ -63,20 +111,26 @@ def survey(
             yield picture
 
     expected = claimed_frames(source, frames)
+    first, stride, pictures = _opened(source, frames, partial(even_size, new_width=width))
+    changes = find_changes(counted(pictures))
+    progress(STAGE, seen, seen)
+    return Survey(first, stride, seen, tuple(changes.cuts.tolist()))
+
+
+def _opened(
+    source: Path, frames: str | None, size: Callable[[int, int], tuple[int, int]]
+) -> tuple[int, int, Iterator[np.ndarray]]:
+    """(First frame of the source, step, pictures (H,W,3) uint8 one by one, resized to `size` of their width and height)."""
+    source = Path(source).expanduser()
     if source.is_file():
         span = parse_span(frames)
         # `islice` over the decoder and not a list: a film decodes to more than any memory
         pictures = (
-            resize_color(image, *even_size(image.shape[1], image.shape[0], width))
+            resize_color(image, *size(image.shape[1], image.shape[0]))
             for image in islice(decode(source), span.start, span.stop, span.step)
         )
-        first, stride = span.start or 0, span.step or 1
-    else:
-        layout = find_layout(source.absolute())
-        indices = frame_indices(frames, len(layout.images), source)
-        size = partial(even_size, new_width=width)
-        pictures = (read_pictures(layout, indices[i : i + 1], size)[0] for i in range(len(indices)))
-        first, stride = int(indices[0]), int(indices[1] - indices[0]) if len(indices) > 1 else 1
-    changes = find_changes(counted(pictures))
-    progress(STAGE, seen, seen)
-    return Survey(first, stride, seen, tuple(changes.cuts.tolist()))
+        return span.start or 0, span.step or 1, pictures
+    layout = find_layout(source.absolute())
+    indices = frame_indices(frames, len(layout.images), source)
+    pictures = (read_pictures(layout, indices[i : i + 1], size)[0] for i in range(len(indices)))
+    return int(indices[0]), int(indices[1] - indices[0]) if len(indices) > 1 else 1, pictures

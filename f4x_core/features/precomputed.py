@@ -22,7 +22,7 @@ import dataclasses
 import json
 import re
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sized
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -124,7 +124,7 @@ class Precomputed:
         """Not possible: there is no model here, only its results."""
         raise F4xError(f"{self.source} holds maps of one clip and cannot encode other pictures.")
 
-    def encode_clip(self, frames: np.ndarray) -> Iterator[np.ndarray]:
+    def encode_clip(self, frames: Sized) -> Iterator[np.ndarray]:
         """(h,w,C) float32 of every frame, at the grid of the spec; F4xError when the numbers of frames differ."""
         if self.count != len(frames):
             raise F4xError(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
 
 from ..clip import Clip
+from ..clip.stream import Reel
 from ..errors import F4xError
 from ..progress import Progress, silent
 from .maps import FeatureMaps, read_maps, stored_facts, write_maps
@@ -21,8 +23,9 @@ from .weights import describe, require_path
 class Teacher(Protocol):
     """A model that maps single pictures.
 
-    One that needs the whole clip has `encode_clip(frames (T,H,W,3) uint8) -> Iterator[(h,w,C)]` besides, which is then used;
-    where its spec says `has_global`, `glob` holds the clip's vector (C,) after the last frame.
+    One that needs the whole clip has `encode_clip(frames) -> Iterator[(h,w,C)]` besides, which is then used: `frames` has a
+    length and gives (H,W,3) uint8 as often as one goes through it. Where its spec says `has_global`, `glob` holds the clip's
+    vector (C,) after the last frame.
     """
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
@@ -129,7 +132,7 @@ def require_ready(name: str) -> None:
 
 
 def extract(
-    clip: Clip,
+    clip: Clip | Reel,
     name: str,
     folder: Path | str,
     model: Path | str | None = None,
@@ -146,12 +149,16 @@ def extract(
     import torch  # here, so that the registry can be listed without waiting for it
 
     folder, entry = Path(folder), find_teacher(name)
+    seen = hashlib.blake2b(digest_size=16)
+    for picture in clip.frames:
+        progress("looking at the clip", 0, 0)
+        seen.update(np.ascontiguousarray(picture).data)
     settings = {
         "teacher": name,
         "version": entry.version,
         "model": _fingerprint(model),
         "rank": rank,
-        "frames": hashlib.blake2b(np.ascontiguousarray(clip.frames).data, digest_size=16).hexdigest(),
+        "frames": seen.hexdigest(),
     }
     if (folder / "spec.json").is_file() and stored_facts(folder).get("settings") == settings:
         return read_maps(folder)
@@ -159,7 +166,7 @@ def extract(
     with torch.inference_mode():
         spec = teacher.spec_for(clip.width, clip.height)
         whole = getattr(teacher, "encode_clip", None)
-        frames = whole(clip.frames) if whole else lambda first: map(teacher.encode, clip.frames[first:])
+        frames = whole(clip.frames) if whole else lambda first: map(teacher.encode, islice(clip.frames, first, None))
         return write_maps(
             folder, spec, frames, len(clip), rank, lambda: cast(Any, teacher).glob, progress, settings=settings
         )

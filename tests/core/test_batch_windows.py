@@ -2,25 +2,33 @@
 
 import dataclasses
 import json
+import tempfile
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
+from scipy import sparse
 from toy import clip_and_priors
 
 from f4x_core.batch import windows
 from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows
 from f4x_core.cli.fitting import windows_of
-from f4x_core.clip import write_images
-from f4x_core.clip.stream import survey
+from f4x_core.clip import read_clip, write_images
+from f4x_core.clip.stream import Reel, survey
 from f4x_core.errors import F4xError
+from f4x_core.features.maps import FeatureMaps
+from f4x_core.features.spec import FeatureSpec
 from f4x_core.fit import pipeline
 from f4x_core.fit.config import profile
+from f4x_core.fit.distil import View, _Views, distil
+from f4x_core.fit.distil_config import DistilConfig
 from f4x_core.fit.earlier import Earlier
 from f4x_core.geometry import pose, quaternion
 from f4x_core.scene import Scene, StaticSet, read_scene
+from f4x_core.scene.view import render
 
 
 @pytest.fixture(autouse=True)
@@ -60,6 +68,18 @@ def test_survey_reads_once_and_finds_the_cut(tmp_path):
     known = survey(tmp_path, "2:18:2")
     assert (known.first, known.step, known.count, known.cuts) == (2, 2, 8, (5,))
     assert known.part(3, 7) == "8:15:2"
+
+
+def test_a_reel_is_the_clip_read_picture_by_picture(tmp_path):
+    clip, _ = clip_and_priors(9)
+    write_images(tmp_path / "images", clip.frames)
+    wanted = read_clip(tmp_path, "2:9:3", 33)  # odd: rounded to 32
+    reel = Reel(tmp_path, "2:9:3", wanted.width, wanted.height, len(wanted))
+    for _ in range(2):
+        assert np.array_equal(np.stack(list(reel.frames)), wanted.frames)
+    for wrong in ({"count": 2}, {"count": 4}, {"height": 40}):
+        with pytest.raises(F4xError, match=r"the clip has (at least )?\d frames of 32x20, wanted are"):
+            list(dataclasses.replace(reel, **wrong))
 
 
 def arguments(clip, **changes):
@@ -249,3 +269,35 @@ def test_drifting_cameras_are_registered_to_the_background(shot):
     kept = earlier.track(clip, standing, 2, "torch").cameras.world_to_camera
     step = drifted[-1] @ np.linalg.inv(drifted[-2])
     assert np.allclose(kept[-1] @ np.linalg.inv(kept[-2]), step), "a camera that cannot move is not moved"
+
+
+def test_features_of_the_joined_scene_answer_one_question_over_its_whole_length(shot):
+    """What was learnt of the mover finds it in the first window, where windows meet, and in the last one, and nothing else."""
+    scene = read_scene(shot.folder / "scene.f4x")
+    _, priors = clip_and_priors(16)
+    share = priors.mask.reshape(16, 10, 4, 16, 4).mean((2, 4))[..., None]  # (T,10,16,1)
+    mover, wall = np.float32([1, 0, 0.5, 0.2]), np.float32([0, 1, 0.5, -0.2])
+    spec = FeatureSpec("thing", 4, (10, 16), "area")
+    maps = FeatureMaps(Path("thing"), spec, (share * mover + (1 - share) * wall).astype(np.float16))
+    scene = distil(scene, [maps], DistilConfig(width=8, steps=120, threads=1))
+    features = scene.features.heads[0](scene.latents())
+    found = (features @ (mover - wall) > 0).astype(np.float32)[:, None]
+    for frame in (0, 6, 11, 15):
+        shown = render(scene, scene.cameras[frame], frame, ("alpha",), values={"found": found})["found"][..., 0] > 0.5
+        truth = priors.mask[frame]
+        assert (shown & truth).sum() > 0.75 * (shown | truth).sum(), f"frame {frame}"
+
+
+def test_what_frames_see_comes_back_from_the_disk():
+    rng = np.random.default_rng(0)
+    mixes = [sparse.random(6, 50, 0.2, "csr", np.float32, rng) for _ in range(3)]
+    alphas = torch.from_numpy(rng.random((3, 2, 3)).astype(np.float32))
+    with tempfile.TemporaryFile() as file:
+        views = _Views(file)
+        for part in ([0], [1, 2]):
+            views.take(View(10 + i, mixes[i], alphas[i]) for i in part)
+        for i in (2, 0, 1):
+            view = views[i]
+            assert view.frame == 10 + i and torch.equal(view.alpha, alphas[i])
+            assert (view.mix != mixes[i]).nnz == 0 and view.mix.shape == (6, 50)
+        assert [view.frame for view in views] == [10, 11, 12]
