@@ -12,7 +12,7 @@ import hashlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.ndimage import binary_dilation, uniform_filter
+from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter, uniform_filter
 from scipy.optimize import least_squares
 
 from ..clip import Clip
@@ -28,9 +28,10 @@ from ..scene import Scene, StaticSet
 from ..scene.view import render
 
 WRONG = 0.08
-"""Colours (of 1) differ so much, over a neighbourhood and all channels, that the background does not explain a pixel."""
+"""Colours (of 1) differ so much, mean over all channels, that the background does not explain a pixel."""
 NEIGHBOURHOOD = 5
-"""Pixels of its side: cameras are refined later, and edges that lie a pixel off are not wrong."""
+"""Pixels of its side: edges that lie a pixel off are not wrong, nor is a picture that is blurred because the camera shook. No
+Gaussian could mend that, yet every window would try."""
 OPAQUE = 0.8
 """Alpha from which on the background is there at all."""
 LEAST_PIXELS = 32
@@ -191,12 +192,19 @@ class Earlier:
     def _compare(
         self, world: StaticSet, clip: Clip, priors: Priors, row: int, backend: str
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(H,W) bool: where the background is there and differs from the picture, and where it is there."""
+        """(H,W) bool: where the background is there but no mixture of it looks like the picture, and where it is there.
+
+        The picture's mean over a neighbourhood must lie between the darkest and the brightest of the background there.
+        """
         assert priors.cameras is not None
         scene = Scene("backdrop", world, priors.cameras)
         seen = render(scene, priors.cameras[int(row)], 0.0, ("rgb", "alpha"), backend)
         picture = clip.frames[priors.frames[row]].astype(np.float32) / 255
-        off = np.abs(uniform_filter(seen["rgb"] - picture, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))).mean(-1)
+        mean = uniform_filter(picture, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))
+        darkest, brightest = (
+            extreme(seen["rgb"], (NEIGHBOURHOOD, NEIGHBOURHOOD, 1)) for extreme in (minimum_filter, maximum_filter)
+        )
+        off = np.maximum(darkest - mean, mean - brightest).clip(0).mean(-1)
         there = seen["alpha"] > OPAQUE
         return there & (off > WRONG), there
 
