@@ -96,6 +96,8 @@ def import_scene(
             _set_up_render(bpy.context.scene, opened, camera)
         if is_scene:
             session.attach(root)
+            for cloud in clouds:  # Blender 5 takes new points for selected
+                write_attribute(cloud.data, session.SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
             mark_keyed(root)
             if first.edits:
                 display.refresh(root)

@@ -1,6 +1,6 @@
 """What the worker is asked to do: fit a clip, add features, answer a question, export. Each is one verb of `f4x`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +26,35 @@ def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, ver
 
 
 def import_fitted(result: dict[str, Any]) -> None:
-    """Import the scene that a fit left."""
+    """Import the scene that a fit left; size, frames and camera of a file that shows another scene stay as they are."""
+    alone = not any(session.PATH in item for item in bpy.data.objects)
     try:
-        bpy.ops.f4x.import_scene("EXEC_DEFAULT", True, filepath=result["scene"])  # True: one step of undo
+        bpy.ops.f4x.import_scene(  # True: one step of undo
+            "EXEC_DEFAULT", True, filepath=result["scene"], set_up_render=alone, show=alone
+        )
     except RuntimeError as error:  # what the operator reported
         raise F4xError(str(error).removeprefix("Error: ").strip()) from error
+
+
+def look_up(root: bpy.types.Object, words: Sequence[str]) -> None:
+    """Let the worker add `words` to what the scene of `root` knows; F4xError while its file lacks edits."""
+    told = ", ".join(words)
+    if not session.is_saved(root):
+        raise F4xError(
+            f"{root.name} does not know {told}; save its edits, so that the worker can look the scene over for it."
+        )
+    _add_features(root, session.path_of(root), "--vocabulary", told)
+
+
+def _add_features(root: bpy.types.Object, path: Path, *options: str) -> None:
+    """Start `f4x distill`; the scene takes over what it leaves, if no edit came in between."""
+
+    def done(result: dict[str, Any]) -> None:
+        for item in bpy.data.objects:
+            if session.PATH in item and session.path_of(item) == path and session.is_saved(item):
+                session.attach(item)
+
+    start_verb(f"Features of {root.name}", done, "distill", path, *options)
 
 
 class _WorkerOperator:
@@ -94,6 +118,8 @@ class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noq
     def start(self, context):
         """Start `f4x fit`."""
         clip = Path(bpy.path.abspath(self.filepath))
+        if not clip.exists():
+            raise F4xError(f"{clip} is not there; choose a video, or a picture of a folder of them.")
         if clip.suffix.lower() in (".png", ".jpg"):
             clip = clip.parent  # a picture stands for its folder
         output = Path(bpy.path.abspath(self.output)) if self.output else clip.with_name(f"{clip.stem}_4d")
@@ -101,7 +127,8 @@ class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noq
         options += ["--frames", self.frames] if self.frames else []
         options += ["--features", "visual,text"] if self.features else []
         options += ["--resume"] if self.resume else []
-        start_verb(f"Fit {clip.name}", import_fitted, "fit", clip, *options)
+        told = clip.parent.name if clip.name == "images" else clip.name
+        start_verb(f"Fit {told}", import_fitted, "fit", clip, *options)
 
 
 class F4X_OT_add_features(_SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -130,13 +157,7 @@ class F4X_OT_add_features(_SceneOperator, bpy.types.Operator):  # noqa: N801
         options = ["--teacher", self.teachers] if self.teachers else []
         options += ["--vocabulary", self.words] if self.words else []
         options += ["--clip", bpy.path.abspath(self.clip)] if self.clip else []
-
-        def done(result: dict[str, Any]) -> None:
-            for item in bpy.data.objects:
-                if session.PATH in item and session.path_of(item) == path and session.is_saved(item):
-                    session.attach(item)
-
-        start_verb(f"Features of {root.name}", done, "distill", path, *options)
+        _add_features(root, path, *options)
 
 
 class F4X_OT_ask_scene(_SceneOperator, bpy.types.Operator):  # noqa: N801

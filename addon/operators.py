@@ -40,6 +40,10 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
         subtype="FILE_PATH",
     )
 
+    show: BoolProperty(  # type: ignore[valid-type]
+        name="Show", description="Turn the viewports to it, in its colours", default=True, options={"HIDDEN"}
+    )
+
     def execute(self, context):
         """Import the chosen file."""
         clip = Path(bpy.path.abspath(self.clip)) if self.clip else None
@@ -60,12 +64,26 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
         context.view_layer.objects.active = root
         if self.set_up_render:
             viewport.use_engine(context.scene)
-        viewport.show(root, context.scene.camera if self.set_up_render and session.PATH in root else None)
+        if self.show:
+            viewport.show(root, context.scene.camera if self.set_up_render and session.PATH in root else None)
         return {"FINISHED"}
 
     def invoke(self, context, event):
         """Ask for a file, or for the options only when one was dropped into the viewport."""
         return self.invoke_popup(context) if self.filepath else super().invoke(context, event)
+
+
+class F4X_OT_show_picture(bpy.types.Operator):  # noqa: N801
+    """Draw this viewport with the engine Feature4X. Blender opens files in Solid, where point clouds are grey."""
+
+    bl_idname = "f4x.show_picture"
+    bl_label = "Show Picture"
+
+    def execute(self, context):
+        """Choose the engine and the shading."""
+        viewport.use_engine(context.scene)
+        viewport.draw_exactly(context.space_data)
+        return {"FINISHED"}
 
 
 class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
@@ -124,4 +142,4 @@ class F4X_FH_scene(bpy.types.FileHandler):  # noqa: N801
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
-CLASSES = (F4X_OT_import_scene, F4X_OT_choose_clip, F4X_FH_scene)
+CLASSES = (F4X_OT_import_scene, F4X_OT_show_picture, F4X_OT_choose_clip, F4X_FH_scene)

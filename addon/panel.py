@@ -71,7 +71,9 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             layout.label(text="Select an object of a scene" if several else "No scene yet", icon="INFO")
             layout.operator("f4x.import_scene", text="Import Scene…", icon="IMPORT")
             return
-        layout.label(text=root.name, icon="OUTLINER_OB_POINTCLOUD")
+        row = layout.row()
+        row.label(text=root.name, icon="OUTLINER_OB_POINTCLOUD")
+        row.operator("f4x.show_picture", text="", icon="SHADING_RENDERED")
         row = layout.row()
         row.scale_y = 1.2
         saved = session.is_saved(root)

@@ -1,4 +1,4 @@
-"""The selection, drawn over viewports: orange points at the Gaussians' centres, in no render."""
+"""The selection, drawn over viewports: pink points at the Gaussians' centres, in no render."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from gpu_extras.batch import batch_for_shader
 from . import session
 from .point_cloud import read_attribute
 
-COLOUR = (1.0, 0.45, 0.05, 0.3)
-"""That of a selection in Blender's edit mode, about; what the points look like shows through."""
+COLOUR = (1.0, 0.05, 0.6, 0.3)
+"""Not the orange in which Blender outlines objects, and rare in pictures; what the points look like shows through."""
 SIZE = 2.0
 """Pixels of a point at a scale of 1."""
 

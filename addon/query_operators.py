@@ -9,13 +9,15 @@ from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntPrope
 from bpy_extras import view3d_utils
 from gpu_extras.batch import batch_for_shader
 
+from ..f4x_core.edit.naming import by_labels, by_names, check_negatives, together
 from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import F4xError
-from ..f4x_core.query.labels import words_of
+from ..f4x_core.query.labels import spellings, words_of
 from ..f4x_core.query.neighbourhood import grown, meeting, shrunk
-from ..f4x_core.query.prompts import FollowConfig, select_by_prompts, select_by_text
+from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
 from . import display, marking, session
 from .evaluated import HIDDEN
+from .job_operators import look_up
 from .panel_operators import SceneOperator
 from .preferences import find_interpreter
 
@@ -41,16 +43,22 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
 
     def act(self, context, root):
         """Words are asked of the base scene: a copy is what its original is. The worker, where there is one, learns new words."""
-        scene, words = session.asked_scene(root), words_of(self.text)
+        if not self.text.strip():
+            raise F4xError("Type what to look for, such as dog; several words with commas between them.")
+        scene, shown, words = session.asked_scene(root), session.shown(root), words_of(self.text)
         negatives = words_of(self.negatives) if self.negatives.strip() else None
-        known = labels_of(scene)
-        unknown = [word for word in (*words, *(negatives or ())) if word.lower() not in map(str.lower, known)]
+        check_negatives(words, negatives)
+        found = by_names(shown.scene, words, root.f4x.threshold)
+        labels = [word for word in words if word not in found]
+        known = {label.lower() for label in labels_of(scene)}
+        unknown = [word for word in (*labels, *(negatives or ())) if known.isdisjoint(spellings(word))]
         if known and unknown and find_interpreter():
-            bpy.ops.f4x.add_features("EXEC_DEFAULT", teachers="", words=", ".join(unknown))
+            look_up(root, unknown)
             self.report({"INFO"}, f"The worker looks up {', '.join(unknown)}; query again when the job is done")
             return
-        found = select_by_text(scene, words, negatives, root.f4x.threshold)
-        marking.ask(root, session.shown(root).of_base(found))
+        asked = by_labels(scene, labels, negatives, root.f4x.threshold)
+        found |= {label: shown.of_base(each) for label, each in asked.items()}
+        marking.ask(root, together({word: found[word] for word in words}))
         root.f4x.text, root.f4x.negatives = self.text, self.negatives
         self.report({"INFO"}, f"{root.f4x.selected:,} of {root.f4x.total:,} Gaussians")
 

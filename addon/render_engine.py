@@ -126,8 +126,18 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
 
         rows, columns = _region(scene.render, self.resolution_x, self.resolution_y)
         passes = _wanted(layer)
-        background = None if scene.render.film_transparent else evaluated.world_color(scene.world)
-        pictures = stage.draw(
+        transparent = scene.render.film_transparent
+        background = None if transparent else evaluated.world_color(scene.world)
+
+        def finish(pictures: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+            """What Blender calls the passes, and its depth."""
+            if "depth" in pictures:
+                there = pictures["depth"] < stage.NOTHING
+                pictures["depth"] = np.where(there, pictures["depth"] - seen.back, stage.NOTHING)
+            named = {_PASSES[name][0]: pictures[name] for name in passes}
+            return {"Combined": _combined(pictures, transparent)} | named
+
+        written = stage.draw(
             clouds,
             surfaces,
             seen.camera,
@@ -137,17 +147,12 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             passes=passes,
             region=(rows, columns),
             progress=progress,
+            finish=finish,
         )
-        if "depth" in pictures:
-            pictures["depth"] = np.where(
-                pictures["depth"] < stage.NOTHING, pictures["depth"] - seen.back, stage.NOTHING
-            )
         for name in passes:
             title, channels, _ = _PASSES[name]
             self.add_pass(title, len(channels), channels, layer=layer.name)
         result = self.begin_result(0, 0, columns.stop - columns.start, rows.stop - rows.start, layer=layer.name)
-        written = {"Combined": _combined(pictures, scene.render.film_transparent)}
-        written |= {_PASSES[name][0]: pictures[name] for name in passes}
         for render_pass in result.layers[0].passes:
             if render_pass.name in written:
                 flat = np.ascontiguousarray(written[render_pass.name][::-1], np.float32).ravel()  # bottom row first

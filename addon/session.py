@@ -68,12 +68,10 @@ def path_of(root: bpy.types.Object) -> Path:
 
 
 def attach(root: bpy.types.Object) -> None:
-    """Take over the scene file's edits and remember its arrays; for a scene that was just imported."""
+    """Take over the scene file's edits and remember its arrays: after an import, or when a job has written the file."""
     path = path_of(root)
     root[ARRAYS] = _hash_of(path)
     root[EDITS] = root[SAVED] = _text(read_stack(path))
-    for cloud in clouds_of(root):  # Blender 5 takes new points for selected
-        write_attribute(cloud.data, SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
     if not bpy.app.background:
         _prepare(base_scene(root))
 

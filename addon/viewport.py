@@ -31,15 +31,23 @@ def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
         if area.type != "VIEW_3D":
             continue
         space = area.spaces.active
-        exact = bpy.context.scene.render.engine == Feature4XRenderEngine.bl_idname
-        space.shading.type = EXACT if exact else COLOURED
+        exact = draw_exactly(space)
         space.overlay.show_relationship_lines = False  # hundreds of nodes have the same parent
+        if camera is not None and exact:
+            camera.data.show_background_images = False  # the picture hides the clip, but for specks at the points
         if camera is not None:
             space.region_3d.view_perspective = "CAMERA"
             continue
         region = next(region for region in area.regions if region.type == "WINDOW")
         with bpy.context.temp_override(window=window, area=area, region=region):
             _look_at(root)
+
+
+def draw_exactly(space: bpy.types.SpaceView3D) -> bool:
+    """Let a viewport show colours; whether they are the engine's, exactly."""
+    exact = bpy.context.scene.render.engine == Feature4XRenderEngine.bl_idname
+    space.shading.type = EXACT if exact else COLOURED
+    return exact
 
 
 def _look_at(root: bpy.types.Object) -> None:

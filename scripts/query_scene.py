@@ -41,16 +41,20 @@ def main(arguments: list[str]) -> dict[str, Any]:
     options = parse(arguments)
     root = door.import_empty(options.scene)
     from feature4x.addon import marking, session
+    from feature4x.f4x_core.edit.naming import by_words, together
     from feature4x.f4x_core.files import replace_file
     from feature4x.f4x_core.query import prompts
     from feature4x.f4x_core.query.labels import encode_labels, words_of
 
     scene, threshold = session.edited_scene(root), options.threshold
+    missing: list[str] = []
     if options.text is not None:
         negatives = None if options.negatives is None else words_of(options.negatives)
         # words that the scene does not know need a text encoder, which Blender's own Python has not
         encode = encode_labels if importlib.util.find_spec("torch") else None
-        found = prompts.select_by_text(scene, words_of(options.text), negatives, threshold, encode=encode)
+        by_word = by_words(scene, words_of(options.text), negatives, threshold, encode=encode)
+        missing = [word for word, each in by_word.items() if not each.chosen.any()]
+        found = together(by_word)
     elif options.point is not None:
         found = prompts.select_by_points(scene, [options.point], options.frame, threshold=threshold)
     else:
@@ -64,6 +68,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
     return {
         "label": found.label,
         "chosen": int(found.chosen.sum()),
+        "missing": missing,
         "points": int(session.read(root, session.SELECTED).sum()),
         "gaussians": len(found.ids),
         "threshold": found.threshold,

@@ -19,6 +19,7 @@ from ..clip.read import frame_indices
 from ..edit import plan
 from ..edit.apply import open_scene, with_operations
 from ..edit.description import describe
+from ..edit.naming import by_words, together
 from ..edit.operations import Operation, read_operation
 from ..edit.plan import MOST_CANDIDATES
 from ..edit.records import read_record
@@ -33,7 +34,7 @@ from ..geometry.trajectory import View
 from ..progress import Progress, silent
 from ..query.labels import encode_labels
 from ..query.pixels import heat_map, share_picture
-from ..query.prompts import select_by_box, select_by_points, select_by_text
+from ..query.prompts import select_by_box, select_by_points
 from ..query.questions import answer
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
@@ -199,7 +200,7 @@ class Session:
         view = self._view(opened, frame)
         options: dict[str, Any] = {"threshold": threshold, "backend": self.backend, "progress": self.progress}
         if text:
-            found = select_by_text(opened, text, negatives, threshold, encode=encode_labels)
+            found = together(by_words(opened, text, negatives, threshold, encode=encode_labels))
         elif point:
             found = select_by_points(opened, [point], frame, **options)
         elif box:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,14 @@ import numpy as np
 from ..clip import write_video
 from ..clip.images import list_images, read_mask
 from ..edit.apply import open_scene
+from ..edit.naming import by_names, by_words, together
 from ..edit.resolve import named
 from ..errors import F4xError
 from ..files import replace_file
 from ..progress import Progress
 from ..query.chat import ChatServer
-from ..query.inventory import is_calibrated, labels_of, nearest_there, select_word
-from ..query.labels import BACKGROUND, Encode, encode_labels, spellings, words_of
+from ..query.inventory import nearest_there
+from ..query.labels import Encode, encode_labels, words_of
 from ..query.pixels import heat_map, mask_video, share_picture
 from ..query.prompts import at_clip_size, select_by_box, select_by_mask, select_by_points
 from ..query.questions import Answer, answer, ask_features
@@ -41,9 +41,8 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     scene = open_scene(args.scene, args.edits)
     span = _span(scene, args.span) if args.span is not None else None
     views = trajectory_of(scene, args.path, args.degrees)
-    names = {name.lower(): each for name, each in named(scene).items()} if args.text is not None else {}
-    by_word = _by_words(scene, args, span, names, encoder(progress)) if args.text is not None else {}
-    selection = _together(by_word) if by_word else _selection(scene, args, given[0], span, progress)
+    by_word = _by_words(scene, args, span, encoder(progress)) if args.text is not None else {}
+    selection = together(by_word) if by_word else _selection(scene, args, given[0], span, progress)
     result: dict[str, Any] = {
         "label": selection.label,
         "chosen": int(selection.chosen.sum()),
@@ -59,7 +58,7 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         result["missing"] = [word for word, each in by_word.items() if not each.chosen.any()]
         lines += [_nobody(by_word[word], []) for word in result["missing"]]
     if not result["chosen"]:
-        asked = [word for word in by_word if names.keys().isdisjoint(spellings(word))]
+        asked = [word for word in by_word if word not in by_names(scene, [word])]
         result["there"] = nearest_there(scene, asked, encoder(progress)) if asked else []
         lines = [_nobody(selection, result["there"])]
     if args.output is not None:
@@ -122,43 +121,13 @@ def mask_of(file: Path, scene: Scene) -> np.ndarray:
 
 
 def _by_words(
-    scene: Scene,
-    args: argparse.Namespace,
-    span: tuple[float, float] | None,
-    names: dict[str, Selection],
-    encode: Encode,
+    scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, encode: Encode
 ) -> dict[str, Selection]:
-    """What each word of --text selects: one of `names` (lower case) that an edit gave, or a label."""
+    """What each word of --text selects."""
     if args.frame is not None:
         raise F4xError("--frame goes with --point, --box and --mask; words are asked of the whole clip (--span A:B).")
-    words = words_of(args.text)
     negatives = words_of(args.negatives) if args.negatives is not None else None
-    for word in negatives or ():
-        if any({*spellings(word)} & {*spellings(asked)} for asked in words):
-            raise F4xError(f"--not {word}: --text asks for it as well; leave it out of one of them.")
-    if negatives is None and len(words) > 1:  # one of them is nothing that another is weighed against
-        forms = {form for word in words for form in spellings(word)}
-        negatives = [label for label in labels_of(scene) if label.lower() in {*BACKGROUND} - forms]
-    given = {word: names[form] for word in words for form in spellings(word) if form in names}
-    labels = [word for word in words if word not in given]
-    found = {}
-    for word in words:
-        if word in given:
-            found[word] = replace(given[word], threshold=args.threshold, span=span)
-            continue
-        against = negatives
-        if len(labels) > 1 and not is_calibrated(scene):
-            against = [*(negatives or ()), *(other for other in labels if other != word)]
-        found[word] = select_word(scene, word, against, args.threshold, encode=encode, span=span)
-    return found
-
-
-def _together(by_word: dict[str, Selection]) -> Selection:
-    """Whom one of the words selects, at their common threshold."""
-    first, *others = by_word.values()
-    for other in others:
-        first = replace(first, scores=np.maximum(first.scores, other.scores), wins=first.wins | other.wins)
-    return replace(first, label=", ".join(each.label for each in by_word.values()))
+    return by_words(scene, words_of(args.text), negatives, args.threshold, encode=encode, span=span)
 
 
 def _selection(

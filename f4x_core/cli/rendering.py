@@ -14,6 +14,7 @@ from PIL import Image
 from ..clip.read import frame_indices
 from ..clip.video import write_video
 from ..edit.apply import open_scene
+from ..edit.naming import by_words
 from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import trajectory
@@ -21,7 +22,6 @@ from ..geometry.trajectory import Trajectory
 from ..progress import Progress
 from ..query.labels import encode_labels
 from ..query.pixels import share_picture
-from ..query.prompts import select_by_text
 from ..scene import Scene
 from ..scene.foreign import identify, open_any
 from ..scene.formats import choose_format, export
@@ -69,7 +69,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(
             f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(known)},{MASK}LABEL."
         )
-    masks = {name: select_by_text(scene, [label], encode=encode_labels) for name, label in labels.items()}
+    masks = {name: by_words(scene, [label], encode=encode_labels)[label] for name, label in labels.items()}
     if not 0 < args.degrees < 90:
         raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, args.path, args.degrees)

@@ -262,7 +262,7 @@ def _rounded(values: tuple[float, ...]) -> str:
 def _way(vector: Vector, unit: str, axes: str) -> str:
     measure = "unit" if unit == "world" else "size"
     if axes == "world":
-        return f"by ({_rounded(vector)}) {measure}s along the world's axes"
+        return f"by ({_rounded(vector)}) {measure}s along the scene's own axes"
     steps = [(abs(x), _AXES[axis][x > 0]) for axis, x in enumerate(vector) if x]
     return " and ".join(f"by {far:g} {measure}{'' if far == 1 else 's'} {way}" for far, way in steps)
 
@@ -276,7 +276,8 @@ def _turn(who: str, rotate: Vector, axes: str) -> str:
         return f"rotate {who} by {abs(y):g} degrees to the {side}"
     if axes == "camera" and z and not x and not y:
         return f"tilt {who} by {abs(z):g} degrees to the {side}"
-    return f"rotate {who} by ({_rounded(rotate)}) degrees about the {axes}'s axes"
+    whose = "scene's own" if axes == "world" else "camera's"
+    return f"rotate {who} by ({_rounded(rotate)}) degrees about the {whose} axes"
 
 
 def _about(pivot: str | Vector) -> str:

@@ -248,6 +248,8 @@ def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
 def named(scene: Scene) -> dict[str, Selection]:
     """Name that an edit gave -> whom it means and nobody deleted: things that queries and questions may speak of."""
     found = {name: chosen(scene, Named(name)).astype(float) for name in _rows(scene).names}
+    if not found:
+        return {}
     nobody, there, mark = np.zeros(len(scene.ids), bool), standing(scene), fingerprint(scene)
     return {
         name: Selection(scene.ids, scores, nobody, label=name, scene=mark).among(there)

@@ -15,6 +15,7 @@ from f4x_core.clip.video import write_video
 from f4x_core.edit.apply import base_of, edited, with_operations
 from f4x_core.edit.operations import Delete, Duplicate, Opacity, Recolour, Rekey, Transform
 from f4x_core.edit.selects import Ids, Moving
+from f4x_core.native.library import open_library
 from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.foreign import open_any
 from f4x_core.scene.formats import export
@@ -98,10 +99,11 @@ def background():
         scene.frame_set(frame)
         user = pictures[0].image_user
         paths.append(Path(bpy.path.abspath(pictures[0].image.filepath_from_user(image_user=user))).name)
-    return [pictures[0].image.source, paths, scene.camera.data.show_background_images]
+    return [pictures[0].image.source, paths]
 
 load("own.f4x")
 told["own clip"] = background()
+told["hidden by"] = None if scene.camera.data.show_background_images else scene.render.engine
 for name in ("later", "skipping", "too short"):
     load(f"{name}.f4x")
     told[name] = background()
@@ -116,6 +118,7 @@ load("longer.f4x")
 told["other count"] = background()
 bpy.ops.f4x.choose_clip(filepath=str(folder / "pictures" / "00007.png"))
 told["button"] = background()
+told["shown by the button"] = scene.camera.data.show_background_images
 np.savez(folder / "found.npz", **found)
 (folder / "told.json").write_text(json.dumps(told))
 sys.stdout.flush()
@@ -235,16 +238,17 @@ def test_edits_come_along(imported, frame):
 
 def test_the_clip_behind_the_camera(imported):
     _, _, told = imported
-    pictures = ["SEQUENCE", [f"{7 + frame:05d}.png" for frame in range(CLIP)], True]
+    pictures = ["SEQUENCE", [f"{7 + frame:05d}.png" for frame in range(CLIP)]]
     assert told["own clip"] == pictures and told["chosen"] == pictures
     assert told["no clip"] is None
-    assert told["film"] == ["MOVIE", ["film.mp4"] * CLIP, True]
+    assert told["film"] == ["MOVIE", ["film.mp4"] * CLIP]
+    assert told["hidden by"] == ("FEATURE4X" if open_library()[0] is not None else None)
 
 
 def test_the_frames_that_a_fit_took_of_its_clip(imported):
     _, _, told = imported
     for name, first, step in (("later", 2, 1), ("skipping", 1, 2)):
-        assert told[name] == ["SEQUENCE", [f"{first + step * frame:05d}.png" for frame in range(CLIP)], True]
+        assert told[name] == ["SEQUENCE", [f"{first + step * frame:05d}.png" for frame in range(CLIP)]]
     assert told["too short"] is None
 
 
@@ -252,3 +256,4 @@ def test_a_clip_with_another_number_of_pictures_is_shown_only_when_asked(importe
     _, _, told = imported
     assert told["other count"] is None
     assert told["button"] == told["own clip"]
+    assert told["shown by the button"]

@@ -112,6 +112,8 @@ ops.duplicate(offset=(0.3, 0.0, 0.0), time_shift=1.0); note("copied")
 ops.name_selection(called="rex")
 ops.change_selection(how="NONE")
 ops.select_named(called="rex"); note("named")
+ops.change_selection(how="NONE")
+ops.query_text(text="Rex"); note("asked by name")
 noted["unknown name"] = refused(ops.select_named, called="max")
 ops.remove(); note("removed")
 ops.restore(); note("restored")
@@ -199,6 +201,12 @@ def test_grow_and_invert(done, scene):
     assert wanted.sum() > arrays["square/chosen"].sum()
     np.testing.assert_array_equal(arrays["inverted/chosen"], ~wanted)
     assert not noted["inverted"]["live"]
+
+
+def test_words_know_the_names_that_were_given(done):
+    _, noted, arrays = done
+    assert noted["asked by name"]["selected"] == noted["named"]["selected"] > 0
+    np.testing.assert_array_equal(arrays["asked by name/chosen"], arrays["named/chosen"])
 
 
 def test_hiding_takes_points_out_of_the_evaluated_clouds(done, scene):

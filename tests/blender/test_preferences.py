@@ -174,10 +174,34 @@ from feature4x.f4x_core.edit.selects import Moving
 root = session.root_of(None)
 session.append(root, Recolour(Moving(), (0.0, 1.0, 0.0)))
 assert "save them first" in refused(bpy.ops.f4x.export_scene, filepath=folder + "/four.ply", one_frame=True)
+told = refused(bpy.ops.f4x.query_text, text="unicorn")
+assert "does not know unicorn; save its edits" in told and "Traceback" not in told
+assert "Type what to look for" in refused(bpy.ops.f4x.query_text, text=" ")
+assert "is not there" in refused(bpy.ops.f4x.fit_clip, filepath=folder + "/nowhere.mp4")
 """
     blender(code, str(tmp_path))
     exported, scene = read_ply(tmp_path / "three.ply"), labelled_scene()
     assert np.abs(exported.xyz - scene.posed(3.0).means).max() < 1e-5
+
+
+def test_a_job_that_ends_leaves_what_is_being_worked_on(tmp_path):
+    for name in ("mine", "fitted"):
+        write_scene(labelled_scene(), tmp_path / f"{name}.f4x")
+    code = """
+from feature4x.addon import job_operators, session
+folder = sys.argv[2]
+bpy.ops.f4x.import_scene(filepath=folder + "/mine.f4x")
+root = session.root_of(bpy.context.object)
+scene = bpy.context.scene
+scene.render.resolution_x, scene.frame_end = 640, 99
+bpy.ops.f4x.query_text(text="square")
+before = scene.camera, session.read(root, ".selection")
+job_operators.import_fitted({"scene": folder + "/fitted.f4x"})
+assert (scene.camera, scene.render.resolution_x, scene.frame_end) == (before[0], 640, 99)
+session.attach(root)  # as after features were added
+assert before[1].any() and (session.read(root, ".selection") == before[1]).all()
+"""
+    blender(code, str(tmp_path))
 
 
 @pytest.mark.slow

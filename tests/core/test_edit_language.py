@@ -120,8 +120,8 @@ def test_words_that_are_no_sentence_are_still_words():
         Transform(Current(), translate=(1, 2, 3), rotate=(0, 0, 5), pivot=(0, 0, 1), frames=(0, 3), ease="linear")
     )
     assert told == (
-        "move the selection by (1, 2, 3) units along the world's axes and rotate the selection by (0, 0, 5) degrees"
-        " about the world's axes from frame 0 to frame 3 evenly"
+        "move the selection by (1, 2, 3) units along the scene's own axes and rotate the selection by (0, 0, 5) degrees"
+        " about the scene's own axes from frame 0 to frame 3 evenly"
     )
     assert describe(Recolour(DOG, (0.1234, 0, 0))) == "make the dog solid rgb 0.1234, 0, 0"
 

@@ -225,7 +225,7 @@ def test_questions_that_cannot_be_answered_are_one_sentence(folder, capsys):
         (["--text", "square", "--frame", "1"], "--frame goes with"),
         (["--text", ""], "names no label"),
         (["--text", "unicorn"], "lacks 'unicorn'"),
-        (["--text", "square", "--not", "wall,Squares"], "--not Squares: --text asks for it as well"),
+        (["--text", "square", "--not", "wall,Squares"], "'Squares' is asked for and excluded at once"),
         (["--text", "a", "--point", "1,2"], "exactly one"),
         ([], "exactly one"),
         (["--point", "1,2"], "needs --frame"),
