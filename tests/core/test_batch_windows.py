@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 from scipy import sparse
+from scipy.ndimage import uniform_filter1d
 from toy import clip_and_priors
 
 from f4x_core.batch import windows
@@ -240,6 +241,63 @@ def test_background_that_turned_wrong_leaves(shot):
     assert 10_000 + scene.static.ids[0] not in found.world.ids
     assert len(found.world) > 0.6 * len(scene.static)
     assert np.mean([shown.mean() for shown in found.explained.values()]) > 0.5
+
+
+def test_a_shaken_picture_is_no_reason_for_new_background(shot):
+    clip, priors = part(shot.clip, clip_and_priors(16)[1], 5, 13)
+    scene = read_scene(shot.folder / "windows" / "000" / "scene.f4x")
+    rows = np.arange(0, 3)  # the later ones see ground that the scene has not
+
+    def unexplained(pictures):
+        found = Earlier(scene, 5, 0).backdrop(dataclasses.replace(clip, frames=pictures), priors, rows, 2)
+        return 1 - np.concatenate([shown[~priors.mask[row]] for row, shown in found.explained.items()]).mean()
+
+    shaken = uniform_filter1d(clip.frames, 7, 2)
+    assert np.abs(shaken[rows].astype(float) - clip.frames[rows]).mean() > 10
+    assert unexplained(shaken) < unexplained(clip.frames) + 0.05
+    changed = clip.frames.copy()
+    changed[:, 20:32, 40:56] = 255 - changed[:, 20:32, 40:56] // 4
+    assert unexplained(changed) > unexplained(clip.frames) + 0.04, "something new is one"
+
+
+@pytest.mark.slow
+def test_to_and_fro_needs_no_more_background(tmp_path, monkeypatch):
+    """Windows that see again what the first one saw, from cameras that drift, add next to nothing."""
+    clip, priors = clip_and_priors(8)
+    order = np.abs(np.arange(28) % 14 - 7)  # 7 6 … 0 1 … 7 6 …
+    path = priors.cameras
+    drift = 0.006 * np.arange(8)
+
+    def read(start, end):
+        rows = order[start:end]
+        count = len(rows)
+        frames = np.arange(count)
+        return dataclasses.replace(
+            clip, frames=clip.frames[rows], times=frames.astype(float), held_out=np.zeros(count, bool),
+            picked=f"{start}:{end}:1",
+        )  # fmt: skip
+
+    def build(window, *_):
+        start, end, _ = map(int, window.picked.split(":"))
+        rows = order[start:end]
+        views = path.world_to_camera[rows].copy()
+        for frame in range(len(rows) if start else 0):
+            turn = quaternion.from_rotation_vector(np.array([0.0, drift[frame], 0.0]))
+            views[frame] = pose.to_matrix(turn, np.zeros(3)) @ views[frame]
+        told = ("depth", "depth_confidence", "mask", "motion", "tracks", "tracks_visible")
+        flows = {name: getattr(priors, name)[: len(rows) - 1] for name in vars(priors) if name.startswith("flow_")}
+        cameras = dataclasses.replace(path, intrinsics=path.intrinsics[rows], world_to_camera=views, times=window.times)
+        cut = {name: getattr(priors, name)[rows] for name in told}
+        return dataclasses.replace(priors, cameras=cameras, frames=np.arange(len(rows)), **cut, **flows)
+
+    monkeypatch.setattr(pipeline, "build_priors", build)
+    config = dataclasses.replace(profile("quick"), steps=120, measure_every=120, checkpoint_every=120, threads=1)
+    plan = windows.Shot(tuple((start, start + 8) for start in range(0, 21, 5)))
+    windows.fit_long([plan], read, tmp_path, config)
+    parts = [read_scene(tmp_path / "windows" / f"{number:03d}" / "scene.f4x") for number in range(5)]
+    own = [part.provenance["window"]["own"] for part in parts]
+    assert own[0] > 300 and sum(own[1:]) < 0.05 * own[0], own
+    assert min(part.metrics["used_psnr"] for part in parts) > parts[0].metrics["used_psnr"] - 1
 
 
 def test_drifting_cameras_are_registered_to_the_background(shot):
