@@ -6,7 +6,7 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -67,14 +67,19 @@ def _texture(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
 
 
 def run_rows(
-    pattern: str, place: str, slots: int, defaults: Mapping[str, str], program: tuple[str, ...] | None
+    pattern: str,
+    place: str,
+    slots: int,
+    defaults: Mapping[str, str],
+    program: tuple[str, ...] | None,
+    watch: Callable[[Board], None] = lambda board: None,
 ) -> tuple[Board, float]:
     """One batch in local processes: the board, and wall seconds."""
     store = open_store(place)
     with locked(store):
         start = time.perf_counter()
         board = plan(read_manifest(pattern, defaults), store, remember=True)
-        run_board(board, LocalEngine(Settings(store.url, program=program), slots), lambda board: None)
+        run_board(board, LocalEngine(Settings(store.url, program=program), slots), watch)
         return board, time.perf_counter() - start
 
 
@@ -130,12 +135,28 @@ def leave_one_out(measured: Sequence[tuple[Size, Mapping[str, float]]]) -> list[
     return errors
 
 
-def measure_overhead(folder: Path, repeats: int = 20) -> dict[str, float]:
-    """Seconds that a task takes in a batch beyond its command, with one worker in local processes: median over tasks."""
-    write_stub_clips(folder / "clips", repeats)
-    board, seconds = run_rows(str(folder / "clips" / "*"), str(folder / "out"), 1, EMPTY, STUB)
+def measure_overhead(folder: Path, rows: int = 500) -> dict[str, float]:
+    """Seconds that a task takes in a batch beyond its command, with one worker in local processes that do nothing; and whether
+    many of them cost more each, commands included: seconds a task and memory of this process, of the first and the last quarter.
+    """
+    write_stub_clips(folder / "clips", rows)
+    told: list[tuple[int, float, int]] = []
+
+    def watch(board: Board) -> None:
+        told.append((board.number("done"), time.perf_counter(), _resident()))
+
+    board, seconds = run_rows(str(folder / "clips" / "*"), str(folder / "out"), 1, EMPTY, STUB, watch)
     busy = sum(sum(each.seconds.values()) for each in board.rows.values())
-    return {"local_overhead_s": (seconds - busy) / board.number()}
+    done, moments, memory = np.array(told, float).T
+    tasks = board.number()
+    quarters = np.interp(np.array([0, 0.25, 0.75, 1]) * tasks, done, moments)
+    return {
+        "local_overhead_s": (seconds - busy) / tasks,
+        "children": tasks,
+        "first_quarter_s_per_child": 4 * (quarters[1] - quarters[0]) / tasks,
+        "last_quarter_s_per_child": 4 * (quarters[3] - quarters[2]) / tasks,
+        "children_memory_growth_mb": float(memory[-1] - np.interp(0.25 * tasks, done, memory)) / 1e6,
+    }
 
 
 def measure_ray(folder: Path, repeats: int = 10) -> dict[str, float]:

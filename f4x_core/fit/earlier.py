@@ -1,9 +1,9 @@
 """What a window of a long clip takes over from the one before: its world and unit, its background, its nodes.
 
 The two share frames. There the earlier scene is known from its own cameras, and the later priors know the same pictures in a
-world of their own: that relates the worlds. From there on every camera is registered to the earlier background. Of that the window keeps, unchanged, what still explains its
-pictures; what shows them wrongly leaves (it moved, or the light changed), and new Gaussians come only where pictures are
-left unexplained.
+world of their own: that relates the worlds. From there on every camera is registered to the earlier background. Of that the
+window keeps, unchanged, what still explains its pictures; what shows them wrongly leaves (it moved, or the light changed),
+and new Gaussians come only where pictures are left unexplained.
 """
 
 from __future__ import annotations

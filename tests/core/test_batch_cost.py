@@ -53,7 +53,7 @@ def test_a_thousand_rows_cost_no_more_each_than_the_first(tmp_path):
 
 
 def test_the_layer_costs_little_beside_its_commands(tmp_path):
-    assert 0 < measure_overhead(tmp_path, repeats=5)["local_overhead_s"] <= 0.2
+    assert 0 < measure_overhead(tmp_path, rows=5)["local_overhead_s"] <= 0.2
 
 
 def test_the_number_of_clips_is_checked(capsys):
