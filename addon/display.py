@@ -26,7 +26,7 @@ from .gaussian_attributes import write_looks, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 
-GONE, TIMED, LOOKS = "f4x_gone", "f4x_timed", "f4x_looks"
+GONE, LOOKS = "f4x_gone", "f4x_looks"
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
 
@@ -39,7 +39,7 @@ def refresh(root: bpy.types.Object) -> None:
     refresh_keys(root)
     _set_up_apart(root, display)
     _draw(root, display, everything=True)
-    root[TIMED] = display.changes
+    root[session.TIMED] = display.changes
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
     tell(root)
@@ -177,7 +177,7 @@ def _visible_tree() -> bpy.types.GeometryNodeTree:
 @persistent
 def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Show the edits that change over time at the new frame."""
-    for root in [item for item in scene.objects if item.get(TIMED)]:
+    for root in [item for item in scene.objects if item.get(session.TIMED)]:
         try:
             _draw(root, session.shown(root), everything=False)
         except F4xError as error:  # the scene file is gone: playback goes on with what was drawn last

@@ -12,7 +12,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.formats import FORMATS
 from . import jobs, session
 from .preferences import worker_python
-from .worker import Job, core_command
+from .worker import RUNNING, Job, core_command
 
 PROFILES = (
     ("quick", "Quick", "Minutes: to see whether a clip works"),
@@ -54,7 +54,10 @@ def _add_features(root: bpy.types.Object, path: Path, *options: str) -> None:
             if session.PATH in item and session.path_of(item) == path and session.is_saved(item):
                 session.attach(item)
 
-    start_verb(f"Features of {root.name}", done, "distill", path, *options)
+    title = f"Features of {root.name}" + (f": {options[-1]}" if options[:1] == ("--vocabulary",) else "")
+    if any(job.title == title and job.state == RUNNING for job in jobs.all_jobs()):
+        raise F4xError(f"{title}: that is under way; wait until the job is done.")
+    start_verb(title, done, "distill", path, *options)
 
 
 class _WorkerOperator:

@@ -15,7 +15,7 @@ from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.grab import grab, within_reach
 from . import display, session
 from .motion_edits import changes, mark_keyed
-from .operators import F4X_OT_choose_clip
+from .operators import F4X_OT_choose_clip, F4X_OT_find_scene
 from .scaffold_rig import NODE, add_handles, hold, nodes_of, read_poses, remove_handles
 
 
@@ -229,7 +229,7 @@ class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
         self.report({"INFO"}, f"{len(change.nodes)} nodes at {len(change.times)} frames")
 
 
-CLASSES: tuple[Any, ...] = (
+OPERATORS: tuple[Any, ...] = (
     F4X_OT_grab_nodes,
     F4X_OT_add_handles,
     F4X_OT_remove_handles,
@@ -237,8 +237,21 @@ CLASSES: tuple[Any, ...] = (
 )
 
 
+class F4X_MT_object(bpy.types.Menu):  # noqa: N801
+    """What can be done with a scene's nodes and clip."""
+
+    bl_label = "Feature4X"
+
+    def draw(self, context):
+        """The operators."""
+        for operator in (*OPERATORS, F4X_OT_choose_clip, F4X_OT_find_scene):
+            self.layout.operator(operator.bl_idname)
+
+
+CLASSES = (*OPERATORS, F4X_MT_object)
+
+
 def draw_menu(self, context) -> None:
-    """Entries of the Object menu."""
+    """Entry of the Object menu."""
     self.layout.separator()
-    for operator in (*CLASSES, F4X_OT_choose_clip):
-        self.layout.operator(operator.bl_idname)
+    self.layout.menu(F4X_MT_object.__name__)

@@ -4,13 +4,16 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..f4x_core.errors import F4xError
 from . import session, viewport
 from .clip_background import show_clip
 from .import_scene import SOURCE, import_scene
+
+PASSING = {"HIDDEN", "SKIP_SAVE"}
+"""Options of what one call alone is told, by Blender or a job."""
 
 
 class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blender wants this form
@@ -22,26 +25,28 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
 
     filename_ext = ".f4x"
     filter_glob: StringProperty(default="*.f4x;*.ply;*.splat", options={"HIDDEN"})  # type: ignore[valid-type]
-    directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})  # type: ignore[valid-type]
+    directory: StringProperty(subtype="DIR_PATH", options=PASSING)  # type: ignore[valid-type]
     set_up_render: BoolProperty(  # type: ignore[valid-type]
         name="Set Up Render",
         description="Take over the clip's size, rate, frame range and camera, and draw with the engine Feature4X",
         default=True,
+        options={"SKIP_SAVE"},
     )
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options=PASSING)  # type: ignore[valid-type]
     sequence: BoolProperty(  # type: ignore[valid-type]
-        name="Sequence", description="Take a numbered PLY for its whole sequence", default=True
+        name="Sequence", description="Take a numbered PLY for its whole sequence", default=True, options={"SKIP_SAVE"}
     )
     step: IntProperty(  # type: ignore[valid-type]
-        name="Step", description="Take every so many-th file of a sequence", default=1, min=1
+        name="Step", description="Take every so many-th file of a sequence", default=1, min=1, options={"SKIP_SAVE"}
     )
     clip: StringProperty(  # type: ignore[valid-type]
         name="Clip",
         description="Film or folder of pictures to show behind the scene; empty: the one it was made of, if it is found",
         subtype="FILE_PATH",
+        options={"SKIP_SAVE"},
     )
-
     show: BoolProperty(  # type: ignore[valid-type]
-        name="Show", description="Turn the viewports to it, in its colours", default=True, options={"HIDDEN"}
+        name="Show", description="Turn the viewports to it, in its colours", default=True, options=PASSING
     )
 
     def execute(self, context):
@@ -142,4 +147,24 @@ class F4X_FH_scene(bpy.types.FileHandler):  # noqa: N801
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
-CLASSES = (F4X_OT_import_scene, F4X_OT_show_picture, F4X_OT_choose_clip, F4X_FH_scene)
+class F4X_OT_find_scene(bpy.types.Operator, ImportHelper):  # noqa: N801
+    """Say where the scene file is, after it was moved."""
+
+    bl_idname = "f4x.find_scene"
+    bl_label = "Find Scene File"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012
+
+    filename_ext = ".f4x"
+    filter_glob: StringProperty(default="*.f4x", options={"HIDDEN"})  # type: ignore[valid-type]
+
+    def execute(self, context):
+        """Take the chosen file, if it is that scene."""
+        try:
+            session.relink(session.root_of(context.object), Path(self.filepath))
+        except F4xError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+CLASSES = (F4X_OT_import_scene, F4X_OT_find_scene, F4X_OT_show_picture, F4X_OT_choose_clip, F4X_FH_scene)

@@ -74,6 +74,8 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row = layout.row()
         row.label(text=root.name, icon="OUTLINER_OB_POINTCLOUD")
         row.operator("f4x.show_picture", text="", icon="SHADING_RENDERED")
+        if not session.path_of(root).exists():
+            layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
         row = layout.row()
         row.scale_y = 1.2
         saved = session.is_saved(root)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
+
 import bpy
 import gpu
 import numpy as np
@@ -11,10 +14,12 @@ from gpu_extras.batch import batch_for_shader
 
 from ..f4x_core.edit.naming import by_labels, by_names, check_negatives, together
 from ..f4x_core.edit.resolve import labels_of
-from ..f4x_core.errors import F4xError
+from ..f4x_core.errors import Cancelled, F4xError
+from ..f4x_core.progress import Progress
 from ..f4x_core.query.labels import spellings, words_of
 from ..f4x_core.query.neighbourhood import grown, meeting, shrunk
 from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
+from ..f4x_core.query.selection import Selection
 from . import display, marking, session
 from .evaluated import HIDDEN
 from .job_operators import look_up
@@ -23,6 +28,8 @@ from .preferences import find_interpreter
 
 QUICK = FollowConfig(lifted=0)
 """The prompted frame alone says what is meant."""
+LOOK = 0.1
+"""Seconds between two looks at a search."""
 SMALLEST_BOX = 4
 """Pixels of the window along a side; less is a click that went wrong."""
 
@@ -63,6 +70,31 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
         self.report({"INFO"}, f"{root.f4x.selected:,} of {root.f4x.total:,} Gaussians")
 
 
+class _Search(threading.Thread):
+    """A search beside Blender, begun at once: `found`, or `error`, or neither after `stopped` was set."""
+
+    def __init__(self, work: Callable[[Progress], Selection]):
+        super().__init__(daemon=True)
+        self.work, self.share, self.stopped = work, 0.0, False
+        self.found: Selection | None = None
+        self.error: str | None = None
+        self.start()
+
+    def run(self) -> None:
+        """Work until it is done or not wanted any more."""
+        try:
+            self.found = self.work(self._look)
+        except Cancelled:
+            pass
+        except F4xError as error:
+            self.error = str(error)
+
+    def _look(self, stage: str, done: int, total: int, message: str = "") -> None:
+        self.share = done / max(total, 1)
+        if self.stopped:
+            raise Cancelled
+
+
 class _Prompt(SceneOperator):
     """An operator that points at a thing in a clip frame: with the mouse in a viewport, or by numbers."""
 
@@ -80,20 +112,23 @@ class _Prompt(SceneOperator):
         def progress(stage: str, done: int, total: int, message: str = "") -> None:
             manager.progress_update(100 * done / max(total, 1))
 
-        told = root.f4x
         manager.progress_begin(0, 100)
         try:
-            found = select_by_prompts(
-                session.shown(root).scene,
-                {self.frame: self.prompt()},
-                threshold=told.threshold,
-                config=FollowConfig() if told.follow else QUICK,
-                progress=progress,
-            )
+            found = self._search(root)(progress)
         finally:
             manager.progress_end()
+        self._take(root, found)
+
+    def _search(self, root: bpy.types.Object) -> Callable[[Progress], Selection]:
+        """The work itself, which knows nothing of Blender."""
+        config = FollowConfig() if root.f4x.follow else QUICK
+        prompts = {self.frame: self.prompt()}
+        scene, threshold = session.shown(root).scene, root.f4x.threshold
+        return lambda progress: select_by_prompts(scene, prompts, threshold=threshold, config=config, progress=progress)
+
+    def _take(self, root: bpy.types.Object, found: Selection) -> None:
         marking.ask(root, found)
-        self.report({"INFO"}, f"{told.selected:,} of {told.total:,} Gaussians")
+        self.report({"INFO"}, f"{root.f4x.selected:,} of {root.f4x.total:,} Gaussians")
 
     def invoke(self, context, event):
         """Wait for the mouse."""
@@ -101,7 +136,7 @@ class _Prompt(SceneOperator):
             self.report({"ERROR"}, "Point at something in a 3D viewport.")
             return {"CANCELLED"}
         self.frame = round(session.frame_of(session.root_of(context.object)))
-        self._area, self._handle = context.area, None
+        self._area, self._handle, self._thread = context.area, None, None
         context.window.cursor_modal_set(self.cursor)
         context.workspace.status_text_set(self.hint)
         context.window_manager.modal_handler_add(self)
@@ -109,6 +144,8 @@ class _Prompt(SceneOperator):
 
     def modal(self, context, event):
         """Hand events on until the thing is pointed at; Esc or the right button stops."""
+        if self._thread is not None:
+            return self._wait(context, event)
         if event.type in {"ESC", "RIGHTMOUSE"}:
             self._finish(context)
             return {"CANCELLED"}
@@ -118,11 +155,34 @@ class _Prompt(SceneOperator):
             self._finish(context)
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        root = session.root_of(context.object)
+        if done and root.f4x.follow:  # that takes many seconds: the window must not stand still
+            self._thread = _Search(self._search(root))
+            self._timer = context.window_manager.event_timer_add(LOOK, window=context.window)
+            context.window.cursor_modal_set("WAIT")
+            return {"RUNNING_MODAL"}
         if done:
             self._finish(context)
             return self.execute(context)
         navigates = event.type in {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE"}
         return {"PASS_THROUGH"} if navigates else {"RUNNING_MODAL"}
+
+    def _wait(self, context, event):
+        """Look whether the thing was followed; Esc stops it."""
+        search = self._thread
+        if event.type == "ESC":
+            search.stopped = True
+        if search.is_alive():
+            context.workspace.status_text_set(f"Following through the clip: {search.share:.0%}. Esc: stop")
+            return {"RUNNING_MODAL"}
+        context.window_manager.event_timer_remove(self._timer)
+        self._finish(context)
+        if search.error is not None:
+            self.report({"ERROR"}, search.error)
+        if search.found is None:
+            return {"CANCELLED"}
+        self._take(session.root_of(context.object), search.found)
+        return {"FINISHED"}
 
     def handle(self, context, event) -> bool:
         """Take one event; True when the thing is pointed at."""

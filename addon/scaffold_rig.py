@@ -24,6 +24,7 @@ from ..f4x_core.scaffold import Scaffold
 from ..f4x_core.scaffold.deformation import node_poses_at
 from ..f4x_core.scaffold.grab import held
 from ..f4x_core.scaffold.groups import group_motion, rigid_groups
+from . import session
 from .animation import ActionWriter, rewrite, sample
 from .motion_nodes import build_graph_tree
 
@@ -175,13 +176,15 @@ def remove_handles(root: bpy.types.Object, frames: np.ndarray) -> None:
 
 @contextmanager
 def _gaussians_at_rest(root: bpy.types.Object) -> Iterator[None]:
-    """Without evaluating modifiers below `root`: only empties are looked at."""
+    """Without evaluating modifiers below `root`, nor drawing its edits at every frame: only empties are looked at."""
     shown = [m for item in root.children_recursive for m in item.modifiers if m.show_viewport]
+    timed, root[session.TIMED] = root.get(session.TIMED, False), False
     for modifier in shown:
         modifier.show_viewport = False
     try:
         yield
     finally:
+        root[session.TIMED] = timed
         for modifier in shown:
             modifier.show_viewport = True
 

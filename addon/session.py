@@ -42,6 +42,10 @@ APART = "f4x_apart"
 """Property of the object whose points are drawn apart from the base's clouds: moved, retimed and copied Gaussians."""
 SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
 """Point attributes: what is selected (Blender's own name), what was before the last query, and the query's scores."""
+TIMED = "f4x_timed"
+"""Property of a root whose edits change over time: its clouds are written anew at every frame."""
+MOVED = 3
+"""Folders above a .blend in which a scene file is looked for that is not where it was."""
 NO_EDITS = "[]"
 """JSON of the empty stack."""
 KEPT = 4
@@ -63,8 +67,23 @@ def root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
 
 
 def path_of(root: bpy.types.Object) -> Path:
-    """The scene file, which may be given relative to the .blend."""
-    return Path(bpy.path.abspath(root[PATH]))
+    """The scene file, which may be given relative to the .blend; where both were moved, it is looked for near the .blend."""
+    path = Path(bpy.path.abspath(root[PATH]))
+    if path.exists() or not bpy.data.filepath:
+        return path
+    above = list(Path(bpy.data.filepath).parents)[:MOVED]
+    tails = [Path(*path.parts[-count:]) for count in range(1, len(path.parts))]
+    return next((place for folder in above for tail in tails if (place := folder / tail).is_file()), path)
+
+
+def relink(root: bpy.types.Object, path: Path) -> None:
+    """Let the scene file of `root` be `path`; F4xError where it holds other Gaussians."""
+    before, root[PATH] = root[PATH], str(path)
+    try:
+        _check_arrays(root)
+    except F4xError:
+        root[PATH] = before
+        raise
 
 
 def attach(root: bpy.types.Object) -> None:

@@ -225,7 +225,9 @@ class Freeze(Change):
         """Validate."""
         _check_numbers("at or until", [self.at, self.at if self.until is None else self.until])
         if self.until is not None and self.until < self.at:
-            raise F4xError(f"It would go on at frame {self.until:g}, before it stops, at {self.at:g}; let the first be the later one.")
+            raise F4xError(
+                f"It would go on at frame {self.until:g}, before it stops, at {self.at:g}; give a later frame or none."
+            )
 
 
 @dataclass(frozen=True)

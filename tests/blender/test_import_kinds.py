@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from labelled_scene import labelled_scene
 from PIL import Image
 
 from f4x_core.clip.video import write_video
@@ -27,12 +28,13 @@ pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
 
 CHILD = """
-import json, os, sys
+import json, os, shutil, sys
 sys.path.insert(0, sys.argv[1] + "/scripts")
 import bpy, door, numpy as np
 extension = door.load_extension()
 extension.register()
 from pathlib import Path
+from feature4x.addon import session
 import feature4x.addon.sequence as sequence
 from feature4x.addon.evaluated import stage
 folder, clip = Path(sys.argv[2]), int(sys.argv[3])
@@ -113,12 +115,29 @@ load("edited.f4x", clip=str(folder / "pictures"))
 told["chosen"] = background()
 load("own.f4x", clip=str(folder / "film.mp4"))
 told["film"] = background()
+load("edited.f4x")
+told["not kept"] = background()
 told["bad clip"] = load("own.f4x", clip=str(folder / "frame.ply"))
 load("longer.f4x")
 told["other count"] = background()
 bpy.ops.f4x.choose_clip(filepath=str(folder / "pictures" / "00007.png"))
 told["button"] = background()
 told["shown by the button"] = scene.camera.data.show_background_images
+
+(folder / "before").mkdir()
+shutil.copy(folder / "edited.f4x", folder / "before/scene.f4x")
+load("before/scene.f4x")
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "before/scene.blend"))
+(folder / "before").rename(folder / "after")
+bpy.ops.wm.open_mainfile(filepath=str(folder / "after/scene.blend"))
+root = session.root_of(bpy.context.object)
+told["moved"] = [str(session.path_of(root)), len(session.base_scene(root).ids)]
+for name in ("other", "edited"):
+    try:
+        bpy.ops.f4x.find_scene(filepath=str(folder / f"{name}.f4x"))
+    except RuntimeError as error:
+        told["other scene"] = str(error)
+told["found"] = str(session.path_of(root))
 np.savez(folder / "found.npz", **found)
 (folder / "told.json").write_text(json.dumps(told))
 sys.stdout.flush()
@@ -152,6 +171,7 @@ def edited_scene():
 def imported(tmp_path_factory):
     folder = tmp_path_factory.mktemp("kinds")
     scene = tiny_scene()
+    write_scene(labelled_scene(), folder / "other.f4x")
     export(scene, folder / "frame.ply", [2.0])
     (folder / "renamed.dat").write_bytes((folder / "frame.ply").read_bytes())
     export(scene, folder / "frame.splat", [2.0], "splat")
@@ -243,6 +263,24 @@ def test_the_clip_behind_the_camera(imported):
     assert told["no clip"] is None
     assert told["film"] == ["MOVIE", ["film.mp4"] * CLIP]
     assert told["hidden by"] == ("FEATURE4X" if open_library()[0] is not None else None)
+
+
+def test_a_clip_is_for_one_import(imported):
+    assert imported[2]["not kept"] is None
+
+
+def test_drops_have_the_properties_that_blender_fills():
+    code = "import sys; sys.path.insert(0, sys.argv[1] + '/scripts'); import bpy, door, os; door.load_extension().register();"
+    code += "names = bpy.ops.f4x.import_scene.get_rna_type().properties.keys();"
+    code += "print(sorted({'files', 'directory', 'filepath'} & {*names}), flush=True); os._exit(0)"
+    done = subprocess.run([sys.executable, "-c", code, str(ROOT)], capture_output=True, text=True, timeout=120)
+    assert "['directory', 'filepath', 'files']" in done.stdout, done.stderr
+
+
+def test_a_scene_file_that_was_moved_with_its_blend_is_found(imported):
+    folder, _, told = imported
+    assert told["moved"] == [str(folder / "after/scene.f4x"), len(read_scene(folder / "edited.f4x").ids)]
+    assert "holds other Gaussians" in told["other scene"] and told["found"] == str(folder / "edited.f4x")
 
 
 def test_the_frames_that_a_fit_took_of_its_clip(imported):
