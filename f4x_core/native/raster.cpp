@@ -34,11 +34,12 @@ struct Problem {
     int32_t channels;   // C
     int32_t attached;   // channels before this one send gradient to opacity and geometry
     int32_t width, height, threads;
+    int32_t first_row, last_row;  // rows of the image that are drawn, the last not; pictures and `limit` hold these alone
     float near_plane, blur, alpha_min, alpha_max, transmittance_min;
     float intrinsics[9], viewmat[16];
     const float *means, *quats, *scales, *opacities, *colors;
     const float *background, *offset;  // may be null
-    const float *limit;  // (H, W) depth from which on a pixel sees nothing; may be null
+    const float *limit;  // (rows, W) depth from which on a pixel sees nothing; may be null
 };
 
 struct Gradients {
@@ -88,7 +89,7 @@ struct Span {
 
 // What the backward pass needs of the forward pass.
 struct State {
-    int tile_columns = 0, tile_rows = 0;
+    int tile_columns = 0, tile_rows = 0, first_tile_row = 0;  // of the rows that are drawn; numbers of rows count from there
     Buffer<Splat> splats;
     Buffer<uint32_t> depth_bits, order, order_swap, key, key_swap;
     Buffer<Extent> extents;                   // per Gaussian and one more
@@ -301,7 +302,8 @@ std::unique_ptr<State> forward(const Problem& p, bool keep, float* channels, flo
     auto state = take_state();
     State& s = *state;
     s.tile_columns = (p.width + TILE - 1) / TILE;
-    s.tile_rows = (p.height + TILE - 1) / TILE;
+    s.first_tile_row = p.first_row / TILE;
+    s.tile_rows = (p.last_row + TILE - 1) / TILE - s.first_tile_row;
     const int tiles = s.tile_columns * s.tile_rows;
     s.splats.resize(p.count + 7);  // written eight at a time
     s.depth_bits.resize(p.count);
@@ -522,6 +524,7 @@ F4X_TARGET void project(const Problem& p, State& s, int64_t begin, int64_t end, 
     const f8 zero = broadcast(0.0f), one = broadcast(1.0f), half = broadcast(0.5f);
     const f8 huge = broadcast(std::numeric_limits<float>::max());
     const f8 alpha_min = broadcast(p.alpha_min), log2_min = broadcast(std::log2(p.alpha_min));
+    const float above = float(s.first_tile_row);
     for (int64_t i = begin; i < end; i += 8) {
         Projection o;
         project_eight(p, i, end, o);
@@ -562,8 +565,8 @@ F4X_TARGET void project(const Problem& p, State& s, int64_t begin, int64_t end, 
             extent.pair = 0;
             visible[i + lane] = mask >> lane & 1;
             if (!visible[i + lane]) continue;
-            const int row0 = clamp_to_int(std::ceil((first_row[lane] - SLACK - (TILE - 0.5f)) / TILE), s.tile_rows);
-            const int row1 = clamp_to_int(std::floor((last_row[lane] + SLACK - 0.5f) / TILE) + 1, s.tile_rows);
+            const int row0 = clamp_to_int(std::ceil((first_row[lane] - SLACK - (TILE - 0.5f)) / TILE) - above, s.tile_rows);
+            const int row1 = clamp_to_int(std::floor((last_row[lane] + SLACK - 0.5f) / TILE) + 1 - above, s.tile_rows);
             extent.row0 = uint16_t(row0);
             extent.row1 = uint16_t(std::max(row0, row1));
         }
@@ -578,8 +581,9 @@ F4X_TARGET void measure(const Problem& p, State& s, int64_t begin, int64_t end) 
         Span* span = s.spans + extent.span;
         uint32_t pairs = 0;
         for (int row = extent.row0; row < extent.row1; ++row, ++span) {
-            float lo = row * TILE + 0.5f - splat.y - SLACK;
-            float hi = std::min((row + 1) * TILE, int(p.height)) - 0.5f - splat.y + SLACK;
+            const int top = (s.first_tile_row + row) * TILE;
+            float lo = top + 0.5f - splat.y - SLACK;
+            float hi = std::min(top + TILE, int(p.height)) - 0.5f - splat.y + SLACK;
             float left, right;
             ellipse_span<float>(splat.reach, splat.inverse_reach, splat.slope, splat.half_width, splat.tip, lo, hi, left, right);
             *span = {0, 0};
@@ -604,7 +608,7 @@ struct Tile {
 F4X_HOT Tile tile_of(const State& s, int tile) {
     Tile t;
     t.x = tile % s.tile_columns * TILE;
-    t.y = tile / s.tile_columns * TILE;
+    t.y = (s.first_tile_row + tile / s.tile_columns) * TILE;
     t.begin = s.tile_start[tile];
     t.end = s.tile_start[tile + 1];
     t.strip = broadcast(t.y + 0.5f) + f8{0, 2, 4, 6, 8, 10, 12, 14};
@@ -614,21 +618,25 @@ F4X_HOT Tile tile_of(const State& s, int tile) {
 F4X_HOT int block_x(const Tile& t, int block) { return t.x + block / STRIPS * BLOCK_WIDTH; }
 F4X_HOT int block_y(const Tile& t, int block) { return t.y + block % STRIPS * BLOCK_HEIGHT; }
 
-// Depth limits of a block's pixels; those outside the image see nothing at all.
+// Whether a pixel is drawn, and which one it is among those that are.
+F4X_HOT bool is_drawn(const Problem& p, int x, int y) { return x < p.width && y >= p.first_row && y < p.last_row; }
+F4X_HOT int64_t pixel_of(const Problem& p, int x, int y) { return int64_t(y - p.first_row) * p.width + x; }
+
+// Depth limits of a block's pixels; those that are not drawn see nothing at all.
 F4X_HOT f8 limits_of(const Problem& p, int x, int y) {
     f8 limits = broadcast(0.0f);
     for (int lane = 0; lane < 8; ++lane) {
         const int column = x + lane % BLOCK_WIDTH, row = y + lane / BLOCK_WIDTH;
-        if (column < p.width && row < p.height) limits[lane] = p.limit[int64_t(row) * p.width + column];
+        if (is_drawn(p, column, row)) limits[lane] = p.limit[pixel_of(p, column, row)];
     }
     return limits;
 }
 
-// Transmittance at the start: 1 inside the image, 0 outside.
+// Transmittance at the start: 1 for a pixel that is drawn, else 0.
 F4X_HOT f8 first_running(const Problem& p, int x, int y) {
     const f8 dx = f8{0, 1, 2, 3, 0, 1, 2, 3} + broadcast(float(x)), dy = f8{0, 0, 0, 0, 1, 1, 1, 1} + broadcast(float(y));
-    const i8 inside = (dx < broadcast(float(p.width))) & (dy < broadcast(float(p.height)));
-    return keep_where(inside, broadcast(1.0f));
+    const i8 in_rows = (dy >= broadcast(float(p.first_row))) & (dy < broadcast(float(p.last_row)));
+    return keep_where((dx < broadcast(float(p.width))) & in_rows, broadcast(1.0f));
 }
 
 // Blocks of the tile whose pixels may lie inside the splat's ellipse, one bit each; all 8 strips of the tile at once.
@@ -827,8 +835,8 @@ F4X_TARGET void forward_tile(const Problem& p, State& s, Scratch& w, int tile, b
         const float* image = w.image + size_t(block) * columns * 8;
         for (int lane = 0; lane < 8; ++lane) {
             const int x = block_x(t, block) + lane % BLOCK_WIDTH, y = block_y(t, block) + lane / BLOCK_WIDTH;
-            if (x >= p.width || y >= p.height) continue;
-            const int64_t pixel = int64_t(y) * p.width + x;
+            if (!is_drawn(p, x, y)) continue;
+            const int64_t pixel = pixel_of(p, x, y);
             const float left = final[block][lane];
             alpha[pixel] = 1 - left;
             depth[pixel] = image[lane];
@@ -850,8 +858,8 @@ F4X_HOT f8 load_gradient(const Problem& p, const Gradients& g, int x0, int y0, S
     std::memset(w.pixels, 0, size_t(8) * w.stride * sizeof(float));
     for (int lane = 0; lane < 8; ++lane) {
         const int x = x0 + lane % BLOCK_WIDTH, y = y0 + lane / BLOCK_WIDTH;
-        if (x >= p.width || y >= p.height) continue;
-        const int64_t pixel = int64_t(y) * p.width + x;
+        if (!is_drawn(p, x, y)) continue;
+        const int64_t pixel = pixel_of(p, x, y);
         float* row = w.pixels + size_t(lane) * w.stride;
         if (g.depth) row[0] = g.depth[pixel];
         if (g.channels) std::memcpy(row + 1, g.channels + pixel * p.channels, p.channels * sizeof(float));

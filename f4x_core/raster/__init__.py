@@ -20,7 +20,7 @@ __all__ = ["BACKENDS", "RasterConfig", "RasterOutput", "choose_backend", "raster
 
 BACKENDS = ("native", "torch", "reference", "gsplat")
 """What renders for a fit. `plain` besides is numpy alone and draws pictures only."""
-KNOW_LIMITS = ("native", "reference", "plain")
+DRAW_PARTS = ("native", "reference", "plain")
 
 
 def rasterize(
@@ -40,6 +40,7 @@ def rasterize(
     detached_from: int | None = None,
     mean2d_offset: Array | None = None,
     limit: Array | None = None,
+    rows: slice | None = None,
 ) -> RasterOutput:
     """Composite N Gaussians into a `height` x `width` image of C channels (EWA splatting, 3DGS rules).
 
@@ -57,12 +58,14 @@ def rasterize(
         config: constants of the rule and thread count.
         backend: `auto`, one of `BACKENDS`, or `plain`. `auto` takes `native` for float32 on the CPU when it is there and
             agrees with its self-check, `gsplat` for float32 on CUDA where that package is installed, else `torch`; for
-            numpy arrays `plain` where torch is not installed or a `limit` is given.
+            numpy arrays `plain` where torch is not installed, or a `limit` or `rows` are given.
         detached_from: channels from this index on send no gradient to opacity, geometry or camera, only to `colors`.
         mean2d_offset: (N, 2) added to the projected means, in pixels; pass zeros to read the density-control statistic
             from its gradient.
         limit: (H, W) depth from which on a pixel sees nothing: the z of an opaque surface, infinity for none, 0 for a
             pixel that need not be drawn. A Gaussian counts as a whole, by the z of its centre. Not for `torch`, `gsplat`.
+        rows: slice(first, last) of the image to draw: H is `last - first` for `limit` and for what comes out, which is what
+            the whole image has there, bit for bit. Not for `torch`, `gsplat`.
 
     Tensors (any dtype, one device; whole numbers count as float32) give tensors with gradients to means, quats, scales,
     opacities, colors, viewmat, background and mean2d_offset; numpy arrays give numpy arrays, without gradients.
@@ -87,12 +90,15 @@ def rasterize(
     }
     if limit is not None:
         arguments["limit"] = limit
+    partial = limit is not None or rows is not None
     config = config or RasterConfig()
-    check_shapes(arguments, width, height, detached_from)
+    check_shapes(arguments, width, height, detached_from, rows)
     arguments, dropped = leave_out_broken(make_floating(arguments), config.debug)
     options: dict[str, Any] = {"config": config, "detached_from": detached_from}
-    chosen = choose_backend(backend, arguments["means"], limited=limit is not None)
-    function: Any  # their signatures differ in `limit`
+    if rows is not None:
+        options["rows"] = rows
+    chosen = choose_backend(backend, arguments["means"], partial=partial)
+    function: Any  # their signatures differ in `limit` and `rows`
     if chosen == "native":
         from .native import rasterize_native as function
     elif chosen == "reference":
@@ -110,8 +116,8 @@ def rasterize(
     return replace(out, dropped=dropped) if dropped else out
 
 
-def choose_backend(backend: str, means: Array | None = None, *, limited: bool = False) -> str:
-    """Name of the backend that `backend` stands for, given the means to be drawn and whether pixels have a depth limit.
+def choose_backend(backend: str, means: Array | None = None, *, partial: bool = False) -> str:
+    """Name of the backend that `backend` stands for, given the means to be drawn and whether there are limits or rows.
 
     Raises:
         F4xError: an unknown name, or a backend that cannot run here (the sentence says why).
@@ -121,17 +127,17 @@ def choose_backend(backend: str, means: Array | None = None, *, limited: bool = 
         single = str(getattr(means, "dtype", "float32")).endswith("float32")
         device = str(getattr(means, "device", "cpu")).partition(":")[0]
         fastest = {"cpu": "native", "cuda": "gsplat"}.get(device)
-        if single and fastest and why_not(fastest) is None and (fastest in KNOW_LIMITS or not limited):
+        if single and fastest and why_not(fastest) is None and (fastest in DRAW_PARTS or not partial):
             return fastest
-        if in_numpy and (limited or not find_spec("torch")):
+        if in_numpy and (partial or not find_spec("torch")):
             return "plain"
-        return "reference" if limited else "torch"
+        return "reference" if partial else "torch"
     if backend not in (*BACKENDS, "plain"):
         raise F4xError(f"Unknown raster backend '{backend}': use auto, {', '.join(BACKENDS)} or plain.")
     if backend == "plain" and not (in_numpy or means is None):
         raise F4xError("The plain raster backend takes numpy arrays alone: use backend='torch' for tensors.")
-    if limited and backend not in KNOW_LIMITS:
-        raise F4xError(f"The {backend} raster backend knows no depth limits: use {', '.join(KNOW_LIMITS)}.")
+    if partial and backend not in DRAW_PARTS:
+        raise F4xError(f"The {backend} raster backend knows no depth limits or rows: use {', '.join(DRAW_PARTS)}.")
     reason = why_not(backend)
     if reason is not None:
         raise F4xError(f"The {backend} raster backend cannot run here ({reason}): use backend='torch'.")

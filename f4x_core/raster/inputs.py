@@ -15,7 +15,9 @@ Arguments = dict[str, Any]
 PER_GAUSSIAN = ("means", "quats", "scales", "opacities", "colors", "mean2d_offset")
 
 
-def check_shapes(arguments: Arguments, width: int, height: int, detached_from: int | None) -> None:
+def check_shapes(
+    arguments: Arguments, width: int, height: int, detached_from: int | None, rows: slice | None = None
+) -> None:
     """Raise F4xError with one sentence where shapes or sizes do not fit together."""
     n = len(arguments["means"])
     channels = arguments["colors"].shape[-1]
@@ -29,13 +31,17 @@ def check_shapes(arguments: Arguments, width: int, height: int, detached_from: i
         "K": (3, 3),
         "background": (channels,),
         "mean2d_offset": (n, 2),
-        "limit": (height, width),
+        "limit": (height if rows is None else rows.stop - rows.start, width),
     }
     for name, shape in wanted.items():
         if arguments.get(name) is not None and tuple(arguments[name].shape) != shape:
             raise F4xError(f"rasterize: {name} has shape {tuple(arguments[name].shape)}, it must be {shape}.")
     if width < 1 or height < 1:
         raise F4xError(f"rasterize: an image of {width} x {height} pixels cannot be drawn, give at least 1 x 1.")
+    if rows is not None and not (0 <= rows.start < rows.stop <= height and rows.step in (None, 1)):
+        raise F4xError(
+            f"rasterize: rows are {rows}, they must be slice(first, last) with 0 <= first < last <= {height}."
+        )
     if detached_from is not None and not 0 <= detached_from <= channels:
         raise F4xError(f"rasterize: detached_from is {detached_from}, it must lie in 0..{channels}.")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from . import choose_backend, rasterize
@@ -59,7 +61,7 @@ def light_into(
         return native.backward(library, render, layers, None, None)["colors"]
     import torch
 
-    tensors = {name: torch.tensor(array) for name, array in arrays.items()}
+    tensors: dict[str, Any] = {name: torch.tensor(array) for name, array in arrays.items()}
     colors = tensors["colors"].requires_grad_()
     out = rasterize(**tensors, width=width, height=height, config=config, backend=backend, detached_from=0)
     out.channels.backward(torch.from_numpy(layers))

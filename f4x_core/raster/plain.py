@@ -58,19 +58,28 @@ def rasterize_plain(
     detached_from: int | None = None,
     mean2d_offset: np.ndarray | None = None,
     limit: np.ndarray | None = None,
+    rows: slice | None = None,
 ) -> RasterOutput:
     """Composite Gaussians; arguments as in `rasterize`, numpy arrays only, results in the dtype of `means`."""
     config = config or RasterConfig()
-    limit = np.full((height, width), np.inf) if limit is None else limit
+    rows = rows or slice(0, height)
+    limit = np.full((rows.stop - rows.start, width), np.inf) if limit is None else limit
+    above, below = (
+        rows.start % TILE,
+        min(-rows.stop % TILE, height - rows.stop),
+    )  # whole tiles: the same sums for any rows
+    limit = np.pad(limit, ((above, below), (0, 0)))
+    first = rows.start - above
     splats, visible = _project(
         means, quats, scales, opacities, colors, viewmat, K, width, height, config, mean2d_offset
     )
-    image = np.zeros((height, width, splats.features.shape[1]))
-    for rows, columns, index in _tiles(splats, width, height):
-        tile = image[rows, columns]
-        for slab, weights in _weights(splats, index, rows, columns, limit[rows, columns], config):
+    image = np.zeros((*limit.shape, splats.features.shape[1]))
+    for down, across, index in _tiles(splats, width, slice(first, rows.stop + below)):
+        here = slice(down.start - first, down.stop - first), across
+        tile = image[here]
+        for slab, weights in _weights(splats, index, down, across, limit[here], config):
             tile += (weights.T @ slab.features).reshape(tile.shape)
-    image = image.astype(means.dtype, copy=False)
+    image = image[above : len(image) - below].astype(means.dtype, copy=False)
     alpha, depth, channels = image[..., 0], image[..., 1], image[..., 2:]
     if background is not None:
         channels = channels + (1 - alpha)[..., None] * background.astype(means.dtype, copy=False)
@@ -94,17 +103,17 @@ def light_plain(
     )
     total = np.zeros((len(means), count))
     everywhere = np.full((height, width), np.inf)
-    for rows, columns, index in _tiles(splats, width, height):
+    for rows, columns, index in _tiles(splats, width, slice(0, height)):
         tile = layers[rows, columns].reshape(-1, count)
         for slab, weights in _weights(splats, index, rows, columns, everywhere[rows, columns], config):
             total[slab.row] += weights @ tile
     return total.astype(np.float32)
 
 
-def _tiles(splats: _Splats, width: int, height: int) -> Iterator[tuple[slice, slice, np.ndarray]]:
-    """(rows, columns, indices of the splats that meet them, front to back) of every tile."""
-    for top in range(0, height, TILE):
-        rows = slice(top, min(top + TILE, height))
+def _tiles(splats: _Splats, width: int, drawn: slice) -> Iterator[tuple[slice, slice, np.ndarray]]:
+    """(rows, columns, indices of the splats that meet them, front to back) of every tile of the rows `drawn`."""
+    for top in range(drawn.start, drawn.stop, TILE):
+        rows = slice(top, min(top + TILE, drawn.stop))
         in_row = np.flatnonzero(_meets(splats.y, splats.half_height, rows))
         x, half_width = splats.x[in_row], splats.half_width[in_row]
         for left in range(0, width, TILE):

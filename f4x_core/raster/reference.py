@@ -26,9 +26,10 @@ def rasterize_reference(
     detached_from: int | None = None,
     mean2d_offset: Tensor | None = None,
     limit: Tensor | None = None,
+    rows: slice | None = None,
 ) -> RasterOutput:
     """Composite Gaussians; arguments as in `rasterize`, result in float64. Slow: every splat meets every pixel."""
-    config = config or RasterConfig()
+    config, drawn = config or RasterConfig(), rows or slice(0, height)
     means, quats, scales, opacities, colors, viewmat, K = (
         x.double() for x in (means, quats, scales, opacities, colors, viewmat, K)
     )
@@ -58,7 +59,7 @@ def rasterize_reference(
         alpha = opacities * torch.exp(-0.5 * torch.einsum("wni,nij,wnj->wn", d, conic, d))
         alpha = torch.where(alpha < config.alpha_min, 0.0, alpha.clamp_max(config.alpha_max))
         if limit is not None:
-            alpha = torch.where(features[:, 1] < limit[row, :, None], alpha, 0.0)
+            alpha = torch.where(features[:, 1] < limit[row - drawn.start, :, None], alpha, 0.0)
         light_after = torch.cumprod(1 - alpha, 1)
         light_before = torch.cat((torch.ones_like(x)[:, None], light_after[:, :-1]), 1)
         weight = torch.where(light_after > config.transmittance_min, alpha * light_before, 0.0)
@@ -68,7 +69,7 @@ def rasterize_reference(
     image = torch.stack(
         [
             checkpoint(composite_row, row, mean2d, conic, opacities, features, use_reentrant=False)
-            for row in range(height)
+            for row in range(drawn.start, drawn.stop)
         ]
     )
     alpha, depth, channels = image[..., 0], image[..., 1], image[..., 2:]

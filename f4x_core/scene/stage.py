@@ -6,7 +6,8 @@ same picture, because all is projected from the frame of the first cloud: its ar
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
 
@@ -22,8 +23,10 @@ if TYPE_CHECKING:
 
 PASSES = ("alpha", "depth", "latent", "selection", "score", "index")
 """What `draw` gives besides `rgb`."""
-BAND = 1 << 21
-"""Pixels drawn between two calls of `progress`."""
+BAND = 1 << 17
+"""Pixels of the first band of rows; how long it took says how many the next one has."""
+PAUSE, GROWTH = 0.3, 8.0
+"""Seconds between two calls of `progress`, about; and how many times taller than the last a band may be."""
 NOTHING = 1e10
 """Depth where nothing is seen, Blender's own."""
 AMBIENT = 0.4
@@ -109,6 +112,7 @@ def draw(
     config: RasterConfig | None = None,
     backend: str = "auto",
     progress: Progress = silent,
+    finish: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]] | None = None,
 ) -> dict[str, np.ndarray]:
     """Draw everything through `camera` in the world; float32 pictures by name, `rgb`, `alpha` and those of `passes`.
 
@@ -130,7 +134,8 @@ def draw(
         region: (rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit.
         config: constants of the rasteriser; its `near` is not used.
         backend: as in `raster.rasterize`.
-        progress: called between bands of rows; cancelling passes through.
+        progress: called between bands of rows, a few times a second; cancelling passes through. Without it there is one band.
+        finish: makes what is wanted of the pictures, pixel by pixel; called with those of each band.
 
     Raises:
         F4xError: a camera that is not finite, or a backend that cannot run here.
@@ -155,19 +160,37 @@ def draw(
     }
     config = replace(config or RasterConfig(), near=near)
 
-    drawn = []
-    step = max(1, BAND // camera.width)
-    for first in range(rows.start, rows.stop, step):
-        progress("render", first - rows.start, rows.stop - rows.start)
-        band = (slice(first, min(first + step, rows.stop)), columns)
-        limit = np.zeros((camera.height, camera.width), np.float32)  # pixels outside the band need not be drawn
-        limit[band] = ground.limit[band]
-        out = rasterize(**arrays, width=camera.width, height=camera.height, config=config, backend=backend, limit=limit)
-        drawn.append([np.asarray(part[band], np.float32) for part in (out.channels, out.alpha, out.depth)])
+    pictures: dict[str, np.ndarray] = {}
+    for band in [rows] if progress is silent else _bands(rows, camera.width):
+        progress("render", band.start - rows.start, rows.stop - rows.start)
+        limit = np.zeros(
+            (band.stop - band.start, camera.width), np.float32
+        )  # 0: pixels beside the region are not drawn
+        limit[:, columns] = ground.limit[band, columns]
+        out = rasterize(
+            **arrays, width=camera.width, height=camera.height, config=config, backend=backend, limit=limit, rows=band
+        )
+        channels, alpha, depth = (
+            np.asarray(part[:, columns], np.float32) for part in (out.channels, out.alpha, out.depth)
+        )
+        layers = dict(zip(widths, np.split(channels, np.cumsum([*widths.values()])[:-1], axis=-1), strict=True))
+        drawn = _pictures(layers, alpha, depth, ground.cut((band, columns)), numbers, passes)
+        for name, picture in (finish(drawn) if finish else drawn).items():
+            if name not in pictures:  # memory is touched, which takes long, only band by band
+                pictures[name] = np.empty((rows.stop - rows.start, *picture.shape[1:]), np.float32)
+            pictures[name][band.start - rows.start : band.stop - rows.start] = picture
     progress("render", rows.stop - rows.start, rows.stop - rows.start)
-    channels, alpha, depth = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
-    layers = dict(zip(widths, np.split(channels, np.cumsum([*widths.values()])[:-1], axis=-1), strict=True))
-    return _pictures(layers, alpha, depth, ground.cut((rows, columns)), numbers, passes)
+    return pictures
+
+
+def _bands(rows: slice, width: int) -> Iterator[slice]:
+    """`rows` in parts that each take about `PAUSE` seconds, by how long the last one took."""
+    first, count = rows.start, max(1, BAND // width)
+    while first < rows.stop:
+        start = time.perf_counter()
+        yield slice(first, min(first + count, rows.stop))
+        first, taken = first + count, time.perf_counter() - start
+        count = max(1, round(count * min(PAUSE / taken, GROWTH)))
 
 
 def _joined(parts: list[np.ndarray], width: int) -> np.ndarray:
@@ -206,11 +229,13 @@ class _Ground:
 
         triangles = np.concatenate([np.zeros((0, 3, 3)), *(surface.triangles for surface in surfaces)])
         size = (camera.width, camera.height)
+        behind = np.asarray((0, 0, 0) if background is None else background, np.float32)
+        if not len(triangles):  # one value each, however large the picture is
+            flat = (behind, np.zeros(()), np.array(np.inf), np.zeros(()), np.array(far, np.float32))
+            return cls(*(np.broadcast_to(value, (camera.height, camera.width, *value.shape)) for value in flat))
         depth, hit = draw_triangles(triangles, camera.world_to_camera, camera.intrinsics, *size, near=near, far=far)
         there = hit >= 0
-        rgb = np.zeros((*depth.shape, 3), np.float32) + np.asarray(
-            (0, 0, 0) if background is None else background, np.float32
-        )
+        rgb = np.zeros((*depth.shape, 3), np.float32) + behind
         index, shows = np.zeros(depth.shape), np.zeros(depth.shape)
         if there.any():
 

@@ -65,14 +65,15 @@ def test_a_surface_between_two_gaussians_hides_the_second(backend):
     assert seen[0] > 0.45 and seen[1] > 0.35
 
 
-def test_native_gradients_stop_at_the_limit():
+@pytest.mark.parametrize("rows", [slice(0, HEIGHT), slice(7, 30)], ids=["whole", "rows"])
+def test_native_gradients_stop_at_the_limit(rows):
     require("native")
-    limit = torch.from_numpy(some_limits())
+    limit = torch.from_numpy(some_limits()[rows])
     gradients = []
     for backend, dtype in (("native", torch.float32), ("reference", torch.float64)):
         scene = {k: v.to(dtype) if isinstance(v, torch.Tensor) else v for k, v in make_scene().items()}
         leaves = [scene[name].requires_grad_() for name in GRADIENTS]
-        out = rasterize(**scene, backend=backend, limit=limit.to(dtype))
+        out = rasterize(**scene, backend=backend, limit=limit.to(dtype), rows=rows)
         weights = torch.rand(out.channels.shape, generator=torch.Generator().manual_seed(3))
         ((out.channels * weights.to(dtype)).sum() + out.depth.sum() + out.alpha.square().sum()).backward()
         gradients.append([leaf.grad for leaf in leaves])
@@ -80,27 +81,31 @@ def test_native_gradients_stop_at_the_limit():
         assert (got - expected).norm() < 5e-5 * expected.norm()
 
 
-def test_bands_make_the_whole_picture_bit_for_bit():
-    """What a renderer does that wants to say how far it is: every band alone, the rest not drawn."""
-    require("native")
-    scene = in_numpy(make_scene())
-    whole = rasterize(**scene, backend="native").channels
+@pytest.mark.parametrize("backend", ["native", "plain", "reference"])
+def test_bands_make_the_whole_picture_bit_for_bit(backend):
+    """What a renderer does that wants to say how far it is: band after band, cut where tiles are not."""
+    require(backend)
+    scene, limit = in_numpy(make_scene()), some_limits()
+    whole = rasterize(**scene, backend=backend, limit=limit)
     for rows in (slice(0, 13), slice(13, 14), slice(14, HEIGHT)):
-        limit = np.zeros((HEIGHT, WIDTH), np.float32)
-        limit[rows] = np.inf
-        assert (rasterize(**scene, backend="native", limit=limit).channels[rows] == whole[rows]).all()
+        band = rasterize(**scene, backend=backend, limit=limit[rows], rows=rows)
+        for name in ("channels", "depth", "alpha"):
+            assert (getattr(band, name) == getattr(whole, name)[rows]).all(), name
+        assert (band.visible == whole.visible).all()
 
 
 def test_who_draws():
     arrays = make_scene()["means"].numpy()
-    assert choose_backend("auto", arrays.astype(np.float64), limited=True) == "plain"
-    assert choose_backend("auto", torch.zeros(1, 3, dtype=torch.float64), limited=True) == "reference"
+    assert choose_backend("auto", arrays.astype(np.float64), partial=True) == "plain"
+    assert choose_backend("auto", torch.zeros(1, 3, dtype=torch.float64), partial=True) == "reference"
     with pytest.raises(F4xError, match="torch raster backend knows no depth limits"):
-        choose_backend("torch", arrays, limited=True)
+        choose_backend("torch", arrays, partial=True)
     with pytest.raises(F4xError, match="numpy arrays"):
         rasterize(**make_scene(), backend="plain")
     with pytest.raises(F4xError, match="limit has shape"):
         rasterize(**in_numpy(make_scene()), limit=np.zeros((2, 2)))
+    with pytest.raises(F4xError, match=f"last <= {HEIGHT}"):
+        rasterize(**in_numpy(make_scene()), rows=slice(3, HEIGHT + 1))
 
 
 def test_without_torch_and_library_numpy_draws():

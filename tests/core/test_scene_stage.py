@@ -10,7 +10,7 @@ from f4x_core.errors import Cancelled
 from f4x_core.geometry import pose, quaternion, spherical_harmonics
 from f4x_core.geometry.camera import Camera
 from f4x_core.raster import choose_backend
-from f4x_core.scene.stage import NOTHING, PASSES, Cloud, Surface, draw
+from f4x_core.scene.stage import NOTHING, PASSES, Cloud, Surface, _bands, draw
 from f4x_core.scene.view import render
 
 BACKEND = "plain"  # in float64: equal geometry said differently must give equal pictures
@@ -193,13 +193,37 @@ def test_nothing_at_all():
 
 def test_cancelling_stops_between_bands(scene, monkeypatch):
     monkeypatch.setattr("f4x_core.scene.stage.BAND", 10 * WIDTH)
+    monkeypatch.setattr("f4x_core.scene.stage.PAUSE", 0.0)
     seen = []
 
     def progress(name, done, total, message=""):
         seen.append(done)
-        if done == 20:
+        if done == 11:
             raise Cancelled
 
     with pytest.raises(Cancelled):
         draw(clouds_of(scene, 0.0), [], scene.cameras[0], progress=progress)
-    assert seen == [0, 10, 20]
+    assert seen == [0, 10, 11]
+
+
+@pytest.mark.parametrize("walls", [[], [wall(2.5, left=0.1)]], ids=["open", "wall"])
+def test_bands_make_the_same_picture_bit_for_bit(scene, monkeypatch, walls):
+    monkeypatch.setattr("f4x_core.scene.stage.BAND", 7 * WIDTH)
+    clouds, camera, region = clouds_of(scene, 0.0), scene.cameras[0], (slice(3, 31), slice(9, WIDTH - 4))
+    seen = []
+    whole = draw(clouds, walls, camera, passes=PASSES, region=region)
+    banded = draw(clouds, walls, camera, passes=PASSES, region=region, progress=lambda *told: seen.append(told[1]))
+    assert seen[:2] == [0, 7] and seen[-1] == 28
+    for name, picture in banded.items():
+        assert (picture == whole[name]).all() and picture.shape[:2] == (28, WIDTH - 13), name
+
+
+def test_bands_are_as_tall_as_their_time_allows(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("f4x_core.scene.stage.time.perf_counter", lambda: clock[0])
+    heights = []
+    for band in _bands(slice(5, 1000), 1 << 14):
+        heights.append(band.stop - band.start)
+        clock[0] += 0.001 * heights[-1] if band.start < 500 else 0.1 * heights[-1]
+    assert heights[:4] == [8, 64, 300, 300] and sum(heights) == 995
+    assert heights[4] == 300 and set(heights[5:-1]) == {3}  # rows became a hundred times slower

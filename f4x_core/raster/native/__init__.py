@@ -42,6 +42,7 @@ def rasterize_native(
     detached_from: int | None = None,
     mean2d_offset: Array | None = None,
     limit: Array | None = None,
+    rows: slice | None = None,
 ) -> RasterOutput:
     """`raster.rasterize` by the native kernel; tensors must be float32 on the CPU and can be differentiated once.
 
@@ -54,7 +55,7 @@ def rasterize_native(
     if isinstance(means, np.ndarray):
         return forward_numpy(
             means, quats, scales, opacities, colors, viewmat, K, width, height,
-            background=background, config=config, mean2d_offset=mean2d_offset, limit=limit,
+            background=background, config=config, mean2d_offset=mean2d_offset, limit=limit, rows=rows,
         )  # fmt: skip
     from .autograd import rasterize_tensors
 
@@ -71,7 +72,7 @@ def rasterize_native(
         "mean2d_offset": mean2d_offset,
         "limit": limit,
     }
-    return rasterize_tensors(arguments, width, height, config or RasterConfig(), detached_from)
+    return rasterize_tensors(arguments, width, height, config or RasterConfig(), detached_from, rows)
 
 
 def forward_numpy(
@@ -89,6 +90,7 @@ def forward_numpy(
     config: RasterConfig | None = None,
     mean2d_offset: Array | None = None,
     limit: Array | None = None,
+    rows: slice | None = None,
 ) -> RasterOutput:
     """`raster.rasterize` without gradients: numpy arrays of any dtype in (computed in float32), float32 arrays out.
 
@@ -107,7 +109,7 @@ def forward_numpy(
         "mean2d_offset": mean2d_offset,
         "limit": limit,
     }
-    return forward(_library(), inputs, width, height, config or RasterConfig(), None, keep=False).output
+    return forward(_library(), inputs, width, height, config or RasterConfig(), None, keep=False, rows=rows).output
 
 
 def _library() -> Any:

@@ -16,12 +16,12 @@ NAMES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "K", "bac
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, width, height, config, detached_from, *tensors):
+    def forward(ctx, width, height, config, detached_from, rows, *tensors):
         inputs = {n: None if t is None else t.detach().numpy() for n, t in zip(NAMES, tensors, strict=True)}
         keep = any(ctx.needs_input_grad)
         loaded, _ = library.open_library()
         assert loaded is not None
-        render = library.forward(loaded, inputs, width, height, config, detached_from, keep)
+        render = library.forward(loaded, inputs, width, height, config, detached_from, keep, rows)
         # The backward pass reads the same memory again: save the tensors so that torch notices in-place changes.
         ctx.save_for_backward(*(t for t in tensors if t is not None))
         ctx.library, ctx.render = loaded, render
@@ -40,8 +40,8 @@ class _Rasterize(torch.autograd.Function):
         if ctx.render.inputs["background"] is not None and channels is not None:
             left = 1 - torch.from_numpy(ctx.render.output.alpha)  # (H, W)
             got["background"] = torch.einsum("hw,hwc->c", left, channels).numpy()
-        needed = zip(NAMES, ctx.needs_input_grad[4:], strict=True)
-        return None, None, None, None, *(torch.from_numpy(got[n]) if need and n in got else None for n, need in needed)
+        needed = zip(NAMES, ctx.needs_input_grad[5:], strict=True)
+        return *(None,) * 5, *(torch.from_numpy(got[n]) if need and n in got else None for n, need in needed)
 
 
 def rasterize_tensors(
@@ -50,6 +50,7 @@ def rasterize_tensors(
     height: int,
     config: RasterConfig,
     detached_from: int | None,
+    rows: slice | None = None,
 ) -> RasterOutput:
     """`rasterize` for float32 CPU tensors, differentiable once.
 
@@ -62,4 +63,4 @@ def rasterize_tensors(
                 f"The native raster backend takes float32 tensors on the CPU, but {name} is {tensor.dtype} on "
                 f"{tensor.device}: use backend='torch'."
             )
-    return RasterOutput(*_Rasterize.apply(width, height, config, detached_from, *(arguments.get(n) for n in NAMES)))
+    return RasterOutput(*_Rasterize.apply(width, height, config, detached_from, rows, *map(arguments.get, NAMES)))

@@ -29,6 +29,7 @@ class _Problem(ctypes.Structure):
     _fields_ = (
         [("count", ctypes.c_int64)]
         + [(name, ctypes.c_int32) for name in ("channels", "attached", "width", "height", "threads")]
+        + [(name, ctypes.c_int32) for name in ("first_row", "last_row")]
         + [(name, ctypes.c_float) for name in ("near", "blur", "alpha_min", "alpha_max", "transmittance_min")]
         + [("intrinsics", ctypes.c_float * 9), ("viewmat", ctypes.c_float * 16)]
         + [(n, _POINTER) for n in ("means", "quats", "scales", "opacities", "colors")]
@@ -119,8 +120,9 @@ def forward(
     config: RasterConfig,
     detached_from: int | None,
     keep: bool,
+    rows: slice | None = None,
 ) -> Render:
-    """Render; `inputs` holds the arrays of `rasterize` by name, of any dtype and strides.
+    """Render `rows` of the image, or all; `inputs` holds the arrays of `rasterize` by name, of any dtype and strides.
 
     Raises:
         F4xError: memory ran out.
@@ -130,6 +132,7 @@ def forward(
         name: None if a is None else np.ascontiguousarray(a, np.float32) for name, a in inputs.items()
     }
     count, channels = held["colors"].shape
+    first, last = (0, height) if rows is None else (rows.start, rows.stop)
     problem = _Problem(
         count=count,
         channels=channels,
@@ -137,6 +140,8 @@ def forward(
         width=width,
         height=height,
         threads=max(1, config.threads),
+        first_row=first,
+        last_row=last,
         near=config.near,
         blur=config.blur,
         alpha_min=config.alpha_min,
@@ -149,8 +154,8 @@ def forward(
             for n in ("means", "quats", "scales", "opacities", "colors", "background", "mean2d_offset", "limit")
         },
     )
-    image = np.empty((height, width, channels), np.float32)
-    depth, alpha = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    image = np.empty((last - first, width, channels), np.float32)
+    depth, alpha = np.empty(image.shape[:2], np.float32), np.empty(image.shape[:2], np.float32)
     visible = np.empty(count, bool)
     failed = ctypes.c_int32()
     pointer = library.f4x_forward(
@@ -202,5 +207,5 @@ def _check(failed: int, problem: _Problem) -> None:
     if failed:
         raise F4xError(
             f"The native raster ran out of memory at {problem.count} Gaussians with {problem.channels} channels in "
-            f"{problem.width} x {problem.height} pixels: use fewer channels or a smaller image."
+            f"{problem.width} x {problem.last_row - problem.first_row} pixels: use fewer channels or a smaller image."
         )
