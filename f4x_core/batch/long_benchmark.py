@@ -37,32 +37,42 @@ def measure_long(
 ) -> dict[str, Any]:
     """Fit the first of `counts` frames, then each larger number, in processes of their own (profile `quick`, one thread).
 
-    `source`: a folder of pictures; a made-up clip without it. What is fitted already in `folder` is not done again, and then
-    not measured. Returns rows of `frames`, `memory_mb` (largest resident set), `cpu_s`, `cpu_s_per_frame`, `used_psnr`,
-    `seam_psnr`, `rest_psnr`, and by the last row against the first `memory_ratio` and `time_ratio` (per frame), and the
-    largest `seam_loss` (dB).
+    `source`: a folder of pictures; a made-up clip without it. A row that is finished stays in `folder` and is not measured again;
+    one that was cut off begins anew, for half a fit tells neither time nor memory. Returns rows of `frames`, `memory_mb` (largest
+    resident set), `cpu_s`, `cpu_s_per_frame`, `static` (Gaussians), `used_psnr`, `seam_psnr`, `rest_psnr`, and by the last row
+    against the first `memory_ratio` and `time_ratio` (per frame), and the largest `seam_loss` (dB).
     """
+    known = "made up" if source is None else str(source.resolve())
     if source is None:
         source = folder / "made_up"
         make_clip(source, MADE_UP, WIDTH, HEIGHT, seed=0)
     rows: list[dict[str, Any]] = []
     for count in counts:
         progress("bench scale", len(rows), len(counts), f"{count} frames")
-        clip, place = folder / f"clip{count}", folder / f"fit{count}"
+        clip, place, told = folder / f"clip{count}", folder / f"fit{count}", folder / f"row{count}.json"
+        if told.is_file() and (row := json.loads(told.read_text(encoding="utf-8")))["source"] == known:
+            rows.append(row)
+            continue
+        for left in (clip, place):
+            shutil.rmtree(left, ignore_errors=True)
         play_to_and_fro(source, clip / "images", count)
-        options = ["--window", "60", "--profile", "quick", "--threads", "1", "--width", str(WIDTH), "--resume"]
+        options = ["--window", "60", "--profile", "quick", "--threads", "1", "--width", str(WIDTH)]
         command = [sys.executable, "-m", "f4x_core", "fit", str(clip), "-o", str(place), *options, "--progress-json"]
         ended = run_child(command, Path.cwd(), progress, variables={"OMP_NUM_THREADS": "1"})
         if ended.code:
             raise F4xError(f"{clip}: fitting {count} frames failed: {ended.last.get('error') or ended.tail}")
         figures = json.loads((place / "metrics.json").read_text(encoding="utf-8"))
         row = {
+            "source": known,
             "frames": count,
             "memory_mb": ended.memory / 1e6,
             "cpu_s": ended.cpu_seconds,
             "cpu_s_per_frame": ended.cpu_seconds / count,
+            "static": ended.last["result"]["shots"][0]["static"],
         }
-        rows.append(row | {name: figures[name] for name in ("used_psnr", "seam_psnr", "rest_psnr") if name in figures})
+        row |= {name: figures[name] for name in ("used_psnr", "seam_psnr", "rest_psnr") if name in figures}
+        told.write_text(json.dumps(row), encoding="utf-8")
+        rows.append(row)
     return {
         "rows": rows,
         "memory_ratio": rows[-1]["memory_mb"] / rows[0]["memory_mb"],

@@ -227,7 +227,7 @@ def _long(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             f"--long {' '.join(map(str, args.long))}: give two numbers of frames above {LENGTH}, e.g. 200 1000."
         )
     with tempfile.TemporaryDirectory() as place:
-        report = measure_long(Path(place), counts, args.clip, progress)
+        report = measure_long(args.folder or Path(place), counts, args.clip, progress)
     lines = [
         f"{row['frames']:>6} frames: {row['memory_mb']:5.0f} MB, {row['cpu_s_per_frame']:5.2f} s of one core a frame, PSNR"
         f" {row['seam_psnr']:.2f} dB where windows meet, {row['rest_psnr']:.2f} dB elsewhere"

@@ -346,6 +346,12 @@ def build_parser() -> argparse.ArgumentParser:
         help="in place of small clips: one of so many frames and a longer one, e.g. 200 1000, of the pictures in --clip or"
         " made up; takes hours (scale)",
     )
+    sub.add_argument(
+        "--folder",
+        type=path_argument,
+        metavar="DIR",
+        help="where the clips of --long and their fits stay; what is finished there is not measured again",
+    )
     sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
     sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
     sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")

@@ -1,14 +1,18 @@
 """The cost model, and the measurements behind `f4x bench scale`."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from f4x_core.batch import long_benchmark
 from f4x_core.batch.benchmark import leave_one_out, measure_growth, measure_overhead
 from f4x_core.batch.cost import Size, fit_costs
 from f4x_core.cli import main
+from f4x_core.clip import write_images
 from f4x_core.errors import F4xError
+from f4x_core.processes import Ended
 
 TRUE = {"priors": (2.0, 0.9), "fit": (3.0, 0.2, 10.0, 120.0)}
 
@@ -59,3 +63,34 @@ def test_the_layer_costs_little_beside_its_commands(tmp_path):
 def test_the_number_of_clips_is_checked(capsys):
     assert main(["bench", "scale", "--clips", "9", "--json"]) == 2
     assert "--clips 9: give a number from 0 to 8" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_a_long_measurement_that_was_cut_off_goes_on_with_whole_rows(tmp_path, monkeypatch):
+    """Rows that are finished stay; a fit that was cut off is thrown away and measured from its beginning."""
+    fitted = []
+
+    def fit(command, *_, **__):
+        clip, place = Path(command[4]), Path(command[6])
+        frames = len(list((clip / "images").iterdir()))
+        assert not place.exists()
+        place.mkdir()
+        (place / "half").touch()
+        fitted.append(frames)
+        if len(fitted) == 2:
+            raise KeyboardInterrupt
+        psnr = {"used_psnr": 30.0, "seam_psnr": 29.9, "rest_psnr": 30.1}
+        (place / "metrics.json").write_text(json.dumps(psnr))
+        last = {"result": {"shots": [{"static": 7 * frames}]}}
+        return Ended(0, last, "", cpu_seconds=2.0 * frames + 0.1 * (frames > 70), memory=1_000_000 + frames)
+
+    monkeypatch.setattr(long_benchmark, "run_child", fit)
+    source, folder = tmp_path / "source", tmp_path / "kept"
+    write_images(source, np.zeros((3, 4, 6, 3), np.uint8))
+    with pytest.raises(KeyboardInterrupt):
+        long_benchmark.measure_long(folder, [65, 75], source)
+    report = long_benchmark.measure_long(folder, [65, 75], source)
+    assert fitted == [65, 75, 75]
+    assert [row["static"] for row in report["rows"]] == [7 * 65, 7 * 75]
+    assert report["memory_ratio"] == pytest.approx(1_000_075 / 1_000_065)
+    assert report["time_ratio"] == pytest.approx(150.1 / 75 / 2)
+    assert report["seam_loss"] == pytest.approx(0.2)
