@@ -12,6 +12,9 @@ from ..geometry.interpolation import presence
 from .deformation import align_signs
 from .structure import Scaffold
 
+BLOCK = 256
+"""Nodes whose poses at all times are worked on at once: a long clip has thousands."""
+
 
 def continue_nodes(after: Scaffold, before: Scaffold, tolerance: float, next_id: int) -> Scaffold:
     """Return `after` with the ids and frames of those nodes of `before` that its own go on with; the others get new ids.
@@ -78,14 +81,20 @@ def join_scaffolds(parts: Sequence[Scaffold], spans: np.ndarray) -> tuple[Scaffo
         radius.append(part.radius)
     known = total > 0
     start, end = known.argmax(0), len(times) - 1 - known[::-1].argmax(0)
-    nearest = np.clip(np.arange(len(times))[:, None], start, end)  # (F,M)
-    held = nearest, np.arange(len(ids))[None]
+    for first_of in range(0, len(ids), BLOCK):
+        block = slice(first_of, first_of + BLOCK)
+        nearest = np.clip(np.arange(len(times))[:, None], start[block], end[block])[..., None]  # (F,B,1)
+        shares = np.take_along_axis(total[:, block, None], nearest, 0)
+        xyz[:, block] = np.take_along_axis(xyz[:, block], nearest, 0) / shares
+        turned = quaternion.normalize(np.take_along_axis(quat[:, block], nearest, 0))
+        quat[:, block] = quaternion.align_sequence(turned)
     neighbours, edge_mask = np.concatenate(graph)[first], np.concatenate(mask)[first]
-    turned = quaternion.normalize(quat[held])
+    along_graph = (align_signs(quat[:1], neighbours, edge_mask) * quat[:1]).sum(-1, keepdims=True)
+    quat *= np.where(along_graph < 0, np.float32(-1), np.float32(1))
     joined = Scaffold(
         times=times,
-        xyz=xyz[held] / total[held][..., None],
-        quat=align_signs(turned, neighbours, edge_mask).astype(np.float32),
+        xyz=xyz,
+        quat=quat,
         radius=np.concatenate(radius)[first],
         certain=certain,
         ids=ids,
