@@ -141,7 +141,9 @@ def _take_out(collection: bpy.types.Collection) -> None:
 
 
 def _check(scene: Scene, path: Path) -> None:
-    """Refuse what Blender cannot hold."""
+    """Refuse what Blender cannot hold, and what has nothing to show."""
+    if not len(scene.ids):
+        raise F4xError(f"{path} holds no Gaussians; choose another file.")
     largest = max((int(s.ids.max()) for s in (scene.static, scene.dynamic) if len(s)), default=0)
     if largest > MAX_GID:
         raise F4xError(

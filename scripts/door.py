@@ -118,6 +118,8 @@ def save_blend(out: Path, size: int) -> None:
     from feature4x.f4x_core.errors import F4xError
 
     place = out.resolve()
+    if place.suffix.lower() != ".blend":
+        raise F4xError(f"{out} is no name of a Blender file; end it in .blend.")
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         bpy.ops.wm.save_as_mainfile(filepath=str(place))

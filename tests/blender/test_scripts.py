@@ -102,6 +102,7 @@ def test_query_selects_as_the_core_does(scene, tmp_path):
     assert np.array_equal(stored.chosen_ids, found.chosen_ids)
     assert (tmp_path / "s.blend").stat().st_size > 0
     assert "lacks 'elephant'" in refused("query_scene.py", scene, "--text", "elephant")
+    assert "end it in .blend" in refused("import_scene.py", scene, tmp_path / "out.txt")
 
 
 def test_edit_is_that_of_the_command_line(scene, tmp_path):
