@@ -252,7 +252,7 @@ def test_a_shaken_picture_is_no_reason_for_new_background(shot):
         found = Earlier(scene, 5, 0).backdrop(dataclasses.replace(clip, frames=pictures), priors, rows, 2)
         return 1 - np.concatenate([shown[~priors.mask[row]] for row, shown in found.explained.items()]).mean()
 
-    shaken = uniform_filter1d(clip.frames, 7, 2)
+    shaken = uniform_filter1d(clip.frames, 11, 2)
     assert np.abs(shaken[rows].astype(float) - clip.frames[rows]).mean() > 10
     assert unexplained(shaken) < unexplained(clip.frames) + 0.05
     changed = clip.frames.copy()
