@@ -23,7 +23,7 @@ def ask(root: bpy.types.Object, found: Selection) -> None:
     before = session.read(root, SELECTED)
     session.write(root, **{BEFORE: ("BOOLEAN", before), SCORE: ("FLOAT", scores)})
     told.histogram = json.dumps(np.histogram(scores, BARS, (0.0, 1.0))[0].tolist())
-    told.combined, told.live = told.mode, True
+    told.combined, told.live, told.called = told.mode, True, ""
     told.threshold = found.threshold  # selects, by its update
 
 
@@ -44,7 +44,7 @@ def apply_threshold(root: bpy.types.Object) -> None:
 
 def choose(root: bpy.types.Object, chosen: np.ndarray) -> None:
     """Select the Gaussians `chosen (N,) bool` and no others; the threshold has no say in it."""
-    root.f4x.live = False
+    root.f4x.live, root.f4x.called = False, ""
     session.write(root, **{SELECTED: ("BOOLEAN", chosen)})
     display.count(root)
 

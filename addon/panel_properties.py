@@ -95,6 +95,7 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
         update=_threshold_moved,
     )
     live: BoolProperty()  # type: ignore[valid-type]
+    called: StringProperty()  # type: ignore[valid-type]  # the selection in words, where words made it
     combined: StringProperty(default="SET")  # type: ignore[valid-type]
     histogram: StringProperty()  # type: ignore[valid-type]
     selected: IntProperty()  # type: ignore[valid-type]

@@ -56,6 +56,7 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
         negatives = words_of(self.negatives) if self.negatives.strip() else None
         check_negatives(words, negatives)
         found = by_names(shown.scene, words, root.f4x.threshold)
+        called = " and ".join(word if word in found else f"the {word}" for word in words)
         labels = [word for word in words if word not in found]
         known = {label.lower() for label in labels_of(scene)}
         unknown = [word for word in (*labels, *(negatives or ())) if known.isdisjoint(spellings(word))]
@@ -66,6 +67,8 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
         asked = by_labels(scene, labels, negatives, root.f4x.threshold)
         found |= {label: shown.of_base(each) for label, each in asked.items()}
         marking.ask(root, together({word: found[word] for word in words}))
+        if root.f4x.mode == "SET":
+            root.f4x.called = called
         root.f4x.text, root.f4x.negatives = self.text, self.negatives
         self.report({"INFO"}, f"{root.f4x.selected:,} of {root.f4x.total:,} Gaussians")
 
@@ -353,6 +356,8 @@ class F4X_OT_select_named(SceneOperator, bpy.types.Operator):  # noqa: N801
             raise F4xError(f"Nothing is named '{self.called}' (there are: {', '.join(names) or 'none'}).")
         chosen[names[self.called]] = True
         marking.combine(root, chosen)
+        if root.f4x.mode == "SET":
+            root.f4x.called = self.called
 
 
 class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801

@@ -29,7 +29,7 @@ from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.edit.display import Display
 from ..f4x_core.edit.operations import Operation, read_operation
 from ..f4x_core.edit.resolve import Context, resolve
-from ..f4x_core.edit.selects import Ids
+from ..f4x_core.edit.selects import LONGEST_WORDS, Ids
 from ..f4x_core.edit.stack import UNDONE, EditStack, merge, read_stack, with_stack, write_stack
 from ..f4x_core.errors import F4xError
 from ..f4x_core.query.calibration import prepare
@@ -220,7 +220,9 @@ def selected_ids(root: bpy.types.Object) -> Ids:
     chosen = selection(root)
     if chosen is None:
         raise F4xError("Nothing is selected; ask for something, or select points in edit mode.")
-    return Ids.of(chosen.chosen_ids)
+    ids, told = Ids.of(chosen.chosen_ids), root.f4x
+    # points may have been selected in edit mode since, and then they are not what was asked for
+    return replace(ids, words=told.called[:LONGEST_WORDS]) if chosen.chosen.sum() == told.selected else ids
 
 
 def append(root: bpy.types.Object, *operations: Operation, said: str = "") -> EditStack:

@@ -240,7 +240,7 @@ def test_undo_takes_an_edit_back_with_its_colours(done):
     assert [len(noted[name]["stack"]) for name in ("recoloured", "undone", "redone")] == [1, 0, 1]
     np.testing.assert_array_equal(arrays["undone/radiance:base"], arrays["cooled/radiance:base"])
     np.testing.assert_array_equal(arrays["redone/radiance:base"], arrays["recoloured/radiance:base"])
-    assert noted["recoloured"]["history"] == [[f"make {noted['square']['selected']} Gaussians solid lime", True]]
+    assert noted["recoloured"]["history"] == [["make the square solid lime", True]]
     assert not noted["recoloured"]["timed"] and noted["moved"]["timed"]
 
 
