@@ -1,8 +1,8 @@
 """The catalogue of hard cases: small documented files that say what is hard and check that the program stands it.
 
 A file `NAME.py` of the catalogue has a docstring in a fixed layout - a title, then `Hard:`, `Why:` and `Must hold:`, each a
-paragraph -, a constant `STAGE`, and a function `check() -> Iterable[Check]`. `SLOW = True` marks one of many seconds. Files
-of the folder import what they share from its packages, relatively.
+paragraph -, a constant `STAGE`, and a function `check() -> Iterable[Check]`. `SLOW = True` marks one of many seconds,
+`LONG = True` one of minutes. Files of the folder import what they share from its packages, relatively.
 """
 
 from __future__ import annotations
@@ -93,6 +93,8 @@ class Case:
     must: str
     """What must hold."""
     slow: bool
+    long: bool
+    """Minutes: a quick report leaves it out."""
     digest: str
     """Of the file: a changed case is tried again."""
     check: Callable[[], Iterable[Check]]
@@ -144,4 +146,5 @@ def _case(file: Path, module: ModuleType) -> Case:
         )
     words = {name: " ".join(text.split()) for name, text in laid_out.groupdict().items()}
     digest = sha256(file.read_bytes()).hexdigest()[:16]
-    return Case(file.stem, stage, **words, slow=getattr(module, "SLOW", False), digest=digest, check=module.check)
+    slow, long = (getattr(module, name, False) for name in ("SLOW", "LONG"))
+    return Case(file.stem, stage, **words, slow=slow, long=long, digest=digest, check=module.check)

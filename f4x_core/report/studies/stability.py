@@ -34,7 +34,8 @@ def measure_cases(context: Context) -> Findings:
         raise MissingError(
             "the catalogue of hard cases is not part of an installation; --cases DIR names tests/hard_cases."
         )
-    cases = load_cases(folder)
+    whole = load_cases(folder)
+    cases = [case for case in whole if not (case.long and context.quick)]
     found = [(case, _checks(context, case)) for case in cases]
     table = [_case_row(case, checks) for case, checks in found]
     every = [_check_row(case, check) for case, checks in found for check in checks]
@@ -47,7 +48,8 @@ def measure_cases(context: Context) -> Findings:
         Table("cases", table, "Hard cases, each with its worst outcome", note=note),
         Table("checks", every, "Everything that was tried"),
     ]
-    return Findings(tables, words=_words(table, every), failed=failed)
+    skipped = [f"{case.title}: too long for a quick report" for case in whole if case not in cases]
+    return Findings(tables, words=_words(table, every), skipped=skipped, failed=failed)
 
 
 def _checks(context: Context, case: Case) -> list[Check]:
