@@ -64,7 +64,14 @@ class FeatureMaps:
         """The features (h,w,C) float32 of clip frame `t`."""
         if not 0 <= t < len(self):
             raise F4xError(f"{self.folder}: there is no frame {t}; the maps cover frames 0 to {len(self) - 1}.")
-        return self.expand(np.asarray(self.stored[t], np.float32))
+        return self.expand(self.row(t).astype(np.float32))
+
+    def row(self, t: int) -> np.ndarray:
+        """What is stored (h,w,k) float16 of clip frame `t`, read: pages of a mapping stay in memory as long as it is there."""
+        stored = self.stored
+        if isinstance(stored, np.memmap) and stored.filename is not None:
+            stored = np.memmap(stored.filename, stored.dtype, "r", stored.offset, stored.shape)
+        return np.array(stored[t])
 
     def expand(self, stored: np.ndarray) -> np.ndarray:
         """Full width (...,C) float32 of stored values (...,k)."""

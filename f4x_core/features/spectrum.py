@@ -71,7 +71,7 @@ def measure_spectrum(maps: Sequence[FeatureMaps], frames: Sequence[int], seed: i
         grid = np.array(teacher.spec.grid)
         cells = (places * grid).astype(int)  # (F,n,2)
         picked = np.concatenate(
-            [teacher.expand(np.asarray(teacher.stored[t], np.float32)[tuple(cells[i].T)]) for i, t in enumerate(frames)]
+            [teacher.expand(teacher.row(t)[tuple(cells[i].T)].astype(np.float32)) for i, t in enumerate(frames)]
         )
         means.append(picked.mean(0))
         picked = picked - means[-1]
