@@ -68,10 +68,11 @@ class FeatureMaps:
 
     def row(self, t: int) -> np.ndarray:
         """What is stored (h,w,k) float16 of clip frame `t`, read: pages of a mapping stay in memory as long as it is there."""
-        stored = self.stored
-        if isinstance(stored, np.memmap) and stored.filename is not None:
-            stored = np.memmap(stored.filename, stored.dtype, "r", stored.offset, stored.shape)
-        return np.array(stored[t])
+        stored, shape = self.stored, self.stored.shape[1:]
+        if not isinstance(stored, np.memmap) or stored.filename is None or not stored.flags.c_contiguous:
+            return np.array(stored[t])
+        start = stored.offset + t * stored.strides[0]
+        return np.fromfile(stored.filename, stored.dtype, math.prod(shape), offset=start).reshape(shape)
 
     def expand(self, stored: np.ndarray) -> np.ndarray:
         """Full width (...,C) float32 of stored values (...,k)."""
