@@ -69,7 +69,7 @@ class Stop(KeyboardInterrupt):
     pass
 
 
-@pytest.mark.parametrize("stop_at", [20, 47])
+@pytest.mark.parametrize("stop_at", [20, pytest.param(47, marks=pytest.mark.slow)])
 def test_resume_is_bit_equal(fit, tmp_path, stop_at):
     """Oracle 11, across densification, node control, a graph rebuild and the start of the skinning offsets."""
     config = small(60, graph_every=15, dw_from=0.6)

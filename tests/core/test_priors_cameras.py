@@ -230,6 +230,7 @@ def test_interpolation_error_measures_shake():
     assert interpolation_error(shaken, observations, times)["mean"] > 10 * calm
 
 
+@pytest.mark.slow
 def test_solution_is_the_same_twice():
     tracks, visible = project(truth(frames=8, points=150), noise=0.2)
     paths = []

@@ -294,7 +294,9 @@ STUDIES = {
 }
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize(
+    "name", ["davis", *(pytest.param(name, marks=pytest.mark.slow) for name in STUDIES if name != "davis")]
+)
 def test_each_study_runs_end_to_end_and_again_from_its_steps(name, tmp_path, data, short):
     study, tables = STUDIES[name]
     context = Context(tmp_path, quick=True, data=data, threads=1)

@@ -210,7 +210,7 @@ def test_a_damaged_description_gives_one_sentence(path, change, words):
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
 
 
-@settings(max_examples=150, deadline=2000, derandomize=True)
+@settings(max_examples=80, deadline=2000, derandomize=True)
 @given(where=st.sampled_from(["features", "heads", "head", "spec", "pca", "vocabularies"]), value=JSON)
 def test_any_json_in_the_description(tmp_path_factory, where, value):
     path = tmp_path_factory.getbasetemp() / "any.f4x"

@@ -12,7 +12,7 @@ from f4x_core.report.studies.hard_cases import refused, told
 from .common.film import film, mover, room
 from .common.fitting import fit
 
-STAGE = "fit"
+STAGE, SLOW = "fit", True
 
 
 def check():
