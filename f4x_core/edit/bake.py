@@ -70,12 +70,10 @@ def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
     lasting = next((s.edit.id for s in steps if needs_time(s.edit) or (s.reads and scene.fades)), None)
     count = len(active) if lasting is None else [edit.id for edit in active].index(lasting)
     factors = [edit.operation.factor if isinstance(edit.operation, Opacity) else 1.0 for edit in active]
-    if any(factor > 1 for factor in factors[count:]) and 0 in factors[:count]:
-        count = factors.index(0)  # what stays brings back what was hidden, as the base has it
-    yield count
     inexact = {step.edit.id for step in steps if step.reads}
-    yield from (index for index in range(count - 1, -1, -1) if active[index].id in inexact)
-    yield 0
+    for few in (count, *(index for index in range(count - 1, -1, -1) if active[index].id in inexact), 0):
+        brings_back = any(factor > 1 for factor in factors[few:]) and 0 in factors[:few]
+        yield factors.index(0) if brings_back else few  # what stays brings back what was hidden, as the base has it
 
 
 def needs_time(edit: Edit) -> bool:

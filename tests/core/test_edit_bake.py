@@ -124,6 +124,12 @@ def test_moments_that_no_node_can_reach_stay():
     assert_shows_the_same(edits, baked)
 
 
+def test_what_was_hidden_comes_back_behind_an_edit_that_cannot_be_folded():
+    shift = Duplicate(All(), (0, 0, 0), time_shift=-1.5)
+    edits = base_of(with_operations(SCENE, Opacity(All(), 0.0), shift, Opacity(All(), 1.25)))
+    assert_shows_the_same(edits, bake(edits))
+
+
 @settings(max_examples=25, deadline=None)
 @given(stacks)
 def test_random_stacks(listed):
