@@ -19,10 +19,10 @@ WORLD = "two movers"
 PROFILE_SHARE, LEAST_STEPS = 1 / 50, 20
 """Of a profile's steps in a quick report."""
 QUICK_COUNTS, FULL_COUNTS = (50, 100, 200, 400), (150, 300, 600, 1200, 2400, 4800)
-QUICK_WIDTHS, FULL_WIDTHS = (48, 96, 192), (96, 160, 240, 336, 480)
+QUICK_WIDTHS, FULL_WIDTHS = (48, 96, 192), (96, 160, 240, 336)
 QUICK_FACTORS, FULL_FACTORS = (0.25, 0.5, 1.0, 2.0), (0.125, 0.25, 0.5, 1.0, 2.0, 4.0)
-SEEDS = 3
-"""Fits of each setting in a full report."""
+SEEDS, MANY_STEPS = 3, 5000
+"""Fits of each setting in a full report; from so many steps on one says it, in its ten minutes."""
 TIMED = ("fit (s)",)
 LPIPS = "LPIPS: not run; no weights of that network come with the project"
 
@@ -75,7 +75,9 @@ def study_resolution(context: Context) -> Findings:
             scores = score_world(judge, replace(fitted.scene, cameras=cameras))
             return scores | {"novel at its own size (dB)": own["novel (dB)"], "fit (s)": sum(fitted.seconds.values())}
 
-        found = over_seeds(context, f"width {width}", work, _seeds(context), width=width, judged=judge.width)
+        found = over_seeds(
+            context, f"width {width}", work, _seeds(context, base_config(context)), width=width, judged=judge.width
+        )
         rows.append({"width (px)": width} | _with_error(found))
     words = [_doubling("width (px)", rows)]
     note = f"{NOTE} All are judged at {judge.width}x{judge.height}, where small pictures' scenes lack detail."
@@ -99,11 +101,11 @@ def _fits(context: Context, name: str, world: Any, config: FitConfig) -> Row:
     def work(seed: int) -> Row:
         return measure(world, replace(config, seed=seed))
 
-    return _with_error(over_seeds(context, name, work, _seeds(context), steps=config.steps, width=world.width))
+    return _with_error(over_seeds(context, name, work, _seeds(context, config), steps=config.steps, width=world.width))
 
 
-def _seeds(context: Context) -> int:
-    return context.choose(1, SEEDS)
+def _seeds(context: Context, config: FitConfig) -> int:
+    return 1 if context.quick or config.steps >= MANY_STEPS else SEEDS
 
 
 def _with_error(row: Row) -> Row:

@@ -49,7 +49,7 @@ DIM, STEPS = 128, 600
 """Channels of the made-up teacher; steps of distilling, as many as `f4x distill` takes: fewer measure how fast it learns."""
 CLIP_WIDTH, CLIP_FRAMES, CLIP_HOLD_OUT = 240, "0:48:1", 8
 """Of real clips."""
-SEEDS = 3
+SEEDS = 2
 """Fits of each setting of a toy world in a full report; of a real clip there is one."""
 TIMED = ("fit (s)", "smaller, time ratio", "larger, time ratio", "distil (s)")
 
