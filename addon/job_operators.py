@@ -43,18 +43,18 @@ def look_up(root: bpy.types.Object, words: Sequence[str]) -> None:
         raise F4xError(
             f"{root.name} does not know {told}; save its edits, so that the worker can look the scene over for it."
         )
-    _add_features(root, session.path_of(root), "--vocabulary", told)
+    _add_features(root, session.path_of(root), told, ["--vocabulary", told])
 
 
-def _add_features(root: bpy.types.Object, path: Path, *options: str) -> None:
-    """Start `f4x distill`; the scene takes over what it leaves, if no edit came in between."""
+def _add_features(root: bpy.types.Object, path: Path, words: str, options: list[str]) -> None:
+    """Start `f4x distill`; the scene takes over what it leaves, if no edit came in between. `words`: all that is added, if so."""
 
     def done(result: dict[str, Any]) -> None:
         for item in bpy.data.objects:
             if session.PATH in item and session.path_of(item) == path and session.is_saved(item):
                 session.attach(item)
 
-    title = f"Features of {root.name}" + (f": {options[-1]}" if options[:1] == ("--vocabulary",) else "")
+    title = f"Features of {root.name}" + (f": {words}" if words else "")
     if any(job.title == title and job.state == RUNNING for job in jobs.all_jobs()):
         raise F4xError(f"{title}: that is under way; wait until the job is done.")
     start_verb(title, done, "distill", path, *options)
@@ -160,7 +160,7 @@ class F4X_OT_add_features(_SceneOperator, bpy.types.Operator):  # noqa: N801
         options = ["--teacher", self.teachers] if self.teachers else []
         options += ["--vocabulary", self.words] if self.words else []
         options += ["--clip", bpy.path.abspath(self.clip)] if self.clip else []
-        _add_features(root, path, *options)
+        _add_features(root, path, "" if self.teachers else self.words, options)
 
 
 class F4X_OT_ask_scene(_SceneOperator, bpy.types.Operator):  # noqa: N801

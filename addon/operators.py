@@ -11,6 +11,7 @@ from ..f4x_core.errors import F4xError
 from . import session, viewport
 from .clip_background import show_clip
 from .import_scene import SOURCE, import_scene
+from .panel_operators import SceneOperator
 
 PASSING = {"HIDDEN", "SKIP_SAVE"}
 """Options of what one call alone is told, by Blender or a job."""
@@ -147,24 +148,18 @@ class F4X_FH_scene(bpy.types.FileHandler):  # noqa: N801
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
-class F4X_OT_find_scene(bpy.types.Operator, ImportHelper):  # noqa: N801
+class F4X_OT_find_scene(SceneOperator, bpy.types.Operator, ImportHelper):  # noqa: N801
     """Say where the scene file is, after it was moved."""
 
     bl_idname = "f4x.find_scene"
     bl_label = "Find Scene File"
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012
 
     filename_ext = ".f4x"
     filter_glob: StringProperty(default="*.f4x", options={"HIDDEN"})  # type: ignore[valid-type]
 
-    def execute(self, context):
+    def act(self, context, root):
         """Take the chosen file, if it is that scene."""
-        try:
-            session.relink(session.root_of(context.object), Path(self.filepath))
-        except F4xError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+        session.relink(root, Path(self.filepath))
 
 
 CLASSES = (F4X_OT_import_scene, F4X_OT_find_scene, F4X_OT_show_picture, F4X_OT_choose_clip, F4X_FH_scene)

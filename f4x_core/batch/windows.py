@@ -26,7 +26,7 @@ from ..fit.earlier import Earlier
 from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
 from ..priors.config import config_hash
 from ..progress import Progress, silent
-from ..report.evaluation import evaluate, summary
+from ..report.evaluation import evaluate, summary, without_frames
 from ..scene import Scene, read_scene, write_scene
 from ..scene.join import join_scenes
 
@@ -152,7 +152,7 @@ def _fit_window(
     next_node = max(newest + 1, 0 if earlier is None else earlier.next_node)
     known = 0 if earlier is None else earlier.scene.next_id
     window = {"key": key, "next_node": next_node, "own": int((scene.static.ids >= known).sum())}
-    figures = {name: value for name, value in metrics.items() if name != "frames"}
+    figures = without_frames(metrics)
     write_scene(replace(scene, metrics=figures, provenance={**scene.provenance, "window": window}), path)
     for done in ("priors", "checkpoints"):  # a long clip would fill the disk with them
         shutil.rmtree(folder / done, ignore_errors=True)
@@ -221,7 +221,7 @@ def fit_long(
         place = folder if len(shots) == 1 else folder / f"shot_{number}"
         scene = fit_shot(shot, read, place, config, progress, resume)
         metrics = evaluate_shot(scene, shot, read, config.backend, progress)
-        figures = {name: value for name, value in metrics.items() if name != "frames"}
+        figures = without_frames(metrics)
         figures["gaussians"] = len(scene.static) + len(scene.dynamic)
         scene = replace(scene, metrics=figures)
         write_scene(scene, place / "scene.f4x")

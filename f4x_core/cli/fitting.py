@@ -22,7 +22,7 @@ from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress
-from ..report.evaluation import evaluate
+from ..report.evaluation import evaluate, without_frames
 from ..scene import Scene, write_scene
 from .checks import listed_teachers
 from .distilling import distill_into
@@ -163,7 +163,7 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
 
     scene = result.scene(clip)
     metrics = evaluate(scene, clip, baselines=True, backend=config.backend, progress=progress)
-    figures = {name: value for name, value in metrics.items() if name != "frames"}
+    figures = without_frames(metrics)
     figures["gaussians"] = len(scene.static) + len(scene.dynamic)
     scene = dataclasses.replace(scene, metrics=figures)
     figures = {**figures, "seconds": result.seconds}

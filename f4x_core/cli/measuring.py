@@ -11,7 +11,7 @@ from ..clip import read_clip
 from ..edit.apply import open_scene
 from ..errors import F4xError
 from ..progress import Progress
-from ..report.evaluation import evaluate
+from ..report.evaluation import evaluate, without_frames
 from ..report.tracking import joint_accuracy
 from ..report.truth import score_against_truth
 
@@ -40,7 +40,7 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         assert clip.masks is not None
         areas = {index: float(mask.sum()) for index, mask in enumerate(clip.masks)}
         result |= joint_accuracy(scene, joints, areas, args.backend)
-    lines = [f"{name}: {value:.3f}" for name, value in result.items() if name != "frames"]
+    lines = [f"{name}: {value:.3f}" for name, value in without_frames(result).items()]
     fitted = str(scene.provenance.get("source", ""))
     if fitted and Path(fitted).name != Path(clip.source).name:
         lines.insert(0, f"note: the scene was fitted from {fitted}, not from {clip.source}")

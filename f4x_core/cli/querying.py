@@ -58,7 +58,8 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         result["missing"] = [word for word, each in by_word.items() if not each.chosen.any()]
         lines += [_nobody(by_word[word], []) for word in result["missing"]]
     if not result["chosen"]:
-        asked = [word for word in by_word if word not in by_names(scene, [word])]
+        given_names = by_names(scene, list(by_word))
+        asked = [word for word in by_word if word not in given_names]
         result["there"] = nearest_there(scene, asked, encoder(progress)) if asked else []
         lines = [_nobody(selection, result["there"])]
     if args.output is not None:

@@ -126,9 +126,8 @@ class HeadTask:
         """Measure mean and spread of the maps over `frames`, so that the head starts out right in size."""
         self.maps, self.spec = maps, maps.spec
         every = max(7, len(frames) * math.prod(self.spec.grid) // HEAD_SAMPLES)
-        sample = np.concatenate(
-            [maps.at(t).reshape(-1, self.spec.dim)[::every].copy() for t in frames]
-        )  # no whole maps
+        # Copies of single cells: a view would keep whole maps in memory.
+        sample = np.concatenate([maps.at(t).reshape(-1, self.spec.dim)[::every].copy() for t in frames])
         self.mean = torch.from_numpy(sample.mean(0))
         self.spread = float(max(sample.std(0).mean(), 1e-9))
         self.size = float(max(np.abs(sample).mean(), 1e-9))

@@ -64,10 +64,8 @@ def rasterize_plain(
     config = config or RasterConfig()
     rows = rows or slice(0, height)
     limit = np.full((rows.stop - rows.start, width), np.inf) if limit is None else limit
-    above, below = (
-        rows.start % TILE,
-        min(-rows.stop % TILE, height - rows.stop),
-    )  # whole tiles: the same sums for any rows
+    # Whole tiles: the same sums for any rows.
+    above, below = rows.start % TILE, min(-rows.stop % TILE, height - rows.stop)
     limit = np.pad(limit, ((above, below), (0, 0)))
     first = rows.start - above
     splats, visible = _project(

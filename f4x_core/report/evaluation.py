@@ -139,6 +139,11 @@ def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
     return result
 
 
+def without_frames(metrics: dict[str, Any]) -> dict[str, Any]:
+    """What `evaluate` returned, less its rows of single frames."""
+    return {name: value for name, value in metrics.items() if name != "frames"}
+
+
 def refine(
     moment: FrozenMoment, rig: CameraRig, target: Tensor, settings: Refinement | None = None
 ) -> tuple[Tensor, Camera]:

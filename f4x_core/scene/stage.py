@@ -163,9 +163,8 @@ def draw(
     pictures: dict[str, np.ndarray] = {}
     for band in [rows] if progress is silent else _bands(rows, camera.width):
         progress("render", band.start - rows.start, rows.stop - rows.start)
-        limit = np.zeros(
-            (band.stop - band.start, camera.width), np.float32
-        )  # 0: pixels beside the region are not drawn
+        # Pixels beside the region keep the limit 0 and are not drawn.
+        limit = np.zeros((band.stop - band.start, camera.width), np.float32)
         limit[:, columns] = ground.limit[band, columns]
         out = rasterize(
             **arrays, width=camera.width, height=camera.height, config=config, backend=backend, limit=limit, rows=band
