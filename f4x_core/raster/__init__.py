@@ -172,7 +172,9 @@ def _native() -> Any:
 def _through_numpy(function: Any, width: int, height: int, arguments: Arguments, options: Any) -> RasterOutput:
     import torch
 
-    tensors = {k: None if v is None else torch.from_numpy(np.ascontiguousarray(v)) for k, v in arguments.items()}
+    tensors = {
+        k: None if v is None else torch.from_numpy(np.require(v, requirements=["C", "W"])) for k, v in arguments.items()
+    }
     with torch.no_grad():
         out = function(width=width, height=height, **tensors, **options)
     return RasterOutput(*(getattr(out, name).numpy() for name in ("channels", "depth", "alpha", "visible")))
