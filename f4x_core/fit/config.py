@@ -180,9 +180,11 @@ class FitConfig:
     density_dynamic: DensityConfig = field(default_factory=lambda: DensityConfig(most=30_000, gradient=1e-4))
     """Growth of the dynamic set."""
     sh_degree: int | None = None
-    """Degree of the spherical harmonics; None = by the evidence in the tracks, at most `most_sh_degree`."""
+    """Degree of the spherical harmonics at the end; None = as the pictures ask for it, at most `most_sh_degree`."""
     most_sh_degree: int = 1
-    """Upper limit when the degree is found by evidence."""
+    """Upper limit when the pictures decide."""
+    harmonics_at: tuple[float, ...] = (0.4, 0.6, 0.8)
+    """Shares of the steps at which the pictures are asked for degree 1, 2, 3; every fit begins with plain colours."""
     moving_share: float = 3e-4
     """Clips whose moving region covers less than this share of all pixels get no scaffold and no dynamic set."""
     rates: RateConfig = field(default_factory=RateConfig)

@@ -16,6 +16,7 @@ from torch import Tensor
 from ..clip import Clip
 from ..errors import Cancelled
 from ..gaussians import DensityControl, DynamicGaussians, SetOptimiser, StaticGaussians
+from ..geometry.spherical_harmonics import degree_of
 from ..priors import Priors
 from ..progress import Progress, silent
 from ..raster import RasterConfig
@@ -23,6 +24,7 @@ from ..scaffold.losses import arap_losses, smoothness_losses
 from ..scaffold.optimise import with_graph
 from .checkpoint import save_checkpoint
 from .config import FitConfig
+from .harmonics import GAIN_DB, next_band
 from .losses import depth_loss, psnr, rgb_loss
 from .model import NodeSet, SceneModel
 from .node_control import add_nodes, drop_nodes
@@ -92,6 +94,8 @@ class PhotometricStage:
         self.order: list[int] = []
         self.step = 0
         self.history: list[dict[str, float]] = []
+        self.band_gains: list[float] = []
+        """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
         self.raster = RasterConfig(threads=config.all_threads)
         self._start_optimisers()
@@ -147,6 +151,7 @@ class PhotometricStage:
         share = self.step / config.steps
         self._set_rates(share)
         self._update_graph(share)
+        self._consider_harmonics()
         if not self.order:
             self.order = torch.randperm(len(model.times), generator=self.generator).tolist()
         frame = self.order.pop()
@@ -305,6 +310,23 @@ class PhotometricStage:
             model.nodes = NodeSet(with_graph(nodes.snapshot(), nodes.graph), nodes.graph, nodes.parameters)
             model.topology_changed()
 
+    def _consider_harmonics(self) -> None:
+        """At its steps, see whether one more degree of harmonics pays, and add it; one that is set by hand is added anyway."""
+        config, degree = self.config, degree_of(self.model.static.sh.shape[1])
+        most = config.most_sh_degree if config.sh_degree is None else config.sh_degree
+        if degree >= min(most, len(config.harmonics_at)):
+            return
+        if self.step != round(config.harmonics_at[degree] * config.steps):
+            return
+        band = next_band(self.model, self.levels[0].rgb, self.raster, config.backend)
+        self.band_gains.append(band.gain)
+        if band.gain >= GAIN_DB or config.sh_degree is not None:
+            first = 0
+            for name, gaussians in self._sets():
+                rows = slice(first, first + len(gaussians))
+                self.optimisers[name].add_band(band.plain[rows], band.more[rows])
+                first = rows.stop
+
     def _control_nodes(self) -> None:
         """Add and remove nodes at their steps."""
         model, config = self.model, self.config
@@ -359,6 +381,7 @@ class PhotometricStage:
             "order": self.order,
             "generator": self.generator.get_state(),
             "history": json.dumps(self.history),
+            "band_gains": self.band_gains,
             "cameras": {n: p.detach() for n, p in model.rig.parameters.items()},
             "shared": self.shared.state_dict(),
             "sets": {},
@@ -409,4 +432,4 @@ class PhotometricStage:
             self.controls[name].seen = saved["seen"].clone()
         self.generator.set_state(state["generator"])
         self.step, self.next_id, self.order = state["step"], state["next_id"], list(state["order"])
-        self.history = json.loads(state["history"])
+        self.history, self.band_gains = json.loads(state["history"]), list(state["band_gains"])

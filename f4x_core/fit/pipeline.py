@@ -18,6 +18,7 @@ from ..gaussians import DynamicGaussians, Spawned, StaticGaussians, spawn_dynami
 from ..gaussians.spawn import coarse_to_fine, cover
 from ..geometry import quaternion
 from ..geometry.camera import CameraPath
+from ..geometry.spherical_harmonics import degree_of
 from ..priors import Priors, build_priors
 from ..priors.config import config_hash
 from ..progress import Progress, silent
@@ -27,8 +28,9 @@ from ..scene import DynamicSet, Scene, StaticSet
 from .checkpoint import load_checkpoint
 from .config import FitConfig, resolved
 from .earlier import Backdrop, Earlier
+from .harmonics import GAIN_DB
 from .model import CameraRig, NodeSet, SceneModel
-from .needs import Need, moving_share, sh_degree
+from .needs import Need, moving_share
 from .photometric import PhotometricStage
 from .start import start_scaffold
 
@@ -142,13 +144,12 @@ def start_fit(
     backdrop: Backdrop | None = None,
     first_id: int = 0,
 ) -> tuple[PhotometricStage, list[Need]]:
-    """Everything before the first photometric step, and what it decided: SH degree, scaffold, first Gaussians.
+    """Everything before the first photometric step, and what it decided: scaffold, first Gaussians.
 
     `backdrop`: Gaussians that are there already and stay as they are; new ones get ids from `first_id`.
     """
-    degree, needs = _decide(clip, priors, config)
-    stage, more = _start(clip, priors, config, degree, progress, backdrop, first_id)
-    return stage, needs + more
+    degree = 0 if backdrop is None else degree_of(backdrop.drawn.sh.shape[1])
+    return _start(clip, priors, config, degree, progress, backdrop, first_id)
 
 
 def finish_fit(
@@ -156,7 +157,7 @@ def finish_fit(
 ) -> FitResult:
     """What a stage has learnt, with its provenance."""
     config = stage.config
-    needs = [*needs, _gaussian_need(stage, config)]
+    needs = [_colour_need(stage), *needs, _gaussian_need(stage, config)]
     # Wall times stay out of the scene: the same clip, settings and seed give the same file.
     unsaid = ("key", "seconds")
     provenance = {
@@ -183,14 +184,6 @@ def require_enough(clip: Clip) -> None:
             f"{clip.source}: pictures of {clip.width}x{clip.height} are too small; give at least"
             f" {LEAST_SIDE}x{LEAST_SIDE} pixels."
         )
-
-
-def _decide(clip: Clip, priors: Priors, config: FitConfig) -> tuple[int, list[Need]]:
-    """SH degree and its row; whether the clip moves at all is decided in `_start`."""
-    if config.sh_degree is not None:
-        return config.sh_degree, [Need("view-dependent colour", f"degree {config.sh_degree}", "set by hand", "-")]
-    degree, need = sh_degree(clip, priors, config.most_sh_degree)
-    return degree, [need]
 
 
 def _start(
@@ -328,6 +321,21 @@ def _joined(parts: list[Spawned], most: int) -> Spawned:
         np.concatenate([part.xyz for part in parts])[:most],
         np.concatenate([part.rgb for part in parts])[:most],
         np.concatenate([part.radius for part in parts])[:most],
+    )
+
+
+def _colour_need(stage: PhotometricStage) -> Need:
+    config = stage.config
+    degree = degree_of(stage.model.static.sh.shape[1])
+    if config.sh_degree is not None:
+        return Need("view-dependent colour", f"degree {degree}", "set by hand", "-")
+    gains = ", ".join(f"degree {d}: {gain:+.2f} dB" for d, gain in enumerate(stage.band_gains, 1))
+    most = (config.most_sh_degree + 1) ** 2
+    return Need(
+        "view-dependent colour",
+        f"degree {degree}",
+        f"{gains} on left-out pictures in mid-fit; wanted {GAIN_DB}" if gains else "no higher one is allowed",
+        f"{most - (degree + 1) ** 2} of {most} coefficients per Gaussian and colour",
     )
 
 

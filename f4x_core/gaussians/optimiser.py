@@ -50,6 +50,18 @@ class SetOptimiser:
             parameters,
         )
 
+    def add_band(self, plain: Tensor, more: Tensor) -> None:
+        """Add `plain (N,1,3)` to the first coefficient of the harmonics and the band `more (N,n,3)` behind the last one."""
+        with torch.no_grad():
+            self.gaussians.parameters["sh_dc"] += plain
+        for group in self.adam.param_groups:
+            if group["name"] == "sh_rest":
+                values = torch.cat([self.gaussians.parameters["sh_rest"].detach(), more], 1)
+                widened = replace_parameter(
+                    self.adam, group, values, lambda moment: torch.cat([moment, torch.zeros_like(more)], 1)
+                )
+                self.gaussians.parameters["sh_rest"] = widened
+
     def forget(self, name: str) -> None:
         """Zero the moments of one tensor (after its values were set from outside)."""
         state = self.adam.state.get(self.gaussians.parameters[name], {})

@@ -63,7 +63,8 @@ def light_into(
 
     tensors: dict[str, Any] = {name: torch.tensor(array) for name, array in arrays.items()}
     colors = tensors["colors"].requires_grad_()
-    out = rasterize(**tensors, width=width, height=height, config=config, backend=backend, detached_from=0)
-    out.channels.backward(torch.from_numpy(layers))
+    with torch.enable_grad():  # whatever the caller does
+        out = rasterize(**tensors, width=width, height=height, config=config, backend=backend, detached_from=0)
+        out.channels.backward(torch.from_numpy(layers))
     assert colors.grad is not None
     return colors.grad.numpy()

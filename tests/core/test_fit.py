@@ -9,7 +9,7 @@ import torch
 from toy import clip_and_priors
 
 from f4x_core.errors import F4xError
-from f4x_core.fit import pipeline
+from f4x_core.fit import photometric, pipeline
 from f4x_core.fit.checkpoint import load_checkpoint, save_checkpoint
 from f4x_core.fit.config import PROFILES, NodeConfig, profile, resolved
 from f4x_core.fit.losses import depth_loss, masked_l1, psnr, ssim_map
@@ -70,9 +70,10 @@ class Stop(KeyboardInterrupt):
 
 
 @pytest.mark.parametrize("stop_at", [20, pytest.param(47, marks=pytest.mark.slow)])
-def test_resume_is_bit_equal(fit, tmp_path, stop_at):
-    """Oracle 11, across densification, node control, a graph rebuild and the start of the skinning offsets."""
-    config = small(60, graph_every=15, dw_from=0.6)
+def test_resume_is_bit_equal(fit, tmp_path, monkeypatch, stop_at):
+    """Oracle 11, across densification, node control, new harmonics, a graph rebuild and the start of the skinning offsets."""
+    monkeypatch.setattr(photometric, "GAIN_DB", -100.0)
+    config = small(60, graph_every=15, dw_from=0.6, most_sh_degree=2, harmonics_at=(0.3, 0.65))
     density = dataclasses.replace(config.density_static, every=10, start=0.0, gradient=1e-6, most=1000)
     nodes = NodeConfig(add_at=(0.25, 0.5), drop_at=(0.55,), growth=1.0)
     config = dataclasses.replace(config, density_static=density, nodes=nodes)
@@ -87,6 +88,7 @@ def test_resume_is_bit_equal(fit, tmp_path, stop_at):
     resumed = fit(tmp_path / "cut", config, resume=True)
     assert resumed.next_id == whole.next_id > 0
     assert len(whole.scaffold) > 4, "nodes were added"
+    assert whole.static["sh"].shape[1] == whole.dynamic["sh"].shape[1] == 9, "harmonics were added"
     for part in ("static", "dynamic"):
         for name, array in getattr(whole, part).items():
             assert np.array_equal(array, getattr(resumed, part)[name]), (part, name)
