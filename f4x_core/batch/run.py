@@ -68,6 +68,8 @@ class RowState:
     """Stage -> wall time of its commands."""
     errors: dict[str, str] = field(default_factory=dict)
     """Stage -> why it failed."""
+    notes: dict[str, str] = field(default_factory=dict)
+    """Stage -> what a person should know of it though it is done."""
     scores: dict[str, float] = field(default_factory=dict)
     """What the fit measured."""
     pictures: tuple[str, ...] = ()
@@ -94,6 +96,8 @@ class RowState:
         self.errors.pop(stage, None)
         if outcome.error:
             self.errors[stage] = outcome.error
+        if outcome.note:
+            self.notes[stage] = outcome.note
         if outcome.host not in self.hosts and outcome.host:
             self.hosts = (*self.hosts, outcome.host)
         if stage == "fit":

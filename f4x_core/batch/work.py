@@ -63,6 +63,8 @@ class Outcome:
     """How it ended."""
     error: str = ""
     """Why it failed: one sentence."""
+    note: str = ""
+    """What a person should know of a task that is done: that nothing answers to a word."""
     host: str = ""
     """Name of the machine that worked on it."""
     seconds: float = 0.0
@@ -121,6 +123,7 @@ class Attempt:
         self.start = time.perf_counter()
         self.busy, self.cpu, self.memory, self.attempts = 0.0, 0.0, 0, 1
         self.results: list[dict[str, Any]] = []
+        self.notes: list[str] = []
         self.published: dict[str, int] = {}
         self.rubbish: list[Path] = []
         self.taken: set[Path] = set()
@@ -149,6 +152,7 @@ class Attempt:
             key=self.task.key,
             state=state,
             error=error,
+            note=" ".join(self.notes),
             host=socket.gethostname(),
             seconds=round(self.busy, 3),
             cpu_seconds=round(self.cpu, 3),
@@ -253,6 +257,7 @@ class Attempt:
         self.memory = max(self.memory, ended.memory)
         if "result" in ended.last:
             self.results.append(_brief(ended.last["result"]))
+            self.notes += filter(None, [ended.last["result"].get("note")])
             return
         if ended.code == EXIT_INTERRUPTED:
             raise Cancelled
