@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from .. import __version__
+from ..clip.stream import claimed_frames
 from ..errors import F4xError
 from ..scene.formats import FORMATS
 from .manifest import Row
@@ -21,8 +23,14 @@ KINDS = ("priors", "fit", "distill", "query", "edit", "render", "export")
 GIGABYTE = 1 << 30
 MEMORY = {"priors": 2, "fit": 2, "distill": 3}
 """Gigabytes that a task asks a cluster for: twice what 90 frames of 480x270 took; other kinds draw one picture at a time."""
-SAVES = {"priors": ("priors/*",), "fit": ("checkpoints/*",), "distill": ("features/*/*", "features/.*/*")}
+SAVES = {
+    "priors": ("priors/*",),
+    "fit": ("checkpoints/*", "**/windows/*/*", "**/windows/*/checkpoints/*"),
+    "distill": ("features/*/*", "features/.*/*"),
+}
 """Files from which a stopped task goes on."""
+LONG = 240
+"""Clips of more frames are fitted in windows unless told otherwise: about as many as a phone films in eight seconds."""
 CLIP = "{clip}"
 """Stands for the clip in a command: a clip behind a URL is fetched first."""
 
@@ -109,8 +117,12 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
     fit = [*_options(profile=row.profile, provider=row.provider, cameras=row.cameras, depth=row.depth), *costs, *drawn]
     fit += [word for name, _, path in prior for word in ("--prior", f"{name}={_absolute(path)}")]
     sources = [row.clip, *mine]
-    add("priors", ["priors", CLIP, "-o", ".", *clip, *fit], takes={}, reads=sources)
-    add("fit", ["fit", CLIP, "-o", ".", "--resume", *clip, *fit], takes={"priors": "priors/"}, reads=sources)
+    windows = _options(window=row.window, overlap=row.overlap)
+    alone = fitted_in_windows(row)
+    if not alone:
+        add("priors", ["priors", CLIP, "-o", ".", *clip, *fit], takes={}, reads=sources)
+    takes = {} if alone else {"priors": "priors/"}
+    add("fit", ["fit", CLIP, "-o", ".", "--resume", *clip, *fit, *windows], takes=takes, reads=sources)
     scene, source = "scene.f4x", "fit"
     if row.features:
         labels = _options(vocabulary=",".join(row.vocabulary) or None)
@@ -147,6 +159,15 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
         target = f"export/{row.name}-{name}{FORMATS[name].suffixes[0]}" if whole else f"export/{name}"
         add(f"export {name}", ["export", scene, "-o", target, "--format", name], takes={source: scene})
     return tuple(tasks.values())
+
+
+def fitted_in_windows(row: Row) -> bool:
+    """Whether `f4x fit` cuts the clip into windows, each of which makes its own priors."""
+    if row.window is not None:
+        return row.window > 0
+    with contextlib.suppress(F4xError):  # whoever reads the clip has the better sentence
+        return URL not in row.clip and claimed_frames(row.clip, row.frames) > LONG
+    return False
 
 
 def _options(**options: object) -> list[str]:

@@ -11,18 +11,30 @@ from dataclasses import dataclass, fields, replace
 from pathlib import PurePosixPath
 from typing import Any, get_args, get_type_hints
 
+from ..clip.read import parse_span
 from ..edit.records import Record, near, read_record
 from ..errors import F4xError
 from ..features.teachers import TEACHERS
 from ..scene.formats import FORMATS
+from ..scene.view import CHANNELS
 from .storage import expand, join, read_bytes
 
 SEPARATOR = ";"
 """Between the entries of a list in a CSV cell: sentences and words have commas of their own."""
 NOTHING = "none"
 """A list in a CSV cell that is empty; an empty cell is the default."""
-NAME = re.compile(r"\w[\w.-]{0,99}")
-"""What a row may be called: its folder's name on every file system."""
+DELIMITERS = ",;\t"
+"""Between the cells of a CSV: spreadsheets write what the country's decimal comma leaves free."""
+NAME = re.compile(r"(?!(con|prn|aux|nul|com\d|lpt\d)(\.|$))\w([\w.-]{0,98}[\w-])?", re.IGNORECASE)
+"""What a row may be called: its folder's name on every file system; Windows keeps some for devices, and drops a last dot."""
+SILENT = ("#", "sep=")
+"""How lines of a CSV begin that are no row."""
+PARENT, STEM = "{parent}", "{stem}"
+"""Stand in a name for the folder that the clip lies in, and for the clip's own name."""
+LEAST = {"threads": 1, "parts": 1, "seed": 0, "width": 2, "hold_out": 2, "window": 0}
+"""Smallest value of a column; the verbs say the same."""
+PATHS = re.compile(r"original|orbit|frozen:\d+(\.\d+)?|.+\.json")
+"""What `paths` takes."""
 PAGE = "index.html"
 """The page of the whole batch, beside the folders of the rows."""
 
@@ -37,7 +49,7 @@ class Row(Record):
     clip: str
     """Video, folder of pictures or data set; in a CSV or JSON file relative to that file's folder. URLs too."""
     name: str = ""
-    """Of the row and its folder; empty: the clip's."""
+    """Of the row and its folder, `{parent}` and `{stem}` stand for parts of the clip's path; empty: the clip's."""
     profile: str | None = None
     """How much work to spend on the fit."""
     frames: str | None = None
@@ -46,6 +58,10 @@ class Row(Record):
     """Picture width in pixels."""
     hold_out: int | None = None
     """Keep frames with index % N == N-1 for measuring."""
+    window: int | None = None
+    """Fit so many frames at a time; 0: all at once."""
+    overlap: int | None = None
+    """Frames that neighbouring windows share."""
     masks: str | None = None
     """Folder of masks of what moves, or `layout`."""
     provider: str | None = None
@@ -83,13 +99,23 @@ class Row(Record):
         """Refuse what no task could do."""
         if not self.clip:
             raise F4xError("the clip is empty; name a video or a folder of pictures.")
-        for name in ("threads", "parts"):
-            if getattr(self, name) < 1:
-                raise F4xError(f"{name} is {getattr(self, name)}; give 1 or more.")
-        for column, known in (("exports", FORMATS), ("features", TEACHERS)):
+        for name, least in LEAST.items():
+            value = getattr(self, name)
+            if value is not None and value < least:
+                raise F4xError(f"{name} is {value}; give {least} or more.")
+        parse_span(self.frames)
+        drawn = (*CHANNELS, *(("latent", *self.features) if self.features else ()), "mask:LABEL")
+        for column, known, accepts in (
+            ("exports", FORMATS, FORMATS.__contains__),
+            ("features", TEACHERS, TEACHERS.__contains__),
+            ("channels", drawn, lambda name: name in drawn or name.startswith("mask:")),
+            ("paths", ("original", "orbit", "frozen:T", "FILE.json"), PATHS.fullmatch),
+        ):
             for name in getattr(self, column):
-                if name not in known:
+                if not accepts(name):
                     raise F4xError(f"{column} has {name!r}{near(name, known)}; known: {', '.join(known)}.")
+        if self.queries and not self.features:
+            raise F4xError("queries need features, which say what is what; add the column features, for example text.")
 
 
 def read_manifest(source: str, defaults: Mapping[str, str] | None = None) -> tuple[Row, ...]:
@@ -124,19 +150,41 @@ def _text(source: str) -> str:
 
 
 def _csv_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
-    rows = []
+    """Rows of a CSV file; lines that are empty or begin with # say nothing, nor does the `sep=;` of a spreadsheet."""
+    rows: list[Row] = []
+    first = next((line for line in text.splitlines() if line.strip() and not line.startswith(SILENT)), "")
+    delimiter = max(DELIMITERS, key=first.count)
     try:
-        reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
+        head: list[str] = []
         for cells in reader:
             where = f"{source}, line {reader.line_num}"
-            if None in cells or None in cells.values():
-                raise F4xError(f"{where}: it has not as many cells as the head has columns; put commas in quotes.")
-            rows.append(read_record(Row, {**given, **_cells(cells, where)}, where))
+            if not any(map(str.strip, cells)) or cells[0].startswith(SILENT):
+                continue
+            if not head:
+                head = _head(cells, where)
+                continue
+            if len(cells) != len(head):
+                raise F4xError(
+                    f"{where}: it has {len(cells)} cells, the head {len(head)} columns; put a cell that holds {delimiter!r}"
+                    " in quotes."
+                )
+            rows.append(read_record(Row, {**given, **_cells(dict(zip(head, cells, strict=True)), where)}, where))
     except csv.Error as error:
         raise F4xError(f"{source}: is no CSV ({error}); save it as comma-separated values.") from error
     if not rows:
         raise F4xError(f"{source}: has no rows; the first line names the columns, each further line is a clip.")
     return rows
+
+
+def _head(cells: Sequence[str], where: str) -> list[str]:
+    """The columns that the first line names."""
+    names = [cell.strip() for cell in cells]
+    _cells(dict.fromkeys(names, ""), where)
+    for name in names:
+        if names.count(name) > 1:
+            raise F4xError(f"{where}: the column '{name}' is there {names.count(name)} times; leave one.")
+    return names
 
 
 def _json_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
@@ -199,22 +247,27 @@ def _named(rows: Sequence[Row], source: str) -> tuple[Row, ...]:
     named: list[Row] = []
     seen: dict[str, tuple[int, str]] = {}
     for number, row in enumerate(rows, 1):
-        name = row.name or _name_of(row.clip)
+        name = _name_of(row)
         if not NAME.fullmatch(name) or name.lower() == PAGE:
-            raise F4xError(f"{source}, row {number}: '{name}' cannot name a folder; use letters, digits, _ . and -.")
+            raise F4xError(
+                f"{source}, row {number}: '{name}' cannot name a folder everywhere; use letters, digits, _ . and -."
+            )
         if name.lower() in seen:
             other, clip = seen[name.lower()]
             raise F4xError(
                 f"{source}: rows {other} ({clip}) and {number} ({row.clip}) would both write the folder '{name}'; give them"
-                " different names in the column name."
+                f" different names in the column name, or all with --set 'name={PARENT}_{STEM}'."
             )
         seen[name.lower()] = number, row.clip
         named.append(replace(row, name=name))
     return tuple(named)
 
 
-def _name_of(clip: str) -> str:
-    """The last part of a path that says something; a folder `images` is called as the one it lies in."""
-    parts = [part for part in clip.replace("\\", "/").split("/") if part not in ("", "images")]
-    stem = PurePosixPath(parts[-1]).stem if parts else ""
-    return re.sub(r"[^\w.-]+", "_", stem).strip("_.-")
+def _name_of(row: Row) -> str:
+    """The row's name. That of a clip is the last part of its path; a folder `images` is called as the one it lies in."""
+    *folders, last = ["", *(part for part in row.clip.replace("\\", "/").split("/") if part not in ("", "images"))]
+    parts = {PARENT: (folders or [""])[-1], STEM: PurePosixPath(last).stem}
+    name = row.name or STEM
+    for word, part in parts.items():
+        name = name.replace(word, re.sub(r"[^\w.-]+", "_", part).strip("_.-"))
+    return name

@@ -4,12 +4,14 @@ import json
 
 import pytest
 
-from f4x_core.batch.graph import CLIP, tasks_of
+from f4x_core.batch.checks import faults_of, require_values
+from f4x_core.batch.graph import CLIP, LONG, tasks_of
 from f4x_core.batch.manifest import Row, read_manifest
 from f4x_core.batch.storage import Digests
 from f4x_core.cli.main import build_parser
 from f4x_core.cli.rendering import part_of
 from f4x_core.errors import F4xError
+from f4x_core.query import chat
 
 
 def write(path, text):
@@ -54,6 +56,30 @@ def test_a_csv_and_a_json_say_the_same(tmp_path):
     assert rows[1].paths == ("orbit", str(tmp_path / "mine.json")) and rows[1].width is None
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "clip,profile,paths\r\na.mp4,quick,original;orbit\r\n",
+        'sep=;\r\nclip;profile;paths\r\na.mp4;quick;"original;orbit"\r\n',
+        "clip\tprofile\tpaths\na.mp4\tquick\toriginal;orbit\n",
+        "# shots, of today\n\nclip,profile,paths\n#b.mp4,quick,\n,,\na.mp4,quick,original;orbit\n",
+    ],
+)
+def test_what_spreadsheets_and_people_write_is_read(tmp_path, text):
+    (row,) = read_manifest(write(tmp_path / "list.csv", "\ufeff" + text))
+    assert (row.name, row.profile, row.paths) == ("a", "quick", ("original", "orbit"))
+
+
+def test_a_name_may_speak_of_the_clips_folder(tmp_path):
+    for shot in ("sc 010", "sc020"):
+        write(tmp_path / shot / "plate.mp4", shot)
+    pattern = str(tmp_path / "*" / "plate.mp4")
+    with pytest.raises(F4xError, match="would both write the folder 'plate'.*--set 'name={parent}_{stem}'"):
+        read_manifest(pattern)
+    assert [row.name for row in read_manifest(pattern, {"name": "{parent}"})] == ["sc_010", "sc020"]
+    assert read_manifest(pattern, {"name": "v2-{parent}-{stem}"})[1].name == "v2-sc020-plate"
+
+
 def test_a_folder_called_images_has_the_name_of_the_one_it_lies_in(tmp_path):
     assert read_manifest(write(tmp_path / "l.json", '[{"clip": "big dog/images"}]'))[0].name == "big_dog"
 
@@ -61,9 +87,24 @@ def test_a_folder_called_images_has_the_name_of_the_one_it_lies_in(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "sentence"),
     [
-        ("l.csv", "clip,profil\na.mp4,quick\n", "line 2: there is no column 'profil', near it is 'profile'"),
+        ("l.csv", "clip,profil\na.mp4,quick\n", "line 1: there is no column 'profil', near it is 'profile'"),
         ("l.csv", "clip,width\na.mp4,wide\n", "line 2, width is 'wide'; write a whole number"),
-        ("l.csv", "clip,width\na.mp4,1,2\n", "line 2: it has not as many cells"),
+        ("l.csv", "clip,width\na.mp4,1,2\n", "line 2: it has 3 cells, the head 2 columns; put a cell that holds ','"),
+        (
+            "l.csv",
+            "clip;paths\na.mp4;original;orbit\n",
+            "it has 3 cells, the head 2 columns; put a cell that holds ';'",
+        ),
+        ("l.csv", "clip,width,clip\na.mp4,8,b.mp4\n", "line 1: the column 'clip' is there 2 times"),
+        ("l.csv", "clip,width\na.mp4,-5\n", "line 2: width is -5; give 2 or more"),
+        ("l.csv", "clip,frames\na.mp4,9:3\n", "line 2: frames '9:3' select nothing"),
+        ("l.csv", "clip,paths\na.mp4,orbitt\n", "line 2: paths has 'orbitt', near it is 'orbit'"),
+        ("l.csv", "clip,channels\na.mp4,rgb;normalz\n", "line 2: channels has 'normalz'; known: rgb"),
+        ("l.csv", "clip,channels\na.mp4,latent\n", "line 2: channels has 'latent'"),
+        ("l.csv", "clip,queries\na.mp4,dog\n", "line 2: queries need features"),
+        ("l.csv", "clip,name\na.mp4,CON\n", "'CON' cannot name a folder"),
+        ("l.csv", "clip,name\na.mp4,lpt1.x\n", "'lpt1.x' cannot name a folder"),
+        ("l.csv", "clip,name\na.mp4,a.\n", "'a.' cannot name a folder"),
         ("l.csv", "clip\n", "has no rows"),
         ("l.csv", "name\nx\n", "'clip' is missing"),
         ("l.csv", "clip\nx/a.mp4\ny/a.mp4\n", "rows 1 .*x/a.mp4.* and 2 .*y/a.mp4.* would both write the folder 'a'"),
@@ -162,6 +203,62 @@ def test_a_key_changes_with_what_decides_a_task_and_with_nothing_else(tmp_path):
     before = keys(row)
     write(tmp_path / "clip.mp4", "Pictures")
     assert all(keys(row)[stage] != key for stage, key in before.items())
+
+
+def test_a_clip_in_windows_makes_its_priors_by_itself(tmp_path):
+    from dataclasses import replace
+
+    def tasks(**changes):
+        return tasks_of(replace(FULL, **changes), lambda path: "")
+
+    first = tasks(window=80, overlap=16)[0]
+    assert (first.stage, first.takes) == ("fit", ()) and first.commands[0][-4:] == ("--window", "80", "--overlap", "16")
+    assert [task.stage for task in tasks(window=0)[:2]] == ["priors", "fit"]
+    for number in range(LONG + 1):
+        (tmp_path / f"{number:05d}.png").touch()
+    long = {"clip": str(tmp_path), "masks": None}
+    assert tasks(**long, frames=None)[0].stage == "fit" and tasks(**long, frames=f"0:{LONG}")[0].stage == "priors"
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"edits": ("frobnicate the dog",)}, "edits has 'frobnicate the dog': I do not understand 'frobnicate'"),
+        ({"features": (), "queries": ()}, "edits has 'make the dog red', which names a thing; add the column features"),
+        ({"window": 20}, "windows of 20 frames cannot share 12"),
+        ({"overlap": 30}, "windows of 60 frames cannot share 30"),
+    ],
+)
+def test_values_that_no_clip_could_make_right_are_told_before_any_task(changes, sentence, monkeypatch):
+    from dataclasses import replace
+
+    require_values(FULL)
+    with pytest.raises(F4xError, match=sentence):
+        require_values(replace(FULL, **changes))
+    monkeypatch.setenv(chat.URL, "http://127.0.0.1:9")
+    if "edits" in changes:
+        require_values(replace(FULL, **changes))  # a model may understand it
+
+
+def test_sentences_about_what_earlier_ones_make_are_left_to_the_scene():
+    for edits in (("duplicate everything", "make the copy red"), ("wide.json", "make bob red")):
+        require_values(Row("clip.mp4", "clip", edits=edits))
+    require_values(
+        Row("clip.mp4", edits=("remove the traffic light",), features=("text",), vocabulary=("traffic light",))
+    )
+
+
+def test_files_that_are_not_what_a_row_says_are_faults(tmp_path):
+    for number in range(8):
+        write(tmp_path / "clip" / f"{number}.png", "")
+    clip, noise = str(tmp_path / "clip"), write(tmp_path / "noise.mp4", "noise")
+    broken = write(tmp_path / "ops.json", "[{}]")
+    assert list(faults_of(Row(clip, frames="0:8", paths=("frozen:7",)))) == []
+    assert "reach beyond" in next(faults_of(Row(clip, frames="0:900:1")))
+    assert "the clip has frames 0 to 3" in next(faults_of(Row(clip, frames="0:8:2", paths=("frozen:4",))))
+    assert "cannot be read as a video" in next(faults_of(Row(noise)))
+    assert [broken in fault for fault in faults_of(Row(clip, edits=(broken,), paths=(broken,)))] == [True, True]
+    assert list(faults_of(Row(str(tmp_path / "absent.mp4")))) == [], "what is missing is told as missing"
 
 
 def test_two_words_that_would_share_a_folder_are_refused():
