@@ -1,11 +1,13 @@
-"""Writing a file so that its name always holds either the old content or the complete new one."""
+"""Writing a file so that its name always holds either the old content or the complete new one; JSON for any reader."""
 
+import json
+import math
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from .errors import F4xError
 
@@ -57,3 +59,19 @@ def _flush_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def json_text(data: Any, indent: int | None = None) -> str:
+    """`data` as JSON that every reader takes: `finite`."""
+    return json.dumps(finite(data), indent=indent, allow_nan=False)
+
+
+def finite(data: Any) -> Any:
+    """Plain JSON data of `data`: NaN and infinity, which JSON lacks, become None; numpy's numbers become Python's."""
+    if isinstance(data, dict):
+        return {name: finite(entry) for name, entry in data.items()}
+    if isinstance(data, list | tuple):
+        return [finite(entry) for entry in data]
+    if data is None or isinstance(data, str | int):
+        return data
+    return float(data) if math.isfinite(data) else None

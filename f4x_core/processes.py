@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from .errors import Cancelled, F4xError
+from .files import json_text
 from .progress import Progress, silent
 
 EXIT_INTERRUPTED = 130
@@ -59,7 +60,7 @@ class LineProgress:
     def tell(self, **line: Any) -> None:
         """Write one line; raises Cancelled when nobody reads any more."""
         try:
-            print(json.dumps(line, default=float), file=self.file, flush=True)
+            print(json_text(line), file=self.file, flush=True)
         except BrokenPipeError as error:
             raise Cancelled from error
 

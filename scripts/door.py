@@ -5,7 +5,6 @@ A door runs as `python scripts/NAME.py ARGS` (bpy wheel) or
 """
 
 import importlib.util
-import json
 import os
 import sys
 import tempfile
@@ -56,6 +55,7 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
     """
     load_extension()
     from feature4x.f4x_core.errors import F4xError
+    from feature4x.f4x_core.files import json_text
 
     code = 0
     try:
@@ -69,7 +69,7 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
         sys.excepthook(*sys.exc_info())
         result, code = None, 1
     if result is not None:
-        print(json.dumps(result, default=float))
+        print(json_text(result))
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)

@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from ..errors import F4xError
+from ..files import finite
 
 TEXTS = "from_scene"
 """The key of an answer under which everything lies that a scene file says: names, labels, what somebody once said."""
@@ -36,7 +37,7 @@ class Reply:
 
     def to_json(self) -> dict[str, Any]:
         """Data and texts, cut to `LARGEST_ANSWER`; F4xError where even that does not help."""
-        whole = {**self.data, **({TEXTS: self.texts} if self.texts else {})}
+        whole = finite({**self.data, **({TEXTS: self.texts} if self.texts else {})})
         for most in LONGEST_LISTS:
             told = _cut(whole, most)
             if len(json.dumps(told)) <= LARGEST_ANSWER:

@@ -7,7 +7,6 @@ its background and knows its nodes; what it leaves is an ordinary scene in `wind
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import shutil
 from collections.abc import Callable, Sequence
@@ -20,7 +19,7 @@ import numpy as np
 
 from ..clip import Clip
 from ..errors import F4xError
-from ..files import replace_file
+from ..files import json_text, replace_file
 from ..fit.config import FitConfig, resolved
 from ..fit.earlier import Earlier
 from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
@@ -98,7 +97,7 @@ def fit_shot(
     """Fit the windows of a shot one after the other and return the joined scene, which has no metrics yet.
 
     `read(start, end)` gives those frames as a clip. Every window leaves its scene in `folder/windows`; with `resume` finished
-    ones are kept as long as settings, pictures and the windows before are what they were.
+    ones are kept. F4xError where settings, pictures or the windows before are not what they were.
     """
     paths, picked = [], []
     earlier: Earlier | None = None
@@ -106,7 +105,7 @@ def fit_shot(
         place = folder / "windows" / f"{number:03d}"
         clip = read(start, end)
         require_enough(clip)
-        told = _progress_of(number, len(shot.windows), progress)
+        told = _one_of("window", number, len(shot.windows), progress)
         scene, next_node = _fit_window(clip, place, config, earlier, told, resume)
         paths.append(place / "scene.f4x")
         picked.append(clip.picked.split(":"))
@@ -139,8 +138,12 @@ def _fit_window(
     if resume and path.is_file():
         scene = read_scene(path)
         window = scene.provenance.get("window", {})
-        if window.get("key") == key:
-            return scene, int(window["next_node"])
+        if window.get("key") != key:
+            raise F4xError(
+                f"{path}: this window was made with other settings or of another clip; fit without --resume, or into another"
+                " folder."
+            )
+        return scene, int(window["next_node"])
     result = fit_clip(clip, folder, config, progress, resume, earlier)
     from ..fit.diagnostics import worst_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
 
@@ -159,11 +162,13 @@ def _fit_window(
     return scene, next_node
 
 
-def _progress_of(number: int, count: int, progress: Progress) -> Progress:
-    """The progress of one window as one of many."""
+def _one_of(what: str, number: int, count: int, progress: Progress) -> Progress:
+    """The progress of one shot or window, told as one of many where there are more."""
+    if count == 1:
+        return progress
 
     def tell(stage: str, done: int, total: int, message: str = "") -> None:
-        progress(stage, done, total, f"window {number + 1} of {count}" + (f", {message}" if message else ""))
+        progress(stage, done, total, f"{what} {number + 1} of {count}" + (f", {message}" if message else ""))
 
     return tell
 
@@ -192,7 +197,7 @@ def evaluate_shot(
         held_out = tuple(frame - first for frame in scene.held_out if first <= frame < past)
         part = replace(scene, cameras=cameras, held_out=held_out)
         told = evaluate(
-            part, read(start, end), backend=backend, progress=_progress_of(number, len(shot.windows), progress)
+            part, read(start, end), backend=backend, progress=_one_of("window", number, len(shot.windows), progress)
         )
         frames += [row | {"frame": row["frame"] + first} for row in told["frames"]]
     figures = {"frames": frames, **summary(frames)}
@@ -212,21 +217,22 @@ def fit_long(
     resume: bool = False,
 ) -> list[dict[str, Any]]:
     """Fit every shot: `folder/scene.f4x`, `metrics.json` and `diagnostics.html`, or those in `folder/shot_N` where the clip is
-    cut.
+    cut, with a `folder/diagnostics.html` that leads to them.
 
     Returns for each shot `scene` (path), `frames`, `windows`, `metrics`.
     """
     told = []
-    for number, shot in enumerate(shots, 1):
-        place = folder if len(shots) == 1 else folder / f"shot_{number}"
-        scene = fit_shot(shot, read, place, config, progress, resume)
-        metrics = evaluate_shot(scene, shot, read, config.backend, progress)
+    for number, shot in enumerate(shots):
+        place = folder if len(shots) == 1 else folder / f"shot_{number + 1}"
+        one = _one_of("shot", number, len(shots), progress)
+        scene = fit_shot(shot, read, place, config, one, resume)
+        metrics = evaluate_shot(scene, shot, read, config.backend, one)
         figures = without_frames(metrics)
         figures["gaussians"] = len(scene.static) + len(scene.dynamic)
         scene = replace(scene, metrics=figures)
         write_scene(scene, place / "scene.f4x")
         with replace_file(place / "metrics.json") as file:
-            file.write(json.dumps({**figures, "frames": metrics["frames"]}, indent=1).encode())
+            file.write(json_text({**figures, "frames": metrics["frames"]}, indent=1).encode())
         _write_page(place, scene, shot, metrics)
         told.append(
             {
@@ -239,7 +245,22 @@ def fit_long(
                 "nodes": 0 if scene.scaffold is None else len(scene.scaffold),
             }
         )
+    if len(shots) > 1:
+        _write_contents(folder, scene.name, told)
     return told
+
+
+def _write_contents(folder: Path, title: str, told: Sequence[dict[str, Any]]) -> None:
+    """`diagnostics.html` of a clip that is cut: where the pages of its shots are."""
+    from .. import page
+
+    lines = [
+        f'<p><a href="shot_{number}/diagnostics.html">shot {number}</a>: frames {shot["frames"][0]} to'
+        f" {shot['frames'][1] - 1}, PSNR {shot['metrics'].get('used_psnr', math.nan):.2f} dB</p>"
+        for number, shot in enumerate(told, 1)
+    ]
+    with replace_file(folder / "diagnostics.html") as file:
+        file.write(page.document(title, [page.section("Shots, each a scene of its own", "".join(lines))]))
 
 
 def _write_page(folder: Path, scene: Scene, shot: Shot, metrics: dict[str, Any]) -> None:
@@ -265,7 +286,7 @@ def _write_page(folder: Path, scene: Scene, shot: Shot, metrics: dict[str, Any])
         f'<p class="dim">{counted} {len(scene.dynamic):,} moving Gaussians</p>',
         page.section("Scores of the whole", page.plots([frame_scores(metrics, shared)])),
         page.section("Windows, each as fitted", page.table(head, rows, numbers=True)),
-        page.section("What each window's pictures told", f"<p>{' · '.join(links)}</p>"),
+        page.section("Each window's own page", f"<p>{' · '.join(links)}</p>"),
     ]
     with replace_file(folder / "diagnostics.html") as file:
         file.write(page.document(scene.name, body))

@@ -19,7 +19,7 @@ from typing import Any
 from ..clip import Clip
 from ..clip.video import write_video
 from ..errors import F4xError
-from ..files import replace_file
+from ..files import json_text, replace_file
 from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress
@@ -86,7 +86,7 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             scene, folder / "clip", refine_camera=True, backend=args.backend, progress=progress
         )
         with replace_file(folder / "scores.json") as file:
-            file.write(json.dumps(scores, indent=1).encode())
+            file.write(json_text(scores, indent=1).encode())
         lines += told(scores)
         made.append("scores.json")
     if importlib.util.find_spec("bpy") is None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,8 @@ from ..clip.stream import Survey, claimed_frames, survey
 from ..errors import F4xError
 from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
-from ..files import replace_file
+from ..files import json_text, replace_file
+from ..fit.advice import about_cuts
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
@@ -143,17 +143,21 @@ def fit_windows(
             lines.append(added.pop("text"))
             shot["features"] = added
     longest = max(told, key=lambda shot: shot["frames"][1] - shot["frames"][0])
-    scene = args.output / "scene.f4x"
-    if len(told) > 1:  # where those look who know no shots
-        with replace_file(scene) as file:
-            file.write(Path(longest["scene"]).read_bytes())
-    return {
-        "scene": str(scene),
+    result = {
+        "scene": str(args.output / "scene.f4x"),
         "metrics": longest["metrics"],
         "shots": told,
         "cuts": list(known.cuts),
-        "text": "\n".join(lines),
     }
+    if len(told) > 1:  # where those look who know no shots
+        for name in ("scene.f4x", "metrics.json"):
+            with replace_file(args.output / name) as file:
+                file.write(Path(longest["scene"]).with_name(name).read_bytes())
+        result["note"] = (
+            f"{len(told)} shots; {result['scene']} is the longest, --frames {known.part(*longest['frames'])}"
+        )
+        lines.append(f"! {result['note']}")
+    return {**result, "text": "\n".join(lines)}
 
 
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:
@@ -170,11 +174,16 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     path = folder / "scene.f4x"
     write_scene(scene, path)
     with replace_file(folder / "metrics.json") as file:
-        file.write(json.dumps({**figures, "frames": metrics["frames"]}, indent=1).encode())
+        file.write(json_text({**figures, "frames": metrics["frames"]}, indent=1).encode())
     write_diagnostics(
         folder / "diagnostics.html", clip, result, metrics, worst_pictures(scene, metrics, config.backend)
     )
-    return {"scene": str(path), "metrics": figures, "needs": list(scene.needs), "text": _summary(path, scene, figures)}
+    told: dict[str, Any] = {"scene": str(path), "metrics": figures, "needs": list(scene.needs)}
+    lines = [_summary(path, scene, figures)]
+    for cut in about_cuts(result.priors, clip.picked):
+        told["note"] = f"{cut.what} {cut.advice}"
+        lines.append(f"! {told['note']}")
+    return {**told, "text": "\n".join(lines)}
 
 
 def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:

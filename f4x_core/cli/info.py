@@ -38,6 +38,6 @@ def told(info: dict[str, Any]) -> dict[str, str]:
         "memory": f"{sum(parts.values()):.1f} MB: {by_part}",
         "PSNR": ", ".join(measured) or "not measured",
         "edits": f"{info['edits']}{after}",
-        "source": made.get("source", "unknown"),
+        "source": made.get("source", "unknown") + (f", frames {made['frames']}" if made.get("frames") else ""),
         "made by": f"Feature4X {made['feature4x']}" if "feature4x" in made else "unknown",
     }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import errno
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any, NoReturn
 
 from .. import __version__
 from ..errors import Cancelled, F4xError
+from ..files import json_text
 from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
 from .checks import output_folder, path_argument, require_backend, require_folder, why_slow
 from .terminal import TerminalProgress
@@ -173,7 +173,8 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit, above 0 and below 90 (default: 5)")
     sub.add_argument("--video", action="store_true", help="also write DIR/CHANNEL.mp4")
-    sub.add_argument("--part", metavar="I/N", help="only the I-th of N parts of the path, for N machines")
+    sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the path (default: all of it)")
+    sub.add_argument("--part", metavar="I/N", help="only the I-th of N parts of these frames, for N machines")
     backend_option(sub)
 
     sub = verb("eval", "Measure a scene against its clip.")
@@ -451,7 +452,7 @@ def main(arguments: list[str] | None = None) -> int:
     if lines is not None:
         lines.tell(result=result, text=text or "")
     elif args.json:
-        print(json.dumps(result, default=float))
+        print(json_text(result))
     elif text:
         print(text)
     return code
@@ -463,5 +464,5 @@ def _fail(args: argparse.Namespace, lines: LineProgress | None, sentence: str, c
         with contextlib.suppress(Cancelled):  # nobody listens: the exit code remains
             lines.tell(error=sentence)
     elif args.json:
-        print(json.dumps({"error": sentence}))
+        print(json_text({"error": sentence}))
     return code

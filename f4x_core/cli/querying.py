@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from ..edit.apply import open_scene
 from ..edit.naming import by_names, by_words, together
 from ..edit.resolve import named
 from ..errors import F4xError
-from ..files import replace_file
+from ..files import json_text, replace_file
 from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.inventory import nearest_there
@@ -186,7 +185,7 @@ def _write(scene: Scene, selection: Selection, views, folder: Path, backend: str
 
     (folder / "mask").mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "selection.json") as file:
-        file.write(json.dumps(selection.to_json()).encode())
+        file.write(json_text(selection.to_json()).encode())
 
     def pictures() -> Iterator[np.ndarray]:
         for index, share in enumerate(mask_video(scene, selection, views, backend, progress=progress)):

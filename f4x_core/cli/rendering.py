@@ -73,7 +73,8 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if not 0 < args.degrees < 90:
         raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, args.path, args.degrees)
-    mine = part_of(len(views), args.part, args.video)
+    chosen = frame_indices(args.frames, len(views), f"--path {args.path}")
+    mine = chosen[part_of(len(chosen), args.part, args.video)]
     folders = {name: Path(args.output) / file_name(name) for name in channels}
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
@@ -105,11 +106,14 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     for name, frames in pictures.items():
         if frames:
             write_video(Path(args.output) / f"{file_name(name)}.mp4", np.stack(frames), scene.fps)
-    return {"frames": len(mine), "output": str(args.output), "text": f"{args.output}: {len(mine)} frames"}
+    told = f"{args.output}: {len(mine)} frames"
+    if len(mine) == 0:
+        told += f"; {len(chosen)} frames in {args.part.split('/')[1]} parts leave nothing for --part {args.part}"
+    return {"frames": len(mine), "output": str(args.output), "text": told}
 
 
 def part_of(count: int, part: str | None, video: bool = False) -> range:
-    """The views that `--part I/N` means: all parts together are every view once, and as even as can be."""
+    """Which of `count` views `--part I/N` means: all parts together are every view once, and as even as can be."""
     if part is None:
         return range(count)
     if video:

@@ -1,9 +1,11 @@
-"""What a person sees while waiting, on standard error: one bar per stage; in a log, one line per stage."""
+"""What a person sees while waiting, on standard error: one bar per stage; in a log, lines now and then."""
 
 from __future__ import annotations
 
 import signal
 import threading
+import time
+from datetime import timedelta
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -16,6 +18,8 @@ from ..processes import LineProgress
 
 # Narrow enough to leave a terminal of 80 columns room for a message.
 BAR_WIDTH = 14
+# In a log a stage that goes on is told of at each tenth, but not more often than this (seconds).
+LOG_EVERY = 10.0
 
 
 class TerminalProgress:
@@ -44,6 +48,8 @@ class TerminalProgress:
             disable=quiet or not self.console.is_terminal,
         )
         self.tasks: dict[str, TaskID] = {}
+        self.logged: dict[str, tuple[int, float]] = {}  # stage -> steps done at its last report, and when it began
+        self.told = 0.0  # when the last line was printed
         self.interrupted = False
         self.handler: Any = None
 
@@ -71,17 +77,30 @@ class TerminalProgress:
         if self.interrupted:
             raise KeyboardInterrupt
         if stage not in self.tasks:
-            self._begin(stage, total)
+            self.tasks[stage] = self.bars.add_task(stage, total=total, message="")
         if self.lines is not None:
             self.lines(stage, done, total, message)
+        if not self.console.is_terminal:
+            self._log(stage, done, total, message)
+            return
+        self.bars.start()  # not earlier: bars without a stage would leave an empty line
         task = self.tasks[stage]
         if done == 0 and self.bars.tasks[task].finished:  # once more: its clock starts again
             self.bars.reset(task)
         self.bars.update(task, completed=done, total=total, message=message)
 
-    def _begin(self, stage: str, total: int) -> None:
-        self.tasks[stage] = self.bars.add_task(stage, total=total, message="")
-        if self.console.is_terminal:
-            self.bars.start()  # not earlier: bars without a stage would leave an empty line
+    def _log(self, stage: str, done: int, total: int, message: str) -> None:
+        """Print a line where a stage begins, also anew, and where a long one has come a tenth further."""
+        now, about = time.monotonic(), f" ({message})" if message else ""
+        before, began = self.logged.get(stage, (done + 1, now))
+        if done < before:
+            began = now
+            line = f"{stage}{about}"
+        elif total and 10 * done // total > 10 * before // total and now - self.told >= LOG_EVERY:
+            line = f"{stage}: {done} of {total} after {timedelta(seconds=int(now - began))}{about}"
         else:
-            self.console.print(stage)
+            line = ""
+        self.logged[stage] = done, began
+        if line:
+            self.told = now
+            self.console.print(line)

@@ -1,5 +1,6 @@
 """The clip that every later stage works on."""
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,3 +64,11 @@ class Clip:
     def supervised(self) -> np.ndarray:
         """Indices `(F,)` of the frames that the fit may see."""
         return np.flatnonzero(~self.held_out)
+
+    @property
+    def digest(self) -> str:
+        """Hash of the pictures that the fit may see and of their times."""
+        state = hashlib.blake2b(self.supervised.astype(np.int64).tobytes(), digest_size=16)
+        for frame in self.supervised:
+            state.update(np.ascontiguousarray(self.frames[frame]).tobytes())
+        return state.hexdigest()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -127,12 +128,16 @@ def contradiction(priors: Priors) -> float:
     return float(np.median(missed)) if len(missed) else float("nan")
 
 
-def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, Any]) -> list[Finding]:
-    """Everything worth telling, problems first. `metrics`: the result of `report.evaluation.evaluate`."""
+def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, Any], picked: str = "") -> list[Finding]:
+    """Everything worth telling, problems first.
+
+    `metrics`: the result of `report.evaluation.evaluate`. `picked`: that of the clip, for advice on `--frames`.
+    """
     found = [
         *_about_scores(metrics),
         *_about_single_frames(metrics),
-        *_about_changes(priors),
+        *about_cuts(priors, picked),
+        *_about_exposure(priors),
         *_about_camera(priors),
         *_about_motion(priors, scaffold),
         *_about_depth(priors),
@@ -246,29 +251,35 @@ def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
     return found
 
 
-def _about_changes(priors: Priors) -> list[Finding]:
-    """What breaks off or changes all at once in the clip itself (`clip.changes`)."""
-    known = priors.statistics.get("changes", {})
-    cuts, exposure = known.get("cuts", []), known.get("exposure", 1.0)
-    found = []
-    if cuts:
-        named = ", ".join(map(str, cuts[:NAMED_FRAMES])) + (" …" if len(cuts) > NAMED_FRAMES else "")
-        found.append(
-            Finding(
-                "problem",
-                f"The clip holds {len(cuts) + 1} shots, cut at frame {named}; a scene can be made of one.",
-                f"Give one shot, for example --frames :{cuts[0]}.",
-            )
+def about_cuts(priors: Priors, picked: str = "") -> list[Finding]:
+    """What is told of hard cuts within the clip (`clip.changes`), in frames of its source: `picked` is the clip's."""
+    cuts = priors.statistics.get("changes", {}).get("cuts", [])
+    if not cuts:
+        return []
+    first, end, step = map(int, (picked or f"0:{priors.frames[-1] + 1}:1").split(":"))
+    edges = [first, *(first + step * cut for cut in cuts), end]
+    start, stop = max(pairwise(edges), key=lambda shot: shot[1] - shot[0])
+    named = ", ".join(map(str, edges[1:-1][:NAMED_FRAMES])) + (" …" if len(cuts) > NAMED_FRAMES else "")
+    return [
+        Finding(
+            "problem",
+            f"The clip holds {len(cuts) + 1} shots, cut at frame {named} of its source; a scene can be made of one.",
+            f"Give one shot, for example the longest: --frames {start}:{stop}:{step}; --window N makes a scene of each.",
         )
-    if exposure > MUCH_EXPOSURE:
-        found.append(
-            Finding(
-                "problem",
-                f"The exposure changes by {exposure - 1:.0%}; the scene has one brightness, a mean of all.",
-                "Lock the exposure while filming, or leave the frames where it changes out with --frames.",
-            )
+    ]
+
+
+def _about_exposure(priors: Priors) -> list[Finding]:
+    exposure = priors.statistics.get("changes", {}).get("exposure", 1.0)
+    if exposure <= MUCH_EXPOSURE:
+        return []
+    return [
+        Finding(
+            "problem",
+            f"The exposure changes by {exposure - 1:.0%}; the scene has one brightness, a mean of all.",
+            "Lock the exposure while filming, or leave the frames where it changes out with --frames.",
         )
-    return found
+    ]
 
 
 def _about_camera(priors: Priors) -> list[Finding]:

@@ -17,7 +17,7 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
 
 
 def load_checkpoint(path: Path, config_hash: str) -> dict[str, Any] | None:
-    """Read a checkpoint; None when there is none.
+    """Read a checkpoint whose hash begins with `config_hash`; None when there is none.
 
     Raises:
         F4xError: the file is damaged, or was made with other settings or another clip.
@@ -28,7 +28,7 @@ def load_checkpoint(path: Path, config_hash: str) -> dict[str, Any] | None:
         state = torch.load(path, weights_only=True)
     except Exception as error:
         raise F4xError(f"{path}: the checkpoint is damaged; delete it and fit again without --resume.") from error
-    if state.get("config_hash") != config_hash:
+    if not state.get("config_hash", "").startswith(config_hash):
         raise F4xError(
             f"{path}: this checkpoint was made with other settings or another clip; fit without --resume, or into another folder."
         )

@@ -79,7 +79,7 @@ def write_diagnostics(
         F4xError: the file cannot be written.
     """
     priors, scaffold = result.priors, result.scaffold
-    found = findings(priors, scaffold, metrics)
+    found = findings(priors, scaffold, metrics, clip.picked)
     shown = np.unique(np.linspace(0, len(priors.frames) - 1, SHOWN_FRAMES).round().astype(int))
     sections = [
         ("Why the scene is as it is, and what you can supply", _findings(found)),

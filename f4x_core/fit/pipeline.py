@@ -109,12 +109,14 @@ def fit_clip(
         seconds[name] = round(time.perf_counter() - clock, 2)
         clock = time.perf_counter()
 
+    settings = {k: v for k, v in resolved(config).items() if k not in ("checkpoint_every", "measure_every")}
+    key = config_hash(settings, clip.digest, clip.width, clip.height, *([] if earlier is None else [earlier.digest]))
+    checkpoint = folder / "checkpoints" / "photometric.pt"
+    if resume:
+        load_checkpoint(checkpoint, key)  # what cannot be continued is told before minutes of priors
     priors = build_priors(clip, folder / "priors", config.priors, progress)
     lap("priors")
-    digests = {name: entry.get("digest") for name, entry in priors.provenance.items()}
-    settings = {k: v for k, v in resolved(config).items() if k not in ("checkpoint_every", "measure_every")}
-    key = config_hash(settings, digests, clip.width, clip.height, *([] if earlier is None else [earlier.digest]))
-    checkpoint = folder / "checkpoints" / "photometric.pt"
+    key += config_hash({name: entry.get("digest") for name, entry in priors.provenance.items()})
     state = load_checkpoint(checkpoint, key) if resume else None
     backdrop = None
     if earlier is not None:

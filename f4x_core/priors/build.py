@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from ..clip.changes import find_changes
 from ..errors import F4xError
@@ -39,7 +36,7 @@ def build_priors(
     own = _read_own(folder, priors)
     fixed = files.take(priors, clip, config, own, folder)
     priors.write(folder, [name for name in fixed if name not in own])
-    picture = _clip_digest(clip)
+    picture = clip.digest
     changes = find_changes(clip.frames[priors.frames])
     cuts = [int(priors.frames[cut]) for cut in changes.cuts]
     priors.statistics["changes"] = {"cuts": cuts, "exposure": round(changes.exposure, 3)}
@@ -135,12 +132,3 @@ def _run(
     for name in wanted:
         priors.provenance[name]["key"] = key
     priors.write(folder, [])
-
-
-def _clip_digest(clip: Clip) -> str:
-    """Digest of the supervised pixels and their times."""
-    state = hashlib.blake2b(digest_size=16)
-    state.update(np.asarray(clip.supervised, np.int64).tobytes())
-    for frame in clip.supervised:
-        state.update(np.ascontiguousarray(clip.frames[frame]).tobytes())
-    return state.hexdigest()

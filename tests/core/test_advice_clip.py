@@ -9,8 +9,8 @@ from f4x_core.fit.advice import contradiction, findings
 from f4x_core.priors import PriorsConfig, build_priors
 
 
-def said(priors) -> str:
-    return " ".join(finding.what + finding.advice for finding in findings(priors, None, {}))
+def said(priors, picked="") -> str:
+    return " ".join(finding.what + finding.advice for finding in findings(priors, None, {}, picked))
 
 
 def test_true_priors_meet_and_wrong_ones_are_said():
@@ -29,7 +29,13 @@ def test_cuts_are_named(cuts, words):
     _, priors = clip_and_priors()
     priors.statistics["changes"] = {"cuts": cuts, "exposure": 1.0}
     assert (words in said(priors)) and ("shots" in said(priors)) == bool(cuts)
-    assert not cuts or f"--frames :{cuts[0]}" in said(priors)
+
+
+def test_advice_on_cuts_counts_the_frames_of_the_source():
+    _, priors = clip_and_priors()
+    priors.statistics["changes"] = {"cuts": [2], "exposure": 1.0}
+    assert "cut at frame 59 of its source" in said(priors, "55:69:2") and "--frames 59:69:2;" in said(priors, "55:69:2")
+    assert "--frames 2:8:1;" in said(priors), "a clip whose source is not known"
 
 
 def test_exposure_is_told_in_percent():

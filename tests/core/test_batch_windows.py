@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import tempfile
 from itertools import pairwise
 from pathlib import Path
@@ -16,9 +17,9 @@ from toy import clip_and_priors
 
 from f4x_core.batch import windows
 from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows
-from f4x_core.cli.fitting import windows_of
+from f4x_core.cli.fitting import fit_windows, windows_of
 from f4x_core.clip import read_clip, write_images
-from f4x_core.clip.stream import Reel, survey
+from f4x_core.clip.stream import Reel, Survey, survey
 from f4x_core.errors import F4xError
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.spec import FeatureSpec
@@ -207,8 +208,31 @@ def test_finished_windows_are_kept(shot, monkeypatch):
     monkeypatch.setattr(windows, "fit_clip", None)  # nothing is fitted again
     windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True)
     assert before == [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
-    with pytest.raises(TypeError):
+    with pytest.raises(F4xError, match="other settings"):
         windows.fit_shot(shot.plan, shot.read, shot.folder, dataclasses.replace(shot.config, seed=1), resume=True)
+
+
+def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, capsys):
+    scene = read_scene(shot.folder / "scene.f4x")
+
+    def fit_shot(plan, read, folder, config, progress, resume):
+        progress("photometric", 0, 1, "window 1 of 2")
+        folder.mkdir()
+        return scene
+
+    monkeypatch.setattr(windows, "fit_shot", fit_shot)
+    monkeypatch.setattr(windows, "evaluate_shot", lambda _, plan, *more: {"frames": [], "used_psnr": 20.0 + plan.start})
+    monkeypatch.setattr(windows, "_write_page", lambda folder, *_: (folder / "diagnostics.html").touch())
+    args = arguments(tmp_path, output=tmp_path, resume=False)
+    known = Survey(10, 2, 9, (3,))
+    result = fit_windows(args, known, plan_shots(9, (3,)), shot.config, [], lambda *told: print(*told))
+    assert capsys.readouterr().out.splitlines()[1] == "photometric 0 1 shot 2 of 2, window 1 of 2"
+    links = re.findall('href="(.*?)"', (tmp_path / "diagnostics.html").read_text())
+    assert links == ["shot_1/diagnostics.html", "shot_2/diagnostics.html"]
+    assert all((tmp_path / link).is_file() for link in links)
+    assert json.loads((tmp_path / "metrics.json").read_text())["used_psnr"] == 23
+    assert result["note"].startswith("2 shots;") and result["note"].endswith("the longest, --frames 16:27:2")
+    assert result["text"].endswith(result["note"])
 
 
 def test_windows_that_share_no_used_frame_are_refused():

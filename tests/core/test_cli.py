@@ -1,11 +1,13 @@
 """The command line: what it prints, how it fails, what it leaves behind."""
 
 import json
+import math
 import re
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from toy import clip_and_priors
 
 from f4x_core import __version__
 from f4x_core.cli import fitting as cli_fitting
-from f4x_core.cli import main
+from f4x_core.cli import main, terminal
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.fit import pipeline
 from f4x_core.scene import read_scene
@@ -41,6 +43,7 @@ def fails(capsys, *arguments):
 def toy_fit(tmp_path, monkeypatch, capsys):
     """A small fitted toy clip: (clip folder, output folder)."""
     clip, priors = clip_and_priors(hold_out=4)
+    priors.statistics["changes"] = {"cuts": [3], "exposure": 1.0}
     folder = write_frames(tmp_path / "clip", clip.frames)
     monkeypatch.setattr(pipeline, "build_priors", lambda *_: priors)
     full = cli_fitting.config_of
@@ -51,6 +54,14 @@ def toy_fit(tmp_path, monkeypatch, capsys):
         return dataclasses.replace(full(args), steps=30, threads=1)
 
     monkeypatch.setattr(cli_fitting, "config_of", short)
+    measured = cli_fitting.evaluate
+
+    def evaluate(*given, **more):
+        told = measured(*given, **more)
+        told["frames"][0]["psnr_moving"] = math.nan  # a frame in which nothing moves
+        return told
+
+    monkeypatch.setattr(cli_fitting, "evaluate", evaluate)
     out = tmp_path / "out"
     assert main(["fit", str(folder), "-o", str(out), "--profile", "quick", "--hold-out", "4", "--json"]) == 0
     return folder, out
@@ -60,7 +71,10 @@ def test_fit_leaves_its_files_and_the_other_verbs_read_them(toy_fit, tmp_path, c
     folder, out = toy_fit
     printed = json.loads(capsys.readouterr().out)
     assert printed["metrics"]["held_out_psnr"] > 15
+    assert "2 shots, cut at frame 3 of" in printed["note"] and "--frames 3:8:1" in printed["note"]
     assert {"scene.f4x", "metrics.json", "diagnostics.html", "checkpoints"} <= {p.name for p in out.iterdir()}
+    rows = json.loads((out / "metrics.json").read_text(), parse_constant=pytest.fail)["frames"]
+    assert rows[0]["psnr_moving"] is None and rows[1]["psnr_moving"] > 10
     scene = read_scene(out / "scene.f4x")
     assert scene.held_out == (3, 7) and len(scene.cameras) == 8 and scene.needs
 
@@ -69,7 +83,7 @@ def test_fit_leaves_its_files_and_the_other_verbs_read_them(toy_fit, tmp_path, c
     assert main(["info", str(out / "scene.f4x")]) == 0
     told = capsys.readouterr()
     assert told.err == "" and 8 <= len(told.out.splitlines()) <= 12
-    assert "64x40" in told.out and str(folder) in told.out and __version__ in told.out
+    assert "64x40" in told.out and f"{folder}, frames 0:8:1" in told.out and __version__ in told.out
 
     assert main(["eval", str(out / "scene.f4x"), "--clip", str(folder), "--json", "--refine-camera"]) == 0
     measured = json.loads(capsys.readouterr().out)
@@ -82,11 +96,27 @@ def test_fit_leaves_its_files_and_the_other_verbs_read_them(toy_fit, tmp_path, c
     for channel in channels.split(","):
         assert len(list((frames / channel).glob("*.png"))) == 8, channel
     assert Image.open(frames / "rgb" / "00000.png").size == (64, 40)
+    some = tmp_path / "some"
+    assert main(["render", str(out / "scene.f4x"), "-o", str(some), "--frames", "2:8:2", "--part", "2/2"]) == 0
+    assert [path.name for path in sorted((some / "rgb").iterdir())] == ["00004.png", "00006.png"]
+    capsys.readouterr()
+    assert main(["render", str(out / "scene.f4x"), "-o", str(some), "--part", "1/20"]) == 0
+    assert capsys.readouterr().out.endswith(": 0 frames; 8 frames in 20 parts leave nothing for --part 1/20\n")
     for path in ("orbit", "frozen:2.5"):
         assert main(["render", str(out / "scene.f4x"), "-o", str(tmp_path / path[:4]), "--path", path, "--json"]) == 0
     assert main(["export", str(out / "scene.f4x"), "-o", str(tmp_path / "one.ply"), "--time", "2", "--json"]) == 0
     assert main(["export", str(out / "scene.f4x"), "-o", str(tmp_path / "all"), "--json"]) == 0
     assert sorted(path.name for path in (tmp_path / "all").iterdir())[0] == "clip_0000.ply"
+
+
+def test_what_is_not_a_number_is_null_for_other_programs(monkeypatch, capsys):
+    told = {"psnr": math.nan, "rows": [{"error": np.float32("inf"), "share": np.float64(0.5)}], "count": 3}
+    monkeypatch.setattr(sys.modules[main.__module__], "find_verb", lambda _: lambda *_: dict(told))
+    plain = {"psnr": None, "rows": [{"error": None, "share": 0.5}], "count": 3}
+    assert main(["doctor", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail) == plain
+    assert main(["doctor", "--progress-json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1], parse_constant=pytest.fail)["result"] == plain
 
 
 def test_eval_of_another_clip_is_refused(toy_fit, tmp_path, capsys):
@@ -135,6 +165,8 @@ def test_render_refuses_unknown_channels_and_paths(toy_fit, tmp_path, capsys):
         assert "frames, 0 to 7" in fails(capsys, "export", scene, "-o", tmp_path / "r.ply", f"--time={time}")
     for degrees in ("nan", 0, -5, 90, 400):
         assert "above 0 and below 90" in fails(capsys, "render", scene, "-o", tmp_path / "r", f"--degrees={degrees}")
+    sentence = fails(capsys, "render", scene, "-o", tmp_path / "r", "--path", "orbit", "--frames", "40:50")
+    assert "--path orbit has frames 0:8, frames 40:50 reach beyond" in sentence
     assert "use --backend auto" in fails(capsys, "render", scene, "-o", tmp_path / "r", "--backend", "gsplat")
     assert "FILE.ply" in fails(capsys, "export", scene, "-o", tmp_path / "r", "--time", 2)
     assert "FILE.ply" in fails(capsys, "export", scene, "-o", tmp_path / "r.ply")
@@ -148,12 +180,18 @@ def test_doctor_names_every_backend(capsys):
     assert "ms for" in report["backends"]["torch"]
 
 
-def test_a_log_gets_one_line_per_stage(capsys):
+def test_a_log_tells_when_a_stage_begins_and_of_a_long_one_now_and_then(capsys, monkeypatch):
+    clock = iter(range(0, 1000, 4))  # seconds: every report takes four
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: next(clock)))
     with TerminalProgress() as progress:
-        for done in range(4):
-            progress("flow", done, 3)
-            progress("tracks", done, 9, "a message")
-    assert capsys.readouterr().err.splitlines() == ["flow", "tracks"]
+        for window in ("window 1 of 2", "window 2 of 2"):
+            for done in range(3):
+                progress("flow", done, 2, window)
+        for done in range(101):
+            progress("photometric", done, 100)
+    first, again, stage, *tenths = capsys.readouterr().err.splitlines()
+    assert (first, again, stage) == ("flow (window 1 of 2)", "flow (window 2 of 2)", "photometric")
+    assert tenths[0] == "photometric: 10 of 100 after 0:00:40" and len(tenths) == 10
 
 
 def test_bars_are_complete_in_the_end_and_fit_a_narrow_terminal(capsys, monkeypatch):

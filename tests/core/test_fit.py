@@ -96,10 +96,14 @@ def test_resume_is_bit_equal(fit, tmp_path, monkeypatch, stop_at):
     assert np.array_equal(whole.cameras.world_to_camera, resumed.cameras.world_to_camera)
 
 
-def test_checkpoint_of_other_settings_is_refused(fit, tmp_path):
+def test_checkpoint_of_other_settings_is_refused(fit, tmp_path, monkeypatch):
     fit(tmp_path, small(20))
     with pytest.raises(F4xError, match="other settings"):
         fit(tmp_path, small(20, seed=1), resume=True)
+    clip, _ = clip_and_priors(7)
+    monkeypatch.setattr(pipeline, "build_priors", None)
+    with pytest.raises(F4xError, match="another clip"):  # before the priors are made
+        pipeline.fit_clip(clip, tmp_path, small(20), resume=True)
 
 
 def test_damaged_checkpoint_is_one_sentence(tmp_path):

@@ -15,6 +15,9 @@ from hypothesis import strategies as st
 from PIL import Image
 from random_scene import assert_same, random_scene
 
+from f4x_core.batch import stub
+from f4x_core.batch.graph import tasks_of
+from f4x_core.batch.manifest import Row
 from f4x_core.cli import main
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion, spherical_harmonics
@@ -439,6 +442,23 @@ def test_command_line(tmp_path, capsys):
     assert code == 2 and "not allowed with" in told["error"]
     code, told = run(source, "-o", tmp_path / "a.obj")
     assert code == 2 and "no export to .obj" in told["error"]
+
+
+def test_what_a_batch_asks_for_lies_where_its_stand_in_leaves_it(tmp_path, monkeypatch, capsys):
+    """The batch's own commands, in a folder that holds the scene alone, as a task's does."""
+    row = Row("shot.mp4", "shot", exports=tuple(FORMATS))
+    asked = [task.commands[0] for task in tasks_of(row, lambda path: "") if task.kind == "export"]
+    assert len(asked) == len(FORMATS)
+    left = []
+    for verb in (main, stub.main):
+        folder = tmp_path / verb.__module__
+        folder.mkdir()
+        write_scene(random_scene(), folder / "scene.f4x")
+        monkeypatch.chdir(folder)
+        assert [verb([*command, "--progress-json"]) for command in asked] == [0] * len(asked)
+        files = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+        left.append({path if path.suffix == ".usda" else path.parent for path in files})
+    assert left[0] == left[1] and len(left[0]) == len(FORMATS) + 1
 
 
 # -------------------------------------------------------------------------------------------------------------- opening

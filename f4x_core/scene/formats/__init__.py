@@ -86,18 +86,19 @@ def export(
 ) -> list[Path]:
     """Write `scene` at the clip `times` in the format `name` and return the files.
 
-    `output` is a file where it ends as the format's files do, else a folder (made if absent) that gets
-    `NAME_0000.ply, NAME_0001.ply, …`: what sequence readers and splat editors recognise. The numbers are the clip frames,
-    or count from 0 where a time lies between two frames.
+    `output` is a file where it ends as the format's files do, else a folder that gets `NAME_0000.ply, NAME_0001.ply, …`:
+    what sequence readers and splat editors recognise. The numbers are the clip frames, or count from 0 where a time lies
+    between two frames. Folders are made if absent.
     `transform`: 4x4 similarity in the scene's axes, baked in. Raises F4xError; no file is left half-written.
     """
     output, format = Path(output), FORMATS[name]
+    is_file = output.suffix.lower() in format.suffixes
+    if is_file and format.write_clip is None and len(times) != 1:
+        raise F4xError(f"{output}: {name} holds one moment a file; give a folder for {len(times)} moments.")
+    _make_folder(output.parent if is_file else output)
     if format.write_clip is not None:
         format.write_clip(scene, times, output, transform, progress)
         return [output]
-    is_file = output.suffix.lower() in format.suffixes
-    if is_file and len(times) != 1:
-        raise F4xError(f"{output}: {name} holds one moment a file; give a folder for {len(times)} moments.")
     assert format.write_frame is not None
     paths = [output] if is_file else _numbered(output, scene.name, format.suffixes[0], times)
     for done, (time, path) in enumerate(zip(times, paths, strict=True)):
@@ -108,13 +109,16 @@ def export(
 
 
 def _numbered(folder: Path, name: str, suffix: str, times: Sequence[float]) -> list[Path]:
-    """Paths in `folder`, which is made if absent, one for each of `times`."""
+    """Paths in `folder`, one for each of `times`."""
     whole = all(float(time).is_integer() and time >= 0 for time in times)
     numbers = [int(time) for time in times] if whole else list(range(len(times)))
     prefix = re.sub(r"[^\w-]+", "_", name).strip("_") or "scene"
     digits = max(4, len(str(max(numbers, default=0))))
+    return [folder / f"{prefix}_{number:0{digits}d}{suffix}" for number in numbers]
+
+
+def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise F4xError(f"{folder}: this folder cannot be made ({error.strerror}); choose another one") from error
-    return [folder / f"{prefix}_{number:0{digits}d}{suffix}" for number in numbers]
