@@ -2,10 +2,10 @@
 
 Standard library alone: Blender's own Python starts such children, and a bare Python runs `installation` as one.
 
-The child writes one JSON object per line on standard output: `{"stage", "done", "total", "message"}` while it works, and last
-`{"result", "text"}` or `{"error"}`. Its standard input stays open as long as somebody waits: when it closes, because the other
-program wants an end or is itself gone, the child stops as after Ctrl-C, and GRACE seconds later at the latest it is gone
-with every process that it started.
+The child writes one JSON object per line on standard output: `{"stage", "done", "total", "message", "cpu_seconds"}` while it
+works, and last `{"result", "text"}` or `{"error"}`. Its standard input stays open as long as somebody waits: when it closes,
+because the other program wants an end or is itself gone, the child stops as after Ctrl-C, and GRACE seconds later at the latest
+it is gone with every process that it started.
 """
 
 import _thread
@@ -55,7 +55,8 @@ class LineProgress:
         if stage == self.stage and now - self.told < INTERVAL and (done < total or not total):
             return
         self.stage, self.told = stage, now
-        self.tell(stage=stage, done=done, total=total, message=message)
+        used = round(sum(os.times()[:4]), 2)  # its own and its children's: who ends it by force could not ask any more
+        self.tell(stage=stage, done=done, total=total, message=message, cpu_seconds=used)
 
     def tell(self, **line: Any) -> None:
         """Write one line; raises Cancelled when nobody reads any more."""
@@ -121,7 +122,7 @@ class Ended:
     tail: str
     """Last lines of its standard error."""
     cpu_seconds: float
-    """Of all its cores; 0 where the system does not tell."""
+    """Of all its cores."""
     memory: int
     """Most bytes that it held at once; 0 where the system does not tell."""
 
@@ -131,14 +132,14 @@ def run_child(
     folder: Path,
     progress: Progress = silent,
     *,
-    tick: Callable[[], None] | None = None,
+    tick: Callable[[float], None] | None = None,
     log: TextIO | None = None,
     variables: Mapping[str, str] | None = None,
 ) -> Ended:
     """Run a child that speaks the protocol above until it ends by itself.
 
-    `tick` is called at least every TICK seconds, whether or not the child says something; `log` gets what it writes on standard
-    error. What `progress` or `tick` raises, Cancelled for one, goes through once the child is gone.
+    `tick` is called at least every TICK seconds with the CPU seconds that the child told last, whether or not it says more; `log`
+    gets what it writes on standard error. What `progress` or `tick` raises, Cancelled for one, goes through once the child is gone.
     """
     child = start_child(command, folder, variables)
     assert child.stdout is not None and child.stderr is not None and child.stdin is not None
@@ -162,6 +163,7 @@ def run_child(
         thread.start()
     last: dict[str, Any] = {}
     line: str | None = ""
+    used = 0.0
     try:
         while line is not None:
             try:
@@ -171,9 +173,10 @@ def run_child(
             said = _json_line(line or "")
             if "stage" in said:
                 progress(said["stage"], said["done"], said["total"], said["message"])
+                used = said["cpu_seconds"]
             last = said or last
             if tick is not None:
-                tick()
+                tick(used)
         cpu_seconds, memory = _wait(child)
     except BaseException:
         child.stdin.close()
@@ -184,7 +187,7 @@ def run_child(
     end_tree(child.pid)  # one that was killed may have left children
     for thread in threads:
         thread.join()
-    return Ended(child.returncode, last, "".join(tail).strip(), cpu_seconds, memory)
+    return Ended(child.returncode, last, "".join(tail).strip(), cpu_seconds or used, memory)
 
 
 def run_verb(arguments: Sequence[str], folder: Path, progress: Progress = silent) -> dict[str, Any]:

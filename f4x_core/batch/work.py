@@ -230,12 +230,12 @@ class Attempt:
         print("$ f4x", *words, file=log, flush=True)
         program = self.settings.program or (sys.executable, "-m", __package__.split(".")[0])
         threads = dict.fromkeys(THREAD_VARIABLES, str(self.task.threads))
-        start, busy = time.perf_counter(), self.busy
+        start, busy, cpu = time.perf_counter(), self.busy, self.cpu
 
-        def tick() -> None:
+        def tick(used: float) -> None:
+            self.busy, self.cpu = busy + time.perf_counter() - start, cpu + used
             if stopped():
                 raise Cancelled
-            self.busy = busy + time.perf_counter() - start
             if time.perf_counter() >= self.next_save:
                 self._save(work)
                 self.next_save = time.perf_counter() + self.settings.save_every
@@ -253,7 +253,7 @@ class Attempt:
             self._save(work)
             raise
         self.busy = busy + time.perf_counter() - start
-        self.cpu += ended.cpu_seconds
+        self.cpu = cpu + ended.cpu_seconds
         self.memory = max(self.memory, ended.memory)
         if "result" in ended.last:
             self.results.append(_brief(ended.last["result"]))
@@ -299,7 +299,7 @@ class Attempt:
         """Put the results in place, after the old record is gone and before the new one is there."""
         old = read_record_of(self.store, self.task.row, self.task.stage)
         self.store.remove(record_name(self.task))
-        unwanted = tuple(f"{pattern.split('/')[0]}/" for pattern in self.task.saves if self.task.kind == "fit")
+        unwanted = ("checkpoints/",) if self.task.kind == "fit" else ()
         for path in sorted(work.rglob("*")):
             name = path.relative_to(work).as_posix()
             if path.is_file() and path not in self.taken and not name.startswith(unwanted):

@@ -53,14 +53,18 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     lines = [
         f"{selection.label}: {result['chosen']} of {result['gaussians']} Gaussians, {result['static']} of them standing"
     ]
+    absent: list[str] = []
     if by_word:
         result["missing"] = [word for word, each in by_word.items() if not each.chosen.any()]
-        lines += [_nobody(by_word[word], []) for word in result["missing"]]
+        absent = [_nobody(by_word[word], []) for word in result["missing"]]
     if not result["chosen"]:
         given_names = by_names(scene, list(by_word))
         asked = [word for word in by_word if word not in given_names]
         result["there"] = nearest_there(scene, asked, encoder(progress)) if asked else []
-        lines = [_nobody(selection, result["there"])]
+        absent, lines = [_nobody(selection, result["there"])], []
+    if absent:
+        lines += absent
+        result["note"] = "; ".join(absent)
     if args.output is not None:
         _write(scene, selection, views, args.output, args.backend, progress)
         result["output"] = str(args.output)

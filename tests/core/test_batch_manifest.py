@@ -74,7 +74,7 @@ def test_a_name_may_speak_of_the_clips_folder(tmp_path):
     for shot in ("sc 010", "sc020"):
         write(tmp_path / shot / "plate.mp4", shot)
     pattern = str(tmp_path / "*" / "plate.mp4")
-    with pytest.raises(F4xError, match="would both write the folder 'plate'.*--set 'name={parent}_{stem}'"):
+    with pytest.raises(F4xError, match=r"would both write the folder 'plate'.*--set 'name={parent}_{stem}'"):
         read_manifest(pattern)
     assert [row.name for row in read_manifest(pattern, {"name": "{parent}"})] == ["sc_010", "sc020"]
     assert read_manifest(pattern, {"name": "v2-{parent}-{stem}"})[1].name == "v2-sc020-plate"

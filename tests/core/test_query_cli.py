@@ -115,7 +115,7 @@ def test_a_word_that_nobody_answers_to_is_told_with_what_is_there(folder, capsys
     assert re.match(r"sky: nothing in the scene answers to it with 0\.5 or more .*it answers to .*square", out)
     code, out, _ = run(capsys, "query", folder / "scene.f4x", "--text", "sky", "--not", "wall,square", "--json")
     told = json.loads(out)
-    assert code == 0 and told["chosen"] == 0 and set(told["there"]) == {"square", "wall"}
+    assert code == 0 and told["chosen"] == 0 and set(told["there"]) == {"square", "wall"} and told["note"] in out
 
 
 def test_of_several_words_those_that_nobody_answers_to_are_told(folder, capsys):
@@ -125,7 +125,7 @@ def test_of_several_words_those_that_nobody_answers_to_are_told(folder, capsys):
     told = json.loads(run(capsys, *query, "square,sky", "--json")[1])
     assert told["missing"] == ["sky"] and told["chosen"] == 81
     both = json.loads(run(capsys, *query, "square,wall", "--json")[1])
-    assert both["chosen"] == both["gaussians"] and both["missing"] == []
+    assert both["chosen"] == both["gaussians"] and both["missing"] == [] and "note" not in both
     assert "sky" not in run(capsys, *query, "square,wall")[1]
 
 
