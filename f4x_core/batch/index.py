@@ -1,9 +1,10 @@
-"""One page for a whole batch: a picture, scores and failures of every clip, with links to its files."""
+"""One page for a whole batch: pictures, scores and failures of every clip, with links to its files."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from urllib.parse import quote
 
 from .. import page
@@ -12,10 +13,20 @@ from .manifest import PAGE
 from .run import DONE, FAILED, KEPT, Board, RowState
 from .storage import Store
 
-SCORES = {"used_psnr": "PSNR (dB)", "held_out_psnr": "held out (dB)", "gaussians": "Gaussians"}
+SCORES = {
+    "used_psnr": "PSNR (dB)",
+    "used_psnr_moving": "of what moves",
+    "held_out_psnr": "held out",
+    "gaussians": "Gaussians",
+}
 """Figures of the fit that are shown, where a row has them."""
+PROFILE = "wild"
+"""Of rows that name none, as for `f4x fit`."""
+OTHER = ' class="other"'
+"""Rows that lie in the store and are not in the manifest."""
 STYLE = """<style>
-.clip img { width: 160px; } td:first-child { width: 168px; } .failed { color: var(--bad); } .done { color: var(--fine); }
+.clip { width: max-content; min-width: 100%; } .clip img { width: 160px; } .clip td { max-width: 320px; }
+.failed, .poor { color: var(--bad); } .done, .good { color: var(--fine); } .other { opacity: .45; }
 </style>"""
 
 
@@ -28,9 +39,10 @@ def write_index(store: Store, board: Board, title: str) -> None:
     failed = [each for each in rows if each.state == FAILED]
     done = sum(each.state == DONE for each in rows)
     verdict = f"{done} of {len(rows)} clips are done" + (f", {len(failed)} failed" if failed else "") + "."
-    body = [f'{STYLE}<p class="verdict">{verdict}</p>', _times(board)]
+    written = f'<p class="dim">Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC</p>'
+    body = [f'{STYLE}<p class="verdict">{verdict}</p>{written}', _times(board)]
     body.append(page.section("Failures", "".join(map(_failure, failed))))
-    body.append(page.section("Clips", _table(rows)))
+    body.append(page.section("Clips", _table([*rows, *board.others], store.local is not None)))
     store.write(PAGE, page.document(title, body))
 
 
@@ -47,43 +59,54 @@ def _times(board: Board) -> str:
 
 
 def _failure(each: RowState) -> str:
-    lines = [
-        f'<a href="{_link(each, f"logs/{slug(stage)}.log")}">{html.escape(each.row.name)}, {html.escape(stage)}</a>:'
-        f" {html.escape(error)}"
-        for stage, error in each.errors.items()
-    ]
+    lines = []
+    for stage, error in each.errors.items():
+        what = html.escape(f"{each.row.name}, {stage}")
+        if stage in each.logs:
+            what = f'<a href="{_link(each, f"logs/{slug(stage)}.log")}">{what}</a>'
+        lines.append(f"{what}: {html.escape(error)}")
     return f'<div class="finding problem">{"<br>".join(lines)}</div>'
 
 
-def _table(rows: Sequence[RowState]) -> str:
+def _table(rows: Sequence[RowState], local: bool) -> str:
     shown = {name: title for name, title in SCORES.items() if any(name in each.scores for each in rows)}
-    head = "".join(
-        f"<th>{html.escape(title)}</th>" for title in ("", "clip", "state", *shown.values(), "seconds", "files")
-    )
-    return f'<table class="clip"><tr>{head}</tr>{"".join(_row(each, shown) for each in rows)}</table>'
+    titles = ("input", "render", "clip", "state", *shown.values(), "seconds", "files")
+    head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
+    return f'<table class="clip"><tr>{head}</tr>{"".join(_row(each, shown, local) for each in rows)}</table>'
 
 
-def _row(each: RowState, shown: dict[str, str]) -> str:
-    picture = ""
-    if each.pictures:
-        link = _link(each, each.pictures[len(each.pictures) // 2])
-        picture = f'<a href="{link}"><img loading="lazy" alt="{html.escape(each.row.name)}" src="{link}"></a>'
+def _row(each: RowState, shown: dict[str, str], local: bool) -> str:
     scores = [f"{each.scores[name]:,.5g}" if name in each.scores else "–" for name in shown]
+    if each.quality:
+        scores[0] += f'<br><span class="{each.quality.split()[0]}">{html.escape(each.quality)}</span>'
     numbers = "".join(f'<td class="number">{value}</td>' for value in (*scores, f"{sum(each.seconds.values()):.0f}"))
-    fitted = each.states.get("fit") in (DONE, KEPT)
-    files = {"diagnostics": "diagnostics.html", "scene": _scene_of(each), "folder": ""} if fitted else {"folder": ""}
-    links = " ".join(f'<a href="{_link(each, file)}">{name}</a>' for name, file in files.items())
-    name, clip = html.escape(each.row.name), html.escape(each.row.clip)
-    about = f'{name}<br><span class="dim">{clip}</span>'
-    return f'<tr><td>{picture}</td><td>{about}</td><td class="{each.state}">{each.state}</td>{numbers}<td>{links}</td></tr>'
+    files = each.files | ({"folder": ""} if local and each.logs else {})
+    logs = {stage: f"logs/{slug(stage)}.log" for stage in each.logs}
+    links = _links(each, files) + (f'<br><span class="dim">logs: {_links(each, logs)}</span>' if logs else "")
+    about = [each.row.clip if each.tasks else "not in this list"]
+    about += ["{} frames of {}×{}".format(*each.size)] if each.size else []
+    about += [each.row.profile or PROFILE] if each.tasks else []
+    notes = [f"{stage}: {note}" for stage, note in each.notes.items()]
+    return (
+        f"<tr{'' if each.tasks else OTHER}><td>{_picture(each, each.input)}</td><td>{_picture(each, each.picture)}</td>"
+        f"<td>{html.escape(each.row.name)}{_dim(about)}</td>"
+        f'<td><span class="{each.state}">{each.state}</span>{_dim(notes)}</td>{numbers}<td>{links}</td></tr>'
+    )
 
 
-def _scene_of(each: RowState) -> str:
-    """The last scene file of a row that is there."""
-    for stage, file in (("edit", "edited.f4x"), ("distill", "distilled.f4x")):
-        if each.states.get(stage) in (DONE, KEPT):
-            return file
-    return "scene.f4x"
+def _dim(lines: Sequence[str]) -> str:
+    return "".join(f'<br><span class="dim">{html.escape(line)}</span>' for line in lines)
+
+
+def _picture(each: RowState, file: str) -> str:
+    if not file:
+        return ""
+    link = _link(each, file)
+    return f'<a href="{link}"><img loading="lazy" alt="{html.escape(each.row.name)}" src="{link}"></a>'
+
+
+def _links(each: RowState, files: Mapping[str, str]) -> str:
+    return " · ".join(f'<a href="{_link(each, file)}">{html.escape(what)}</a>' for what, file in files.items())
 
 
 def _link(each: RowState, file: str) -> str:

@@ -8,10 +8,12 @@ import socket
 from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
+from itertools import pairwise
 from typing import Any
 
 from .. import __version__
 from ..errors import F4xError
+from ..raster import choose_backend
 from .graph import Task
 from .run import LOCK
 from .storage import open_store
@@ -42,7 +44,7 @@ class RayEngine:
         self.ray = connect(address)
         try:
             nodes = [node for node in self.ray.nodes() if node["Alive"]]
-            self._require_nodes(nodes)
+            self._require_nodes(nodes, tasks)
             _require_room([node["Resources"] for node in nodes], tasks)
             self.slots = max(1, int(AHEAD * self.ray.cluster_resources().get("CPU", 1)))
             self.remote = self.ray.remote(_work)
@@ -100,13 +102,16 @@ class RayEngine:
             told = f"the cluster gave up on it after {RETRIES} new attempts: {lines[0]}"
             return Outcome(task.row, task.stage, task.key, "failed", error=told)
 
-    def _require_nodes(self, nodes: Sequence[dict[str, Any]]) -> None:
-        """Ask every node for its version, and whether it sees the lock of this batch."""
+    def _require_nodes(self, nodes: Sequence[dict[str, Any]], tasks: Sequence[Task]) -> None:
+        """Ask every node for its version, what it would draw with, and whether it sees the lock of this batch."""
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
         probe = self.ray.remote(_make_probe())
         package = __package__.split(".")[0]
-        answers = {}
+        drawn, answers = choose_backend("auto"), {}
+        any_auto = any(
+            pair == ("--backend", "auto") for task in tasks for words in task.commands for pair in pairwise(words)
+        )
         for node in nodes:
             here = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
             remote = probe.options(num_cpus=0, scheduling_strategy=here, max_retries=0)
@@ -114,13 +119,23 @@ class RayEngine:
         for node in nodes:
             name = f"node {node['NodeManagerHostname']} ({node['NodeManagerAddress']})"
             try:
-                version, sees = self.ray.get(answers[node["NodeID"]], timeout=PROBE_PATIENCE)
+                version, draws, sees = self.ray.get(answers[node["NodeID"]], timeout=PROBE_PATIENCE)
+            except self.ray.exceptions.GetTimeoutError as error:
+                raise F4xError(
+                    f"{name} did not answer within {PROBE_PATIENCE:.0f} seconds; it may be busy: give the same command again, and"
+                    " restart Ray there if it stays silent."
+                ) from error
             except self.ray.exceptions.RayError as error:
                 raise F4xError(f"{name} does not answer ({type(error).__name__}); restart Ray there.") from error
             if version != code_version():
                 has = f"has Feature4X {version}" if version else "has no Feature4X with `f4x batch`"
                 raise F4xError(
                     f"{name} {has}, this machine {code_version()}; install the same on both and restart Ray there."
+                )
+            if any_auto and draws != drawn:
+                raise F4xError(
+                    f"{name} would draw with {draws}, this machine with {drawn}, and pictures would differ; compile the kernels on"
+                    " both (`python -m f4x_core.native.build`), or choose one backend with --set backend=torch."
                 )
             if not sees:
                 raise F4xError(
@@ -149,7 +164,8 @@ def connect(address: str) -> Any:
         ray.init(address=address, namespace="feature4x", log_to_driver=False, logging_level="ERROR")
     except Exception as error:  # ConnectionError, RuntimeError of another version, …
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise F4xError(f"--ray {address}: {reason.rstrip('.')}; is Ray running there (`ray start --head`)?") from error
+        reason = reason.partition(" Please ")[0].rstrip(".")  # names options that are Ray's own
+        raise F4xError(f"--ray {address}: {reason}; start Ray by `ray start --head`, or give its HOST:PORT.") from error
     return ray
 
 
@@ -167,18 +183,18 @@ def _work(task: Task, settings: Settings) -> Outcome:
     return run_task(task, settings)
 
 
-def _make_probe() -> Callable[[str, str, str], tuple[str | None, bool]]:
+def _make_probe() -> Callable[[str, str, str], tuple[str | None, str, bool]]:
     """A function that travels by its code, for it has to run where this package is missing or another one."""
 
-    def probe(package: str, url: str, lock: str) -> tuple[str | None, bool]:
+    def probe(package: str, url: str, lock: str) -> tuple[str | None, str, bool]:
         from importlib import import_module
 
         try:
             engine = import_module(f"{package}.batch.ray_engine")
             version = engine.code_version()
         except ImportError:
-            return None, False
-        return version, engine.sees(url, lock)
+            return None, "", False
+        return version, import_module(f"{package}.raster").choose_backend("auto"), engine.sees(url, lock)
 
     return probe
 

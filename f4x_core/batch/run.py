@@ -6,15 +6,17 @@ import contextlib
 import heapq
 import json
 import os
+import re
 import shutil
 import socket
 import threading
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from pathlib import PurePosixPath
 from typing import Any, Protocol
 
 from ..errors import F4xError
@@ -23,6 +25,14 @@ from .manifest import Row
 from .storage import Digests, Store
 from .work import STATE, Outcome, parse_record, record_name
 
+INPUT = "input.jpg"
+"""The picture of the clip that `f4x priors` leaves."""
+LINKED = {
+    "fit": {"diagnostics": "diagnostics.html", "scene": "scene.f4x"},
+    "distill": {"scene": "distilled.f4x"},
+    "edit": {"scene": "edited.f4x"},
+}
+"""Stage -> what the index links -> file; a later stage's scene is the one to look at."""
 LOCK, DIGESTS = f"{STATE}/lock.json", f"{STATE}/digests.json"
 BEAT, STALE = 10.0, 60.0
 """Seconds between two signs of life of a batch, and after which it is taken for dead."""
@@ -72,12 +82,22 @@ class RowState:
     """Stage -> what a person should know of it though it is done."""
     scores: dict[str, float] = field(default_factory=dict)
     """What the fit measured."""
-    pictures: tuple[str, ...] = ()
-    """Rendered files that can stand for the row."""
+    quality: str = ""
+    """The fit's own word for it: good, usable with limits, poor."""
+    size: tuple[int, int, int] | None = None
+    """Frames, width and height that are fitted."""
+    input: str = ""
+    """A picture of the clip."""
+    files: dict[str, str] = field(default_factory=dict)
+    """What is linked -> file: diagnostics, scene, and of every query, render (all parts in one) and export what shows it best."""
+    logs: tuple[str, ...] = ()
+    """Stages that left a log."""
     hosts: tuple[str, ...] = ()
     """Machines that worked on it."""
     missing: tuple[str, ...] = ()
     """Paths that it reads and where nothing is."""
+    old: tuple[str, ...] = ()
+    """Files in the store that earlier runs made and this one does not keep."""
 
     @property
     def state(self) -> str:
@@ -100,20 +120,46 @@ class RowState:
             self.notes[stage] = outcome.note
         if outcome.host not in self.hosts and outcome.host:
             self.hosts = (*self.hosts, outcome.host)
+        if outcome.host and stage not in self.logs:
+            self.logs = (*self.logs, stage)
+        result = outcome.results[-1] if outcome.results else {}
+        if stage == "priors":
+            self.input = INPUT if INPUT in outcome.files else ""
+            if "frames" in result:
+                self.size = result["frames"], result["width"], result["height"]
         if stage == "fit":
-            metrics = outcome.results[-1].get("metrics", {}) if outcome.results else {}
+            metrics = result.get("metrics", {})
             self.scores = {name: value for name, value in metrics.items() if isinstance(value, int | float)}
-        if stage.startswith("render"):
-            found = [name for name in outcome.files if name.endswith(".png")]
-            self.pictures = tuple(sorted((*self.pictures, *found[len(found) // 2 :][:1])))
+            self.quality = result.get("quality", "")
+        for what, name in LINKED.get(stage, {}).items():
+            if name in outcome.files:
+                self.files[what] = name
+        if stage.startswith(("query", "render", "export")):
+            what = re.sub(r" \d+/\d+$", "", stage)
+            names = [*filter(None, [self.files.get(what)]), *sorted(outcome.files)]
+            if names:
+                self.files[what] = max(names, key=self._fitness)
+
+    @property
+    def picture(self) -> str:
+        """The rendered file that stands for the row; empty where none is there."""
+        found = [file for what, file in self.files.items() if what.startswith("render") and file.endswith(".png")]
+        return max(found, key=self._fitness, default="")
+
+    def _fitness(self, name: str) -> tuple[bool, ...]:
+        """How well a file shows the clip: best as it was filmed, in colour, and that moment which `input` shows."""
+        path = PurePosixPath(name)
+        moment = f"{self.size[0] // 2:05d}" if self.size else ""
+        return "original" in path.parts, "rgb" in path.parts, path.suffix == ".png", path.stem == moment
 
 
 class Board:
     """All rows of a batch, and what is known of them; counts are kept up to date, for a table may ask often."""
 
-    def __init__(self, rows: Sequence[RowState]):
-        """`rows` in the order of the manifest."""
+    def __init__(self, rows: Sequence[RowState], others: Sequence[RowState] = ()):
+        """`rows` in the order of the manifest; `others` lie in the store and are in no row of it."""
         self.rows = {each.row.name: each for each in rows}
+        self.others = tuple(others)
         found = {task.kind for each in rows for task in each.tasks}
         self.kinds = tuple(kind for kind in KINDS if kind in found)
         """Kinds of task that occur."""
@@ -206,18 +252,25 @@ def plan(
 
         state = RowState(row, tasks_of(row, digest), missing=tuple(missing))
         sizes = store.sizes(row.name)
-        for task in state.tasks:
-            state.states[task.stage] = WAITING
+        state.states = dict.fromkeys((task.stage for task in state.tasks), WAITING)
+        records: list[Outcome] = []
+        for task in reversed(state.tasks):
             name = record_name(task)
             record = parse_record(store.read(name)) if name in sizes else None
             if record is None or record.key != task.key:
                 continue
             there = all(sizes.get(f"{row.name}/{file}") == size for file, size in record.files.items())
-            if record.state == "done" and there:
+            spare = task.kind == "priors" and state.states["fit"] == KEPT  # which alone reads them: they may be gone
+            if record.state == "done" and (there or spare):
                 state.states[task.stage] = KEPT
-                state.take(record)
+                records.append(record)
             elif record.state == "failed":
                 state.errors[task.stage] = record.error
+        kept = {f"{row.name}/{file}" for record in records for file in record.files}
+        kept |= {record_name(task) for task in state.tasks if state.states[task.stage] == KEPT}
+        state.old = tuple(_old_files(store, state, sizes.keys() - kept))
+        for record in reversed(records):
+            state.take(record)
         return state
 
     states = []
@@ -225,15 +278,56 @@ def plan(
         for done, state in enumerate(pool.map(state_of, rows), 1):
             states.append(state)
             progress(done, len(rows))
-    if remember:
-        store.write(DIGESTS, json.dumps(digests.to_json()).encode())
-    return Board(states)
+    if not remember:
+        return Board(states)
+    store.write(DIGESTS, json.dumps(digests.to_json()).encode())
+    others = [_read_other(store, name) for name in store.folders() if name not in {row.name for row in rows}]
+    return Board(states, [each for each in others if each.states])
 
 
-def run_board(board: Board, engine: Engine, watch: Callable[[Board], None]) -> None:
+def _read_other(store: Store, name: str) -> RowState:
+    """What records tell of a folder that is no row of the manifest; without states where it has none."""
+    each = RowState(Row(name, name), ())
+    records = [parse_record(store.read(file)) for file in store.sizes(f"{name}/{STATE}") if _is_record(file)]
+    for record in sorted(filter(None, records), key=lambda record: record.stage != "priors"):  # which tell the size
+        each.states[record.stage] = KEPT if record.state == DONE else FAILED
+        each.take(record)
+    return each
+
+
+def _is_record(name: str) -> bool:
+    parts = PurePosixPath(name).parts
+    return len(parts) == 3 and parts[1] == STATE
+
+
+def _old_files(store: Store, each: RowState, names: Set[str]) -> Iterator[str]:
+    """Which of the files `names`, none of a kept task, were made by tasks of the row, or saved by ones not asked for any more.
+
+    A failed task's record stays, to be told, as long as it is asked for.
+    """
+    asked = {task.slug for task in each.tasks}
+    for name in names:
+        path = PurePosixPath(name)
+        if _is_record(name):
+            record = parse_record(store.read(name))
+            files = [f"{each.row.name}/{file}" for file in (record.files if record else ())]
+            yield from (file for file in files if file in names)
+            if not (record and record.state == FAILED and path.stem in asked):
+                yield name
+        elif path.parts[1] == STATE and path.parts[2] not in asked:
+            yield name
+
+
+def run_board(
+    board: Board,
+    engine: Engine,
+    watch: Callable[[Board], None],
+    ended: Callable[[Board, Outcome], None] = lambda board, outcome: None,
+) -> None:
     """Work on everything that waits. One row's failure never stops another.
 
-    `watch(board)` is called about five times a second; KeyboardInterrupt ends what runs and goes through.
+    `watch(board)` is called about five times a second, `ended(board, outcome)` once for every task; KeyboardInterrupt ends what
+    runs and goes through.
     """
     board.slots, board.started = engine.slots, time.monotonic()
     order = {name: number for number, name in enumerate(board.rows)}
@@ -248,6 +342,11 @@ def run_board(board: Board, engine: Engine, watch: Callable[[Board], None]) -> N
                 board.mark(task, READY)
                 heapq.heappush(ready, (order[task.row], number, task))
 
+    def settle(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
+        for task, outcome in outcomes:
+            board.settle(task, outcome)
+            ended(board, outcome)
+
     for each in board.rows.values():
         each.errors.clear()
         release(each)
@@ -259,21 +358,33 @@ def run_board(board: Board, engine: Engine, watch: Callable[[Board], None]) -> N
                 board.mark(task, RUNNING)
                 engine.start(task)
                 running += 1
-            for task, outcome in engine.finished(LOOK):
-                running -= 1
-                board.settle(task, outcome)
+            outcomes = engine.finished(LOOK)
+            running -= len(outcomes)
+            settle(outcomes)
+            for task, _ in outcomes:
                 release(board.rows[task.row])
             watch(board)
     except BaseException:
-        for task, outcome in engine.stop():
-            board.settle(task, outcome)
+        settle(engine.stop())
         raise
 
 
-def clear_work(store: Store) -> None:
-    """Remove what killed tasks of earlier runs left in a folder; for the holder of the lock."""
+def clear_old(store: Store, board: Board) -> None:
+    """Remove what earlier runs left and this one does not keep; for the holder of the lock.
+
+    That is the work of killed tasks, and what records say that tasks made which are to be done anew or are not asked for any
+    more: nothing old lies beside what is new. Nothing else is touched.
+    """
     if store.local is not None:
         shutil.rmtree(store.local / STATE / "work", ignore_errors=True)
+    for each in board.rows.values():
+        for name in each.old:
+            store.remove(name)
+            if store.local is not None:
+                with contextlib.suppress(OSError):  # a folder goes with its last file
+                    for folder in (store.local / name).parents:
+                        folder.rmdir()
+        each.old = ()
 
 
 @contextlib.contextmanager

@@ -1,7 +1,8 @@
 """Where a batch writes: a folder, or whatever `fsspec` knows by URL (`s3://`, `gs://`, `memory://`).
 
 A name is relative to the store, with `/` between its parts. A file is there whole or not at all: in a folder by renaming, and an
-object store shows an object when its upload ends.
+object store shows an object when its upload ends. Where a URL leads to real folders (`sftp://`, `smb://`) a file may be seen while
+it is written; records, which are written last and tell its size, still say what is done.
 """
 
 from __future__ import annotations
@@ -56,6 +57,9 @@ class Store(Protocol):
 
     def sizes(self, prefix: str) -> dict[str, int]:
         """Name -> bytes of every file below a folder."""
+
+    def folders(self) -> list[str]:
+        """Names of the folders that lie in the store itself, in order."""
 
 
 class Folder:
@@ -116,6 +120,10 @@ class Folder:
                     found[path.relative_to(self.root).as_posix()] = path.stat().st_size
         return found
 
+    def folders(self) -> list[str]:
+        """As the protocol says."""
+        return sorted(path.name for path in self.root.iterdir() if path.is_dir()) if self.root.is_dir() else []
+
     def _place(self, name: str) -> Path:
         place = self.root / name
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -141,13 +149,13 @@ class Remote:
     def write(self, name: str, data: bytes) -> None:
         """As the protocol says."""
         with _told(self.url):
-            self.system.pipe_file(self._path(name), data)
+            self.system.pipe_file(self._place(name), data)
 
     def create(self, name: str, data: bytes) -> bool:
         """As the protocol says."""
         with _told(self.url):
             try:
-                self.system.pipe_file(self._path(name), data, mode="create")
+                self.system.pipe_file(self._place(name), data, mode="create")
             except FileExistsError:
                 return False
             return True
@@ -166,8 +174,7 @@ class Remote:
     def publish(self, path: Path, name: str) -> None:
         """As the protocol says."""
         with _told(self.url):
-            self.system.makedirs(self._path(name).rpartition("/")[0], exist_ok=True)
-            self.system.put_file(str(path), self._path(name))
+            self.system.put_file(str(path), self._place(name))
 
     def sizes(self, prefix: str) -> dict[str, int]:
         """As the protocol says."""
@@ -176,8 +183,21 @@ class Remote:
             found = self.system.find(self._path(prefix), detail=True)
         return {path[len(self.root) :].lstrip("/"): int(entry["size"] or 0) for path, entry in found.items()}
 
+    def folders(self) -> list[str]:
+        """As the protocol says."""
+        with _told(self.url), contextlib.suppress(FileNotFoundError):
+            self.system.invalidate_cache()
+            found = self.system.ls(self.root, detail=True)
+            return sorted(e["name"].rstrip("/").rpartition("/")[2] for e in found if e["type"] == "directory")
+        return []
+
     def _path(self, name: str) -> str:
         return f"{self.root}/{name}".rstrip("/")
+
+    def _place(self, name: str) -> str:
+        path = self._path(name)
+        self.system.makedirs(path.rpartition("/")[0], exist_ok=True)
+        return path
 
 
 def open_store(place: str) -> Store:

@@ -1,7 +1,8 @@
 """Stands in for `f4x` where the batch itself is measured or tested: `python -m f4x_core.batch.stub VERB …` in milliseconds.
 
 It leaves files of the right names, whose content follows from the clip's and from the arguments. A clip is a JSON file that says
-how the verbs behave: `{"steps": 20, "seconds": 0.1, "fail": {"fit": "a sentence"}, "die": {"priors": 9}}`.
+how the verbs behave: `{"steps": 20, "seconds": 0.1, "fail": {"fit": "a sentence"}, "die": {"priors": 9}, "note": {"fit":
+"a sentence"}}`.
 """
 
 from __future__ import annotations
@@ -41,14 +42,18 @@ def main(arguments: list[str]) -> int:
         name = names.get(verb, "")
         name = "name_0000.ply" if verb == "export" and not target.suffix else name
         _write(target / name, _digest(content, *words))
+    if verb in clip.get("note", {}):
+        result["note"] = clip["note"][verb]
     lines.tell(result=result, text="")
     return 0
 
 
 def _fit(content: bytes, clip: dict[str, Any], words: list[str], target: Path, lines: LineProgress) -> dict[str, Any]:
     """A chain of hashes, one for each step, with a checkpoint after each."""
-    steps, checkpoint = clip.get("steps", 1), target / "checkpoints" / "photometric.pt"
-    first, state = 0, _digest(content, (target / "priors" / "depth.npy").read_text(), *words)
+    alone = "--window" in words
+    place = target / "windows" / "000" if alone else target
+    steps, checkpoint = clip.get("steps", 1), place / "checkpoints" / "photometric.pt"
+    first, state = 0, _digest(content, "" if alone else (target / "priors" / "depth.npy").read_text(), *words)
     if checkpoint.is_file():
         first, state = json.loads(checkpoint.read_text())
     for step in range(first, steps):

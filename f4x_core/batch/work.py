@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal, TextIO
 
@@ -136,10 +137,11 @@ class Attempt:
         folder = self._make_folder()
         work, self.log = folder / "work", folder / "log"
         work.mkdir()
-        self._take(work)
-        self._take_saved(work)
-        clip = self._clip()
         with open(self.log, "a", encoding="utf-8") as log:
+            print(f"# {socket.gethostname()}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC", file=log, flush=True)
+            self._take(work)
+            self._take_saved(work)
+            clip = self._clip()
             for command in self.task.commands:
                 self._command([word if word != CLIP else clip for word in command], work, log, progress, stopped)
         self._publish(work)
@@ -296,8 +298,7 @@ class Attempt:
                 self.store.remove(name)
 
     def _publish(self, work: Path) -> None:
-        """Put the results in place, after the old record is gone and before the new one is there."""
-        old = read_record_of(self.store, self.task.row, self.task.stage)
+        """Put the results in place, after an old record is gone and before the new one is there."""
         self.store.remove(record_name(self.task))
         unwanted = ("checkpoints/",) if self.task.kind == "fit" else ()
         for path in sorted(work.rglob("*")):
@@ -305,8 +306,6 @@ class Attempt:
             if path.is_file() and path not in self.taken and not name.startswith(unwanted):
                 self.published[name] = path.stat().st_size
                 self.store.publish(path, f"{self.task.row}/{name}")
-        for name in set(old.files if old else ()) - set(self.published):
-            self.store.remove(f"{self.task.row}/{name}")
 
     def _fetch(self, name: str, path: Path) -> None:
         try:

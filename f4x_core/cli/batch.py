@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from ..batch.checks import faults_of, require_values
 from ..batch.graph import CLIP
 from ..batch.index import write_index
 from ..batch.local import LocalEngine
@@ -30,16 +33,16 @@ from ..batch.run import (
     Board,
     Engine,
     RowState,
-    clear_work,
+    clear_old,
     locked,
     plan,
     run_board,
 )
 from ..batch.storage import URL, Store, open_store
-from ..batch.work import Settings
+from ..batch.work import Outcome, Settings
 from ..errors import F4xError
 from ..progress import Progress
-from .checks import require_folder
+from .checks import require_folder, why_slow
 
 MOST_FAILED = 100
 """The exit code is the number of failed rows up to this; higher ones mean other things to shells."""
@@ -48,6 +51,8 @@ INDEX_EVERY = 5.0
 INDEX_SHARE = 20
 """… which take no more than one part in so many of the time."""
 MARKS = {WAITING: "·", READY: "·", RUNNING: "…", DONE: "✓", KEPT: "✓", FAILED: "✗", SKIPPED: "–", STOPPED: "‖"}
+ENDED = (DONE, KEPT, FAILED, SKIPPED)
+"""States of a task with which nothing more is done."""
 SHOWN_ROWS = 20
 """Rows in the table: those at work and those that failed last."""
 
@@ -61,6 +66,8 @@ def run_batch(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     rows = read_manifest(args.manifest, _defaults(args.set))
     store = open_store(args.place)
     with Screen(args, progress) as screen:
+        if any(row.backend == "auto" for row in rows) and (slow := why_slow()):
+            screen.console.print(slow)
         if args.dry_run:
             board = plan(rows, store, screen.read)
             _require_commands(board)
@@ -68,12 +75,12 @@ def run_batch(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         with locked(store):
             board = plan(rows, store, screen.read, remember=True)
             _require_commands(board)
-            clear_work(store)
             settings = Settings(store.url, args.scratch)
             start = time.monotonic()
             try:
                 with _engine(args, settings, board) as engine:
-                    run_board(board, engine, screen.watch(engine, store))
+                    clear_old(store, board)
+                    run_board(board, engine, screen.watch(engine, store), screen.tell)
             finally:
                 write_index(store, board, args.manifest)
     return _told(board, store, time.monotonic() - start)
@@ -95,6 +102,10 @@ def _require_commands(board: Board) -> None:
 
     parser = build_parser()
     for each in board.rows.values():
+        try:
+            require_values(each.row)
+        except F4xError as error:
+            raise F4xError(f"row {each.row.name}: {error}") from error
         for task in each.tasks:
             for command in task.commands:
                 try:
@@ -105,26 +116,31 @@ def _require_commands(board: Board) -> None:
 
 @contextmanager
 def _engine(args: argparse.Namespace, settings: Settings, board: Board) -> Iterator[Engine]:
-    if args.ray is None:
+    open_tasks = [task for each in board.rows.values() for task in each.tasks if each.states[task.stage] == WAITING]
+    if args.ray is None or not open_tasks:  # nothing to do is no reason to wait for a cluster
         most = max(each.row.threads for each in board.rows.values())
         yield LocalEngine(settings, args.jobs or max(1, (os.cpu_count() or 1) // most))
         return
     from ..batch.ray_engine import RayEngine
 
-    open_tasks = [task for each in board.rows.values() for task in each.tasks if each.states[task.stage] == WAITING]
-    with RayEngine(settings, args.ray, open_tasks) as engine:
+    # Ray prints on standard output, where programs read, what its daemons say of a dead worker; the record tells of it.
+    with RayEngine(settings, args.ray, open_tasks) as engine, redirect_stdout(io.StringIO()):
         yield engine
 
 
 class Screen:
-    """What a person sees while a batch runs: a table on a terminal, else the lines of `progress`. A context manager."""
+    """What a person sees while a batch runs: a table on a terminal, in a log a line for every task that ended.
+
+    For programs, the lines of `progress`. A context manager.
+    """
 
     def __init__(self, args: argparse.Namespace, progress: Progress):
         """Nothing is drawn yet."""
-        console = Console(stderr=True, highlight=False)
         self.title, self.progress = args.manifest, progress
-        drawn = console.is_terminal and not (args.progress_json or args.json)
-        self.live = Live(console=console, auto_refresh=False, transient=True) if drawn else None
+        self.for_programs = args.progress_json or args.json
+        self.console = Console(stderr=True, quiet=self.for_programs, markup=False, highlight=False, soft_wrap=True)
+        drawn = self.console.is_terminal and not self.for_programs
+        self.live = Live(console=self.console, auto_refresh=False, transient=True) if drawn else None
 
     def __enter__(self) -> Screen:
         if self.live is not None:
@@ -137,10 +153,23 @@ class Screen:
 
     def read(self, done: int, total: int) -> None:
         """Tell that the clips are being read."""
-        if self.live is None:
+        if self.for_programs:
             self.progress("reading clips", done, total)
-        else:
+        elif self.live is not None:
             self.live.update(f"reading clips {done}/{total}", refresh=True)
+        elif done == 1:
+            self._log(f"reading clips, {total} rows")
+
+    def tell(self, board: Board, outcome: Outcome) -> None:
+        """Put what became of a task into the log."""
+        if self.live is not None:
+            return
+        said = "".join(f": {sentence}" for sentence in (outcome.error or outcome.note,) if sentence)
+        ended = f"{board.number(*ENDED)} of {board.number()}{_time_left(board)}"
+        self._log(f"{outcome.row}, {outcome.stage}: {outcome.state} in {outcome.seconds:.0f} s, {ended}{said}")
+
+    def _log(self, line: str) -> None:
+        self.console.print(f"{datetime.now():%H:%M:%S} {line}")
 
     def watch(self, engine: Engine, store: Store) -> Callable[[Board], None]:
         """What looks at the board while it is worked on, and writes the index from time to time."""
@@ -148,9 +177,9 @@ class Screen:
 
         def watch(board: Board) -> None:
             nonlocal next_index
-            if self.live is None:
-                self.progress("batch", board.number(DONE, KEPT, FAILED, SKIPPED), board.number(), _time_left(board))
-            else:
+            if self.for_programs:
+                self.progress("batch", board.number(*ENDED), board.number(), _time_left(board))
+            elif self.live is not None:
                 self.live.update(table_of(board, engine), refresh=True)
             if time.monotonic() >= next_index:
                 start = time.monotonic()
@@ -209,26 +238,29 @@ def _told_plan(board: Board) -> dict[str, Any]:
     lines = [
         f"{row['name']}: " + ", ".join(f"{task['stage']} [{task['state']}]" for task in row["tasks"]) for row in rows
     ]
-    lacking = [each for each in board.rows.values() if each.missing]
-    lines += [f"{each.row.name}: {path} is missing" for each in lacking for path in each.missing]
-    to_do = board.number(WAITING)
-    lines.append(f"{to_do} of {board.number()} tasks to do, nothing was done")
+    lines += [f"{row['name']}: {path} is missing" for row in rows for path in row["missing"]]
+    lines += [f"{row['name']}: {fault}" for row in rows for fault in row["faults"]]
+    to_do, left = board.number(WAITING), _time_left(board)
+    lines.append(f"{to_do} of {board.number()} tasks to do{left and f'{left}, one at a time'}; nothing was done")
     return {
         "rows": rows,
         "tasks": board.number(),
         "to_do": to_do,
+        "seconds_left": board.eta(),
         "text": "\n".join(lines),
-        "exit_code": _exit_code(lacking),
+        "exit_code": _exit_code([row for row in rows if row["missing"] or row["faults"]]),
     }
 
 
 def _row_plan(each: RowState) -> dict[str, Any]:
     row: Row = each.row
-    tasks = [{"stage": t.stage, "state": each.states[t.stage], "commands": t.commands} for t in each.tasks]
-    return {"name": row.name, "clip": row.clip, "missing": list(each.missing), "tasks": tasks}
+    states = each.states | dict.fromkeys(each.errors, FAILED)  # of earlier runs: they will be tried again
+    tasks = [{"stage": t.stage, "state": states[t.stage], "commands": t.commands} for t in each.tasks]
+    found = {"missing": list(each.missing), "faults": list(faults_of(row))}
+    return {"name": row.name, "clip": row.clip, **found, "errors": each.errors, "tasks": tasks}
 
 
-def _exit_code(failed: Sequence[RowState]) -> int:
+def _exit_code(failed: Sequence[Any]) -> int:
     return min(len(failed), MOST_FAILED)
 
 
@@ -237,7 +269,9 @@ def _told(board: Board, store: Store, seconds: float) -> dict[str, Any]:
     failed = {each.row.name: each.errors for each in board.failed}
     index = f"{store.url}/{PAGE}"
     done, kept, new = sum(each.state == DONE for each in rows), board.number(KEPT), board.number(DONE)
-    lines = [f"{name}, {stage}: {error}" for name, errors in failed.items() for stage, error in errors.items()]
+    notes = {each.row.name: each.notes for each in rows if each.notes}
+    told = [*notes.items(), *failed.items()]
+    lines = [f"{name}, {stage}: {sentence}" for name, said in told for stage, sentence in said.items()]
     lines.append(
         f"{done} of {len(rows)} clips are done, {len(failed)} failed; {new} tasks in {_duration(seconds)}, {kept} were done before"
     )
@@ -245,6 +279,7 @@ def _told(board: Board, store: Store, seconds: float) -> dict[str, Any]:
         "rows": len(rows),
         "done": done,
         "failed": failed,
+        "notes": notes,
         "tasks": {"done": new, "kept": kept, "failed": board.number(FAILED), "skipped": board.number(SKIPPED)},
         "seconds": seconds,
         "index": index,

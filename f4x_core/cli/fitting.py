@@ -8,15 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
-from ..batch.windows import LENGTH, LONG, Shot, fit_long, plan_shots, plan_windows
+from ..batch.graph import LONG
+from ..batch.run import INPUT
+from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows
 from ..clip import Clip, read_clip
 from ..clip.stream import Survey, claimed_frames, survey
 from ..errors import F4xError
 from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import json_text, replace_file
-from ..fit.advice import about_cuts
+from ..fit.advice import about_cuts, quality
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
@@ -62,10 +65,15 @@ def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     require_enough(clip)
     folder = args.output / "priors"
     priors = build_priors(clip, folder, config.priors, progress)
+    with replace_file(args.output / INPUT) as file:  # for pages that show what the scene was made from
+        Image.fromarray(clip.frames[len(clip) // 2]).save(file, "JPEG")
     moving = float(priors.mask.mean()) if priors.mask is not None else 0.0
     lines = [f"{folder}: {len(priors.frames)} frames, camera {priors.camera_kind}, {moving:.1%} of the pixels move"]
     return {
         "folder": str(folder),
+        "frames": len(clip),
+        "width": clip.width,
+        "height": clip.height,
         "camera_kind": priors.camera_kind,
         "moving_share": moving,
         "warnings": priors.warnings,
@@ -146,6 +154,7 @@ def fit_windows(
     result = {
         "scene": str(args.output / "scene.f4x"),
         "metrics": longest["metrics"],
+        "quality": quality(longest["metrics"]),
         "shots": told,
         "cuts": list(known.cuts),
     }
@@ -175,10 +184,9 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     write_scene(scene, path)
     with replace_file(folder / "metrics.json") as file:
         file.write(json_text({**figures, "frames": metrics["frames"]}, indent=1).encode())
-    write_diagnostics(
-        folder / "diagnostics.html", clip, result, metrics, worst_pictures(scene, metrics, config.backend)
-    )
-    told: dict[str, Any] = {"scene": str(path), "metrics": figures, "needs": list(scene.needs)}
+    pictures = worst_pictures(scene, metrics, config.backend)
+    word = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
+    told: dict[str, Any] = {"scene": str(path), "metrics": figures, "quality": word, "needs": list(scene.needs)}
     lines = [_summary(path, scene, figures)]
     for cut in about_cuts(result.priors, clip.picked):
         told["note"] = f"{cut.what} {cut.advice}"

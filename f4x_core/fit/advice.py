@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Literal
@@ -148,21 +148,26 @@ def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, An
     return sorted(found, key=lambda finding: order.index(finding.weight))
 
 
-def verdict(metrics: Mapping[str, Any], found: list[Finding]) -> str:
-    """The page's first sentence."""
-    problems = sum(finding.weight == "problem" for finding in found)
+def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
+    """The scene in a word: poor, usable with limits, or good; empty where it was not measured."""
     score = metrics.get("held_out_psnr", metrics.get("used_psnr"))
     if score is None:
-        return "The scene was not measured."
-    unseen = "frames it never saw" if "held_out_psnr" in metrics else "the frames it was made from"
+        return ""
     if score < WATCHABLE_PSNR:
-        judged = f"The scene is poor: {score:.1f} dB on {unseen}"
-    elif problems:
-        judged = f"The scene is usable with limits: {score:.1f} dB on {unseen}"
-    else:
-        judged = f"The scene is good: {score:.1f} dB on {unseen}"
+        return "poor"
+    return "usable with limits" if any(finding.weight == "problem" for finding in found) else "good"
+
+
+def verdict(metrics: Mapping[str, Any], found: Sequence[Finding]) -> str:
+    """The page's first sentence."""
+    word, problems = quality(metrics, found), sum(finding.weight == "problem" for finding in found)
+    if not word:
+        return "The scene was not measured."
+    unseen = "held_out_psnr" in metrics
+    score = metrics["held_out_psnr" if unseen else "used_psnr"]
+    frames = "frames it never saw" if unseen else "the frames it was made from"
     counted = {0: "nothing stands out", 1: "one thing holds it back"}.get(problems, f"{problems} things hold it back")
-    return f"{judged}; {counted}."
+    return f"The scene is {word}: {score:.1f} dB on {frames}; {counted}."
 
 
 def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:

@@ -20,7 +20,7 @@ from ..priors import STAGES, Priors
 from ..scaffold import Scaffold
 from ..scene import Scene
 from ..scene.view import render
-from .advice import Finding, findings, parallax_degrees, track_survival, verdict
+from .advice import Finding, findings, parallax_degrees, quality, track_survival, verdict
 from .pipeline import FitResult
 
 # Frames shown for masks, depth and scaffold, and frames shown because they are the worst.
@@ -65,8 +65,8 @@ def write_diagnostics(
     result: FitResult,
     metrics: Mapping[str, Any],
     pictures: Mapping[int, np.ndarray],
-) -> None:
-    """Write the page atomically.
+) -> str:
+    """Write the page atomically; returns its verdict in a word, `advice.quality`.
 
     Args:
         path: the HTML file.
@@ -104,6 +104,7 @@ def write_diagnostics(
     ]
     with replace_file(path) as file:
         file.write(page.document(clip.name, body))
+    return quality(metrics, found)
 
 
 # ---------------------------------------------------------------------------------------------------- words and tables

@@ -249,7 +249,9 @@ def test_a_camera_solver_that_fails_or_is_absent_is_done_without(tmp_path, capsy
 
     monkeypatch.setattr(sfm.subprocess, "run", absent)
     assert main(["priors", str(clip), "-o", str(tmp_path / "out"), "--json"]) == 0
-    assert asked and json.loads(capsys.readouterr().out)["camera_kind"] in ("moving", "pan")
+    told = json.loads(capsys.readouterr().out)
+    assert asked and told["camera_kind"] in ("moving", "pan")
+    assert Image.open(tmp_path / "out" / "input.jpg").size == (told["width"], told["height"]) and told["frames"] == 10
 
     def refused(command, **_):
         raise PermissionError(13, "Permission denied")

@@ -3,26 +3,31 @@
 import io
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
 from PIL import Image
 from toy import clip_and_priors
 
+from f4x_core.batch import ray_engine
 from f4x_core.batch.index import write_index
 from f4x_core.batch.local import LocalEngine
 from f4x_core.batch.manifest import Row, read_manifest
-from f4x_core.batch.run import DIGESTS, LOCK, locked, plan, run_board
+from f4x_core.batch.run import DIGESTS, LOCK, Board, clear_old, locked, plan, run_board
 from f4x_core.batch.storage import Folder, open_store
-from f4x_core.batch.work import Settings, run_task
+from f4x_core.batch.work import Outcome, Settings, run_task
 from f4x_core.cli import batch as cli_batch
 from f4x_core.cli import main
 from f4x_core.errors import F4xError
@@ -43,6 +48,7 @@ def run(pattern, place, slots=2, defaults=QUICK, **settings):
     store = open_store(str(place))
     with locked(store):
         board = plan(read_manifest(pattern, defaults), store, remember=True)
+        clear_old(store, board)
         run_board(board, LocalEngine(Settings(store.url, program=STUB, **settings), slots), lambda board: None)
     return board
 
@@ -86,23 +92,39 @@ def test_only_what_an_input_changes_is_done_again(tmp_path):
     changed = run(pattern, out)
     assert set(changed.rows["a"].states.values()) == {"done"} and set(changed.rows["b"].states.values()) == {"kept"}
     (out / "b" / "scene.f4x").unlink()
-    assert run(pattern, out).rows["b"].states["fit"] == "done", "a file that somebody removed is made again"
+    for name in "ab":
+        shutil.rmtree(out / name / "priors")
+    again = run(pattern, out).rows
+    assert again["b"].states["fit"] == "done", "a file that somebody removed is made again"
+    assert again["b"].states["priors"] == "done" and set(again["a"].states.values()) == {"kept"}, "for a fit alone"
 
 
-def test_files_that_a_changed_task_does_not_leave_any_more_are_removed(tmp_path):
-    pattern, out = write_clips(tmp_path / "clips", a={}), tmp_path / "out"
+def test_nothing_old_lies_beside_what_is_new(tmp_path):
+    pattern, out = write_clips(tmp_path / "clips", a={}, b={}), tmp_path / "out"
     run(pattern, out)
-    record = json.loads((out / "a" / ".batch" / "fit.json").read_text())
-    record["files"]["old.txt"] = 3
-    (out / "a" / "old.txt").write_text("old")
-    (out / "a" / ".batch" / "fit.json").write_text(json.dumps(record | {"key": "another"}))
-    run(pattern, out)
-    assert not (out / "a" / "old.txt").exists()
+    (out / "a" / "mine.txt").write_text("of a person")
+    of_b = contents(out / "b")
+    only_a, saved = pattern.replace("*", "a"), out / "a" / ".batch" / "distill" / "saved.json"
+    saved.parent.mkdir()
+    saved.touch()
+    board = run(only_a, out, defaults={"exports": "ply"})
+    kept = {"mine.txt", "priors/depth.npy", "scene.f4x"}
+    assert set(contents(out / "a")) == kept | {"render/original/rgb/00000.png", "export/ply/name_0000.ply"}
+    assert not (out / "a" / "render" / "orbit").exists() and not saved.exists(), "nobody asks for them any more"
+    assert board.rows["a"].states["fit"] == "kept" and [other.row.name for other in board.others] == ["b"]
+    write_clips(tmp_path / "clips", a={"fail": {"fit": "too blue"}})
+    run(only_a, out, defaults={"exports": "ply"})
+    assert set(contents(out / "a")) == {"mine.txt", "priors/depth.npy"}, "nor what a failed fit was the source of"
+    assert contents(out / "b") == of_b, "which is no row of that list"
 
 
 def test_one_bad_clip_never_stops_the_others(tmp_path, stub_cli, capsys):
     pattern = write_clips(
-        tmp_path / "clips", a={}, blue={"fail": {"fit": "the sky is <too> blue"}}, big={"die": {"priors": 9}}, z={}
+        tmp_path / "clips",
+        a={"note": {"fit": "2 shots"}},
+        blue={"fail": {"fit": "the sky is <too> blue"}},
+        big={"die": {"priors": 9}},
+        z={},
     )
     out = tmp_path / "out"
     code = main(["batch", pattern, "-o", str(out), "--json", "--jobs", "2"])
@@ -113,8 +135,15 @@ def test_one_bad_clip_never_stops_the_others(tmp_path, stub_cli, capsys):
     page = (out / "index.html").read_text()
     assert "the sky is &lt;too&gt; blue" in page and "2 of 4 clips are done, 2 failed" in page
     assert 'src="a/render/original/rgb/00000.png"' in page and 'href="blue/logs/fit.log"' in page
+    assert told["notes"] == {"a": {"fit": "2 shots"}}, "which is no failure"
+    main(["batch", pattern, "-o", str(out), "--dry-run", "--json"])
+    planned = json.loads(capsys.readouterr().out)
+    states = {task["stage"]: task["state"] for task in planned["rows"][2]["tasks"]}
+    assert states == {"priors": "kept", "fit": "failed", "render original 1/1": "waiting"}
+    assert planned["rows"][2]["errors"] == told["failed"]["blue"] and planned["seconds_left"] > 0
     write_clips(tmp_path / "clips", blue={}, big={})
     assert main(["batch", pattern, "-o", str(out)]) == 0, "failed rows are tried again"
+    assert capsys.readouterr().out.startswith("a, fit: 2 shots\n4 of 4 clips are done"), "told from its record, too"
 
 
 def test_a_clip_that_is_not_there_is_a_failed_row(tmp_path):
@@ -125,21 +154,33 @@ def test_a_clip_that_is_not_there_is_a_failed_row(tmp_path):
     assert board.rows["a"].state == "done" and board.rows["absent"].state == "failed"
 
 
+def write_pictures(folder, count=2):
+    folder.mkdir(parents=True)
+    for number in range(count):
+        (folder / f"{number}.png").touch()
+    return str(folder)
+
+
 def test_a_dry_run_touches_nothing(tmp_path, capsys):
-    pattern = write_clips(tmp_path / "clips", a={})
-    assert main(["batch", pattern, "-o", str(tmp_path / "out"), "--dry-run", "--json"]) == 0
+    clip = write_pictures(tmp_path / "clips" / "a")
+    assert main(["batch", clip, "-o", str(tmp_path / "out"), "--dry-run", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["to_do"] == told["tasks"] == 3 and told["rows"][0]["tasks"][1]["stage"] == "fit"
+    assert (
+        told["to_do"] == told["tasks"] == 3
+        and told["seconds_left"] is None
+        and told["rows"][0]["tasks"][1]["stage"] == "fit"
+    )
     assert not (tmp_path / "out").exists()
 
 
-def test_a_dry_run_names_what_is_missing(tmp_path, capsys):
-    write_clips(tmp_path, a={})
+def test_a_dry_run_names_what_is_missing_or_not_as_it_is_said(tmp_path, capsys):
+    write_pictures(tmp_path / "a")
     table = tmp_path / "list.csv"
-    table.write_text("clip\na.clip\nabsent.clip\n")
-    assert main(["batch", str(table), "-o", str(tmp_path / "out"), "--dry-run"]) == 1
+    table.write_text("clip,name,frames\na,a,\na,long,0:900\nabsent.mp4,,\n")
+    assert main(["batch", str(table), "-o", str(tmp_path / "out"), "--dry-run"]) == 2
     told = capsys.readouterr().out
-    assert "absent.clip is missing" in told and "a.clip is missing" not in told
+    assert "absent.mp4 is missing" in told and "a is missing" not in told
+    assert "long: " in told and "frames 0:900 reach beyond" in told
 
 
 @pytest.mark.parametrize(
@@ -163,16 +204,27 @@ def test_bad_input_is_one_sentence_before_any_work(tmp_path, capsys, arguments, 
     assert contents(tmp_path / "out") == {}
 
 
-def test_a_stopped_fit_goes_on_from_its_checkpoint_with_the_same_result(tmp_path):
+def test_without_ray_on_this_machine_the_option_that_exists_is_named(monkeypatch):
+    def init(**_):
+        raise ConnectionError("Could not find any running Ray instance. Please specify the one by setting `--address`.")
+
+    monkeypatch.setattr(ray_engine, "import_module", lambda name: SimpleNamespace(init=init))
+    with pytest.raises(F4xError, match=r"^--ray auto: Could not .* Ray instance; start Ray by .* HOST:PORT\.$"):
+        ray_engine.connect("auto")
+
+
+@pytest.mark.parametrize("more", [{}, {"window": "60"}], ids=["at once", "in windows"])
+def test_a_stopped_fit_goes_on_from_its_checkpoint_with_the_same_result(tmp_path, more):
+    defaults = QUICK | more
     pattern = write_clips(tmp_path / "clips", a={"steps": 20, "seconds": 0})
-    whole = contents(run(pattern, tmp_path / "whole") and tmp_path / "whole")
+    whole = contents(run(pattern, tmp_path / "whole", defaults=defaults) and tmp_path / "whole")
     write_clips(tmp_path / "slow", a={"steps": 20, "seconds": 0})  # equal content, equal keys
     out, store = tmp_path / "out", open_store(str(tmp_path / "out"))
-    (row,) = read_manifest(pattern, QUICK)
+    (row,) = read_manifest(pattern, defaults)
     board = plan([row], store)
-    priors, fit = board.rows["a"].tasks[:2]
+    *priors, fit = (task for task in board.rows["a"].tasks if task.kind in ("priors", "fit"))
     settings = Settings(store.url, program=STUB, save_every=0.0)
-    assert run_task(priors, settings).state == "done"
+    assert [run_task(task, settings).state for task in priors] == ["done"] * (not more)
     steps = []
 
     def progress(stage, done, total, message=""):
@@ -180,11 +232,13 @@ def test_a_stopped_fit_goes_on_from_its_checkpoint_with_the_same_result(tmp_path
 
     stopped = run_task(fit, settings, progress, lambda: len(steps) >= 1 and steps[-1] >= 1)
     assert stopped.state == "stopped" and not (out / "a" / "scene.f4x").exists()
-    assert (out / "a" / ".batch" / "fit" / "checkpoints" / "photometric.pt").is_file()
+    assert [*(out / "a" / ".batch" / "fit").rglob("checkpoints/photometric.pt")]
+    spent = json.loads((out / "a" / ".batch" / "fit" / "saved.json").read_text())["cpu_seconds"]
     done = run_task(fit, settings)
+    assert done.cpu_seconds > spent == stopped.cpu_seconds > 0, "a stopped attempt has cost something, too"
     assert done.state == "done" and done.attempts == 2 and done.results[0]["metrics"]["first_step"] > 0
     assert not (out / "a" / ".batch" / "fit" / "saved.json").exists()
-    assert run(pattern, out).rows["a"].state == "done" and contents(out) == whole
+    assert run(pattern, out, defaults=defaults).rows["a"].state == "done" and contents(out) == whole
 
 
 def test_what_was_saved_for_other_inputs_is_not_taken(tmp_path):
@@ -284,6 +338,14 @@ def test_a_store_behind_a_url_gets_the_same_files(tmp_path):
     assert (tmp_path / "out" / "a" / "scene.f4x").read_bytes() == whole["a/scene.f4x"]
 
 
+def test_a_store_of_real_folders_behind_a_url_makes_them(tmp_path):
+    pytest.importorskip("fsspec", reason="fsspec is not installed")
+    store = open_store(f"file://{tmp_path}/new/store")
+    assert store.folders() == [] and store.create("a/.batch/lock", b"1") and not store.create("a/.batch/lock", b"2")
+    store.write("b/c/d", b"34")
+    assert store.folders() == ["a", "b"] and store.sizes("") == {"a/.batch/lock": 1, "b/c/d": 2}
+
+
 def test_a_url_of_an_unknown_kind_is_one_sentence():
     pytest.importorskip("fsspec", reason="fsspec is not installed")
     with pytest.raises(F4xError, match="nowhere://x: "):
@@ -306,6 +368,18 @@ def test_a_full_disk_fails_the_task_and_loses_nothing(tmp_path, monkeypatch):
     monkeypatch.undo()
     again = run(pattern, out)
     assert again.rows["a"].states == {"priors": "kept"} | dict.fromkeys(list(again.rows["a"].states)[1:], "done")
+
+
+def test_a_log_gets_a_line_for_every_task_that_ended(tmp_path, stub_cli, capsys, monkeypatch):
+    monkeypatch.setattr(cli_batch, "why_slow", lambda: "No compiled kernels.")
+    pattern = write_clips(tmp_path / "clips", a={"fail": {"fit": "the sky is [too] blue"}})
+    assert main(["batch", pattern, "-o", str(tmp_path / "out")]) == 1
+    slow, *lines = capsys.readouterr().err.splitlines()
+    assert slow == "No compiled kernels."
+    times, said = zip(*(line.split(" ", 1) for line in lines), strict=True)
+    assert all(time.strptime(told, "%H:%M:%S") for told in times)
+    assert said[0] == "reading clips, 1 rows" and said[1].startswith("a, priors: done in ")
+    assert said[1].endswith(" s, 1 of 3") and said[2].endswith(" s, 3 of 3: the sky is [too] blue") and len(said) == 3
 
 
 def test_slots_are_used_and_never_more(tmp_path):
@@ -346,6 +420,45 @@ def test_the_page_of_a_thousand_rows_is_small_and_escapes(tmp_path):
     page = (tmp_path / "index.html").read_text()
     assert len(page) < 1_000_000 and "<b>" not in page and "a &lt;title&gt;" in page and page.count("<tr>") > 1000
     assert not (tmp_path / DIGESTS).exists()
+
+
+def test_the_page_shows_what_a_clip_became_and_links_what_is_there(tmp_path):
+    row = Row(
+        "a.mp4", "a", features=("text",), queries=("dog",), edits=("grey",), parts=2, exports=("ply",), profile="quick"
+    )
+    left = {
+        "priors": {"input.jpg", "priors/depth.npy"},
+        "fit": {"scene.f4x", "diagnostics.html"},
+        "distill": {"distilled.f4x", "features/text/maps.npy"},
+        "query dog": {"query/dog/selection.json", "query/dog/mask/00003.png", "query/dog/mask/00004.png"},
+        "edit": {"edited.f4x"},
+        "render original 1/2": {f"render/original/rgb/{number:05d}.png" for number in range(4)},
+        "render original 2/2": {f"render/original/rgb/{number:05d}.png" for number in range(4, 9)},
+    }
+    results = {"priors": {"frames": 9, "width": 480, "height": 270}}
+    results["fit"] = {"metrics": {"used_psnr": 25.7}, "quality": "poor"}
+    store = open_store(str(tmp_path))
+    board = plan([row, Row("b.mp4", "b")], store)
+    for task in board.rows["a"].tasks:
+        names = left.get(task.stage, set())
+        for name in (*names, f"logs/{task.slug}.log"):
+            store.write(f"a/{name}", b"x")
+        told = {"host": "h", "results": (results.get(task.stage, {}),), "files": dict.fromkeys(names, 1)}
+        note = "nothing answers" if "query" in task.stage else ""
+        board.settle(task, Outcome("a", task.stage, task.key, "done" if names else "failed", note=note, **told))
+        store.write(
+            f"other/.batch/{task.slug}.json", json.dumps(asdict(Outcome("other", task.stage, "", "done"))).encode()
+        )
+    board = Board(list(board.rows.values()), plan([row], store, remember=True).others)
+    write_index(store, board, "clips")
+    text = (tmp_path / "index.html").read_text()
+    links = {unquote(link) for link in re.findall(r'(?:href|src)="([^"]*)"', text)}
+    assert all((tmp_path / link).exists() for link in links), "no dead links"
+    shown = {"input.jpg", "diagnostics.html", "edited.f4x", "query/dog/mask/00004.png", "render/original/rgb/00004.png"}
+    assert {f"a/{name}" for name in (*shown, "logs/fit.log", "logs/export_ply.log", "")} <= links
+    assert "9 frames of 480×270" in text and '25.7<br><span class="poor">poor</span>' in text and "quick" in text
+    assert "query dog: nothing answers" in text and "20" in text.split("Written ")[1][:4]
+    assert text.count('class="other"') == 1 and "not in this list" in text
 
 
 @pytest.mark.slow

@@ -84,8 +84,9 @@ def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
     frames = worst_frames(metrics, 2)
     assert frames == [7, 6]
     page = tmp_path / "diagnostics.html"
-    write_diagnostics(page, clip, result, metrics, {frame: clip.frames[frame] / 255 for frame in frames})
+    word = write_diagnostics(page, clip, result, metrics, {frame: clip.frames[frame] / 255 for frame in frames})
     text = page.read_text()
+    assert f"The scene is {word}: " in text
     checker = Checker()
     checker.feed(text)
     assert checker.open == []
@@ -102,7 +103,7 @@ def test_page_survives_missing_priors(tmp_path: Path):
     clip, result, _ = made_up()
     for name in ("depth", "depth_confidence", "motion", "mask", "tracks", "tracks_visible", "tracks_motion"):
         setattr(result.priors, name, None)
-    write_diagnostics(tmp_path / "page.html", clip, replace(result, scaffold=None, history=[]), {}, {})
+    assert write_diagnostics(tmp_path / "page.html", clip, replace(result, scaffold=None, history=[]), {}, {}) == ""
     assert "The scene was not measured" in (tmp_path / "page.html").read_text()
 
 
