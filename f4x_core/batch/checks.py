@@ -1,13 +1,11 @@
-"""What can be told of a row before any task: sentences that nobody understands, files and frames that are not as it says."""
+"""What can be told of a row before any task: sentences that nobody understands, files and moments that are not as it says."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..clip.stream import claimed_frames
 from ..edit.json_files import read_operations
 from ..edit.language import parse
 from ..edit.operations import Duplicate, Name
@@ -16,8 +14,8 @@ from ..errors import F4xError
 from ..fit.vocabulary import EVERYDAY
 from ..geometry.trajectory import read_path
 from ..query.chat import ChatServer
+from .graph import claimed
 from .manifest import Row
-from .storage import URL
 
 UNKNOWN: dict[str, Any] = {"fps": 24.0, "frames": 1_000_000}
 """Of a clip that nobody has opened yet: no time that a sentence says lies outside."""
@@ -26,37 +24,23 @@ understand = lru_cache(1024)(parse)
 
 
 def require_values(row: Row) -> None:
-    """Raise F4xError for what no clip could make right: lengths of windows, and sentences that nobody understands."""
+    """Raise F4xError for what would fail however well the clip is fitted: lengths of windows, moments, sentences, JSON files."""
     if row.window or row.overlap is not None:
         from .windows import LENGTH, OVERLAP, plan_windows  # imports the whole fit
 
         length = row.window or LENGTH
         plan_windows(0, length, length, OVERLAP if row.overlap is None else row.overlap)
+    moments = [path for path in row.paths if path.startswith("frozen:")]
+    last = claimed(row)[0] - 1 if moments else -1
+    for path in moments:
+        if 0 <= last < float(path.removeprefix("frozen:")):
+            raise F4xError(f"paths has {path}, {row.clip} has frames 0 to {last}; choose one of them.")
     if ChatServer.from_environment() is None:  # a model understands more than the grammar
         _require_sentences(row)
-
-
-def faults_of(row: Row) -> Iterator[str]:
-    """Sentences about files that are there and are not what the row says of them; the row's tasks would fail."""
-    checks: list[Callable[[], Any]] = []
-    if URL not in row.clip and Path(row.clip).expanduser().exists():
-        checks.append(partial(_require_frames, row))
     for names, read in ((row.edits, read_operations), (row.paths, read_path)):
-        checks += [partial(read, Path(name)) for name in names if name.endswith(".json") and Path(name).is_file()]
-    for check in checks:
-        try:
-            check()
-        except F4xError as error:
-            yield str(error)
-
-
-def _require_frames(row: Row) -> None:
-    """F4xError where the clip cannot be opened, or has not the frames and moments that the row speaks of."""
-    count = claimed_frames(row.clip, row.frames)
-    moments = [path.removeprefix("frozen:") for path in row.paths if path.startswith("frozen:")]
-    for moment in moments if count else ():
-        if float(moment) > count - 1:
-            raise F4xError(f"paths has frozen:{moment}, the clip has frames 0 to {count - 1}; choose one of them.")
+        for file in map(Path, names):
+            if file.suffix == ".json" and file.is_file():  # one that is missing is told as that
+                read(file)
 
 
 def _require_sentences(row: Row) -> None:

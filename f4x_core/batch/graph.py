@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
@@ -163,11 +162,17 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
 
 def fitted_in_windows(row: Row) -> bool:
     """Whether `f4x fit` cuts the clip into windows, each of which makes its own priors."""
-    if row.window is not None:
-        return row.window > 0
-    with contextlib.suppress(F4xError):  # whoever reads the clip has the better sentence
-        return URL not in row.clip and claimed_frames(row.clip, row.frames) > LONG
-    return False
+    return claimed(row)[0] > LONG if row.window is None else row.window > 0
+
+
+def claimed(row: Row) -> tuple[int, str]:
+    """Frames that the row uses as far as its clip tells without being decoded, else 0; and why it cannot be read."""
+    if URL not in row.clip and Path(row.clip).expanduser().exists():
+        try:
+            return claimed_frames(row.clip, row.frames), ""
+        except F4xError as error:
+            return 0, str(error)
+    return 0, ""
 
 
 def _options(**options: object) -> list[str]:

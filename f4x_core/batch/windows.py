@@ -35,8 +35,6 @@ OVERLAP = 12
 """Frames that neighbouring windows share."""
 LEAST_OVERLAP = 2
 """With fewer shared frames nothing can go over from one window to the next."""
-LONG = 240
-"""Clips of more frames are cut into windows unless told otherwise: about as many as a phone films in eight seconds."""
 
 Window = tuple[int, int]
 """First frame and end, not included."""

@@ -73,7 +73,7 @@ class Outcome:
     cpu_seconds: float = 0.0
     """Time of all their cores."""
     overhead: float = 0.0
-    """Wall seconds beside the commands: fetching, publishing, records."""
+    """Wall seconds beside the commands, of the last attempt: fetching, publishing, records."""
     memory: int = 0
     """Most bytes that a command held."""
     attempts: int = 1
@@ -122,7 +122,7 @@ class Attempt:
         """Nothing is touched yet; F4xError where the store cannot be opened."""
         self.task, self.settings, self.store = task, settings, open_store(settings.url)
         self.start = time.perf_counter()
-        self.busy, self.cpu, self.memory, self.attempts = 0.0, 0.0, 0, 1
+        self.busy, self.before, self.cpu, self.memory, self.attempts = 0.0, 0.0, 0.0, 0, 1
         self.results: list[dict[str, Any]] = []
         self.notes: list[str] = []
         self.published: dict[str, int] = {}
@@ -158,7 +158,7 @@ class Attempt:
             host=socket.gethostname(),
             seconds=round(self.busy, 3),
             cpu_seconds=round(self.cpu, 3),
-            overhead=round(time.perf_counter() - self.start - self.busy, 3),
+            overhead=round(time.perf_counter() - self.start - (self.busy - self.before), 3),
             memory=self.memory,
             attempts=self.attempts,
             results=tuple(self.results),
@@ -219,7 +219,8 @@ class Attempt:
             head = json.loads(self.store.read(self._saved_head) or b"{}")
         if head.get("key") == self.task.key:
             self.attempts = head["attempts"] + 1
-            self.busy, self.cpu = head["seconds"], head["cpu_seconds"]
+            self.busy = self.before = head["seconds"]
+            self.cpu = head["cpu_seconds"]
             for name in head["files"]:
                 self._fetch(f"{self._saved_folder}/{name}", work / name)
         else:
@@ -288,6 +289,7 @@ class Attempt:
                 if self.saved.get(name) != changed:
                     self.store.publish(path, f"{self._saved_folder}/{name}")
                     self.saved[name] = changed
+        self.saved = {name: changed for name, changed in self.saved.items() if name in new}  # a finished window tidies up
         head = {"key": self.task.key, "attempts": self.attempts, "seconds": self.busy, "cpu_seconds": self.cpu}
         if self.saved:
             self.store.write(self._saved_head, json.dumps(head | {"files": sorted(self.saved)}).encode())

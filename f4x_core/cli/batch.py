@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from ..batch.checks import faults_of, require_values
-from ..batch.graph import CLIP
+from ..batch.checks import require_values
+from ..batch.graph import CLIP, claimed
 from ..batch.index import write_index
 from ..batch.local import LocalEngine
 from ..batch.manifest import PAGE, Row, read_manifest
@@ -239,7 +239,7 @@ def _told_plan(board: Board) -> dict[str, Any]:
         f"{row['name']}: " + ", ".join(f"{task['stage']} [{task['state']}]" for task in row["tasks"]) for row in rows
     ]
     lines += [f"{row['name']}: {path} is missing" for row in rows for path in row["missing"]]
-    lines += [f"{row['name']}: {fault}" for row in rows for fault in row["faults"]]
+    lines += [f"{row['name']}: {row['fault']}" for row in rows if row["fault"]]
     to_do, left = board.number(WAITING), _time_left(board)
     lines.append(f"{to_do} of {board.number()} tasks to do{left and f'{left}, one at a time'}; nothing was done")
     return {
@@ -248,7 +248,7 @@ def _told_plan(board: Board) -> dict[str, Any]:
         "to_do": to_do,
         "seconds_left": board.eta(),
         "text": "\n".join(lines),
-        "exit_code": _exit_code([row for row in rows if row["missing"] or row["faults"]]),
+        "exit_code": _exit_code([row for row in rows if row["missing"] or row["fault"]]),
     }
 
 
@@ -256,7 +256,7 @@ def _row_plan(each: RowState) -> dict[str, Any]:
     row: Row = each.row
     states = each.states | dict.fromkeys(each.errors, FAILED)  # of earlier runs: they will be tried again
     tasks = [{"stage": t.stage, "state": states[t.stage], "commands": t.commands} for t in each.tasks]
-    found = {"missing": list(each.missing), "faults": list(faults_of(row))}
+    found = {"missing": list(each.missing), "fault": claimed(row)[1]}
     return {"name": row.name, "clip": row.clip, **found, "errors": each.errors, "tasks": tasks}
 
 

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from f4x_core.batch.checks import faults_of, require_values
-from f4x_core.batch.graph import CLIP, LONG, tasks_of
+from f4x_core.batch.checks import require_values
+from f4x_core.batch.graph import CLIP, LONG, claimed, tasks_of
 from f4x_core.batch.manifest import Row, read_manifest
 from f4x_core.batch.storage import Digests
 from f4x_core.cli.main import build_parser
@@ -248,17 +248,21 @@ def test_sentences_about_what_earlier_ones_make_are_left_to_the_scene():
     )
 
 
-def test_files_that_are_not_what_a_row_says_are_faults(tmp_path):
+def test_frames_and_files_are_looked_at_before_any_task(tmp_path):
     for number in range(8):
         write(tmp_path / "clip" / f"{number}.png", "")
     clip, noise = str(tmp_path / "clip"), write(tmp_path / "noise.mp4", "noise")
-    broken = write(tmp_path / "ops.json", "[{}]")
-    assert list(faults_of(Row(clip, frames="0:8", paths=("frozen:7",)))) == []
-    assert "reach beyond" in next(faults_of(Row(clip, frames="0:900:1")))
-    assert "the clip has frames 0 to 3" in next(faults_of(Row(clip, frames="0:8:2", paths=("frozen:4",))))
-    assert "cannot be read as a video" in next(faults_of(Row(noise)))
-    assert [broken in fault for fault in faults_of(Row(clip, edits=(broken,), paths=(broken,)))] == [True, True]
-    assert list(faults_of(Row(str(tmp_path / "absent.mp4")))) == [], "what is missing is told as missing"
+    assert claimed(Row(clip, frames="0:8:2")) == (4, "") and claimed(Row(str(tmp_path / "absent.mp4"))) == (0, "")
+    assert "reach beyond" in claimed(Row(clip, frames="0:900"))[1]
+    assert "cannot be read as a video" in claimed(Row(noise))[1]
+    require_values(Row(clip, paths=("frozen:7", "absent.json"), edits=("absent.json",)))
+    require_values(Row(noise, paths=("frozen:7",)))
+    with pytest.raises(F4xError, match=r"paths has frozen:7, .*clip has frames 0 to 3"):
+        require_values(Row(clip, frames="0:8:2", paths=("frozen:7",)))
+    broken = write(tmp_path / "broken.json", "[{}]")
+    for row in (Row(clip, edits=(broken,)), Row(clip, paths=(broken,))):
+        with pytest.raises(F4xError, match=r"broken\.json"):
+            require_values(row)
 
 
 def test_two_words_that_would_share_a_folder_are_refused():

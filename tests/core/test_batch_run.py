@@ -236,6 +236,7 @@ def test_a_stopped_fit_goes_on_from_its_checkpoint_with_the_same_result(tmp_path
     spent = json.loads((out / "a" / ".batch" / "fit" / "saved.json").read_text())["cpu_seconds"]
     done = run_task(fit, settings)
     assert done.cpu_seconds > spent == stopped.cpu_seconds > 0, "a stopped attempt has cost something, too"
+    assert done.overhead > 0
     assert done.state == "done" and done.attempts == 2 and done.results[0]["metrics"]["first_step"] > 0
     assert not (out / "a" / ".batch" / "fit" / "saved.json").exists()
     assert run(pattern, out, defaults=defaults).rows["a"].state == "done" and contents(out) == whole
