@@ -27,7 +27,7 @@ from f4x_core.batch.local import LocalEngine
 from f4x_core.batch.manifest import Row, read_manifest
 from f4x_core.batch.run import DIGESTS, LOCK, Board, clear_old, locked, plan, run_board
 from f4x_core.batch.storage import Folder, open_store
-from f4x_core.batch.work import Outcome, Settings, run_task
+from f4x_core.batch.work import Attempt, Outcome, Settings, run_task
 from f4x_core.cli import batch as cli_batch
 from f4x_core.cli import main
 from f4x_core.errors import F4xError
@@ -240,6 +240,21 @@ def test_a_stopped_fit_goes_on_from_its_checkpoint_with_the_same_result(tmp_path
     assert done.state == "done" and done.attempts == 2 and done.results[0]["metrics"]["first_step"] > 0
     assert not (out / "a" / ".batch" / "fit" / "saved.json").exists()
     assert run(pattern, out, defaults=defaults).rows["a"].state == "done" and contents(out) == whole
+
+
+def test_what_a_finished_window_removes_is_not_brought_back(tmp_path):
+    (row,) = read_manifest(write_clips(tmp_path / "clips", a={}), QUICK | {"window": "60"})
+    store, work = open_store(str(tmp_path / "out")), tmp_path / "work"
+    attempt = Attempt(plan([row], store).rows["a"].tasks[0], Settings(store.url))
+    saved = []
+    for name in ("checkpoints/photometric.pt", "scene.f4x"):
+        path = work / "windows" / "000" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+        attempt._save(work)
+        saved.append(json.loads(store.read("a/.batch/fit/saved.json"))["files"])
+        shutil.rmtree(path.parent)
+    assert saved == [["windows/000/checkpoints/photometric.pt"], ["windows/000/scene.f4x"]]
 
 
 def test_what_was_saved_for_other_inputs_is_not_taken(tmp_path):
