@@ -25,7 +25,7 @@ PROFILE = "wild"
 OTHER = ' class="other"'
 """Rows that lie in the store and are not in the manifest."""
 STYLE = """<style>
-.clip { width: max-content; min-width: 100%; } .clip img { width: 160px; } .clip td { max-width: 320px; }
+body { max-width: 1400px; } .clip img { width: 160px; } .clip td { overflow-wrap: anywhere; }
 .failed, .poor { color: var(--bad); } .done, .good { color: var(--fine); } .other { opacity: .45; }
 </style>"""
 
@@ -40,9 +40,10 @@ def write_index(store: Store, board: Board, title: str) -> None:
     done = sum(each.state == DONE for each in rows)
     verdict = f"{done} of {len(rows)} clips are done" + (f", {len(failed)} failed" if failed else "") + "."
     written = f'<p class="dim">Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC</p>'
-    body = [f'{STYLE}<p class="verdict">{verdict}</p>{written}', _times(board)]
+    body = [f'{STYLE}<p class="verdict">{verdict}</p>{written}']
     body.append(page.section("Failures", "".join(map(_failure, failed))))
     body.append(page.section("Clips", _table([*rows, *board.others], store.local is not None)))
+    body.append(page.section("Tasks", _times(board)))
     store.write(PAGE, page.document(title, body))
 
 
@@ -70,13 +71,13 @@ def _failure(each: RowState) -> str:
 
 def _table(rows: Sequence[RowState], local: bool) -> str:
     shown = {name: title for name, title in SCORES.items() if any(name in each.scores for each in rows)}
-    titles = ("input", "render", "clip", "state", *shown.values(), "seconds", "files")
-    head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
-    return f'<table class="clip"><tr>{head}</tr>{"".join(_row(each, shown, local) for each in rows)}</table>'
+    numbers = "".join(f'<th class="number">{html.escape(title)}</th>' for title in (*shown.values(), "seconds"))
+    head = f"<tr><th>input</th><th>render</th><th>clip</th><th>state</th>{numbers}<th>files</th></tr>"
+    return f'<table class="clip">{head}{"".join(_row(each, shown, local) for each in rows)}</table>'
 
 
 def _row(each: RowState, shown: dict[str, str], local: bool) -> str:
-    scores = [f"{each.scores[name]:,.5g}" if name in each.scores else "–" for name in shown]
+    scores = [_figure(each.scores[name]) if name in each.scores else "–" for name in shown]
     if each.quality:
         scores[0] += f'<br><span class="{each.quality.split()[0]}">{html.escape(each.quality)}</span>'
     numbers = "".join(f'<td class="number">{value}</td>' for value in (*scores, f"{sum(each.seconds.values()):.0f}"))
@@ -92,6 +93,10 @@ def _row(each: RowState, shown: dict[str, str], local: bool) -> str:
         f"<td>{html.escape(each.row.name)}{_dim(about)}</td>"
         f'<td><span class="{each.state}">{each.state}</span>{_dim(notes)}</td>{numbers}<td>{links}</td></tr>'
     )
+
+
+def _figure(value: float) -> str:
+    return f"{value:,}" if isinstance(value, int) else f"{value:.1f}"
 
 
 def _dim(lines: Sequence[str]) -> str:

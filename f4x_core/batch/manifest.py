@@ -91,7 +91,7 @@ class Row(Record):
     channels: tuple[str, ...] = ("rgb",)
     """What is rendered."""
     parts: int = 1
-    """Each path is rendered in this many tasks, which may run at the same time."""
+    """Each path is rendered in this many tasks, side by side where cores are free."""
     exports: tuple[str, ...] = ()
     """Formats to export to, all frames."""
 

@@ -146,6 +146,20 @@ def test_a_node_with_another_version_is_told_before_any_work(cluster, tmp_path, 
     assert not ray.is_initialized() and not scenes(tmp_path / "out")
 
 
+def test_a_node_that_draws_with_something_else_is_told_where_that_matters(cluster, tmp_path, monkeypatch):
+    pattern = write_clips(tmp_path / "clips", a={})
+    monkeypatch.setattr(ray_engine, "choose_backend", lambda backend: "another")
+    with pytest.raises(F4xError, match="node .* would draw with .*, this machine with another, .*; compile the kernels"):
+        run(cluster, pattern, tmp_path / "out")
+    assert run(cluster, pattern, tmp_path / "out", defaults=ROWS | {"backend": "torch"}).rows["a"].state == "done"
+
+
+def test_a_node_that_is_too_busy_to_answer_is_told(cluster, tmp_path, monkeypatch):
+    monkeypatch.setattr(ray_engine, "PROBE_PATIENCE", 0.0)
+    with pytest.raises(F4xError, match="did not answer within 0 seconds; it may be busy: give the same command again"):
+        ray_engine.RayEngine(Settings(str(tmp_path)), cluster.address)
+
+
 def test_a_node_that_does_not_see_the_folder_is_told(cluster, tmp_path):
     with pytest.raises(F4xError, match=r"does not see .*; choose a folder that all machines share"):
         ray_engine.RayEngine(Settings(str(tmp_path / "not there")), cluster.address)
