@@ -15,7 +15,7 @@ import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
 from typing import Any, Protocol
 
@@ -288,10 +288,14 @@ def plan(
 def _read_other(store: Store, name: str) -> RowState:
     """What records tell of a folder that is no row of the manifest; without states where it has none."""
     each = RowState(Row(name, name), ())
-    records = [parse_record(store.read(file)) for file in store.sizes(f"{name}/{STATE}") if _is_record(file)]
-    for record in sorted(filter(None, records), key=lambda record: record.stage != "priors"):  # which tell the size
+    found = [parse_record(store.read(file)) for file in store.sizes(f"{name}/{STATE}") if _is_record(file)]
+    records = [record for record in found if record is not None]
+    sizes = store.sizes(name) if records else {}
+    order = {kind: number for number, kind in enumerate(KINDS)}
+    for record in sorted(records, key=lambda record: order.get(record.stage.split(" ")[0], len(order))):
         each.states[record.stage] = KEPT if record.state == DONE else FAILED
-        each.take(record)
+        there = {file: size for file, size in record.files.items() if f"{name}/{file}" in sizes}
+        each.take(replace(record, files=there))
     return each
 
 

@@ -158,7 +158,7 @@ class Screen:
         elif self.live is not None:
             self.live.update(f"reading clips {done}/{total}", refresh=True)
         elif done == 1:
-            self._log(f"reading clips, {total} rows")
+            self._log("reading clips")
 
     def tell(self, board: Board, outcome: Outcome) -> None:
         """Put what became of a task into the log."""

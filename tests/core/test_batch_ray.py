@@ -149,7 +149,9 @@ def test_a_node_with_another_version_is_told_before_any_work(cluster, tmp_path, 
 def test_a_node_that_draws_with_something_else_is_told_where_that_matters(cluster, tmp_path, monkeypatch):
     pattern = write_clips(tmp_path / "clips", a={})
     monkeypatch.setattr(ray_engine, "choose_backend", lambda backend: "another")
-    with pytest.raises(F4xError, match="node .* would draw with .*, this machine with another, .*; compile the kernels"):
+    with pytest.raises(
+        F4xError, match="node .* would draw with .*, this machine with another, .*; compile the kernels"
+    ):
         run(cluster, pattern, tmp_path / "out")
     assert run(cluster, pattern, tmp_path / "out", defaults=ROWS | {"backend": "torch"}).rows["a"].state == "done"
 

@@ -394,7 +394,7 @@ def test_a_log_gets_a_line_for_every_task_that_ended(tmp_path, stub_cli, capsys,
     assert slow == "No compiled kernels."
     times, said = zip(*(line.split(" ", 1) for line in lines), strict=True)
     assert all(time.strptime(told, "%H:%M:%S") for told in times)
-    assert said[0] == "reading clips, 1 rows" and said[1].startswith("a, priors: done in ")
+    assert said[0] == "reading clips" and said[1].startswith("a, priors: done in ")
     assert said[1].endswith(" s, 1 of 3") and said[2].endswith(" s, 3 of 3: the sky is [too] blue") and len(said) == 3
 
 
