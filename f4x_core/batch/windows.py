@@ -217,7 +217,7 @@ def fit_long(
     """Fit every shot: `folder/scene.f4x`, `metrics.json` and `diagnostics.html`, or those in `folder/shot_N` where the clip is
     cut, with a `folder/diagnostics.html` that leads to them.
 
-    Returns for each shot `scene` (path), `frames`, `windows`, `metrics`.
+    Returns for each shot `scene` (path), `frames`, `picked` (those of the source), `windows`, `metrics`.
     """
     told = []
     for number, shot in enumerate(shots):
@@ -236,6 +236,7 @@ def fit_long(
             {
                 "scene": str(place / "scene.f4x"),
                 "frames": [shot.start, shot.end],
+                "picked": scene.provenance["frames"],
                 "windows": len(shot.windows),
                 "metrics": figures,
                 "static": len(scene.static),
@@ -253,8 +254,8 @@ def _write_contents(folder: Path, title: str, told: Sequence[dict[str, Any]]) ->
     from .. import page
 
     lines = [
-        f'<p><a href="shot_{number}/diagnostics.html">shot {number}</a>: frames {shot["frames"][0]} to'
-        f" {shot['frames'][1] - 1}, PSNR {shot['metrics'].get('used_psnr', math.nan):.2f} dB</p>"
+        f'<p><a href="shot_{number}/diagnostics.html">shot {number}</a>: frames {shot["picked"]} of the source,'
+        f" PSNR {shot['metrics'].get('used_psnr', math.nan):.2f} dB</p>"
         for number, shot in enumerate(told, 1)
     ]
     with replace_file(folder / "diagnostics.html") as file:

@@ -137,9 +137,9 @@ def fit_windows(
     told = fit_long(shots, read, args.output, config, progress, args.resume)
     lines = []
     for shot in told:
-        figures, (start, end) = shot["metrics"], shot["frames"]
+        figures = shot["metrics"]
         lines.append(
-            f"{shot['scene']}: frames {start} to {end - 1} in {shot['windows']} windows, {shot['static']:,} static and"
+            f"{shot['scene']}: frames {shot['picked']} in {shot['windows']} windows, {shot['static']:,} static and"
             f" {shot['dynamic']:,} dynamic Gaussians, PSNR of used frames {figures['used_psnr']:.2f} dB"
         )
         if "seam_psnr" in figures:
@@ -162,9 +162,7 @@ def fit_windows(
         for name in ("scene.f4x", "metrics.json"):
             with replace_file(args.output / name) as file:
                 file.write(Path(longest["scene"]).with_name(name).read_bytes())
-        result["note"] = (
-            f"{len(told)} shots; {result['scene']} is the longest, --frames {known.part(*longest['frames'])}"
-        )
+        result["note"] = f"{len(told)} shots; {result['scene']} is the longest, --frames {longest['picked']}"
         lines.append(f"! {result['note']}")
     return {**result, "text": "\n".join(lines)}
 

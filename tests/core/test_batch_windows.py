@@ -218,7 +218,7 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
     def fit_shot(plan, read, folder, config, progress, resume):
         progress("photometric", 0, 1, "window 1 of 2")
         folder.mkdir()
-        return scene
+        return dataclasses.replace(scene, provenance={"frames": known.part(plan.start, plan.end)})
 
     monkeypatch.setattr(windows, "fit_shot", fit_shot)
     monkeypatch.setattr(windows, "evaluate_shot", lambda _, plan, *more: {"frames": [], "used_psnr": 20.0 + plan.start})
@@ -227,6 +227,7 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
     known = Survey(10, 2, 9, (3,))
     result = fit_windows(args, known, plan_shots(9, (3,)), shot.config, [], lambda *told: print(*told))
     assert capsys.readouterr().out.splitlines()[1] == "photometric 0 1 shot 2 of 2, window 1 of 2"
+    assert "frames 10:15:2 of the source" in (tmp_path / "diagnostics.html").read_text()
     links = re.findall('href="(.*?)"', (tmp_path / "diagnostics.html").read_text())
     assert links == ["shot_1/diagnostics.html", "shot_2/diagnostics.html"]
     assert all((tmp_path / link).is_file() for link in links)
