@@ -150,7 +150,7 @@ def test_a_node_that_draws_with_something_else_is_told_where_that_matters(cluste
     pattern = write_clips(tmp_path / "clips", a={})
     monkeypatch.setattr(ray_engine, "choose_backend", lambda backend: "another")
     with pytest.raises(
-        F4xError, match="node .* would draw with .*, this machine with another, .*; compile the kernels"
+        F4xError, match=r"node .* would draw with .*, this machine with another, .*; compile the kernels"
     ):
         run(cluster, pattern, tmp_path / "out")
     assert run(cluster, pattern, tmp_path / "out", defaults=ROWS | {"backend": "torch"}).rows["a"].state == "done"
@@ -195,7 +195,10 @@ def test_ctrl_c_stops_the_work_on_the_nodes_and_the_same_command_goes_on(cluster
     assert process.wait(30) == 130
     assert "the same command continues" in process.stderr.read()
     wait_for(lambda: not fits_at_work(), 10)
-    done = subprocess.run([*command, "--json"], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.Popen([*command, "--json"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    os.kill(min(wait_for(fits_at_work)), signal.SIGKILL)
+    told, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    assert json.loads(told)["done"] == 1, "and nothing of what Ray says of the dead worker"
     record = json.loads((out / "a" / ".batch" / "fit.json").read_text())
-    assert record["attempts"] == 2 and record["results"][0]["metrics"]["first_step"] > 0
+    assert record["attempts"] >= 2 and record["results"][0]["metrics"]["first_step"] > 0
