@@ -36,6 +36,10 @@ OPAQUE = 0.8
 """Alpha from which on the background is there at all."""
 LEAST_PIXELS = 32
 """Fewer tell no depth."""
+AROUND, NEAREST = 3, 10
+"""Pixels around what moves, and the percentile of their depth that is the ground below it."""
+COVERED, LOOKS = 0.5, 8
+"""Alpha from which on something that moves covers a pixel; frames that are looked at for it."""
 FREEDOM = {"static": 0, "pan": 3, "moving": 6}
 """Numbers that place a camera of each kind: its rotation, its position."""
 ROUNDS = 2
@@ -77,7 +81,7 @@ class Earlier:
 
         Scale: median ratio of the depth that the earlier scene shows to the priors', where nothing moves. Rotation and place:
         the mean over the shared cameras. How far away movers are is a guess that may differ from window to window: they get
-        the ratio of their own pixels.
+        the ratio of their own pixels, as long as it leaves them in front of what stands around them.
         """
         assert priors.cameras is not None and priors.depth is not None
         moving = np.zeros(priors.depth.shape, bool) if priors.mask is None else priors.mask
@@ -94,7 +98,8 @@ class Earlier:
             then.append(np.linalg.inv(camera.world_to_camera))
         ratio = np.stack(ratios)
         scale = _median(ratio[~moving[shared]], 1.0)
-        factor = np.where(moving, _median(ratio[moving[shared]], scale), scale).astype(np.float32)
+        own = min(_median(ratio[moving[shared]], scale), scale * _room(priors.depth, moving))
+        factor = np.where(moving, own, scale).astype(np.float32)
         cameras = priors.cameras.scaled_world(scale)
         now = np.linalg.inv(cameras.world_to_camera[shared])
         turns, _ = pose.from_matrix(np.stack(then) @ np.linalg.inv(now))
@@ -181,13 +186,27 @@ class Earlier:
             camera = priors.cameras[int(row)]
             shapes = world.xyz, world.rotation, world.scale, world.opacity
             light += light_into(*shapes, camera.world_to_camera, camera.intrinsics, layers, backend=backend)
-        stays = light[:, 2] <= 0.5 * light[:, 1]
+        stays = (light[:, 2] <= 0.5 * light[:, 1]) & ~self._guessed(backend)
         drawn = world.take(stays & (light[:, 0] > 0))
         explained = {}
         for row in rows:
             wrong, there = self._compare(drawn, clip, priors, row, backend)
             explained[int(row)] = there & ~wrong
         return Backdrop(world.take(stays), drawn, explained)
+
+    def _guessed(self, backend: str) -> np.ndarray:
+        """(N,) bool: background that the earlier window drew mostly where something moved, so that no picture told what it is."""
+        light = np.zeros((len(self.scene.static), 2))  # into all pixels, into those that something covers
+        if len(self.scene.dynamic):
+            cameras, world = self.scene.cameras, self.scene.static
+            movers = replace(self.scene, static=world.take(np.zeros(len(world), bool)))
+            shapes = world.xyz, world.rotation, world.scale, world.opacity
+            for frame in np.unique(np.linspace(0, len(cameras) - 1, LOOKS).round().astype(int)):
+                camera = cameras[int(frame)]
+                covered = render(movers, camera, float(cameras.times[frame]), ("alpha",), backend)["alpha"] > COVERED
+                layers = np.stack([np.ones_like(covered), covered], -1).astype(np.float32)
+                light += light_into(*shapes, camera.world_to_camera, camera.intrinsics, layers, backend=backend)
+        return light[:, 1] > 0.5 * light[:, 0]
 
     def _compare(
         self, world: StaticSet, clip: Clip, priors: Priors, row: int, backend: str
@@ -215,6 +234,16 @@ class Earlier:
             return replace(scaffold, ids=self.next_node + np.arange(len(scaffold)))
         before = replace(before, times=before.times - self.offset)
         return continue_nodes(scaffold, before, CONTINUES * before.unit, self.next_node)
+
+
+def _room(depth: np.ndarray, moving: np.ndarray) -> float:
+    """How many times as far away what moves may be and still be in front of the nearest of what stands around it."""
+    found = []
+    for z, mask in zip(depth, moving, strict=True):
+        around = binary_dilation(mask, iterations=AROUND) & ~mask
+        if mask.any() and around.any():
+            found.append(np.percentile(z[around], NEAREST) / np.median(z[mask]))
+    return float(np.median(found)) if found else np.inf
 
 
 def _median(ratios: np.ndarray, otherwise: float) -> float:

@@ -11,8 +11,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from scipy import sparse
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import binary_dilation, uniform_filter1d
 from toy import clip_and_priors
 
 from f4x_core.batch import windows
@@ -29,7 +30,7 @@ from f4x_core.fit.distil import View, _Views, distil
 from f4x_core.fit.distil_config import DistilConfig
 from f4x_core.fit.earlier import Earlier
 from f4x_core.geometry import pose, quaternion
-from f4x_core.scene import Scene, StaticSet, read_scene
+from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene
 from f4x_core.scene.view import render
 
 
@@ -223,7 +224,8 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
     monkeypatch.setattr(windows, "fit_shot", fit_shot)
     monkeypatch.setattr(windows, "evaluate_shot", lambda _, plan, *more: {"frames": [], "used_psnr": 20.0 + plan.start})
     monkeypatch.setattr(windows, "_write_page", lambda folder, *_: (folder / "diagnostics.html").touch())
-    args = arguments(tmp_path, output=tmp_path, resume=False)
+    write_images(tmp_path / "clip" / "images", np.zeros((27, 16, 24, 3), np.uint8))
+    args = arguments(tmp_path / "clip", output=tmp_path, resume=False, masks=None, hold_out=None)
     known = Survey(10, 2, 9, (3,))
     result = fit_windows(args, known, plan_shots(9, (3,)), shot.config, [], lambda *told: print(*told))
     assert capsys.readouterr().out.splitlines()[1] == "photometric 0 1 shot 2 of 2, window 1 of 2"
@@ -234,6 +236,7 @@ def test_a_folder_of_several_shots_leads_to_them(shot, tmp_path, monkeypatch, ca
     assert json.loads((tmp_path / "metrics.json").read_text())["used_psnr"] == 23
     assert result["note"].startswith("2 shots;") and result["note"].endswith("the longest, --frames 16:27:2")
     assert result["text"].endswith(result["note"])
+    assert (result["frames"], *Image.open(tmp_path / "input.jpg").size) == (6, 24, 16)
 
 
 def test_windows_that_share_no_used_frame_are_refused():
@@ -241,6 +244,41 @@ def test_windows_that_share_no_used_frame_are_refused():
     scene = Scene("toy", StaticSet.empty(), priors.cameras)
     with pytest.raises(F4xError, match="overlap"):
         Earlier(scene, 8, 0).place(priors)
+
+
+def test_what_moves_is_not_placed_behind_the_ground_around_it(shot):
+    """The earlier window may have guessed that it is far away; then it would be hidden in the later one."""
+    _, priors = clip_and_priors(8)
+    far = read_scene(shot.folder / "windows" / "000" / "scene.f4x")
+    far = dataclasses.replace(
+        far, dynamic=DynamicSet.empty(), scaffold=None
+    )  # the wall is seen where the square should be
+    assert priors.depth is not None and priors.mask is not None
+    for depth, mask in zip(priors.depth, priors.mask, strict=True):
+        depth[binary_dilation(mask, iterations=3) & ~mask] = (
+            1.0  # ground around it, the square is at 0.9, the wall at 1.2
+        )
+    placed = Earlier(far, 0, 0).place(priors, "torch")
+    square, ground = placed.depth[priors.mask], placed.depth[priors.depth == 1.0]
+    assert 0.98 * ground.min() < square.max() <= 1.01 * ground.min()
+
+
+def test_background_that_no_picture_told_is_guessed(shot):
+    scene = read_scene(shot.folder / "windows" / "000" / "scene.f4x")
+    middle = scene.dynamic.xyz.mean(0) + np.float32([0, 0, 0.1])  # behind what moves, in all frames
+    hidden = dataclasses.replace(
+        scene.static.take(np.arange(1)),
+        xyz=middle[None],
+        scale=np.full((1, 3), 0.01, np.float32),
+        ids=np.array([10**6]),
+    )
+    arrays = {
+        name: np.concatenate([getattr(scene.static, name), getattr(hidden, name)])
+        for name in vars(hidden)
+        if name != "span"
+    }
+    guessed = Earlier(dataclasses.replace(scene, static=StaticSet(**arrays)), 0, 0)._guessed("torch")
+    assert guessed[-1] and guessed.mean() < 0.3
 
 
 def test_background_that_turned_wrong_leaves(shot):
