@@ -26,7 +26,7 @@ from .storage import Digests, Store
 from .work import STATE, Outcome, parse_record, record_name
 
 INPUT = "input.jpg"
-"""The picture of the clip that `f4x priors` leaves."""
+"""The picture of the clip that `f4x priors` leaves, and `f4x fit` where it fits windows."""
 LINKED = {
     "fit": {"diagnostics": "diagnostics.html", "scene": "scene.f4x"},
     "distill": {"scene": "distilled.f4x"},
@@ -123,10 +123,8 @@ class RowState:
         if outcome.host and stage not in self.logs:
             self.logs = (*self.logs, stage)
         result = outcome.results[-1] if outcome.results else {}
-        if stage == "priors":
-            self.input = INPUT if INPUT in outcome.files else ""
-            if "frames" in result:
-                self.size = result["frames"], result["width"], result["height"]
+        if INPUT in outcome.files and "width" in result:
+            self.input, self.size = INPUT, (result["frames"], result["width"], result["height"])
         if stage == "fit":
             metrics = result.get("metrics", {})
             self.scores = {name: value for name, value in metrics.items() if isinstance(value, int | float)}

@@ -65,20 +65,23 @@ def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     require_enough(clip)
     folder = args.output / "priors"
     priors = build_priors(clip, folder, config.priors, progress)
-    with replace_file(args.output / INPUT) as file:  # for pages that show what the scene was made from
-        Image.fromarray(clip.frames[len(clip) // 2]).save(file, "JPEG")
     moving = float(priors.mask.mean()) if priors.mask is not None else 0.0
     lines = [f"{folder}: {len(priors.frames)} frames, camera {priors.camera_kind}, {moving:.1%} of the pixels move"]
     return {
         "folder": str(folder),
-        "frames": len(clip),
-        "width": clip.width,
-        "height": clip.height,
+        **_leave_input(clip, len(clip), args.output),
         "camera_kind": priors.camera_kind,
         "moving_share": moving,
         "warnings": priors.warnings,
         "text": "\n".join(lines + [f"! {warning}" for warning in priors.warnings]),
     }
+
+
+def _leave_input(clip: Clip, frames: int, folder: Path) -> dict[str, int]:
+    """Write the middle one of the clip's pictures, for pages that show what was fitted; the size of all its `frames`."""
+    with replace_file(folder / INPUT) as file:
+        Image.fromarray(clip.frames[len(clip) // 2]).save(file, "JPEG")
+    return {"frames": frames, "width": clip.width, "height": clip.height}
 
 
 def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -151,8 +154,11 @@ def fit_windows(
             lines.append(added.pop("text"))
             shot["features"] = added
     longest = max(told, key=lambda shot: shot["frames"][1] - shot["frames"][0])
+    start, end = longest["frames"]
+    middle = start + (end - start) // 2
     result = {
         "scene": str(args.output / "scene.f4x"),
+        **_leave_input(read(middle, middle + 1), end - start, args.output),
         "metrics": longest["metrics"],
         "quality": quality(longest["metrics"]),
         "shots": told,
