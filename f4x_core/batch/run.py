@@ -325,11 +325,12 @@ def run_board(
     engine: Engine,
     watch: Callable[[Board], None],
     ended: Callable[[Board, Outcome], None] = lambda board, outcome: None,
+    begins: Callable[[RowState], None] = lambda each: None,
 ) -> None:
     """Work on everything that waits. One row's failure never stops another.
 
-    `watch(board)` is called about five times a second, `ended(board, outcome)` once for every task; KeyboardInterrupt ends what
-    runs and goes through.
+    `watch(board)` is called about five times a second, `ended(board, outcome)` once for every task, `begins(row)` once for every
+    row, before its first task; KeyboardInterrupt ends what runs and goes through.
     """
     board.slots, board.started = engine.slots, time.monotonic()
     order = {name: number for number, name in enumerate(board.rows)}
@@ -352,11 +353,17 @@ def run_board(
     for each in board.rows.values():
         each.errors.clear()
         release(each)
+        if not set(each.states.values()) & {WAITING, READY}:
+            begins(each)
+    begun: set[str] = set()
     running = 0
     try:
         while ready or running:
             while ready and running < engine.slots:  # early rows first: results come row by row
                 task = heapq.heappop(ready)[2]
+                if task.row not in begun:
+                    begins(board.rows[task.row])
+                    begun.add(task.row)
                 board.mark(task, RUNNING)
                 engine.start(task)
                 running += 1
@@ -371,22 +378,25 @@ def run_board(
         raise
 
 
-def clear_old(store: Store, board: Board) -> None:
-    """Remove what earlier runs left and this one does not keep; for the holder of the lock.
-
-    That is the work of killed tasks, and what records say that tasks made which are to be done anew or are not asked for any
-    more: nothing old lies beside what is new. Nothing else is touched.
-    """
+def clear_work(store: Store) -> None:
+    """Remove what killed tasks of earlier runs left in a folder; for the holder of the lock."""
     if store.local is not None:
         shutil.rmtree(store.local / STATE / "work", ignore_errors=True)
-    for each in board.rows.values():
-        for name in each.old:
-            store.remove(name)
-            if store.local is not None:
-                with contextlib.suppress(OSError):  # a folder goes with its last file
-                    for folder in (store.local / name).parents:
-                        folder.rmdir()
-        each.old = ()
+
+
+def clear_old(store: Store, each: RowState) -> None:
+    """Remove what earlier runs made in a row and this one does not keep, so that nothing old lies beside what is new.
+
+    That is what records say was made by tasks that are to be done anew or are not asked for any more, and nothing else. Row by
+    row, when its work begins: a slip in the command, stopped soon, costs the rows that were at work.
+    """
+    for name in each.old:
+        store.remove(name)
+        if store.local is not None:
+            with contextlib.suppress(OSError):  # a folder goes with its last file
+                for folder in (store.local / name).parents:
+                    folder.rmdir()
+    each.old = ()
 
 
 @contextlib.contextmanager

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from ..batch.run import (
     Engine,
     RowState,
     clear_old,
+    clear_work,
     locked,
     plan,
     run_board,
@@ -79,8 +81,8 @@ def run_batch(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             start = time.monotonic()
             try:
                 with _engine(args, settings, board) as engine:
-                    clear_old(store, board)
-                    run_board(board, engine, screen.watch(engine, store), screen.tell)
+                    clear_work(store)
+                    run_board(board, engine, screen.watch(engine, store), screen.tell, partial(clear_old, store))
             finally:
                 write_index(store, board, args.manifest)
     return _told(board, store, time.monotonic() - start)

@@ -48,8 +48,8 @@ def run(pattern, place, slots=2, defaults=QUICK, **settings):
     store = open_store(str(place))
     with locked(store):
         board = plan(read_manifest(pattern, defaults), store, remember=True)
-        clear_old(store, board)
-        run_board(board, LocalEngine(Settings(store.url, program=STUB, **settings), slots), lambda board: None)
+        engine = LocalEngine(Settings(store.url, program=STUB, **settings), slots)
+        run_board(board, engine, lambda board: None, begins=partial(clear_old, store))
     return board
 
 
@@ -116,6 +116,25 @@ def test_nothing_old_lies_beside_what_is_new(tmp_path):
     run(only_a, out, defaults={"exports": "ply"})
     assert set(contents(out / "a")) == {"mine.txt", "priors/depth.npy"}, "nor what a failed fit was the source of"
     assert contents(out / "b") == of_b, "which is no row of that list"
+
+
+def test_a_slip_that_is_stopped_soon_costs_the_rows_at_work(tmp_path):
+    """Another profile makes everything anew; what lies in the rows that were not reached stays."""
+    pattern, out = write_clips(tmp_path / "clips", a={}, b={}), tmp_path / "out"
+    run(pattern, out)
+    of_b = contents(out / "b")
+
+    class Stopped(LocalEngine):
+        def start(self, task):
+            raise KeyboardInterrupt
+
+    store = open_store(str(out))
+    board = plan(read_manifest(pattern, {**QUICK, "profile": "wild", "width": "64"}), store)
+    with pytest.raises(KeyboardInterrupt):
+        run_board(
+            board, Stopped(Settings(store.url, program=STUB), 1), lambda _: None, begins=partial(clear_old, store)
+        )
+    assert contents(out / "b") == of_b and not contents(out / "a")
 
 
 def test_one_bad_clip_never_stops_the_others(tmp_path, stub_cli, capsys):
