@@ -1,8 +1,8 @@
 """Scenes of overlapping windows of one shot become one scene over its whole length. Needs numpy; draws through `raster`.
 
 The windows are in one world and one space of ids: each began with the background that the one before left, so the same id is
-the same Gaussian or node (`fit.earlier`). What moves in a window fades in and out over the frames that it shares with its
-neighbours. A Gaussian of the background is there from the window that made it until the one that did away with it; one that
+the same Gaussian or node (`fit.earlier`). What moves in a window takes turns with its neighbours' amid the frames that they
+share. A Gaussian of the background is there from the window that made it until the one that did away with it; one that
 no earlier frame would show, because nobody had looked there, is there from the beginning.
 """
 
@@ -26,6 +26,10 @@ from .model import DynamicSet, Scene, StaticSet
 
 Gaussians = TypeVar("Gaussians", bound=StaticSet)
 
+FADE = 1.0
+"""Frames, in the middle of the shared ones, over which windows take turns. Two pictures of one thing that differ by a fraction
+of a pixel blur: over all twelve a made-up clip loses 1.9 dB there, over four 0.7, over one 0.3. From the side the step from frame
+to frame grows by a twentieth."""
 ALWAYS = (-np.inf, -np.inf, np.inf, np.inf)
 """The span of what never comes or goes."""
 LOOKS_PER_WINDOW = 4
@@ -33,10 +37,11 @@ LOOKS_PER_WINDOW = 4
 
 
 def spans_of(windows: Sequence[tuple[int, int]]) -> np.ndarray:
-    """(P,4) when each of the windows (first frame, end) is there: ramps over the shared frames, none at the clip's ends."""
+    """(P,4) when each of the windows (first frame, end) is there: ramps amid the shared frames, none at the clip's ends."""
     spans = np.array([ALWAYS] * len(windows))
     for number, ((_, end), (start, _)) in enumerate(pairwise(windows)):
-        spans[number, 2:] = spans[number + 1, :2] = start, end - 1
+        middle = (start + end - 1) / 2
+        spans[number, 2:] = spans[number + 1, :2] = max(start, middle - FADE / 2), min(end - 1, middle + FADE / 2)
     return spans
 
 
