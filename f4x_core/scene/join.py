@@ -114,16 +114,33 @@ class _Moving:
     parts: list[DynamicSet] = field(default_factory=list)
     scaffolds: list[Scaffold] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
+    last: Scene | None = None
+    """The window before, of which only what moves is left, until it is known which nodes go on."""
 
     def add(self, scene: Scene, number: int, start: int) -> None:
         """One window's, if something moves in it."""
+        self._rest(scene)
         if scene.scaffold is not None:
-            self.parts.append(_rested_inside(scene, self.spans[number] - start))
             self.scaffolds.append(replace(scene.scaffold, times=scene.scaffold.times + start))
             self.numbers.append(number)
+            self.last = replace(scene, static=StaticSet.empty())
+
+    def _rest(self, following: Scene | None) -> None:
+        """Take over the set of the last window with nodes, now that the one after it is known."""
+        if self.last is None or self.last.scaffold is None:
+            return
+        number, own = self.numbers[-1], self.scaffolds[-1]
+        after = np.zeros(0, np.int64) if following is None or following.scaffold is None else following.scaffold.ids
+        before = self.scaffolds[-2].ids if len(self.scaffolds) > 1 else np.zeros(0, np.int64)
+        shared = np.isin(own.ids, [*before, *after])
+        self.parts.append(
+            _rested_inside(self.last, self.spans[number] - (own.times[0] - self.last.scaffold.times[0]), shared)
+        )
+        self.last = None
 
     def finish(self) -> tuple[DynamicSet, Scaffold | None]:
         """The joined set and scaffold."""
+        self._rest(None)
         if not self.parts:
             return DynamicSet.empty(), None
         spans = self.spans[self.numbers]
@@ -184,8 +201,12 @@ def _concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Ga
     return type(parts[0])(**arrays, span=None if (span == ALWAYS).all() else span)
 
 
-def _rested_inside(scene: Scene, span: np.ndarray) -> DynamicSet:
-    """The dynamic set of a window, resting at moments when it is there alone: over shared frames nodes belong to both."""
+def _rested_inside(scene: Scene, span: np.ndarray, shared: np.ndarray) -> DynamicSet:
+    """The dynamic set of a window, where it follows `shared (M,)` nodes resting at moments when the window is there alone.
+
+    Over the shared frames those nodes are also the other window's. All others rest where they were fitted, for to rest
+    elsewhere is not quite the same where nodes part.
+    """
     dynamic, scaffold = scene.dynamic, scene.scaffold
     assert scaffold is not None
     inside = np.flatnonzero((scaffold.times > span[1]) & (scaffold.times < span[2]))
@@ -194,6 +215,7 @@ def _rested_inside(scene: Scene, span: np.ndarray) -> DynamicSet:
     near = inside[np.abs(scaffold.times[:, None] - scaffold.times[inside]).argmin(1)]  # (F,)
     reference = near[dynamic.reference]
     xyz, rotation = dynamic.xyz.copy(), dynamic.rotation.copy()
+    reference = np.where(shared[dynamic.node].any(1), reference, dynamic.reference)
     changed = reference != dynamic.reference
     for row in np.unique(reference[changed]):
         posed, here = scene.posed(float(scaffold.times[row])), changed & (reference == row)

@@ -183,6 +183,18 @@ def test_windows_alone_are_what_they_were(joined):
             assert (whole.opacities[others][~unseen] == 0).all()
 
 
+def test_what_follows_nodes_of_its_own_window_rests_where_it_was_fitted(joined):
+    """To rest elsewhere is lossy where nodes part, and needed only for nodes that two windows have."""
+    first, later = windows()
+    assert later.scaffold is not None and joined.scaffold is not None
+    own = replace(later, scaffold=replace(later.scaffold, ids=later.scaffold.ids + 100), next_id=200)
+    apart = join_scenes([first, own], WINDOWS)
+    assert apart.scaffold is not None
+    rests = apart.scaffold.times[apart.dynamic.reference]
+    assert rests.tolist() == [0, 5, 8, 7, 11, 14]
+    assert joined.scaffold.times[joined.dynamic.reference].tolist() == [0, 5, 6, 9, 11, 14], "these belong to both"
+
+
 def test_background_comes_goes_or_was_always_there(joined):
     spans = dict(zip(joined.static.ids.tolist(), joined.static.span.tolist(), strict=True))
     inf = np.inf
