@@ -38,8 +38,6 @@ LEAST_PIXELS = 32
 """Fewer tell no depth."""
 AROUND, NEAREST = 3, 10
 """Pixels around what moves, and the percentile of their depth that is the ground below it."""
-COVERED, LOOKS = 0.5, 8
-"""Alpha from which on something that moves covers a pixel; frames that are looked at for it."""
 FREEDOM = {"static": 0, "pan": 3, "moving": 6}
 """Numbers that place a camera of each kind: its rotation, its position."""
 ROUNDS = 2
@@ -186,27 +184,13 @@ class Earlier:
             camera = priors.cameras[int(row)]
             shapes = world.xyz, world.rotation, world.scale, world.opacity
             light += light_into(*shapes, camera.world_to_camera, camera.intrinsics, layers, backend=backend)
-        stays = (light[:, 2] <= 0.5 * light[:, 1]) & ~self._guessed(backend)
+        stays = light[:, 2] <= 0.5 * light[:, 1]
         drawn = world.take(stays & (light[:, 0] > 0))
         explained = {}
         for row in rows:
             wrong, there = self._compare(drawn, clip, priors, row, backend)
             explained[int(row)] = there & ~wrong
         return Backdrop(world.take(stays), drawn, explained)
-
-    def _guessed(self, backend: str) -> np.ndarray:
-        """(N,) bool: background that the earlier window drew mostly where something moved, so that no picture told what it is."""
-        light = np.zeros((len(self.scene.static), 2))  # into all pixels, into those that something covers
-        if len(self.scene.dynamic):
-            cameras, world = self.scene.cameras, self.scene.static
-            movers = replace(self.scene, static=world.take(np.zeros(len(world), bool)))
-            shapes = world.xyz, world.rotation, world.scale, world.opacity
-            for frame in np.unique(np.linspace(0, len(cameras) - 1, LOOKS).round().astype(int)):
-                camera = cameras[int(frame)]
-                covered = render(movers, camera, float(cameras.times[frame]), ("alpha",), backend)["alpha"] > COVERED
-                layers = np.stack([np.ones_like(covered), covered], -1).astype(np.float32)
-                light += light_into(*shapes, camera.world_to_camera, camera.intrinsics, layers, backend=backend)
-        return light[:, 1] > 0.5 * light[:, 0]
 
     def _compare(
         self, world: StaticSet, clip: Clip, priors: Priors, row: int, backend: str

@@ -263,24 +263,6 @@ def test_what_moves_is_not_placed_behind_the_ground_around_it(shot):
     assert 0.98 * ground.min() < square.max() <= 1.01 * ground.min()
 
 
-def test_background_that_no_picture_told_is_guessed(shot):
-    scene = read_scene(shot.folder / "windows" / "000" / "scene.f4x")
-    middle = scene.dynamic.xyz.mean(0) + np.float32([0, 0, 0.1])  # behind what moves, in all frames
-    hidden = dataclasses.replace(
-        scene.static.take(np.arange(1)),
-        xyz=middle[None],
-        scale=np.full((1, 3), 0.01, np.float32),
-        ids=np.array([10**6]),
-    )
-    arrays = {
-        name: np.concatenate([getattr(scene.static, name), getattr(hidden, name)])
-        for name in vars(hidden)
-        if name != "span"
-    }
-    guessed = Earlier(dataclasses.replace(scene, static=StaticSet(**arrays)), 0, 0)._guessed("torch")
-    assert guessed[-1] and guessed.mean() < 0.3
-
-
 def test_background_that_turned_wrong_leaves(shot):
     """A ghost in front of the wall, seen by no later picture, leaves; what is right stays."""
     clip, priors = clip_and_priors(8, moving=False)
