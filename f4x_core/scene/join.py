@@ -54,7 +54,7 @@ def join_scenes(
     they belong to the whole, not to parts. Raises F4xError where scenes and windows do not belong together.
     """
     spans = spans_of(windows)
-    static, moving, path, held_out = _Background(), _Moving(spans), _Path(windows), set[int]()
+    static, moving, path, held_out = _Background(), _Moving(windows, spans), _Path(windows), set[int]()
     last: Scene | None = None
     for number, (scene, (start, end)) in enumerate(zip(scenes, windows, strict=True)):
         progress("join", number, len(windows))
@@ -110,6 +110,7 @@ class _Background:
 class _Moving:
     """What moves in the windows, as they come in."""
 
+    windows: Sequence[tuple[int, int]]
     spans: np.ndarray
     parts: list[DynamicSet] = field(default_factory=list)
     scaffolds: list[Scaffold] = field(default_factory=list)
@@ -129,13 +130,14 @@ class _Moving:
         """Take over the set of the last window with nodes, now that the one after it is known."""
         if self.last is None or self.last.scaffold is None:
             return
-        number, own = self.numbers[-1], self.scaffolds[-1]
+        number, own = self.numbers[-1], self.scaffolds[-1]  # times are the clip's
         after = np.zeros(0, np.int64) if following is None or following.scaffold is None else following.scaffold.ids
         before = self.scaffolds[-2].ids if len(self.scaffolds) > 1 else np.zeros(0, np.int64)
         shared = np.isin(own.ids, [*before, *after])
-        self.parts.append(
-            _rested_inside(self.last, self.spans[number] - (own.times[0] - self.last.scaffold.times[0]), shared)
-        )
+        begin = self.windows[number - 1][1] if number else -np.inf
+        end = self.windows[number + 1][0] if number + 1 < len(self.windows) else np.inf
+        alone = np.flatnonzero((own.times >= begin) & (own.times < end))
+        self.parts.append(_rested(self.last, alone, shared))
         self.last = None
 
     def finish(self) -> tuple[DynamicSet, Scaffold | None]:
@@ -201,18 +203,17 @@ def _concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Ga
     return type(parts[0])(**arrays, span=None if (span == ALWAYS).all() else span)
 
 
-def _rested_inside(scene: Scene, span: np.ndarray, shared: np.ndarray) -> DynamicSet:
-    """The dynamic set of a window, where it follows `shared (M,)` nodes resting at moments when the window is there alone.
+def _rested(scene: Scene, alone: np.ndarray, shared: np.ndarray) -> DynamicSet:
+    """The dynamic set of a window, where it follows `shared (M,)` nodes resting at frames (rows) that are its `alone`.
 
-    Over the shared frames those nodes are also the other window's. All others rest where they were fitted, for to rest
-    elsewhere is not quite the same where nodes part.
+    At the other frames those nodes are also another window's. What follows none of them rests where it was fitted: to rest
+    elsewhere is not quite the same where nodes part, least of all at a window's first and last frames, which are fitted worst.
     """
     dynamic, scaffold = scene.dynamic, scene.scaffold
     assert scaffold is not None
-    inside = np.flatnonzero((scaffold.times > span[1]) & (scaffold.times < span[2]))
-    if len(inside) == 0:
+    if len(alone) == 0:
         return dynamic
-    near = inside[np.abs(scaffold.times[:, None] - scaffold.times[inside]).argmin(1)]  # (F,)
+    near = alone[np.abs(scaffold.times[:, None] - scaffold.times[alone]).argmin(1)]  # (F,)
     reference = near[dynamic.reference]
     xyz, rotation = dynamic.xyz.copy(), dynamic.rotation.copy()
     reference = np.where(shared[dynamic.node].any(1), reference, dynamic.reference)
