@@ -28,7 +28,7 @@ Gaussians = TypeVar("Gaussians", bound=StaticSet)
 
 FADE = 1.0
 """Frames, in the middle of the shared ones, over which windows take turns. Two pictures of one thing that differ by a fraction
-of a pixel blur: over all twelve a made-up clip loses 1.9 dB there, over four 0.7, over one 0.3. From the side the step from frame
+of a pixel blur: over all twelve a made-up clip loses 1.9 dB there, over four 0.7, over one 0.2. From the side the step from frame
 to frame grows by a twentieth."""
 ALWAYS = (-np.inf, -np.inf, np.inf, np.inf)
 """The span of what never comes or goes."""
