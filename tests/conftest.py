@@ -18,6 +18,17 @@ def shared() -> Path:
     return SHARED
 
 
+@pytest.fixture
+def one_thread():
+    """Tiny tensors: more threads only wait for each other."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
 @pytest.fixture(scope="session")
 def native_library():
     """The compiled library; tests that need it are skipped on a machine that cannot compile."""

@@ -19,13 +19,13 @@ import numpy as np
 
 from ..clip import Clip
 from ..errors import F4xError
-from ..files import json_text, replace_file
+from ..files import replace_file
 from ..fit.config import FitConfig, resolved
 from ..fit.earlier import Earlier
 from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
 from ..priors.config import config_hash
 from ..progress import Progress, silent
-from ..report.evaluation import evaluate, summary, without_frames
+from ..report.evaluation import evaluate, keep_measured, summary, without_frames
 from ..scene import Scene, read_scene, write_scene
 from ..scene.join import join_scenes
 
@@ -225,12 +225,7 @@ def fit_long(
         one = _one_of("shot", number, len(shots), progress)
         scene = fit_shot(shot, read, place, config, one, resume)
         metrics = evaluate_shot(scene, shot, read, config.backend, one)
-        figures = without_frames(metrics)
-        figures["gaussians"] = len(scene.static) + len(scene.dynamic)
-        scene = replace(scene, metrics=figures)
-        write_scene(scene, place / "scene.f4x")
-        with replace_file(place / "metrics.json") as file:
-            file.write(json_text({**figures, "frames": metrics["frames"]}, indent=1).encode())
+        scene, figures = keep_measured(place, scene, metrics)
         _write_page(place, scene, shot, metrics)
         told.append(
             {

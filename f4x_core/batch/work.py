@@ -289,9 +289,8 @@ class Attempt:
                 if self.saved.get(name) != changed:
                     self.store.publish(path, f"{self._saved_folder}/{name}")
                     self.saved[name] = changed
-        self.saved = {
-            name: changed for name, changed in self.saved.items() if name in new
-        }  # a finished window tidies up
+        # A finished window tidies up.
+        self.saved = {name: changed for name, changed in self.saved.items() if name in new}
         head = {"key": self.task.key, "attempts": self.attempts, "seconds": self.busy, "cpu_seconds": self.cpu}
         if self.saved:
             self.store.write(self._saved_head, json.dumps(head | {"files": sorted(self.saved)}).encode())

@@ -18,15 +18,15 @@ from ..clip.stream import Survey, claimed_frames, survey
 from ..errors import F4xError
 from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
-from ..files import json_text, replace_file
+from ..files import replace_file
 from ..fit.advice import about_cuts, quality
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress
-from ..report.evaluation import evaluate, without_frames
-from ..scene import Scene, write_scene
+from ..report.evaluation import evaluate, keep_measured
+from ..scene import Scene
 from .checks import listed_teachers
 from .distilling import distill_into
 
@@ -180,14 +180,8 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
 
     scene = result.scene(clip)
     metrics = evaluate(scene, clip, baselines=True, backend=config.backend, progress=progress)
-    figures = without_frames(metrics)
-    figures["gaussians"] = len(scene.static) + len(scene.dynamic)
-    scene = dataclasses.replace(scene, metrics=figures)
-    figures = {**figures, "seconds": result.seconds}
+    scene, figures = keep_measured(folder, scene, metrics, seconds=result.seconds)
     path = folder / "scene.f4x"
-    write_scene(scene, path)
-    with replace_file(folder / "metrics.json") as file:
-        file.write(json_text({**figures, "frames": metrics["frames"]}, indent=1).encode())
     pictures = worst_pictures(scene, metrics, config.backend)
     word = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
     told: dict[str, Any] = {"scene": str(path), "metrics": figures, "quality": word, "needs": list(scene.needs)}

@@ -146,12 +146,41 @@ def start_fit(
     backdrop: Backdrop | None = None,
     first_id: int = 0,
 ) -> tuple[PhotometricStage, list[Need]]:
-    """Everything before the first photometric step, and what it decided: scaffold, first Gaussians.
+    """Everything before the first photometric step, and what it decided: cameras, scaffold, first Gaussians.
 
     `backdrop`: Gaussians that are there already and stay as they are; new ones get ids from `first_id`.
     """
-    degree = 0 if backdrop is None else degree_of(backdrop.drawn.sh.shape[1])
-    return _start(clip, priors, config, degree, progress, backdrop, first_id)
+    assert priors.cameras is not None
+    rng = np.random.default_rng(config.seed)
+    rig = CameraRig(priors.cameras)
+    drawn = None if backdrop is None else backdrop.drawn
+    degree = 0 if drawn is None else degree_of(drawn.sh.shape[1])
+    share = moving_share(priors)
+    scaffold: Scaffold | None = None
+    needs: list[Need] = []
+    if share >= config.moving_share:
+        scaffold, needs = start_scaffold(priors, config, progress)
+    if scaffold is None:
+        still = share < config.moving_share
+        why = f"{share:.3%} of the pixels move by themselves" if still else "too few moving tracks are long enough"
+        needs.append(
+            Need("motion", "none: no scaffold, no dynamic Gaussians", why, "the whole dynamic set and its stage")
+        )
+    told = backdrop, first_id, rng, progress
+    static = _spawn_static(clip, priors, config, degree, scaffold is not None, *told)
+    if len(static) == 0 and scaffold is not None and backdrop is None:  # everything moves: a backdrop from what moves
+        static = _spawn_static(clip, priors, config, degree, False, *told)
+    if len(static) == 0 and backdrop is None:
+        raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
+    how = config.scaffold.kernel, config.native_threads
+    next_id = first_id + len(static)
+    if scaffold is None:
+        model = SceneModel(static, None, None, rig, *how, drawn)
+        return PhotometricStage(model, clip, priors, config, next_id), needs
+    nodes = NodeSet(scaffold, config.scaffold.graph)
+    dynamic = _spawn_dynamic(clip, priors, config, degree, static, nodes, rig, next_id, rng, progress)
+    model = SceneModel(static, dynamic, nodes, rig, *how, drawn)
+    return PhotometricStage(model, clip, priors, config, next_id + len(dynamic)), needs
 
 
 def finish_fit(
@@ -186,48 +215,6 @@ def require_enough(clip: Clip) -> None:
             f"{clip.source}: pictures of {clip.width}x{clip.height} are too small; give at least"
             f" {LEAST_SIDE}x{LEAST_SIDE} pixels."
         )
-
-
-def _start(
-    clip: Clip,
-    priors: Priors,
-    config: FitConfig,
-    degree: int,
-    progress: Progress,
-    backdrop: Backdrop | None,
-    first_id: int,
-) -> tuple[PhotometricStage, list[Need]]:
-    """Cameras, scaffold and first Gaussians, ready to be trained."""
-    assert priors.cameras is not None
-    rng = np.random.default_rng(config.seed)
-    rig = CameraRig(priors.cameras)
-    share = moving_share(priors)
-    scaffold: Scaffold | None = None
-    needs: list[Need] = []
-    if share >= config.moving_share:
-        scaffold, needs = start_scaffold(priors, config, progress)
-    if scaffold is None:
-        still = share < config.moving_share
-        why = f"{share:.3%} of the pixels move by themselves" if still else "too few moving tracks are long enough"
-        needs.append(
-            Need("motion", "none: no scaffold, no dynamic Gaussians", why, "the whole dynamic set and its stage")
-        )
-    told = backdrop, first_id, rng, progress
-    static = _spawn_static(clip, priors, config, degree, scaffold is not None, *told)
-    if len(static) == 0 and scaffold is not None and backdrop is None:  # everything moves: a backdrop from what moves
-        static = _spawn_static(clip, priors, config, degree, False, *told)
-    if len(static) == 0 and backdrop is None:
-        raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
-    drawn = None if backdrop is None else backdrop.drawn
-    how = config.scaffold.kernel, config.native_threads
-    next_id = first_id + len(static)
-    if scaffold is None:
-        model = SceneModel(static, None, None, rig, *how, drawn)
-        return PhotometricStage(model, clip, priors, config, next_id), needs
-    nodes = NodeSet(scaffold, config.scaffold.graph)
-    dynamic = _spawn_dynamic(clip, priors, config, degree, static, nodes, rig, next_id, rng, progress)
-    model = SceneModel(static, dynamic, nodes, rig, *how, drawn)
-    return PhotometricStage(model, clip, priors, config, next_id + len(dynamic)), needs
 
 
 def _spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:

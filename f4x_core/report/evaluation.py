@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,14 @@ from torch import Tensor
 
 from ..clip import Clip
 from ..errors import F4xError
+from ..files import json_text, replace_file
 from ..fit.losses import psnr, ssim
 from ..fit.model import CameraRig
 from ..gaussians import appearance
 from ..geometry.camera import Camera, CameraPath
 from ..progress import Progress, silent
 from ..raster import rasterize
-from ..scene import Scene
+from ..scene import Scene, write_scene
 
 # Mean squared error below which a picture is as good as its target.
 LEAST_ERROR = 1e-12
@@ -142,6 +144,19 @@ def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
 def without_frames(metrics: dict[str, Any]) -> dict[str, Any]:
     """What `evaluate` returned, less its rows of single frames."""
     return {name: value for name, value in metrics.items() if name != "frames"}
+
+
+def keep_measured(folder: Path, scene: Scene, metrics: dict[str, Any], **more: Any) -> tuple[Scene, dict[str, Any]]:
+    """Write `folder/scene.f4x` with what `evaluate` returned of it, and `folder/metrics.json`, also with `more` and frames.
+
+    Returns the scene with its metrics, and what `metrics.json` has but frames.
+    """
+    scene = replace(scene, metrics=without_frames(metrics) | {"gaussians": len(scene.static) + len(scene.dynamic)})
+    write_scene(scene, folder / "scene.f4x")
+    figures = {**scene.metrics, **more}
+    with replace_file(folder / "metrics.json") as file:
+        file.write(json_text({**figures, "frames": metrics["frames"]}, indent=1).encode())
+    return scene, figures
 
 
 def refine(

@@ -33,14 +33,7 @@ from f4x_core.geometry import pose, quaternion
 from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene
 from f4x_core.scene.view import render
 
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Tiny tensors: more threads only wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.mark.parametrize("frames", [3, 12, 60, 61, 100, 108, 109, 1000])

@@ -14,14 +14,7 @@ from f4x_core.fit.checkpoint import load_checkpoint, save_checkpoint
 from f4x_core.fit.config import PROFILES, NodeConfig, profile, resolved
 from f4x_core.fit.losses import depth_loss, masked_l1, psnr, ssim_map
 
-
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Tiny tensors: more threads only wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def small(steps: int, **changes):

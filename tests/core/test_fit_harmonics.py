@@ -17,13 +17,7 @@ from f4x_core.geometry.spherical_harmonics import C0, basis
 FRAMES = 12
 
 
-@pytest.fixture(autouse=True)
-def one_thread():
-    """Tiny tensors: more threads only wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def stage_of(clip, priors, **changes):
