@@ -7,9 +7,7 @@ catalogue measures yet lie there in the same form. Given a REPORT folder its stu
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from ..files import replace_file
 from .catalogue import STUDIES, names_of
@@ -51,16 +49,13 @@ def results_page(folder: Path) -> str:
     order = names_of(STUDIES)
     records = {file.stem: read_json(file) for file in folder.glob("*.json")}
     names = sorted(records, key=lambda name: (order.index(name) if name in order else len(order), name))
-    parts = [HEAD.format(machine=_machines([records[name] for name in names]))]
+    machines = sorted({f"{r['machine']['processor']} ({r['machine']['cores']} cores)" for r in records.values()})
+    parts = [HEAD.format(machine=" or ".join(machines))]
     for section, title in SECTIONS.items():
         chosen = [records[name] for name in names if records[name]["section"] == section]
         if chosen:
-            parts.append(f"## {title}\n\n{as_markdown(chosen)}")
+            parts.append(f"## {title}\n\n{as_markdown(chosen, machines=len(machines) > 1)}")
     return "\n".join(parts)
-
-
-def _machines(records: Sequence[dict[str, Any]]) -> str:
-    return " and ".join(sorted({f"{r['machine']['processor']} ({r['machine']['cores']} cores)" for r in records}))
 
 
 if __name__ == "__main__":

@@ -42,12 +42,16 @@ def write_page(file: Path, report: Mapping[str, Any]) -> None:
         out.write(page.document("Speed against error, hard cases, needs", body))
 
 
-def as_markdown(studies: Iterable[Record], level: int = 3) -> str:
-    """Studies as Markdown: question, tables, what was found, the command; links reach a study by its name (`#NAME`)."""
+def as_markdown(studies: Iterable[Record], level: int = 3, machines: bool = False) -> str:
+    """Studies as Markdown: question, tables, what was found, the command; links reach a study by its name (`#NAME`).
+
+    With `machines`, the processor and its kernels stand behind the command: for pages whose studies ran on several.
+    """
     parts = []
     for record in studies:
         parts.append(f'<a id="{record["name"]}"></a>\n')  # titles change, names do not
         asked = [record["question"], f"`{record['command']}`" if record["command"] else ""]
+        asked += [f"({record['machine']['processor']}, kernels: {record['machine']['kernels']})"] if machines else []
         parts.append(
             "\n\n".join(filter(None, [f"{'#' * level} {record['title']}", " ".join(filter(None, asked))])) + "\n"
         )

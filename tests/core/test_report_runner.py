@@ -173,3 +173,18 @@ def test_a_report_is_taken_over_into_the_results(studies, tmp_path):
     publish(tmp_path, tmp_path / "report")
     assert [file.name for file in (tmp_path / "results").iterdir()] == ["well.json"]  # the others measured nothing
     assert "| b | 2 | 1e-06 |" in (tmp_path / "results.md").read_text()
+
+
+def test_the_page_of_results_names_the_machine_of_each_study_where_there_were_several(studies, tmp_path):
+    run_studies(studies, tmp_path / "report", Context(tmp_path, quick=True))
+    publish(tmp_path, tmp_path / "report")
+    file = tmp_path / "results" / "well.json"
+    record = json.loads(file.read_text())
+    here = record["machine"]["processor"]
+    assert f"({here}, kernels" not in (tmp_path / "results.md").read_text()
+    record |= {"name": "elsewhere", "machine": record["machine"] | {"processor": "Abacus", "kernels": "beads"}}
+    file.with_stem("elsewhere").write_text(json.dumps(record))
+    page = results_page(tmp_path / "results")
+    assert (
+        "(Abacus, kernels: beads)" in page and f"({here}, kernels: " in page and f"{here} (" in page.partition("##")[0]
+    )

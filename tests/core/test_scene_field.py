@@ -140,7 +140,9 @@ def test_rendered_latent_and_head():
     seen = out["alpha"] >= 0.1
     np.testing.assert_allclose(out["latent"][seen], raw[seen] / out["alpha"][seen][:, None], rtol=1e-5, atol=1e-5)
     assert (out["latent"][~seen] == 0).all() and (out["head:text"][~seen] == 0).all() and (~seen).any()
-    np.testing.assert_allclose(out["head:text"][seen], SCENE.features.decode("text", out["latent"][seen]), rtol=1e-5)
+    decoded = SCENE.features.decode("text", out["latent"][seen])
+    # values of 10 are sums in another order than beside it, so one near 0 is off by their rounding, not by its own
+    np.testing.assert_allclose(out["head:text"][seen], decoded, rtol=1e-5, atol=1e-5)
 
 
 def test_what_is_not_there_is_told():
