@@ -1,6 +1,7 @@
 """Studies of the fit at sizes of seconds: the worlds are what they say, the pieces measure what they name."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from f4x_core.report.studies import ablations, fit_studies, latent_studies, need
 from f4x_core.report.studies.supplement import DIMENSIONS, LABELLED, OURS
 from f4x_core.report.studies.toy_features import label_vectors, score_views, world_maps
 from f4x_core.report.study import Context
+from f4x_core.report.truth import into_scene
 
 SIZE = 48, 10
 
@@ -104,8 +106,23 @@ def test_novel_views_are_views_of_the_same_world(arm):
 def test_truth_scores_without_error(arm):
     """Labels that are true score 1, and no label at all scores 0."""
     truth = {time: view.label for _, time, view in arm.novel_views}
-    assert score_views(arm, lambda _, time: truth[time]) == (1.0, 1.0)
-    assert score_views(arm, lambda _, time: np.full((3, 4), -1)) == (0.0, 0.0)
+    count = len(arm.labels)
+    assert score_views(count, arm.novel_views, lambda _, time: truth[time]) == (1.0, 1.0)
+    assert score_views(count, arm.novel_views, lambda _, time: np.full((3, 4), -1)) == (0.0, 0.0)
+
+
+def test_novel_views_follow_a_fit_that_turned_moved_and_scaled_its_world(arm):
+    turn = quaternion.to_matrix(quaternion.from_rotation_vector(np.array([0.1, -0.2, 0.05])))
+    change = 1.3, turn, np.array([0.2, 0.1, -0.3])
+    path = arm.cameras
+    moved = np.stack([into_scene(path[i], change).world_to_camera for i in range(len(path))])
+    fitted = SimpleNamespace(cameras=dataclasses.replace(path, world_to_camera=moved))
+    for (camera, time, view), (true, moment, truth) in zip(
+        toy_fits.novel_views(arm, fitted), arm.novel_views, strict=True
+    ):
+        assert time == moment and view is truth
+        assert np.allclose(camera.world_to_camera, into_scene(true, change).world_to_camera, atol=1e-6)
+        assert not np.allclose(camera.world_to_camera, true.world_to_camera, atol=1e-2)
 
 
 def test_made_up_features_say_their_labels(arm, tmp_path):

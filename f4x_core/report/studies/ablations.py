@@ -31,7 +31,7 @@ from ...scene.model import Posed
 from ...scene.view import render
 from ..study import Context, Findings, Row, Table
 from .toy_features import label_vectors, score_views, world_maps
-from .toy_fits import NOTE, base_config, fit_world, over_seeds, score_world, toy_world
+from .toy_fits import NOTE, base_config, fit_world, novel_views, over_seeds, score_world, toy_world
 from .toy_worlds import World
 
 Change = Callable[[FitConfig], FitConfig]
@@ -248,7 +248,7 @@ def _fit_jointly(context: Context, world: World, maps: FeatureMaps, attached: bo
             found = head(torch.from_numpy(drawn["latent"])).numpy()
         return np.where(drawn["alpha"] > 0.5, cosines(found, vectors).argmax(-1), -1)
 
-    miou, accuracy = score_views(world, find)
+    miou, accuracy = score_views(len(world.labels), novel_views(world, scene), find)
     scores = score_world(world, scene)
     kept = {column: scores[column] for column in ("novel (dB)", JUDGED, "held out (dB)", "track (px)")}
     return kept | {"mIoU": miou, "accuracy": accuracy, "fit (s)": seconds}

@@ -24,8 +24,8 @@ from ..feature_cost import compare_pictures
 from ..study import Context, Figure, Findings, MissingError, Row, Table, time_rows
 from .supplement import DIMENSIONS, FOLLOWED, LABELLED, OURS
 from .toy_features import HEAD, enlarge, score_features, score_views, world_maps
-from .toy_fits import base_config, fit_world, toy_world
-from .toy_worlds import World
+from .toy_fits import base_config, fit_world, novel_views, toy_world
+from .toy_worlds import View, World
 
 WORLD = "feature-rich"
 """Eighteen labels: the narrowest latents cannot keep them apart."""
@@ -43,6 +43,10 @@ TEACHER = "visual"
 """A real network whose weights come with a package."""
 MOVER = "box"
 """Label of what is followed."""
+Views = list[tuple[Camera, float, View]]
+"""Camera in the scene's world, time, truth."""
+Way = Callable[[Camera, float], np.ndarray]
+"""Camera and time to features (h,w,C)."""
 
 
 def study_widths(context: Context) -> Findings:
@@ -141,15 +145,14 @@ def study_inference(context: Context) -> Findings:
 
     context.step("distil", learn, steps=steps)
     scene = read_scene(context.folder / "scene.f4x")
-    ways = _ways(world, scene)
+    views, ways = novel_views(world, scene), _ways(world, scene)
     first, labels, masks = maps.at(0), [], []
     for name, way in ways.items():
         said = {"source": OURS, "data": WORLD, "from": name}
-        labels.append(said | context.step(f"labels {name}", partial(_label, world, first, way)))
-        masks.append(said | context.step(f"masks {name}", partial(_follow, world, way)))
-    views = len(world.novel_views)
+        labels.append(said | context.step(f"labels {name}", partial(_label, world, views, first, way)))
+        masks.append(said | context.step(f"masks {name}", partial(_follow, world, views, way)))
     note = (
-        f"Ours: the `{TEACHER}` teacher (MobileNetV2), {views} novel views of world `{WORLD}`; a label's vector is the mean of"
+        f"Ours: the `{TEACHER}` teacher (MobileNetV2), {len(views)} novel views of world `{WORLD}`; a label's vector is the mean of"
         " the teacher's features where the first frame truly shows it. `truth`: the teacher sees the true novel picture, the"
         " best that either could do. Feature4X: table {} of its supplement, {}; other data, other machine."
     )
@@ -171,7 +174,7 @@ def _draw_times(context: Context, world: World) -> list[Row]:
     return time_rows([str(width) for width in WIDTHS], draw, context.repeats)
 
 
-def _ways(world: World, scene: Scene) -> dict[str, Callable[[Camera, float], np.ndarray]]:
+def _ways(world: World, scene: Scene) -> dict[str, Way]:
     """Three sources of the teacher's features of a view."""
     encoder = TEACHERS[TEACHER].load(None)
     encoder.encode(np.zeros((world.height, world.width, 3), np.uint8))  # a first call prepares itself
@@ -187,7 +190,7 @@ def _ways(world: World, scene: Scene) -> dict[str, Callable[[Camera, float], np.
     }
 
 
-def _label(world: World, first: np.ndarray, way: Callable[[Camera, float], np.ndarray]) -> Row:
+def _label(world: World, views: Views, first: np.ndarray, way: Way) -> Row:
     """Nearest of the labels' mean features at every cell; `first (h,w,C)`: the teacher's map of the first frame."""
     shown = world.views[0].label
     cells = enlarge(shown, first.shape[:2])
@@ -202,13 +205,13 @@ def _label(world: World, first: np.ndarray, way: Callable[[Camera, float], np.nd
         seconds += time.perf_counter() - start
         return found
 
-    miou, accuracy = score_views(world, find)
+    miou, accuracy = score_views(len(world.labels), views, find)
     return {"mIoU": miou, "accuracy": accuracy, "time (s)": seconds}
 
 
-def _follow(world: World, way: Callable[[Camera, float], np.ndarray]) -> Row:
+def _follow(world: World, views: Views, way: Way) -> Row:
     """The mover's mask on the first novel view carried to the others."""
-    views, mover = world.novel_views, world.labels.index(MOVER)
+    mover = world.labels.index(MOVER)
     follower = FeaturePropagation(lambda t: way(*views[t][:2]), len(views), (world.height, world.width))
     start = time.perf_counter()
     follower.prompt(0, mask=views[0][2].label == mover)

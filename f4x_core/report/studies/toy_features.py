@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from ...query.score import cosines
 from ...scene import Scene
 from ...scene.view import COVERED, render
 from ..picture_metrics import score_confusion
+from .toy_fits import novel_views
 from .toy_worlds import View, World
 
 HEAD = "text"
@@ -53,17 +54,20 @@ def world_maps(world: World, folder: Path, dim: int) -> FeatureMaps:
 def score_features(world: World, scene: Scene, dim: int) -> tuple[float, float]:
     """(mIoU, pixel accuracy) of the best label at every pixel of the novel views."""
     vectors = label_vectors(world, dim)
-    return score_views(world, lambda camera, time: _labels(scene, camera, time, vectors))
+    return score_views(
+        len(world.labels), novel_views(world, scene), lambda camera, time: _labels(scene, camera, time, vectors)
+    )
 
 
-def score_views(world: World, find: Callable[[Camera, float], np.ndarray]) -> tuple[float, float]:
-    """(mean over labels of intersection / union, accuracy) of label pictures (H,W) int over all novel views.
+def score_views(
+    count: int, views: Iterable[tuple[Camera, float, View]], find: Callable[[Camera, float], np.ndarray]
+) -> tuple[float, float]:
+    """(mean over `count` labels of intersection / union, accuracy) of label pictures (H,W) int over all views.
 
     `find(camera, time)` may give a picture of any size, which is then enlarged; -1 is no label.
     """
-    count = len(world.labels)
     confusion = np.zeros((count, count + 1), np.int64)
-    for camera, time, view in world.novel_views:
+    for camera, time, view in views:
         found, known = enlarge(find(camera, time), view.label.shape), view.label >= 0
         pairs = view.label[known] * (count + 1) + np.where(found < 0, count, found)[known]
         confusion += np.bincount(pairs, minlength=confusion.size).reshape(confusion.shape)

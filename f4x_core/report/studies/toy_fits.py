@@ -22,6 +22,7 @@ from ...scene import Scene
 from ...scene.view import render
 from ..study import Context, Row
 from ..tracking import track_pixels
+from ..truth import align_cameras, into_scene
 from .toy_worlds import View, World, make_world
 
 QUICK_STEPS = 160
@@ -31,8 +32,8 @@ QUICK_SIZE, FULL_SIZE = (96, 16), (160, 16)
 TRACKED = 120
 """Most true tracks that are followed."""
 NOTE = (
-    "Toy worlds: true priors; novel views look from 4 degrees aside of the path and 3 above it, `moving` counts pixels that"
-    " show what moves. The world itself has error 0."
+    "Toy worlds: true priors; novel views look from 4 degrees aside of the path and 3 above it, after the fitted path was laid"
+    " upon the true one as a whole; `moving` counts pixels that show what moves. The world itself has error 0."
 )
 """For tables of these errors."""
 
@@ -109,10 +110,10 @@ def fit_world(
 def score_world(world: World, scene: Scene) -> Row:
     """Errors of a scene against the truth.
 
-    Novel views: cameras `NOVEL_DEGREES` off the clip's path; `moving` counts only pixels that truly show what moves. Tracks:
+    Novel views: `novel_views`; `moving` counts only pixels that truly show what moves. Tracks:
     median distance in pixels between where true points go, from the first frame that sees them, and where the scene says.
     """
-    novel = [(picture_of(scene, camera, moment), view) for camera, moment, view in world.novel_views]
+    novel = [(picture_of(scene, camera, moment), view) for camera, moment, view in novel_views(world, scene)]
     moving = [_psnr(picture, view, view.moving > 0.5) for picture, view in novel if (view.moving > 0.5).any()]
     clip = [_psnr(picture_of(scene, scene.cameras[i], float(i)), view) for i, view in enumerate(world.views)]
     held_out = np.isin(np.arange(len(clip)), scene.held_out)
@@ -126,6 +127,17 @@ def score_world(world: World, scene: Scene) -> Row:
         "Gaussians": len(scene.static) + len(scene.dynamic),
         "nodes": 0 if scene.scaffold is None else len(scene.scaffold),
     }
+
+
+def novel_views(world: World, scene: Scene) -> list[tuple[Camera, float, View]]:
+    """Camera of the scene's world, time, and truth of the views `NOVEL_DEGREES` off the clip's path.
+
+    Fits refine their cameras, and no picture tells if all of them are turned, moved and farther apart together with the world
+    (a gauge); the used cameras are therefore laid upon the true ones as a whole first, as is usual where cameras are found.
+    """
+    used = world.clip.supervised.astype(float)
+    similarity = align_cameras(scene.cameras.at_times(used), world.cameras.at_times(used))
+    return [(into_scene(camera, similarity), moment, view) for camera, moment, view in world.novel_views]
 
 
 def measure(
