@@ -39,7 +39,7 @@ Change = Callable[[FitConfig], FitConfig]
 WORLDS = ("articulated", "rolling", "deforming")
 SEEDS = 2
 """Fits of everything in a full report, of the whole fit in a quick one: their spread is what chance does."""
-WHOLE, LINEAR = "nothing left out", "linear blend for dual quaternions"
+WHOLE, LINEAR = "nothing left out", "linear blend in place of dual quaternions"
 HELD_BACK, REACHING = "features held back from geometry", "features reach geometry"
 TRUE, NOISY = "true", "noisy"
 TRACK_NOISE, TRACK_GAPS, DEPTH_NOISE, DEPTH_BLOBS = 0.6, 0.3, 0.03, 8.0
@@ -71,7 +71,7 @@ ABLATIONS: Mapping[str, Change] = {
     ),
     "no fusion over time": lambda config: replace(config, spawn_dynamic=replace(config.spawn_dynamic, frames=1)),
     "no track loss": lambda config: replace(config, losses=replace(config.losses, track=0.0)),
-    "third largest distance for the largest": lambda config: replace(
+    "third largest distance in place of the largest": lambda config: replace(
         config, scaffold=replace(config.scaffold, distance_rank=3)
     ),
     "kernel of the paper": lambda config: replace(config, scaffold=replace(config.scaffold, kernel="paper")),
@@ -102,7 +102,8 @@ def study_ablations(context: Context) -> Findings:
     note = (
         f"{NOTE} Noisy priors: {TRACK_NOISE} px of jitter, {TRACK_GAPS:.0%} of the track samples lost, depth off by"
         f" {DEPTH_NOISE:.0%} in blobs. `change` is against `{WHOLE}`, whose spread over {rows[0]['seeds']} seeds is `low` to"
-        " `high`. The paper's kernel is exp(-d2 / 2r) in the place of exp(-d2 / 2r2)."
+        " `high`; in dB more is better, in px (how far followed points end from where they are) less. The"
+        " paper's kernel is exp(-d2 / 2r) in the place of exp(-d2 / 2r2)."
     )
     told = (
         f"After the fit, pictures and made-up features ({DIM} channels through a latent of {LATENT}) together for"
@@ -211,13 +212,19 @@ def _words(rows: Sequence[Row]) -> list[str]:
             if row["without"] != name or name == WHOLE:
                 continue
             spread, change = chance[row["world"], row["priors"]], row["change (dB)"]
-            sense = "within chance" if abs(change) <= spread else "better" if change > 0 else "worse"
-            told.append(f"{change:+.2f} dB on {row['world']}, {row['priors']} priors ({sense})")
+            sense = "within the spread" if abs(change) <= spread else "better" if change > 0 else "worse"
+            told.append(
+                f"{change:+.2f} dB on {row['world']}, {row['priors']} priors ({sense}; whole picture"
+                f" {row['change, whole picture (dB)']:+.2f})"
+            )
             worst = min(worst, change)
         if told:
             sentences.append((worst, f"{name[0].upper()}{name[1:]}: {'; '.join(told)}."))
     spread = max(chance.values())
-    said = f"Seeds alone change moving pixels of novel views by up to {spread:.2f} dB; less than that world's own is chance."
+    said = (
+        f"Moving pixels of novel views. Two fits that differ by their seed alone lie up to {spread:.2f} dB apart; `within the"
+        " spread` is said of changes that are smaller than this is on the same world with the same priors."
+    )
     return [said, *(sentence for _, sentence in sorted(sentences))]
 
 

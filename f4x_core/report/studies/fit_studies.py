@@ -51,7 +51,8 @@ def study_profiles(context: Context) -> Findings:
     quickest = min((row for row in rows if "steps" in row), key=lambda row: row["fit (s)"])
     still = max(row["held out (dB)"] for row in rows if "steps" not in row)
     words = [
-        f"{best['profile']} comes nearest to novel views ({best['novel (dB)']:.2f} dB after {best['steps']} steps);"
+        (f"Each with {PROFILE_SHARE:.0%} of its steps: " if context.quick else "")
+        + f"{best['profile']} comes nearest to novel views ({best['novel (dB)']:.2f} dB after {best['steps']} steps);"
         f" {quickest['profile']} is the quickest fit and stays {best['novel (dB)'] - quickest['novel (dB)']:.2f} dB behind.",
         f"On held-out frames the profiles reach {_span(rows)} dB, the better baseline without 3D {still:.2f} dB.",
     ]
@@ -155,6 +156,7 @@ def _doubling(column: str, rows: list[Row]) -> str:
     for before, after in ((rows[0], rows[1]), (rows[-2], rows[-1])):
         said.append(
             f"{column} {before[column]:,.4g} to {after[column]:,.4g}: {after['novel (dB)'] - before['novel (dB)']:+.2f} dB on"
-            f" novel views for {after['fit (s)'] / before['fit (s)']:.2f} times the time"
+            f" novel views, {after['novel, moving (dB)'] - before['novel, moving (dB)']:+.2f} dB on what moves there, for"
+            f" {after['fit (s)'] / before['fit (s)']:.2f} times the time"
         )
     return "; ".join(said) + "."

@@ -139,7 +139,17 @@ class _Found:
 
         chosen = run("chosen", base)
         self.evidence += [{"scene": subject.name} | row for row in chosen["needs"]]
-        columns = ["moving (%)", "nodes", "SH degree", "static", "dynamic", "stages", "fit (s)", "size (MB)"]
+        columns = [
+            "moving (%)",
+            "nodes at start",
+            "nodes",
+            "SH degree",
+            "static",
+            "dynamic",
+            "stages",
+            "fit (s)",
+            "size (MB)",
+        ]
         columns += [subject.error, subject.moving_error]
         self.needs.append(said | {column: chosen.get(column) for column in columns})
         for choice in choices:
@@ -197,7 +207,10 @@ class _Found:
         words = [f"{verdicts.count('at the knee')} of {len(verdicts)} choices sit at the knee."]
         words += [_sentence(row) for row in self.knees if row["verdict"] != "at the knee"]
         bound = f"{KNEE['dB']} dB, or {KNEE['%']:g} % mIoU for the latent"
-        told = f"At the knee: the next smaller choice loses at least {bound}, the next larger one gains less. {note}"
+        told = (
+            f"At the knee: the next smaller choice loses at least {bound}, the next larger one gains less. Nodes are those at the"
+            f" start, which the fit adds to and takes from; time ratios are of single fits, not taken in turn. {note}"
+        )
         tables = [
             Table("needs", self.needs, "What was chosen, and its cost", TIMED, note),
             Table("knees", self.knees, "The next smaller and the next larger choice", TIMED, told),

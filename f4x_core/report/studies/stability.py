@@ -166,8 +166,8 @@ def _precision_words(scales: Sequence[Row], turns: Sequence[Row]) -> list[str]:
     for backend in dict.fromkeys(row["backend"] for row in scales):
         errors = [row["error"] for row in scales if row["backend"] == backend]
         words.append(
-            f"Over {SCALES[-1] / SCALES[0]:.0e} in size the float32 picture of `{backend}` stays within"
-            f" {min(errors):.1e} to {max(errors):.1e} of float64."
+            f"In worlds of {SCALES[0]:g} to {SCALES[-1]:g} times the size the float32 picture of `{backend}` is"
+            f" {min(errors):.1e} to {max(errors):.1e} off that of float64."
         )
     worst = {
         rule: max((row for row in turns if row["rule"] == rule), key=lambda row: row["error (degrees)"])

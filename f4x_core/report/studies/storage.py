@@ -334,10 +334,10 @@ def _bytes(part: Any, layout: Mapping[str, Any]) -> int:
 def _encoding_words(rows: Sequence[Row]) -> str:
     fine = [row for row in rows[1:] if row[PSNR] is None or row[PSNR] >= FINE_DB]
     if not fine:
-        return f"No smaller encoding keeps pictures within {FINE_DB:.0f} dB."
+        return f"No smaller encoding keeps {FINE_DB:.0f} dB against the pictures of the float32 scene."
     best = min(fine, key=lambda row: row[SIZE])
     return (
-        f"The smallest encoding within {FINE_DB:.0f} dB of the float32 scene is '{best['name']}':"
+        f"The smallest encoding that keeps {FINE_DB:.0f} dB against the pictures of the float32 scene is '{best['name']}':"
         f" {best['share']:.0%} of the bytes at {best[PSNR]:.1f} dB."
     )
 
