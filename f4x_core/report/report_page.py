@@ -17,8 +17,8 @@ from .study import SECTIONS, pareto_front
 
 COLOURS = (page.TEAL, page.ORANGE, page.VIOLET, "#c94f6d", "#4f8fd0", "#b59a2d", "#6aa84f", page.GREY)
 MARKERS = "osD^vP*X"
-FEW_ROWS = 24
-"""Longer tables are folded up on the page; in Markdown their data are linked."""
+FEW_ROWS, MANY_ROWS = 24, 100
+"""Longer tables are folded up, and in Markdown, beyond the second, their data are linked alone."""
 Record = Mapping[str, Any]
 """A study as `study.json` holds it."""
 
@@ -133,13 +133,32 @@ def _table(table: Record) -> str:
 
 
 def _markdown_table(table: Record, study: str) -> str:
-    columns = _columns(table["rows"])
-    lines = [f"{table['title']}\n"] if table["title"] else []
-    if len(table["rows"]) > FEW_ROWS:
-        return "\n".join([*lines, f"{len(table['rows'])} rows: [{study}.json](results/{study}.json)\n"])
-    lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-    lines += ["| " + " | ".join(told(row.get(column)) for column in columns) + " |" for row in table["rows"]]
-    return "\n".join(lines) + "\n" + (f"\n{table['note']}\n" if table["note"] else "")
+    parts = [f"{table['title']}\n"] if table["title"] else []
+    count, data = len(table["rows"]), f"[{study}.json](results/{study}.json)"
+    rows = [_with_spans(row) for row in table["rows"]]
+    columns = [column for column in _columns(rows) if any(row.get(column) not in (None, "") for row in rows)]
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    lines += ["| " + " | ".join(told(row.get(column)) for column in columns) + " |" for row in rows]
+    if count > MANY_ROWS:
+        parts.append(f"{count} rows: {data}\n")
+    elif count > FEW_ROWS:
+        parts.append("\n".join([f"<details><summary>{count} rows</summary>\n", *lines, "\n</details>\n"]))
+    else:
+        parts.append("\n".join(lines) + "\n")
+    return "\n".join([*parts, f"{table['note']}\n"] if table["note"] else parts)
+
+
+def _with_spans(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The row with `X low (unit)` and `X high (unit)` in brackets behind `X (unit)`, where they differ."""
+    shown = dict(row)
+    for column in row:
+        name, bracket, unit = column.partition(" (")
+        low, high = (f"{name} {end}{bracket}{unit}" for end in ("low", "high"))
+        if low in row and high in row:
+            span = shown.pop(low), shown.pop(high)
+            if None not in (row[column], *span) and span[0] != span[1]:
+                shown[column] = f"{told(row[column])} ({told(span[0])} to {told(span[1])})"
+    return shown
 
 
 def _drawing(figure: Record, rows: Sequence[Mapping[str, Any]]) -> str:
