@@ -15,7 +15,7 @@ from ..files import replace_file
 from ..progress import Progress, silent
 from .catalogue import STUDIES
 from .machine import describe_machine, digest_source
-from .study import Context, Findings, MissingError, Study, read_json, write_json
+from .study import Context, Findings, MissingError, Row, Study, read_json, write_json
 
 STUDY_FILE = "study.json"
 REPORT_FILE = "report.json"
@@ -41,13 +41,14 @@ def run_studies(
         if _is_done(place, settings):
             continue
         if study.only_full and context.quick:
-            findings, seconds = Findings(skipped=["too long for a quick report"]), 0.0
+            findings, seconds, taken = Findings(skipped=["too long for a quick report"]), 0.0, []
         else:
             place.mkdir(parents=True, exist_ok=True)
             start = time.perf_counter()
-            findings = _measure(study, replace(context, folder=place, progress=progress))
-            seconds = time.perf_counter() - start
-        _keep(study, findings, seconds, settings, place)
+            own = replace(context, folder=place, progress=progress, taken=[])
+            findings = _measure(study, own)
+            seconds, taken = time.perf_counter() - start, own.taken
+        _keep(study, findings, seconds, taken, settings, place)
     progress("report", len(studies), len(studies), "")
     return gather(folder)
 
@@ -89,7 +90,9 @@ def _measure(study: Study, context: Context) -> Findings:
         return Findings(failed=[str(error)])
 
 
-def _keep(study: Study, findings: Findings, seconds: float, settings: dict[str, Any], place: Path) -> None:
+def _keep(
+    study: Study, findings: Findings, seconds: float, taken: Sequence[Row], settings: dict[str, Any], place: Path
+) -> None:
     names = [table.name for table in findings.tables]
     unknown = [figure.table for figure in findings.figures if figure.table not in names]
     if unknown or len(set(names)) < len(names):
@@ -101,11 +104,16 @@ def _keep(study: Study, findings: Findings, seconds: float, settings: dict[str, 
     about = {name: value for name, value in asdict(study).items() if name != "measure"}
     again = f"f4x report -o DIR --only {study.name}" + (" --quick" if settings["quick"] else "")
     again += f" --threads {settings['threads']}" if settings["threads"] != 1 else ""
+    machine = describe_machine()
+    for what in ("processor", "kernels"):  # all that had a part in it
+        machine[what] = " and ".join(
+            sorted({str(about[what]) for about in (machine, *(row["machine"] for row in taken))})
+        )
     record = about | {
         "settings": settings,
         "command": again,
-        "seconds": round(seconds, 1),
-        "machine": describe_machine(),
-        "source": digest_source(),
+        "seconds": round(seconds + sum(row["seconds"] for row in taken), 1),
+        "machine": machine,
+        "source": " and ".join(sorted({digest_source(), *(row["source"] for row in taken)})),
     }
     write_json(place / STUDY_FILE, record | asdict(findings))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import statistics
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -15,6 +16,7 @@ from ..errors import F4xError
 from ..files import replace_file
 from ..progress import Progress, silent
 from ..timing import time_in_turn
+from .machine import describe_machine, digest_source
 
 Row = dict[str, Any]
 """Column -> a number, word, truth value or None (not measured); a column's unit stands in brackets at its end."""
@@ -123,6 +125,8 @@ class Context:
     threads: int = 1
     seed: int = 0
     progress: Progress = silent
+    taken: list[Row] = field(default_factory=list)
+    """Where the steps come from that an earlier run measured: `source`, `machine`, `seconds` of each."""
 
     @property
     def repeats(self) -> int:
@@ -136,18 +140,23 @@ class Context:
     def step(self, name: str, work: Callable[[], Any], **settings: Any) -> Any:
         """What `work` returned (JSON data), now or in an earlier run with the same settings.
 
-        A report that was stopped goes on after its last step, so a step is as long as one likes to lose.
+        A report that was stopped goes on after its last step, so a step is as long as one likes to lose. Which code and
+        machine measured it, and for how long, is kept with it.
         """
         file = self.folder / "steps" / f"{name}.json"
         settings = json.loads(json.dumps(settings | {"quick": self.quick, "seed": self.seed, "threads": self.threads}))
         if file.is_file():
             done = read_json(file)
             if done.get("settings") == settings:
+                self.taken.append({name: done[name] for name in ("source", "machine", "seconds")})
                 return done["result"]
         self.progress("report", 0, 0, f"{self.folder.name}: {name}")
+        start = time.perf_counter()
         result = work()
+        seconds = round(time.perf_counter() - start, 1)
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_json(file, {"settings": settings, "result": result})
+        about = {"source": digest_source(), "machine": describe_machine(), "seconds": seconds}
+        write_json(file, {"settings": settings, **about, "result": result})
         return json.loads(json.dumps(as_plain(result)))
 
     def clip(self, name: str) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
@@ -10,6 +11,7 @@ from functools import partial
 import numpy as np
 import torch
 from scipy.ndimage import gaussian_filter
+from scipy.stats import t as student_t
 from torch import Tensor
 
 from ...features.heads import Head, head_widths
@@ -31,14 +33,25 @@ from ...scene.model import Posed
 from ...scene.view import render
 from ..study import Context, Findings, Row, Table
 from .toy_features import label_vectors, score_views, world_maps
-from .toy_fits import NOTE, base_config, fit_world, novel_views, over_seeds, score_world, toy_world
+from .toy_fits import (
+    NOTE,
+    base_config,
+    each_seed,
+    fit_world,
+    mean_row,
+    novel_views,
+    paired_changes,
+    score_world,
+    spread,
+    toy_world,
+)
 from .toy_worlds import World
 
 Change = Callable[[FitConfig], FitConfig]
 
 WORLDS = ("articulated", "rolling", "deforming")
 SEEDS = 2
-"""Fits of everything in a full report, of the whole fit in a quick one: their spread is what chance does."""
+"""Fits of everything in a full report; in a quick one there is one."""
 WHOLE, LINEAR = "nothing left out", "linear blend in place of dual quaternions"
 HELD_BACK, REACHING = "features held back from geometry", "features reach geometry"
 TRUE, NOISY = "true", "noisy"
@@ -51,7 +64,8 @@ JOINT_RATE = 5e-4
 JUDGED = "novel, moving (dB)"
 """Column that judges the parts: most of them are about what moves."""
 COLUMNS = (JUDGED, "novel, moving low (dB)", "novel, moving high (dB)", "novel (dB)", "held out (dB)", "track (px)")
-CHANGES = {"change (dB)": JUDGED, "change, whole picture (dB)": "novel (dB)", "change (px)": "track (px)"}
+CHANGE, NOT_SURE = "change (dB)", "not sure"
+CHANGES = {CHANGE: JUDGED, "change, whole picture (dB)": "novel (dB)", "change (px)": "track (px)"}
 TIMED = ("fit (s)",)
 
 
@@ -88,21 +102,33 @@ QUICK: Mapping[tuple[str, str], Sequence[str]] = {
 def study_ablations(context: Context) -> Findings:
     """Each part left out, on worlds whose truth is known, with true and with noisy priors."""
     rows: list[Row] = []
+    doubts: list[float] = []
     plan = QUICK if context.quick else {(w, p): tuple(ABLATIONS) for w in WORLDS for p in (TRUE, NOISY)}
     for (name, kind), ablations in plan.items():
         world = toy_world(context, name)
-        whole: Row = {}
-        for ablation in ablations:
-            work = partial(_fit, context, world, kind, ablation)
-            seeds = SEEDS if ablation == WHOLE else context.choose(1, SEEDS)
-            found = over_seeds(context, f"{name} {kind} {ablation}", work, seeds, JUDGED)
-            whole = whole or found
-            rows.append({"world": name, "priors": kind, "without": ablation} | _against(found, whole))
+        fits = {
+            ablation: each_seed(
+                context,
+                f"{name} {kind} {ablation}",
+                partial(_fit, context, world, kind, ablation),
+                context.choose(1, SEEDS),
+            )
+            for ablation in ablations
+        }
+        whole = fits[WHOLE]
+        doubt = doubt_of(
+            [paired_changes(found, whole, JUDGED) for ablation, found in fits.items() if ablation != WHOLE]
+        )
+        doubts += [doubt] if doubt is not None else []
+        for ablation, found in fits.items():
+            said = {"world": name, "priors": kind, "without": ablation}
+            rows.append(said | _against(found, whole, doubt if ablation != WHOLE else None))
     joint = _joint_rows(context)
     note = (
         f"{NOTE} Noisy priors: {TRACK_NOISE} px of jitter, {TRACK_GAPS:.0%} of the track samples lost, depth off by"
-        f" {DEPTH_NOISE:.0%} in blobs. `change` is against `{WHOLE}`, whose spread over {rows[0]['seeds']} seeds is `low` to"
-        " `high`; in dB more is better, in px (how far followed points end from where they are) less. The"
+        f" {DEPTH_NOISE:.0%} in blobs. `change` is the mean over pairs of fits with the same seed, with and"
+        " without the part; in dB more is better, in px (how far followed points end from where they are)"
+        " less. The"
         " paper's kernel is exp(-d2 / 2r) in the place of exp(-d2 / 2r2)."
     )
     told = (
@@ -113,7 +139,7 @@ def study_ablations(context: Context) -> Findings:
         Table("ablations", rows, "One part left out", TIMED, note),
         Table("features", joint, "Features and geometry", TIMED, told),
     ]
-    return Findings(tables, words=[*_words(rows), _joint_words(joint)])
+    return Findings(tables, words=[*_words(rows, doubts), _joint_words(joint)])
 
 
 def linear_blend(turn: Array, shift: Array, weights: Array, x: Array, q: Array) -> tuple[Array, Array]:
@@ -192,39 +218,55 @@ def _fit(context: Context, world: World, kind: str, ablation: str, seed: int) ->
     return score_world(world, scene) | {"fit (s)": sum(fitted.seconds.values())}
 
 
-def _against(row: Row, whole: Row) -> Row:
-    """What the table tells of a row, and its change."""
-    change = {name: row[column] - whole[column] for name, column in CHANGES.items()}
-    return change | {column: row[column] for column in (*COLUMNS, "nodes", "seeds", "fit (s)")}
+def _against(found: Sequence[Row], whole: Sequence[Row], doubt: float | None) -> Row:
+    """What the table tells of fits without a part: their changes against the whole ones, and means over seeds."""
+    row = mean_row(found, JUDGED)
+    changes: Row = {}
+    for name, column in CHANGES.items():
+        pairs = paired_changes(found, whole, column)
+        changes |= {name: statistics.fmean(pairs)} | (spread(name, pairs) if column == JUDGED else {})
+    sense = ""
+    if doubt is not None:
+        change = changes[CHANGE]
+        sense = NOT_SURE if abs(change) <= doubt else "better" if change > 0 else "worse"
+    told = {column: row[column] for column in (*COLUMNS, "nodes", "seeds", "fit (s)")}
+    return changes | {"doubt (dB)": doubt, "verdict": sense} | told
 
 
-def _words(rows: Sequence[Row]) -> list[str]:
-    """Every ablation in one sentence, the most harmful first; what chance does is said with it."""
-    chance = {
-        (row["world"], row["priors"]): row["novel, moving high (dB)"] - row["novel, moving low (dB)"]
-        for row in rows
-        if row["without"] == WHOLE
-    }
+def doubt_of(pairs: Sequence[Sequence[float]]) -> float | None:
+    """Half of the 95 % interval of one mean, where each sequence holds repeated measurements of another one's differences.
+
+    All are taken to scatter alike about means of their own (Student's t with the pooled variance); None where nothing was
+    measured twice.
+    """
+    repeated = [group for group in pairs if len(group) > 1]
+    freedom = sum(len(group) - 1 for group in repeated)
+    if not freedom:
+        return None
+    scatter = sum(statistics.variance(group) * (len(group) - 1) for group in repeated) / freedom
+    return float(student_t.ppf(0.975, freedom) * (scatter / min(len(group) for group in repeated)) ** 0.5)
+
+
+def _words(rows: Sequence[Row], doubts: Sequence[float]) -> list[str]:
+    """Every ablation in one sentence, the most harmful first; what chance does is said before."""
     sentences = []
     for name in ABLATIONS:
         told, worst = [], 0.0
         for row in rows:
             if row["without"] != name or name == WHOLE:
                 continue
-            spread, change = chance[row["world"], row["priors"]], row["change (dB)"]
-            sense = "within the spread" if abs(change) <= spread else "better" if change > 0 else "worse"
-            told.append(
-                f"{change:+.2f} dB on {row['world']}, {row['priors']} priors ({sense}; whole picture"
-                f" {row['change, whole picture (dB)']:+.2f})"
-            )
+            change, said = row[CHANGE], f"whole picture {row['change, whole picture (dB)']:+.2f}"
+            said = f"{row['verdict']}; {said}" if row["verdict"] else said
+            told.append(f"{change:+.2f} dB on {row['world']}, {row['priors']} priors ({said})")
             worst = min(worst, change)
         if told:
             sentences.append((worst, f"{name[0].upper()}{name[1:]}: {'; '.join(told)}."))
-    spread = max(chance.values())
-    said = (
-        f"Moving pixels of novel views. Two fits that differ by their seed alone lie up to {spread:.2f} dB apart; `within the"
-        " spread` is said of changes that are smaller than this is on the same world with the same priors."
-    )
+    said = "Moving pixels of novel views. One fit each: chance is not told apart from change."
+    if doubts:
+        said = (
+            f"Moving pixels of novel views. `{NOT_SURE}` is said of changes below `doubt`, {min(doubts):.2f} to"
+            f" {max(doubts):.2f} dB by world and priors; chance alone exceeds it once in twenty."
+        )
     return [said, *(sentence for _, sentence in sorted(sentences))]
 
 
@@ -232,15 +274,16 @@ def _joint_rows(context: Context) -> list[Row]:
     """The two ways of training features with pictures."""
     world = toy_world(context, WORLDS[0])
     maps = world_maps(world, context.folder / "maps", DIM)
-    return [
-        {"world": world.name, "what": name}
-        | context.step(name, partial(_fit_jointly, context, world, maps, name == REACHING))
-        for name in (HELD_BACK, REACHING)
-    ]
+    rows = []
+    for name in (HELD_BACK, REACHING):
+        work = partial(_fit_jointly, context, world, maps, name == REACHING)
+        found = each_seed(context, name, work, context.choose(1, SEEDS))
+        rows.append({"world": world.name, "what": name} | mean_row(found, JUDGED))
+    return rows
 
 
-def _fit_jointly(context: Context, world: World, maps: FeatureMaps, attached: bool) -> Row:
-    config = base_config(context)
+def _fit_jointly(context: Context, world: World, maps: FeatureMaps, attached: bool, seed: int) -> Row:
+    config = base_config(context, seed=seed)
     clock = time.perf_counter()
     stage, needs = start_fit(world.clip, world.priors, config)
     stage.run()
@@ -303,5 +346,5 @@ def _joint_words(rows: Sequence[Row]) -> str:
     change, moving = (reaching[column] - held[column] for column in ("novel (dB)", JUDGED))
     return (
         f"{REACHING.capitalize()}: {change:+.2f} dB on novel views, {moving:+.2f} dB on what moves, mIoU"
-        f" {reaching['mIoU'] - held['mIoU']:+.3f}, against features that are held back."
+        f" {reaching['mIoU'] - held['mIoU']:+.3f}, against features that are held back; means over seeds: {held['seeds']}."
     )

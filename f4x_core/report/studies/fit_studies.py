@@ -15,9 +15,10 @@ from .toy_fits import (
     NOTE,
     QUICK_SIZE,
     base_config,
+    each_seed,
     fit_world,
+    mean_row,
     measure,
-    over_seeds,
     score_world,
     shorten,
     thin_out,
@@ -87,10 +88,9 @@ def study_resolution(context: Context) -> Findings:
             scores = score_world(judge, replace(fitted.scene, cameras=cameras))
             return scores | {"novel at its own size (dB)": own["novel (dB)"], "fit (s)": sum(fitted.seconds.values())}
 
-        found = over_seeds(
-            context, f"width {width}", work, _seeds(context, base_config(context)), width=width, judged=judge.width
-        )
-        rows.append({"width (px)": width} | _with_error(found))
+        seeds = _seeds(context, base_config(context))
+        found = each_seed(context, f"width {width}", work, seeds, width=width, judged=judge.width)
+        rows.append({"width (px)": width} | _with_error(mean_row(found)))
     words = [_doubling("width (px)", rows)]
     note = f"{NOTE} All are judged at {judge.width}x{judge.height}, where small pictures' scenes lack detail."
     figures = [_figure("resolution", "Resolution", "width (px)"), _figure("resolution", "Resolution: time", "fit (s)")]
@@ -113,7 +113,8 @@ def _fits(context: Context, name: str, world: Any, config: FitConfig) -> Row:
     def work(seed: int) -> Row:
         return measure(world, replace(config, seed=seed))
 
-    return _with_error(over_seeds(context, name, work, _seeds(context, config), steps=config.steps, width=world.width))
+    rows = each_seed(context, name, work, _seeds(context, config), steps=config.steps, width=world.width)
+    return _with_error(mean_row(rows))
 
 
 def _seeds(context: Context, config: FitConfig) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,19 @@ from ...scene import Scene, read_scene, write_scene
 from ..evaluation import evaluate
 from ..study import Context, Figure, Findings, MissingError, Row, Table
 from .toy_features import score_features, world_maps
-from .toy_fits import NOTE, base_config, fit_world, over_seeds, picture_of, score_world, thin_out, toy_world
+from .toy_fits import (
+    NOTE,
+    base_config,
+    each_seed,
+    fit_world,
+    mean_row,
+    paired_changes,
+    picture_of,
+    score_world,
+    spread,
+    thin_out,
+    toy_world,
+)
 from .toy_worlds import KINDS, World
 
 LADDER = ("static", "rigid", "two movers", "articulated", "deforming", "view-dependent", "feature-rich")
@@ -44,6 +56,14 @@ QUICK_CHOICES: Mapping[str, tuple[str, ...]] = {
 """What a quick report varies; a full one varies everything everywhere."""
 KNEE = {"dB": 0.3, "%": 1.0}
 """A choice sits at the knee when the next smaller one loses at least so much and the next larger one gains less."""
+AT_THE_KNEE, LARGER_PAYS, SMALLER_DOES, UNDECIDED = (
+    "at the knee",
+    "larger would pay",
+    "smaller would do",
+    "seeds disagree",
+)
+SMALLER, LARGER = "smaller loses", "larger gains"
+"""Columns of what the neighbours of a choice do."""
 PRETENDED = "box"
 """Label of the static thing that the larger choice of a still world carries by a scaffold."""
 DIM, STEPS = 128, 600
@@ -127,17 +147,13 @@ class _Found:
                 write_scene(scene, context.folder / f"{subject.name}.f4x")
             return row | _facts(scene)
 
-        def run(option: str, config: FitConfig, priors: Callable[[], Priors | None] = lambda: None) -> Row:
-            return over_seeds(
-                context,
-                f"{subject.name} {option}",
-                partial(work, config, priors),
-                seeds,
-                subject.error,
-                steps=config.steps,
+        def run(option: str, config: FitConfig, priors: Callable[[], Priors | None] = lambda: None) -> list[Row]:
+            return each_seed(
+                context, f"{subject.name} {option}", partial(work, config, priors), seeds, steps=config.steps
             )
 
-        chosen = run("chosen", base)
+        fits = run("chosen", base)
+        chosen = mean_row(fits, subject.error)
         self.evidence += [{"scene": subject.name} | row for row in chosen["needs"]]
         columns = [
             "moving (%)",
@@ -153,10 +169,10 @@ class _Found:
         columns += [subject.error, subject.moving_error]
         self.needs.append(said | {column: chosen.get(column) for column in columns})
         for choice in choices:
-            tried = {"chosen": (_value(choice, chosen), chosen)}
+            tried = {"chosen": (_value(choice, chosen), fits)}
             for option, config, priors in _neighbours(choice, chosen, base, subject):
-                row = run(f"{choice} {option}", config, priors)
-                tried[option] = _value(choice, row), row
+                others = run(f"{choice} {option}", config, priors)
+                tried[option] = _value(choice, mean_row(others, subject.error)), others
             if len(tried) > 1:
                 self._compare(subject.name, choice, subject.judge(choice, chosen), "dB", tried, "fit (s)")
 
@@ -177,38 +193,42 @@ class _Found:
         chosen = context.step(f"{world.name} width", partial(work, None), steps=STEPS)
         width = chosen["width"]
         self.evidence.append({"scene": world.name} | chosen["needs"])
-        tried = {"chosen": (width, chosen)}
+        tried = {"chosen": (width, [chosen])}
         for option, other in (("smaller", width // 2), ("larger", 2 * width)):
-            tried[option] = other, context.step(f"{world.name} width {option}", partial(work, other), steps=STEPS)
+            tried[option] = other, [context.step(f"{world.name} width {option}", partial(work, other), steps=STEPS)]
         self._compare(world.name, WIDTH, "mIoU (%)", "%", tried, "distil (s)")
 
     def _compare(
-        self, scene: str, choice: str, judged: str, unit: str, tried: dict[str, tuple[Any, Row]], cost: str
+        self, scene: str, choice: str, judged: str, unit: str, tried: dict[str, tuple[Any, list[Row]]], cost: str
     ) -> None:
-        """The three options as rows, and what the neighbours lose and gain."""
-        order = [option for option in ("smaller", "chosen", "larger") if option in tried]
-        for option in order:
-            value, row = tried[option]
-            kept = {column: row.get(column) for column in (judged, "Gaussians", cost)}
-            kept = {column: entry for column, entry in kept.items() if entry is not None}
-            self.options[choice].append({"scene": scene, "option": option, choice: value} | kept)
+        """The three options as rows, and what the neighbours lose and gain, seed by seed."""
+        means = {option: mean_row(rows, judged) for option, (_, rows) in tried.items()}
+        kept = (judged, *spread(judged, [0.0]), "Gaussians", cost)
+        for option in ("smaller", "chosen", "larger"):
+            if option in tried:
+                row = {column: means[option][column] for column in kept if means[option].get(column) is not None}
+                self.options[choice].append({"scene": scene, "option": option, choice: tried[option][0]} | row)
         value, chosen = tried["chosen"]
         knee: Row = {"scene": scene, "choice": choice, "chosen": value, "judged by": judged}
-        change = {option: row[judged] - chosen[judged] for option, (_, row) in tried.items()}
-        knee |= {"smaller loses": -change["smaller"] if "smaller" in change else None}
-        knee |= {"larger gains": change.get("larger")}
+        changes: dict[str, list[float]] = {}
+        for option, column, sign in (("smaller", SMALLER, -1), ("larger", LARGER, 1)):
+            knee[column] = None
+            if option in tried:
+                changes[option] = [sign * more for more in paired_changes(tried[option][1], chosen, judged)]
+                knee |= {column: float(np.mean(changes[option]))} | spread(column, changes[option])
         for option in ("smaller", "larger"):
-            knee[f"{option}, time ratio"] = tried[option][1][cost] / chosen[cost] if option in tried else None
-        self.knees.append(knee | {"verdict": _verdict(knee["smaller loses"], knee["larger gains"], KNEE[unit])})
+            knee[f"{option}, time ratio"] = means[option][cost] / means["chosen"][cost] if option in tried else None
+        self.knees.append(knee | {"verdict": judge_knee(changes.get("smaller"), changes.get("larger"), KNEE[unit])})
 
     def findings(self, note: str) -> Findings:
         """The tables, a plot for each choice, and what they say."""
         verdicts = [row["verdict"] for row in self.knees]
-        words = [f"{verdicts.count('at the knee')} of {len(verdicts)} choices sit at the knee."]
-        words += [_sentence(row) for row in self.knees if row["verdict"] != "at the knee"]
+        words = [f"{verdicts.count(AT_THE_KNEE)} of {len(verdicts)} choices sit at the knee."]
+        words += [_sentence(row) for row in self.knees if row["verdict"] != AT_THE_KNEE]
         bound = f"{KNEE['dB']} dB, or {KNEE['%']:g} % mIoU for the latent"
         told = (
-            f"At the knee: the next smaller choice loses at least {bound}, the next larger one gains less. Nodes are those at the"
+            f"At the knee: the next smaller choice loses at least {bound}, the next larger one gains less; a verdict is given"
+            f" where all seeds agree in it. Nodes are those at the"
             f" start, which the fit adds to and takes from; time ratios are of single fits, not taken in turn. {note}"
         )
         tables = [
@@ -275,22 +295,31 @@ def _neighbours(
     return [(option, thin_out(base, factor), same) for option, factor in (("smaller", 0.5), ("larger", 2.0))]
 
 
-def _verdict(loses: float | None, gains: float | None, knee: float) -> str:
-    if gains is not None and gains >= knee:
-        return "larger would pay"
-    return "smaller would do" if loses is not None and loses < knee else "at the knee"
+def judge_knee(loses: Sequence[float] | None, gains: Sequence[float] | None, knee: float) -> str:
+    """The verdict, from what each seed's next smaller choice loses and next larger one gains; None where there is none."""
+    count = len(loses or gains or ())
+
+    def verdict(lost: float | None, gained: float | None) -> str:
+        if gained is not None and gained >= knee:
+            return LARGER_PAYS
+        return SMALLER_DOES if lost is not None and lost < knee else AT_THE_KNEE
+
+    nothing: Sequence[None] = [None] * count
+    found = {verdict(*pair) for pair in zip(loses or nothing, gains or nothing, strict=True)}
+    return found.pop() if len(found) == 1 else UNDECIDED
 
 
 def _sentence(row: Row) -> str:
-    """What a choice off the knee misses."""
-    if row["verdict"] == "larger would pay":
-        return (
-            f"{row['scene']}, {row['choice']} {row['chosen']}: the next larger choice gains {row['larger gains']:.2f}"
-            f" ({row['judged by']})."
-        )
-    lost = row["smaller loses"]
-    said = f"loses only {lost:.2f}" if lost >= 0 else f"is even better by {-lost:.2f}"
-    return f"{row['scene']}, {row['choice']} {row['chosen']}: the next smaller choice {said} ({row['judged by']})."
+    """What a choice misses that is not surely at the knee."""
+    lost, gained, verdict = row[SMALLER], row[LARGER], row["verdict"]
+    loses = gains = ""
+    if lost is not None and verdict != LARGER_PAYS:
+        loses = f"loses {lost:.2f}" if lost >= 0 else f"is better by {-lost:.2f}"
+        loses = f"the next smaller choice {loses}"
+    if gained is not None and verdict != SMALLER_DOES:
+        gains = f"the next larger one {'gains' if gained >= 0 else 'loses'} {abs(gained):.2f}"
+    said = ", ".join(filter(None, [loses, gains]))
+    return f"{row['scene']}, {row['choice']} {row['chosen']}: {verdict}; {said} ({row['judged by']})."
 
 
 def _fit_world(world: World, config: FitConfig, priors: Priors | None) -> tuple[Scene, Row]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -148,18 +148,30 @@ def measure(
     return score_world(world, fitted.scene) | {"fit (s)": sum(fitted.seconds.values())}
 
 
-def over_seeds(
-    context: Context, name: str, work: Callable[[int], Row], count: int, error: str = "novel (dB)", **settings: Any
-) -> Row:
-    """Means of what `work(seed)` returned for `count` seeds, a step each; what is no number is the first's.
+def each_seed(context: Context, name: str, work: Callable[[int], Row], count: int, **settings: Any) -> list[Row]:
+    """What `work(seed)` returned for `count` seeds, a step each."""
+    seeds = range(context.seed, context.seed + count)
+    return [context.step(f"{name} {seed}", partial(work, seed), **settings) for seed in seeds]
+
+
+def mean_row(rows: Sequence[Row], error: str = "novel (dB)") -> Row:
+    """Means over seeds; what is no number is the first's.
 
     Of column `error` there are also the worst and the best: `novel low (dB)`, `novel high (dB)`.
     """
-    seeds = range(context.seed, context.seed + count)
-    rows = [context.step(f"{name} {seed}", partial(work, seed), **settings) for seed in seeds]
     means = {column: _mean([row[column] for row in rows]) for column in rows[0]}
-    every, (what, _, unit) = [row[error] for row in rows], error.partition(" (")
-    return means | {f"{what} low ({unit}": min(every), f"{what} high ({unit}": max(every), "seeds": count}
+    return means | spread(error, [row[error] for row in rows]) | {"seeds": len(rows)}
+
+
+def spread(column: str, values: Sequence[float]) -> Row:
+    """The least and the greatest value under `NAME low (unit)` and `NAME high (unit)` for column `NAME (unit)`."""
+    what, bracket, unit = column.partition(" (")
+    return {f"{what} low{bracket}{unit}": min(values), f"{what} high{bracket}{unit}": max(values)}
+
+
+def paired_changes(rows: Sequence[Row], against: Sequence[Row], column: str) -> list[float]:
+    """How much more each row has than the one of the same seed, for the seeds that both have."""
+    return [row[column] - other[column] for row, other in zip(rows, against, strict=False)]
 
 
 def _mean(values: list[Any]) -> Any:
