@@ -14,7 +14,8 @@ import torch
 
 from ...clip import Clip, read_clip
 from ...clip.images import list_images
-from ...fit.config import FitConfig
+from ...features.spectrum import WIDTHS
+from ...fit.config import FitConfig, ScaffoldConfig
 from ...fit.distil import distil
 from ...fit.distil_config import DistilConfig
 from ...fit.losses import psnr
@@ -62,6 +63,8 @@ AT_THE_KNEE, LARGER_PAYS, SMALLER_DOES, UNDECIDED = (
     "smaller would do",
     "seeds disagree",
 )
+FLOORS = {NODES: ScaffoldConfig().least_nodes, WIDTH: WIDTHS[0]}
+"""The least that a fit or a distillation chooses by itself."""
 SMALLER, LARGER = "smaller loses", "larger gains"
 """Columns of what the neighbours of a choice do."""
 PRETENDED = "box"
@@ -318,8 +321,9 @@ def _sentence(row: Row) -> str:
         loses = f"the next smaller choice {loses}"
     if gained is not None and verdict != SMALLER_DOES:
         gains = f"the next larger one {'gains' if gained >= 0 else 'loses'} {abs(gained):.2f}"
+    least = f"; fewer than {row['chosen']} are never taken" if row["chosen"] == FLOORS.get(row["choice"]) else ""
     said = ", ".join(filter(None, [loses, gains]))
-    return f"{row['scene']}, {row['choice']} {row['chosen']}: {verdict}; {said} ({row['judged by']})."
+    return f"{row['scene']}, {row['choice']} {row['chosen']}: {verdict}; {said} ({row['judged by']}){least}."
 
 
 def _fit_world(world: World, config: FitConfig, priors: Priors | None) -> tuple[Scene, Row]:
