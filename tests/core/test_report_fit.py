@@ -226,6 +226,36 @@ def test_verdicts(loses, gains, verdict):
     assert needs_studies.judge_knee(loses, gains, 0.3) == verdict
 
 
+def test_each_seed_is_compared_with_the_neighbours_of_its_own_choice(tmp_path, monkeypatch):
+    """Seed 0 chooses 8 nodes and colours without harmonics, seed 1 16 and degree 1; more nodes bring 1 dB a doubling."""
+    own = {0: (8, 0), 1: (16, 1)}
+
+    def fit(config, priors):
+        nodes, degree = own[config.seed]
+        if config.scaffold.least_nodes != profile("quick").scaffold.least_nodes:
+            nodes = config.scaffold.least_nodes
+        degree = degree if config.sh_degree is None else config.sh_degree
+        row = {"dB": np.log2(nodes) + 2 * degree, "moving dB": np.log2(nodes), "fit (s)": 1.0, "moving (%)": 5.0}
+        return (nodes, degree), row
+
+    def facts(scene):
+        named = {"needs": [], "nodes at start": scene[0], "nodes": scene[0], "SH degree": scene[1], "dynamic": 9}
+        return named | {"static": 1, "Gaussians": 10, "stages": "", "size (MB)": 1.0}
+
+    monkeypatch.setattr(needs_studies, "_facts", facts)
+    monkeypatch.setattr(needs_studies, "write_scene", lambda *_: None)
+    found = needs_studies._Found()
+    subject = needs_studies.Subject("made up", fit, "dB", "moving dB", lambda: None)
+    base = profile("quick")
+    context = Context(tmp_path)
+    found.add(context, subject, {"scene": "made up"}, base, [needs_studies.NODES, needs_studies.DEGREE], seeds=2)
+    nodes, degree = found.knees
+    assert nodes["chosen"] == 12 and (nodes["smaller loses low"], nodes["larger gains high"]) == (1.0, 1.0)
+    assert nodes["verdict"] == needs_studies.LARGER_PAYS
+    assert degree["smaller loses"] is None, "seed 0 has no smaller degree"
+    assert degree["larger gains"] == 2.0
+
+
 def test_changes_below_what_seeds_do_are_not_sure():
     """The bound of a mean of two, from 16 groups that scatter by 1, is near the normal one; chance passes it 1 time in 20."""
     rng = np.random.default_rng(0)

@@ -78,6 +78,10 @@ SEEDS = 2
 TIMED = ("fit (s)", "smaller, time ratio", "larger, time ratio", "distil (s)")
 
 
+Choice = tuple[FitConfig, Callable[[], Priors | None]]
+"""Settings of a fit, and priors in the place of its own (None: those)."""
+
+
 @dataclass(frozen=True)
 class Subject:
     """What is fitted, and how errors are read."""
@@ -144,18 +148,19 @@ class _Found:
     ) -> None:
         """Fit what the program chooses, then its neighbours."""
 
-        def work(config: FitConfig, priors: Callable[[], Priors | None], seed: int) -> Row:
-            scene, row = subject.fit(replace(config, seed=seed), priors())
-            if config is base and seed == context.seed:
-                write_scene(scene, context.folder / f"{subject.name}.f4x")
-            return row | _facts(scene)
+        def run(option: str, choices: Sequence[Choice]) -> list[Row]:
+            """One fit a seed, each with its own of `choices`."""
 
-        def run(option: str, config: FitConfig, priors: Callable[[], Priors | None] = lambda: None) -> list[Row]:
-            return each_seed(
-                context, f"{subject.name} {option}", partial(work, config, priors), seeds, steps=config.steps
-            )
+            def work(seed: int) -> Row:
+                config, priors = choices[seed - context.seed]
+                scene, row = subject.fit(replace(config, seed=seed), priors())
+                if config is base and seed == context.seed:
+                    write_scene(scene, context.folder / f"{subject.name}.f4x")
+                return row | _facts(scene)
 
-        fits = run("chosen", base)
+            return each_seed(context, f"{subject.name} {option}", work, seeds, steps=base.steps)
+
+        fits = run("chosen", [(base, lambda: None)] * seeds)
         chosen = mean_row(fits, subject.error)
         self.evidence += [{"scene": subject.name} | row for row in chosen["needs"]]
         columns = [
@@ -173,8 +178,9 @@ class _Found:
         self.needs.append(said | {column: chosen.get(column) for column in columns})
         for choice in choices:
             tried = {"chosen": (_value(choice, chosen), fits)}
-            for option, config, priors in _neighbours(choice, chosen, base, subject):
-                others = run(f"{choice} {option}", config, priors)
+            beside = [_neighbours(choice, fit, base, subject) for fit in fits]  # seeds may choose otherwise
+            for option in [option for option in beside[0] if all(option in choices for choices in beside)]:
+                others = run(f"{choice} {option}", [choices[option] for choices in beside])
                 tried[option] = _value(choice, mean_row(others, subject.error)), others
             if len(tried) > 1:
                 self._compare(subject.name, choice, subject.judge(choice, chosen), "dB", tried, "fit (s)")
@@ -276,26 +282,24 @@ def _value(choice: str, row: Row) -> Any:
     return row["nodes at start" if choice == NODES else choice]
 
 
-def _neighbours(
-    choice: str, chosen: Row, base: FitConfig, subject: Subject
-) -> list[tuple[str, FitConfig, Callable[[], Priors | None]]]:
-    """(smaller | larger, settings, priors) of the next choices; none where the choice has no meaning."""
+def _neighbours(choice: str, chosen: Row, base: FitConfig, subject: Subject) -> dict[str, Choice]:
+    """smaller | larger -> settings and priors of the next choices; empty where the choice has no meaning."""
     same: Callable[[], Priors | None] = lambda: None  # noqa: E731
     nodes = chosen["nodes at start"]
     if choice == SCAFFOLD:
         if nodes:
-            return [("smaller", replace(base, moving_share=2.0), same)]  # no clip moves in more than all of its pixels
-        return [("larger", base, subject.still)] if subject.still() is not None else []
+            return {"smaller": (replace(base, moving_share=2.0), same)}  # no clip moves in more than all of its pixels
+        return {"larger": (base, subject.still)} if subject.still() is not None else {}
     if choice == NODES:
         counts = {"smaller": nodes // 2, "larger": 2 * nodes} if nodes > 1 else {}
-        return [
-            (option, replace(base, scaffold=replace(base.scaffold, least_nodes=count, most_nodes=count)), same)
+        return {
+            option: (replace(base, scaffold=replace(base.scaffold, least_nodes=count, most_nodes=count)), same)
             for option, count in counts.items()
-        ]
+        }
     if choice == DEGREE:
         degrees = {"smaller": chosen["SH degree"] - 1, "larger": chosen["SH degree"] + 1}
-        return [(option, replace(base, sh_degree=n), same) for option, n in degrees.items() if n >= 0]
-    return [(option, thin_out(base, factor), same) for option, factor in (("smaller", 0.5), ("larger", 2.0))]
+        return {option: (replace(base, sh_degree=n), same) for option, n in degrees.items() if n >= 0}
+    return {option: (thin_out(base, factor), same) for option, factor in (("smaller", 0.5), ("larger", 2.0))}
 
 
 def judge_knee(loses: Sequence[float] | None, gains: Sequence[float] | None, knee: float) -> str:
