@@ -17,6 +17,7 @@ from ...query.pixels import head_map
 from ...query.score import overlap
 from ...scene import Scene
 from ..evaluation import evaluate
+from ..perceptual_distance import lpips_missing
 from ..study import Context, Findings, MissingError, Row, Table
 from .protocols import (
     DYCHECK,
@@ -49,7 +50,6 @@ METHOD = "this program"
 QUICK_EVERY = 4
 """Views of which a quick report labels one."""
 TIMED = ("fit (s)", "distil (s)", "time (s)")
-LPIPS = "LPIPS: not run; no weights of that network come with the project"
 DAVIS_PROFILE = "f4x_davis"
 HOLD_OUT = 8
 """Of DAVIS, which has no other camera, every so many frames one is held out."""
@@ -78,7 +78,8 @@ def study_nvidia(context: Context) -> Findings:
     rows = [_with_features(row, answers.labels) for row in answers.views]
     theirs = _theirs(VIEWS, "scene", rows)
     note = (
-        f"RoDynRF's protocol: uint8 PSNR as `cv2.PSNR`, SSIM as scikit-image's defaults; cameras are found, not given. {MATCHED}"
+        f"RoDynRF's protocol: uint8 PSNR as `cv2.PSNR`, SSIM as scikit-image's defaults, LPIPS on AlexNet; cameras are found, not"
+        f" given. {MATCHED}"
         " Labels: features of the scene in the test views against the teacher on the true pictures"
         f" ({_answered(answers, 'labels')}; theirs: CLIP-LSeg). Sizes of ours: arrays in memory, theirs: checkpoints, features in"
         " static and dynamic."
@@ -109,17 +110,14 @@ def study_dycheck(context: Context) -> Findings:
     """Masked figures over co-visible pixels, and keypoints carried from frame to frame."""
     answers = _measure(context, DYCHECK, scenes_of(context, DYCHECK.name, "camera/*.json"), asks=False)
     note = (
-        "Gao et al. 2022: PSNR and SSIM over pixels that enough training frames saw (`covisible/`); PCK: keypoints carried"
+        "Gao et al. 2022: PSNR, SSIM and LPIPS over pixels that enough training frames saw (`covisible/`); PCK: keypoints carried"
         f" between all pairs of annotated training frames, right within 5 % of the longer side. {MATCHED} The supplement has"
         " no figures of this data set."
     )
     rows = [*answers.views, *_mean_row(answers.views)]
-    words = [
-        f"{len(answers.views)} scenes: mean mPSNR {statistics.fmean(row['mPSNR (dB)'] for row in answers.views):.2f} dB."
-    ]
-    return _findings(
-        answers, [Table("views", rows, "Test views", TIMED, note)], words if answers.views else [], (LPIPS,)
-    )
+    mean = [row["mPSNR (dB)"] for row in answers.views]
+    words = [f"{len(mean)} scenes: mean mPSNR {statistics.fmean(mean):.2f} dB."] if mean else []
+    return _findings(answers, [Table("views", rows, "Test views", TIMED, note)], words)
 
 
 def study_davis(context: Context) -> Findings:
@@ -147,7 +145,7 @@ def study_davis(context: Context) -> Findings:
         f" {max(row['nearest frame (dB)'], row['flow blend (dB)']):.2f} dB."
         for row in rows
     ]
-    return Findings([Table("clips", rows, "Sequences", TIMED, note)], [], words, [LPIPS], failed)
+    return Findings([Table("clips", rows, "Sequences", TIMED, note)], [], words, lpips_missing(), failed)
 
 
 def _measure(context: Context, protocol: Protocol, folders: Sequence[Path], asks: bool = True) -> Answers:
@@ -202,7 +200,9 @@ def _measure_davis(context: Context, sequence: Path, teacher: str) -> Row:
     assert masks is not None
     scene, cost = fit_scene(context, clip, fit_config(context, DAVIS_PROFILE))
     settings = {"frames": clip.picked, "width": clip.width}
-    told = context.step(f"{clip.name} frames", lambda: _frame_scores(scene, clip), **settings)
+    told = context.step(
+        f"{clip.name} frames", lambda: _frame_scores(scene, clip), lpips=not lpips_missing(), **settings
+    )
     scene, distilled = add_heads(context, clip, scene, [teacher])
     follow = partial(_follow_annotation, context, scene, clip, masks, teacher)
     return (
@@ -215,15 +215,16 @@ def _measure_davis(context: Context, sequence: Path, teacher: str) -> Row:
 
 
 def _frame_scores(scene: Scene, clip: Clip) -> Row:
-    scores = evaluate(scene, clip, refine_camera=True, baselines=True)
+    scores = evaluate(scene, clip, refine_camera=True, baselines=True, perceptual=True)
     columns = {
         "used (dB)": "used_psnr",
         "held out (dB)": "held_out_psnr",
+        "held out LPIPS": "held_out_lpips",
         "held out, camera refined (dB)": "held_out_psnr_refined",
         "nearest frame (dB)": "held_out_psnr_nearest",
         "flow blend (dB)": "held_out_psnr_flow_blend",
     }
-    return {column: scores[name] for column, name in columns.items()}
+    return {column: scores[name] for column, name in columns.items() if name in scores}
 
 
 def _follow_annotation(context: Context, scene: Scene, clip: Clip, masks: np.ndarray, teacher: str) -> Row:
@@ -308,5 +309,5 @@ def _compare(ours: Sequence[Row], theirs: Sequence[Row], column: str, key: str =
     ]
 
 
-def _findings(answers: Answers, tables: list[Table], words: list[str], skipped: Sequence[str] = (LPIPS,)) -> Findings:
-    return Findings(tables, [], words, [*skipped, *answers.skipped], answers.failed)
+def _findings(answers: Answers, tables: list[Table], words: list[str]) -> Findings:
+    return Findings(tables, [], words, [*lpips_missing(), *answers.skipped], answers.failed)
