@@ -11,13 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from ...clip import Clip, read_clip
+from ...clip.novel import read_annotations, read_moving
 from ...errors import F4xError
 from ...features.teachers import extract
 from ...query.pixels import head_map
-from ...query.score import overlap
+from ...query.segmentation import MaskDecoder
 from ...scene import Scene
 from ..evaluation import evaluate
 from ..perceptual_distance import lpips_missing
+from ..picture_metrics import region_similarity
 from ..study import Context, Findings, MissingError, Row, Table
 from .protocols import (
     DYCHECK,
@@ -136,9 +138,10 @@ def study_davis(context: Context) -> Findings:
         except F4xError as error:
             failed.append(f"{sequence.name}: {error}")
     note = (
-        f"Every {HOLD_OUT}th frame is held out. J: mean intersection over union with the annotations of the mask of the first"
-        f" frame, carried by features of `{teacher}`: decoded from the scene, or of the frames themselves. The supplement shows"
-        " DAVIS in pictures only."
+        f"Every {HOLD_OUT}th frame is held out. J: intersection over union with the annotations of the first frame's objects,"
+        f" each carried by features of `{teacher}`, decoded from the scene or of the frames themselves; mean over all frames but"
+        " the first and the last, then over objects, as the official tool's (at the size of the clip). The supplement shows DAVIS"
+        " in pictures only."
     )
     words = [
         f"{row['clip']}: held-out frames {row['held out (dB)']:.2f} dB, the better picture without 3D"
@@ -187,24 +190,25 @@ def _measure_scene(
         answers.labels += [about | row for row in context.step(f"{clip.name} labels", work, labels=labels, **settings)]
     if "masks" in teachers:
         for novel, cameras in placed[:1]:
-            work = partial(follow_points, scene, teachers["masks"], novel, cameras, context.seed)
+            given = read_moving(clip, novel)
+            work = partial(follow_points, scene, teachers["masks"], novel, cameras, context.seed, given)
             try:
-                answers.masks += [about | row for row in context.step(f"{clip.name} masks", work, **settings)]
+                told = context.step(f"{clip.name} masks", work, mask=given is not None, **settings)
+                answers.masks += [about | row for row in told]
             except MissingError as reason:
                 answers.skipped.append(f"masks of {folder.name}: {reason}")
 
 
 def _measure_davis(context: Context, sequence: Path, teacher: str) -> Row:
     clip = first_frames(sequence, HOLD_OUT) if context.quick else read_clip(sequence, hold_out=HOLD_OUT)
-    masks = read_clip(sequence, clip.picked, clip.width, masks="layout").masks
-    assert masks is not None
+    labels = read_annotations(clip)
     scene, cost = fit_scene(context, clip, fit_config(context, DAVIS_PROFILE))
     settings = {"frames": clip.picked, "width": clip.width}
     told = context.step(
         f"{clip.name} frames", lambda: _frame_scores(scene, clip), lpips=not lpips_missing(), **settings
     )
     scene, distilled = add_heads(context, clip, scene, [teacher])
-    follow = partial(_follow_annotation, context, scene, clip, masks, teacher)
+    follow = partial(_follow_annotation, context, scene, clip, labels, teacher)
     return (
         told
         | context.step(f"{clip.name} masks", follow, teacher=teacher, **settings)
@@ -227,20 +231,34 @@ def _frame_scores(scene: Scene, clip: Clip) -> Row:
     return {column: scores[name] for column, name in columns.items() if name in scores}
 
 
-def _follow_annotation(context: Context, scene: Scene, clip: Clip, masks: np.ndarray, teacher: str) -> Row:
-    """Mean IoU over the frames after the first, by features of the scene and by those of the frames."""
+def _follow_annotation(context: Context, scene: Scene, clip: Clip, labels: np.ndarray, teacher: str) -> Row:
+    """J of the first annotation carried on, by features of the scene and by those of the frames."""
     maps = extract(clip, teacher, context.folder / "maps" / clip.name / teacher)
     ways: dict[str, Callable[[int], np.ndarray]] = {
         "J, scene": lambda t: head_map(scene, teacher, scene.cameras[t], float(scene.cameras.times[t])),
         "J, frames": maps.at,
     }
-    row: Row = {}
+    row: Row = {"objects": int((np.unique(labels[0]) > 0).sum())}
     for name, way in ways.items():
         decoder = mask_decoder(teacher, way, len(clip), (clip.height, clip.width))
-        decoder.prompt(0, mask=masks[0])
-        found = dict(decoder.propagate())
-        row[name] = float(np.mean([overlap(found[t] > 0, masks[t]) for t in range(1, len(clip))]))
+        row[name] = region_similarity(follow_objects(decoder, labels[0]), labels)
     return row
+
+
+def follow_objects(decoder: MaskDecoder, first: np.ndarray) -> np.ndarray:
+    """Object numbers (T,H,W) uint8, 0 = none, of every object in `first` (H,W) carried on by itself.
+
+    A pixel that several claim is of the one with the largest logit.
+    """
+    found = np.zeros((decoder.count, *decoder.size), np.uint8)
+    best = np.zeros(found.shape, np.float32)
+    for number in np.unique(first[first > 0]):
+        decoder.reset()
+        decoder.prompt(0, mask=first == number)
+        for t, logits in decoder.propagate():
+            found[t][logits > best[t]] = number
+            np.maximum(best[t], logits, out=best[t])
+    return found
 
 
 def _mask_table(answers: Answers, data: str) -> Table:
@@ -253,7 +271,9 @@ def _mask_table(answers: Answers, data: str) -> Table:
             rows.append({"source": OURS, "data": data, "from": way} | means)
     note = (
         f"A point on what moves in the first test view, its mask carried on by {_answered(answers, 'masks')}; truth: the same"
-        " network on the true pictures; low and high: worst and best of three points. Theirs: SAM 2, means of three."
+        " network on the true pictures; low and high: worst and best of three points. `point on`: who says what moves there, the"
+        " data set's own mask, or, where it has none of that view, the light of our scene, which favours what our scene got"
+        " right. Theirs: SAM 2, means of three, points on the object in the true first picture."
     )
     theirs = [row for row in FOLLOWED if row["data"] == data]
     return Table("masks", [*rows, *theirs], "Masks of one point (table A)", TIMED, note)
