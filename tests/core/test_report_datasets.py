@@ -406,3 +406,9 @@ def test_a_scene_that_cannot_be_read_costs_no_other(tmp_path, world, short):
     folders = sorted((tmp_path / "dycheck").iterdir())
     found = datasets._measure(context, datasets.DYCHECK, folders, asks=False)
     assert [row["scene"] for row in found.views] == ["apple"] and "block" in found.failed[0]
+
+
+def test_a_data_set_of_which_no_scene_can_be_read_says_nothing_and_fails(tmp_path):
+    (write_dycheck(tmp_path, toy(32, 4), "block") / "camera/0_00000.json").write_text("{}")
+    found = datasets.study_dycheck(Context(tmp_path / "out", data=tmp_path, threads=1, quick=True))
+    assert found.words == [] and found.tables[0].rows == [] and "block" in found.failed[0]

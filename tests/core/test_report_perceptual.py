@@ -9,13 +9,15 @@ import torch
 from data_sets import toy, write_dycheck
 from torch import nn
 
-from f4x_core.clip import read_clip
+from f4x_core.cli import main
+from f4x_core.clip import read_clip, write_images
 from f4x_core.clip.novel import read_novel_cameras
 from f4x_core.report import perceptual_distance
 from f4x_core.report.perceptual_distance import lpips, lpips_bytes, lpips_missing, masked_lpips
 from f4x_core.report.studies import toy_fits
 from f4x_core.report.studies.protocols import score_picture
 from f4x_core.report.study import Context
+from f4x_core.scene import write_scene
 
 FACTOR = 3.0
 """Of the stand-in's only weight, kept in the checkpoint."""
@@ -123,6 +125,22 @@ def test_loading_leaves_the_random_numbers_of_a_fit_alone(package, weights):
     before = torch.get_rng_state()
     assert lpips_missing() == []
     assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_eval_measures_it_or_says_why_not(package, weights, tmp_path, capsys):
+    world = toy(64, 4)
+    scene = toy_fits.fit_world(world, toy_fits.shorten(toy_fits.base_config(Context(tmp_path, quick=True)), 2)).scene
+    write_scene(scene, tmp_path / "scene.f4x")
+    write_images(tmp_path / "clip", world.clip.frames)
+    command = ["eval", str(tmp_path / "scene.f4x"), "--clip", str(tmp_path / "clip")]
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert "used_lpips: " in told and "held_out_lpips: " in told and "not run" not in told
+    weights.unlink()
+    perceptual_distance._load.cache_clear()
+    assert main(command) == 0
+    told = capsys.readouterr().out
+    assert "_lpips" not in told and told.splitlines()[-1].startswith("LPIPS: not run; no weights")
 
 
 def test_protocols_and_fits_have_the_column_where_it_runs_and_only_there(package, weights, tmp_path):
