@@ -12,6 +12,7 @@ from ..edit.apply import open_scene
 from ..errors import F4xError
 from ..progress import Progress
 from ..report.evaluation import evaluate, without_frames
+from ..report.perceptual_distance import lpips_missing
 from ..report.tracking import joint_accuracy
 from ..report.truth import score_against_truth
 
@@ -28,6 +29,7 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         clip,
         refine_camera=args.refine_camera,
         baselines=args.baselines,
+        perceptual=True,
         backend=args.backend,
         progress=progress,
     )
@@ -41,6 +43,7 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         areas = {index: float(mask.sum()) for index, mask in enumerate(clip.masks)}
         result |= joint_accuracy(scene, joints, areas, args.backend)
     lines = [f"{name}: {value:.3f}" for name, value in without_frames(result).items()]
+    lines += lpips_missing()
     fitted = str(scene.provenance.get("source", ""))
     if fitted and Path(fitted).name != Path(clip.source).name:
         lines.insert(0, f"note: the scene was fitted from {fitted}, not from {clip.source}")

@@ -44,6 +44,12 @@ def read_mask(file: Path, colours: bool = True) -> np.ndarray:
     return values.any(axis=-1) if values.ndim == 3 else values != 0
 
 
+def read_labels(file: Path) -> np.ndarray:
+    """Return `(H, W)` uint8, the grey value or palette index; of a picture in colours 1 where it is not 0; raises F4xError."""
+    with _opened(file) as image:
+        return np.asarray(image) if image.mode in ("P", "L") else read_mask(file).astype(np.uint8)
+
+
 def _opened(file: Path):
     """Open and decode completely, so that a truncated picture is an error here and not grey pixels later."""
     from PIL import Image

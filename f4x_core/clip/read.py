@@ -68,10 +68,10 @@ def read_clip(
         source=str(source),
         picked=f"{indices[0]}:{indices[-1] + 1}:{span.step or 1}",
         cameras=_cameras(layout, indices, width, height) if layout else None,
-        masks=_stack_like_frames(_mask_files(masks, layout, source, indices, total), read_mask, width, height)
+        masks=stack_like_frames(mask_files(masks, layout, source, indices, total), read_mask, width, height)
         if masks is not None
         else None,
-        depth=_stack_like_frames([layout.depth[index] for index in indices], _load_depth, width, height)
+        depth=stack_like_frames([layout.depth[index] for index in indices], _load_depth, width, height)
         if layout and layout.depth
         else None,
     )
@@ -172,7 +172,7 @@ def _cameras(layout: Layout, indices: np.ndarray, width: int, height: int) -> Ca
     return path.resized(width, height)
 
 
-def _mask_files(masks: str | Path, layout: Layout | None, source: Path, indices: np.ndarray, total: int) -> list[Path]:
+def mask_files(masks: str | Path, layout: Layout | None, source: Path, indices: np.ndarray, total: int) -> list[Path]:
     """Return one mask file per selected frame; the folder may hold one per frame of the source or of the selection."""
     if str(masks) == "layout":
         files = layout.masks if layout else []
@@ -204,7 +204,7 @@ def _load_depth(file: Path) -> np.ndarray:
     return np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(np.nan))
 
 
-def _stack_like_frames(files: list[Path], load: Callable[[Path], np.ndarray], width: int, height: int) -> np.ndarray:
+def stack_like_frames(files: list[Path], load: Callable[[Path], np.ndarray], width: int, height: int) -> np.ndarray:
     """Return `(T, height, width)`; other resolutions are resampled, other aspects are an F4xError."""
     stack = []
     for file in files:

@@ -21,6 +21,7 @@ from ..geometry.camera import Camera, CameraPath
 from ..progress import Progress, silent
 from ..raster import rasterize
 from ..scene import Scene, write_scene
+from .perceptual_distance import lpips
 
 # Mean squared error below which a picture is as good as its target.
 LEAST_ERROR = 1e-12
@@ -82,14 +83,16 @@ def evaluate(
     *,
     refine_camera: bool = False,
     baselines: bool = False,
+    perceptual: bool = False,
     backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Compare every frame of `clip` with the scene's picture of it.
 
     Returns per-frame and mean PSNR (dB; the mean is over frames) and SSIM for used and held-out frames, PSNR of the moving
-    and of the static region, and on request the held-out figures with the camera refined on that very frame (scene frozen)
-    and those of two baselines that know no 3D: the nearest used frame, and the half-way blend of its two flow-warped neighbours.
+    and of the static region, and on request the held-out figures with the camera refined on that very frame (scene frozen),
+    those of two baselines that know no 3D (the nearest used frame, and the half-way blend of its two flow-warped neighbours),
+    and LPIPS where it can run.
 
     Raises:
         F4xError: clip and scene differ in frame count or size.
@@ -119,6 +122,9 @@ def evaluate(
             "psnr_moving": psnr(picture, target, region),
             "psnr_static": psnr(picture, target, 1 - region),
         }
+        distance = lpips(picture.numpy(), target.numpy()) if perceptual else None
+        if distance is not None:
+            row["lpips"] = distance
         if row["held_out"] and refine_camera:
             row["psnr_refined"] = psnr(refine(moment, rig, target)[0], target)
         if row["held_out"] and baselines:

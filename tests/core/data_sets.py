@@ -134,11 +134,14 @@ def write_lists(folder: Path, train: list, val: list) -> None:
 
 
 def write_davis(data: Path, world: World, sequence: str = "camel") -> Path:
-    """The annotation of one of the movers, as palette PNG."""
-    root, mover = data / "davis", world.labels.index("box")
+    """Annotations of both movers, as palette PNG: the box is 1, the brick 2."""
+    root = data / "davis"
+    numbers = np.array([("box", "brick").index(name) + 1 if name in ("box", "brick") else 0 for name in world.labels])
     for frame, view in enumerate(world.views):
         save(root / "JPEGImages" / "480p" / sequence / f"{frame:05d}.jpg", as_bytes(view.rgb))
-        annotation = Image.fromarray((view.label == mover).astype(np.uint8), "L").convert("P")
+        annotation = Image.fromarray(np.where(view.label < 0, 0, numbers[view.label]).astype(np.uint8), "L").convert(
+            "P"
+        )
         file = root / "Annotations" / "480p" / sequence / f"{frame:05d}.png"
         file.parent.mkdir(parents=True, exist_ok=True)
         annotation.save(file)

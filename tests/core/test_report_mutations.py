@@ -1,12 +1,15 @@
 """Formulas broken on purpose: every one is still written as it is broken, and one of each kind of outcome is seen."""
 
 import dataclasses
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from f4x_core.errors import F4xError
-from f4x_core.report.studies.mutations import MUTATIONS, ROOT, try_mutation
+from f4x_core.report.studies import mutations
+from f4x_core.report.studies.mutations import MUTATIONS, ROOT, failing_tests, try_mutation
+from f4x_core.report.study import Context
 
 FORMULA = "dual = 0.5 * quaternion.multiply(pure, q)\n"
 
@@ -39,3 +42,28 @@ def test_what_a_test_notices_and_what_none_does(tmp_path):
         try_mutation(half, small_checkout(tmp_path / "broken", "import nothing_of_that_name\n"))
     with pytest.raises(F4xError, match="up to date"):
         try_mutation(dataclasses.replace(half, old="not there"), tmp_path / "noticed")
+
+
+def test_a_test_that_fails_on_the_unbroken_copy_is_reported_and_catches_nothing(tmp_path, monkeypatch):
+    source = "def test_wrong_anyway():\n    assert False\n\ndef test_half():\n    assert {}\n"
+    here = '"0.5" in open("f4x_core/geometry/dual_quaternion.py").read()'
+    half = dataclasses.replace(MUTATIONS[1], tests=("test_one.py",))
+    noticed, missed = (small_checkout(tmp_path / name, source.format(text)) for name, text in (("a", here), ("b", "1")))
+    for root in (noticed, missed):
+        assert failing_tests(half.tests, root) == ["test_one.py::test_wrong_anyway"]
+        assert try_mutation(half, root)["caught by"] == "test_one.py::test_wrong_anyway"  # taken alone it seems caught
+    with pytest.raises(F4xError, match="did not run"):
+        failing_tests(half.tests, small_checkout(tmp_path / "c", "import nothing_of_that_name\n"))
+    monkeypatch.setattr(mutations, "MUTATIONS", (half,))
+    for root, caught in ((noticed, "test_one.py::test_half"), (missed, None)):
+        for name in ("failing_tests", "try_mutation"):
+            monkeypatch.setattr(mutations, name, partial(globals()[name], root=root))
+        found = mutations.measure_mutations(Context(root / "report"))
+        assert found.tables[0].rows[0]["caught by"] == caught
+        assert "test_wrong_anyway fails before" in found.failed[0] and len(found.failed) == (1 if caught else 2)
+
+
+def test_where_no_test_is_left_none_catches(tmp_path):
+    half = dataclasses.replace(MUTATIONS[1], tests=("test_one.py",))
+    root = small_checkout(tmp_path / "one", "def test_wrong_anyway():\n    assert False\n")
+    assert try_mutation(half, root, failing=failing_tests(half.tests, root)) == {"caught by": None}

@@ -101,6 +101,10 @@ def test_the_reference_has_no_error_and_precision_tells(tiny, tmp_path):
     encodings = tables(found["storage"])["encodings"]
     assert encodings[0][storage.RMSE] == 0 and all(0 < row["share"] < 1 for row in encodings[1:])
     assert all(row[storage.RMSE] > 0 for row in encodings[1:])
+    sizes = {row["scene"]: row for row in tables(found["storage"])["features"]}
+    alike, file = (sizes[f"32 channels, {kind}"]["ratio"] for kind in ("float32", "8 bits (the scene file)"))
+    (said,) = (text for text in found["storage"]["words"] if "A latent" in text)
+    assert f"{alike:.2f} times as large in float32" in said and f"{file:.2f} times in the 8 bits" in said
 
 
 def test_cut_offs_err_by_what_they_cut(tiny, tmp_path):

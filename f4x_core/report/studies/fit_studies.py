@@ -10,6 +10,7 @@ from typing import Any
 
 from ...fit.config import PROFILES, FitConfig, profile
 from ..evaluation import baseline_scores
+from ..perceptual_distance import lpips_missing
 from ..study import Context, Figure, Findings, Row, Table
 from .toy_fits import (
     NOTE,
@@ -36,7 +37,6 @@ QUICK_FACTORS, FULL_FACTORS = (0.25, 0.5, 1.0, 2.0), (0.125, 0.25, 0.5, 1.0, 2.0
 SEEDS, MANY_STEPS = 3, 5000
 """Fits of each setting in a full report; from so many steps on one says it."""
 TIMED = ("fit (s)",)
-LPIPS = "LPIPS: not run; no weights of that network come with the project"
 
 
 def study_profiles(context: Context) -> Findings:
@@ -60,7 +60,7 @@ def study_profiles(context: Context) -> Findings:
     note = NOTE + (f" Steps are {PROFILE_SHARE:.3g} of the profile's." if context.quick else "")
     low, high = "novel error low (rms)", "novel error high (rms)"
     figures = [Figure("Profiles", "profiles", "fit (s)", "novel error (rms)", "profile", low, high, front=True)]
-    return Findings([Table("profiles", rows, f"World `{WORLD}`", TIMED, note)], figures, words, [LPIPS])
+    return Findings([Table("profiles", rows, f"World `{WORLD}`", TIMED, note)], figures, words, lpips_missing())
 
 
 def study_steps(context: Context) -> Findings:
@@ -70,7 +70,7 @@ def study_steps(context: Context) -> Findings:
         rows.append({"steps": steps} | _fits(context, f"steps {steps}", world, shorten(base_config(context), steps)))
     words = [_doubling("steps", rows)]
     figures = [_figure("steps", "Steps", "steps"), _figure("steps", "Steps: time", "fit (s)")]
-    return Findings([Table("steps", rows, f"World `{WORLD}`", TIMED, NOTE)], figures, words, [LPIPS])
+    return Findings([Table("steps", rows, f"World `{WORLD}`", TIMED, NOTE)], figures, words, lpips_missing())
 
 
 def study_resolution(context: Context) -> Findings:
@@ -94,7 +94,7 @@ def study_resolution(context: Context) -> Findings:
     words = [_doubling("width (px)", rows)]
     note = f"{NOTE} All are judged at {judge.width}x{judge.height}, where small pictures' scenes lack detail."
     figures = [_figure("resolution", "Resolution", "width (px)"), _figure("resolution", "Resolution: time", "fit (s)")]
-    return Findings([Table("resolution", rows, f"World `{WORLD}`", TIMED, note)], figures, words, [LPIPS])
+    return Findings([Table("resolution", rows, f"World `{WORLD}`", TIMED, note)], figures, words, lpips_missing())
 
 
 def study_budget(context: Context) -> Findings:
@@ -106,7 +106,7 @@ def study_budget(context: Context) -> Findings:
     words = [_doubling("Gaussians", rows)]
     note = f"{NOTE} Budget 1: the `quick` profile's density of Gaussians at the start, and its limit."
     figures = [_figure("budget", "Gaussians", "Gaussians"), _figure("budget", "Gaussians: time", "fit (s)")]
-    return Findings([Table("budget", rows, f"World `{WORLD}`", TIMED, note)], figures, words, [LPIPS])
+    return Findings([Table("budget", rows, f"World `{WORLD}`", TIMED, note)], figures, words, lpips_missing())
 
 
 def _fits(context: Context, name: str, world: Any, config: FitConfig) -> Row:

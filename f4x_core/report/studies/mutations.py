@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,9 @@ from ..study import Context, Findings, MissingError, Table
 ROOT = Path(__file__).resolve().parents[3]
 """Of a checkout, where the tests lie beside the package."""
 COPIED = ("f4x_core", "tests", "pyproject.toml", "__init__.py")
-FAILED = re.compile(r"^FAILED (\S+)", re.MULTILINE)
+FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
+NONE_LEFT = 5
+"""pytest's exit code where no test is left to run."""
 
 
 @dataclass(frozen=True)
@@ -165,21 +168,44 @@ MUTATIONS = (
 
 
 def measure_mutations(context: Context) -> Findings:
-    """Which test catches which wrong formula; all of them in a full report, the first five in a quick one."""
+    """Which test catches which wrong formula; all of them in a full report, the first five in a quick one.
+
+    The tests are run on the unbroken copy first: what fails there catches nothing.
+    """
     if not (ROOT / "tests" / "core").is_dir():
         raise MissingError("the tests come with the source code, not with the package.")
+    chosen = context.choose(MUTATIONS[:5], MUTATIONS)
+    files = sorted({name for mutation in chosen for name in mutation.tests})
+    failing = context.step("control", partial(failing_tests, files), files=files)
     rows = []
-    for number, mutation in enumerate(context.choose(MUTATIONS[:5], MUTATIONS)):
+    for number, mutation in enumerate(chosen):
         about = {"formula": mutation.formula, "wrong": mutation.wrong, "file": mutation.file}
-        rows.append(about | context.step(f"{number:02d}", partial(try_mutation, mutation), **about))
+        work = partial(try_mutation, mutation, failing=failing)
+        rows.append(about | context.step(f"{number:02d}", work, failing=failing, **about))
     missed = [f"{row['formula']} ({row['wrong']}): no test notices" for row in rows if not row["caught by"]]
     words = [f"{len(rows) - len(missed)} of {len(rows)} wrong formulas are caught by a test of the everyday suite."]
-    note = "The first test that failed; each formula was broken in a copy of the source and put right again."
-    return Findings([Table("mutations", rows, "Formulas broken on purpose", note=note)], words=words, failed=missed)
+    note = (
+        "The first test that failed, of those that pass on the unbroken copy; each formula was broken in a copy of the source and"
+        " put right again."
+    )
+    broken = [f"{test} fails before any formula is broken, so that it can catch none" for test in failing]
+    return Findings(
+        [Table("mutations", rows, "Formulas broken on purpose", note=note)], words=words, failed=broken + missed
+    )
 
 
-def try_mutation(mutation: Mutation, root: Path = ROOT) -> dict[str, Any]:
-    """Break one formula in a copy of `root` and run its tests there.
+def failing_tests(files: Sequence[str], root: Path = ROOT) -> list[str]:
+    """Tests in `files` of `tests/core` that fail in an unbroken copy of `root`.
+
+    Raises:
+        F4xError: the tests did not run.
+    """
+    with tempfile.TemporaryDirectory() as place:
+        return _run_tests(_copy_source(root, Path(place)), files, "without any change")
+
+
+def try_mutation(mutation: Mutation, root: Path = ROOT, failing: Sequence[str] = ()) -> dict[str, Any]:
+    """Break one formula in a copy of `root` and run its tests there, but those that are `failing` anyway.
 
     Returns:
         `caught by`: the first test that failed, None where all passed.
@@ -188,13 +214,7 @@ def try_mutation(mutation: Mutation, root: Path = ROOT) -> dict[str, Any]:
         F4xError: the formula is no longer written as the mutation has it, or the tests did not run.
     """
     with tempfile.TemporaryDirectory() as place:
-        copy = Path(place) / "source"
-        copy.mkdir()
-        for name in COPIED:
-            if (root / name).is_dir():
-                shutil.copytree(root / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-            else:
-                shutil.copy(root / name, copy / name)
+        copy = _copy_source(root, Path(place))
         file = copy / "f4x_core" / mutation.file
         text = file.read_text(encoding="utf-8")
         if text.count(mutation.old) != 1:
@@ -202,22 +222,28 @@ def try_mutation(mutation: Mutation, root: Path = ROOT) -> dict[str, Any]:
                 f"{mutation.file}: `{mutation.old}` is not there once; bring report/mutations.py up to date."
             )
         file.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
-        tests = [f"tests/core/{name}" for name in mutation.tests]
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-x",
-            "-q",
-            "-rf",
-            "-p",
-            "no:cacheprovider",
-            "-m",
-            "not slow",
-            *tests,
-        ]
-        done = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
-    found = FAILED.search(done.stdout)
-    if done.returncode not in (0, 1) or (done.returncode == 1 and found is None):
-        raise F4xError(f"{mutation.formula}: the tests did not run: {done.stdout[-200:]}{done.stderr[-200:]}")
-    return {"caught by": found.group(1).removeprefix("tests/core/") if found else None}
+        options = ["-x", *(f"--deselect=tests/core/{test}" for test in failing)]
+        found = _run_tests(copy, mutation.tests, mutation.formula, options)
+    return {"caught by": found[0] if found else None}
+
+
+def _copy_source(root: Path, place: Path) -> Path:
+    copy = place / "source"
+    copy.mkdir()
+    for name in COPIED:
+        if (root / name).is_dir():
+            shutil.copytree(root / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(root / name, copy / name)
+    return copy
+
+
+def _run_tests(copy: Path, files: Sequence[str], about: str, options: Sequence[str] = ()) -> list[str]:
+    """Which tests of `files` failed in `copy`, in order; F4xError where they did not run."""
+    command = [sys.executable, "-m", "pytest", "-q", "-rfE", "-p", "no:cacheprovider", "-m", "not slow", *options]
+    command += [f"tests/core/{name}" for name in files]
+    done = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
+    found = [test.removeprefix("tests/core/") for test in FAILED.findall(done.stdout)]
+    if done.returncode not in (0, 1, NONE_LEFT) or (done.returncode == 1) != bool(found):
+        raise F4xError(f"{about}: the tests did not run: {done.stdout[-200:]}{done.stderr[-200:]}")
+    return found

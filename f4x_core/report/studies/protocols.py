@@ -24,6 +24,7 @@ from ...geometry.camera import Camera, CameraPath
 from ...scene import Scene, read_scene, write_scene
 from ...scene.view import render
 from ..evaluation import FrozenMoment, Refinement, path_error, refine
+from ..perceptual_distance import lpips_bytes, lpips_missing, masked_lpips
 from ..picture_metrics import masked_psnr, masked_ssim, psnr_bytes, ssim_bytes
 from ..study import Context, MissingError, Row, read_json, write_json
 from ..tracking import keypoint_accuracy
@@ -174,7 +175,7 @@ def match_cameras(
 
 
 def score_views(scene: Scene, novel: NovelCamera, cameras: list[Camera], masked: bool, backend: str = "auto") -> Row:
-    """Mean PSNR and SSIM of the scene's pictures of all views, rounded to bytes as the protocols have it."""
+    """Mean PSNR, SSIM and, where it runs, LPIPS of the scene's pictures of all views, rounded to bytes as the protocols have it."""
     scores = []
     for index, camera in enumerate(cameras):
         drawn = render(scene, camera, float(novel.path.times[index]), ("rgb",), backend)["rgb"]
@@ -183,13 +184,19 @@ def score_views(scene: Scene, novel: NovelCamera, cameras: list[Camera], masked:
 
 
 def score_picture(picture: np.ndarray, novel: NovelCamera, index: int, masked: bool) -> Row:
-    """PSNR and SSIM of a picture (H,W,3) uint8 as view `index` of `novel`; mPSNR and mSSIM with `masked`."""
+    """PSNR, SSIM and, where it runs, LPIPS of a picture (H,W,3) uint8 as view `index` of `novel`; masked: mPSNR and so on."""
     target = novel.frames[index]
     if not masked:
-        return {"PSNR (dB)": psnr_bytes(picture, target), "SSIM": ssim_bytes(picture, target)}
+        row = {"PSNR (dB)": psnr_bytes(picture, target), "SSIM": ssim_bytes(picture, target)}
+        return row | _where_run("LPIPS", lpips_bytes(picture, target))
     seen = np.ones(target.shape[:2], bool) if novel.seen is None else novel.seen[index]
     shown, true = picture / 255.0, target / 255.0
-    return {"mPSNR (dB)": masked_psnr(shown, true, seen), "mSSIM": masked_ssim(shown, true, seen)}
+    row = {"mPSNR (dB)": masked_psnr(shown, true, seen), "mSSIM": masked_ssim(shown, true, seen)}
+    return row | _where_run("mLPIPS", masked_lpips(shown, true, seen))
+
+
+def _where_run(name: str, value: float | None) -> Row:
+    return {} if value is None else {name: value}
 
 
 def measure_views(context: Context, clip: Clip, scene: Scene, protocol: Protocol) -> tuple[list[Placed], Row]:
@@ -227,7 +234,8 @@ def measure_views(context: Context, clip: Clip, scene: Scene, protocol: Protocol
         pck = {"PCK@5%": keypoint_accuracy(scene, points)["pck"]} if points else {}
         return means | pck | {"views": sum(counts)} | _path_error(scene, clip, protocol)
 
-    row = context.step(f"{clip.name} views", work, protocol=asdict(protocol), frames=clip.picked, width=clip.width)
+    settings = {"frames": clip.picked, "width": clip.width, "lpips": not lpips_missing()}
+    row = context.step(f"{clip.name} views", work, protocol=asdict(protocol), **settings)
     paths = [CameraPath.from_json(data, file) for data in read_json(file)]
     return [(camera, [path[i] for i in range(len(path))]) for camera, path in zip(novel, paths, strict=True)], row
 

@@ -20,6 +20,7 @@ from ...geometry.camera import Camera
 from ...priors import Priors
 from ...scene import Scene
 from ...scene.view import render
+from ..perceptual_distance import lpips, lpips_missing
 from ..study import Context, Row
 from ..tracking import track_pixels
 from ..truth import align_cameras, into_scene
@@ -110,16 +111,18 @@ def fit_world(
 def score_world(world: World, scene: Scene) -> Row:
     """Errors of a scene against the truth.
 
-    Novel views: `novel_views`; `moving` counts only pixels that truly show what moves. Tracks:
+    Novel views: `novel_views`; `moving` counts only pixels that truly show what moves; LPIPS where it runs. Tracks:
     median distance in pixels between where true points go, from the first frame that sees them, and where the scene says.
     """
     novel = [(picture_of(scene, camera, moment), view) for camera, moment, view in novel_views(world, scene)]
     moving = [_psnr(picture, view, view.moving > 0.5) for picture, view in novel if (view.moving > 0.5).any()]
     clip = [_psnr(picture_of(scene, scene.cameras[i], float(i)), view) for i, view in enumerate(world.views)]
     held_out = np.isin(np.arange(len(clip)), scene.held_out)
+    perceived = [far for picture, view in novel if (far := lpips(picture.numpy(), view.rgb)) is not None]
     return {
         "novel (dB)": float(np.mean([_psnr(*pair) for pair in novel])),
         "novel SSIM": float(np.mean([ssim(picture, torch.from_numpy(view.rgb)) for picture, view in novel])),
+        **({"novel LPIPS": float(np.mean(perceived))} if perceived else {}),
         "novel, moving (dB)": float(np.mean(moving)) if moving else None,
         "held out (dB)": float(np.mean(np.array(clip)[held_out])),
         "used (dB)": float(np.mean(np.array(clip)[~held_out])),
@@ -151,6 +154,7 @@ def measure(
 def each_seed(context: Context, name: str, work: Callable[[int], Row], count: int, **settings: Any) -> list[Row]:
     """What `work(seed)` returned for `count` seeds, a step each."""
     seeds = range(context.seed, context.seed + count)
+    settings |= {} if lpips_missing() else {"lpips": True}  # `score_world` has one column more
     return [context.step(f"{name} {seed}", partial(work, seed), **settings) for seed in seeds]
 
 

@@ -44,6 +44,8 @@ EXPERIMENTS = 3
 """Points of table A."""
 LABEL_FILE = "labels.txt"
 """Words of a scene or of a data set, one a line; without it `EVERYDAY`."""
+SCENES_LIGHT, GIVEN_MASK = "the scene's light", "the data set's mask"
+"""Who says where the point of table A may lie."""
 FEATURES, PICTURES, TRUTH = "features", "pictures", "true pictures"
 Way = Callable[[int], np.ndarray]
 """View of a camera -> features (h,w,C)."""
@@ -127,16 +129,23 @@ def label_views(
 
 
 def follow_points(
-    scene: Scene, teacher: str, novel: NovelCamera, cameras: Sequence[Camera], seed: int = 0
+    scene: Scene,
+    teacher: str,
+    novel: NovelCamera,
+    cameras: Sequence[Camera],
+    seed: int = 0,
+    given: np.ndarray | None = None,
 ) -> list[Row]:
     """A point on what moves in the first view, its mask carried to the others; against the masks of the true pictures.
 
-    Mean IoU over views and `EXPERIMENTS` points drawn at random, worst and best point, seconds of a whole video.
+    Mean IoU over views and `EXPERIMENTS` points drawn at random, worst and best point, seconds of a whole video. What moves is what
+    `given` (H,W) bool says of the first true picture; without it, where most of the scene's own light moves.
 
     Raises:
         MissingError: nothing moves in the first view.
     """
-    points = np.argwhere(_moving_share(scene, cameras[0], float(novel.path.times[0])) > 0.5)
+    moves = _moving_share(scene, cameras[0], float(novel.path.times[0])) > 0.5 if given is None else given
+    points = np.argwhere(moves)
     if not len(points):
         raise MissingError("nothing moves in the first view, so that there is no point to follow")
     encoder = warm_encoder(teacher, novel)
@@ -155,7 +164,7 @@ def follow_points(
             scores[way].append(float(np.mean([overlap(found[t], truth[t]) for t in truth])))
     return [
         {"from": way, "mIoU": statistics.fmean(found), "mIoU low": min(found), "mIoU high": max(found)}
-        | {"time (s)": statistics.fmean(seconds[way])}
+        | {"time (s)": statistics.fmean(seconds[way]), "point on": SCENES_LIGHT if given is None else GIVEN_MASK}
         for way, found in scores.items()
     ]
 

@@ -1,0 +1,94 @@
+"""LPIPS (Zhang et al. 2018; version 0.1 on AlexNet) where the package `lpips` and AlexNet's weights are on this machine already.
+
+Nothing is ever downloaded: the backbone is built without weights and filled from the checkpoints of `torch.hub`; the linear layers
+come with the package.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+
+WEIGHTS = "alexnet-owt-*.pth"
+"""torchvision's file of AlexNet, in `checkpoints` of `torch.hub.get_dir()`; the hash in its name changed, the values did not."""
+LEAST_SIDE = 31
+"""Pixels: AlexNet's strides leave nothing of a smaller picture."""
+NOT_RUN = "LPIPS: not run; "
+
+
+def lpips(picture: np.ndarray, target: np.ndarray) -> float | None:
+    """LPIPS of RGB pictures (H,W,3) in [0,1], 0 where they are equal; None where it can't run, or a side is below 31 pixels."""
+    distance = _distance(picture, target, spatial=False)
+    return None if distance is None else distance.item()
+
+
+def lpips_bytes(picture: np.ndarray, target: np.ndarray) -> float | None:
+    """LPIPS of uint8 RGB pictures (H,W,3) as the NVIDIA protocol has it (DynamicNeRF, RoDynRF, MoSca); None as in `lpips`.
+
+    Their code hands pictures to the network as OpenCV reads them, blue first; so does this, lest figures not compare.
+    """
+    return lpips(picture[..., ::-1] / 255, target[..., ::-1] / 255)
+
+
+def masked_lpips(picture: np.ndarray, target: np.ndarray, mask: np.ndarray) -> float | None:
+    """LPIPS of RGB pictures (H,W,3) in [0,1] over the pixels of `mask` (H,W) bool: DyCheck's mLPIPS (Gao et al. 2022).
+
+    Both pictures are black outside the mask, and the mean over the mask is of the map of distances at the pictures' size
+    (`spatial=True`). NaN where no pixel counts; None as in `lpips`.
+    """
+    distance = _distance(picture * mask[..., None], target * mask[..., None], spatial=True)
+    if distance is None:
+        return None
+    return float(distance[mask].mean()) if mask.any() else math.nan
+
+
+def lpips_missing() -> list[str]:
+    """Why LPIPS can't run on this machine, in one sentence; empty where it can."""
+    network = _load(spatial=False)
+    return [network] if isinstance(network, str) else []
+
+
+def _distance(picture: np.ndarray, target: np.ndarray, spatial: bool) -> np.ndarray | None:
+    """() or, `spatial`, (H,W) of pictures (H,W,3) in [0,1]."""
+    network = _load(spatial)
+    if isinstance(network, str) or min(picture.shape[:2]) < LEAST_SIDE:
+        return None
+    one, other = (
+        torch.from_numpy(np.ascontiguousarray(2 * values - 1, np.float32)).permute(2, 0, 1)[None]
+        for values in (picture, target)
+    )
+    with torch.no_grad():
+        return network(one, other)[0, 0].numpy().squeeze()
+
+
+@cache
+def _load(spatial: bool) -> nn.Module | str:
+    """The network, or why there is none; `spatial`: it gives a map of distances in place of their mean."""
+    try:
+        from lpips import LPIPS
+    except Exception as error:  # torchvision beside another build of torch fails in many ways
+        return f"{NOT_RUN}the package `lpips` can't be imported ({_first_line(error)})."
+    files = sorted(Path(torch.hub.get_dir(), "checkpoints").glob(WEIGHTS))
+    if not files:
+        return f"{NOT_RUN}no weights of its AlexNet ({WEIGHTS}) in torch.hub's checkpoints, and nothing is downloaded."
+    try:
+        with torch.random.fork_rng(devices=[]), warnings.catch_warnings():  # fits go on with the same random numbers
+            warnings.simplefilter("ignore")
+            network = LPIPS(net="alex", spatial=spatial, pnet_rand=True, verbose=False)
+        weights = torch.load(files[-1], map_location="cpu", weights_only=True)
+        # `slice2.3.weight` of the package is `features.3.weight` of torchvision.
+        names = {name: "features." + name.partition(".")[2] for name in network.net.state_dict()}
+        network.net.load_state_dict({name: weights[source] for name, source in names.items()})
+    except Exception as error:  # another version of the package, or a damaged file
+        return f"{NOT_RUN}{files[-1].name} does not fit the package `lpips` ({_first_line(error)})."
+    return network.eval()
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0] or type(error).__name__
