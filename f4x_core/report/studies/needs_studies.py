@@ -232,7 +232,12 @@ class _Found:
     def findings(self, note: str) -> Findings:
         """The tables, a plot for each choice, and what they say."""
         verdicts = [row["verdict"] for row in self.knees]
-        words = [f"{verdicts.count(AT_THE_KNEE)} of {len(verdicts)} choices sit at the knee."]
+        least = [row for row in self.knees if row["verdict"] == SMALLER_DOES and _is_least(row)]
+        words = [
+            f"{verdicts.count(AT_THE_KNEE)} of {len(verdicts)} choices sit at the knee; for {len(least)} less would do, but they"
+            f" are the least that is ever taken; in {verdicts.count(UNDECIDED)} the seeds disagree; in"
+            f" {verdicts.count(SMALLER_DOES) - len(least)} other ones less would do, in {verdicts.count(LARGER_PAYS)} more would pay."
+        ]
         words += [_sentence(row) for row in self.knees if row["verdict"] != AT_THE_KNEE]
         bound = f"{KNEE['dB']} dB, or {KNEE['%']:g} % mIoU for the latent"
         told = (
@@ -279,7 +284,8 @@ def _value(choice: str, row: Row) -> Any:
     """What was chosen, as the table shows it."""
     if choice == SCAFFOLD:
         return "yes" if row["dynamic"] else "no"
-    return row["nodes at start" if choice == NODES else choice]
+    value = row["nodes at start" if choice == NODES else choice]
+    return round(value) if choice == GAUSSIANS else value  # a mean over seeds
 
 
 def _neighbours(choice: str, chosen: Row, base: FitConfig, subject: Subject) -> dict[str, Choice]:
@@ -316,6 +322,10 @@ def judge_knee(loses: Sequence[float] | None, gains: Sequence[float] | None, kne
     return found.pop() if len(found) == 1 else UNDECIDED
 
 
+def _is_least(row: Row) -> bool:
+    return bool(row["chosen"] == FLOORS.get(row["choice"]))
+
+
 def _sentence(row: Row) -> str:
     """What a choice misses that is not surely at the knee."""
     lost, gained, verdict = row[SMALLER], row[LARGER], row["verdict"]
@@ -325,7 +335,7 @@ def _sentence(row: Row) -> str:
         loses = f"the next smaller choice {loses}"
     if gained is not None and verdict != SMALLER_DOES:
         gains = f"the next larger one {'gains' if gained >= 0 else 'loses'} {abs(gained):.2f}"
-    least = f"; fewer than {row['chosen']} are never taken" if row["chosen"] == FLOORS.get(row["choice"]) else ""
+    least = f"; fewer than {row['chosen']} are never taken" if _is_least(row) else ""
     said = ", ".join(filter(None, [loses, gains]))
     return f"{row['scene']}, {row['choice']} {row['chosen']}: {verdict}; {said} ({row['judged by']}){least}."
 
