@@ -236,7 +236,7 @@ class _Found:
         words = [
             f"{verdicts.count(AT_THE_KNEE)} of {len(verdicts)} choices sit at the knee; for {len(least)} less would do, but they"
             f" are the least that is ever taken; in {verdicts.count(UNDECIDED)} the seeds disagree; in"
-            f" {verdicts.count(SMALLER_DOES) - len(least)} other ones less would do, in {verdicts.count(LARGER_PAYS)} more would pay."
+            f" {verdicts.count(SMALLER_DOES) - len(least)} others less would do, in {verdicts.count(LARGER_PAYS)} more would pay."
         ]
         words += [_sentence(row) for row in self.knees if row["verdict"] != AT_THE_KNEE]
         bound = f"{KNEE['dB']} dB, or {KNEE['%']:g} % mIoU for the latent"
