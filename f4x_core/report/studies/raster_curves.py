@@ -254,13 +254,17 @@ def _backend_words(rows: Sequence[Row]) -> list[str]:
 
 
 def _peer_words(ours: Sequence[Row], peers: Sequence[Row]) -> list[str]:
-    fast = [row for row in ours if row["precision"] == "float32"]
-    return [
-        f"{row['name']}: a training step takes {row[f'{STEP} (ms)']:.3g} ms, "
-        + " and ".join(f"{_over(row, mine):.1f} times as long as {mine['name']}" for mine in fast)
-        + f", the list of pairs not counted; {_told(row)}."
-        for row in peers
-    ]
+    words = []
+    for row in peers:
+        alike = [
+            mine for mine in ours[1:] if mine["precision"] == row["precision"] and mine[f"{STEP} (ms)"] is not None
+        ]
+        ratios = " and ".join(f"{_over(row, mine):.1f} times as long as {mine['backend']}" for mine in alike)
+        words.append(
+            f"{row['name']}: a training step takes {row[f'{STEP} (ms)']:.3g} ms, {ratios} in the same precision, its list of"
+            f" pairs not counted; {_told(row)}."
+        )
+    return words
 
 
 def _told(row: Row) -> str:
