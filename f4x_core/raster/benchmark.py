@@ -35,6 +35,8 @@ MEMORY_GAUSSIANS, MEMORY_CHANNELS = 200_000, 35
 MEGABYTE = 2**20
 PEAK_SECONDS = 0.05
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmat")
+Draw = Callable[..., "torch.Tensor"]
+"""Takes a scene as `make_wavy_scene` gives it, by keywords, and gives its channels (H, W, C)."""
 
 
 def make_wavy_scene(
@@ -244,14 +246,17 @@ def _measure_times(
     def peak() -> None:
         peaks.append(measure_peak(library, PEAK_SECONDS) if library else 0.0)
 
-    work = [f for name, t in variants for f in passes(scene, name, RasterConfig(threads=t))]
+    work = [f for name, t in variants for f in passes(scene, draw_with(name, RasterConfig(threads=t)))]
     medians = measure_in_turn([*work, peak], repeats)
     return list(zip(medians[:-1:2], medians[1:-1:2], strict=True)), statistics.median(peaks)
 
 
-def passes(
-    scene: dict[str, Any], backend: str, config: RasterConfig
-) -> tuple[Callable[[], object], Callable[[], object]]:
+def draw_with(backend: str, config: RasterConfig | None = None) -> Draw:
+    """The drawing of `rasterize` by a backend."""
+    return lambda **scene: rasterize(**scene, backend=backend, config=config).channels
+
+
+def passes(scene: dict[str, Any], draw: Draw) -> tuple[Callable[[], object], Callable[[], object]]:
     """What is timed of a `scene`: a forward pass without gradients, and a forward and backward pass."""
     import torch
 
@@ -261,11 +266,11 @@ def passes(
 
     def preview() -> None:
         with torch.no_grad():
-            rasterize(**scene, backend=backend, config=config)
+            draw(**scene)
 
     def train() -> None:
-        out = rasterize(**scene, backend=backend, config=config)
-        torch.autograd.grad(out.channels, leaves, sent.to(out.channels.dtype))
+        image = draw(**scene)
+        torch.autograd.grad(image, leaves, sent.to(image.dtype))
 
     return preview, train
 
@@ -316,18 +321,18 @@ class Answer:
         }
 
 
-def answer(scene: dict[str, Any], backend: str, config: RasterConfig | None = None) -> Answer:
-    """Picture and gradients of a `scene` as `backend` computes them in the scene's own precision."""
+def answer(scene: dict[str, Any], draw: Draw) -> Answer:
+    """Picture and gradients of a `scene` as `draw` computes them in the scene's own precision."""
     import torch
 
     size = scene["height"], scene["width"], scene["colors"].shape[1]
     weights = torch.rand(*size, generator=torch.Generator().manual_seed(1))
     leaves = {key: scene[key].detach().requires_grad_() for key in GRADIENTS}
-    image = rasterize(**{**scene, **leaves}, backend=backend, config=config).channels.double()
+    image = draw(**{**scene, **leaves}).double()
     gradients = torch.autograd.grad((image * weights).sum(), list(leaves.values()))
     return Answer(image.detach(), {name: g.double() for name, g in zip(GRADIENTS, gradients, strict=True)})
 
 
 def _measure_error(backend: str) -> dict[str, Any]:
     scene = make_wavy_scene(CHECK_GAUSSIANS, CHECK_CHANNELS, CHECK_WIDTH, CHECK_HEIGHT)
-    return answer(scene, backend).minus(answer(scene, "reference"))
+    return answer(scene, draw_with(backend)).minus(answer(scene, draw_with("reference")))

@@ -53,16 +53,8 @@ def rasterize_reference(
     detached = 2 + (colors.shape[1] if detached_from is None else detached_from)
 
     def composite_row(row: int, mean2d: Tensor, conic: Tensor, opacities: Tensor, features: Tensor) -> Tensor:
-        x = torch.arange(width, dtype=torch.float64, device=means.device) + 0.5
-        pixel = torch.stack((x, torch.full_like(x, row + 0.5)), -1)
-        d = pixel[:, None] - mean2d  # (W, N, 2)
-        alpha = opacities * torch.exp(-0.5 * torch.einsum("wni,nij,wnj->wn", d, conic, d))
-        alpha = torch.where(alpha < config.alpha_min, 0.0, alpha.clamp_max(config.alpha_max))
-        if limit is not None:
-            alpha = torch.where(features[:, 1] < limit[row - drawn.start, :, None], alpha, 0.0)
-        light_after = torch.cumprod(1 - alpha, 1)
-        light_before = torch.cat((torch.ones_like(x)[:, None], light_after[:, :-1]), 1)
-        weight = torch.where(light_after > config.transmittance_min, alpha * light_before, 0.0)
+        seen = None if limit is None else features[:, 1] < limit[row - drawn.start, :, None]
+        weight = weigh_row(row, width, mean2d, conic, opacities, config, seen)
         return torch.cat((weight @ features[:, :detached], weight.detach() @ features[:, detached:]), 1)  # (W, 2 + C)
 
     # Checkpointed by row: autograd keeps no (pixels x N) matrices.
@@ -78,6 +70,38 @@ def rasterize_reference(
         light = torch.cat((light[..., : detached - 2], light[..., detached - 2 :].detach()), -1)
         channels = channels + light * background.double()
     return RasterOutput(channels, depth, alpha, visible)
+
+
+def weigh_row(
+    row: int,
+    width: int,
+    mean2d: Tensor,
+    conic: Tensor,
+    opacities: Tensor,
+    config: RasterConfig,
+    seen: Tensor | None = None,
+) -> Tensor:
+    """Blending weights (W, N) of N splats in the pixels of a row by the rules of 3DGS; 0 where one does not contribute.
+
+    Args:
+        row: of the image.
+        width: image width in pixels.
+        mean2d: (N, 2) px, float64; splats are sorted front to back.
+        conic: (N, 2, 2) inverse covariances, 1/px^2, float64.
+        opacities: (N,) in [0, 1], float64.
+        config: its cut and clamp of alpha and its stop.
+        seen: (W, N) bool, False where a splat is hidden from a pixel; None = all are seen.
+    """
+    x = torch.arange(width, dtype=torch.float64, device=mean2d.device) + 0.5
+    pixel = torch.stack((x, torch.full_like(x, row + 0.5)), -1)
+    d = pixel[:, None] - mean2d  # (W, N, 2)
+    alpha = opacities * torch.exp(-0.5 * torch.einsum("wni,nij,wnj->wn", d, conic, d))
+    alpha = torch.where(alpha < config.alpha_min, 0.0, alpha.clamp_max(config.alpha_max))
+    if seen is not None:
+        alpha = torch.where(seen, alpha, 0.0)
+    light_after = torch.cumprod(1 - alpha, 1)
+    light_before = torch.cat((torch.ones_like(x)[:, None], light_after[:, :-1]), 1)
+    return torch.where(light_after > config.transmittance_min, alpha * light_before, 0.0)
 
 
 def project_ewa(

@@ -19,15 +19,17 @@ from ...raster import RasterConfig, rasterize, why_not
 from ...raster.benchmark import (
     GRADIENTS,
     Answer,
+    Draw,
     answer,
     compare_decoding,
+    draw_with,
     make_wavy_scene,
     measure_thread_ceiling,
     passes,
 )
 from ...raster.native import available
 from ..study import Context, Figure, Findings, Row, Table, time_columns, time_rows
-from .peers import absent_peers
+from .peers import Peer, find_peers
 
 Scene = dict[str, Any]
 PICTURE, STEP = "picture", "step"
@@ -79,8 +81,11 @@ class Way:
     """One way to draw a scene."""
 
     backend: str
+    """Or the peer, said to be one."""
     precision: str = "float32"
     config: RasterConfig = field(default_factory=RasterConfig)
+    peer: Peer | None = None
+    """None = ours."""
 
     @property
     def name(self) -> str:
@@ -93,16 +98,21 @@ class Way:
         cast = {key: value.detach().to(kind) for key, value in scene.items() if torch.is_tensor(value)}
         return scene | ({key: value.numpy() for key, value in cast.items()} if self.backend == "plain" else cast)
 
+    def draw(self, cast: Scene) -> Draw:
+        """Drawing of a scene that was `cast` by `scene`; not for `plain`."""
+        return self.peer.prepare(cast, self.config) if self.peer else draw_with(self.backend, self.config)
+
     def answer(self, scene: Scene) -> Answer:
         """Picture and, where the backend has them, gradients."""
         if self.backend != "plain":
-            return answer(self.scene(scene), self.backend, self.config)
+            cast = self.scene(scene)
+            return answer(cast, self.draw(cast))
         image = rasterize(**self.scene(scene), backend="plain", config=self.config).channels
         return Answer(torch.from_numpy(image).double(), {})
 
 
 def find_ways(threads: int) -> tuple[list[Way], list[str]]:
-    """All ways to draw on this machine, the reference first, and what is missing, with the reason."""
+    """All ways to draw on this machine, the reference first, peers last, and what is missing, with the reason."""
     config = RasterConfig(threads=threads)
     ways = [Way("reference", "float64", config)]
     ways += [Way("torch", precision, config) for precision in ("float64", "float32", "float16")]
@@ -110,7 +120,11 @@ def find_ways(threads: int) -> tuple[list[Way], list[str]]:
     reason = why_not("native")
     if reason is None:
         ways.append(Way("native", "float32", config))
-    return ways, absent_peers() + ([] if reason is None else [f"native raster: {reason}"])
+    peers, absent = find_peers()
+    for peer in peers:
+        rule = replace(config, alpha_max=peer.alpha_max)
+        ways += [Way(f"{peer.name} (peer)", precision, rule, peer) for precision in ("float64", "float32")]
+    return ways, absent + ([] if reason is None else [f"native raster: {reason}"])
 
 
 def fast_ways(threads: int) -> list[Way]:
@@ -122,6 +136,13 @@ def fast_ways(threads: int) -> list[Way]:
 def truth_of(scene: Scene, threads: int, **config: float) -> Answer:
     """The float64 answer of the `torch` backend, which differs from the reference by float64 rounding (`raster-backends`)."""
     return Way("torch", "float64", RasterConfig(threads=threads, **config)).answer(scene)  # type: ignore[arg-type]
+
+
+def reference_answers(ways: Sequence[Way], scene: Scene) -> list[Answer]:
+    """What each way is compared with: the reference's answer, a peer's with the peer's own clamp of alpha."""
+    rules = {way.config.alpha_max: way.config for way in ways}
+    answers = {clamp: Way("reference", "float64", rule).answer(scene) for clamp, rule in rules.items()}
+    return [answers[way.config.alpha_max] for way in ways]
 
 
 def errors_of(found: Answer, truth: Answer) -> Row:
@@ -145,7 +166,7 @@ def time_ways(ways: Sequence[Way], scene: Scene, repeats: int) -> list[Row]:
         if way.backend == "plain":
             pictures.append(partial(rasterize, **cast, backend="plain", config=way.config))
         else:
-            picture, steps[number] = passes(cast, way.backend, way.config)
+            picture, steps[number] = passes(cast, way.draw(cast))
             pictures.append(picture)
     drawn = time_rows([way.name for way in ways], pictures, repeats, column=PICTURE)
     trained = time_rows([ways[number].name for number in steps], list(steps.values()), repeats, column=STEP)
@@ -155,12 +176,12 @@ def time_ways(ways: Sequence[Way], scene: Scene, repeats: int) -> list[Row]:
     return [{key: value for key, value in row.items() if key != "name"} for row in rows]
 
 
-def measure_ways(ways: Sequence[Way], scene: Scene, truth: Answer, repeats: int, **about: Any) -> list[Row]:
-    """One row for each way: `about`, backend, precision, times, errors against `truth`."""
+def measure_ways(ways: Sequence[Way], scene: Scene, truths: Sequence[Answer], repeats: int, **about: Any) -> list[Row]:
+    """One row for each way: `about`, backend, precision, times, errors against its one of `truths`."""
     times = time_ways(ways, scene, repeats)
     return [
         about | {"backend": way.backend, "precision": way.precision} | row | errors_of(way.answer(scene), truth)
-        for way, row in zip(ways, times, strict=True)
+        for way, row, truth in zip(ways, times, truths, strict=True)
     ]
 
 
@@ -171,15 +192,17 @@ def measure_backends(context: Context) -> Findings:
 
     def work() -> list[Row]:
         scene = make_wavy_scene(**size, seed=context.seed)
-        truth = ways[0].answer(scene)
-        rows = measure_ways(ways, scene, truth, context.repeats)
+        rows = measure_ways(ways, scene, reference_answers(ways, scene), context.repeats)
         return [{"name": way.name} | row for way, row in zip(ways, rows, strict=True)]
 
     rows = context.step("backends", work, size=size, ways=[way.name for way in ways])
+    ours = [row for row, way in zip(rows, ways, strict=True) if way.peer is None]
+    peers = [row for row, way in zip(rows, ways, strict=True) if way.peer]
     threads = context.step("threads", partial(_thread_rows, context), cores=os.cpu_count())
+    note = f"{_RULE} {_PEERS}" if peers else _RULE
     ceiling = context.step("ceiling", lambda: [{"threads": 2, "at most": measure_thread_ceiling()}])
     tables = [
-        Table("backends", rows, f"Every way to draw: {_about(context, **size)}", TIMED, _RULE),
+        Table("backends", rows, f"Every way to draw: {_about(context, **size)}", TIMED, note),
         Table("threads", threads, "Threads", (*TIMED, "gain"), "`same bits`: picture and gradients as on one thread"),
         Table("ceiling", ceiling, "What two threads can gain on this machine", ("at most",), _CEILING),
     ]
@@ -187,12 +210,18 @@ def measure_backends(context: Context) -> Findings:
         Figure("A picture", "backends", f"{PICTURE} (ms)", RMSE, "name", *time_columns(PICTURE)[1:]),
         Figure("A training step", "backends", f"{STEP} (ms)", WORST, "name", *time_columns(STEP)[1:]),
     ]
-    return Findings(tables, figures, _backend_words(rows), skipped, _untrue(rows) + _unequal(threads))
+    words = _backend_words(ours) + _peer_words(ours, peers)
+    return Findings(tables, figures, words, skipped, _untrue(ours) + _unequal(threads))
 
 
 _RULE = (
     "Errors are differences from the first row. float16 rounds the scene too. `plain` is numpy alone and draws pictures only: "
     "it has no gradients. " + VERGE
+)
+_PEERS = (
+    "Peers differ in one constant, the clamp of alpha, and are compared with the reference under their own. gsplat's torch"
+    " reference draws with its projection and its `accumulate`. It is given for free the list of (pixel, splat) pairs that"
+    " contribute, which a CUDA kernel makes otherwise, and two functions of nerfacc in torch."
 )
 _CEILING = (
     "Independent loops of multiply-adds on two threads, over one: 2 on two cores, little above 1 on one core's halves."
@@ -222,6 +251,20 @@ def _backend_words(rows: Sequence[Row]) -> list[str]:
         f" float64 reference; {_told(row)}."
         for row in others
     ]
+
+
+def _peer_words(ours: Sequence[Row], peers: Sequence[Row]) -> list[str]:
+    words = []
+    for row in peers:
+        alike = [
+            mine for mine in ours[1:] if mine["precision"] == row["precision"] and mine[f"{STEP} (ms)"] is not None
+        ]
+        ratios = " and ".join(f"{_over(row, mine):.1f} times as long as {mine['backend']}" for mine in alike)
+        words.append(
+            f"{row['name']}: a training step takes {row[f'{STEP} (ms)']:.3g} ms, {ratios} in the same precision, its list of"
+            f" pairs not counted; {_told(row)}."
+        )
+    return words
 
 
 def _told(row: Row) -> str:
@@ -308,7 +351,8 @@ def measure_tiles(context: Context) -> Findings:
         truth = truth_of(scene, context.threads)
         torch_ways = [Way("torch", config=RasterConfig(tile=tile, threads=context.threads)) for tile in TILES]
         native = [way for way in fast_ways(context.threads) if way.backend == "native"]
-        rows = measure_ways(torch_ways + native, scene, truth, context.repeats)
+        ways = torch_ways + native
+        rows = measure_ways(ways, scene, [truth] * len(ways), context.repeats)
         tiles = [*TILES, *(NATIVE_TILE for _ in native)]
         return [{"tile (pixels)": tile} | row for tile, row in zip(tiles, rows, strict=True)]
 
@@ -412,9 +456,8 @@ def _sweep(context: Context, cases: Sequence[dict[str, Any]], told: Sequence[str
         def work(case: dict[str, Any] = case) -> list[Row]:
             scene = make_wavy_scene(**case, seed=context.seed)
             about = {name: case[name] for name in told}
-            return measure_ways(
-                fast_ways(context.threads), scene, truth_of(scene, context.threads), context.repeats, **about
-            )
+            ways, truth = fast_ways(context.threads), truth_of(scene, context.threads)
+            return measure_ways(ways, scene, [truth] * len(ways), context.repeats, **about)
 
         rows += context.step("-".join(str(case[name]) for name in told), work, case=case)
     return rows
@@ -455,8 +498,8 @@ def measure_gradients(context: Context) -> Findings:
 
     def work() -> list[Row]:
         scene = make_wavy_scene(**size, seed=context.seed)
-        truth = Way("reference", "float64").answer(scene)
-        return [row for way in ways for row in _gradient_rows(way, way.answer(scene), truth)]
+        truths = zip(ways, reference_answers(ways, scene), strict=True)
+        return [row for way, truth in truths for row in _gradient_rows(way, way.answer(scene), truth)]
 
     rows = context.step("gradients", work, ways=[way.name for way in ways], size=size)
     differences = context.step("differences", partial(_difference_rows, context.seed), steps=STEPS)
@@ -476,8 +519,9 @@ def measure_gradients(context: Context) -> Findings:
             f"{way.name}: gradients are within {worst['relative L2 error']:.1e} (worst: {worst['parameter']});"
             f" the median Gaussian's is off by {max(row['median Gaussian'] or 0 for row in mine):.1e} at most."
         )
+    note = f"{_GAUSSIANS} {_PEERS}" if any(way.peer for way in ways) else _GAUSSIANS
     tables = [
-        Table("gradients", rows, _about(context, **size), note=_GAUSSIANS),
+        Table("gradients", rows, _about(context, **size), note=note),
         Table("differences", differences, "The reference against central differences", note=_DIFFERENCES),
     ]
     figures = [
@@ -514,7 +558,7 @@ def _gradient_rows(way: Way, found: Answer, truth: Answer) -> list[Row]:
 def _difference_rows(seed: int) -> list[Row]:
     scene = make_wavy_scene(40, 3, 24, 18, seed, torch.float64)
     config = RasterConfig(**NO_CUTS)  # type: ignore[arg-type]
-    truth = answer(scene, "reference", config)
+    truth = answer(scene, draw_with("reference", config))
     weights = torch.rand(18, 24, 3, generator=torch.Generator().manual_seed(1))
 
     def total(name: str, values: torch.Tensor) -> float:
