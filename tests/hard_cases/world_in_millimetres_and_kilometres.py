@@ -19,8 +19,8 @@ def check():
     shot = film(room(mover()))
     scores = []
     for scale in (1e-3, 1e3):
-        fitted = fit(shot.clip, cameras=shot.cameras.scaled_world(scale), depth=(scale * shot.depth).astype(np.float32))
-        yield from judge(fitted, least=27)
+        fitted = fit(shot, cameras=shot.cameras.scaled_world(scale), depth=(scale * shot.depth).astype(np.float32))
+        yield from judge(fitted)
         depth = float(np.nanmedian(fitted.priors.depth))
         yield within(f"scale {scale:g}: median depth, from 1", abs(depth - 1), 0.01)
         scores.append(fitted.psnr)
