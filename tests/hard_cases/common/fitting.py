@@ -25,7 +25,7 @@ from f4x_core.scene.view import render
 
 from .film import Film
 
-STEPS = 250
+STEPS = 350
 ASIDE = 4.0
 """Degrees by which a view lies above and below the path, about the place in the picture's middle at the median depth."""
 LEAST_GAIN = 2.0
