@@ -26,6 +26,8 @@ from f4x_core.scene.view import render
 from .film import Film
 
 STEPS = 350
+"""An ordinary film then shows unseen frames at 29 dB, their flow blend is at 26.5 and the nearest used frame at 23.6; after 120
+steps the blend was better. Rounding alone moves the score by up to 1.5 dB."""
 ASIDE = 4.0
 """Degrees by which a view lies above and below the path, about the place in the picture's middle at the median depth."""
 LEAST_GAIN = 2.0
@@ -42,9 +44,8 @@ def small(focal: float | None = None, **priors: Any) -> FitConfig:
     """The quick profile made as small as these films; `focal` in picture widths, None to find it out; `priors` are its files
     (`depth=folder`, ...)."""
     config = profile("quick")
-    cameras = replace(
-        config.priors.cameras, solver="tracks", focal=focal
-    )  # pycolmap wants larger pictures, and seconds to start
+    # pycolmap wants larger pictures, and seconds to start.
+    cameras = replace(config.priors.cameras, solver="tracks", focal=focal)
     tracks = replace(config.priors.tracks, count=1200)
     files = {name: str(path) for name, path in priors.items()}
     return replace(
