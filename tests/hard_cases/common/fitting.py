@@ -130,24 +130,23 @@ def judge(fitted: Fitted, cause: str = "", known: str = "", at_most: float = 1.0
     scene = fitted.scene
     arrays = [scene.static.xyz, scene.static.scale, scene.dynamic.xyz, scene.cameras.world_to_camera]
     yield that("every array is finite", all(np.isfinite(array).all() for array in arrays))
-    if fitted.psnr < fitted.metrics["held_out_psnr_flow_blend"]:
-        yield told("it is said that unseen frames are worse than blended ones", "Simply blending", fitted.said)
     checks = list(against_truth(fitted))
     for index, check in enumerate(checks):
         if check.outcome == "wrong" and check.what.startswith(MOVING):
             guessed = told(_missed(check), MOVING_GUESSED, fitted.said)
             checks[index] = guessed if guessed.outcome == "told" else check
     short = [check for check in checks if check.outcome == "wrong"]
-    if not short or not (cause or known):
-        yield from checks
-        return
-    yield from (check for check in checks if check.outcome != "wrong")
-    missed = "; ".join(map(_missed, short))
-    cause_told = told(f"{missed}; the cause is said", cause, fitted.said) if cause else None
-    if cause_told is not None and (cause_told.outcome == "told" or not known):
-        yield cause_told
-    else:
-        yield limited(missed, all(check.error <= at_most * check.allowed for check in short), known)
+    if short and (cause or known):
+        missed = "; ".join(map(_missed, short))
+        cause_told = told(f"{missed}; the cause is said", cause, fitted.said) if cause else None
+        if cause_told is not None and (cause_told.outcome == "told" or not known):
+            yield cause_told
+        else:
+            yield limited(missed, all(check.error <= at_most * check.allowed for check in short), known)
+        checks = [check for check in checks if check.outcome != "wrong"]
+    yield from checks
+    if fitted.psnr < fitted.metrics["held_out_psnr_flow_blend"]:
+        yield told("it is said that unseen frames are worse than blended ones", "Simply blending", fitted.said)
 
 
 def _missed(check: Check) -> str:
