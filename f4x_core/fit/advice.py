@@ -22,6 +22,9 @@ LITTLE_PARALLAX, MODEST_PARALLAX = 2.0, 8.0
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
 LEAST_REGISTERED, MISSED_PX = 0.3, 1.5
+# Trial focal lengths whose reprojection error is within this share of the least fit the tracks equally well; where the longest
+# is so many times the shortest, the pictures hardly tell it (10 % is also what `priors.sfm` asks of them to leave its default).
+EQUAL_FOCAL_ERROR, WIDE_FOCAL_RANGE = 0.1, 1.5
 # Brightest over darkest exposure within a shot (the same things in both) above which colours no longer agree.
 MUCH_EXPOSURE = 1.25
 # Where cameras and depth put tracked static points in another frame: median miss in shares of the picture's width, over
@@ -139,6 +142,7 @@ def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, An
         *about_cuts(priors, picked),
         *_about_exposure(priors),
         *_about_camera(priors),
+        *_about_lens(priors),
         *_about_motion(priors, scaffold),
         *_about_depth(priors),
         *_about_contradiction(priors),
@@ -351,6 +355,38 @@ def _about_camera(priors: Priors) -> list[Finding]:
             )
         )
     return found
+
+
+def _about_lens(priors: Priors) -> list[Finding]:
+    """What the search for the focal length tells, where there was one (`statistics["cameras"]`)."""
+    known = priors.statistics.get("cameras", {})
+    search = known.get("pan_focal_search" if priors.camera_kind == "pan" else "focal_search", {})
+    focals, errors = (np.array(search.get(name, []), np.float64) for name in ("focal_over_width", "error_px"))
+    if len(focals) < 2 or not np.isfinite(errors).any():
+        return []
+    equal = focals[errors <= (1 + EQUAL_FOCAL_ERROR) * np.nanmin(errors)]
+    advice = "Where the lens is known, give cameras with --prior cameras=FILE."
+    if equal.max() >= WIDE_FOCAL_RANGE * equal.min():
+        return [
+            Finding(
+                "note",
+                f"The pictures hardly tell the focal length: from {equal.min():.2g} to {equal.max():.2g} picture widths fit the"
+                f" tracks within {EQUAL_FOCAL_ERROR:.0%}; a wrong one stretches or flattens the depth.",
+                advice,
+            )
+        ]
+    best = focals[np.nanargmin(errors)]
+    end = {focals.min(): "shortest", focals.max(): "longest"}.get(best)
+    if end is None:
+        return []
+    return [
+        Finding(
+            "problem",
+            f"Of the focal lengths that were tried the {end}, {best:.2g} picture widths, fits best; the lens may be"
+            f" {'wider' if end == 'shortest' else 'longer'} than any of them.",
+            advice,
+        )
+    ]
 
 
 def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:

@@ -44,6 +44,28 @@ def test_exposure_is_told_in_percent():
     assert "exposure changes by 50%" in said(priors)
 
 
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        ([0.52, 0.50, 0.51, 0.60], "from 0.5 to 1.2 picture widths"),
+        ([0.90, 0.50, 0.70, 0.90], ""),
+        ([0.30, 0.50, 0.70, 0.90], "the shortest, 0.5 picture widths, fits best; the lens may be wider"),
+        ([0.90, 0.70, 0.50, 0.30], "the longest, 2.5 picture widths, fits best; the lens may be longer"),
+    ],
+    ids=["flat", "clear", "too wide", "too long"],
+)
+@pytest.mark.parametrize(("kind", "search"), [("moving", "focal_search"), ("pan", "pan_focal_search")])
+def test_the_search_for_the_focal_length_is_judged(kind, search, errors, words):
+    _, priors = clip_and_priors()
+    priors.camera_kind = kind
+    curve = {"focal_over_width": [0.5, 0.8, 1.2, 2.5], "error_px": errors}
+    priors.statistics["cameras"] = {search: curve}
+    assert words in said(priors) and ("focal length" in said(priors)) == bool(words)
+    other = {"focal_search", "pan_focal_search"} - {search}
+    priors.statistics["cameras"] = {other.pop(): curve}
+    assert "focal length" not in said(priors), "the search of another kind of camera tells nothing of this one"
+
+
 def test_building_priors_looks_for_cuts_and_counts_clip_frames(tmp_path):
     clip, _ = clip_and_priors(frames=8)
     clip = dataclasses.replace(clip, frames=clip.frames.copy(), held_out=clip.times == 1)

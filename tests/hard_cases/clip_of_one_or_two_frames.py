@@ -17,9 +17,9 @@ STAGE, SLOW = "fit", True
 
 def check():
     for frames in (1, 2):
-        clip = film(room(mover()), frames=frames, hold_out=0).clip
+        clip = film(room(mover()), frames=frames, hold_out=0)
         yield refused(
             f"{frames} frames", "too few to tell motion from parallax; give at least 3", lambda clip=clip: fit(clip)
         )
-    fitted = fit(film(room(mover()), frames=3, hold_out=0).clip)
+    fitted = fit(film(room(mover()), frames=3, hold_out=0))
     yield told("three frames", "Only 3 frames were used", fitted.said)

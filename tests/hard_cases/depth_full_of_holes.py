@@ -19,8 +19,8 @@ def check():
     shot = film(room(mover()))
     holes = np.where(np.random.default_rng(0).random(shot.depth.shape) < 0.8, np.nan, shot.depth).astype(np.float32)
     holes[shot.mask] = np.nan
-    fitted = fit(shot.clip, depth=holes)
+    fitted = fit(shot, depth=holes)
     yield from judge(fitted, "have no depth")
     yield told("holes are said", "have no depth", fitted.said)
     nothing = np.full_like(shot.depth, np.nan)
-    yield refused("no depth at all", "depth", lambda: fit(shot.clip, depth=nothing))
+    yield refused("no depth at all", "depth", lambda: fit(shot, depth=nothing))

@@ -17,7 +17,7 @@ STAGE, SLOW = "fit", True
 
 def check():
     shot = film(room(mover()))
-    fitted = fit(shot.clip, mask=np.zeros_like(shot.mask))
+    fitted = fit(shot, mask=np.zeros_like(shot.mask))
     yield from judge(fitted, "Nothing was taken to move")
     yield that("no dynamic Gaussian", len(fitted.scene.dynamic) == 0 and fitted.scene.scaffold is None)
     yield told("nothing moves", "Nothing was taken to move", fitted.said)

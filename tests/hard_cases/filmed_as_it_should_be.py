@@ -16,7 +16,7 @@ STAGE, SLOW = "fit", True
 
 
 def check():
-    fitted = fit(film(room(mover())).clip)
+    fitted = fit(film(room(mover())))
     yield from judge(fitted)
     yield that("the camera moves", fitted.priors.camera_kind == "moving")
     yield that("something moves", len(fitted.scene.dynamic) > 0)

@@ -17,6 +17,6 @@ STAGE, SLOW = "fit", True
 
 def check():
     shot = film(room(mover()))
-    fitted = fit(shot.clip, mask=np.ones_like(shot.mask))
+    fitted = fit(shot, mask=np.ones_like(shot.mask))
     yield from judge(fitted, "picture counts as moving")
     yield told("everything moves", "picture counts as moving", fitted.said)

@@ -20,6 +20,6 @@ def check():
         Card(checks(0.3, 2.5), at=standing(0, 0, 1.2)),
         Card(checks(0.2, 0.5), (0.2, 0.2), standing(0.1, 0.1, 0.8)),
     ]
-    fitted = fit(film(room(mover()), cut_to=(5, other)).clip)
+    fitted = fit(film(room(mover()), cut_to=(5, other)))
     yield from judge(fitted, "2 shots")
     yield told("where to part it", "2 shots, cut at frame 5", fitted.said)

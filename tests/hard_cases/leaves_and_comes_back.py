@@ -18,4 +18,4 @@ def check():
         return np.array([0.15 + 0.6 * np.sin(np.pi * time / 13) ** 2, -0.02, 0.8])
 
     card = Card(checks(0.2, 4.0), (0.1, 0.1), place, moves=True)
-    yield from judge(fit(film(room(card), frames=14).clip), "What moves|can be followed")
+    yield from judge(fit(film(room(card), frames=14)), "What moves is|can be followed")

@@ -4,7 +4,7 @@ Hard: 11 degrees across: nearly an orthographic view, in which focal length and 
 
 Why: outside the usual search of focal lengths; a wrong one bends the world.
 
-Must hold: unseen frames are right, whatever focal length was found, or it is said that the cameras do not fit.
+Must hold: unseen frames are right, whatever focal length was found, or it is said that the pictures hardly tell it.
 """
 
 from .common.film import Card, checks, film, gliding, standing
@@ -19,5 +19,6 @@ def check():
         Card(checks(0.05, 2.0), (0.02, 0.2), standing(-0.05, 0, 1.0)),
     )
     card = Card(checks(0.05, 4.0), (0.025, 0.025), gliding((0.02, 0, 0.9), (-0.002, 0.001, 0)), moves=True)
-    clip = film([wall, post, card], focal=5, eye=gliding((-0.02, 0, 0), (0.004, 0, 0))).clip
-    yield from judge(fit(clip), "Even the frames|cameras miss")
+    eye, look = gliding((-0.022, 0, 0), (0.004, 0, 0)), gliding((0, 0.018, 0), (0, -0.0033, 0))
+    clip = film([wall, post, card], focal=5, eye=eye, look=look)
+    yield from judge(fit(clip, lens_known=False), "hardly tell the focal length")

@@ -14,4 +14,4 @@ STAGE, SLOW = "fit", True
 
 
 def check():
-    yield from judge(fit(film(room(mover(0.04)), shutter=1.0).clip), "What moves|can be followed")
+    yield from judge(fit(film(room(mover(0.04)), shutter=1.0)), "What moves is|can be followed")

@@ -16,5 +16,5 @@ STAGE, SLOW = "fit", True
 def check():
     shot = film(room(mover()))
     depth = (np.nanmax(shot.depth) + np.nanmin(shot.depth) - shot.depth).astype(np.float32)
-    fitted = fit(shot.clip, cameras=shot.cameras, depth=depth, mask=shot.mask[:, :, ::-1].copy())
+    fitted = fit(shot, cameras=shot.cameras, depth=depth, mask=shot.mask[:, :, ::-1].copy())
     yield from judge(fitted, "contradict each other")

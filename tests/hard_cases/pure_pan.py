@@ -16,6 +16,6 @@ STAGE, SLOW = "fit", True
 
 
 def check():
-    fitted = fit(film(room(mover(0.02)), eye=standing(0, 0, 0), look=gliding((0, -0.1, 0), (0, 0.02, 0))).clip)
+    fitted = fit(film(room(mover(0.02)), eye=standing(0, 0, 0), look=gliding((0, -0.11, 0), (0, 0.02, 0))))
     yield from judge(fitted)
     yield told("depth is not known", "camera only turned", fitted.said)

@@ -9,13 +9,13 @@ Must hold: the original view is right, and it is said that no other can be belie
 
 from f4x_core.report.studies.hard_cases import told
 
-from .common.film import film, mover, room, standing
+from .common.film import LEVEL, film, mover, room
 from .common.fitting import fit, judge
 
 STAGE, SLOW = "fit", True
 
 
 def check():
-    fitted = fit(film(room(mover(0.02)), eye=standing(0, 0, 0)).clip)
+    fitted = fit(film(room(mover(0.02)), eye=LEVEL, look=LEVEL))
     yield from judge(fitted)
     yield told("depth is not known", "camera stood still", fitted.said)

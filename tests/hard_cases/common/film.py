@@ -14,9 +14,11 @@ from f4x_core.clip import Clip
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera, CameraPath
 
-WIDTH, HEIGHT, FRAMES = 96, 56, 10
+WIDTH, HEIGHT, FRAMES = 96, 56, 12
 FOCAL = 0.9
 """Picture widths."""
+MIDDLE = (FRAMES - 1) / 2
+"""Time at which the camera is before the middle of the room."""
 Texture = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Places (...) on a card, world units -> colours (..., 3) in [0, 1]."""
 Places = Callable[[float], np.ndarray]
@@ -66,6 +68,9 @@ class Film:
     """(T, H, W) float32 z depth, NaN where no card is."""
     mask: np.ndarray
     """(T, H, W) bool: a card that moves."""
+    show: Callable[[Camera, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
+    """Camera and time in frames -> what any camera would have seen, with a shutter of no length: picture (H, W, 3) uint8, z
+    depth (H, W), and whether it moves (H, W)."""
 
 
 def standing(*place: float) -> Places:
@@ -116,14 +121,26 @@ def trace(cards: Sequence[Card], camera: Camera, time: float, rows: slice = slic
     return rgb, np.where(np.isinf(depth), np.nan, depth), moving
 
 
-SIDEWAYS = gliding((-0.11, 0, 0), (0.025, 0, 0))
 LEVEL = standing(0, 0, 0)
+
+
+def sideways(step: float = 0.03) -> Places:
+    """A camera carried from left to right by `step` a frame, going up and down as a hand does."""
+    return lambda time: np.array([step * (time - MIDDLE), 0.02 * np.sin(0.7 * time), 0])
+
+
+def following(time: float) -> np.ndarray:
+    """The look of a camera that keeps turning to the room's middle, and nods: without turns no focal length can be known."""
+    return np.array([0.05 * np.sin(0.7 * time), -0.024 * (time - MIDDLE), 0])
+
+
+SIDEWAYS = sideways()
 
 
 def film(
     cards: Sequence[Card],
     eye: Places = SIDEWAYS,
-    look: Places = LEVEL,
+    look: Places = following,
     frames: int = FRAMES,
     focal: float = FOCAL,
     size: tuple[int, int] = (WIDTH, HEIGHT),
@@ -132,11 +149,13 @@ def film(
     readout: float = 0.0,
     gain: Callable[[float], float] = lambda time: 1.0,
     cut_to: tuple[int, Sequence[Card]] | None = None,
+    rays: int = 1,
 ) -> Film:
     """Film `cards` from `eye`, turned by the rotation vector `look`.
 
     `shutter`: share of a frame that the shutter is open (motion blur); `readout`: share of a frame between the first and
-    the last row (rolling shutter); `gain`: exposure; `cut_to`: from that frame on other cards are seen.
+    the last row (rolling shutter); `gain`: exposure; `cut_to`: from that frame on other cards are seen; `rays`: rays along
+    either side of a pixel.
     """
     width, height = size
     lens = np.array([[focal * width, 0, width / 2], [0, focal * width, height / 2], [0, 0, 1]])
@@ -148,9 +167,14 @@ def film(
     def shown(time: float) -> Sequence[Card]:
         return cut_to[1] if cut_to and time >= cut_to[0] else cards
 
+    def show(seen: Camera, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        _, depth, _ = trace(shown(time), seen, time)
+        moving = _blocks(trace(shown(time), _finer(seen, rays), time)[2], rays).any((1, 3))
+        return _picture(_radiance(shown(time), seen, time, rays), gain(time)), depth, moving
+
     pictures, depths, masks = [], [], []
     for t in range(frames):
-        _, depth, moving = trace(shown(t), camera(t), t)
+        _, depth, moving = show(camera(t), t)
         moments = t + shutter * np.linspace(-0.5, 0.5, 5) if shutter else [t]
         seen = []
         for moment in moments:
@@ -160,11 +184,11 @@ def film(
                 else [(None, moment)]
             )
             parts = [
-                trace(shown(t), camera(m), m, slice(None) if row is None else slice(row, row + 1))[0]
+                _radiance(shown(t), camera(m), m, rays, slice(None) if row is None else slice(row, row + 1))
                 for row, m in bands
             ]
             seen.append(np.concatenate(parts))
-        pictures.append(np.clip(255 * gain(t) * np.mean(seen, 0), 0, 255).round().astype(np.uint8))
+        pictures.append(_picture(np.mean(seen, 0), gain(t)))
         depths.append(depth)
         masks.append(moving)
     held_out = np.arange(frames) % hold_out == hold_out - 1 if hold_out else np.zeros(frames, bool)
@@ -174,4 +198,24 @@ def film(
     path = CameraPath(
         np.tile(lens, (frames, 1, 1)), np.stack([camera(t).world_to_camera for t in times]), times, width, height
     )
-    return Film(clip, path, np.stack(depths).astype(np.float32), np.stack(masks))
+    return Film(clip, path, np.stack(depths).astype(np.float32), np.stack(masks), show)
+
+
+def _finer(camera: Camera, rays: int) -> Camera:
+    """The same view in `rays` times as many rows and columns."""
+    return camera.resized(rays * camera.width, rays * camera.height)
+
+
+def _blocks(image: np.ndarray, rays: int) -> np.ndarray:
+    """(h, rays, W, rays, ...) of an image of (h rays, W rays, ...)."""
+    return image.reshape(len(image) // rays, rays, image.shape[1] // rays, rays, *image.shape[2:])
+
+
+def _radiance(cards: Sequence[Card], camera: Camera, time: float, rays: int, rows: slice = slice(None)) -> np.ndarray:
+    """Colours (h,W,3) in [0,1] of some rows, each pixel the mean of its rays."""
+    first, end, _ = rows.indices(camera.height)
+    return _blocks(trace(cards, _finer(camera, rays), time, slice(rays * first, rays * end))[0], rays).mean((1, 3))
+
+
+def _picture(radiance: np.ndarray, gain: float) -> np.ndarray:
+    return np.clip(255 * gain * radiance, 0, 255).round().astype(np.uint8)
