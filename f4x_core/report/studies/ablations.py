@@ -257,7 +257,9 @@ def _words(rows: Sequence[Row], doubts: Sequence[float]) -> list[str]:
                 continue
             change, said = row[CHANGE], f"whole picture {row['change, whole picture (dB)']:+.2f}"
             said = f"{row['verdict']}; {said}" if row["verdict"] else said
-            told.append(f"{change:+.2f} dB on {row['world']}, {row['priors']} priors ({said})")
+            told.append(
+                f"{change:+.2f} dB on {row['world']}, {row['priors']} priors ({said}, tracks {row['change (px)']:+.2f} px)"
+            )
             worst = min(worst, change)
         if told:
             sentences.append((worst, f"{name[0].upper()}{name[1:]}: {'; '.join(told)}."))
