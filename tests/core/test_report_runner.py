@@ -188,3 +188,19 @@ def test_the_page_of_results_names_the_machine_of_each_study_where_there_were_se
     assert (
         "(Abacus, kernels: beads)" in page and f"({here}, kernels: " in page and f"{here} (" in page.partition("##")[0]
     )
+
+
+def test_clips_are_told_by_a_readers_names_and_goals():
+    told = {"frames": 50, "follow_iou_49": 0.9, "follow_iou_30": 0.8, "psnr_change": 0.0}
+    row = clip_studies._named(told, clip_studies.ASKED_FIGURES)
+    assert (
+        row["mask: IoU at the end"] == 0.9
+        and row["mask: IoU after 30"] == 0.8
+        and row["word: IoU of the selection"] is None
+    )
+    rows = [
+        {"clip": name, "mask: IoU": iou, "mask: leakage": leakage}
+        for name, iou, leakage in (("a", 0.8, 0.01), ("b", 0.7, 0.01), ("c", 0.9, 0.02))
+    ]
+    said = clip_studies._reached(rows, "mask")
+    assert said.startswith("By a mask 1 of 3") and "b (IoU 0.70" in said and "c (IoU 0.90, leakage 0.020)" in said
