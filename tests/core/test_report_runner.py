@@ -204,3 +204,12 @@ def test_clips_are_told_by_a_readers_names_and_goals():
     ]
     said = clip_studies._reached(rows, "mask")
     assert said.startswith("By a mask 1 of 3") and "b (IoU 0.70" in said and "c (IoU 0.90, leakage 0.020)" in said
+
+
+def test_what_blender_measures_is_told_and_what_it_leaves_out(tmp_path, monkeypatch):
+    told = {"blender": "4.5.15 LTS", "import": {"seconds": 0.5, "gaussians": 200000}, "query": {"left_out": "no words"}}
+    monkeypatch.setattr(clip_studies, "_run", lambda _: told)
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: True)
+    found = clip_studies.measure_blender(Context(tmp_path))
+    assert found.tables[0].title == "Blender 4.5.15 LTS as a Python module" and found.skipped == ["query: no words"]
+    assert found.tables[0].rows[0] == {"what": "import", "figure": "seconds", "value": 0.5}

@@ -147,8 +147,11 @@ def measure_blender(context: Context) -> Findings:
     if find_spec("bpy") is None:
         raise MissingError("this Python has no bpy; `pip install bpy==4.5.15` brings it to Python 3.11.")
     told = context.step("bench", partial(_run, [str(_script("bench_blender.py")), "--json"]))
-    rows = [{"what": part, "figure": n, "value": v} for part, row in told.items() for n, v in _figures(row).items()]
-    return Findings([Table("blender", rows, "bpy as a module", timed=("value",))])
+    parts = {part: row for part, row in told.items() if isinstance(row, dict)}  # beside them stands Blender's version
+    rows = [{"what": part, "figure": n, "value": v} for part, row in parts.items() for n, v in _figures(row).items()]
+    skipped = [f"{part}: {row['left_out']}" for part, row in parts.items() if "left_out" in row]
+    table = Table("blender", rows, f"Blender {told['blender']} as a Python module", timed=("value",))
+    return Findings([table], skipped=skipped)
 
 
 def _clips(context: Context) -> list[Path]:
