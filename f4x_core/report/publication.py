@@ -22,6 +22,7 @@ Sentences elsewhere that tell a measured figure link to its study; [a test compa
 "Wanted" is the goal the project set itself; what is not reached is said so, with the reason. PSNR (dB) is the mean over frames.
 Times are those of {machine}; other processes ran beside most of them, so ratios taken in turn say more than seconds.
 In brackets behind a figure: the quartiles of a time, the worst and the best of several fits.
+The studies with a command (`f4x report`) took {hours:.1f} hours, added up; one core does one at a time.
 
 {contents}
 """
@@ -62,7 +63,9 @@ def results_page(folder: Path) -> str:
             links = ", ".join(f"[{record['title'].partition(' (')[0]}](#{record['name']})" for record in chosen)
             contents.append(f"* **{title}**: {links}")
             parts.append(f"## {title}\n\n{as_markdown(chosen, machines=differ)}")
-    return "\n".join([HEAD.format(machine=" or ".join(machines), contents="\n".join(contents)), *parts])
+    hours = sum(record["seconds"] for record in records.values() if record["command"]) / 3600
+    head = HEAD.format(machine=" or ".join(machines), hours=hours, contents="\n".join(contents))
+    return "\n".join([head, *parts])
 
 
 if __name__ == "__main__":
