@@ -213,3 +213,16 @@ def test_what_blender_measures_is_told_and_what_it_leaves_out(tmp_path, monkeypa
     found = clip_studies.measure_blender(Context(tmp_path))
     assert found.tables[0].title == "Blender 4.5.15 LTS as a Python module" and found.skipped == ["query: no words"]
     assert found.tables[0].rows[0] == {"what": "import", "figure": "seconds", "value": 0.5}
+
+
+def test_a_rendered_clip_whose_model_is_not_here_costs_no_other(tmp_path, monkeypatch):
+    def run(command):
+        if "fox" in command:
+            raise F4xError("synthetic_clip.py ended with 2: error: fox.glb is missing.")
+
+    monkeypatch.setattr(clip_studies, "_run", run)
+    monkeypatch.setattr(clip_studies, "_fit_rendered", lambda *_: {"time (s)": 1.0})
+    found = clip_studies.fit_rendered(Context(tmp_path))
+    assert [row["scene"] for row in found.tables[0].rows] == ["procedural"] * 2 + ["knight"] * 2
+    (said,) = found.skipped
+    assert said.startswith("fox: ") and "fox.glb is missing" in said
