@@ -68,6 +68,19 @@ EDIT_FIGURES = {
     for figure, what in (("iou", "IoU"), ("iou_worst", "IoU, worst frame"), ("leakage", "leakage"))
 }
 """Column -> what `f4x bench edit` calls it."""
+RENDERED_FIGURES = {
+    "used (dB)": "used_psnr",
+    "used, moving (dB)": "used_psnr_moving",
+    "unseen views (dB)": "unseen_psnr",
+    "seen surfaces there (dB)": "unseen_psnr_covered",
+    "their share": "unseen_covered_share",
+    "cameras, share of the path": "ate_share",
+    "cameras (degrees)": "rotation_error",
+    "focal length, fitted / true": "focal_ratio",
+    "Gaussians": "Gaussians",
+    "time (s)": "time (s)",
+}
+"""Column -> what `f4x eval --truth` calls it."""
 GOAL_IOU, GOAL_LEAKAGE = 0.8, 0.02
 """Of dyeing what a mask or a click on the first frame selects."""
 
@@ -138,10 +151,8 @@ def fit_rendered(context: Context) -> Findings:
             continue
         for priors, provider in PROVIDERS.items():
             told = context.step(f"{name} {priors}", partial(_fit_rendered, clip, provider, context))
-            rows.append({"scene": name, "priors": priors} | told)
-    note = (
-        "Two cameras never used, 10 degrees off the path on either side; `seen`: only pixels whose surface a frame saw."
-    )
+            rows.append({"scene": name, "priors": priors} | _named(told, RENDERED_FIGURES))
+    note = "Two cameras never used, 10 degrees off the path on either side; `seen surfaces`: pixels whose surface a frame saw."
     table = Table("rendered", rows, "Rendered clips, profile quick", timed=("time (s)",), note=note)
     return Findings([table], skipped=skipped)
 
