@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from .. import page
 from ..files import replace_file
-from .study import SECTIONS, pareto_front
+from .study import SECTIONS, pareto_front, span_columns
 
 COLOURS = (page.TEAL, page.ORANGE, page.VIOLET, "#c94f6d", "#4f8fd0", "#b59a2d", "#6aa84f", page.GREY)
 MARKERS = "osD^vP*X"
@@ -152,8 +152,7 @@ def _with_spans(row: Mapping[str, Any]) -> dict[str, Any]:
     """The row with `X low (unit)` and `X high (unit)` in brackets behind `X (unit)`, where they differ."""
     shown = dict(row)
     for column in row:
-        name, bracket, unit = column.partition(" (")
-        low, high = (f"{name} {end}{bracket}{unit}" for end in ("low", "high"))
+        low, high = span_columns(column)
         if low in row and high in row:
             span = shown.pop(low), shown.pop(high)
             if None not in (row[column], *span) and span[0] != span[1]:

@@ -147,7 +147,7 @@ class Context:
         settings = json.loads(json.dumps(settings | {"quick": self.quick, "seed": self.seed, "threads": self.threads}))
         if file.is_file():
             done = read_json(file)
-            if done.get("settings") == settings:
+            if done.get("settings") == settings and "source" in done:  # before, steps did not say who measured them
                 self.taken.append({name: done[name] for name in ("source", "machine", "seconds")})
                 return done["result"]
         self.progress("report", 0, 0, f"{self.folder.name}: {name}")
@@ -188,7 +188,14 @@ def time_rows(
 
 def time_columns(column: str = "time", unit: str = "ms") -> tuple[str, str, str]:
     """Names of the columns that hold the median of some times and its quartiles."""
-    return f"{column} ({unit})", f"{column} low ({unit})", f"{column} high ({unit})"
+    middle = f"{column} ({unit})"
+    return middle, *span_columns(middle)
+
+
+def span_columns(column: str) -> tuple[str, str]:
+    """Names of the columns with the ends of what is told under `NAME (unit)`: `NAME low (unit)`, `NAME high (unit)`."""
+    name, bracket, unit = column.partition(" (")
+    return f"{name} low{bracket}{unit}", f"{name} high{bracket}{unit}"
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:

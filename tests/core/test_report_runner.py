@@ -226,3 +226,14 @@ def test_a_rendered_clip_whose_model_is_not_here_costs_no_other(tmp_path, monkey
     assert [row["scene"] for row in found.tables[0].rows] == ["procedural"] * 2 + ["knight"] * 2
     (said,) = found.skipped
     assert said.startswith("fox: ") and "fox.glb is missing" in said
+
+
+def test_a_step_that_does_not_say_who_measured_it_is_measured_again(tmp_path):
+    context = Context(tmp_path, quick=True)
+    assert context.step("one", lambda: 1) == 1 and context.step("one", lambda: 2) == 1
+    (told_by,) = context.taken
+    assert set(told_by) == {"source", "machine", "seconds"}
+    file = tmp_path / "steps" / "one.json"
+    record = json.loads(file.read_text())
+    file.write_text(json.dumps({"settings": record["settings"], "result": 1}))
+    assert context.step("one", lambda: 2) == 2

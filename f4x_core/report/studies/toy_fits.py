@@ -21,7 +21,7 @@ from ...priors import Priors
 from ...scene import Scene
 from ...scene.view import render
 from ..perceptual_distance import lpips, lpips_missing
-from ..study import Context, Row
+from ..study import Context, Row, span_columns
 from ..tracking import track_pixels
 from ..truth import align_cameras, into_scene
 from .toy_worlds import View, World, make_world
@@ -169,8 +169,7 @@ def mean_row(rows: Sequence[Row], error: str = "novel (dB)") -> Row:
 
 def spread(column: str, values: Sequence[float]) -> Row:
     """The least and the greatest value under `NAME low (unit)` and `NAME high (unit)` for column `NAME (unit)`."""
-    what, bracket, unit = column.partition(" (")
-    return {f"{what} low{bracket}{unit}": min(values), f"{what} high{bracket}{unit}": max(values)}
+    return dict(zip(span_columns(column), (min(values), max(values)), strict=True))
 
 
 def paired_changes(rows: Sequence[Row], against: Sequence[Row], column: str) -> list[float]:
