@@ -3,6 +3,11 @@
 `u = f * x / z + principal` with `x = R (X - c)`: R world-to-camera, c the camera centre. Levenberg-Marquardt on the
 robust squared error, the points eliminated by the Schur complement (Triggs et al. 2000, section 6.1). The camera system is
 small and dense (6 F + 1 unknowns), so plain BLAS is fastest and nothing but numpy and scipy is needed.
+
+While they are adjusted, points are homogeneous unit 4-vectors `(X, w)`, `x = R (X - w c)`, and steps are taken in their
+tangent space (Triggs et al. 2000, section 2.2): a point at infinity is nothing special, so a camera that hardly moves is
+solved as well as one that walks. With points `(X, 1)` a few steps carried far points past infinity, and the solution of a
+clip with little translation depended on where it started.
 """
 
 from __future__ import annotations
@@ -19,6 +24,15 @@ ROBUST_PX = 1.0
 """Cauchy scale in pixels: good tracks stay below, a wrong one soon stops pulling."""
 MIN_DEPTH = 1e-6
 """Points nearer to a camera plane than this carry no weight in that view."""
+FARTHEST_POINT = 1e4
+"""Points stay within this many median distances: beyond, nothing tells them from infinity."""
+FOCAL_PRIOR, DEPTH_PRIOR, PATH_PRIOR = 0.2, 0.02, 0.01
+"""What is believed before anything is seen, as a fraction of the squared error that a violation must save: a focal length e
+times away from the expected one, inverse distances that vary by their median, and a path as large as the median distance.
+They decide only what observations leave open (bas-relief: with little translation, depth, path and focal length trade for
+each other)."""
+BEHIND_PX = 1000.0
+"""A point behind a camera that saw it costs as much as a miss by this many pixels."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +115,8 @@ class BundleConfig:
     """Solve for camera centres; off, only rotations move (pan-only clips: points are directions)."""
     robust_px: float = ROBUST_PX
     """Cauchy scale in pixels."""
+    expected_focal: float | None = None
+    """Focal length in pixels that is believed as far as observations leave it open (`FOCAL_PRIOR`); None = no belief."""
 
 
 def rays(bundle: Bundle, observations: Observations) -> np.ndarray:
@@ -149,23 +165,34 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
     if not len(observations.frame):
         return bundle
     config = config or BundleConfig()
-    damping, cost = 1e-4, _cost(bundle, observations, config)
+    origin, unit = bundle.center[len(bundle.center) // 2], _unit(bundle)
+    problem = _Problem.of(bundle, origin, unit)
+    damping, cost = 1e-4, _cost(problem, observations, config)
     for _ in range(config.iterations):
-        system = _normal_equations(bundle, observations, config)
+        belief = cost  # priors weigh as much as a fraction of the present error
+        total = cost + _prior_cost(problem, config, belief)
+        system = _normal_equations(problem, observations, config, belief)
         for _ in range(8):
-            step = _solve(*system, damping)
-            moved = _moved(bundle, *step, config)
+            moved = problem.moved(*_solve(*system, damping), config)
             moved_cost = _cost(moved, observations, config)
-            if moved_cost < cost:
+            moved_total = moved_cost + _prior_cost(moved, config, belief)
+            if moved_total < total:
                 break
             damping *= 8
         else:
-            return bundle
-        finished = cost - moved_cost < 1e-4 * cost
-        bundle, cost, damping = moved, moved_cost, max(damping / 5, 1e-9)
+            break
+        finished = total - moved_total < 1e-4 * total
+        problem, cost, damping = moved.centred(), moved_cost, max(damping / 5, 1e-9)
         if finished:
-            return bundle
-    return bundle
+            break
+    return problem.bundle(origin, unit)
+
+
+def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
+    """What `adjust` minimises, per observation (px^2): robust squared error, and what is believed beforehand."""
+    problem = _Problem.of(bundle, bundle.center[len(bundle.center) // 2], _unit(bundle)).centred()
+    cost = _cost(problem, observations, config)
+    return (cost + _prior_cost(problem, config, cost)) / max(len(observations.frame), 1)
 
 
 def resect(
@@ -179,15 +206,19 @@ def resect(
     count = len(bundle.center)
     damping, cost = 1e-3, _frame_cost(bundle, seen, config)
     for _ in range(iterations):
-        residual, jacobian, _, weight = _linearise(bundle, seen, config)
-        sums = _incidence(seen.frame, count)
-        cameras, scaled = jacobian[:, :, :6], jacobian[:, :, :6] * weight[:, None, None]
+        local = bundle.local(seen)
+        project, plane, ahead = _projection(local, bundle.focal)
+        residual = np.where(ahead[:, None], bundle.focal * plane + bundle.principal - seen.uv, 0.0)
+        weight = seen.weight / (1 + (residual**2).sum(1) / robust_px**2) * ahead
+        cameras = np.concatenate([np.cross(local[:, None, :], project), -project @ bundle.rotation[seen.frame]], axis=2)
+        scaled, sums = cameras * weight[:, None, None], _incidence(seen.frame, count)
         normal = (sums @ np.einsum("oki,okj->oij", scaled, cameras).reshape(-1, 36)).reshape(-1, 6, 6)
         gradient = sums @ np.einsum("oki,ok->oi", scaled, residual)
         diagonal = np.einsum("fii->fi", normal)
         damped = normal + damping * diagonal[:, :, None] * np.eye(6) + 1e-9 * np.eye(6)
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
-        moved = _moved(bundle, step, 0.0, np.zeros_like(bundle.points), config)
+        turn = quaternion.to_matrix(quaternion.from_rotation_vector(step[:, :3]))
+        moved = replace(bundle, rotation=turn @ bundle.rotation, center=bundle.center + step[:, 3:])
         moved_cost = _frame_cost(moved, seen, config)
         better = moved_cost < cost  # (F,)
         bundle = replace(
@@ -206,14 +237,118 @@ def _incidence(index: np.ndarray, count: int) -> csr_matrix:
     return csr_matrix((np.ones(len(index)), (index, order)), shape=(count, len(index)))
 
 
+def _unit(bundle: Bundle) -> float:
+    """Median distance of the finite points from the middle camera; 1 without any."""
+    distance = np.linalg.norm(bundle.points - bundle.center[len(bundle.center) // 2], axis=1)
+    distance = distance[np.isfinite(distance)]
+    return max(float(np.median(distance)), 1e-12) if len(distance) else 1.0
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """A bundle while it is adjusted: the middle camera near the origin, median distance near 1, homogeneous points."""
+
+    focal: float
+    principal: np.ndarray
+    rotation: np.ndarray
+    """(F, 3, 3) world to camera."""
+    center: np.ndarray
+    """(F, 3)."""
+    points: np.ndarray
+    """(P, 4) of length 1, the last one not negative."""
+    origin: np.ndarray
+    """(3,) where its origin lies in the axes it began with."""
+    unit: float
+    """Its unit in the one it began with."""
+
+    @classmethod
+    def of(cls, bundle: Bundle, origin: np.ndarray, unit: float) -> _Problem:
+        points = np.column_stack([(bundle.points - origin) / unit, np.ones(len(bundle.points))])
+        points /= np.linalg.norm(points, axis=1, keepdims=True)
+        center = (bundle.center - origin) / unit
+        return cls(bundle.focal, bundle.principal, bundle.rotation, center, points, np.zeros(3), 1.0)
+
+    def bundle(self, origin: np.ndarray, unit: float) -> Bundle:
+        """Back in the world that `of` was given, with its `origin` and `unit`."""
+
+        def outside(xyz: np.ndarray) -> np.ndarray:
+            return origin + unit * (self.origin + self.unit * xyz)
+
+        distance = np.linalg.norm(self.points[:, :3], axis=1, keepdims=True)
+        points = self.points[:, :3] / np.maximum(self.points[:, 3:], np.maximum(distance, 1e-12) / FARTHEST_POINT)
+        return Bundle(self.focal, self.principal, self.rotation, outside(self.center), outside(points))
+
+    @property
+    def inverse_distance(self) -> np.ndarray:
+        """(P,) inverse distances of the points from the origin."""
+        return self.points[:, 3] / np.maximum(np.linalg.norm(self.points[:, :3], axis=1), 1e-9)
+
+    @property
+    def tangents(self) -> np.ndarray:
+        """(P, 4, 3) orthonormal directions in which a point of the unit sphere can move (a Householder reflection)."""
+        normal = self.points.copy()
+        normal[:, 3] += 1.0
+        reflection = np.eye(4) - 2 * normal[:, :, None] * normal[:, None, :] / (normal**2).sum(1)[:, None, None]
+        return reflection[:, :, :3]
+
+    def local(self, observations: Observations) -> np.ndarray:
+        """Observed points in the axes of their camera, `(O, 3)`, scaled by the length of the homogeneous vector."""
+        seen = self.points[observations.point]
+        offset = seen[:, :3] - seen[:, 3:] * self.center[observations.frame]
+        return np.einsum("oij,oj->oi", self.rotation[observations.frame], offset)
+
+    def moved(self, cameras: np.ndarray, focal: float, points: np.ndarray, config: BundleConfig) -> _Problem:
+        """After a step of the cameras `(F, 6)`, of the logarithm of the focal length, and of the points `(P, 3)`."""
+        turn = quaternion.to_matrix(quaternion.from_rotation_vector(cameras[:, :3]))
+        stepped = self.points + np.einsum("pij,pj->pi", self.tangents, points)
+        farthest = np.linalg.norm(stepped[:, :3], axis=1) / FARTHEST_POINT
+        stepped[:, 3] = np.maximum(stepped[:, 3], farthest)  # nothing lies beyond infinity
+        return replace(
+            self,
+            rotation=np.einsum("fij,fjk->fik", turn, self.rotation),
+            center=self.center + cameras[:, 3:] if config.refine_centers else self.center,
+            focal=self.focal * float(np.exp(np.clip(focal, -0.3, 0.3))),
+            points=stepped / np.linalg.norm(stepped, axis=1, keepdims=True),
+        )
+
+    def centred(self) -> _Problem:
+        """The same with the middle camera at the origin and the median inverse distance 1."""
+        shift = self.center[len(self.center) // 2]
+        xyz = self.points[:, :3] - self.points[:, 3:] * shift
+        inverse = self.points[:, 3] / np.maximum(np.linalg.norm(xyz, axis=1), 1e-9)
+        factor = max(float(np.median(inverse)), 1e-3)
+        points = np.column_stack([xyz, self.points[:, 3] / factor])
+        return replace(
+            self,
+            center=(self.center - shift) * factor,
+            points=points / np.linalg.norm(points, axis=1, keepdims=True),
+            origin=self.origin + self.unit * shift,
+            unit=self.unit / factor,
+        )
+
+
 def _robust(squared: np.ndarray, config: BundleConfig) -> np.ndarray:
-    """Cauchy cost of squared errors; points behind the camera cost as much as a miss of 1000 px."""
+    """Cauchy cost of squared errors, infinite ones as misses by `BEHIND_PX`."""
     scale = config.robust_px**2
-    return scale * np.log1p(np.where(np.isfinite(squared), squared, 1e6) / scale)
+    return scale * np.log1p(np.where(np.isfinite(squared), squared, BEHIND_PX**2) / scale)
 
 
-def _cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
-    return float((observations.weight * _robust((bundle.residuals(observations) ** 2).sum(1), config)).sum())
+def _cost(problem: _Problem, observations: Observations, config: BundleConfig) -> float:
+    local = problem.local(observations)
+    ahead = local[:, 2:] > MIN_DEPTH
+    projected = problem.focal * local[:, :2] / np.where(ahead, local[:, 2:], 1.0) + problem.principal
+    squared = (np.where(ahead, projected - observations.uv, np.inf) ** 2).sum(1)
+    return float((observations.weight * _robust(squared, config)).sum())
+
+
+def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float:
+    """Cost of what is believed beforehand, in units of `belief`."""
+    cost = DEPTH_PRIOR * np.mean((problem.inverse_distance - 1) ** 2) if config.refine_centers else 0.0
+    if config.refine_centers:
+        cost += PATH_PRIOR * np.mean((problem.center**2).sum(1))
+    if config.refine_focal and config.expected_focal:
+        cost += FOCAL_PRIOR * np.log(problem.focal / config.expected_focal) ** 2
+    return belief * float(cost)
 
 
 def _frame_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> np.ndarray:
@@ -221,39 +356,48 @@ def _frame_cost(bundle: Bundle, observations: Observations, config: BundleConfig
     return np.bincount(observations.frame, cost, len(bundle.center))
 
 
-def _linearise(
-    bundle: Bundle, observations: Observations, config: BundleConfig
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals `(O, 2)`, Jacobians to (rotation, centre, focal) `(O, 2, 7)` and point `(O, 2, 3)`, weights `(O,)`."""
-    local = bundle.local(observations)
+def _projection(local: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivative `(O, 2, 3)` of the picture to points in camera axes, the plane `(O, 2)` they fall on, which lie ahead."""
     ahead = local[:, 2] > MIN_DEPTH
     z = np.where(ahead, local[:, 2], 1.0)
     plane = local[:, :2] / z[:, None]
-    residual = np.where(ahead[:, None], bundle.focal * plane + bundle.principal - observations.uv, 0.0)
-    project = np.zeros((len(z), 2, 3))  # d uv / d local
-    project[:, 0, 0] = project[:, 1, 1] = bundle.focal / z
-    project[:, :, 2] = -bundle.focal * plane / z[:, None]
-    to_point = np.einsum("oij,ojk->oik", project, bundle.rotation[observations.frame])
+    project = np.zeros((len(z), 2, 3))
+    project[:, 0, 0] = project[:, 1, 1] = focal / z
+    project[:, :, 2] = -focal * plane / z[:, None]
+    return project, plane, ahead
+
+
+def _linearise(
+    problem: _Problem, observations: Observations, config: BundleConfig
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals `(O, 2)`, Jacobians to (rotation, centre, log focal) `(O, 2, 7)` and point `(O, 2, 3)`, weights `(O,)`."""
+    local = problem.local(observations)
+    project, plane, ahead = _projection(local, problem.focal)
+    residual = np.where(ahead[:, None], problem.focal * plane + problem.principal - observations.uv, 0.0)
+    turned = project @ problem.rotation[observations.frame]
+    tangents, scale = problem.tangents[observations.point], problem.points[observations.point, 3]
+    to_scale = -np.einsum("oij,oj->oi", turned, problem.center[observations.frame])
+    to_point = turned @ tangents[:, :3] + to_scale[:, :, None] * tangents[:, 3][:, None, :]
     to_rotation = np.cross(local[:, None, :], project)  # d local / d omega = -[local]x for R <- exp(omega) R
-    to_camera = np.concatenate([to_rotation, -to_point, plane[:, :, None]], axis=2)
+    to_camera = np.concatenate([to_rotation, -turned * scale[:, None, None], problem.focal * plane[:, :, None]], axis=2)
     weight = observations.weight / (1 + (residual**2).sum(1) / config.robust_px**2) * ahead
     return residual, to_camera, to_point, weight
 
 
 def _normal_equations(
-    bundle: Bundle, observations: Observations, config: BundleConfig
+    problem: _Problem, observations: Observations, config: BundleConfig, belief: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Camera block `(6F+1, 6F+1)`, its gradient, coupling `(6F+1, P, 3)`, point blocks `(P, 3, 3)`, point gradient."""
-    frames, count = len(bundle.center), len(bundle.points)
-    residual, to_camera, to_point, weight = _linearise(bundle, observations, config)
+    """Camera block `(6F+1, 6F+1)`, its gradient, coupling `(3, 6F+1, P)`, point blocks `(P, 3, 3)`, point gradient."""
+    frames, count = len(problem.center), len(problem.points)
+    residual, to_camera, to_point, weight = _linearise(problem, observations, config)
     if not config.refine_centers:
         to_camera[:, :, 3:6] = 0
     if not config.refine_focal:
         to_camera[:, :, 6] = 0
-    weighted = to_camera * weight[:, None, None]
+    weighted = (to_camera * weight[:, None, None]).transpose(0, 2, 1)  # (O, 7, 2)
     by_frame, by_point = _incidence(observations.frame, frames), _incidence(observations.point, count)
-    blocks = (by_frame @ np.einsum("oki,okj->oij", weighted, to_camera).reshape(-1, 49)).reshape(-1, 7, 7)
-    camera_gradient = by_frame @ np.einsum("oki,ok->oi", weighted, residual)  # (F, 7)
+    blocks = (by_frame @ np.matmul(weighted, to_camera).reshape(-1, 49)).reshape(-1, 7, 7)
+    camera_gradient = by_frame @ np.einsum("oik,ok->oi", weighted, residual)  # (F, 7)
     size = 6 * frames
     camera, gradient = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
     for f in range(frames):
@@ -263,16 +407,44 @@ def _normal_equations(
     camera[size, size], gradient[size] = blocks[:, 6, 6].sum(), camera_gradient[:, 6].sum()
     gradient[:size] = camera_gradient[:, :6].ravel()
 
-    coupling_rows = np.einsum("oki,okj->oij", weighted, to_point)  # (O, 7, 3)
-    coupling = np.zeros((frames, 6, count, 3))
+    coupling_rows = np.matmul(weighted, to_point).transpose(0, 2, 1)  # (O, 3, 7)
+    coupling = np.zeros((3, frames, 6, count))
     # A point is sighted once per frame, so plain assignment adds nothing up twice.
-    coupling[observations.frame, :, observations.point] = coupling_rows[:, :6]
-    focal_row = (by_point @ coupling_rows[:, 6]).reshape(1, count, 3)
-    coupling = np.concatenate([coupling.reshape(size, count, 3), focal_row])
-    scaled = to_point * weight[:, None, None]
-    points = (by_point @ np.einsum("oki,okj->oij", scaled, to_point).reshape(-1, 9)).reshape(-1, 3, 3)
-    point_gradient = by_point @ np.einsum("oki,ok->oi", scaled, residual)
+    coupling[:, observations.frame, :, observations.point] = coupling_rows[:, :, :6]
+    focal_row = (by_point @ coupling_rows[:, :, 6]).T.reshape(3, 1, count)
+    coupling = np.concatenate([coupling.reshape(3, size, count), focal_row], axis=1)
+    scaled = (to_point * weight[:, None, None]).transpose(0, 2, 1)
+    points = (by_point @ np.matmul(scaled, to_point).reshape(-1, 9)).reshape(-1, 3, 3)
+    point_gradient = by_point @ np.einsum("oik,ok->oi", scaled, residual)
+    _add_priors(problem, config, belief, camera, gradient, points, point_gradient)
     return camera, gradient, coupling, points, point_gradient
+
+
+def _add_priors(
+    problem: _Problem,
+    config: BundleConfig,
+    belief: float,
+    camera: np.ndarray,
+    gradient: np.ndarray,
+    points: np.ndarray,
+    point_gradient: np.ndarray,
+) -> None:
+    """Add derivatives of `_prior_cost` / 2 to the normal equations, in place."""
+    frames, count = len(problem.center), len(problem.points)
+    if config.refine_focal and config.expected_focal:
+        camera[-1, -1] += belief * FOCAL_PRIOR
+        gradient[-1] += belief * FOCAL_PRIOR * np.log(problem.focal / config.expected_focal)
+    if not config.refine_centers:
+        return
+    places = (6 * np.arange(frames)[:, None] + np.arange(3, 6)).ravel()
+    camera[places, places] += belief * PATH_PRIOR / frames
+    gradient[places] += belief * PATH_PRIOR / frames * problem.center.ravel()
+    distance = np.maximum(np.linalg.norm(problem.points[:, :3], axis=1), 1e-9)
+    inverse = problem.inverse_distance
+    slope = np.column_stack([-(inverse / distance**2)[:, None] * problem.points[:, :3], 1 / distance])
+    slope = np.einsum("pi,pij->pj", slope, problem.tangents)
+    points += belief * DEPTH_PRIOR / count * slope[:, :, None] * slope[:, None, :]
+    point_gradient += belief * DEPTH_PRIOR / count * slope * (inverse - 1)[:, None]
 
 
 def _solve(
@@ -283,30 +455,21 @@ def _solve(
     point_gradient: np.ndarray,
     damping: float,
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Steps of the cameras `(F, 6)`, the focal length and the points `(P, 3)`."""
+    """Steps of the cameras `(F, 6)`, the log focal length and the points `(P, 3)`."""
     floor = 1e-9 * max(float(np.einsum("pii->pi", points).mean()), 1e-12)
     diagonal = np.einsum("pii->pi", points)
     inverse = np.linalg.inv(points + (damping * diagonal + floor)[:, :, None] * np.eye(3))
-    eliminated = np.einsum("cpi,pij->cpj", coupling, inverse)
-    flat = eliminated.reshape(len(camera), -1)
+    eliminated = [sum(coupling[i] * inverse[:, i, j] for i in range(3)) for j in range(3)]
     own = np.diag(camera)
     # Unknowns that are held fixed have empty rows: a unit pivot keeps them at zero.
     system = camera + np.diag(damping * own + np.where(own > 0, 1e-9 * own.mean(), 1.0))
-    system -= flat @ coupling.reshape(len(camera), -1).T
-    step = -np.linalg.solve(system, gradient - flat @ point_gradient.ravel())
-    moved = -np.einsum("pij,pj->pi", inverse, point_gradient + np.einsum("c,cpi->pi", step, coupling))
+    reduced = gradient.copy()
+    for part, whole, slope in zip(eliminated, coupling, point_gradient.T, strict=True):
+        system -= part @ whole.T
+        reduced -= part @ slope
+    step = -np.linalg.solve(system, reduced)
+    moved = -np.einsum("pij,pj->pi", inverse, point_gradient + (step @ coupling).T)
     return step[:-1].reshape(-1, 6), float(step[-1]), moved
-
-
-def _moved(bundle: Bundle, cameras: np.ndarray, focal: float, points: np.ndarray, config: BundleConfig) -> Bundle:
-    turn = quaternion.to_matrix(quaternion.from_rotation_vector(cameras[:, :3]))
-    return replace(
-        bundle,
-        rotation=np.einsum("fij,fjk->fik", turn, bundle.rotation),
-        center=bundle.center + cameras[:, 3:] if config.refine_centers else bundle.center,
-        focal=bundle.focal * float(np.exp(np.clip(focal / bundle.focal, -0.3, 0.3))),
-        points=bundle.points + points,
-    )
 
 
 def from_matrices(

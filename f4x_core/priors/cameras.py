@@ -1,15 +1,18 @@
 """Camera path of the supervised frames from pictures and tracks (provider `classical`).
 
-1. Evidence decides the kind: nothing static moves -> `static`; turning alone explains the static tracks -> `pan`; else
-   `moving`. 2. A first solution: aligned depth where a depth prior exists, pycolmap on keyframes, or own structure from
-   motion. 3. The focal length is searched over the whole plausible range, because turning cameras pull it to nonsense.
-4. All frames are resected and adjusted together on static tracks. Held-out frames are never looked at; how much real shake
-   their interpolated cameras will miss is measured (`statistics["cameras"]["interpolation_px"]`).
+1. Nothing static moves -> `static`. 2. Otherwise a first solution: aligned depth where a depth prior exists; else a camera
+   that only turns, all its frames at once set free to move (as structure from small motion does: Yu and Gallup, "3D
+   Reconstruction from Accidental Motion", 2014; Ha et al., "High-Quality Depth from Uncalibrated Small Motion Clip", 2016);
+   else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image in depth
+   (`mirror`). 4. Where moving explains the tracks no better than turning, the clip is a `pan`, else `moving`, however
+   little. 5. All frames are resected and adjusted together on static tracks, the focal length with them. Held-out frames
+   are never looked at; how much real shake their interpolated cameras will miss is measured
+   (`statistics["cameras"]["interpolation_px"]`).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,11 +22,11 @@ from ..geometry.camera import CameraPath
 from ..progress import Progress
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
 from .config import CamerasConfig, PriorsConfig
+from .mirror import Witnesses, decide, lowest_is_nearest
 from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
     Solution,
-    adjust_known,
     refocused,
     search_focal,
     sightings,
@@ -31,6 +34,7 @@ from .sfm import (
     solve_with_colmap,
     solve_with_depth,
     solve_with_tracks,
+    subset,
 )
 
 if TYPE_CHECKING:
@@ -39,8 +43,17 @@ if TYPE_CHECKING:
 
 STATIC_PX = 0.5
 """A clip is static when no pair of frames shifts its static tracks by this much (median over the tracks)."""
-PAN_PX = 1.0
-"""A clip is a pan when turning explains nine tenths of the static sightings to within this many pixels."""
+SAMPLED_POINTS, SAMPLED_FRAMES = 500, 24
+"""Points and frames on which solutions are compared: 500 x 24 take two seconds, and find what 2,000 x 90 find."""
+FEWEST_SAMPLED, MOST_SAMPLED_FRAMES = 200, 96
+"""Where fewer points than this are seen in three of the sampled frames, more frames are sampled, up to so many."""
+TRANSLATION_GAIN = 0.2
+"""A camera moves when that lowers the squared error of one that only turns by this fraction, beyond what its unknowns win
+on noise."""
+TRANSLATION_PX = 0.2
+"""... and when its path shifts near against far by this many pixels (rms)."""
+LARGE_TRANSLATION_PX = 8.0
+"""From here on a translation is `large`: depth is measured, not hinted at."""
 STATIC_MOTION = 0.5
 """Tracks with a motion score below this hold the cameras."""
 
@@ -85,11 +98,11 @@ def provide(
             priors.warn("Too few points stand still to find the camera's motion; it is taken to stand still.")
         solution, kind = _still(len(times), focal, principal), "static"
     else:
-        solution, kind = _solve(clip, priors, settings, tracks, visible, static, focal, statistics, progress, first)
+        job = _Job(clip, priors, settings, tracks, visible, static, focal, first, statistics, progress)
+        solution, kind = _solve(job)
         progress("cameras", 3, 4, "refine the path")
-        translating = kind == "moving"
-        if translating:
-            solution = complete(solution, tracks, visible, static, times)
+        if kind == "moving":
+            solution = complete(solution, tracks, visible, static, times, job.lens)
         solution = replace(solution, bundle=_first_camera_at_origin(solution.bundle))
         inliers = solution.bundle.errors(solution.observations)
         if len(inliers):
@@ -110,6 +123,43 @@ def provide(
     }
     priors.statistics["cameras"] = statistics
     progress("cameras", 4, 4, f"{kind}, focal length {statistics['focal_over_width']:.2f} of the width")
+
+
+@dataclass(frozen=True)
+class _Job:
+    """The clip whose cameras are looked for, and what is known of it."""
+
+    clip: Clip
+    priors: Priors
+    settings: CamerasConfig
+    tracks: np.ndarray
+    """(F, N, 2) pixels."""
+    visible: np.ndarray
+    """(F, N) bool."""
+    static: np.ndarray
+    """(N,) bool."""
+    focal: float
+    """Pixels: given, or the first guess."""
+    first: Solution | None
+    """What another provider found."""
+    statistics: dict[str, Any]
+    """Filled on the way."""
+    progress: Progress
+
+    @property
+    def lens(self) -> BundleConfig:
+        """How the focal length is treated: held where it is given, else free around what is expected."""
+        known = self.settings.focal is not None or self.first is not None
+        return BundleConfig(refine_focal=not known, expected_focal=self.focal)
+
+    @property
+    def principal(self) -> np.ndarray:
+        """(2,) pixels."""
+        return np.array([self.priors.width, self.priors.height]) / 2
+
+    def witnesses(self, frames: np.ndarray) -> Witnesses:
+        """What tells near from far, for cameras of the supervised frames `frames`."""
+        return Witnesses(frames, self.tracks, self.visible, self.static, self.priors.mask, self.priors.depth)
 
 
 def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,11 +193,14 @@ def complete(
     visible: np.ndarray,
     static: np.ndarray,
     times: np.ndarray,
+    lens: BundleConfig | None = None,
 ) -> Solution:
     """All frames registered and adjusted together on the solution's own observations and the static tracks.
 
-    Missing frames start from the interpolated path, the ones next to a known camera first, and are resected.
+    Missing frames start from the interpolated path, the ones next to a known camera first, and are resected. `lens`: whether
+    the focal length is adjusted with them; held when left out.
     """
+    lens = lens or BundleConfig(refine_focal=False)
     extra, order = sightings(tracks, visible, static, ADJUSTED_TRACKS)
     bundle, own = solution.bundle, _longest(solution, ADJUSTED_TRACKS)
     offset = len(bundle.points)
@@ -169,7 +222,7 @@ def complete(
         registered[ring] = True
     bundle = _triangulated(bundle, observations, registered, offset)
     bundle, observations = _without_outliers(bundle, observations)
-    refined = adjust(bundle, observations, BundleConfig(iterations=10, refine_focal=False))
+    refined = adjust(bundle, observations, replace(lens, iterations=10))
     return Solution(*_without_outliers(refined, observations), registered)
 
 
@@ -198,93 +251,142 @@ def interpolation_error(bundle: Bundle, observations: Observations, times: np.nd
     return {"mean": round(float(np.mean(errors)), 3), "p90": round(float(np.percentile(errors, 90)), 3)}
 
 
-def _solve(
-    clip: Clip,
-    priors: Priors,
-    settings: CamerasConfig,
-    tracks: np.ndarray,
-    visible: np.ndarray,
-    static: np.ndarray,
-    focal: float,
-    statistics: dict[str, Any],
-    progress: Progress,
-    first: Solution | None,
-) -> tuple[Solution, str]:
-    """A solution for a camera that does not stand still, and its kind (`pan` or `moving`); `first` is one to start from."""
-    principal = np.array([priors.width, priors.height]) / 2
-    turning = solve_rotations(tracks, visible, static, focal, principal)
-    known = settings.focal is not None or first is not None
-    candidates = [focal / priors.width] if known else FOCALS
-    sample, search = search_focal(turning, priors.width, candidates, translating=False)
+def _solve(job: _Job) -> tuple[Solution, str]:
+    """A solution for a camera that does not stand still, right way round, and its kind (`pan` or `moving`)."""
+    turning = solve_rotations(job.tracks, job.visible, job.static, job.focal, job.principal, 4 * SAMPLED_POINTS)
+    candidates = FOCALS if job.lens.refine_focal else [job.focal / job.priors.width]
+    sample, search = search_focal(turning, job.priors.width, candidates, translating=False)
     errors = sample.bundle.errors(sample.observations)
     parallax = float(np.percentile(errors, 90)) if len(errors) else 0.0
-    statistics |= {"parallax_px": _json(parallax), "pan_focal_search": search}
-    if settings.kind == "pan" or (settings.kind is None and parallax < PAN_PX):
-        priors.warn(
-            "The camera only turns (almost no parallax): the depth of the background cannot be measured, so it is a guess"
-            " and views from other places will look flat."
-        )
-        return _adjusted_pan(turning, sample.bundle.focal), "pan"
+    job.statistics.update({"parallax_px": _json(parallax), "pan_focal_search": search})
+    if job.settings.kind == "pan":
+        return _pan(job, turning, sample.bundle.focal), "pan"
 
-    progress("cameras", 1, 4, "first cameras")
-    if first is not None:
-        statistics |= {"solver": settings.provider, "registered": int(first.registered.sum())}
-        return first, "moving"
-    solution, solver = _first_solution(clip, priors, settings, tracks, visible, static, focal, statistics)
-    if solution is None:
-        priors.warn(
+    moved, solver = _moving(job, refocused(turning, job.focal, translating=False))
+    if moved is None:
+        job.priors.warn(
             "The camera's motion could not be reconstructed (too little parallax or texture); only its turning is kept and"
             " the background becomes flat. Give cameras of another program if you have them."
         )
         return _adjusted_pan(turning, sample.bundle.focal), "pan"
-    statistics |= {"solver": solver, "registered": int(solution.registered.sum())}
-    if settings.focal is None and solver != "depth":
-        progress("cameras", 2, 4, "focal length")
-        sample, statistics["focal_search"] = search_focal(solution, priors.width, FOCALS)
-        if not np.isclose(sample.bundle.focal, solution.bundle.focal, rtol=0.1):
-            solution = refocused(solution, sample.bundle.focal)
-        # The solver's own observations decide the focal length: the drift of long tracks would bend it.
-        free = adjust_known(solution.bundle, solution.observations, solution.registered, BundleConfig(iterations=10))
-        if not 0.8 < free.focal / sample.bundle.focal < 1.25:
-            held = BundleConfig(iterations=10, refine_focal=False)
-            free = adjust_known(solution.bundle, solution.observations, solution.registered, held)
-        solution = replace(solution, bundle=free)
-    return solution, "moving"
+    if job.settings.kind is None and not _translates(job, moved):
+        return _pan(job, turning, sample.bundle.focal), "pan"
+    job.statistics.update({"solver": solver, "registered": int(moved.registered.sum())})
+    return moved, "moving"
 
 
-def _first_solution(
-    clip: Clip,
-    priors: Priors,
-    settings: CamerasConfig,
-    tracks: np.ndarray,
-    visible: np.ndarray,
-    static: np.ndarray,
-    focal: float,
-    statistics: dict[str, Any],
-) -> tuple[Solution | None, str]:
-    """The first acceptable solution of: depth, colmap on keyframes, own structure from motion; else the fullest one."""
+def _pan(job: _Job, turning: Solution, focal: float) -> Solution:
+    job.statistics.pop("mirror", None)
+    job.priors.warn(
+        "The camera only turns (almost no parallax): the depth of the background cannot be measured, so it is a guess"
+        " and views from other places will look flat."
+    )
+    return _adjusted_pan(turning, focal)
+
+
+def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
+    """A sample of a solution and its frames: more frames where tracks are too short to be seen in three of a few."""
+    frames = SAMPLED_FRAMES
+    while True:
+        sample, kept = subset(solution, SAMPLED_POINTS, frames)
+        enough = len(sample.bundle.points) >= FEWEST_SAMPLED
+        if enough or len(kept) == solution.registered.sum() or frames >= MOST_SAMPLED_FRAMES:
+            return sample, kept
+        frames *= 2
+
+
+def _right_way_round(job: _Job, start: Solution) -> Solution | None:
+    """The solution, or its mirror image, adjusted on a sample of frames; None where no sample can be taken."""
+    sample, frames = _sampled(start)
+    if not len(sample.observations.frame):
+        return None
+    starts = [sample.bundle]
+    if not start.bundle.center.any():  # it only turns yet: a world that is nearer below, and one that is nearer above
+        directions = sample.bundle.points / np.linalg.norm(sample.bundle.points, axis=1, keepdims=True)
+        below = lowest_is_nearest(directions, sample.bundle.rotation)
+        starts = [replace(sample.bundle, points=directions / inverse[:, None]) for inverse in (below, 1 / below)]
+    decision = decide(starts, sample.observations, job.lens, job.witnesses(frames))
+    job.statistics["mirror"] = decision.summary()
+    registered = np.zeros(len(job.tracks), bool)
+    registered[frames] = True
+    rotation, center = start.bundle.rotation.copy(), start.bundle.center.copy()
+    rotation[frames], center[frames] = decision.bundle.rotation, decision.bundle.center
+    bundle = replace(decision.bundle, rotation=rotation, center=center)
+    observations = replace(sample.observations, frame=frames[sample.observations.frame])
+    return Solution(bundle, observations, registered)
+
+
+def _translates(job: _Job, moved: Solution) -> bool:
+    """Whether the camera's path explains what turning does not; fills `statistics["cameras"]["translation"]`."""
+    sample, _ = subset(moved, len(moved.bundle.points), int(moved.registered.sum()))
+    bundle, seen = sample.bundle, sample.observations
+    still = refocused(Solution(bundle, seen, sample.registered), bundle.focal, translating=False).bundle
+    still = replace(still, center=np.zeros_like(still.center))
+    fixed = replace(job.lens, refine_centers=False, iterations=20)
+    still = adjust(still, seen, fixed)
+    costs = [_mean_cost(one, seen) for one in (bundle, still)]
+    unknown = 3 * len(bundle.center) + len(bundle.points)
+    gain = 1 - costs[0] / max(costs[1], 1e-12) / max(1 - unknown / (2 * len(seen.frame)), 0.1)
+    z = bundle.local(seen)[:, 2]
+    inverse = 1 / np.maximum(z, 1e-9)
+    spread = float(np.clip(inverse, *np.percentile(inverse, (2, 98))).std())
+    reach = np.sqrt(((bundle.center - bundle.center.mean(0)) ** 2).sum(1).mean())
+    size = float(bundle.focal * spread * reach)
+    verdict = "large" if size >= LARGE_TRANSLATION_PX else "small"
+    real = gain >= TRANSLATION_GAIN and size >= TRANSLATION_PX
+    job.statistics["translation"] = {
+        "size_px": _json(size),
+        "gain": _json(gain),
+        "verdict": verdict if real else "none",
+    }
+    return real
+
+
+def _mean_cost(bundle: Bundle, observations: Observations) -> float:
+    """Mean Cauchy cost (px^2) of the sightings."""
+    squared = np.minimum(bundle.errors(observations), 1e3) ** 2
+    return float(np.log1p(squared).mean())
+
+
+def _moving(job: _Job, turning: Solution) -> tuple[Solution | None, str]:
+    """A solution that translates, right way round, by the first solver that serves, and the solver's name."""
+    settings, priors = job.settings, job.priors
+    job.progress("cameras", 1, 4, "first cameras")
+    if job.first is not None:
+        return _right_way_round(job, job.first), settings.provider
     if priors.depth is not None and settings.solver in ("auto", "depth"):
-        known = focal if settings.focal else None
-        solution, statistics["focal_search"] = solve_with_depth(
-            tracks, visible, static, priors.depth, known, priors.width
+        known = job.focal if settings.focal else None
+        solution, job.statistics["focal_search"] = solve_with_depth(
+            job.tracks, job.visible, job.static, priors.depth, known, priors.width
         )
         if solution.error < 4 * MAX_ERROR_PX:  # the final adjustment no longer leans on the depth and comes below
-            return solution, "depth"
+            return _right_way_round(job, solution), "depth"
+    direct = None
+    if settings.solver in ("auto", "direct"):
+        direct = _right_way_round(job, turning)
+        if direct is not None and (direct.error < 2 * MAX_ERROR_PX or settings.solver == "direct"):
+            return direct, "direct"
+    mirror = job.statistics.get("mirror")
+    start, solver = _from_parts(job)
+    if start is not None:
+        return _right_way_round(job, start), solver
+    job.statistics["mirror"] = mirror
+    return direct, "direct"
+
+
+def _from_parts(job: _Job) -> tuple[Solution | None, str]:
+    """What pycolmap finds on keyframes, or own incremental structure from motion, whichever serves better; None if neither."""
+    settings = job.settings
     tried: list[tuple[Solution, str]] = []
-    keyframes = _keyframes(len(tracks), settings.keyframes)
+    keyframes = _keyframes(len(job.tracks), settings.keyframes)
     if settings.solver in ("auto", "colmap"):
-        pictures = [clip.frames[frame] for frame in np.asarray(clip.supervised)[keyframes]]
-        masks = None if priors.mask is None else _grown(priors.mask[keyframes])
-        found = solve_with_colmap(
-            pictures, masks, focal, settings.focal is not None, settings.features, settings.threads, settings.seed
-        )
+        found = _solve_keyframes(job, keyframes)
         if found is not None:
-            tried.append((_spread(found, keyframes, len(tracks)), "colmap"))
-            if found.registered.mean() >= MIN_REGISTERED and found.error < MAX_ERROR_PX:
+            tried.append((found, "colmap"))
+            if found.registered.sum() >= MIN_REGISTERED * len(keyframes) and found.error < MAX_ERROR_PX:
                 return tried[0]
     if settings.solver in ("auto", "tracks"):
-        principal = np.array([priors.width, priors.height]) / 2
-        found = solve_with_tracks(tracks, visible, static, focal, principal, settings.seed)
+        found = solve_with_tracks(job.tracks, job.visible, job.static, job.focal, job.principal, settings.seed)
         if found is not None:
             tried.append((found, "tracks"))
     if not tried:
@@ -292,9 +394,20 @@ def _first_solution(
     best = max(tried, key=lambda entry: (entry[0].error < 2 * MAX_ERROR_PX, _covered(entry[0].registered)))
     if not best[0].error < 2 * MAX_ERROR_PX or _covered(best[0].registered) < 0.5:
         return None, "none"
-    if best[0].registered.sum() < MIN_REGISTERED * (len(keyframes) if best[1] == "colmap" else len(tracks)):
-        priors.warn("Some cameras could not be solved from the pictures and are continued from their neighbours.")
+    if best[0].registered.sum() < MIN_REGISTERED * (len(keyframes) if best[1] == "colmap" else len(job.tracks)):
+        job.priors.warn("Some cameras could not be solved from the pictures and are continued from their neighbours.")
     return best
+
+
+def _solve_keyframes(job: _Job, keyframes: np.ndarray) -> Solution | None:
+    """What pycolmap finds on the keyframes, as a solution of all frames."""
+    settings, priors = job.settings, job.priors
+    pictures = [job.clip.frames[frame] for frame in np.asarray(job.clip.supervised)[keyframes]]
+    masks = None if priors.mask is None else _grown(priors.mask[keyframes])
+    found = solve_with_colmap(
+        pictures, masks, job.focal, settings.focal is not None, settings.features, settings.threads, settings.seed
+    )
+    return None if found is None else _spread(found, keyframes, len(job.tracks))
 
 
 def _adjusted_pan(turning: Solution, focal: float) -> Solution:

@@ -249,7 +249,7 @@ def search_focal(
     `candidates` are in picture widths. For each the cameras and points of the sample are adjusted with the focal length
     held; `FOCAL_PRIOR` decides where the curve is flat (little parallax, little rotation).
     """
-    sample = _subset(solution, 400, 24)
+    sample, _ = subset(solution, 400, 24)
     if not len(sample.observations.frame):
         return sample, {}
     settings = BundleConfig(iterations=8, refine_focal=False, refine_centers=translating)
@@ -306,8 +306,8 @@ def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
     return replace(bundle, points=points / (np.linalg.norm(points, axis=1, keepdims=True) + 1e-12))
 
 
-def _subset(solution: Solution, points: int, frames: int) -> Solution:
-    """A smaller problem with the same geometry: the most seen points in evenly spaced registered frames."""
+def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.ndarray]:
+    """A smaller problem with the same geometry, and its frames: the most seen points in evenly spaced registered frames."""
     registered = np.flatnonzero(solution.registered)
     kept = registered[np.unique(np.linspace(0, len(registered) - 1, min(frames, len(registered))).round().astype(int))]
     finite = np.isfinite(solution.bundle.points).all(1)
@@ -323,7 +323,7 @@ def _subset(solution: Solution, points: int, frames: int) -> Solution:
         points=solution.bundle.points[chosen],
     )
     seen = replace(seen, frame=np.searchsorted(kept, seen.frame), point=np.searchsorted(chosen, seen.point))
-    return Solution(bundle, seen, np.ones(len(kept), bool))
+    return Solution(bundle, seen, np.ones(len(kept), bool)), kept
 
 
 def _structure(bundle: Bundle, observations: Observations, registered: np.ndarray) -> Bundle:

@@ -84,17 +84,19 @@ def test_adjustment_undoes_disturbed_cameras_points_and_focal():
     assert abs(fov(found.focal) - fov(FOCAL)) < 1
 
 
-def test_normal_equations_are_the_derivative_of_the_cost():
-    """The gradient that moves cameras, focal length and points against finite differences of the robust cost."""
+@pytest.mark.parametrize("belief", [0.0, 50.0])
+def test_normal_equations_are_the_derivative_of_the_cost(belief):
+    """The gradient that moves cameras, focal length and points against finite differences of the robust cost, with priors."""
     from f4x_core.priors import bundle as module
 
     true = truth(frames=4, points=20)
-    observations, config = observe(true, noise=1.0), BundleConfig()
-    _, gradient, _, _, point_gradient = module._normal_equations(true, observations, config)
+    observations, config = observe(true, noise=1.0), BundleConfig(expected_focal=1.3 * FOCAL)
+    problem = module._Problem.of(true, true.center[2], 2.0)
+    _, gradient, _, _, point_gradient = module._normal_equations(problem, observations, config, belief)
 
     def cost(cameras, focal, points):
-        moved = module._moved(true, cameras, focal, points, config)
-        return module._cost(moved, observations, config) / 2
+        moved = problem.moved(cameras, focal, points, config)
+        return (module._cost(moved, observations, config) + module._prior_cost(moved, config, belief)) / 2
 
     zero, still = np.zeros((4, 6)), np.zeros((20, 3))
     h = 1e-6
@@ -104,11 +106,25 @@ def test_normal_equations_are_the_derivative_of_the_cost():
         slope = (cost(step, 0.0, still) - cost(-step, 0.0, still)) / (2 * h)
         assert slope == pytest.approx(gradient[row], rel=1e-4, abs=1e-3)
     assert (cost(zero, h, still) - cost(zero, -h, still)) / (2 * h) == pytest.approx(gradient[-1], rel=1e-4, abs=1e-3)
-    step = still.copy()
-    step[3, 2] = h
-    assert (cost(zero, 0.0, step) - cost(zero, 0.0, -step)) / (2 * h) == pytest.approx(
-        point_gradient[3, 2], rel=1e-4, abs=1e-3
-    )
+    for axis in range(3):
+        step = still.copy()
+        step[3, axis] = h
+        slope = (cost(zero, 0.0, step) - cost(zero, 0.0, -step)) / (2 * h)
+        assert slope == pytest.approx(point_gradient[3, axis], rel=1e-4, abs=1e-3)
+
+
+def test_points_at_infinity_are_nothing_special():
+    """Half the points a thousand times as far away as the others: cameras and near points come out as they are."""
+    true = truth(points=200)
+    far = np.arange(200) < 100
+    true = replace(true, points=np.where(far[:, None], 1000 * true.points, true.points))
+    observations = observe(true, noise=0.05)
+    rng = np.random.default_rng(2)
+    start = replace(true, center=true.center + 0.05 * rng.standard_normal((12, 3)), points=true.points * 1.2)
+    found = adjust(start, observations, BundleConfig(iterations=60, refine_focal=False))
+    assert path_error(found, true) < 0.01
+    assert np.median(found.errors(observations)) < 0.08
+    assert np.isfinite(found.points).all()
 
 
 def test_triangulation_is_exact_and_knows_its_angle():

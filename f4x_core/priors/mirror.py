@@ -1,0 +1,355 @@
+"""Which way round the world is: a solution for the cameras against its mirror image in depth (Necker reversal).
+
+With little translation `u ~ R + t / z`, so `(t, 1/z)` and `(-t, c - 1/z)` explain tracks alike but for perspective, and
+an adjustment keeps the one that it fell into: sky in front, foreground behind. Here both are adjusted, and compared by
+their errors and by what is known of the world: what lies lower in a picture is nearer, what hides another thing is
+nearer, movers stand in front of what is behind them, and a depth prior, where there is one, is believed. The margin of
+the decision is the sum of log-odds; the scales of its terms were chosen on bedroom, blackswan, camel, car-shadow, dog and
+train (DAVIS and SAM 2 clips), not on the clips that they are judged on.
+Source: Szeliski and Kang, "Shape ambiguities in structure from motion", 1997 (bas-relief, Necker reversal).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.stats import spearmanr
+
+from .bundle import Bundle, BundleConfig, Observations, adjust, total_cost, triangulate
+
+GRADUAL_PX, GRADUAL_STEPS = (16.0, 4.0, 1.0), (12, 12, 25)
+"""Cauchy scales in pixels, coarse first, and the steps spent at each: parallax of tens of pixels must not look like outliers
+to a start that knows no translation."""
+EXTREMES = (2, 98)
+"""Percentiles of inverse distance between which the mirror image is taken."""
+NEAREST_MIRRORED = 0.02
+"""Least inverse distance in the mirror image, as a fraction of the largest."""
+ERROR_SCALE, ERROR_LIMIT = 0.025, 8.0
+"""Relative difference of the cost that is worth one unit of log-odds, and the most that errors may say: in a wrong solution
+of a real clip it was lower by up to 2 %, in a right one by 4 to 70 %."""
+LOWER_WEIGHT = 3.0
+"""Log-odds where inverse depth grows with the image row in one solution and falls in the other (rank correlation +1, -1)."""
+MOVER_WEIGHT = 1.5
+"""Log-odds where every mover stands on ground that is nearer than what is beside its upper half in one solution only."""
+OCCLUSION_WEIGHT, OCCLUSION_LIMIT = 0.5, 3.0
+"""Log-odds per standard deviation by which tracks end at nearer neighbours more often than at farther ones, and the most."""
+DEPTH_PRIOR_WEIGHT = 8.0
+"""Log-odds where a depth prior agrees with one solution (rank correlation +1) and contradicts the other."""
+ANOTHER_WORLD = 0.5
+"""Rank correlation of two solutions' distances below which they are two worlds and not one."""
+SHARED_FATE = 10.0
+"""Tracks that end at the same edge are no independent witnesses: so many count as one."""
+SURE, LIKELY = 4.6, 1.1
+"""Log-odds of 99 : 1 and of 3 : 1."""
+NEIGHBOUR_PX, APPROACH_PX = 20.0, 0.1
+"""How far away, in a picture 480 wide, a track may be that hides another, and how fast they must approach per frame."""
+RIM_PX = 10.0
+"""Tracks that end within so many pixels (480 wide) of the rim or of a mover do so for reasons of their own."""
+FEWEST = 20
+"""Fewer points or events than this say nothing."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one observation says about which of two solutions is right."""
+
+    what: str
+    """Its name."""
+    log_odds: float
+    """Natural logarithm of the odds, positive in favour of the first solution."""
+    detail: str
+    """The measurement behind it."""
+
+
+@dataclass(frozen=True)
+class Witnesses:
+    """What besides the sampled observations can tell near from far. F frames, N tracks."""
+
+    frames: np.ndarray
+    """(S,) which of the F frames the sampled cameras belong to."""
+    tracks: np.ndarray
+    """(F, N, 2) pixels."""
+    visible: np.ndarray
+    """(F, N) bool."""
+    static: np.ndarray
+    """(N,) bool."""
+    mask: np.ndarray | None = None
+    """(F, H, W) bool, what moves."""
+    depth: np.ndarray | None = None
+    """(F, H, W) a depth prior in any unit."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The solution that was taken, and how surely it is the right way round."""
+
+    bundle: Bundle
+    mirrored: bool
+    """It is not the solution with the least error, but the mirror image of that."""
+    evidence: tuple[Evidence, ...]
+    """In favour of the solution taken."""
+
+    @property
+    def margin(self) -> float:
+        """Log-odds in favour of the solution taken."""
+        return sum(item.log_odds for item in self.evidence)
+
+    @property
+    def verdict(self) -> str:
+        """`sure`, `likely` or `toss-up`."""
+        return "sure" if self.margin >= SURE else "likely" if self.margin >= LIKELY else "toss-up"
+
+    def summary(self) -> dict[str, Any]:
+        """Plain values for the statistics of the priors."""
+        return {
+            "verdict": self.verdict,
+            "chosen": "mirrored" if self.mirrored else "least error",
+            "margin": round(self.margin, 2),
+            "evidence": [
+                {"what": item.what, "for": round(item.log_odds, 2), "detail": item.detail} for item in self.evidence
+            ],
+        }
+
+
+def settle(bundle: Bundle, observations: Observations, config: BundleConfig, first: int = 0) -> Bundle:
+    """Adjust from a rough start: the robust scale falls along `GRADUAL_PX`, from its `first` value to the last."""
+    for scale, steps in zip(GRADUAL_PX[first:], GRADUAL_STEPS[first:], strict=True):
+        bundle = adjust(bundle, observations, replace(config, robust_px=scale, iterations=steps))
+    return bundle
+
+
+def mirrored(bundle: Bundle) -> Bundle:
+    """The mirror image in depth: centres reflected at the middle camera's, inverse distance -> largest + smallest - it.
+
+    Each camera is turned so that its points stay where they were seen, as well as a turn can do it.
+    """
+    middle = bundle.center[len(bundle.center) // 2]
+    offset = bundle.points - middle
+    distance = np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-12)
+    inverse = 1 / distance
+    least, largest = np.percentile(inverse, EXTREMES)
+    flipped = np.maximum(least + largest - inverse, NEAREST_MIRRORED * largest)
+    points = middle + offset / distance / flipped
+    centers = 2 * middle - bundle.center
+    rotations = bundle.rotation.copy()
+    for frame, rotation in enumerate(bundle.rotation):
+        before, after = bundle.points - bundle.center[frame], points - centers[frame]
+        seen = before @ rotation[2] > 0.5 * np.linalg.norm(before, axis=1)
+        if seen.sum() >= 3:
+            before, after = (side[seen] / np.linalg.norm(side[seen], axis=1, keepdims=True) for side in (before, after))
+            u, _, vt = np.linalg.svd(before.T @ after)
+            rotations[frame] = rotation @ (u @ np.diag([1, 1, np.linalg.det(u) * np.linalg.det(vt)]) @ vt)
+    return replace(bundle, rotation=rotations, center=centers, points=points)
+
+
+def decide(
+    starts: Sequence[Bundle], observations: Observations, config: BundleConfig, witnesses: Witnesses
+) -> Decision:
+    """Adjust `starts` and their mirror images, and take the one that errors and the witnesses speak for.
+
+    Of all that are the same way round the one with the least cost counts: an adjustment may stop early.
+    """
+    config = replace(config, robust_px=GRADUAL_PX[-1])
+    found = [settle(start, observations, config) for start in starts]
+    # At the coarsest scale a mirror image slips back to where it came from.
+    found += [settle(mirrored(bundle), observations, config, first=1) for bundle in found]
+    found.sort(key=lambda bundle: total_cost(bundle, observations, config))
+    first = found[0]
+    agreement = [_agreement(first, bundle) for bundle in found]
+    # The other way round where there is one, else another world at least.
+    limit = next((limit for limit in (0.0, ANOTHER_WORLD) if min(agreement) < limit), None)
+    second = None if limit is None else found[next(i for i, value in enumerate(agreement) if value < limit)]
+    if second is None:
+        alone = Evidence("reprojection", ERROR_LIMIT, "the mirrored solution turns back into this one by itself")
+        return Decision(first, False, (alone,))
+    evidence = compare(first, second, observations, config, witnesses)
+    if sum(item.log_odds for item in evidence) >= 0:
+        return Decision(first, False, tuple(evidence))
+    return Decision(second, True, tuple(replace(item, log_odds=-item.log_odds) for item in evidence))
+
+
+def compare(
+    first: Bundle, second: Bundle, observations: Observations, config: BundleConfig, witnesses: Witnesses
+) -> list[Evidence]:
+    """All evidence about two solutions of the same observations, positive in favour of `first`."""
+    costs = [total_cost(bundle, observations, config) for bundle in (first, second)]
+    errors = [float(np.median(bundle.errors(observations))) for bundle in (first, second)]
+    gain = float(np.clip(np.log(costs[1] / costs[0]) / ERROR_SCALE, -ERROR_LIMIT, ERROR_LIMIT))
+    found = [
+        Evidence(
+            "reprojection",
+            gain,
+            f"{errors[0]:.3f} px against {errors[1]:.3f} px (median), cost {costs[0]:.4f} against {costs[1]:.4f}",
+        )
+    ]
+    found += _rated("lower is nearer", LOWER_WEIGHT, _lower_is_nearer, first, second, observations)
+    dense, other = (_dense(bundle, witnesses) for bundle in (first, second))
+    if witnesses.mask is not None and witnesses.mask.any():
+        found += _rated("movers stand in front", MOVER_WEIGHT, _movers_in_front, dense, other, witnesses)
+    found += _tracks_end_behind(dense, other, witnesses)
+    if witnesses.depth is not None:
+        found += _rated("depth prior", DEPTH_PRIOR_WEIGHT, _agrees_with_prior, dense, other, witnesses)
+    return found
+
+
+@dataclass(frozen=True)
+class _Dense:
+    """Inverse depth of all static tracks in one solution."""
+
+    inverse: np.ndarray
+    """(F, N) in the camera of each sampled frame, NaN where unknown."""
+
+
+def _dense(bundle: Bundle, witnesses: Witnesses) -> _Dense:
+    """Static tracks triangulated from the sampled cameras, and their inverse depth there."""
+    frames, kept = witnesses.frames, np.flatnonzero(witnesses.static & (witnesses.visible[witnesses.frames].sum(0) > 2))
+    frame, point = np.nonzero(witnesses.visible[frames][:, kept])
+    uv = witnesses.tracks[frames][:, kept][frame, point].astype(np.float64)
+    points, _ = triangulate(bundle, Observations(frame, point, uv, np.ones(len(frame))), len(kept))
+    z = np.einsum("fj,fnj->fn", bundle.rotation[:, 2], points[None] - bundle.center[:, None])
+    inverse = np.full(witnesses.visible.shape, np.nan)
+    inverse[frames[:, None], kept] = np.where(z > 0, 1 / np.where(z > 0, z, 1), np.nan)
+    return _Dense(inverse)
+
+
+def _rated(what: str, weight: float, rate: Callable[..., float], first: Any, second: Any, *more: Any) -> list[Evidence]:
+    """Evidence of a rating between -1 (wrong) and 1 (right) of both solutions; none where it cannot be made."""
+    ratings = rate(first, *more), rate(second, *more)
+    if not np.isfinite(ratings).all():
+        return []
+    return [Evidence(what, weight * (ratings[0] - ratings[1]) / 2, f"{ratings[0]:+.2f} against {ratings[1]:+.2f}")]
+
+
+def _agreement(a: Bundle, b: Bundle) -> float:
+    """Rank correlation of the distances of two solutions' points from their middle cameras."""
+    distances = [np.linalg.norm(one.points - one.center[len(one.center) // 2], axis=1) for one in (a, b)]
+    return float(spearmanr(*distances)[0])
+
+
+def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
+    """Mean rank correlation of image row and inverse depth over the frames."""
+    z = bundle.local(observations)[:, 2]
+    found = []
+    for frame in range(len(bundle.center)):
+        seen = (observations.frame == frame) & (z > 0)
+        if seen.sum() >= FEWEST:
+            found.append(spearmanr(observations.uv[seen, 1], 1 / z[seen])[0])
+    return float(np.mean(found)) if found else np.nan
+
+
+def _movers_in_front(dense: _Dense, witnesses: Witnesses) -> float:
+    """Mean sign of (what is below a mover is nearer than what is beside its upper half) over the frames."""
+    assert witnesses.mask is not None
+    signs = []
+    for frame in witnesses.frames:
+        rows, columns = np.nonzero(witnesses.mask[frame])
+        known = np.isfinite(dense.inverse[frame])
+        if not len(rows) or not known.any():
+            continue
+        top, bottom, left, right = rows.min(), rows.max(), columns.min(), columns.max()
+        half = max((right - left) / 2, 2 * RIM_PX)
+        x, y = witnesses.tracks[frame, known].T
+        near_x = (x > left - half) & (x < right + half)
+        below = near_x & (y > bottom - 0.1 * (bottom - top)) & (y < bottom + half)
+        beside = near_x & (y < (top + bottom) / 2) & (y > top - half)
+        if below.sum() >= 3 and beside.sum() >= 3:
+            inverse = dense.inverse[frame, known]
+            signs.append(np.sign(np.median(inverse[below]) - np.median(inverse[beside])))
+    return float(np.mean(signs)) if signs else np.nan
+
+
+def _tracks_end_behind(first: _Dense, second: _Dense, witnesses: Witnesses) -> list[Evidence]:
+    """Tracks that end inside the picture while a neighbour approaches them: the neighbour is nearer."""
+    pairs = _endings(witnesses)
+    if len(pairs) < FEWEST:
+        return []
+    frame, ending, neighbour = pairs.T
+    scores, words = [], []
+    for dense in (first, second):
+        difference = dense.inverse[frame, neighbour] - dense.inverse[frame, ending]
+        votes = np.sign(difference[np.isfinite(difference)])
+        if len(votes) < FEWEST:
+            return []
+        scores.append(float(votes.sum() / np.sqrt(len(votes) * SHARED_FATE)))
+        words.append(f"{np.mean(votes > 0):.0%}")
+    worth = OCCLUSION_WEIGHT * (scores[0] - scores[1]) / 2
+    worth = float(np.clip(worth, -OCCLUSION_LIMIT, OCCLUSION_LIMIT))
+    detail = f"{words[0]} against {words[1]} of {len(pairs)} tracks end at something nearer"
+    return [Evidence("tracks end behind", worth, detail)]
+
+
+def _endings(witnesses: Witnesses) -> np.ndarray:
+    """(E, 3) int: sampled frame before a static track ends, the track, and the neighbour that comes nearest to it."""
+    tracks, visible, static = witnesses.tracks, witnesses.visible & witnesses.static, witnesses.static
+    count, unit = len(tracks), _unit(witnesses)
+    found = []
+    for before, after in zip(witnesses.frames[:-1], witnesses.frames[1:], strict=True):
+        there = visible[before] & static
+        ends = np.flatnonzero(there & ~visible[after : min(after + 3, count)].any(0) & _inside(witnesses, before))
+        lives = np.flatnonzero(there & visible[after])
+        past = max(before - 3, 0)
+        if not len(ends) or not len(lives) or past == before:
+            continue
+        ends, lives = ends[visible[past, ends]], lives[visible[past, lives]]
+        if not len(ends) or not len(lives):
+            continue
+        distance, which = cKDTree(tracks[before, lives]).query(tracks[before, ends], 4, NEIGHBOUR_PX * unit)
+        for nth in range(4):
+            near = np.isfinite(distance[:, nth])
+            end, other = ends[near], lives[which[near, nth]]
+            now, then = (np.linalg.norm(tracks[f, end] - tracks[f, other], axis=1) for f in (before, past))
+            close = then - now > APPROACH_PX * unit * (before - past)
+            found.append(np.stack([np.full(close.sum(), before), end[close], other[close]], 1))
+    return np.concatenate(found) if found else np.zeros((0, 3), int)
+
+
+def _inside(witnesses: Witnesses, frame: int) -> np.ndarray:
+    """(N,) bool: tracks away from the rim of the picture and from what moves."""
+    from scipy.ndimage import binary_dilation
+
+    margin = RIM_PX * _unit(witnesses)
+    uv = np.nan_to_num(witnesses.tracks[frame], nan=-1.0)
+    if witnesses.mask is None:
+        low, high = np.nanmin(witnesses.tracks, (0, 1)), np.nanmax(witnesses.tracks, (0, 1))
+        return ((uv > low + margin) & (uv < high - margin)).all(1)
+    height, width = witnesses.mask.shape[1:]
+    inside = ((uv > margin) & (uv < np.array([width, height]) - margin)).all(1)
+    blocked = binary_dilation(witnesses.mask[frame], iterations=max(round(margin), 1))
+    column, row = np.clip(uv, 0, np.array([width, height]) - 1).astype(int).T
+    return inside & ~blocked[row, column]
+
+
+def _unit(witnesses: Witnesses) -> float:
+    """Pixels of this clip per pixel of a picture 480 wide."""
+    if witnesses.mask is not None:
+        return max(witnesses.mask.shape[1:]) / 480
+    return max(float(np.nanmax(witnesses.tracks, initial=1.0)), 1.0) / 480
+
+
+def _agrees_with_prior(dense: _Dense, witnesses: Witnesses) -> float:
+    """Mean rank correlation of inverse depth with a depth prior over the frames."""
+    assert witnesses.depth is not None
+    found = []
+    height, width = witnesses.depth.shape[1:]
+    for frame in witnesses.frames:
+        known = np.isfinite(dense.inverse[frame])
+        column, row = np.clip(witnesses.tracks[frame, known], 0, np.array([width, height]) - 1).astype(int).T
+        prior = witnesses.depth[frame, row, column]
+        good = prior > 0
+        if good.sum() >= FEWEST:
+            found.append(spearmanr(dense.inverse[frame, known][good], 1 / prior[good])[0])
+    return float(np.mean(found)) if found else np.nan
+
+
+def lowest_is_nearest(directions: np.ndarray, rotations: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    """Inverse distances `(P,)` of a world that is nearer below, for unit `directions (P, 3)`: 1 at the horizon of the cameras.
+
+    `rotations (F, 3, 3)` world to camera. What a start without any knowledge of depth begins with.
+    """
+    down = np.asarray(rotations)[:, 1].mean(0)
+    down /= max(float(np.linalg.norm(down)), 1e-9)
+    return np.clip(1 + directions @ down, 0.3, 3.0)
