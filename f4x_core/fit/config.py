@@ -171,13 +171,13 @@ class FitConfig:
     """Motion scaffold."""
     nodes: NodeConfig = field(default_factory=NodeConfig)
     """Node control during the photometric stage."""
-    spawn_static: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=2.0, most=65_000))
+    spawn_static: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=2.0, max_count=240_000))
     """Start of the static set."""
-    spawn_dynamic: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.5, most=22_000))
+    spawn_dynamic: SpawnConfig = field(default_factory=lambda: SpawnConfig(spacing=1.5, max_count=60_000))
     """Start of the dynamic set."""
-    density_static: DensityConfig = field(default_factory=lambda: DensityConfig(most=80_000))
+    density_static: DensityConfig = field(default_factory=lambda: DensityConfig(max_count=300_000))
     """Growth of the static set."""
-    density_dynamic: DensityConfig = field(default_factory=lambda: DensityConfig(most=30_000, gradient=1e-4))
+    density_dynamic: DensityConfig = field(default_factory=lambda: DensityConfig(max_count=80_000, gradient=1e-4))
     """Growth of the dynamic set."""
     sh_degree: int | None = None
     """Degree of the spherical harmonics at the end; None = as the pictures ask for it, at most `most_sh_degree`."""
@@ -239,10 +239,10 @@ def _quick() -> FitConfig:
         priors=PriorsConfig(tracks=TracksConfig(count=6000)),
         scaffold=ScaffoldConfig(most_nodes=150, geometry_steps=150),
         rates=RateConfig(node_xyz=(1.5e-3, 3e-5), node_quat=(3e-3, 6e-5)),  # fewer steps have to go as far
-        spawn_static=SpawnConfig(spacing=2.4, most=40_000),
-        spawn_dynamic=SpawnConfig(spacing=1.8, most=14_000),
-        density_static=DensityConfig(most=50_000, every=200),
-        density_dynamic=DensityConfig(most=18_000, every=200, gradient=1e-4),
+        spawn_static=SpawnConfig(spacing=2.4, max_count=160_000),
+        spawn_dynamic=SpawnConfig(spacing=1.8, max_count=40_000),
+        density_static=DensityConfig(max_count=200_000, every=200),
+        density_dynamic=DensityConfig(max_count=50_000, every=200, gradient=1e-4),
         checkpoint_every=150,
         measure_every=150,
     )

@@ -97,6 +97,8 @@ class PhotometricStage:
         self.band_gains: list[float] = []
         """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
         self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
+        self.spawned = {name: len(gaussians) for name, gaussians in self._sets()}
+        """Gaussians of each set at the start."""
         self.raster = RasterConfig(threads=config.all_threads)
         self._start_optimisers()
 
@@ -394,6 +396,7 @@ class PhotometricStage:
                 "adam": self.optimisers[name].adam.state_dict(),
                 "gradient_sum": control.gradient_sum,
                 "seen": control.seen,
+                "limit": control.limit,
             }
         if model.nodes is not None and model.dynamic is not None:
             state["use_dw"] = model.dynamic.use_dw
@@ -430,6 +433,7 @@ class PhotometricStage:
             self.optimisers[name].adam.load_state_dict(saved["adam"])
             self.controls[name].gradient_sum = saved["gradient_sum"].clone()
             self.controls[name].seen = saved["seen"].clone()
+            self.controls[name].limit = int(saved["limit"])
         self.generator.set_state(state["generator"])
         self.step, self.next_id, self.order = state["step"], state["next_id"], list(state["order"])
         self.history, self.band_gains = json.loads(state["history"]), list(state["band_gains"])

@@ -14,8 +14,8 @@ from scipy.ndimage import binary_dilation
 from .. import __version__
 from ..clip import Clip
 from ..errors import F4xError
-from ..gaussians import DynamicGaussians, Spawned, StaticGaussians, spawn_dynamic, spawn_static
-from ..gaussians.spawn import coarse_to_fine, cover
+from ..gaussians import DynamicGaussians, SpawnConfig, Spawned, StaticGaussians, spawn_dynamic, spawn_static
+from ..gaussians.spawn import coarse_to_fine, cover, spacing_that_fits
 from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..geometry.spherical_harmonics import degree_of
@@ -40,6 +40,8 @@ LEAST_FRAMES = 3
 LEAST_SIDE = 16
 # Static Gaussians are not spawned this close (pixels) to the moving mask, whose edge is uncertain.
 MASK_MARGIN = 2
+# Relative error of depth whose confidence is one half, and the largest difference in depth at which a Gaussian still covers.
+SURE_DEPTH, LOOSEST_DEPTH = 0.14, 0.5
 
 
 @dataclass
@@ -151,7 +153,6 @@ def start_fit(
     `backdrop`: Gaussians that are there already and stay as they are; new ones get ids from `first_id`.
     """
     assert priors.cameras is not None
-    rng = np.random.default_rng(config.seed)
     rig = CameraRig(priors.cameras)
     drawn = None if backdrop is None else backdrop.drawn
     degree = 0 if drawn is None else degree_of(drawn.sh.shape[1])
@@ -166,10 +167,10 @@ def start_fit(
         needs.append(
             Need("motion", "none: no scaffold, no dynamic Gaussians", why, "the whole dynamic set and its stage")
         )
-    told = backdrop, first_id, rng, progress
-    static = _spawn_static(clip, priors, config, degree, scaffold is not None, *told)
+    spawner = _Spawner(clip, priors, config, degree, progress)
+    static = spawner.static(scaffold is not None, backdrop, first_id)
     if len(static) == 0 and scaffold is not None and backdrop is None:  # everything moves: a backdrop from what moves
-        static = _spawn_static(clip, priors, config, degree, False, *told)
+        static = spawner.static(False, backdrop, first_id)
     if len(static) == 0 and backdrop is None:
         raise F4xError(f"{clip.source}: no pixel has a usable depth; supply depth with --prior depth=FOLDER.")
     how = config.scaffold.kernel, config.native_threads
@@ -178,7 +179,7 @@ def start_fit(
         model = SceneModel(static, None, None, rig, *how, drawn)
         return PhotometricStage(model, clip, priors, config, next_id), needs
     nodes = NodeSet(scaffold, config.scaffold.graph)
-    dynamic = _spawn_dynamic(clip, priors, config, degree, static, nodes, rig, next_id, rng, progress)
+    dynamic = spawner.dynamic(SceneModel(static, None, nodes, rig, *how), next_id)
     model = SceneModel(static, dynamic, nodes, rig, *how, drawn)
     return PhotometricStage(model, clip, priors, config, next_id + len(dynamic)), needs
 
@@ -223,94 +224,103 @@ def _spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:
     return np.unique(np.linspace(0, len(priors.frames) - 1, count).round().astype(int))
 
 
-def _spawn_static(
-    clip: Clip,
-    priors: Priors,
-    config: FitConfig,
-    degree: int,
-    moving: bool,
-    backdrop: Backdrop | None,
-    first_id: int,
-    rng: np.random.Generator,
-    progress: Progress,
-) -> StaticGaussians:
-    spawn = config.spawn_static
-    assert priors.depth is not None and priors.cameras is not None
-    chosen = _spawn_frames(priors, config)
-    parts: list[Spawned] = []
-    existing = np.zeros((0, 3), np.float32)
-    for done, which in enumerate(coarse_to_fine(len(chosen))):
-        frame = int(chosen[which])
-        progress("spawn", done, len(chosen), "static")
-        depth = priors.depth[frame]
-        valid = np.isfinite(depth) & (depth > 0)
-        if moving and priors.mask is not None:
-            valid &= ~binary_dilation(priors.mask[frame], iterations=MASK_MARGIN)
-        if backdrop is not None:
-            valid &= ~backdrop.explained[frame]
-        image = clip.frames[priors.frames[frame]]
-        part = cover(image, depth, valid, priors.cameras[frame], existing, spawn, rng)
-        parts.append(part)
-        existing = np.concatenate([existing, part.xyz])
-        if len(existing) >= spawn.most:
-            break
-    progress("spawn", len(chosen), len(chosen), "static")
-    return spawn_static(_joined(parts, spawn.most), degree, spawn, first_id)
+@dataclass(frozen=True)
+class _Spawner:
+    """The first Gaussians of a fit: as many as the clip shows, or all of it more thinly where there is no room."""
 
+    clip: Clip
+    priors: Priors
+    config: FitConfig
+    degree: int
+    progress: Progress
 
-def _spawn_dynamic(
-    clip: Clip,
-    priors: Priors,
-    config: FitConfig,
-    degree: int,
-    static: StaticGaussians,
-    nodes: NodeSet,
-    rig: CameraRig,
-    first_id: int,
-    rng: np.random.Generator,
-    progress: Progress,
-) -> DynamicGaussians:
-    """Fusion over time: every visited frame adds what the Gaussians of earlier visited frames, moved there, do not cover."""
-    spawn = config.spawn_dynamic
-    assert priors.depth is not None and priors.cameras is not None and priors.mask is not None
-    with_motion = np.flatnonzero(priors.mask.reshape(len(priors.mask), -1).any(1))
-    chosen = np.unique(
-        with_motion[np.linspace(0, len(with_motion) - 1, min(spawn.frames, len(with_motion))).round().astype(int)]
-    )
-    node_xyz, node_quat = nodes.parameters["node_xyz"].detach(), nodes.quat.detach()
-    neighbours = nodes.neighbours.shape[1]
-    parts: list[Spawned] = []
-    references: list[np.ndarray] = []
-    dynamic: DynamicGaussians | None = None
-    for done, which in enumerate(coarse_to_fine(len(chosen))):
-        frame = int(chosen[which])
-        progress("spawn", done, len(chosen), "dynamic")
-        existing = np.zeros((0, 3), np.float32)
-        if dynamic is not None and len(dynamic):
-            with torch.no_grad():
-                model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.native_threads)
-                existing = model.dynamic_at(float(priors.cameras.times[frame]))[0][0].numpy()
-        depth = priors.depth[frame]
-        valid = np.isfinite(depth) & (depth > 0) & priors.mask[frame]
-        part = cover(clip.frames[priors.frames[frame]], depth, valid, priors.cameras[frame], existing, spawn, rng)
-        parts.append(part)
-        references.append(np.full(len(part.xyz), frame))
-        joined = _joined(parts, spawn.most)
-        reference = np.concatenate(references)[: len(joined.xyz)]
-        dynamic = spawn_dynamic(joined, reference, node_xyz, node_quat, neighbours, degree, spawn, first_id)
-        if len(joined.xyz) >= spawn.most:
-            break
-    progress("spawn", len(chosen), len(chosen), "dynamic")
-    assert dynamic is not None
-    return dynamic
+    def static(self, moving: bool, backdrop: Backdrop | None, first_id: int) -> StaticGaussians:
+        """What stands still, seen from frames all over the clip; outside what moves where there is such a thing."""
+        chosen = _spawn_frames(self.priors, self.config)
 
+        def cover_all(spawn: SpawnConfig) -> Spawned:
+            rng, parts = np.random.default_rng(self.config.seed), [Spawned.joined([])]
+            for done, which in enumerate(coarse_to_fine(len(chosen))):
+                self.progress("spawn", done, len(chosen), "static")
+                frame = int(chosen[which])
+                valid = self._valid(frame)
+                if moving and self.priors.mask is not None:
+                    valid &= ~binary_dilation(self.priors.mask[frame], iterations=MASK_MARGIN)
+                if backdrop is not None:
+                    valid &= ~backdrop.explained[frame]
+                parts = [Spawned.joined(parts), self._cover(frame, valid, Spawned.joined(parts).xyz, spawn, rng)]
+            return Spawned.joined(parts)
 
-def _joined(parts: list[Spawned], most: int) -> Spawned:
-    return Spawned(
-        np.concatenate([part.xyz for part in parts])[:most],
-        np.concatenate([part.rgb for part in parts])[:most],
-        np.concatenate([part.radius for part in parts])[:most],
-    )
+        spawn = spacing_that_fits(lambda spawn: len(cover_all(spawn).xyz), self.config.spawn_static)
+        spawned = cover_all(spawn)
+        self.progress("spawn", len(chosen), len(chosen), "static")
+        return spawn_static(spawned, self.degree, spawn, first_id)
+
+    def dynamic(self, model: SceneModel, first_id: int) -> DynamicGaussians:
+        """What moves, fused over time: every visited frame adds what those of earlier visited frames, moved there, leave open.
+
+        `model` has the static Gaussians, the nodes and the cameras.
+        """
+        assert self.priors.mask is not None and model.nodes is not None
+        with_motion = np.flatnonzero(self.priors.mask.reshape(len(self.priors.mask), -1).any(1))
+        count = min(self.config.spawn_dynamic.frames, len(with_motion))
+        chosen = with_motion[np.unique(np.linspace(0, len(with_motion) - 1, count).round().astype(int))]
+
+        def cover_all(spawn: SpawnConfig) -> DynamicGaussians:
+            rng, parts = np.random.default_rng(self.config.seed), []
+            references: list[np.ndarray] = []
+            dynamic: DynamicGaussians | None = None
+            for done, which in enumerate(coarse_to_fine(len(chosen))):
+                self.progress("spawn", done, len(chosen), "dynamic")
+                frame = int(chosen[which])
+                existing = self._moved(model, dynamic, frame)
+                valid = self._valid(frame) & self.priors.mask[frame]  # type: ignore[index]
+                parts.append(self._cover(frame, valid, existing, spawn, rng))
+                references.append(np.full(len(parts[-1].xyz), frame))
+                dynamic = self._carried(model, Spawned.joined(parts), np.concatenate(references), spawn, first_id)
+            assert dynamic is not None
+            return dynamic
+
+        spawn = spacing_that_fits(lambda spawn: len(cover_all(spawn)), self.config.spawn_dynamic)
+        dynamic = cover_all(spawn)
+        self.progress("spawn", len(chosen), len(chosen), "dynamic")
+        return dynamic
+
+    def _valid(self, frame: int) -> np.ndarray:
+        """(H,W) bool: pixels with a depth."""
+        assert self.priors.depth is not None
+        depth = self.priors.depth[frame]
+        return np.isfinite(depth) & (depth > 0)
+
+    def _cover(
+        self, frame: int, valid: np.ndarray, existing: np.ndarray, spawn: SpawnConfig, rng: np.random.Generator
+    ) -> Spawned:
+        """Gaussians for what `existing` leaves open in supervised frame `frame`."""
+        priors = self.priors
+        assert priors.depth is not None and priors.cameras is not None
+        picture = self.clip.frames[priors.frames[frame]]
+        tolerance = None
+        if priors.depth_confidence is not None:
+            sure = np.maximum(priors.depth_confidence[frame].astype(np.float32), 0.01)
+            tolerance = np.clip(2 * np.sqrt((1 - sure) / sure) * SURE_DEPTH, spawn.depth_tolerance, LOOSEST_DEPTH)
+        return cover(picture, priors.depth[frame], valid, priors.cameras[frame], existing, spawn, rng, tolerance)
+
+    def _carried(
+        self, model: SceneModel, spawned: Spawned, reference: np.ndarray, spawn: SpawnConfig, first_id: int
+    ) -> DynamicGaussians:
+        """Spawned Gaussians attached to the model's nodes, each at its `reference` frame."""
+        assert model.nodes is not None
+        xyz, quat = model.nodes.parameters["node_xyz"].detach(), model.nodes.quat.detach()
+        neighbours = model.nodes.neighbours.shape[1]
+        return spawn_dynamic(spawned, reference, xyz, quat, neighbours, self.degree, spawn, first_id)
+
+    def _moved(self, model: SceneModel, dynamic: DynamicGaussians | None, frame: int) -> np.ndarray:
+        """(N,3) places of the dynamic Gaussians so far at supervised frame `frame`."""
+        if dynamic is None or not len(dynamic):
+            return np.zeros((0, 3), np.float32)
+        with torch.no_grad():
+            whole = SceneModel(model.static, dynamic, model.nodes, model.rig, model.kernel, model.threads)
+            return whole.dynamic_at(float(model.times[frame]))[0][0].numpy()
 
 
 def _colour_need(stage: PhotometricStage) -> Need:
@@ -331,13 +341,16 @@ def _colour_need(stage: PhotometricStage) -> Need:
 def _gaussian_need(stage: PhotometricStage, config: FitConfig) -> Need:
     model = stage.model
     static, dynamic = len(model.static), len(model.dynamic) if model.dynamic is not None else 0
-    cap = config.density_static.most + config.density_dynamic.most
+    cap = sum(control.limit for control in stage.controls.values())
     curve = [point["psnr"] for point in stage.history[-2:]]
+    rooms = {"static": config.spawn_static.max_count, "dynamic": config.spawn_dynamic.max_count}
+    tight = [name for name, count in stage.spawned.items() if count > 0.9 * rooms[name]]
+    bound = f" (no room for all that is {' or '.join(tight)}: the whole clip is covered more thinly)" if tight else ""
     gain = f", last {config.measure_every} steps brought {curve[1] - curve[0]:+.2f} dB" if len(curve) == 2 else ""
     return Need(
         "Gaussians",
         f"{static:,} static, {dynamic:,} dynamic",
-        f"uncovered cells at the start, then screen-space gradients{gain}",
+        f"uncovered cells at the start{bound}, then screen-space gradients{gain}",
         f"{max(cap - static - dynamic, 0):,} of at most {cap:,}",
     )
 

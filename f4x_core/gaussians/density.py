@@ -3,7 +3,6 @@
 A strategy object records the screen-space gradient each step and changes the set at its period; the training loop only calls it.
 """
 
-import math
 from dataclasses import dataclass
 
 import torch
@@ -32,17 +31,19 @@ class DensityConfig:
     growth: float = 0.15
     """At most this share of the set is added in one round, largest gradients first."""
     split_scale: float = 0.01
-    """Gaussians whose largest standard deviation (world units) exceeds this are split; smaller ones are cloned."""
+    """Gaussians whose largest standard deviation exceeds this fraction of their reach are split; smaller ones are cloned."""
     prune_opacity: float = 0.02
     """Gaussians fainter than this are removed."""
     most_scale: float = 0.1
-    """Standard deviations (world units, median depth = 1) are capped to this: larger ones are fog."""
+    """Standard deviations are capped to this fraction of the reach: larger ones are fog."""
     reset_every: int = 0
     """Steps between two opacity resets; 0 = never (short schedules cannot afford the dip)."""
     reset_opacity: float = 0.05
     """Opacity that a reset caps to."""
-    most: int = 100_000
-    """The set never grows beyond this."""
+    max_count: int = 150_000
+    """Room in memory and time: the set never grows beyond this."""
+    max_growth: float = 1.4
+    """... nor beyond this many times its number at the start, which follows from the clip."""
     least: int = 32
     """The set is never pruned below this."""
 
@@ -53,6 +54,8 @@ class DensityControl:
     def __init__(self, optimiser: SetOptimiser, config: DensityConfig, total_steps: int):
         """Watch the set of `optimiser` during `total_steps` steps."""
         self.optimiser, self.config, self.total = optimiser, config, total_steps
+        self.limit = min(config.max_count, round(config.max_growth * len(optimiser.gaussians)))
+        """The set never grows beyond this."""
         self.clear()
 
     def clear(self) -> None:
@@ -70,7 +73,9 @@ class DensityControl:
         """Change the set if this step asks for it; returns the next unused id."""
         config = self.config
         with torch.no_grad():
-            self.optimiser.gaussians.parameters["log_scale"].clamp_(max=math.log(config.most_scale))
+            largest = (config.most_scale * self.optimiser.gaussians.labels["reach"]).log()
+            log_scale = self.optimiser.gaussians.parameters["log_scale"]
+            log_scale.copy_(torch.minimum(log_scale, largest[:, None]))
         active = config.start * self.total <= step < config.stop * self.total
         if active and config.every and step % config.every == 0 and step > 0:
             next_id = self._densify(next_id, generator)
@@ -86,16 +91,18 @@ class DensityControl:
     def _densify(self, next_id: int, generator: torch.Generator) -> int:
         gaussians, config = self.optimiser.gaussians, self.config
         mean = self.gradient_sum / self.seen.clamp_min(1)
-        room = min(int(config.growth * len(gaussians)), config.most - len(gaussians))
+        room = min(int(config.growth * len(gaussians)), self.limit - len(gaussians))
         wanted = int((mean >= config.gradient).sum())
         if min(room, wanted) <= 0:
             return next_id
         chosen = mean.topk(min(room, wanted)).indices.sort().values
-        split = gaussians.scale.detach()[chosen].amax(1) > config.split_scale
+        reach = gaussians.labels["reach"][chosen]
+        split = gaussians.scale.detach()[chosen].amax(1) > config.split_scale * reach
         cloned, parents = chosen[~split], chosen[split]
         rows = torch.cat([cloned, parents, parents])
         new = {name: tensor.detach()[rows].clone() for name, tensor in gaussians.parameters.items()}
-        place, turn = ("local_xyz", "local_quat") if "local_xyz" in new else ("xyz", "quat")
+        place = self.optimiser.place
+        turn = place.replace("xyz", "quat")
         halves = slice(len(cloned), None)
         noise = torch.randn(2 * len(parents), 3, generator=generator) * new["log_scale"][halves].exp()
         new[place][halves] += quaternion.rotate(quaternion.normalize(new[turn][halves]), noise)

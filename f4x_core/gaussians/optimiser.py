@@ -30,9 +30,22 @@ class SetOptimiser:
                 group["lr"] = rate
 
     def step(self) -> None:
-        """One Adam step on whatever gradients there are; then forget them."""
+        """One Adam step on whatever gradients there are; then forget them.
+
+        Rates of places are those at depth 1: a Gaussian is moved by its `reach` times as much, so that all move equally far in
+        the picture. In world units what is near would shake by pixels while what is far stands still.
+        """
+        place = self.gaussians.parameters[self.place]
+        before = place.detach().clone()
         self.adam.step()
+        with torch.no_grad():
+            place.copy_(torch.lerp(before, place, self.gaussians.labels["reach"][:, None]))
         self.adam.zero_grad(set_to_none=True)
+
+    @property
+    def place(self) -> str:
+        """The name of the tensor of places."""
+        return "local_xyz" if "local_xyz" in self.gaussians.parameters else "xyz"
 
     def keep(self, index: Tensor) -> None:
         """Keep only the rows `index` (int64), in that order."""

@@ -23,7 +23,8 @@ class GaussianSet:
     Attributes:
         parameters: optimised tensors, all requiring grad: `log_scale` (N,3), `opacity_logit` (N,), `sh_dc` (N,1,3),
             `sh_rest` (N,S-1,3), and the placement tensors of the subclass.
-        labels: integer tensors that travel with the Gaussians: `ids` (N,) int64, never reused, and those of the subclass.
+        labels: tensors that travel with the Gaussians: `ids` (N,) int64, never reused; `reach` (N,) float32, the depth in world
+            units from which they were seen, in which their steps and sizes are measured; and those of the subclass.
     """
 
     parameters: dict[str, Tensor]

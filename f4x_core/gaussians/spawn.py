@@ -1,12 +1,16 @@
 """Where Gaussians start: back-projected pixels that nothing covers yet.
 
 Frames are visited coarse to fine in time. In each, the Gaussians that exist already are projected into a grid of cells;
-every valid cell without one at about its own depth gets a new Gaussian. The union over frames covers everything seen with
-few duplicates, which matters on a CPU (the reference spawns random pixels of all frames and lets optimisation choose).
+every valid cell without one at about its own depth gets a new Gaussian, blocks of cells that show nothing (a wall, the sky)
+a single larger one. The union over frames covers everything seen with few duplicates, which matters on a CPU (the reference
+spawns random pixels of all frames and lets optimisation choose). How many that are follows from the clip; where there is no
+room for them, all cells grow alike (`spacing_that_fits`), so that no part of the clip is left out.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -20,6 +24,10 @@ from .parameters import DynamicGaussians, StaticGaussians, localise, opacity_log
 
 # An empty cell with this many Gaussians in the 3 x 3 cells around it is covered by their extent.
 COVERING_NEIGHBOURS = 3.5
+# Blocks of 2 x 2 and of 4 x 4 cells get one Gaussian where their grey levels (of 255) and their depths (relative) deviate less.
+LARGEST_LEVEL, FLAT_GREY, FLAT_DEPTH = 2, 3.0, 0.02
+# Spacings that are tried until all Gaussians fit, and how much larger than needed the next one is: counts jump a little.
+FITTING_ROUNDS, FITTING_MARGIN = 6, 1.03
 
 
 @dataclass(frozen=True)
@@ -34,19 +42,41 @@ class SpawnConfig:
     """Initial standard deviation in units of the spacing."""
     opacity: float = 0.6
     """Initial opacity."""
-    most: int = 60_000
-    """At most this many Gaussians are spawned."""
+    max_count: int = 120_000
+    """Room in memory and time: where a clip asks for more Gaussians than this, all of it is covered more thinly."""
     frames: int = 24
     """At most this many frames, evenly spread, are visited."""
 
 
 @dataclass
 class Spawned:
-    """New Gaussians in the world: `xyz` (N,3), `rgb` (N,3) in [0,1], `radius` (N,) world units; float32."""
+    """New Gaussians in the world: `xyz` (N,3), `rgb` (N,3) in [0,1], `radius` (N,) and `depth` (N,) world units; float32."""
 
     xyz: np.ndarray
     rgb: np.ndarray
     radius: np.ndarray
+    depth: np.ndarray
+    """How far the camera was away: what a pixel is worth there."""
+
+    @classmethod
+    def joined(cls, parts: Sequence[Spawned]) -> Spawned:
+        """All of `parts`, in order."""
+        if not parts:
+            return cls(*(np.zeros(shape, np.float32) for shape in ((0, 3), (0, 3), (0,), (0,))))
+        return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
+
+
+def spacing_that_fits(count: Callable[[SpawnConfig], int], config: SpawnConfig) -> SpawnConfig:
+    """`config`, or one of the least larger spacing with which `count` Gaussians have room in `config.max_count`.
+
+    `count(config)` tells how many a config makes.
+    """
+    for _ in range(FITTING_ROUNDS):
+        found = count(config)
+        if found <= config.max_count:
+            break
+        config = replace(config, spacing=config.spacing * FITTING_MARGIN * float(np.sqrt(found / config.max_count)))
+    return config
 
 
 def coarse_to_fine(count: int) -> Iterator[int]:
@@ -69,48 +99,127 @@ def cover(
     existing: np.ndarray,
     config: SpawnConfig,
     rng: np.random.Generator,
+    tolerance: np.ndarray | None = None,
 ) -> Spawned:
-    """Spawn one Gaussian in every valid cell of a frame that `existing` does not cover.
+    """Spawn one Gaussian in every valid cell, or block of plain cells, of a frame that `existing` does not cover.
 
     Args:
         image: (H,W,3) uint8. depth: (H,W) z depth, world units. valid: (H,W) bool. camera: of this frame.
         existing: (N,3) world positions at this frame's time.
+        tolerance: (H,W) relative difference of depth within which an existing Gaussian covers a cell; that of `config`
+            when left out. Where depth is unsure, two frames put the same surface at different depths.
     """
-    height, width = depth.shape
-    cells_x = max(int(width / config.spacing), 1)
-    cells_y = max(int(height / config.spacing), 1)
     rows, cols = np.nonzero(valid)
     if len(rows) == 0:
-        return Spawned(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
+        return Spawned.joined([])
+    grid = _Grid.over(image, depth, valid, config.spacing)
     order = rng.permutation(len(rows))  # a random pixel of each cell, so that no grid shows
     rows, cols = rows[order], cols[order]
-    cell = (rows * cells_y // height) * cells_x + cols * cells_x // width
-    _, first = np.unique(cell, return_index=True)
-    rows, cols, cell = rows[first], cols[first], cell[first]
-    z = depth[rows, cols]
-    if len(existing):
-        pixels, depths = camera.project(existing)
-        with np.errstate(invalid="ignore"):
-            column = np.floor(pixels[:, 0] * cells_x / width)
-            row = np.floor(pixels[:, 1] * cells_y / height)
-        inside = (depths > 0) & (column >= 0) & (column < cells_x) & (row >= 0) & (row < cells_y)
-        target = np.full(cells_x * cells_y, np.nan)
-        target[cell] = z
-        index = (row[inside] * cells_x + column[inside]).astype(np.int64)
-        near = np.abs(depths[inside] - target[index]) <= config.depth_tolerance * target[index]
-        hits = np.bincount(index[near], minlength=len(target)).reshape(cells_y, cells_x)
-        # Points that fill one view evenly fall unevenly into the cells of another: their neighbours count too.
-        around = uniform_filter(hits.astype(np.float32), 3, mode="nearest") * 9
-        covered = ((hits > 0) | (around >= COVERING_NEIGHBOURS)).ravel()
-        keep = ~covered[cell]
-        rows, cols, z = rows[keep], cols[keep], z[keep]
+    _, first = np.unique(grid.cell(rows, cols), return_index=True)
+    first = np.sort(first)  # in random order still, so that blocks do not all take the same corner
+    rows, cols = rows[first], cols[first]
+    allowed = np.full(len(rows), config.depth_tolerance) if tolerance is None else tolerance[rows, cols]
+    covered = grid.covered(rows, cols, depth[rows, cols], allowed, camera, existing)
+    _, first = np.unique(grid.block(rows, cols), return_index=True)
+    first = first[~covered[first]]
+    rows, cols = rows[first], cols[first]
+    z, size = depth[rows, cols], config.spacing * 2.0 ** grid.level_at(rows, cols)
     pixels = np.stack([cols + 0.5, rows + 0.5], -1)
     focal = 0.5 * (camera.intrinsics[0, 0] + camera.intrinsics[1, 1])
     return Spawned(
         camera.unproject(pixels, z).astype(np.float32),
         (image[rows, cols] / 255.0).astype(np.float32),
-        (z / focal * config.spacing * config.scale).astype(np.float32),
+        (z / focal * size * config.scale).astype(np.float32),
+        z.astype(np.float32),
     )
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Cells of a picture, and how many of them one Gaussian covers."""
+
+    height: int
+    width: int
+    level: np.ndarray
+    """(cells_y, cells_x) int: 0 a cell of its own, 1 and 2 part of a plain block of 2 x 2 or 4 x 4."""
+
+    @classmethod
+    def over(cls, image: np.ndarray, depth: np.ndarray, valid: np.ndarray, spacing: float) -> _Grid:
+        height, width = depth.shape
+        shape = max(int(height / spacing), 1), max(int(width / spacing), 1)
+        grid = cls(height, width, np.zeros(shape, np.int64))
+        rows, cols = np.indices(depth.shape).reshape(2, -1)
+        cell, known = grid.cell(rows, cols), valid.ravel()
+        values = [image.mean(-1).ravel(), np.log(np.where(known, depth.ravel(), 1.0))]
+        sums = [np.bincount(cell, v * known, shape[0] * shape[1]).reshape(shape) for v in values]
+        squares = [np.bincount(cell, v * v * known, shape[0] * shape[1]).reshape(shape) for v in values]
+        inside = np.bincount(cell, known, shape[0] * shape[1]).reshape(shape)
+        whole = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
+        for level in range(1, LARGEST_LEVEL + 1):
+            count, pixels = _blocks(inside, level), _blocks(whole, level)
+            plain = count == pixels
+            for total, square, limit in zip(sums, squares, (FLAT_GREY, FLAT_DEPTH), strict=True):
+                mean = _blocks(total, level) / np.maximum(count, 1)
+                plain &= _blocks(square, level) / np.maximum(count, 1) - mean**2 < limit**2
+            fine = np.kron(plain, np.ones((2**level, 2**level), bool))[: shape[0], : shape[1]]
+            grid.level[fine & (grid.level == level - 1)] = level
+        return grid
+
+    def cell(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
+        """Number of the cell of each pixel."""
+        down, across = self.level.shape
+        return (rows * down // self.height) * across + cols * across // self.width
+
+    def level_at(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
+        """Level of the cell of each pixel."""
+        return self.level.ravel()[self.cell(rows, cols)]
+
+    def block(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
+        """Number of the block of each pixel, unique over all levels."""
+        down, across = self.level.shape
+        cell = self.cell(rows, cols)
+        level = self.level.ravel()[cell]
+        return (level * down + ((cell // across) >> level)) * across + ((cell % across) >> level)
+
+    def covered(
+        self,
+        rows: np.ndarray,
+        cols: np.ndarray,
+        z: np.ndarray,
+        tolerance: np.ndarray,
+        camera: Camera,
+        existing: np.ndarray,
+    ) -> np.ndarray:
+        """(n,) bool: pixels, one a cell, in whose block an existing Gaussian lies at their depth `z`, or many beside it."""
+        down, across = self.level.shape
+        if not len(existing):
+            return np.zeros(len(rows), bool)
+        pixels, depths = camera.project(existing)
+        with np.errstate(invalid="ignore"):
+            column, row = np.floor(pixels[:, 0] * across / self.width), np.floor(pixels[:, 1] * down / self.height)
+        inside = (depths > 0) & (column >= 0) & (column < across) & (row >= 0) & (row < down)
+        target, allowed = np.full((2, down * across), np.nan)
+        cell = self.cell(rows, cols)
+        target[cell], allowed[cell] = z, tolerance * z
+        index = (row[inside] * across + column[inside]).astype(np.int64)
+        near = np.abs(depths[inside] - target[index]) <= allowed[index]
+        hits = np.bincount(index[near], minlength=len(target)).reshape(down, across).astype(np.float32)
+        result = np.zeros((down, across), bool)
+        for level in range(LARGEST_LEVEL + 1):
+            own = _blocks(hits, level)
+            # Points that fill one view evenly fall unevenly into the cells of another: their neighbours count too.
+            around = uniform_filter(own, 3, mode="nearest") * 9
+            block = (own > 0) | (around >= COVERING_NEIGHBOURS)
+            fine = np.kron(block, np.ones((2**level, 2**level), bool))[:down, :across]
+            result = np.where(self.level == level, fine, result)
+        return result.ravel()[cell]
+
+
+def _blocks(cells: np.ndarray, level: int) -> np.ndarray:
+    """Sums over blocks of `2**level` x `2**level` cells; those at the rim are padded with nothing."""
+    side = 2**level
+    padded = np.pad(cells, [(0, -size % side) for size in cells.shape])
+    return padded.reshape(padded.shape[0] // side, side, -1, side).sum((1, 3))
 
 
 def _parameters(spawned: Spawned, degree: int, opacity: float) -> dict[str, Tensor]:
@@ -137,7 +246,8 @@ def spawn_static(spawned: Spawned, degree: int, config: SpawnConfig, first_id: i
     count = len(spawned.xyz)
     parameters = {"xyz": torch.from_numpy(spawned.xyz), "quat": _identity_quaternions(count)}
     parameters |= _parameters(spawned, degree, config.opacity)
-    return StaticGaussians(_trainable(parameters), {"ids": torch.arange(first_id, first_id + count)})
+    labels = {"ids": torch.arange(first_id, first_id + count), "reach": torch.from_numpy(spawned.depth)}
+    return StaticGaussians(_trainable(parameters), labels)
 
 
 def spawn_dynamic(
@@ -163,4 +273,5 @@ def spawn_dynamic(
     parameters |= _parameters(spawned, degree, config.opacity)
     parameters["dw"] = torch.zeros(count, neighbours)
     labels = {"ids": torch.arange(first_id, first_id + count), "attach": attach, "reference": frame}
+    labels["reach"] = torch.from_numpy(spawned.depth)
     return DynamicGaussians(_trainable(parameters), labels)

@@ -1,5 +1,7 @@
 """Parameter sets, surgery with optimiser state, spawning and density control."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -14,7 +16,7 @@ from f4x_core.gaussians import (
     spawn_dynamic,
     spawn_static,
 )
-from f4x_core.gaussians.spawn import coarse_to_fine, cover
+from f4x_core.gaussians.spawn import coarse_to_fine, cover, spacing_that_fits
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera
 
@@ -25,6 +27,7 @@ def some_static(count: int = 40, degree: int = 1):
         rng.normal(size=(count, 3)).astype(np.float32),
         rng.uniform(size=(count, 3)).astype(np.float32),
         np.full(count, 0.02, np.float32),
+        np.ones(count, np.float32),
     )
     return spawn_static(spawned, degree, SpawnConfig())
 
@@ -57,7 +60,7 @@ def test_appended_rows_start_with_zero_moments_and_leave_others_alone():
     first, second = SetOptimiser(whole, rates(whole)), SetOptimiser(grown, rates(grown))
     descend(first, 5), descend(second, 5)
     new = {name: tensor.detach()[:4].clone() for name, tensor in grown.parameters.items()}
-    second.append(new, {"ids": torch.arange(100, 104)})
+    second.append(new, {"ids": torch.arange(100, 104), "reach": torch.ones(4)})
     state = second.adam.state[grown.parameters["xyz"]]
     assert state["exp_avg"][40:].abs().max() == 0
     assert state["exp_avg"][:40].abs().max() > 0
@@ -80,6 +83,7 @@ def some_dynamic(nodes, count=30):
         rng.normal(size=(count, 3)).astype(np.float32),
         rng.uniform(size=(count, 3)).astype(np.float32),
         np.full(count, 0.02, np.float32),
+        np.ones(count, np.float32),
     )
     return spawned, spawn_dynamic(spawned, rng.integers(0, 5, count), *nodes, 3, 0, SpawnConfig())
 
@@ -156,6 +160,62 @@ def test_spawned_points_carry_their_pixels():
     assert np.allclose(spawned.rgb, image[row, column] / 255, atol=1e-6)
 
 
+def test_plain_cells_share_one_gaussian_and_detailed_ones_do_not():
+    camera, image, depth = frame()
+    image[:, :24] = 120  # a wall
+    everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
+    config = SpawnConfig(spacing=2)
+    spawned = cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, rng)
+    plain = camera.project(spawned.xyz.astype(np.float64))[0][:, 0] < 24
+    assert plain.sum() == 24 * 32 / 8**2, "blocks of 4 x 4 cells"
+    assert (~plain).sum() == 24 * 32 / 2**2
+    assert np.allclose(spawned.radius[plain], 4 * spawned.radius[~plain][0])
+    assert len(cover(image, depth, everywhere, camera, spawned.xyz, config, rng).xyz) == 0
+    depth[:, :24] = np.linspace(1, 2, 24)
+    steep = cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, rng)
+    assert len(steep.xyz) == 24 * 16, "a wall that leads away is not one Gaussian"
+
+
+def test_unsure_depth_is_covered_by_what_lies_a_little_off():
+    camera, image, depth = frame()
+    everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
+    config = SpawnConfig(spacing=2)
+    first = cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, rng)
+    loose = np.where(np.arange(48) < 24, 0.5, 0.1)[None].repeat(32, 0)
+    again = cover(image, 1.3 * depth, everywhere, camera, first.xyz, config, rng, loose)
+    assert camera.project(again.xyz.astype(np.float64))[0][:, 0].min() > 24 and len(again.xyz) == 12 * 16
+
+
+def test_what_has_no_room_is_covered_more_thinly_everywhere():
+    camera, image, depth = frame()
+    everywhere = np.ones(depth.shape, bool)
+
+    def spawn(config):
+        return cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, np.random.default_rng(0))
+
+    asked = SpawnConfig(spacing=1, max_count=200)
+    given = spacing_that_fits(lambda config: len(spawn(config).xyz), asked)
+    thin = spawn(given)
+    assert 100 < len(thin.xyz) <= 200 and given.spacing > asked.spacing
+    columns = camera.project(thin.xyz.astype(np.float64))[0][:, 0]
+    thirds = np.histogram(columns, 3, (0, 48))[0]
+    assert thirds.min() > 0.7 * thirds.max()
+    roomy = replace(asked, max_count=2000)
+    assert spacing_that_fits(lambda config: len(spawn(config).xyz), roomy) is roomy
+
+
+def test_near_and_far_move_equally_far_in_the_picture():
+    gaussians = some_static(40)
+    gaussians.labels["reach"] = torch.where(torch.arange(40) < 20, 0.2, 5.0)
+    before = gaussians.parameters["xyz"].detach().clone()
+    optimiser = SetOptimiser(gaussians, rates(gaussians))
+    gaussians.parameters["xyz"].sum().backward()
+    optimiser.step()
+    moved = (gaussians.parameters["xyz"].detach() - before).abs()
+    torch.testing.assert_close(moved[:20], torch.full((20, 3), 0.002), rtol=1e-3, atol=1e-6)
+    torch.testing.assert_close(moved[20:], torch.full((20, 3), 0.05), rtol=1e-3, atol=1e-6)
+
+
 def test_density_control_splits_clones_prunes_and_keeps_within_its_limit():
     gaussians = some_static(100)
     with torch.no_grad():
@@ -163,7 +223,9 @@ def test_density_control_splits_clones_prunes_and_keeps_within_its_limit():
         gaussians.parameters["log_scale"][50:] = np.log(0.1)  # large
     optimiser = SetOptimiser(gaussians, rates(gaussians))
     descend(optimiser)
-    config = DensityConfig(every=1, start=0, stop=1, gradient=1e-3, growth=1.0, most=130, split_scale=0.05, least=1)
+    config = DensityConfig(
+        every=1, start=0, stop=1, gradient=1e-3, growth=1.0, max_count=130, split_scale=0.05, least=1
+    )
     control = DensityControl(optimiser, config, total_steps=10)
     control.record(torch.full((100, 2), 1.0), torch.ones(100, dtype=torch.bool), 10, 10)
     next_id = control.after_step(1, 100, torch.Generator().manual_seed(0))

@@ -140,7 +140,7 @@ def test_shortened_schedules_change_as_often():
     assert short.steps / short.graph_every == pytest.approx(long.steps / long.graph_every)
     double = toy_fits.thin_out(long, 2.0)
     assert (long.spawn_static.spacing / double.spawn_static.spacing) ** 2 == pytest.approx(2.0)
-    assert double.density_dynamic.most == 2 * long.density_dynamic.most
+    assert double.density_dynamic.max_count == 2 * long.density_dynamic.max_count
 
 
 def test_linear_blend_is_rigid_for_one_motion_and_shrinks_between_two():

@@ -56,10 +56,10 @@ def small(focal: float | None = None, **priors: Any) -> FitConfig:
         measure_every=STEPS,
         priors=replace(config.priors, tracks=tracks, cameras=cameras, files=files),
         scaffold=replace(config.scaffold, most_nodes=24, geometry_steps=40),
-        spawn_static=replace(config.spawn_static, most=1500),
-        spawn_dynamic=replace(config.spawn_dynamic, most=500),
-        density_static=replace(config.density_static, most=2000),
-        density_dynamic=replace(config.density_dynamic, most=800),
+        spawn_static=replace(config.spawn_static, max_count=1500),
+        spawn_dynamic=replace(config.spawn_dynamic, max_count=500),
+        density_static=replace(config.density_static, max_count=2000),
+        density_dynamic=replace(config.density_dynamic, max_count=800),
     )
 
 
