@@ -75,7 +75,8 @@ def _checks(random: np.random.Generator) -> np.ndarray:
 
 def _clouds(random: np.random.Generator) -> np.ndarray:
     """Steps of fractal noise."""
-    fractal = sum(noise(random, 2**k) / 2**k for k in (2, 3, 4)) / sum(1 / 2**k for k in (2, 3, 4))
+    octaves = np.stack([noise(random, 2**k) / 2**k for k in (2, 3, 4)])
+    fractal = octaves.sum(0)
     ranks = np.argsort(np.argsort(fractal.ravel())).reshape(fractal.shape)
     return ranks * COLOURS // fractal.size
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from ...errors import F4xError
 from ...processes import run_verb
-from ..halves import RENDERED
+from ..halves import REAL, RENDERED, in_order
 from ..study import Context, Findings, MissingError, Row, Table
 
 WORDS = {"blackswan": "swan", "car-shadow": "car", "camel": "camel", "dog": "dog"}
@@ -98,7 +98,7 @@ def fit_clips(context: Context) -> Findings:
     for clip in _clips(context):
         for profile in PROFILES:
             told = context.step(f"{clip.name}-{profile}", partial(_fit, clip, profile, context))
-            rows.append({"clip": clip.name, "profile": profile} | told)
+            rows.append({"clip": clip.name, "half": REAL.half_of(clip.name), "profile": profile} | told)
     note = f"Every {HOLD_OUT}th frame is held out; `f4x fit CLIP --profile PROFILE --hold-out {HOLD_OUT}`, then `f4x eval`."
     return Findings([Table("clips", rows, "Real clips", timed=("time (s)",), note=note)])
 
@@ -200,7 +200,8 @@ def _clips(context: Context) -> list[Path]:
     found = sorted(folder.parent for folder in context.clips.glob("*/images"))
     if not found:
         raise MissingError(f"{context.clips} holds no clip (CLIP/images).")
-    return [clip.resolve() for clip in found]
+    by_name = {clip.name: clip.resolve() for clip in found}
+    return [by_name[name] for name in in_order(by_name, REAL)]
 
 
 def _fit(clip: Path, profile: str, context: Context) -> Row:

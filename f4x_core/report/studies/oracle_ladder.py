@@ -92,7 +92,7 @@ def climb(clip_folder: Path, work: Path, config: FitConfig, report: Callable[[Ro
     rows: list[Row] = []
     for label, replaced in mixtures():
         scene = fit_priors(clip, mix_priors(true, offline, replaced), config)
-        scores = score_against_truth(scene, clip_folder, backend=config.backend) | scene.metrics
+        scores = score_against_truth(scene, clip_folder, backend=config.backend) | dict(scene.metrics)
         row: Row = {"offline": label} | {column: scores.get(name) for column, name in FIGURES.items()}
         rows.append(row | _losses(row, rows))
         report(rows[-1])
