@@ -23,6 +23,7 @@ from ..errors import F4xError
 from ..geometry.camera import CameraPath
 from ..progress import Progress
 from .config import PriorsConfig
+from .depth import FARTHEST
 from .files import camera_kind
 from .flow import sample
 
@@ -250,10 +251,11 @@ def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: 
 
 
 def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `depth` (median 1, background NaN) and `depth_confidence`."""
+    """Fill `depth` (median 1, sky at `FARTHEST`: a fit needs a place for what it shows) and `depth_confidence`."""
     truth = _truth(clip, priors, progress)
-    priors.depth = truth.depth[priors.frames] / np.float32(_unit(truth, priors))
-    priors.depth_confidence = np.isfinite(priors.depth).astype(np.float16)
+    depth = truth.depth[priors.frames] / np.float32(_unit(truth, priors))
+    priors.depth = np.where(np.isfinite(depth), depth, np.float32(FARTHEST))
+    priors.depth_confidence = np.ones(depth.shape, np.float16)
 
 
 def _truth(clip: Clip, priors: Priors, progress: Progress) -> Truth:

@@ -19,6 +19,7 @@ from ...fit.config import FitConfig, profile
 from ...fit.pipeline import finish_fit, start_fit
 from ...geometry.camera import CameraPath
 from ...priors import Priors, PriorsConfig, build_priors
+from ...priors.depth import FARTHEST
 from ...priors.synthetic import motion_of_tracks
 from ...scene import Scene
 from ..halves import RENDERED
@@ -160,21 +161,21 @@ def _mixed_depth(true: Priors, offline: Priors, wanted: dict[str, bool]) -> tupl
 
 
 def static_depth_scale(true: Priors, offline: Priors) -> float:
-    """Median over the background of true depth / offline depth."""
-    ratio = (_array(true.depth) / _array(offline.depth))[~_array(true.mask)]
+    """Median over the background, sky left out, of true depth / offline depth."""
+    ratio = (_array(true.depth) / _array(offline.depth))[~_array(true.mask) & (_array(true.depth) < FARTHEST)]
     return float(np.median(ratio[np.isfinite(ratio)]))
 
 
 def prior_errors(true: Priors, offline: Priors) -> Row:
     """Errors of the offline priors: depth in the unit of the cameras' alignment and in its own, focal length, masks."""
     assert true.cameras is not None and offline.cameras is not None
-    moving, unknown = _array(true.mask), np.where(np.isfinite(_array(true.depth)), _array(true.depth), np.inf)
-    ours, row = _array(offline.depth), Row()
+    moving, ours, row = _array(true.mask), _array(offline.depth), Row()
+    surfaces = np.where(_array(true.depth) < FARTHEST, _array(true.depth), np.inf)
     for unit, scale in (
         ("unit by cameras", align_cameras(offline.cameras, true.cameras)[0]),
         ("unit by depth", static_depth_scale(true, offline)),
     ):
-        for name, error in depth_errors(scale * ours, unknown, moving).items():
+        for name, error in depth_errors(scale * ours, surfaces, moving).items():
             row[f"{name.replace('_', ' ')}, {unit}"] = error
     found = _array(offline.mask)
     row["masks, IoU"] = float((found & moving).sum() / max((found | moving).sum(), 1))
