@@ -34,6 +34,8 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 ORBIT_DEGREES = 5.0
 # What the render writes; a new one starts by removing these, and nothing else, from the clip's folder.
 RENDERED = ("images", "truth", "images_left10", "images_right10", "truth.json")
+# Degrees off the path of its extra cameras, left and right.
+EXTRA = "10"
 # Its settings; there only when the render was finished, so a call with equal settings can use it again.
 SETTINGS = "rendered.json"
 # Seconds between two looks at how far a child process is.
@@ -126,7 +128,7 @@ def render_clip(folder: Path, settings: DemoClip, progress: Progress) -> None:
         count = len(list((folder / "images").glob("*.png")))
         progress("render clip", count, settings.frames)
 
-    run_script("synthetic_clip.py", str(folder), *settings.arguments(), "--extra-cameras", look=look)
+    run_script("synthetic_clip.py", str(folder), *settings.arguments(), "--extra-cameras", EXTRA, look=look)
     look()
     with replace_file(done) as file:
         file.write(json.dumps(wanted).encode())

@@ -23,6 +23,7 @@ from ..errors import F4xError
 from ..geometry.camera import CameraPath
 from ..progress import Progress
 from .config import PriorsConfig
+from .depth import FARTHEST
 from .files import camera_kind
 from .flow import sample
 
@@ -164,17 +165,22 @@ class Truth:
 
     def _pixels(self, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Column, row (clipped) and whether inside the picture."""
-        height, width = self.depth.shape[1:]
-        inside = (uv >= 0).all(-1) & (uv[..., 0] < width) & (uv[..., 1] < height)
-        uv = np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0)
-        x = np.clip(uv[..., 0], 0, width - 1).astype(int)
-        return x, np.clip(uv[..., 1], 0, height - 1).astype(int), inside
+        return _pixels_of(uv, self.depth.shape[1:])
 
     def _vector(self, flow: np.ndarray, moving: np.ndarray, uv: np.ndarray) -> np.ndarray:
         """Flow at `uv`: bilinear inside a moving object, of the nearest pixel on its rim (no mixing with background)."""
         x, y, _ = self._pixels(uv)
         pure = sample(moving.astype(np.float32), uv) > 0.999
         return np.where(pure[..., None], sample(flow, uv), flow[y, x])
+
+
+def _pixels_of(uv: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Column, row (clipped) and whether inside a picture of `shape` (H, W)."""
+    height, width = shape
+    inside = (uv >= 0).all(-1) & (uv[..., 0] < width) & (uv[..., 1] < height)
+    uv = np.nan_to_num(uv, nan=0.0, posinf=0.0, neginf=0.0)
+    x = np.clip(uv[..., 0], 0, width - 1).astype(int)
+    return x, np.clip(uv[..., 1], 0, height - 1).astype(int), inside
 
 
 def provide_flow(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
@@ -221,11 +227,16 @@ def provide_motion(clip: Clip, priors: Priors, config: PriorsConfig, progress: P
     priors.mask = truth.moving[priors.frames]
     priors.motion = priors.mask.astype(np.float16)
     assert priors.tracks is not None and priors.tracks_visible is not None
-    hits, seen = np.zeros(priors.tracks.shape[1]), priors.tracks_visible
-    for i, frame in enumerate(priors.frames):
-        x, y, _ = truth._pixels(priors.tracks[i])
-        hits += seen[i] & truth.moving[frame, y, x]
-    priors.tracks_motion = (hits > 0.5 * seen.sum(0)).astype(np.float32)
+    priors.tracks_motion = motion_of_tracks(priors.tracks, priors.tracks_visible, priors.mask)
+
+
+def motion_of_tracks(tracks: np.ndarray, visible: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """`tracks_motion (N,)` float32: 1 for tracks `(F,N,2)` most of whose visible samples lie in `mask (F,H,W)`, else 0."""
+    hits = np.zeros(tracks.shape[1])
+    for uv, seen, moving in zip(tracks, visible, mask, strict=True):
+        x, y, _ = _pixels_of(uv, moving.shape)
+        hits += seen & moving[y, x]
+    return (hits > 0.5 * visible.sum(0)).astype(np.float32)
 
 
 def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
@@ -240,10 +251,11 @@ def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: 
 
 
 def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `depth` (median 1, background NaN) and `depth_confidence`."""
+    """Fill `depth` (median 1, sky at `FARTHEST`: a fit needs a place for what it shows) and `depth_confidence`."""
     truth = _truth(clip, priors, progress)
-    priors.depth = truth.depth[priors.frames] / np.float32(_unit(truth, priors))
-    priors.depth_confidence = np.isfinite(priors.depth).astype(np.float16)
+    depth = truth.depth[priors.frames] / np.float32(_unit(truth, priors))
+    priors.depth = np.where(np.isfinite(depth), depth, np.float32(FARTHEST))
+    priors.depth_confidence = np.ones(depth.shape, np.float16)
 
 
 def _truth(clip: Clip, priors: Priors, progress: Progress) -> Truth:

@@ -94,17 +94,16 @@ def novel_views(scene: Scene, clip: TrueClip) -> Iterator[View]:
     """The extra cameras' views; without passes of theirs, the truth is what the clip's frames saw (`subject_from`)."""
     size = scene.cameras.width, scene.cameras.height
     seen = None
-    for name, cameras, _ in clip.extras:
-        passes = clip.folder / f"truth_{name}"
-        for index, time in enumerate(cameras.times):
-            camera = clip.into_scene(cameras[index], scene)
-            if passes.is_dir():
-                yield camera, float(time), *_true_subject(scene, clip, passes, int(time))
+    for extra in clip.extras:
+        for index, time in enumerate(extra.cameras.times):
+            camera = clip.into_scene(extra.cameras[index], scene)
+            if extra.passes.is_dir():
+                yield camera, float(time), *_true_subject(scene, clip, extra.passes, int(time))
                 continue
             seen = seen or SeenSurface.read(clip.folder, clip.path, np.arange(len(clip.path)), clip.moving_index)
             if seen is None:
                 raise F4xError(f"{clip.folder / 'truth'} is not complete; render the clip again.")
-            subject, known = subject_from(seen, cameras[index], int(time))
+            subject, known = subject_from(seen, extra.cameras[index], int(time))
             yield camera, float(time), resize_nearest(subject, *size), resize_nearest(known, *size)
 
 

@@ -31,7 +31,7 @@ def read_channels(path: Path) -> dict[str, np.ndarray]:
 def clip(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clip")
     size = f"{WIDTH}x{HEIGHT}"
-    done = render(folder, "--frames", str(FRAMES), "--size", size, "--samples", "1", "--extra-cameras")
+    done = render(folder, "--frames", str(FRAMES), "--size", size, "--samples", "1", "--extra-cameras", "10")
     assert done.returncode == 0, done.stderr
     truth = json.loads((folder / "truth.json").read_text())
     return folder, truth, [read_channels(folder / "truth" / f"{t:05d}.exr") for t in range(FRAMES)]
@@ -89,7 +89,65 @@ def test_extra_cameras_stand_ten_degrees_aside(clip):
         )
         seen = position(read_channels(folder / f"truth_{entry['name']}" / "00000.exr"))
         assert np.abs(cameras[0].project(seen)[0] - cameras[0].pixel_grid()).max() < 0.01
+        assert entry["degrees"] == 10
     assert len(truth["extra_cameras"]) == 2
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory):
+    """An open-air scene, as one of several."""
+    folder = tmp_path_factory.mktemp("field")
+    size = f"{WIDTH}x{HEIGHT}"
+    command = ("--scene", "horizon,falling", "--frames", str(FRAMES), "--size", size, "--samples", "1")
+    done = render(folder, *command, "--extra-cameras", "5,20")
+    assert done.returncode == 0, done.stderr
+    return folder, command, json.loads(done.stdout.splitlines()[-1])
+
+
+def test_several_scenes_get_folders_and_are_not_rendered_twice(field):
+    folder, command, printed = field
+    assert printed["seconds"].keys() == {"horizon", "falling"}
+    done = render(folder, *command)
+    assert done.returncode == 0 and json.loads(done.stdout.splitlines()[-1])["seconds"] == {}
+
+
+def test_open_air_scenes_have_sky_far_ground_and_what_moves(field):
+    folder = field[0]
+    truth = json.loads((folder / "horizon" / "truth.json").read_text())
+    cameras = CameraPath.from_json(truth["cameras"])
+    channels = read_channels(folder / "horizon" / "truth" / "00001.exr")
+    depth, known = channels["Depth.Z"], channels["Depth.Z"] < 1e9
+    moving = np.isin(channels["IndexOB.X"], truth["moving_index"])
+    assert 0.05 < 1 - known.mean() < 0.5 and not known[0].any() and known[-1].all()  # sky above, ground below
+    assert depth[known].max() > 15 * np.median(depth[known]) and 0.005 < moving.mean() < 0.3
+    pixels, reprojected = cameras[1].project(position(channels)[known])
+    assert np.abs(pixels - cameras[1].pixel_grid()[known]).max() < 0.01
+    assert np.abs(reprojected / depth[known] - 1).max() < 1e-4
+    flow = np.stack([-channels["Vector.Z"], channels["Vector.W"]], -1)
+    static_flow = cameras[2].project(position(channels)[known])[0] - cameras[1].pixel_grid()[known]
+    apart = np.linalg.norm(flow[known] - static_flow, axis=-1)
+    assert apart[~moving[known]].max() < 0.1 < np.median(apart[moving[known]])
+
+
+def test_extra_cameras_stand_at_their_angle_and_side(field):
+    folder = field[0]
+    truth = json.loads((folder / "horizon" / "truth.json").read_text())
+    focus, cameras = np.array([0.0, 0.0, 0.7]), CameraPath.from_json(truth["cameras"])
+    assert sorted(entry["name"] for entry in truth["extra_cameras"]) == sorted(
+        f"{side}{degrees}" for side in ("left", "right", "up") for degrees in (5, 20)
+    )
+    for entry in truth["extra_cameras"]:
+        extra = CameraPath.from_json(entry["cameras"])
+        for camera, time in zip(extra, extra.times, strict=True):
+            before, after = (one.center - focus for one in (cameras[int(time)], camera))
+            cosine = before @ after / np.linalg.norm(before) / np.linalg.norm(after)
+            across = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+            if entry["name"].startswith("up"):
+                assert camera.center[2] > cameras[int(time)].center[2] + 0.3
+                assert across == pytest.approx(entry["degrees"], abs=0.2)
+            else:  # about the vertical: the angle in the plan is exact
+                turned = np.degrees(np.angle(complex(*after[:2]) / complex(*before[:2])))
+                assert turned == pytest.approx(entry["degrees"] * (1 if "right" in entry["name"] else -1), abs=1e-3)
 
 
 def test_missing_assets_are_one_sentence(tmp_path):

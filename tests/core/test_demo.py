@@ -36,7 +36,7 @@ def test_clip_is_rendered_once_and_again_when_settings_change(tmp_path: Path, sc
         demo.render_clip(folder, demo.DemoClip(frames=2, seed=seed), silent)
     calls = (scripts / "calls").read_text().splitlines()
     assert [call.split("--seed ")[1].split()[0] for call in calls] == ["0", "1"]
-    assert all("--frames 2 --size 288x162" in call and call.endswith("--extra-cameras") for call in calls)
+    assert all("--frames 2 --size 288x162" in call and call.endswith("--extra-cameras 10") for call in calls)
 
 
 def test_an_unfinished_render_is_not_used_and_other_files_stay(tmp_path: Path, scripts: Path):

@@ -11,6 +11,7 @@ import pytest
 from f4x_core.cli.main import main
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.report import catalogue, runner
+from f4x_core.report.halves import RENDERED
 from f4x_core.report.publication import publish, results_page
 from f4x_core.report.report_page import as_markdown, told, write_page
 from f4x_core.report.runner import run_studies
@@ -223,7 +224,9 @@ def test_a_rendered_clip_whose_model_is_not_here_costs_no_other(tmp_path, monkey
     monkeypatch.setattr(clip_studies, "_run", run)
     monkeypatch.setattr(clip_studies, "_fit_rendered", lambda *_: {"time (s)": 1.0})
     found = clip_studies.fit_rendered(Context(tmp_path))
-    assert [row["scene"] for row in found.tables[0].rows] == ["procedural"] * 2 + ["knight"] * 2
+    rows = found.tables[0].rows
+    assert [row["scene"] for row in rows] == [name for name in RENDERED.every if name != "fox" for _ in range(2)]
+    assert {row["half"] for row in rows} == {"choosing", "judging"}
     (said,) = found.skipped
     assert said.startswith("fox: ") and "fox.glb is missing" in said
 

@@ -16,7 +16,14 @@ from f4x_core.clip.images import as_bytes
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion, trajectory
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.report.truth import SeenSurface, align_cameras, into_scene, rotation_error, score_against_truth
+from f4x_core.report.truth import (
+    SeenSurface,
+    align_cameras,
+    depth_errors,
+    into_scene,
+    rotation_error,
+    score_against_truth,
+)
 from f4x_core.scene import write_scene
 from f4x_core.scene.view import render
 
@@ -42,20 +49,22 @@ def curved(path: CameraPath) -> CameraPath:
     return dataclasses.replace(path, world_to_camera=matrices)
 
 
-def write_truth(folder: Path, scene, extra: bool = True) -> None:
+def write_truth(folder: Path, scene, extra: bool = True, angles=(10,)) -> None:
     """The truth of `scene` in its true world; extra cameras see exactly what the scene shows."""
     entries = []
-    if extra:
-        views = trajectory.orbit(scene.cameras, degrees=10, depth=2, count=3)
+    for degrees in angles if extra else ():
+        name = f"left{degrees}"
+        views = trajectory.orbit(scene.cameras, degrees=degrees, depth=2, count=3)
         matrices = np.stack([view.camera.world_to_camera for view in views])
         path = CameraPath(
             scene.cameras.intrinsics[:3], matrices, [0.0, 2.0, 4.0], scene.cameras.width, scene.cameras.height
         )
-        (folder / "images_left10").mkdir()
+        (folder / f"images_{name}").mkdir()
         for index, time in enumerate(path.times):
             picture = as_bytes(render(scene, path[index], float(time), ("rgb",))["rgb"])
-            Image.fromarray(picture).save(folder / "images_left10" / f"{int(time):05d}.png")
-        entries.append({"name": "left10", "cameras": in_true_world(path).to_json(), "images": "images_left10"})
+            Image.fromarray(picture).save(folder / f"images_{name}" / f"{int(time):05d}.png")
+        entry = {"name": name, "degrees": degrees, "cameras": in_true_world(path).to_json()}
+        entries.append(entry | {"images": f"images_{name}"})
     truth = {"cameras": in_true_world(scene.cameras).to_json(), "extra_cameras": entries, "moving_index": [2]}
     (folder / "truth.json").write_text(json.dumps(truth))
 
@@ -179,13 +188,18 @@ def test_seen_surface_leaves_out_what_no_camera_saw():
 
 def write_passes(folder: Path, scene, depth: float) -> None:
     """Every clip frame saw one wall at `depth` (true unit), Blender's way."""
+    plane = np.full((scene.cameras.height, scene.cameras.width), depth, np.float32)
+    for frame in range(len(scene.cameras)):
+        write_pass(folder / "truth", frame, plane, np.zeros_like(plane))
+
+
+def write_pass(folder: Path, frame: int, depth: np.ndarray, index: np.ndarray) -> None:
+    """One frame's depth and object index (H,W)."""
     import OpenEXR
 
-    (folder / "truth").mkdir()
-    plane = np.full((scene.cameras.height, scene.cameras.width), depth, np.float32)
-    channels = {"ViewLayer.Depth.Z": plane, "ViewLayer.IndexOB.X": np.zeros_like(plane)}
-    for frame in range(len(scene.cameras)):
-        OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(folder / "truth" / f"{frame:05d}.exr"))
+    folder.mkdir(exist_ok=True)
+    channels = {"ViewLayer.Depth.Z": depth.astype(np.float32), "ViewLayer.IndexOB.X": index.astype(np.float32)}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, channels).write(str(folder / f"{frame:05d}.exr"))
 
 
 def seen_by_some_frame(scene, camera, depth: float) -> np.ndarray:
@@ -226,3 +240,86 @@ def test_truth_of_another_clip_is_refused(tmp_path: Path):
     (tmp_path / "truth.json").write_text(json.dumps(truth))
     with pytest.raises(F4xError, match="the truth has 4 frames, the scene 6"):
         score_against_truth(scene, tmp_path)
+
+
+def halves_of(scene, depth: float) -> tuple[np.ndarray, np.ndarray]:
+    """Depth (H,W) of a wall and an object index (H,W) whose right half moves."""
+    shape = (scene.cameras.height, scene.cameras.width)
+    index = np.ones(shape)
+    index[:, shape[1] // 2 :] = 2
+    return np.full(shape, depth), index
+
+
+def test_unseen_views_are_parted_by_angle_and_by_what_moves(tmp_path: Path):
+    """Extra pictures that are wrong only where something moves, and only 20 degrees off the path."""
+    scene = random_scene()
+    write_truth(tmp_path, scene, angles=(10, 20))
+    depth, index = halves_of(scene, 2 * SCALE)
+    for frame in range(len(scene.cameras)):
+        write_pass(tmp_path / "truth", frame, depth, index)
+    for name in ("left10", "left20"):
+        for time in (0, 2, 4):
+            write_pass(tmp_path / f"truth_{name}", time, depth, index)
+    half = scene.cameras.width // 2
+    for time in (0, 2, 4):
+        file = tmp_path / "images_left20" / f"{time:05d}.png"
+        picture = np.asarray(Image.open(file)).copy()
+        picture[:, half:] = 255 - picture[:, half:]
+        Image.fromarray(picture).save(file)
+    scores = score_against_truth(scene, tmp_path)
+    moving, static = "unseen_psnr_covered_moving", "unseen_psnr_covered_static"
+    assert min(scores[f"{moving}_at_10"], scores[f"{static}_at_10"], scores[f"{static}_at_20"]) > 55
+    assert scores[f"{moving}_at_20"] < 20 and scores["unseen_psnr_covered_at_20"] < scores["unseen_psnr_covered_at_10"]
+    mean = (scores[f"{moving}_at_10"] + scores[f"{moving}_at_20"]) / 2
+    assert scores[moving] == pytest.approx(mean)  # as many views at either angle
+    assert {row["degrees"] for row in scores["views"]} == {10, 20}
+
+
+def test_what_moves_is_covered_only_where_its_own_frame_saw_it(tmp_path: Path):
+    scene = random_scene()
+    write_truth(tmp_path, scene)
+    depth, index = halves_of(scene, 2 * SCALE)
+    for frame in range(len(scene.cameras)):  # the clip never saw anything move
+        write_pass(tmp_path / "truth", frame, depth, np.ones_like(index))
+    for time in (0, 2, 4):
+        write_pass(tmp_path / "truth_left10", time, depth, index)
+    scores = score_against_truth(scene, tmp_path)
+    assert "unseen_psnr_covered_moving" not in scores and scores["unseen_psnr_covered_static"] > 55
+
+
+def test_sky_counts_where_a_frame_looked_that_way(tmp_path: Path):
+    scene = random_scene()
+    sky = np.full((scene.cameras.height, scene.cameras.width), 1e10)
+    wall = np.full_like(sky, 2 * SCALE)
+    write_truth(tmp_path, scene)
+    for frame in range(len(scene.cameras)):
+        write_pass(
+            tmp_path / "truth", frame, np.where(np.arange(len(sky))[:, None] < len(sky) // 2, sky, wall), 1 + 0 * sky
+        )
+    for time in (0, 2, 4):
+        write_pass(tmp_path / "truth_left10", time, sky, 1 + 0 * sky)
+    covered = [row["covered_share"] for row in score_against_truth(scene, tmp_path)["views"]]
+    assert all(0.2 < fraction < 0.55 for fraction in covered)  # the lower half of the sky was never seen
+
+
+def test_depth_errors_grant_what_moves_no_scale_of_its_own():
+    true = np.full((2, 4, 6), 3.0)
+    true[0, 0] = 1e10
+    moving = np.zeros(true.shape, bool)
+    moving[:, :, 3:] = True
+    found = np.where(moving, 1.2 * true, 0.95 * true)
+    found[1, 1] = np.nan
+    errors = depth_errors(found, true, moving)
+    assert errors == {"depth_error_static": pytest.approx(0.05), "depth_error_moving": pytest.approx(0.2)}
+    assert depth_errors(found, true, np.zeros_like(moving)).keys() == {"depth_error_static"}
+
+
+def test_the_scene_is_asked_for_its_own_depth(tmp_path: Path):
+    scene = random_scene()
+    write_truth(tmp_path, scene, extra=False)
+    for frame, camera in enumerate(scene.cameras):
+        depth = render(scene, camera, float(frame), ("depth",))["depth"]
+        write_pass(
+            tmp_path / "truth", frame, np.where(np.isfinite(depth), 1.1 * SCALE * depth, 1e10), np.ones_like(depth)
+        )
+    assert score_against_truth(scene, tmp_path)["depth_error_static"] == pytest.approx(1 - 1 / 1.1, rel=1e-3)

@@ -12,6 +12,7 @@ from typing import Any
 
 from ...errors import F4xError
 from ...processes import run_verb
+from ..halves import REAL, RENDERED, in_order
 from ..study import Context, Findings, MissingError, Row, Table
 
 WORDS = {"blackswan": "swan", "car-shadow": "car", "camel": "camel", "dog": "dog"}
@@ -25,8 +26,8 @@ FITTED = "clips-fit"
 """Study that leaves the scenes which the others read."""
 SCRIPTS = Path(__file__).resolve().parents[3] / "scripts"
 """Of a checkout."""
-RENDERED = ("procedural", "knight", "fox")
-SIZE = ("--frames", "24", "--size", "240x136", "--samples", "24", "--extra-cameras")
+RENDERED_CLIPS = "rendered-clips"
+"""Study whose folder holds the rendered clips."""
 PROVIDERS = {"true": "synthetic", "offline": "classical"}
 SCORES = {
     "used (dB)": "used_psnr",
@@ -72,8 +73,14 @@ RENDERED_FIGURES = {
     "used (dB)": "used_psnr",
     "used, moving (dB)": "used_psnr_moving",
     "unseen views (dB)": "unseen_psnr",
-    "seen surfaces there (dB)": "unseen_psnr_covered",
-    "their share": "unseen_covered_share",
+    "seen surfaces at 5 degrees (dB)": "unseen_psnr_covered_at_5",
+    "seen surfaces at 10 degrees (dB)": "unseen_psnr_covered_at_10",
+    "moving (dB)": "unseen_psnr_covered_moving_at_10",
+    "static (dB)": "unseen_psnr_covered_static_at_10",
+    "seen surfaces at 20 degrees (dB)": "unseen_psnr_covered_at_20",
+    "fraction of seen surfaces": "unseen_covered_share",
+    "depth error, static": "depth_error_static",
+    "depth error, moving": "depth_error_moving",
     "cameras, share of the path": "ate_share",
     "cameras (degrees)": "rotation_error",
     "focal length, fitted / true": "focal_ratio",
@@ -91,7 +98,7 @@ def fit_clips(context: Context) -> Findings:
     for clip in _clips(context):
         for profile in PROFILES:
             told = context.step(f"{clip.name}-{profile}", partial(_fit, clip, profile, context))
-            rows.append({"clip": clip.name, "profile": profile} | told)
+            rows.append({"clip": clip.name, "half": REAL.half_of(clip.name), "profile": profile} | told)
     note = f"Every {HOLD_OUT}th frame is held out; `f4x fit CLIP --profile PROFILE --hold-out {HOLD_OUT}`, then `f4x eval`."
     return Findings([Table("clips", rows, "Real clips", timed=("time (s)",), note=note)])
 
@@ -139,22 +146,38 @@ def edit_clips(context: Context) -> Findings:
 
 def fit_rendered(context: Context) -> Findings:
     """Rendered clips, with true and with offline priors, against what only the renderer knows."""
-    script = _script("synthetic_clip.py")
+    clips, skipped = render_clips(context, RENDERED.every)
     rows: list[Row] = []
-    skipped = []
-    for name in RENDERED:
-        clip = context.folder / name
+    for name, clip in clips.items():
+        for priors, provider in PROVIDERS.items():
+            scores = context.step(f"{name} {priors}", partial(_fit_rendered, clip, provider, context))
+            about = {"scene": name, "half": RENDERED.half_of(name), "priors": priors}
+            rows.append(about | _named(scores, RENDERED_FIGURES))
+    note = (
+        "Cameras never used, 5, 10 and 20 degrees off the path; `seen surfaces`: pixels whose surface a frame saw. Constants"
+        " are chosen on the choosing half only."
+    )
+    table = Table("rendered", rows, "Rendered clips, profile quick", timed=("time (s)",), note=note)
+    return Findings([table], skipped=skipped)
+
+
+def render_clips(context: Context, names: Sequence[str]) -> tuple[dict[str, Path], list[str]]:
+    """Name -> folder of rendered clips with their truth, and why the others could not be rendered.
+
+    They lie where `rendered-clips` keeps them, for all studies.
+    """
+    folder = context.folder.parent / RENDERED_CLIPS
+    script = _script("synthetic_clip.py")
+    clips, skipped = {}, []
+    for name in names:
         try:
-            context.step(f"render {name}", partial(_run, [str(script), str(clip), "--scene", name, *SIZE]))
+            command = [str(script), str(folder / name), "--scene", name, "--extra-cameras"]
+            context.step(f"render {name}", partial(_run, command))
         except F4xError as error:  # its model is not on this machine
             skipped.append(f"{name}: {error}")
             continue
-        for priors, provider in PROVIDERS.items():
-            told = context.step(f"{name} {priors}", partial(_fit_rendered, clip, provider, context))
-            rows.append({"scene": name, "priors": priors} | _named(told, RENDERED_FIGURES))
-    note = "Two cameras never used, 10 degrees off the path on either side; `seen surfaces`: pixels whose surface a frame saw."
-    table = Table("rendered", rows, "Rendered clips, profile quick", timed=("time (s)",), note=note)
-    return Findings([table], skipped=skipped)
+        clips[name] = folder / name
+    return clips, skipped
 
 
 def measure_blender(context: Context) -> Findings:
@@ -177,7 +200,8 @@ def _clips(context: Context) -> list[Path]:
     found = sorted(folder.parent for folder in context.clips.glob("*/images"))
     if not found:
         raise MissingError(f"{context.clips} holds no clip (CLIP/images).")
-    return [clip.resolve() for clip in found]
+    by_name = {clip.name: clip.resolve() for clip in found}
+    return [by_name[name] for name in in_order(by_name, REAL)]
 
 
 def _fit(clip: Path, profile: str, context: Context) -> Row:

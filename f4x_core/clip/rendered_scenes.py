@@ -1,0 +1,203 @@
+"""The scenes of rendered clips as data: what stands where, what moves and how, and which way the camera goes.
+
+Metres, z up. The camera starts at y = -`distance` and looks along +y at the focus, a point above the origin; extra cameras
+turn about the focus. Times run over 0..1 of the clip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..errors import F4xError
+
+GRID_PATHS = {"short": 0.05, "middle": 0.15, "long": 0.4}
+"""Camera path of the grid's clips, in distances to the focus."""
+GRID_MOTIONS = {"slow": (0.3, 30.0), "middle": (1.2, 110.0), "fast": (2.8, 300.0)}
+"""Way (metres) and turn (degrees) of the grid's moving object during the clip."""
+ALL = "all"
+"""Stands for every scene."""
+
+
+@dataclass(frozen=True)
+class CameraMove:
+    """Which way the camera goes, with a hand's seeded tremble."""
+
+    kind: str = "sweep"
+    """`sweep` (sideways, in a slight arc), `walk` (forward), `orbit` (around the focus), `pan` (turns on the spot, with a
+    step), or of the room's scenes: `hand`, `recorded`."""
+    path: float = 0.15
+    """Length in distances to the focus."""
+    turn: float = 0.0
+    """Degrees that a `pan` turns through."""
+    distance: float = 5.0
+    """From the focus at the start, metres."""
+    height: float = 1.6
+    """Above the ground, metres."""
+    tremble: float = 0.006
+    """Standard deviation of the hand, metres; a third of it, in radians, turns the camera."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a body moves: along a smooth curve over the ground, turning, rolling, hopping or falling."""
+
+    stops: tuple[tuple[float, float, float], ...]
+    """(time 0..1, x, y): the curve passes through them."""
+    turn: float = 0.0
+    """Degrees about the vertical during the clip."""
+    rolls: bool = False
+    """Turns as a ball of its height rolls along the curve."""
+    hops: tuple[int, float] = (0, 0.0)
+    """How many hops of which height, metres."""
+    drop: float = 0.0
+    """Height (metres) from which it falls at first; it bounces, tumbles and comes to rest on a side."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A textured solid; it stands still without a way."""
+
+    shape: str
+    """`box`, `ball`, `cylinder`, `cone` or `head` (Blender's monkey)."""
+    size: tuple[float, float, float]
+    """Extents, metres."""
+    texture: int
+    """Seed of its pattern."""
+    place: tuple[float, float] = (0.0, 0.0)
+    """x, y where it stands; a way has its own."""
+    turned: float = 0.0
+    """Degrees about the vertical, at the start."""
+    way: Way | None = None
+
+
+@dataclass(frozen=True)
+class RenderedScene:
+    """One rendered clip."""
+
+    name: str
+    setting: str = "field"
+    """`field` (ground to the horizon under a sky), `yard` (the same with a wall behind), or of the room: `procedural`,
+    `knight`, `fox`."""
+    camera: CameraMove = CameraMove()
+    bodies: tuple[Body, ...] = ()
+    """What moves, and what stands near it."""
+    frames: int = 24
+    focus_height: float = 0.7
+    """Of the focus, metres."""
+    aside: tuple[str, ...] = ("left", "right", "up")
+    """Where the extra cameras stand."""
+    props: int = 9
+    """Seeded boxes and posts that stand around."""
+    look: int = 0
+    """Seed of ground, wall and props."""
+
+    @property
+    def needs_models(self) -> bool:
+        """Whether the scene shows a figure that must be downloaded."""
+        return self.setting in ("knight", "fox")
+
+
+def _box(place: tuple[float, float], size: tuple[float, float, float], texture: int, turned: float = 0.0) -> Body:
+    return Body("box", size, texture, place, turned)
+
+
+def _grid() -> tuple[RenderedScene, ...]:
+    """Camera path against object motion, 3 x 3: everything else is the same."""
+    return tuple(
+        RenderedScene(
+            f"grid-{path}-{motion}",
+            "yard",
+            CameraMove("sweep", length),
+            (
+                Body(
+                    "head", (1.1, 0.9, 1.0), 11, way=Way(((0, -way / 2, -0.2), (0.5, 0, 0.1), (1, way / 2, -0.2)), turn)
+                ),
+                _box((-1.6, 1.0), (0.7, 0.6, 1.1), 12, 20),
+                Body("cylinder", (0.6, 0.6, 0.8), 13, (1.5, 0.7)),
+            ),
+        )
+        for path, length in GRID_PATHS.items()
+        for motion, (way, turn) in GRID_MOTIONS.items()
+    )
+
+
+_FALLING = (
+    Body(
+        "ball", (0.7, 0.7, 0.7), 21, way=Way(((0, -1.7, 0.5), (0.4, -0.9, 0.2), (1, 0.1, -0.2)), drop=1.2, rolls=True)
+    ),
+    Body("box", (0.6, 0.6, 0.6), 22, way=Way(((0, 0.9, 0.9), (0.5, 0.6, 0.8), (1, 0.5, 0.8)), drop=1.4)),
+    Body("cylinder", (0.5, 0.5, 0.8), 23, way=Way(((0, 1.9, -0.3), (0.6, 1.5, -0.4), (1, 1.4, -0.4)), drop=1.2)),
+    Body("ball", (0.5, 0.5, 0.5), 24, way=Way(((0, 2.3, -0.9), (1, -1.6, -1.0)), rolls=True)),
+    _box((-1.9, 1.5), (0.9, 0.7, 0.8), 25, 15),
+)
+_CROSSING = (
+    Body("head", (1.0, 0.8, 0.9), 31, way=Way(((0, -1.7, 0.5), (1, 1.7, 0.6)), turn=50)),
+    Body("cylinder", (0.7, 0.7, 1.2), 32, way=Way(((0, 1.5, -0.6), (1, -1.5, -0.5)), turn=-120)),
+    _box((-2.2, 1.6), (0.8, 0.8, 1.3), 33, 30),
+    _box((2.3, 1.2), (0.6, 0.9, 0.7), 34, -20),
+)
+_RETURN = (
+    Body(
+        "head",
+        (1.0, 0.8, 0.9),
+        41,
+        way=Way(((0, -0.4, 0.0), (0.45, 4.6, 0.4), (0.55, 4.6, 0.4), (1, 0.3, -0.2)), turn=90),
+    ),
+    _box((1.3, 1.1), (0.7, 0.7, 0.9), 42, 25),
+    Body("cylinder", (0.5, 0.5, 1.3), 43, (-1.6, 0.9)),
+)
+_HORIZON = (
+    Body(
+        "box", (0.9, 0.6, 0.6), 51, way=Way(((0, -1.5, 0.6), (0.5, 0.1, -0.3), (1, 1.4, 0.3)), turn=70, hops=(3, 0.25))
+    ),
+    Body("cylinder", (0.4, 0.4, 1.0), 52, (-1.4, 2.4)),
+)
+_WALK = (
+    Body("ball", (0.7, 0.7, 0.7), 61, way=Way(((0, -1.2, -0.8), (1, 1.0, 1.6)), rolls=True)),
+    _box((-1.5, 2.6), (0.8, 0.8, 1.4), 62, 10),
+    _box((1.7, 4.0), (1.0, 0.7, 1.1), 63, -25),
+    Body("cylinder", (0.5, 0.5, 1.8), 64, (-2.2, 6.0)),
+)
+_ORBIT = (
+    Body("head", (1.2, 1.0, 1.1), 71, way=Way(((0, -0.5, 0), (0.5, 0, 0.2), (1, 0.5, 0)), turn=60, hops=(2, 0.2))),
+    _box((-1.5, 0.9), (0.7, 0.7, 1.0), 72, 40),
+    Body("cylinder", (0.6, 0.6, 0.7), 73, (1.4, 0.8)),
+    Body("cone", (0.9, 0.9, 1.3), 74, (0.2, 1.9)),
+)
+_PAN = (
+    Body("box", (0.6, 0.6, 0.9), 81, way=Way(((0, -1.8, 0.6), (1, 1.9, 1.0)), turn=-80)),
+    _box((-2.9, 1.6), (0.9, 0.7, 1.1), 82, 15),
+    Body("cylinder", (0.6, 0.6, 1.5), 83, (2.7, 1.9)),
+    Body("cone", (0.8, 0.8, 1.2), 84, (0.6, 2.8)),
+)
+
+SCENES = {
+    scene.name: scene
+    for scene in (
+        *(
+            RenderedScene(
+                name, name, CameraMove(kind, distance=4.6), focus_height=0.75, aside=("left", "right"), props=0
+            )
+            for name, kind in (("procedural", "hand"), ("knight", "recorded"), ("fox", "recorded"))
+        ),
+        RenderedScene("falling", "yard", CameraMove("sweep", 0.15), _FALLING, 36, look=2),
+        *_grid(),
+        RenderedScene("pan-step", "field", CameraMove("pan", 0.06, turn=50), _PAN, 30, props=14, look=8),
+        RenderedScene("walk", "field", CameraMove("walk", 0.3, distance=6.0), _WALK, props=14, look=6),
+        RenderedScene("orbit", "yard", CameraMove("orbit", 0.6, height=2.6), _ORBIT, aside=("up", "down"), look=7),
+        RenderedScene("crossing", "field", CameraMove("sweep", 0.12), _CROSSING, look=3),
+        RenderedScene("return", "field", CameraMove("sweep", 0.15), _RETURN, 30, look=4),
+        RenderedScene("horizon", "field", CameraMove("sweep", 0.1), _HORIZON, props=5, look=5),
+    )
+}
+"""By name. `report.halves.RENDERED` says which of them constants are chosen on."""
+
+
+def scenes_named(names: Sequence[str]) -> list[RenderedScene]:
+    """The scenes that `names` names, each once; `ALL` stands for every one. F4xError for an unknown name."""
+    wanted = dict.fromkeys(SCENES if ALL in names else names)
+    for name in wanted:
+        if name not in SCENES:
+            raise F4xError(f"--scene {name}: no such scene; there are {ALL}, {', '.join(SCENES)}.")
+    return [SCENES[name] for name in wanted]
