@@ -154,7 +154,7 @@ def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, An
 
 def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
     """The scene in a word: poor, usable with limits, or good; empty where it was not measured."""
-    score = metrics.get("held_out_psnr", metrics.get("used_psnr"))
+    score = _unseen_psnr(metrics, metrics.get("used_psnr"))
     if score is None:
         return ""
     if score < WATCHABLE_PSNR:
@@ -167,16 +167,21 @@ def verdict(metrics: Mapping[str, Any], found: Sequence[Finding]) -> str:
     word, problems = quality(metrics, found), sum(finding.weight == "problem" for finding in found)
     if not word:
         return "The scene was not measured."
-    unseen = "held_out_psnr" in metrics
-    score = metrics["held_out_psnr" if unseen else "used_psnr"]
-    frames = "frames it never saw" if unseen else "the frames it was made from"
+    unseen = _unseen_psnr(metrics)
+    score = metrics["used_psnr"] if unseen is None else unseen
+    frames = "the frames it was made from" if unseen is None else "frames it never saw"
     counted = {0: "nothing stands out", 1: "one thing holds it back"}.get(problems, f"{problems} things hold it back")
     return f"The scene is {word}: {score:.1f} dB on {frames}; {counted}."
 
 
+def _unseen_psnr(metrics: Mapping[str, Any], default: float | None = None) -> float | None:
+    """PSNR of held-out frames, dB, at their registered cameras; at interpolated ones where they were not registered."""
+    return metrics.get("held_out_psnr_registered", metrics.get("held_out_psnr", default))
+
+
 def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
     found = []
-    used, held_out = metrics.get("used_psnr"), metrics.get("held_out_psnr")
+    used, held_out = metrics.get("used_psnr"), _unseen_psnr(metrics)
     if used is not None and used < WATCHABLE_PSNR:
         found.append(
             Finding(
@@ -194,17 +199,27 @@ def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
                 " cameras with --prior cameras=FILE and depth with --prior depth=DIR.",
             )
         )
-    refined = metrics.get("held_out_psnr_refined")
-    if held_out is not None and refined is not None and refined - held_out > REFINEMENT_GAP:
+    refined, interpolated = metrics.get("held_out_psnr_refined"), metrics.get("held_out_psnr")
+    located = metrics.get("held_out_psnr_registered", refined)
+    if located is not None and interpolated is not None and located - interpolated > REFINEMENT_GAP:
         found.append(
             Finding(
                 "note",
-                f"Refining the camera on each unseen frame wins {refined - held_out:.1f} dB: the scene is right, the camera"
-                " between frames is not.",
+                f"Cameras interpolated between used frames lose {located - interpolated:.1f} dB on unseen ones: the scene is"
+                " right, the camera shook between frames.",
                 "Film more steadily, or give cameras with --prior cameras=FILE.",
             )
         )
-    blend = metrics.get("held_out_psnr_flow_blend")
+    elif held_out is not None and refined is not None and refined - held_out > REFINEMENT_GAP:
+        found.append(
+            Finding(
+                "note",
+                f"Refining the camera on the colours of each unseen frame wins {refined - held_out:.1f} dB: cameras and depth"
+                " do not agree.",
+                "Give depth with --prior depth=DIR, or cameras with --prior cameras=FILE.",
+            )
+        )
+    blend = metrics.get("held_out_psnr_flow_blend_registered", metrics.get("held_out_psnr_flow_blend"))
     if held_out is not None and blend is not None:
         if held_out < blend:
             found.append(
