@@ -6,7 +6,7 @@ has seen the picture it is judged by. No colour of the scene is compared with th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,13 +80,11 @@ def register_camera(scene: Scene, clip: Clip, frame: int, backend: str = "auto")
     if not _spread(pixels, clip.width, clip.height):
         return kept
     camera = resected(start, points, pixels)
-    after = _median_error(camera, points, pixels)
-    if not after < before:
-        return kept
     shift = length(camera.project(points)[0] - start.project(points)[0])
     if float(np.median(shift)) < MIN_SHIFT_PX:
-        return Registration(start, True, len(points), before, before)
-    return Registration(camera, True, len(points), after, before)
+        return replace(kept, found=True)
+    after = _median_error(camera, points, pixels)
+    return Registration(camera, True, len(points), after, before) if after < before else kept
 
 
 def near_used(scene: Scene, frames: int, frame: int) -> list[int]:
