@@ -133,10 +133,11 @@ def evaluate(
         distance = lpips(picture.numpy(), target.numpy()) if perceptual else None
         if distance is not None:
             row["lpips"] = distance
-        if masks is not None and index in masks:
-            row |= mask_scores(picture, moving, target, masks[index])
+        mask = masks.get(index) if masks is not None else None
         if row["held_out"]:
-            row |= registered_scores(scene, clip, index, moment, baselines)
+            row |= registered_scores(scene, clip, index, moment, baselines, mask)
+        elif mask is not None:
+            row |= mask_scores(picture, moving, target, mask)
         if row["held_out"] and refine_camera:
             row["psnr_refined"] = psnr(refine(moment, rig, target)[0], target)
         if row["held_out"] and baselines:
@@ -222,7 +223,12 @@ def mask_scores(picture: Tensor, moving: Tensor, target: Tensor, mask: np.ndarra
 
 
 def registered_scores(
-    scene: Scene, clip: Clip, index: int, moment: FrozenMoment, baselines: bool = False
+    scene: Scene,
+    clip: Clip,
+    index: int,
+    moment: FrozenMoment,
+    baselines: bool = False,
+    mask: np.ndarray | None = None,
 ) -> dict[str, float]:
     """PSNR of held-out frame `index` at its registered camera, of the flow blend that knows it too, and what was measured.
 
@@ -245,6 +251,8 @@ def registered_scores(
         "registration_px": found.error_px,
         "interpolation_px": found.interpolated_error_px,
     }
+    if mask is not None:
+        scores |= mask_scores(picture, moving, target, mask)
     neighbours = beside(len(clip), index, set(scene.held_out))
     if baselines and (found.found or len(neighbours) == 2):
         fraction = (index - neighbours[0]) / (neighbours[-1] - neighbours[0]) if len(neighbours) == 2 else 0.0
