@@ -16,7 +16,9 @@ from .storage import Store
 SCORES = {
     "used_psnr": "PSNR (dB)",
     "used_psnr_moving": "of what moves",
-    "held_out_psnr": "held out",
+    "held_out_psnr_registered": "held out",
+    "held_out_psnr_flow_blend_registered": "flow blend",
+    "held_out_psnr": "held out, interpolated camera",
     "gaussians": "Gaussians",
 }
 """Figures of the fit that are shown, where a row has them."""

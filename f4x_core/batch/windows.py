@@ -146,7 +146,8 @@ def _fit_window(
     from ..fit.diagnostics import worst_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
 
     scene = result.scene(clip)
-    metrics = evaluate(scene, clip, backend=config.backend, progress=progress)
+    masks = result.priors.moving_masks
+    metrics = evaluate(scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
     pictures = worst_pictures(scene, metrics, config.backend)
     write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
     newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))

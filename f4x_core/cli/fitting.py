@@ -179,7 +179,8 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     from ..fit.diagnostics import worst_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
 
     scene = result.scene(clip)
-    metrics = evaluate(scene, clip, baselines=True, backend=config.backend, progress=progress)
+    masks = result.priors.moving_masks
+    metrics = evaluate(scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
     scene, figures = keep_measured(folder, scene, metrics, seconds=result.seconds)
     path = folder / "scene.f4x"
     pictures = worst_pictures(scene, metrics, config.backend)
@@ -199,8 +200,14 @@ def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:
         f" from {len(cameras)} frames of {cameras.width}x{cameras.height} pixels"
     ]
     lines += [f"PSNR of used frames {figures['used_psnr']:.2f} dB"]
-    if "held_out_psnr" in figures:
-        lines[-1] += f", held-out frames {figures['held_out_psnr']:.2f} dB"
+    if "held_out_psnr_registered" in figures:
+        lines[-1] += f", held-out frames {figures['held_out_psnr_registered']:.2f} dB"
+        also = {
+            "held_out_psnr_flow_blend_registered": "a blend of their neighbours",
+            "held_out_psnr": "with interpolated cameras",
+        }
+        shown = [f"{title} {figures[name]:.2f} dB" for name, title in also.items() if name in figures]
+        lines[-1] += f" ({', '.join(shown)})"
     lines.append("what the clip needed:")
     lines += [f"  {row['what']}: {row['chosen']} ({row['evidence']}; saved {row['saved']})" for row in scene.needs]
     return "\n".join(lines)

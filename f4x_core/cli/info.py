@@ -21,7 +21,12 @@ def told(info: dict[str, Any]) -> dict[str, str]:
     parts = info["megabytes"]
     by_part = ", ".join(f"{part} {megabytes:.1f}" for part, megabytes in parts.items() if megabytes)
     metrics, made = info["metrics"], info["provenance"]
-    quality = {"used_psnr": "used frames", "held_out_psnr": "held-out frames"}
+    quality = {
+        "used_psnr": "used frames",
+        "held_out_psnr_registered": "held-out frames",
+        "held_out_psnr_flow_blend_registered": "a blend of their neighbours",
+        "held_out_psnr": "held-out frames, interpolated cameras",
+    }
     measured = [f"{metrics[name]:.2f} dB ({title})" for name, title in quality.items() if name in metrics]
     after = ""
     if "edited" in info:

@@ -30,6 +30,7 @@ def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         refine_camera=args.refine_camera,
         baselines=args.baselines,
         perceptual=True,
+        masks=None if clip.masks is None else dict(enumerate(clip.masks)),
         backend=args.backend,
         progress=progress,
     )

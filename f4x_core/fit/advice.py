@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -45,6 +45,9 @@ NODE_REACH = 3.0
 LEAST_COVERAGE = 0.8
 # Scores (dB): a watchable picture, the gap to unseen frames, what camera refinement may win, moving against static region.
 WATCHABLE_PSNR, HELD_OUT_GAP, REFINEMENT_GAP, REGION_GAP = 27.0, 3.0, 1.5, 2.0
+# Of the mask of what moves, the mean dynamic alpha (`mover_coverage`): below the first the object is missing, above the second
+# it is there; missing in so many used frames in a row, and reproduced so many dB worse (`psnr_mask`), it is reported.
+LOST_COVERAGE, KEPT_COVERAGE, MIN_LOST_FRAMES, LOST_GAP = 0.5, 0.7, 3, 2.0
 # A frame this many dB below the median stands out; so many are named.
 FRAME_GAP, NAMED_FRAMES = 4.0, 8
 # Most moving pixels looked at per frame when coverage is measured.
@@ -139,6 +142,7 @@ def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, An
     found = [
         *_about_scores(metrics),
         *_about_single_frames(metrics),
+        *_about_lost_movers(metrics),
         *about_cuts(priors, picked),
         *_about_exposure(priors),
         *_about_camera(priors),
@@ -154,7 +158,7 @@ def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, An
 
 def quality(metrics: Mapping[str, Any], found: Sequence[Finding] = ()) -> str:
     """The scene in a word: poor, usable with limits, or good; empty where it was not measured."""
-    score = metrics.get("held_out_psnr", metrics.get("used_psnr"))
+    score = _unseen_psnr(metrics, metrics.get("used_psnr"))
     if score is None:
         return ""
     if score < WATCHABLE_PSNR:
@@ -167,16 +171,21 @@ def verdict(metrics: Mapping[str, Any], found: Sequence[Finding]) -> str:
     word, problems = quality(metrics, found), sum(finding.weight == "problem" for finding in found)
     if not word:
         return "The scene was not measured."
-    unseen = "held_out_psnr" in metrics
-    score = metrics["held_out_psnr" if unseen else "used_psnr"]
-    frames = "frames it never saw" if unseen else "the frames it was made from"
+    unseen = _unseen_psnr(metrics)
+    score = metrics["used_psnr"] if unseen is None else unseen
+    frames = "the frames it was made from" if unseen is None else "frames it never saw"
     counted = {0: "nothing stands out", 1: "one thing holds it back"}.get(problems, f"{problems} things hold it back")
     return f"The scene is {word}: {score:.1f} dB on {frames}; {counted}."
 
 
+def _unseen_psnr(metrics: Mapping[str, Any], default: float | None = None) -> float | None:
+    """PSNR of held-out frames, dB, at their registered cameras; at interpolated ones where they were not registered."""
+    return metrics.get("held_out_psnr_registered", metrics.get("held_out_psnr", default))
+
+
 def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
     found = []
-    used, held_out = metrics.get("used_psnr"), metrics.get("held_out_psnr")
+    used, held_out = metrics.get("used_psnr"), _unseen_psnr(metrics)
     if used is not None and used < WATCHABLE_PSNR:
         found.append(
             Finding(
@@ -194,17 +203,27 @@ def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
                 " cameras with --prior cameras=FILE and depth with --prior depth=DIR.",
             )
         )
-    refined = metrics.get("held_out_psnr_refined")
-    if held_out is not None and refined is not None and refined - held_out > REFINEMENT_GAP:
+    refined, interpolated = metrics.get("held_out_psnr_refined"), metrics.get("held_out_psnr")
+    located = metrics.get("held_out_psnr_registered", refined)
+    if located is not None and interpolated is not None and located - interpolated > REFINEMENT_GAP:
         found.append(
             Finding(
                 "note",
-                f"Refining the camera on each unseen frame wins {refined - held_out:.1f} dB: the scene is right, the camera"
-                " between frames is not.",
+                f"Cameras interpolated between used frames lose {located - interpolated:.1f} dB on unseen ones: the scene is"
+                " right, the camera shook between frames.",
                 "Film more steadily, or give cameras with --prior cameras=FILE.",
             )
         )
-    blend = metrics.get("held_out_psnr_flow_blend")
+    elif held_out is not None and refined is not None and refined - held_out > REFINEMENT_GAP:
+        found.append(
+            Finding(
+                "note",
+                f"Refining the camera on the colours of each unseen frame wins {refined - held_out:.1f} dB: cameras and depth"
+                " do not agree.",
+                "Give depth with --prior depth=DIR, or cameras with --prior cameras=FILE.",
+            )
+        )
+    blend = metrics.get("held_out_psnr_flow_blend_registered", metrics.get("held_out_psnr_flow_blend"))
     if held_out is not None and blend is not None:
         if held_out < blend:
             found.append(
@@ -255,6 +274,37 @@ def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
                 "note",
                 f"Frames more than {FRAME_GAP:.0f} dB below the median of {median:.1f} dB: {named}.",
                 "Look for blur, flashes or cuts there, and leave such frames out with --frames.",
+            )
+        )
+    return found
+
+
+def _about_lost_movers(metrics: Mapping[str, Any]) -> list[Finding]:
+    """Runs of used frames whose moving mask the scene does not cover, though it does in others of the clip."""
+    rows = [row for row in metrics.get("frames", []) if "mover_coverage" in row and not row["held_out"]]
+    kept = [row for row in rows if row["mover_coverage"] >= LOST_COVERAGE]
+    if not kept or float(np.median([row["mover_coverage"] for row in kept])) < KEPT_COVERAGE:
+        return []
+    usual = float(np.median([row["psnr_mask"] for row in kept]))
+    found = []
+    for lost, run in groupby(rows, key=lambda row: row["mover_coverage"] < LOST_COVERAGE):
+        missing = list(run)
+        psnr = float(np.mean([row["psnr_mask"] for row in missing]))
+        if not lost or len(missing) < MIN_LOST_FRAMES or psnr > usual - LOST_GAP:
+            continue
+        first, last = missing[0]["frame"], missing[-1]["frame"]
+        if missing[-1] is rows[-1]:
+            when = f"From frame {first} on"
+        else:
+            when = f"Until frame {last}" if missing[0] is rows[0] else f"In frames {first} to {last}"
+        covered = float(np.mean([row["mover_coverage"] for row in missing]))
+        found.append(
+            Finding(
+                "problem",
+                f"{when} the moving object is missing: the scene covers {covered:.0%} of where the masks have it, at"
+                f" {psnr:.1f} dB ({usual:.1f} dB in the other frames).",
+                "Its tracks may have ended where something passes in front of it: check its masks and give better ones with"
+                " --masks DIR, give tracks with --prior tracks=FILE, or fit only the other frames with --frames.",
             )
         )
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +34,29 @@ DEPTH_QUANTILES = (0.02, 0.98)
 CONTEXT_POINTS = 4000
 # What lies outside these quantiles of them does not widen the plot.
 CONTEXT_QUANTILES = (0.02, 0.98)
-# Metrics of the score table: row -> columns of `report.evaluation.summary`.
-SCORES = {
-    "picture": "psnr",
-    "what moves": "psnr_moving",
-    "what stands still": "psnr_static",
-    "camera refined on the frame": "psnr_refined",
-    "nearest used frame instead": "psnr_nearest",
-    "blend of the neighbours instead": "psnr_flow_blend",
-}
+
+
+@dataclass(frozen=True)
+class ScoreRow:
+    """A row of the score table; columns are names of `report.evaluation.summary` without `used_` and `held_out_`."""
+
+    title: str
+    held_out: str
+    used: str = ""
+    """Empty where used frames have no such score."""
+
+
+SCORES = (
+    ScoreRow("whole picture", "psnr_registered", "psnr"),
+    ScoreRow("what moves", "psnr_moving_registered", "psnr_moving"),
+    ScoreRow("what stands still", "psnr_static_registered", "psnr_static"),
+    ScoreRow("what moves, by the mask", "psnr_mask", "psnr_mask"),
+    ScoreRow("blend of the neighbours instead", "psnr_flow_blend_registered"),
+    ScoreRow("whole picture, camera interpolated", "psnr"),
+    ScoreRow("whole picture, camera refined on its colours", "psnr_refined"),
+    ScoreRow("blend of the neighbours, camera interpolated", "psnr_flow_blend"),
+    ScoreRow("nearest used frame instead", "psnr_nearest"),
+)
 
 
 def worst_frames(metrics: Mapping[str, Any], count: int = WORST_FRAMES) -> list[int]:
@@ -138,9 +153,9 @@ def _scores(metrics: Mapping[str, Any]) -> str:
         return f"{metrics[name]:.2f}" if name in metrics else "–"
 
     rows = [
-        [label, cell(f"used_{name}"), cell(f"held_out_{name}")]
-        for label, name in SCORES.items()
-        if f"used_{name}" in metrics or f"held_out_{name}" in metrics
+        [row.title, cell(f"used_{row.used}"), cell(f"held_out_{row.held_out}")]
+        for row in SCORES
+        if f"used_{row.used}" in metrics or f"held_out_{row.held_out}" in metrics
     ]
     return page.table(["PSNR in dB", "used frames", "held-out frames"], rows, numbers=True) if rows else ""
 

@@ -1,8 +1,9 @@
-"""How well a scene shows its clip: used frames, held-out frames with interpolated or refined camera, simple baselines."""
+"""How well a scene shows its clip: used frames, held-out frames with registered or refined camera, simple baselines."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,11 +23,16 @@ from ..progress import Progress, silent
 from ..raster import rasterize
 from ..scene import Scene, write_scene
 from .perceptual_distance import lpips
+from .registration import halfway_offset, register_camera
 
 # Mean squared error below which a picture is as good as its target.
 LEAST_ERROR = 1e-12
 # Pixels with this much dynamic alpha belong to the moving region.
 MOVING_ALPHA = 0.5
+# Figures that come first where all are listed.
+LEADING = ("psnr", "psnr_registered", "psnr_flow_blend_registered")
+# Smaller masks (fraction of the picture) do not judge a moving object: a few pixels at its edge are all they hold.
+MIN_MASK = 1e-3
 
 
 @dataclass(frozen=True)
@@ -84,15 +90,17 @@ def evaluate(
     refine_camera: bool = False,
     baselines: bool = False,
     perceptual: bool = False,
+    masks: Mapping[int, np.ndarray] | None = None,
     backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, Any]:
     """Compare every frame of `clip` with the scene's picture of it.
 
     Returns per-frame and mean PSNR (dB; the mean is over frames) and SSIM for used and held-out frames, PSNR of the moving
-    and of the static region, and on request the held-out figures with the camera refined on that very frame (scene frozen),
-    those of two baselines that know no 3D (the nearest used frame, and the half-way blend of its two flow-warped neighbours),
-    and LPIPS where it can run.
+    and of the static region, and the held-out figures with the camera registered by flow and depth (`registration`). On
+    request: held-out figures with the camera refined on that very frame (scene frozen), those of two baselines that know no 3D
+    (the nearest used frame, and the half-way blend of its two flow-warped neighbours, also with the registered camera), and
+    LPIPS where it can run. `masks`, clip frame -> (H,W) bool of what moves by the priors or a person, adds `mask_scores`.
 
     Raises:
         F4xError: clip and scene differ in frame count or size.
@@ -125,6 +133,11 @@ def evaluate(
         distance = lpips(picture.numpy(), target.numpy()) if perceptual else None
         if distance is not None:
             row["lpips"] = distance
+        mask = masks.get(index) if masks is not None else None
+        if row["held_out"]:
+            row |= registered_scores(scene, clip, index, moment, baselines, mask)
+        elif mask is not None:
+            row |= mask_scores(picture, moving, target, mask)
         if row["held_out"] and refine_camera:
             row["psnr_refined"] = psnr(refine(moment, rig, target)[0], target)
         if row["held_out"] and baselines:
@@ -135,12 +148,12 @@ def evaluate(
 
 
 def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
-    """Means over used and held-out frames of every figure in the rows; NaN (an absent region) is left out."""
+    """Means over used and held-out frames of every figure in the rows, LEADING first; NaN (an absent region) is left out."""
     result: dict[str, float] = {}
     for group, held_out in (("used", False), ("held_out", True)):
         rows = [row for row in frames if row["held_out"] == held_out]
         names = {name for row in rows for name in row} - {"frame", "held_out"}
-        for name in sorted(names):
+        for name in sorted(names, key=lambda name: (name not in LEADING, name)):
             values = np.array([row[name] for row in rows if name in row], np.float64)
             if np.isfinite(values).any():
                 result[f"{group}_{name}"] = float(np.nanmean(values))
@@ -195,23 +208,91 @@ def refine(
     return best
 
 
-def baseline_scores(clip: Clip, index: int, held_out: set[int]) -> dict[str, float]:
-    """PSNR of the nearest used frame, and of the half-way flow blend of the two neighbours, as pictures of frame `index`."""
-    used = [i for i in range(len(clip)) if i not in held_out]
+def mask_scores(picture: Tensor, moving: Tensor, target: Tensor, mask: np.ndarray) -> dict[str, float]:
+    """How well what moves is reproduced, over a mask (H,W) that does not depend on the scene; nothing for a mask too small.
+
+    `psnr_mask` (dB) compares the pictures (H,W,3), `mover_coverage` is the mean dynamic alpha `moving (H,W)`.
+    """
+    if mask.mean() < MIN_MASK:
+        return {}
+    region = torch.from_numpy(np.ascontiguousarray(mask))
+    return {
+        "psnr_mask": psnr(picture, target, region.float()),
+        "mover_coverage": float(moving[region].clamp(0, 1).mean()),
+    }
+
+
+def registered_scores(
+    scene: Scene,
+    clip: Clip,
+    index: int,
+    moment: FrozenMoment,
+    baselines: bool = False,
+    mask: np.ndarray | None = None,
+) -> dict[str, float]:
+    """PSNR of held-out frame `index` at its registered camera, of the flow blend that knows it too, and what was measured.
+
+    `registered` is 1 where flow determines the camera; elsewhere the scene is drawn from the interpolated one, and the blend is
+    the plain one. At an end of the clip, the blend is the only neighbour moved to the registered camera.
+    """
+    found = register_camera(scene, clip, index, moment.backend)
     target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
-    nearest = min(used, key=lambda i: abs(i - index))
-    scores = {"psnr_nearest": psnr(torch.from_numpy(clip.frames[nearest].astype(np.float32) / 255), target)}
+    view = torch.tensor(found.camera.world_to_camera, dtype=torch.float32)
+    lens = torch.tensor(found.camera.intrinsics, dtype=torch.float32)
+    with torch.no_grad():
+        picture, moving, _ = moment.draw(view, lens, clip.width, clip.height)
+    region = (moving > MOVING_ALPHA).float()
+    scores = {
+        "psnr_registered": psnr(picture, target),
+        "psnr_moving_registered": psnr(picture, target, region),
+        "psnr_static_registered": psnr(picture, target, 1 - region),
+        "registered": float(found.found),
+        "registration_points": float(found.points),
+        "registration_px": found.error_px,
+        "interpolation_px": found.interpolated_error_px,
+    }
+    if mask is not None:
+        scores |= mask_scores(picture, moving, target, mask)
+    neighbours = beside(len(clip), index, set(scene.held_out))
+    if baselines and (found.found or len(neighbours) == 2):
+        fraction = (index - neighbours[0]) / (neighbours[-1] - neighbours[0]) if len(neighbours) == 2 else 0.0
+        offset = None
+        if found.found:
+            offset = halfway_offset(scene, index, neighbours, fraction, found.camera, moment.backend)
+        blended = blend_by_flow(clip.frames[neighbours[0]], clip.frames[neighbours[-1]], fraction, offset)
+        scores["psnr_flow_blend_registered"] = psnr(torch.from_numpy(blended), target)
+    return scores
+
+
+def beside(frames: int, index: int, held_out: set[int]) -> tuple[int, ...]:
+    """The last used clip frame before `index` and the first after it; one of them at an end of the clip's `frames`."""
+    used = [i for i in range(frames) if i not in held_out]
     before = max((i for i in used if i < index), default=None)
     after = min((i for i in used if i > index), default=None)
-    if before is not None and after is not None:
-        share = (index - before) / (after - before)
-        blended = blend_by_flow(clip.frames[before], clip.frames[after], share)
+    return tuple(i for i in (before, after) if i is not None)
+
+
+def baseline_scores(clip: Clip, index: int, held_out: set[int]) -> dict[str, float]:
+    """PSNR of the nearest used frame, and of the half-way flow blend of the two neighbours, as pictures of frame `index`."""
+    neighbours = beside(len(clip), index, held_out)
+    target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
+    nearest = min(neighbours, key=lambda i: abs(i - index))
+    scores = {"psnr_nearest": psnr(torch.from_numpy(clip.frames[nearest].astype(np.float32) / 255), target)}
+    if len(neighbours) == 2:
+        before, after = neighbours
+        fraction = (index - before) / (after - before)
+        blended = blend_by_flow(clip.frames[before], clip.frames[after], fraction)
         scores["psnr_flow_blend"] = psnr(torch.from_numpy(blended), target)
     return scores
 
 
-def blend_by_flow(before: np.ndarray, after: np.ndarray, share: float) -> np.ndarray:
-    """Picture (H,W,3) float32 in [0,1] at `share` of the way between two (H,W,3) uint8 frames, both warped along DIS flow."""
+def blend_by_flow(
+    before: np.ndarray, after: np.ndarray, fraction: float, offset: np.ndarray | None = None
+) -> np.ndarray:
+    """Picture (H,W,3) float32 in [0,1] at `fraction` of the way between two (H,W,3) uint8 frames, both warped along DIS flow.
+
+    `offset (H,W,2)`: pixels from where the picture shows a point to where the blend has it (`registration.halfway_offset`).
+    """
     import cv2
 
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
@@ -220,13 +301,16 @@ def blend_by_flow(before: np.ndarray, after: np.ndarray, share: float) -> np.nda
     backward = flow.calc(grey_after, grey_before, None)
     height, width = grey_before.shape
     grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(np.float32)
+    start = grid if offset is None else grid + offset
 
-    def warp(frame: np.ndarray, offset: np.ndarray) -> np.ndarray:
-        place = grid + offset
-        return cv2.remap(frame, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) / 255.0
+    def look_up(image: np.ndarray, place: np.ndarray) -> np.ndarray:
+        return cv2.remap(image, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+    def warp(frame: np.ndarray, motion: np.ndarray) -> np.ndarray:
+        return look_up(frame, start + (motion if offset is None else look_up(motion, start))) / 255.0
 
     # The flow at the middle is taken from the same pixel of either end: good to first order, and plain.
-    mixed = (1 - share) * warp(before, share * backward) + share * warp(after, (1 - share) * forward)
+    mixed = (1 - fraction) * warp(before, fraction * backward) + fraction * warp(after, (1 - fraction) * forward)
     return mixed.astype(np.float32)
 
 

@@ -151,6 +151,55 @@ def test_a_fine_scene_has_no_problem_in_its_scores():
     assert "usable with limits: 29.5 dB on frames it never saw; one thing" in verdict(metrics, found)
 
 
+def rows_of_a_mover(coverage, psnr):
+    return [
+        {"frame": 2 * i, "held_out": False, "psnr": 28.0, "mover_coverage": c, "psnr_mask": p}
+        for i, (c, p) in enumerate(zip(coverage, psnr, strict=True))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("lost", "when"),
+    [
+        (range(6, 12), "From frame 12 on the moving object is missing: the scene covers 10%"),
+        (range(4), "Until frame 6 the moving object"),
+        (range(4, 7), "In frames 8 to 12 the moving object"),
+    ],
+)
+def test_a_mover_that_gets_lost_is_named(lost, when):
+    _, result, _ = made_up()
+    coverage, psnr = np.full(12, 0.9), np.full(12, 26.0)
+    coverage[list(lost)], psnr[list(lost)] = 0.1, 18.0
+    found = findings(result.priors, result.scaffold, {"frames": rows_of_a_mover(coverage, psnr)})
+    assert found[0].weight == "problem" and found[0].what.startswith(when)
+    assert "18.0 dB (26.0 dB in the other frames)" in found[0].what and "--masks DIR" in found[0].advice
+
+
+@pytest.mark.parametrize(
+    ("coverage", "psnr"),
+    [
+        ([0.9] * 5 + [0.3] * 2 + [0.9] * 5, [26.0] * 5 + [18.0] * 2 + [26.0] * 5),  # two frames of blur
+        ([0.9] * 6 + [0.3] * 6, [26.0] * 12),  # the mask is too large, the picture is right
+        ([0.4] * 12, [20.0] * 12),  # never well covered: nothing to compare with
+    ],
+)
+def test_a_mover_that_is_not_lost_is_not_named(coverage, psnr):
+    _, result, _ = made_up()
+    found = findings(result.priors, result.scaffold, {"frames": rows_of_a_mover(coverage, psnr)})
+    assert "is missing" not in " ".join(finding.what for finding in found)
+
+
+def test_registered_cameras_lead_the_scores():
+    _, result, metrics = made_up()
+    metrics |= {"held_out_psnr": 25.0, "held_out_psnr_registered": 30.0, "held_out_psnr_flow_blend_registered": 30.5}
+    found = findings(result.priors, result.scaffold, metrics)
+    assert "usable with limits: 30.0 dB on frames it never saw" in verdict(metrics, found)
+    assert "(30.5 dB) than the scene (30.0 dB)" in said(found, "problem") and "dB worse than" not in said(
+        found, "problem"
+    )
+    assert "interpolated between used frames lose 5.0 dB" in said(found, "note")
+
+
 @pytest.mark.parametrize(
     ("change", "words", "advice"),
     [

@@ -33,6 +33,8 @@ SCORES = {
     "used (dB)": "used_psnr",
     "used, moving (dB)": "used_psnr_moving",
     "used, static (dB)": "used_psnr_static",
+    "held out, camera registered (dB)": "held_out_psnr_registered",
+    "flow blend, camera registered (dB)": "held_out_psnr_flow_blend_registered",
     "held out (dB)": "held_out_psnr",
     "held out, camera refined (dB)": "held_out_psnr_refined",
     "nearest frame (dB)": "held_out_psnr_nearest",

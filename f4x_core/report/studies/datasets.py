@@ -222,6 +222,8 @@ def _frame_scores(scene: Scene, clip: Clip) -> Row:
     scores = evaluate(scene, clip, refine_camera=True, baselines=True, perceptual=True)
     columns = {
         "used (dB)": "used_psnr",
+        "held out, camera registered (dB)": "held_out_psnr_registered",
+        "flow blend, camera registered (dB)": "held_out_psnr_flow_blend_registered",
         "held out (dB)": "held_out_psnr",
         "held out LPIPS": "held_out_lpips",
         "held out, camera refined (dB)": "held_out_psnr_refined",
