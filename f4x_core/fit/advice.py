@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import pdist
 
 from ..priors import Priors
 from ..scaffold import Scaffold
+from .finding import Finding
+from .geometry_findings import ClipGeometry, about_geometry
 
-Weight = Literal["problem", "note", "good"]
-
-# Angle (degrees) between the outermost cameras at the median depth. Below the first nothing but the original view can be
-# believed, below the second only views close to the path.
-LITTLE_PARALLAX, MODEST_PARALLAX = 2.0, 8.0
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
 LEAST_REGISTERED, MISSED_PX = 0.3, 1.5
@@ -49,26 +44,6 @@ WATCHABLE_PSNR, HELD_OUT_GAP, REFINEMENT_GAP, REGION_GAP = 27.0, 3.0, 1.5, 2.0
 FRAME_GAP, NAMED_FRAMES = 4.0, 8
 # Most moving pixels looked at per frame when coverage is measured.
 COVERAGE_SAMPLES = 400
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing a person should know about their scene."""
-
-    weight: Weight
-    """`problem` costs quality, `note` is worth knowing, `good` is fine."""
-    what: str
-    """What was measured, one sentence."""
-    advice: str = ""
-    """What the person can do or supply; empty when there is nothing to do."""
-
-
-def parallax_degrees(priors: Priors) -> float:
-    """Angle between the two outermost cameras seen from a point at the median depth (1 world unit); 0 without cameras."""
-    if priors.cameras is None or len(priors.cameras) < 2:
-        return 0.0
-    baseline = float(pdist(priors.cameras.centers).max())
-    return float(np.degrees(2 * np.arctan(baseline / 2)))
 
 
 def track_survival(visible: np.ndarray) -> np.ndarray:
@@ -132,11 +107,12 @@ def contradiction(priors: Priors) -> float:
 
 
 def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, Any], picked: str = "") -> list[Finding]:
-    """Everything worth telling, problems first.
+    """Everything worth telling, problems first, and among findings of equal weight those of the geometry.
 
     `metrics`: the result of `report.evaluation.evaluate`. `picked`: that of the clip, for advice on `--frames`.
     """
     found = [
+        *about_geometry(priors, ClipGeometry.of(priors, scaffold)),
         *_about_scores(metrics),
         *_about_single_frames(metrics),
         *about_cuts(priors, picked),
@@ -293,46 +269,10 @@ def _about_exposure(priors: Priors) -> list[Finding]:
 
 def _about_camera(priors: Priors) -> list[Finding]:
     found = []
-    angle = parallax_degrees(priors)
     if len(priors.frames) < FEW_FRAMES:
         found.append(
             Finding("problem", f"Only {len(priors.frames)} frames were used.", "Give a longer clip or a smaller step.")
         )
-    if priors.camera_kind == "static":
-        found.append(
-            Finding(
-                "problem",
-                "The camera stood still, so nothing tells how far things are; only the original view can be believed.",
-                "Move the camera sideways while filming, or give depth with --prior depth=DIR.",
-            )
-        )
-    elif priors.camera_kind == "pan":
-        found.append(
-            Finding(
-                "problem",
-                "The camera only turned; without parallax depth cannot be measured and new views stay close to the path.",
-                "Walk a step sideways instead of turning on the spot, or give depth with --prior depth=DIR.",
-            )
-        )
-    elif angle < LITTLE_PARALLAX:
-        found.append(
-            Finding(
-                "problem",
-                f"The camera moved very little: {angle:.1f}° between its outermost places.",
-                "Move the camera sideways by about a tenth of the distance to your subject, or give depth with"
-                " --prior depth=DIR.",
-            )
-        )
-    elif angle < MODEST_PARALLAX:
-        found.append(
-            Finding(
-                "note",
-                f"The camera saw the scene from {angle:.1f}°; new views can be believed within about that angle.",
-                "A wider path makes wider views possible.",
-            )
-        )
-    else:
-        found.append(Finding("good", f"The camera saw the scene from {angle:.0f}°: depth is well determined."))
     known = priors.statistics.get("cameras", {})
     registered, wanted = known.get("registered"), len(priors.frames)
     if registered is not None and registered < LEAST_REGISTERED * wanted:
