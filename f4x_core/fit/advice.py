@@ -42,6 +42,8 @@ LEAST_COVERAGE = 0.8
 WATCHABLE_PSNR, HELD_OUT_GAP, REFINEMENT_GAP, REGION_GAP = 27.0, 3.0, 1.5, 2.0
 # A frame this many dB below the median stands out; so many are named.
 FRAME_GAP, NAMED_FRAMES = 4.0, 8
+# The profile that is worth leaving for a longer one, and the words for it at the end of an advice.
+SHORT_PROFILE, LONGER = "quick", "; --profile wild takes more steps."
 # Most moving pixels looked at per frame when coverage is measured.
 COVERAGE_SAMPLES = 400
 
@@ -106,14 +108,21 @@ def contradiction(priors: Priors) -> float:
     return float(np.median(missed)) if len(missed) else float("nan")
 
 
-def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, Any], picked: str = "") -> list[Finding]:
+def findings(
+    priors: Priors,
+    scaffold: Scaffold | None,
+    metrics: Mapping[str, Any],
+    picked: str = "",
+    profile: str = SHORT_PROFILE,
+) -> list[Finding]:
     """Everything worth telling, problems first, and among findings of equal weight those of the geometry.
 
     `metrics`: the result of `report.evaluation.evaluate`. `picked`: that of the clip, for advice on `--frames`.
+    `profile`: the settings it was fitted with; only the short one is advised to take more steps.
     """
     found = [
         *about_geometry(priors, ClipGeometry.of(priors, scaffold)),
-        *_about_scores(metrics),
+        *_about_scores(metrics, profile),
         *_about_single_frames(metrics),
         *about_cuts(priors, picked),
         *_about_exposure(priors),
@@ -150,7 +159,7 @@ def verdict(metrics: Mapping[str, Any], found: Sequence[Finding]) -> str:
     return f"The scene is {word}: {score:.1f} dB on {frames}; {counted}."
 
 
-def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
+def _about_scores(metrics: Mapping[str, Any], profile: str = SHORT_PROFILE) -> list[Finding]:
     found = []
     used, held_out = metrics.get("used_psnr"), metrics.get("held_out_psnr")
     if used is not None and used < WATCHABLE_PSNR:
@@ -158,7 +167,8 @@ def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
             Finding(
                 "problem",
                 f"Even the frames it was made from come out at {used:.1f} dB (below {WATCHABLE_PSNR:.0f}).",
-                "Look at the worst frames below; try --profile wild for more steps, and check masks and cameras.",
+                "Look at the worst frames below, and check masks and cameras"
+                + (LONGER if profile == SHORT_PROFILE else "."),
             )
         )
     if used is not None and held_out is not None and used - held_out > HELD_OUT_GAP:
@@ -188,7 +198,7 @@ def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
                     "problem",
                     f"Simply blending the two neighbouring frames shows unseen frames better ({blend:.1f} dB) than the"
                     f" scene ({held_out:.1f} dB).",
-                    "More steps (--profile wild) help first; then see the points about camera, depth and motion.",
+                    "See the points about camera, depth and motion" + (LONGER if profile == SHORT_PROFILE else "."),
                 )
             )
         else:

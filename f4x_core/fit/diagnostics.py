@@ -21,7 +21,7 @@ from ..scaffold import Scaffold
 from ..scene import Scene
 from ..scene.moments import Moment, draw_moments
 from ..scene.view import render
-from .advice import findings, quality, track_survival, verdict
+from .advice import SHORT_PROFILE, findings, quality, track_survival, verdict
 from .finding import Finding
 from .geometry_findings import ClipGeometry
 from .geometry_section import geometry_section
@@ -95,7 +95,8 @@ def write_diagnostics(
         F4xError: the file cannot be written.
     """
     priors, scaffold = result.priors, result.scaffold
-    found = findings(priors, scaffold, metrics, clip.picked)
+    profile = str(result.provenance.get("config", {}).get("name", SHORT_PROFILE))
+    found = findings(priors, scaffold, metrics, clip.picked, profile)
     shown = np.unique(np.linspace(0, len(priors.frames) - 1, SHOWN_FRAMES).round().astype(int))
     sections = [
         ("Why the scene is as it is, and what you can supply", _findings(found)),

@@ -192,6 +192,22 @@ def test_scores_are_explained(change, words, advice):
     assert len(chosen) == 1 and chosen[0].weight == "problem" and advice in chosen[0].advice
 
 
+def test_a_long_fit_is_not_advised_to_be_long():
+    _, result, metrics = made_up()
+    metrics |= {"used_psnr": 24.0, "held_out_psnr": 23.0, "held_out_psnr_flow_blend": 30.5}
+    for profile, advised in (("quick", 2), ("wild", 0), ("nvidia", 0)):
+        found = findings(result.priors, result.scaffold, metrics, profile=profile)
+        assert sum("--profile wild" in finding.advice for finding in found) == advised
+
+
+def test_the_page_knows_the_profile_of_its_fit(tmp_path: Path):
+    clip, result, metrics = made_up()
+    for profile in ("quick", "wild"):
+        result.provenance["config"]["name"] = profile
+        write_diagnostics(tmp_path / "page.html", clip, result, metrics | {"used_psnr": 24.0}, ScenePictures({}))
+        assert ("--profile wild takes more steps" in (tmp_path / "page.html").read_text()) == (profile == "quick")
+
+
 def test_priors_are_explained():
     _, result, metrics = made_up()
     priors = result.priors
