@@ -35,7 +35,7 @@ class ClipGeometry:
     angular_factor: float | None
     """DyCheck's angular effective multi-view factor of the clip, degrees per second; None without cameras."""
     groups: tuple[GroupView, ...]
-    """Rigid groups of moving nodes, the largest first."""
+    """Groups of connected moving nodes, the largest first."""
     believed: Believed | None
     """None without cameras or depth."""
 

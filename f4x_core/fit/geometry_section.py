@@ -16,7 +16,7 @@ from .geometry_findings import ClipGeometry, believed_sentence
 from .pipeline import FitResult
 from .way_round import WayRound
 
-# Groups of moving nodes in the table; smaller ones move with their neighbours.
+# Groups of moving nodes in the table, the largest ones.
 NAMED_GROUPS = 8
 # Static Gaussians in the plot, and the opacity below which one is not part of a surface.
 PROFILE_POINTS, MIN_OPACITY = 12000, 0.3
@@ -85,7 +85,7 @@ def _groups(geometry: ClipGeometry) -> str:
         [f"{number}", f"{view.nodes}", f"{view.frames}", f"{view.degrees:.0f}", f"{view.degrees_per_second:.1f}"]
         for number, view in enumerate(geometry.groups[:NAMED_GROUPS], start=1)
     ]
-    head = ["rigid group of nodes", "nodes", "frames measured", "seen from (degrees)", "angular factor (degrees/s)"]
+    head = ["group of moving nodes", "nodes", "frames measured", "seen from (degrees)", "angular factor (degrees/s)"]
     return page.table(head, rows, numbers=True)
 
 
@@ -136,8 +136,8 @@ def profile(result: FitResult) -> str:
     colours = np.clip(rgb_from_dc(result.static["sh"][solid, 0]), 0, 1)
     half = cameras.width / (2 * STRIPS * middle.intrinsics[0, 0])
     strip = np.abs(points[:, 0]) < half * points[:, 2]
-    figure, axes = page.plot("", "", "", columns=2, height=3.0)
-    titles = ("from above", "from the side: middle third of the picture")
+    figure, axes = page.plot("", "", "", columns=2, height=2.9)
+    titles = ("from above", "from the side, middle third")
     for axis, (across, up), title, chosen in zip(axes, ((0, 2), (2, 1)), titles, (slice(None), strip), strict=True):
         _draw_profile(axis, points[chosen][:, [across, up]], colours[chosen], path[:, [across, up]])
         every = max(1, len(path) // 5)

@@ -14,7 +14,7 @@ from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..priors import Priors
 from ..scaffold import Scaffold
-from ..scaffold.groups import group_motion, rigid_groups
+from ..scaffold.groups import connected_groups, group_motion
 
 MAX_POINTS = 1000
 """Static tracks looked at; a quantile of their angles needs no more, and every pair of frames is compared for each."""
@@ -26,10 +26,10 @@ MIN_SIGHTINGS = 2
 
 @dataclass(frozen=True)
 class GroupView:
-    """From how many sides one rigidly moving group of nodes was seen, by its own turning and by the camera's path."""
+    """From how many sides one group of moving nodes was seen, by its own turning and by the camera's path."""
 
     nodes: int
-    """Nodes of the scaffold that move as this one thing."""
+    """Nodes of the scaffold that belong to it."""
     frames: int
     """Supervised frames in which at least one of them was measured."""
     degrees: float
@@ -102,14 +102,15 @@ def static_view_degrees(priors: Priors) -> np.ndarray:
 
 
 def group_views(scaffold: Scaffold, cameras: CameraPath, fps: float) -> list[GroupView]:
-    """From how many sides each rigid group of nodes was seen, the largest group first.
+    """From how many sides each group of connected nodes was seen, the largest group first.
 
     `cameras`: one per time of the scaffold. The viewing direction from the group's middle to the camera is turned into the
-    group's own axes (`groups.group_motion`), so that a thing that turns before a standing camera is seen from many sides.
+    group's own axes, those of its best rigid motion (`groups.group_motion`), so that a thing that turns before a standing
+    camera is seen from many sides. Rigid parts of a group are not told apart: few nodes turn by their noise.
     """
     if not len(scaffold):
         return []
-    group = rigid_groups(scaffold.xyz, scaffold.unit)
+    group = connected_groups(scaffold.edges, len(scaffold))
     views = []
     for number in range(int(group.max()) + 1):
         members = np.flatnonzero(group == number)

@@ -46,6 +46,17 @@ def rigid_groups(xyz: np.ndarray, unit: float, count: int | None = None) -> np.n
     return np.argsort(order)[group]
 
 
+def connected_groups(edges: np.ndarray, nodes: int) -> np.ndarray:
+    """Return the group `(M,)` int of every one of `nodes` that `edges (E,2)` join, the largest group 0. Needs scipy."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    links = csr_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(nodes, nodes))
+    count, group = connected_components(links, directed=False)
+    order = np.argsort(-np.bincount(group, minlength=count), kind="stable")
+    return np.argsort(order)[group]
+
+
 def group_motion(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the poses `(quat (F,4), xyz (F,3))` of the rigid thing that nodes with curves `xyz (F,n,3)` are.
 

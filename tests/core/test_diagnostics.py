@@ -113,7 +113,7 @@ def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
     assert {"Scores", "Tracks", "Camera", "Time", "Provenance"} <= set(titles)
     assert titles[1] == "Geometry"  # right behind the findings
     assert "from the right" in text and "from above" in text
-    assert ("rigid group of nodes" in text) == moving
+    assert ("group of moving nodes" in text) == moving
 
 
 def test_page_survives_missing_priors(tmp_path: Path):

@@ -87,20 +87,29 @@ def test_a_thing_that_turns_before_a_standing_camera_is_seen_from_many_sides():
     turn = quaternion.from_rotation_vector(np.outer(np.radians(3 * times), [0, 1.0, 0]))
     turned = middle + quaternion.rotate(turn[:, None], scaffold.xyz[:1] - middle[:1])
     sliding = replace(scaffold, xyz=(scaffold.xyz - middle + [0, 0, 1.0]).astype(np.float32))
-    turning = replace(scaffold, xyz=(turned - middle + [0, 0, 1.0]).astype(np.float32), unit=1.0)
-    (still,) = group_views(replace(sliding, unit=1.0), standing, 24.0)
+    turning = replace(scaffold, xyz=(turned - middle + [0, 0, 1.0]).astype(np.float32))
+    (still,) = group_views(sliding, standing, 24.0)
     (round_,) = group_views(turning, standing, 24.0)
     assert still.degrees < 0.1 and still.nodes == 4 and still.frames == 8
     assert round_.degrees == pytest.approx(21, abs=0.2) and round_.degrees_per_second == pytest.approx(72, rel=0.01)
-    (around,) = group_views(replace(sliding, unit=1.0), orbiting(3 * times), 24.0)
+    (around,) = group_views(sliding, orbiting(3 * times), 24.0)
     assert around.degrees == pytest.approx(21, abs=0.2)  # the camera that turns about it sees the same
+
+
+def test_groups_that_no_edge_joins_are_seen_each_for_itself():
+    scaffold = node_scaffold(np.arange(8.0))
+    alone = scaffold.neighbours.copy()
+    alone[3], alone[:3] = 3, np.arange(3)[:, None]
+    alone[:3, 1] = (1, 2, 0)
+    views = group_views(replace(scaffold, neighbours=alone), orbiting(3.0 * np.arange(8)), 24.0)
+    assert [view.nodes for view in views] == [3, 1]
 
 
 def test_frames_without_a_measured_node_do_not_count():
     scaffold = node_scaffold(np.arange(8.0))
-    hidden = replace(scaffold, unit=1.0, certain=scaffold.certain & (np.arange(8) < 3)[:, None])
+    hidden = replace(scaffold, certain=scaffold.certain & (np.arange(8) < 3)[:, None])
     (view,) = group_views(hidden, orbiting(3.0 * np.arange(8)), 24.0)
-    (whole,) = group_views(replace(scaffold, unit=1.0), orbiting(3.0 * np.arange(8)), 24.0)
+    (whole,) = group_views(scaffold, orbiting(3.0 * np.arange(8)), 24.0)
     assert view.frames == 3 and view.degrees < 0.5 * whole.degrees
 
 
