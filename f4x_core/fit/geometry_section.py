@@ -118,7 +118,8 @@ def _views(moments: Sequence[Moment]) -> str:
                 page.picture(colour_depth(moment.depth, near, far), "depth: near is red"),
                 page.picture(moment.right, f"{moment.right_degrees:.0f}° from the right"),
                 page.picture(moment.above, f"{moment.above_degrees:.0f}° from above"),
-            ]
+            ],
+            four=True,
         )
         for moment in moments
     )

@@ -148,12 +148,17 @@ def test_evidence_is_gathered_from_the_priors():
     priors.statistics["cameras"] = mirror(1.0) | {"reprojection_px": {"median": 0.25}}
     evidence = depth_evidence(priors)
     assert evidence.depth_error == pytest.approx((1 / 50) ** 0.5, rel=1e-3)
-    assert evidence.moving_error == pytest.approx((4 / 50) ** 0.5, rel=1e-2)
+    assert evidence.moving_error == 0.12  # ground contact: confidence is no precision there
     assert evidence.view_degrees == pytest.approx(np.median(static_view_degrees(priors)))
     assert evidence.ray_noise == pytest.approx(0.25 / toy.WIDTH)
     assert evidence.mirror_probability == pytest.approx(1 / (1 + np.e))
     priors.statistics["depth"] = {"movers": [{"group": 0, "frames": [0, 7], "decided_by": "surroundings"}]}
     assert depth_evidence(priors).moving_error == pytest.approx(0.3)
+    priors.statistics["depth"]["movers"][0] |= {"decided_by": "its own motion", "emf_degrees": 5.0}
+    expected = evidence.ray_noise / (evidence.focal * np.radians(5.0))
+    assert depth_evidence(priors).moving_error == pytest.approx(expected)
+    priors.provenance["depth"], priors.statistics["depth"] = {"provider": "depth-anything"}, {}
+    assert depth_evidence(priors).moving_error == pytest.approx((4 / 50) ** 0.5, rel=1e-2)
     priors.cameras = None
     assert depth_evidence(priors) is None
 
