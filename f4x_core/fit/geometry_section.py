@@ -67,7 +67,10 @@ def _figures(geometry: ClipGeometry) -> list[list[str]]:
 
 def _way_round(way: WayRound | None) -> tuple[str, str]:
     if way is None:
-        return "not compared", "near and far could only be exchanged by a camera that moves and was not given"
+        return (
+            "not compared",
+            "no mirrored solution was tried: the camera does not move or was given, or the priors are older",
+        )
     return f"{way.verdict}, {way.odds}", f"the solution {way.chosen} against the one with near and far exchanged"
 
 

@@ -45,16 +45,18 @@ class WayRound:
     def of(cls, priors: Priors) -> WayRound | None:
         """Read `statistics["cameras"]["mirror"]` of the priors; None where the camera stage compared nothing."""
         entry: dict[str, Any] | None = priors.statistics.get("cameras", {}).get("mirror")
-        if not entry or not math.isfinite(entry.get("margin", math.nan)):
+        if not entry:
             return None
-        margin = float(entry["margin"])
+        margin = entry.get("margin")  # files of JSON keep no infinity: it is None there
+        if margin is None:
+            margin = {"sure": SURE, "likely": LIKELY}.get(str(entry.get("verdict")), 0.0)
         clues = [
             Clue(str(clue.get("what", "")), float(clue.get("for") or 0.0), str(clue.get("detail", "")))
             for clue in entry.get("evidence", [])
         ]
         clues.sort(key=lambda clue: -abs(clue.log_odds))
         verdict = "sure" if margin >= SURE else "likely" if margin >= LIKELY else "toss-up"
-        return cls(entry.get("verdict", verdict), entry.get("chosen", "as found"), margin, tuple(clues))
+        return cls(entry.get("verdict", verdict), entry.get("chosen", "as found"), float(margin), tuple(clues))
 
     @property
     def probability_wrong(self) -> float:

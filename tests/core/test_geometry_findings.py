@@ -1,5 +1,7 @@
 """Viewing angles, how far a view can be believed, and what the page says of the geometry."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -203,6 +205,14 @@ def test_the_recorded_verdict_wins_and_evidence_is_sorted():
     assert (way.verdict, way.chosen) == ("likely", "mirrored")
     assert [clue.what for clue in way.clues] == ["reprojection", "sky"]
     assert way.clues[0].detail == "" and way.clues[1].log_odds == -0.2
+    priors.statistics["cameras"] = mirror(5.0, verdict="sure")
+    priors.statistics["cameras"]["mirror"]["margin"] = None  # infinity, from a file
+    assert WayRound.of(priors).probability_wrong < 0.011
+
+
+def test_measures_need_no_torch():
+    code = "import sys; sys.modules['torch'] = None; import f4x_core.fit.geometry_findings"
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_a_small_step_and_guessed_movers_are_noted():
