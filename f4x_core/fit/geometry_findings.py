@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -162,18 +163,18 @@ def believed_sentence(believed: Believed) -> str:
 
 
 def _about_movers(priors: Priors) -> list[Finding]:
-    """Moving objects whose depth nothing measured."""
+    """What decided the depth of the moving objects."""
     movers = priors.statistics.get("depth", {}).get("movers", [])
-    guessed = [mover for mover in movers if mover.get("decided_by") == "surroundings"]
-    if not guessed:
+    decided = Counter(str(mover["decided_by"]) for mover in movers if "decided_by" in mover)
+    if not decided:
         return []
-    which = (
-        "The depth of the moving object" if len(movers) == 1 else f"The depth of {len(guessed)} of {len(movers)} movers"
-    )
+    named = ", ".join(f"{origin} ({count})" if len(movers) > 1 else origin for origin, count in decided.most_common())
+    guessed = "surroundings" in decided
     return [
         Finding(
             "note",
-            f"{which} is that of its surroundings: nothing shows where it touches the ground and it turns too little.",
-            "Keep the feet or wheels of what moves in the picture, or give depth with --prior depth=DIR.",
+            f"The depth of what moves was decided by: {named}."
+            + (" Surroundings are a guess: no contact with the ground is seen, and little turning." if guessed else ""),
+            "Keep feet or wheels in the picture, or give depth with --prior depth=DIR." if guessed else "",
         )
     ]

@@ -85,11 +85,16 @@ def _groups(geometry: ClipGeometry) -> str:
     if not geometry.groups:
         return ""
     rows = [
-        [f"{number}", f"{view.nodes}", f"{view.frames}", f"{view.degrees:.0f}", f"{view.degrees_per_second:.1f}"]
+        [f"{number}", f"{view.nodes}", f"{view.frames}", _number(view.degrees, 0), _number(view.degrees_per_second, 1)]
         for number, view in enumerate(geometry.groups[:NAMED_GROUPS], start=1)
     ]
     head = ["group of moving nodes", "nodes", "frames measured", "seen from (degrees)", "angular factor (degrees/s)"]
     return page.table(head, rows, numbers=True)
+
+
+def _number(value: float | None, digits: int) -> str:
+    """A table's cell; a dash for what is not known."""
+    return "–" if value is None else f"{value:.{digits}f}"
 
 
 def _movers(movers: Sequence[Mapping[str, Any]]) -> str:
@@ -99,13 +104,12 @@ def _movers(movers: Sequence[Mapping[str, Any]]) -> str:
     rows = []
     for number, mover in enumerate(movers, start=1):
         first, last = (*mover.get("frames", ()), None, None)[:2]
-        degrees = mover.get("emf_degrees")
         rows.append(
             [
                 str(mover.get("group", number)),
                 "" if first is None else f"{first} to {last}",
                 str(mover.get("decided_by", "unknown")),
-                "–" if degrees is None else f"{degrees:.1f}",
+                _number(mover.get("emf_degrees"), 1),
             ]
         )
     return page.table(["moving object", "frames", "depth decided by", "turned by (degrees)"], rows, numbers=True)

@@ -14,12 +14,15 @@ from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..priors import Priors
 from ..scaffold import Scaffold
-from ..scaffold.groups import connected_groups, group_motion
+from ..scaffold.groups import connected_groups, group_motion, shape_change
 
 MAX_POINTS = 1000
 """Static tracks looked at; a quantile of their angles needs no more, and every pair of frames is compared for each."""
 STATIC_MOTION = 0.3
 """Tracks whose motion score is lower count as static."""
+MIN_NODES, MAX_SHAPE_CHANGE = 4, 0.5
+"""Fewer nodes, or a larger median `groups.shape_change`, have no axes of their own. Fitted scaffolds: `car-shadow` and `train`
+0.3, `dog` 0.85, groups of a few nodes beside them 0.65 to 1.5."""
 MIN_SIGHTINGS = 2
 """A point seen in fewer frames has no angle between its rays."""
 
@@ -32,9 +35,9 @@ class GroupView:
     """Nodes of the scaffold that belong to it."""
     frames: int
     """Supervised frames in which at least one of them was measured."""
-    degrees: float
-    """Largest angle between two viewing directions in the group's own axes."""
-    degrees_per_second: float
+    degrees: float | None
+    """Largest angle between two viewing directions in the group's own axes; None for what changes its shape too much."""
+    degrees_per_second: float | None
     """Mean angular speed of the camera around the group in its own axes: DyCheck's angular factor of this group."""
 
 
@@ -106,7 +109,8 @@ def group_views(scaffold: Scaffold, cameras: CameraPath, fps: float) -> list[Gro
 
     `cameras`: one per time of the scaffold. The viewing direction from the group's middle to the camera is turned into the
     group's own axes, those of its best rigid motion (`groups.group_motion`), so that a thing that turns before a standing
-    camera is seen from many sides. Rigid parts of a group are not told apart: few nodes turn by their noise.
+    camera is seen from many sides. What has no axes, because its shape changes or its nodes are few, has no angle; the rigid
+    parts of a group are not told apart, for few nodes turn by their noise.
     """
     if not len(scaffold):
         return []
@@ -114,10 +118,13 @@ def group_views(scaffold: Scaffold, cameras: CameraPath, fps: float) -> list[Gro
     views = []
     for number in range(int(group.max()) + 1):
         members = np.flatnonzero(group == number)
-        seen = scaffold.certain[:, members].any(1)
-        turn, middle = group_motion(scaffold.xyz[:, members])
-        directions = quaternion.rotate(quaternion.conjugate(turn), cameras.centers - middle)[seen]
-        span = spanned_degrees(directions[:, None], np.ones((len(directions), 1), bool))[0]
-        speed = angular_speed(directions, scaffold.times[seen], fps)
-        views.append(GroupView(len(members), int(seen.sum()), float(np.nan_to_num(span)), speed))
+        xyz, seen = scaffold.xyz[:, members], scaffold.certain[:, members].any(1)
+        degrees = speed = None
+        if len(members) >= MIN_NODES and seen.any() and np.median(shape_change(xyz)[seen]) <= MAX_SHAPE_CHANGE:
+            turn, middle = group_motion(xyz)
+            directions = quaternion.rotate(quaternion.conjugate(turn), cameras.centers - middle)[seen]
+            span = spanned_degrees(directions[:, None], np.ones((len(directions), 1), bool))[0]
+            degrees = float(np.nan_to_num(span))
+            speed = angular_speed(directions, scaffold.times[seen], fps)
+        views.append(GroupView(len(members), int(seen.sum()), degrees, speed))
     return views

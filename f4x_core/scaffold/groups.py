@@ -70,6 +70,19 @@ def group_motion(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return quaternion.align_sequence(quaternion.from_matrix(np.stack(turns))), centres
 
 
+def shape_change(xyz: np.ndarray) -> np.ndarray:
+    """Return how much `(F,)` of the shape of nodes with curves `xyz (F,n,3)` their best rigid motion leaves unexplained.
+
+    Root mean square distance from the shape of the first time, over the geometric mean of both extents: 0 for a rigid thing,
+    about 1 where a shape is not that of the first time at all.
+    """
+    turn, middle = group_motion(xyz)
+    shape = xyz - middle[:, None]
+    left = (shape - quaternion.rotate(turn[:, None], shape[:1])) ** 2
+    extent = np.sqrt((shape**2).sum((1, 2)))
+    return np.sqrt(left.sum((1, 2)) / np.maximum(extent * extent[0], 1e-12))
+
+
 def _medoids(distance: np.ndarray, count: int) -> np.ndarray:
     """Indices (count,) of the medoids: farthest first, then the middle of each group until nothing changes."""
     medoids = [int(distance.sum(1).argmin())]

@@ -22,6 +22,7 @@ from f4x_core.fit.viewing_angles import (
 from f4x_core.fit.way_round import WayRound
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.scaffold.groups import shape_change
 
 CERTAIN = DepthEvidence(
     focal=1.0, depth_error=0.05, view_degrees=10.0, ray_noise=0.3 / 480, mirror_probability=0.0, moving_error=None
@@ -105,6 +106,16 @@ def test_groups_that_no_edge_joins_are_seen_each_for_itself():
     alone[:3, 1] = (1, 2, 0)
     views = group_views(replace(scaffold, neighbours=alone), orbiting(3.0 * np.arange(8)), 24.0)
     assert [view.nodes for view in views] == [3, 1]
+    assert views[0].degrees is None, "three nodes turn by their noise"
+
+
+def test_what_changes_its_shape_has_no_viewing_angle():
+    scaffold = node_scaffold(np.arange(8.0))
+    noise = np.random.default_rng(0).normal(scale=0.1, size=scaffold.xyz.shape)
+    wobbling = replace(scaffold, xyz=(scaffold.xyz + noise).astype(np.float32))
+    assert np.median(shape_change(wobbling.xyz)) > 0.5 and shape_change(scaffold.xyz).max() < 1e-5
+    (view,) = group_views(wobbling, orbiting(3.0 * np.arange(8)), 24.0)
+    assert view.degrees is None and view.frames == 8
 
 
 def test_frames_without_a_measured_node_do_not_count():
@@ -215,9 +226,16 @@ def test_measures_need_no_torch():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def test_a_small_step_and_guessed_movers_are_noted():
+def test_a_small_step_and_the_origin_of_depth_are_noted():
     _, priors = toy.clip_and_priors()
     priors.statistics["cameras"] = {"translation": {"verdict": "small", "size_px": 1.25}}
-    priors.statistics["depth"] = {"movers": [{"decided_by": "surroundings"}, {"decided_by": "size"}]}
+    priors.statistics["depth"] = {"movers": [{"decided_by": name} for name in ("size", "size", "surroundings")]}
     notes = " ".join(finding.what for finding in findings(priors, None, {}) if finding.weight == "note")
-    assert "moves the picture by only 1.2 px" in notes and "The depth of 1 of 2 movers" in notes
+    assert "moves the picture by only 1.2 px" in notes
+    assert "decided by: size (2), surroundings (1). Surroundings are a guess" in notes
+        "moves the picture by only 1.2 px" in notes
+        and "decided by: size (2), surroundings (1). Surroundings are a guess" in notes
+    )
+    priors.statistics["depth"] = {"movers": [{"decided_by": "ground contact", "group": 0}]}
+    notes = " ".join(finding.what for finding in findings(priors, None, {}))
+    assert "decided by: ground contact." in notes and "Surroundings" not in notes
