@@ -228,14 +228,13 @@ def test_measures_need_no_torch():
 
 def test_a_small_step_and_the_origin_of_depth_are_noted():
     _, priors = toy.clip_and_priors()
+
+    def notes() -> str:
+        return " ".join(finding.what for finding in findings(priors, None, {}) if finding.weight == "note")
+
     priors.statistics["cameras"] = {"translation": {"verdict": "small", "size_px": 1.25}}
     priors.statistics["depth"] = {"movers": [{"decided_by": name} for name in ("size", "size", "surroundings")]}
-    notes = " ".join(finding.what for finding in findings(priors, None, {}) if finding.weight == "note")
-    assert "moves the picture by only 1.2 px" in notes
-    assert "decided by: size (2), surroundings (1). Surroundings are a guess" in notes
-        "moves the picture by only 1.2 px" in notes
-        and "decided by: size (2), surroundings (1). Surroundings are a guess" in notes
-    )
+    assert "moves the picture by only 1.2 px" in notes()
+    assert "decided by: size (2), surroundings (1). Surroundings are a guess" in notes()
     priors.statistics["depth"] = {"movers": [{"decided_by": "ground contact", "group": 0}]}
-    notes = " ".join(finding.what for finding in findings(priors, None, {}))
-    assert "decided by: ground contact." in notes and "Surroundings" not in notes
+    assert "decided by: ground contact." in notes() and "Surroundings" not in notes()
