@@ -10,6 +10,7 @@ from f4x_core.clip import Clip
 from f4x_core.clip.images import as_bytes
 from f4x_core.errors import F4xError
 from f4x_core.report.contact_sheet import COLUMNS, contact_sheet
+from f4x_core.scene.moments import centre_depth
 from f4x_core.scene.picture import GAP, LABEL_HEIGHT, MARGIN
 from f4x_core.scene.view import render
 
@@ -56,6 +57,21 @@ def test_wide_clips_are_shrunk_and_short_ones_give_fewer_rows():
     scene = dataclasses.replace(scene, cameras=scene.cameras.resized(640, 400))
     sheet = contact_sheet(scene, clip_like(width=640, height=400), frames=20)
     assert sheet.size == (MARGIN + len(COLUMNS) * (320 + GAP), LABEL_HEIGHT + FRAMES * (200 + GAP))
+
+
+def test_portrait_clips_keep_their_shape():
+    scene = random_scene(static=5, dynamic=0)
+    scene = dataclasses.replace(scene, cameras=dataclasses.replace(scene.cameras, width=HEIGHT, height=WIDTH))
+    sheet = contact_sheet(scene, clip_like(width=HEIGHT, height=WIDTH), frames=2)
+    assert sheet.size == (MARGIN + len(COLUMNS) * (HEIGHT + GAP), LABEL_HEIGHT + 2 * (WIDTH + GAP))
+
+
+def test_the_centre_of_views_aside_is_what_the_middle_shows():
+    depth = np.full((30, 60), 9.0)
+    depth[10:20, 20:40] = 0.7
+    assert centre_depth(depth) == pytest.approx(0.7)
+    assert centre_depth(np.full((30, 60), 40.0)) == 1.5 and centre_depth(np.full((30, 60), 0.01)) == 0.3
+    assert centre_depth(np.full((30, 60), np.nan)) == 1.0
 
 
 def test_another_clip_is_refused():
