@@ -40,6 +40,7 @@ table { border-collapse: collapse; width: 100%; } td, th { text-align: left; pad
 tr + tr { border-top: 1px solid var(--soft); } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 .row { display: flex; flex-wrap: wrap; gap: 8px; align-items: flex-start; }
 .row figure { margin: 0; flex: 1 1 30%; max-width: 352px; }
+.row.four figure { flex-basis: 23%; max-width: 262px; }
 .plots > div { flex: 1 1 45%; min-width: 300px; max-width: 536px; } img, svg { width: 100%; height: auto; display: block; }
 details { overflow-x: auto; } td.number { white-space: nowrap; }
 figcaption { font-size: .8em; opacity: .75; } pre { overflow: auto; font-size: .8em; } summary { cursor: pointer; }
@@ -92,10 +93,10 @@ def picture(pixels: np.ndarray, caption: str) -> str:
     return f'<figure><img alt="{label}" src="data:image/jpeg;base64,{data}"><figcaption>{label}</figcaption></figure>'
 
 
-def row(figures: Iterable[str]) -> str:
-    """Figures side by side."""
+def row(figures: Iterable[str], four: bool = False) -> str:
+    """Figures side by side, three to a line of a wide window or `four`."""
     content = "".join(figures)
-    return f'<div class="row">{content}</div>' if content else ""
+    return f'<div class="row{" four" if four else ""}">{content}</div>' if content else ""
 
 
 def as_bytes(pixels: np.ndarray) -> np.ndarray:

@@ -143,12 +143,12 @@ def _fit_window(
             )
         return scene, int(window["next_node"])
     result = fit_clip(clip, folder, config, progress, resume, earlier)
-    from ..fit.diagnostics import worst_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
+    from ..fit.diagnostics import draw_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
 
     scene = result.scene(clip)
     masks = result.priors.moving_masks
     metrics = evaluate(scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
-    pictures = worst_pictures(scene, metrics, config.backend)
+    pictures = draw_pictures(scene, metrics, config.backend)
     write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
     newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
     next_node = max(newest + 1, 0 if earlier is None else earlier.next_node)

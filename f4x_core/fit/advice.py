@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import groupby, pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.spatial.distance import pdist
 
 from ..priors import Priors
 from ..scaffold import Scaffold
+from .finding import Finding
+from .geometry_findings import ClipGeometry, about_geometry
 
-Weight = Literal["problem", "note", "good"]
-
-# Angle (degrees) between the outermost cameras at the median depth. Below the first nothing but the original view can be
-# believed, below the second only views close to the path.
-LITTLE_PARALLAX, MODEST_PARALLAX = 2.0, 8.0
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
 LEAST_REGISTERED, MISSED_PX = 0.3, 1.5
@@ -50,28 +45,10 @@ WATCHABLE_PSNR, HELD_OUT_GAP, REFINEMENT_GAP, REGION_GAP = 27.0, 3.0, 1.5, 2.0
 LOST_COVERAGE, KEPT_COVERAGE, MIN_LOST_FRAMES, LOST_GAP = 0.5, 0.7, 3, 2.0
 # A frame this many dB below the median stands out; so many are named.
 FRAME_GAP, NAMED_FRAMES = 4.0, 8
+# The profile that is worth leaving for a longer one, and the words for it at the end of an advice.
+SHORT_PROFILE, LONGER = "quick", "; --profile wild takes more steps."
 # Most moving pixels looked at per frame when coverage is measured.
 COVERAGE_SAMPLES = 400
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing a person should know about their scene."""
-
-    weight: Weight
-    """`problem` costs quality, `note` is worth knowing, `good` is fine."""
-    what: str
-    """What was measured, one sentence."""
-    advice: str = ""
-    """What the person can do or supply; empty when there is nothing to do."""
-
-
-def parallax_degrees(priors: Priors) -> float:
-    """Angle between the two outermost cameras seen from a point at the median depth (1 world unit); 0 without cameras."""
-    if priors.cameras is None or len(priors.cameras) < 2:
-        return 0.0
-    baseline = float(pdist(priors.cameras.centers).max())
-    return float(np.degrees(2 * np.arctan(baseline / 2)))
 
 
 def track_survival(visible: np.ndarray) -> np.ndarray:
@@ -134,13 +111,21 @@ def contradiction(priors: Priors) -> float:
     return float(np.median(missed)) if len(missed) else float("nan")
 
 
-def findings(priors: Priors, scaffold: Scaffold | None, metrics: Mapping[str, Any], picked: str = "") -> list[Finding]:
-    """Everything worth telling, problems first.
+def findings(
+    priors: Priors,
+    scaffold: Scaffold | None,
+    metrics: Mapping[str, Any],
+    picked: str = "",
+    profile: str = SHORT_PROFILE,
+) -> list[Finding]:
+    """Everything worth telling, problems first, and among findings of equal weight those of the geometry.
 
     `metrics`: the result of `report.evaluation.evaluate`. `picked`: that of the clip, for advice on `--frames`.
+    `profile`: the settings it was fitted with; only the short one is advised to take more steps.
     """
     found = [
-        *_about_scores(metrics),
+        *about_geometry(priors, ClipGeometry.of(priors, scaffold)),
+        *_about_scores(metrics, profile),
         *_about_single_frames(metrics),
         *_about_lost_movers(metrics),
         *about_cuts(priors, picked),
@@ -183,7 +168,7 @@ def _unseen_psnr(metrics: Mapping[str, Any], default: float | None = None) -> fl
     return metrics.get("held_out_psnr_registered", metrics.get("held_out_psnr", default))
 
 
-def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
+def _about_scores(metrics: Mapping[str, Any], profile: str = SHORT_PROFILE) -> list[Finding]:
     found = []
     used, held_out = metrics.get("used_psnr"), _unseen_psnr(metrics)
     if used is not None and used < WATCHABLE_PSNR:
@@ -191,7 +176,8 @@ def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
             Finding(
                 "problem",
                 f"Even the frames it was made from come out at {used:.1f} dB (below {WATCHABLE_PSNR:.0f}).",
-                "Look at the worst frames below; try --profile wild for more steps, and check masks and cameras.",
+                "Look at the worst frames below, and check masks and cameras"
+                + (LONGER if profile == SHORT_PROFILE else "."),
             )
         )
     if used is not None and held_out is not None and used - held_out > HELD_OUT_GAP:
@@ -231,7 +217,7 @@ def _about_scores(metrics: Mapping[str, Any]) -> list[Finding]:
                     "problem",
                     f"Simply blending the two neighbouring frames shows unseen frames better ({blend:.1f} dB) than the"
                     f" scene ({held_out:.1f} dB).",
-                    "More steps (--profile wild) help first; then see the points about camera, depth and motion.",
+                    "See the points about camera, depth and motion" + (LONGER if profile == SHORT_PROFILE else "."),
                 )
             )
         else:
@@ -343,46 +329,10 @@ def _about_exposure(priors: Priors) -> list[Finding]:
 
 def _about_camera(priors: Priors) -> list[Finding]:
     found = []
-    angle = parallax_degrees(priors)
     if len(priors.frames) < FEW_FRAMES:
         found.append(
             Finding("problem", f"Only {len(priors.frames)} frames were used.", "Give a longer clip or a smaller step.")
         )
-    if priors.camera_kind == "static":
-        found.append(
-            Finding(
-                "problem",
-                "The camera stood still, so nothing tells how far things are; only the original view can be believed.",
-                "Move the camera sideways while filming, or give depth with --prior depth=DIR.",
-            )
-        )
-    elif priors.camera_kind == "pan":
-        found.append(
-            Finding(
-                "problem",
-                "The camera only turned; without parallax depth cannot be measured and new views stay close to the path.",
-                "Walk a step sideways instead of turning on the spot, or give depth with --prior depth=DIR.",
-            )
-        )
-    elif angle < LITTLE_PARALLAX:
-        found.append(
-            Finding(
-                "problem",
-                f"The camera moved very little: {angle:.1f}° between its outermost places.",
-                "Move the camera sideways by about a tenth of the distance to your subject, or give depth with"
-                " --prior depth=DIR.",
-            )
-        )
-    elif angle < MODEST_PARALLAX:
-        found.append(
-            Finding(
-                "note",
-                f"The camera saw the scene from {angle:.1f}°; new views can be believed within about that angle.",
-                "A wider path makes wider views possible.",
-            )
-        )
-    else:
-        found.append(Finding("good", f"The camera saw the scene from {angle:.0f}°: depth is well determined."))
     known = priors.statistics.get("cameras", {})
     registered, wanted = known.get("registered"), len(priors.frames)
     if registered is not None and registered < LEAST_REGISTERED * wanted:

@@ -16,24 +16,26 @@ from PIL import Image
 from .. import page
 from ..clip import Clip
 from ..files import replace_file
-from ..geometry.camera import CameraPath
 from ..priors import STAGES, Priors
 from ..scaffold import Scaffold
 from ..scene import Scene
+from ..scene.moments import Moment, draw_moments
 from ..scene.view import render
-from .advice import Finding, findings, parallax_degrees, quality, track_survival, verdict
+from .advice import SHORT_PROFILE, findings, quality, track_survival, verdict
+from .finding import Finding
+from .geometry_findings import ClipGeometry
+from .geometry_section import geometry_section
 from .pipeline import FitResult
+from .viewing_angles import parallax_degrees
 
 # Frames shown for masks, depth and scaffold, and frames shown because they are the worst.
 SHOWN_FRAMES, WORST_FRAMES = 6, 4
+# Moments shown with depth and views aside; the first and the last frame are not among them.
+MOMENTS = 3
 # Absolute error (mean over channels, colours in [0,1]) that is painted brightest.
 ERROR_SPAN = 0.25
 # Depth colours span these quantiles of the clip's depth.
 DEPTH_QUANTILES = (0.02, 0.98)
-# Static Gaussians drawn as context of the camera path.
-CONTEXT_POINTS = 4000
-# What lies outside these quantiles of them does not widen the plot.
-CONTEXT_QUANTILES = (0.02, 0.98)
 
 
 @dataclass(frozen=True)
@@ -65,13 +67,26 @@ def worst_frames(metrics: Mapping[str, Any], count: int = WORST_FRAMES) -> list[
     return [row["frame"] for row in rows[:count]]
 
 
-def worst_pictures(scene: Scene, metrics: Mapping[str, Any], backend: str = "auto") -> dict[int, np.ndarray]:
-    """The scene's pictures (H,W,3) of its worst frames, as `write_diagnostics` takes them."""
+@dataclass(frozen=True)
+class ScenePictures:
+    """Renders of the fitted scene that the page shows."""
+
+    worst: Mapping[int, np.ndarray]
+    """Clip frame -> the scene's picture of it, (H,W,3) uint8 or float in [0,1]."""
+    moments: Sequence[Moment] = ()
+    """A few moments with depth and views aside."""
+
+
+def draw_pictures(scene: Scene, metrics: Mapping[str, Any], backend: str = "auto") -> ScenePictures:
+    """Draw the scene's worst frames by `metrics`, and moments spread over the frames that were not held out."""
     times = scene.cameras.times
-    return {
+    worst = {
         frame: render(scene, scene.cameras[frame], float(times[frame]), ("rgb",), backend)["rgb"]
         for frame in worst_frames(metrics)
     }
+    used = np.setdiff1d(np.arange(len(times)), scene.held_out)
+    chosen = used[np.unique(np.linspace(0, len(used) - 1, MOMENTS + 2).round().astype(int)[1:-1])]
+    return ScenePictures(worst, draw_moments(scene, chosen, backend=backend))
 
 
 def write_diagnostics(
@@ -79,7 +94,7 @@ def write_diagnostics(
     clip: Clip,
     result: FitResult,
     metrics: Mapping[str, Any],
-    pictures: Mapping[int, np.ndarray],
+    pictures: ScenePictures,
 ) -> str:
     """Write the page atomically; returns its verdict in a word, `advice.quality`.
 
@@ -88,25 +103,27 @@ def write_diagnostics(
         clip: the clip that was fitted.
         result: what the fit left.
         metrics: the result of `report.evaluation.evaluate`: its means, and rows of single frames under `frames`.
-        pictures: clip frame -> the scene's picture of it, (H,W,3) uint8 or float in [0,1]; shown as worst frames.
+        pictures: the scene's worst frames and its views aside.
 
     Raises:
         F4xError: the file cannot be written.
     """
     priors, scaffold = result.priors, result.scaffold
-    found = findings(priors, scaffold, metrics, clip.picked)
+    profile = str(result.provenance.get("config", {}).get("name", SHORT_PROFILE))
+    found = findings(priors, scaffold, metrics, clip.picked, profile)
     shown = np.unique(np.linspace(0, len(priors.frames) - 1, SHOWN_FRAMES).round().astype(int))
     sections = [
         ("Why the scene is as it is, and what you can supply", _findings(found)),
+        ("Geometry", geometry_section(result, ClipGeometry.of(priors, scaffold), pictures.moments)),
         ("Scores", _scores(metrics) + page.plots([frame_scores(metrics), _quality_curve(result.history)])),
         (
             "What the clip needed",
             page.table(["", "chosen", "evidence", "saved"], [_need_cells(n.row()) for n in result.needs]),
         ),
-        ("Worst frames: input, render, error", _worst(clip, metrics, pictures)),
+        ("Worst frames: input, render, error", _worst(clip, metrics, pictures.worst)),
         ("What moves: score and mask", _motion(clip, priors, shown)),
         ("Tracks", page.plots([_survival(priors)])),
-        ("Camera", _camera_words(result) + page.plots([_camera_path(result), _field_of_view(priors)])),
+        ("Camera", _camera_words(result) + page.plots([_field_of_view(priors)])),
         ("Depth and its confidence", _depth(priors, shown)),
         ("Motion scaffold: nodes, measured (bright) or filled in (dark)", _scaffold(clip, priors, scaffold, shown)),
         ("Time", page.plots([_times(result.seconds, priors)])),
@@ -331,38 +348,6 @@ def _survival(priors: Priors) -> str:
         axis.plot(survival, color=page.ORANGE, label=f"{int(moving.sum()):,} that move")
     axis.set_ylim(0, 1.02)
     page.legend(axis)
-    return page.svg(figure)
-
-
-def _camera_path(result: FitResult) -> str:
-    """The path from above and from the side, in the axes of its middle camera, among the static Gaussians."""
-    cameras: CameraPath = result.cameras
-    middle = cameras[len(cameras) // 2]
-    turn, shift = middle.world_to_camera[:3, :3], middle.world_to_camera[:3, 3]
-    path = cameras.centers @ turn.T + shift
-    xyz = result.static["xyz"]
-    points = xyz[:: max(1, len(xyz) // CONTEXT_POINTS)] @ turn.T + shift
-    forward = cameras.world_to_camera[:, 2, :3] @ turn.T  # viewing directions in the middle camera's axes
-    figure, axes = page.plot("", "", "", columns=2, height=3.0)
-    for axis, (across, up), title in zip(axes, ((0, 2), (2, 1)), ("from above", "from the side"), strict=True):
-        around, place = points[:, [across, up]], path[:, [across, up]]
-        low, high = np.quantile(np.concatenate([around, place]), CONTEXT_QUANTILES, axis=0)
-        low, high = np.minimum(low, place.min(0)), np.maximum(high, place.max(0))
-        reach = 0.55 * float((high - low).max()) + 1e-6  # half the side of a square around everything
-        axis.scatter(around[:, 0], around[:, 1], s=0.6, color=page.GREY, alpha=0.5, linewidths=0, rasterized=True)
-        axis.plot(*place.T, color=page.TEAL, linewidth=1.6)
-        every = max(1, len(path) // 5)
-        heading = forward[::every, [across, up]].T
-        axis.quiver(
-            *place[::every].T, *heading, color=page.ORANGE, angles="xy", scale_units="xy", scale=4 / reach, width=0.004
-        )
-        middle_of_view = (low + high) / 2
-        axis.set_xlim(middle_of_view[0] - reach, middle_of_view[0] + reach)
-        axis.set_ylim(middle_of_view[1] - reach, middle_of_view[1] + reach)
-        axis.set_aspect("equal", adjustable="box")
-        axis.set_title(title, fontsize=10, color=page.TEXT_COLOUR)
-        if up == 1:
-            axis.invert_yaxis()  # y points down
     return page.svg(figure)
 
 

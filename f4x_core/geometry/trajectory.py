@@ -63,6 +63,20 @@ def orbit(
     return views
 
 
+def aside(path: CameraPath, time: float, right: float = 0.0, up: float = 0.0, depth: float = 1.0) -> View:
+    """Return the camera of `time` swung about the scene's centre, still looking at it.
+
+    `right`, `up`: degrees of the swing in the camera's own axes, `up` below 90. `depth`: distance of that centre in front of
+    the camera, world units; 1 is the median scene depth.
+    """
+    camera = path.at(time)
+    axes = camera.world_to_camera[:3, :3]  # rows: right, down, forward
+    across, above = np.radians([right, up])
+    back = np.array([np.sin(across) * np.cos(above), -np.sin(above), -np.cos(across) * np.cos(above)])
+    target = camera.center + depth * axes[2]
+    return View(_looking_at(camera, target + depth * back @ axes, target), float(time))
+
+
 def read_path(file: str | Path) -> Trajectory:
     """Return the views of a JSON camera path (`CameraPath.write`): each camera at its own time."""
     return original(CameraPath.read(file))

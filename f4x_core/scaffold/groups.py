@@ -46,6 +46,17 @@ def rigid_groups(xyz: np.ndarray, unit: float, count: int | None = None) -> np.n
     return np.argsort(order)[group]
 
 
+def connected_groups(edges: np.ndarray, nodes: int) -> np.ndarray:
+    """Return the group `(M,)` int of every one of `nodes` that `edges (E,2)` join, the largest group 0. Needs scipy."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    links = csr_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(nodes, nodes))
+    count, group = connected_components(links, directed=False)
+    order = np.argsort(-np.bincount(group, minlength=count), kind="stable")
+    return np.argsort(order)[group]
+
+
 def group_motion(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the poses `(quat (F,4), xyz (F,3))` of the rigid thing that nodes with curves `xyz (F,n,3)` are.
 
@@ -57,6 +68,19 @@ def group_motion(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.tile(quaternion.IDENTITY, (len(xyz), 1)), centres
     turns = [pose.align_similarity(xyz[0], placed, with_scale=False)[1] for placed in xyz]
     return quaternion.align_sequence(quaternion.from_matrix(np.stack(turns))), centres
+
+
+def shape_change(xyz: np.ndarray) -> np.ndarray:
+    """Return how much `(F,)` of the shape of nodes with curves `xyz (F,n,3)` their best rigid motion leaves unexplained.
+
+    Root mean square distance from the shape of the first time, over the geometric mean of both extents: 0 for a rigid thing,
+    about 1 where a shape is not that of the first time at all.
+    """
+    turn, middle = group_motion(xyz)
+    shape = xyz - middle[:, None]
+    left = (shape - quaternion.rotate(turn[:, None], shape[:1])) ** 2
+    extent = np.sqrt((shape**2).sum((1, 2)))
+    return np.sqrt(left.sum((1, 2)) / np.maximum(extent * extent[0], 1e-12))
 
 
 def _medoids(distance: np.ndarray, count: int) -> np.ndarray:

@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import toy
+from random_scene import random_scene
 
 from f4x_core.errors import F4xError
-from f4x_core.fit.advice import findings, parallax_degrees, scaffold_coverage, track_survival, verdict
-from f4x_core.fit.diagnostics import worst_frames, write_diagnostics
+from f4x_core.fit.advice import findings, scaffold_coverage, track_survival, verdict
+from f4x_core.fit.diagnostics import ScenePictures, draw_pictures, worst_frames, write_diagnostics
 from f4x_core.fit.needs import Need
 from f4x_core.fit.pipeline import FitResult
 from f4x_core.scaffold import Scaffold
+from f4x_core.scene.moments import Moment
 
 
 def node_scaffold(times: np.ndarray) -> Scaffold:
@@ -38,7 +40,12 @@ def made_up(moving: bool = True):
     clip, priors = toy.clip_and_priors(moving=moving, hold_out=4)
     priors.provenance = {"depth": {"provider": "synthetic", "seconds": 1.5}}
     rng = np.random.default_rng(0)
-    static = {"ids": np.arange(50), "xyz": rng.uniform([-1, -0.5, 1], [1, 0.5, 1.4], (50, 3)).astype(np.float32)}
+    static = {
+        "ids": np.arange(50),
+        "xyz": rng.uniform([-1, -0.5, 1], [1, 0.5, 1.4], (50, 3)).astype(np.float32),
+        "opacity": np.full(50, 0.9, np.float32),
+        "sh": rng.uniform(-1, 1, (50, 1, 3)).astype(np.float32),
+    }
     cameras = priors.cameras.at_times(clip.times)
     history = [{"step": s, "loss": 1 / s, "psnr": 20 + s / 100, "gaussians": 50.0} for s in (100, 200, 300)]
     result = FitResult(
@@ -56,6 +63,12 @@ def made_up(moving: bool = True):
     rows = [{"frame": i, "held_out": bool(clip.held_out[i]), "psnr": 30.0 - i, "ssim": 0.9} for i in range(len(clip))]
     metrics = {"frames": rows, "used_psnr": 31.0, "held_out_psnr": 29.5, "held_out_psnr_flow_blend": 28.0}
     return clip, result, metrics
+
+
+def made_up_moment(clip) -> Moment:
+    """A moment whose pictures are the clip's frame."""
+    rgb, flat = clip.frames[0] / 255, np.ones(clip.frames.shape[1:3])
+    return Moment(0, rgb, flat, np.zeros((*flat.shape, 2)), rgb, rgb)
 
 
 class Checker(HTMLParser):
@@ -84,7 +97,8 @@ def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
     frames = worst_frames(metrics, 2)
     assert frames == [7, 6]
     page = tmp_path / "diagnostics.html"
-    word = write_diagnostics(page, clip, result, metrics, {frame: clip.frames[frame] / 255 for frame in frames})
+    worst = {frame: clip.frames[frame] / 255 for frame in frames}
+    word = write_diagnostics(page, clip, result, metrics, ScenePictures(worst, [made_up_moment(clip)]))
     text = page.read_text()
     assert f"The scene is {word}: " in text
     checker = Checker()
@@ -97,20 +111,37 @@ def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
     titles = re.findall(r"<h2>(.*?)</h2>", text)
     assert ("Motion scaffold" in "".join(titles)) == moving
     assert {"Scores", "Tracks", "Camera", "Time", "Provenance"} <= set(titles)
+    assert titles[1] == "Geometry"  # right behind the findings
+    assert "from the right" in text and "from above" in text
+    assert ("group of moving nodes" in text) == moving
 
 
 def test_page_survives_missing_priors(tmp_path: Path):
     clip, result, _ = made_up()
     for name in ("depth", "depth_confidence", "motion", "mask", "tracks", "tracks_visible", "tracks_motion"):
         setattr(result.priors, name, None)
-    assert write_diagnostics(tmp_path / "page.html", clip, replace(result, scaffold=None, history=[]), {}, {}) == ""
+    assert (
+        write_diagnostics(
+            tmp_path / "page.html", clip, replace(result, scaffold=None, history=[]), {}, ScenePictures({})
+        )
+        == ""
+    )
     assert "The scene was not measured" in (tmp_path / "page.html").read_text()
+
+
+def test_pictures_are_the_worst_frames_and_moments_of_used_ones():
+    scene = random_scene()
+    rows = [{"frame": i, "psnr": 30.0 - i} for i in range(len(scene.cameras))]
+    pictures = draw_pictures(scene, {"frames": rows})
+    assert list(pictures.worst) == [5, 4, 3, 2]
+    indices = [moment.index for moment in pictures.moments]
+    assert len(set(indices)) == 3 and not set(indices) & set(scene.held_out)
 
 
 def test_page_that_cannot_be_written_is_one_error(tmp_path: Path):
     clip, result, metrics = made_up()
     with pytest.raises(F4xError, match="nowhere"):
-        write_diagnostics(tmp_path / "nowhere" / "page.html", clip, result, metrics, {})
+        write_diagnostics(tmp_path / "nowhere" / "page.html", clip, result, metrics, ScenePictures({}))
 
 
 def test_survival_counts_only_tracks_that_could_get_old():
@@ -120,12 +151,6 @@ def test_survival_counts_only_tracks_that_could_get_old():
     visible[3:, 2] = True  # born late: cannot say anything about ages above 1
     np.testing.assert_allclose(track_survival(visible), [1, 1, 1, 0.5, 0.5])
     assert np.isnan(track_survival(np.zeros((3, 2), bool))).all()
-
-
-def test_parallax_is_the_angle_at_the_median_depth():
-    _, priors = toy.clip_and_priors()
-    baseline = 0.02 * (toy.FRAMES - 1)
-    assert parallax_degrees(priors) == pytest.approx(np.degrees(2 * np.arctan(baseline / 2)))
 
 
 def test_coverage_sees_missing_nodes():
@@ -214,6 +239,22 @@ def test_scores_are_explained(change, words, advice):
     found = findings(result.priors, result.scaffold, metrics | change)
     chosen = [finding for finding in found if words in finding.what]
     assert len(chosen) == 1 and chosen[0].weight == "problem" and advice in chosen[0].advice
+
+
+def test_a_long_fit_is_not_advised_to_be_long():
+    _, result, metrics = made_up()
+    metrics |= {"used_psnr": 24.0, "held_out_psnr": 23.0, "held_out_psnr_flow_blend": 30.5}
+    for profile, advised in (("quick", 2), ("wild", 0), ("nvidia", 0)):
+        found = findings(result.priors, result.scaffold, metrics, profile=profile)
+        assert sum("--profile wild" in finding.advice for finding in found) == advised
+
+
+def test_the_page_knows_the_profile_of_its_fit(tmp_path: Path):
+    clip, result, metrics = made_up()
+    for profile in ("quick", "wild"):
+        result.provenance["config"]["name"] = profile
+        write_diagnostics(tmp_path / "page.html", clip, result, metrics | {"used_psnr": 24.0}, ScenePictures({}))
+        assert ("--profile wild takes more steps" in (tmp_path / "page.html").read_text()) == (profile == "quick")
 
 
 def test_priors_are_explained():

@@ -233,6 +233,21 @@ def test_orbit_circles_upright_around_the_scene_centre():
     np.testing.assert_allclose(around.world_to_camera, path[0].world_to_camera, atol=1e-9)
 
 
+def test_a_view_aside_keeps_its_distance_from_the_scene_centre():
+    path = screw_path(np.arange(9))
+    own, target = path.at(2.5), path.at(2.5).center + 2 * path.at(2.5).world_to_camera[2, :3]
+    for right, up in ((18, 0), (-18, 0), (0, 20), (10, 20)):
+        camera, time = trajectory.aside(path, 2.5, right=right, up=up, depth=2.0)
+        assert time == 2.5
+        np.testing.assert_allclose(camera.project(target)[0], own.intrinsics[:2, 2], atol=1e-9)
+        assert np.linalg.norm(camera.center - target) == pytest.approx(2)
+        x, y, _ = own.world_to_camera[:3, :3] @ (camera.center - own.center)  # in the camera's own axes: right, down
+        np.testing.assert_array_equal(np.sign(np.round([x, -y], 9)), np.sign([right, up]))
+        cosine = camera.world_to_camera[2, :3] @ own.world_to_camera[2, :3]
+        assert cosine == pytest.approx(np.cos(np.radians(right)) * np.cos(np.radians(up)))
+    np.testing.assert_allclose(trajectory.aside(path, 3.0).camera.world_to_camera, path[3].world_to_camera, atol=1e-9)
+
+
 def test_wrong_shapes_are_refused():
     with pytest.raises(F4xError, match="intrinsics"):
         Camera(np.eye(4), np.eye(4), 4, 4)

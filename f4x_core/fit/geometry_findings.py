@@ -1,0 +1,180 @@
+"""What a person should know about the geometry of their scene: which way round, from how many sides, how far aside."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..priors import Priors
+from ..scaffold import Scaffold
+from .believed import Believed, believed_degrees, depth_evidence
+from .finding import Finding, Weight
+from .viewing_angles import GroupView, angular_factor, group_views, parallax_degrees, static_view_degrees
+from .way_round import WayRound
+
+# Angle (degrees) between the outermost cameras at the median depth. Below the first nothing but the original view can be
+# believed, below the second only views close to the path.
+LITTLE_PARALLAX, MODEST_PARALLAX = 2.0, 8.0
+# Below so many degrees off the path there is no other view to speak of; from so many on, a person can look around.
+ONLY_THE_PATH, WIDE_VIEWS = 1.0, 10.0
+
+SIDEWAYS = "Film with a clear step sideways, or give cameras with --prior cameras=FILE or depth with --prior depth=DIR."
+
+
+@dataclass(frozen=True)
+class ClipGeometry:
+    """Everything the page says of the geometry; angles in degrees."""
+
+    way_round: WayRound | None
+    """None where no mirrored solution was compared."""
+    parallax: float
+    """Between the two outermost cameras at the median depth."""
+    static_degrees: tuple[float, float] | None
+    """Median and 90th percentile of the angle between the outermost viewing rays of a static point."""
+    angular_factor: float | None
+    """DyCheck's angular effective multi-view factor of the clip, degrees per second; None without cameras."""
+    groups: tuple[GroupView, ...]
+    """Groups of connected moving nodes, the largest first."""
+    believed: Believed | None
+    """None without cameras or depth."""
+
+    @classmethod
+    def of(cls, priors: Priors, scaffold: Scaffold | None) -> ClipGeometry:
+        """Measure it."""
+        angles, cameras = static_view_degrees(priors), priors.cameras
+        evidence = depth_evidence(priors)
+        here = scaffold is not None and cameras is not None and len(cameras) == len(scaffold.times)
+        return cls(
+            way_round=WayRound.of(priors),
+            parallax=parallax_degrees(priors),
+            static_degrees=(float(np.median(angles)), float(np.percentile(angles, 90))) if len(angles) else None,
+            angular_factor=angular_factor(cameras, priors.fps) if cameras is not None else None,
+            groups=tuple(group_views(scaffold, cameras, priors.fps)) if here else (),  # type: ignore[arg-type]
+            believed=believed_degrees(evidence) if evidence is not None else None,
+        )
+
+
+def about_geometry(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
+    """What is worth knowing of the geometry, the way round first."""
+    return [
+        *_about_way_round(geometry.way_round),
+        *_about_path(priors, geometry),
+        *_about_translation(priors),
+        *_about_believed(priors, geometry),
+        *_about_movers(priors),
+    ]
+
+
+def _about_way_round(way: WayRound | None) -> list[Finding]:
+    if way is None:
+        return []
+    if way.verdict == "sure":
+        return [Finding("good", f"Near and far are the right way round: {way.odds} by the evidence under Geometry.")]
+    if way.verdict == "likely":
+        return [
+            Finding(
+                "note",
+                f"Near and far are probably the right way round ({way.odds}); look at the views aside under Geometry.",
+                SIDEWAYS,
+            )
+        ]
+    return [
+        Finding(
+            "problem",
+            f"Near and far may be exchanged: the clip and its mirrored solution fit it about equally well ({way.odds} for the"
+            f" one chosen, {way.chosen}).",
+            SIDEWAYS,
+        )
+    ]
+
+
+def _about_path(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
+    """Whether the camera moved enough to measure depth."""
+    if priors.camera_kind == "static":
+        return [
+            Finding(
+                "problem",
+                "The camera stood still, so nothing tells how far things are; only the original view can be believed.",
+                "Move the camera sideways while filming, or give depth with --prior depth=DIR.",
+            )
+        ]
+    if priors.camera_kind == "pan":
+        return [
+            Finding(
+                "problem",
+                "The camera only turned; without parallax depth cannot be measured and new views stay close to the path.",
+                "Walk a step sideways instead of turning on the spot, or give depth with --prior depth=DIR.",
+            )
+        ]
+    angle, seen = geometry.parallax, ""
+    if geometry.static_degrees is not None:
+        seen = f"; a point of the background is seen from {geometry.static_degrees[0]:.1f}° (median)"
+    if angle < LITTLE_PARALLAX:
+        return [
+            Finding(
+                "problem",
+                f"The camera moved very little: {angle:.1f}° between its outermost places{seen}.",
+                "Move the camera sideways by about a tenth of the distance to your subject, or give depth with"
+                " --prior depth=DIR.",
+            )
+        ]
+    weight: Weight = "note" if angle < MODEST_PARALLAX else "good"
+    advice = "A wider path makes wider views possible." if weight == "note" else ""
+    return [Finding(weight, f"The camera's path spans {angle:.0f}° of the scene{seen}.", advice)]
+
+
+def _about_translation(priors: Priors) -> list[Finding]:
+    """A step so small that its size rests on a prior."""
+    translation = priors.statistics.get("cameras", {}).get("translation", {})
+    if translation.get("verdict") != "small" or priors.camera_kind != "moving":
+        return []
+    size = translation.get("size_px")
+    by = f" by only {size:.1f} px" if size is not None else " hardly"
+    return [
+        Finding(
+            "note",
+            f"The camera's shift moves the picture{by} beyond what its turning does, so depth is rough.",
+            "Walk a step sideways instead of turning on the spot.",
+        )
+    ]
+
+
+def _about_believed(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
+    """How far from the path views can be believed."""
+    believed = geometry.believed
+    if believed is None:
+        return []
+    weight: Weight = "good" if min(believed.static, believed.moving or believed.static) >= WIDE_VIEWS else "note"
+    return [Finding(weight, believed_sentence(believed))]
+
+
+def believed_sentence(believed: Believed) -> str:
+    """`believed` in words, for the findings and whoever checks them against true views."""
+    static, moving = believed.static, believed.moving
+    if static < ONLY_THE_PATH:
+        return "Views can be believed along the camera's own path only, not from the side."
+    sentence = f"Views can be believed within about {static:.0f}° of the camera's path"
+    if moving is None or moving > static - 0.5:
+        return sentence + "."
+    limit = f"within about {moving:.0f}° of it" if moving >= ONLY_THE_PATH else "on the path alone"
+    return f"{sentence}, moving objects {limit}."
+
+
+def _about_movers(priors: Priors) -> list[Finding]:
+    """What decided the depth of the moving objects."""
+    movers = priors.statistics.get("depth", {}).get("movers", [])
+    decided = Counter(str(mover["decided_by"]) for mover in movers if "decided_by" in mover)
+    if not decided:
+        return []
+    named = ", ".join(f"{origin} ({count})" if len(movers) > 1 else origin for origin, count in decided.most_common())
+    guessed = "surroundings" in decided
+    return [
+        Finding(
+            "note",
+            f"The depth of what moves was decided by: {named}."
+            + (" Surroundings are a guess: no contact with the ground is seen, and little turning." if guessed else ""),
+            "Keep feet or wheels in the picture, or give depth with --prior depth=DIR." if guessed else "",
+        )
+    ]

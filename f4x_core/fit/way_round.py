@@ -1,0 +1,72 @@
+"""How surely a scene is the right way round: the decision of the camera stage between a solution and its mirror image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..priors import Priors
+
+SURE, LIKELY = 4.6, 1.1
+"""Log-odds from which a decision is sure (100 to 1) and likely (3 to 1)."""
+LARGEST_ODDS = 1000
+"""Odds beyond this are not told apart in sentences."""
+
+
+@dataclass(frozen=True)
+class Clue:
+    """One piece of evidence for or against the chosen solution."""
+
+    what: str
+    """What was looked at, for example `lower is nearer`."""
+    log_odds: float
+    """Contribution in favour of the chosen solution, natural logarithm; negative speaks for the other one."""
+    detail: str
+    """The measurement in words."""
+
+
+@dataclass(frozen=True)
+class WayRound:
+    """Which of the two solutions was chosen, near and far as found or exchanged, and how surely."""
+
+    verdict: str
+    """`sure`, `likely` or `toss-up`."""
+    chosen: str
+    """`as found` or `mirrored`."""
+    margin: float
+    """Log-odds in favour of the chosen solution, natural logarithm."""
+    clues: tuple[Clue, ...]
+    """What decided, the strongest first."""
+
+    @classmethod
+    def of(cls, priors: Priors) -> WayRound | None:
+        """Read `statistics["cameras"]["mirror"]` of the priors; None where the camera stage compared nothing."""
+        entry: dict[str, Any] | None = priors.statistics.get("cameras", {}).get("mirror")
+        if not entry:
+            return None
+        margin = entry.get("margin")  # files of JSON keep no infinity: it is None there
+        if margin is None:
+            margin = {"sure": SURE, "likely": LIKELY}.get(str(entry.get("verdict")), 0.0)
+        clues = [
+            Clue(str(clue.get("what", "")), float(clue.get("for") or 0.0), str(clue.get("detail", "")))
+            for clue in entry.get("evidence", [])
+        ]
+        clues.sort(key=lambda clue: -abs(clue.log_odds))
+        verdict = "sure" if margin >= SURE else "likely" if margin >= LIKELY else "toss-up"
+        return cls(entry.get("verdict", verdict), entry.get("chosen", "as found"), float(margin), tuple(clues))
+
+    @property
+    def probability_wrong(self) -> float:
+        """0..1: that near and far are exchanged."""
+        return float(1 / (1 + np.exp(np.clip(self.margin, -50, 50))))
+
+    @property
+    def odds(self) -> str:
+        """The margin in words, for example `12 to 1`."""
+        odds = math.exp(min(max(self.margin, 0.0), math.log(LARGEST_ODDS)))
+        if odds >= 0.999 * LARGEST_ODDS:
+            return f"more than {LARGEST_ODDS:,} to 1"
+        return f"{odds:.0f} to 1" if odds >= 10 else f"{odds:.1f} to 1"

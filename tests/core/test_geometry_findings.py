@@ -1,0 +1,240 @@
+"""Viewing angles, how far a view can be believed, and what the page says of the geometry."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy
+from test_diagnostics import node_scaffold
+
+from f4x_core.fit.advice import findings
+from f4x_core.fit.believed import MAX_DEGREES, TOLERANCE, Believed, DepthEvidence, believed_degrees, depth_evidence
+from f4x_core.fit.geometry_findings import believed_sentence
+from f4x_core.fit.viewing_angles import (
+    angular_factor,
+    group_views,
+    parallax_degrees,
+    spanned_degrees,
+    static_view_degrees,
+)
+from f4x_core.fit.way_round import WayRound
+from f4x_core.geometry import quaternion
+from f4x_core.geometry.camera import CameraPath
+from f4x_core.scaffold.groups import shape_change
+
+CERTAIN = DepthEvidence(
+    focal=1.0, depth_error=0.05, view_degrees=10.0, ray_noise=0.3 / 480, mirror_probability=0.0, moving_error=None
+)
+"""An ordinary clip with good cameras."""
+
+
+def orbiting(degrees: np.ndarray) -> CameraPath:
+    """Cameras on a circle of radius 1 about (0, 0, 1), looking at its middle."""
+    matrices = np.tile(np.eye(4), (len(degrees), 1, 1))
+    for matrix, angle in zip(matrices, np.radians(degrees), strict=True):
+        right, forward = np.array([np.cos(angle), 0, np.sin(angle)]), np.array([-np.sin(angle), 0, np.cos(angle)])
+        matrix[:3, :3] = right, [0, 1, 0], forward
+        matrix[:3, 3] = -matrix[:3, :3] @ (np.array([0, 0, 1.0]) - forward)
+    intrinsics = np.tile(np.diag([60.0, 60, 1]), (len(degrees), 1, 1))
+    return CameraPath(intrinsics, matrices, np.arange(len(degrees), dtype=float), 64, 40)
+
+
+def mirror(margin: float, **fields) -> dict:
+    """The camera stage's record of its decision."""
+    evidence = [{"what": "sky", "for": -0.2, "detail": "<near>"}, {"what": "reprojection", "for": margin + 0.2}]
+    return {"mirror": {"chosen": "as found", "margin": margin, "evidence": evidence} | fields}
+
+
+def test_parallax_is_the_angle_at_the_median_depth():
+    _, priors = toy.clip_and_priors()
+    baseline = 0.02 * (toy.FRAMES - 1)
+    assert parallax_degrees(priors) == pytest.approx(np.degrees(2 * np.arctan(baseline / 2)))
+    priors.cameras = None
+    assert parallax_degrees(priors) == 0.0
+
+
+def test_angular_factor_of_a_steady_orbit_is_its_speed():
+    assert angular_factor(orbiting(np.arange(0, 21, 2.0)), fps=24.0) == pytest.approx(2.0 * 24)
+    uneven = replace(orbiting(np.array([0.0, 2, 6])), times=np.array([0.0, 1, 3]))
+    assert angular_factor(uneven, fps=10.0) == pytest.approx(20.0)  # a held-out frame between the last two
+    assert angular_factor(orbiting(np.zeros(4)), fps=24.0) == pytest.approx(0, abs=1e-4)
+
+
+def test_the_widest_pair_of_rays_counts_not_the_first_and_last():
+    path = orbiting(np.array([0.0, 12, 3]))
+    rays = np.array([0, 0, 1.0]) - path.centers[:, None]
+    every = np.ones((3, 1), bool)
+    assert spanned_degrees(rays, every)[0] == pytest.approx(12)
+    assert spanned_degrees(rays, np.array([[True], [False], [True]]))[0] == pytest.approx(3)
+    assert np.isnan(spanned_degrees(rays, np.array([[True], [False], [False]]))[0])
+
+
+def test_static_points_are_seen_under_the_angle_of_the_path():
+    _, priors = toy.clip_and_priors()
+    angles = static_view_degrees(priors)
+    longest = np.degrees(2 * np.arctan(0.02 * (toy.FRAMES - 1) / 2 / toy.WALL))
+    assert 0.9 * longest < angles.max() <= longest + 0.01  # by a point between the outermost cameras
+    priors.cameras = replace(priors.cameras, world_to_camera=np.tile(np.eye(4), (toy.FRAMES, 1, 1)))
+    assert static_view_degrees(priors).max() < 0.01
+    priors.tracks = None
+    assert not len(static_view_degrees(priors))
+
+
+def test_a_thing_that_turns_before_a_standing_camera_is_seen_from_many_sides():
+    times = np.arange(8.0)
+    scaffold = node_scaffold(times)
+    standing = orbiting(np.zeros(8))
+    middle = scaffold.xyz.mean(1, keepdims=True)
+    turn = quaternion.from_rotation_vector(np.outer(np.radians(3 * times), [0, 1.0, 0]))
+    turned = middle + quaternion.rotate(turn[:, None], scaffold.xyz[:1] - middle[:1])
+    sliding = replace(scaffold, xyz=(scaffold.xyz - middle + [0, 0, 1.0]).astype(np.float32))
+    turning = replace(scaffold, xyz=(turned - middle + [0, 0, 1.0]).astype(np.float32))
+    (still,) = group_views(sliding, standing, 24.0)
+    (round_,) = group_views(turning, standing, 24.0)
+    assert still.degrees < 0.1 and still.nodes == 4 and still.frames == 8
+    assert round_.degrees == pytest.approx(21, abs=0.2) and round_.degrees_per_second == pytest.approx(72, rel=0.01)
+    (around,) = group_views(sliding, orbiting(3 * times), 24.0)
+    assert around.degrees == pytest.approx(21, abs=0.2)  # the camera that turns about it sees the same
+
+
+def test_groups_that_no_edge_joins_are_seen_each_for_itself():
+    scaffold = node_scaffold(np.arange(8.0))
+    alone = scaffold.neighbours.copy()
+    alone[3], alone[:3] = 3, np.arange(3)[:, None]
+    alone[:3, 1] = (1, 2, 0)
+    views = group_views(replace(scaffold, neighbours=alone), orbiting(3.0 * np.arange(8)), 24.0)
+    assert [view.nodes for view in views] == [3, 1]
+    assert views[0].degrees is None, "three nodes turn by their noise"
+
+
+def test_what_changes_its_shape_has_no_viewing_angle():
+    scaffold = node_scaffold(np.arange(8.0))
+    noise = np.random.default_rng(0).normal(scale=0.1, size=scaffold.xyz.shape)
+    wobbling = replace(scaffold, xyz=(scaffold.xyz + noise).astype(np.float32))
+    assert np.median(shape_change(wobbling.xyz)) > 0.5 and shape_change(scaffold.xyz).max() < 1e-5
+    (view,) = group_views(wobbling, orbiting(3.0 * np.arange(8)), 24.0)
+    assert view.degrees is None and view.frames == 8
+
+
+def test_frames_without_a_measured_node_do_not_count():
+    scaffold = node_scaffold(np.arange(8.0))
+    hidden = replace(scaffold, certain=scaffold.certain & (np.arange(8) < 3)[:, None])
+    (view,) = group_views(hidden, orbiting(3.0 * np.arange(8)), 24.0)
+    (whole,) = group_views(scaffold, orbiting(3.0 * np.arange(8)), 24.0)
+    assert view.frames == 3 and view.degrees < 0.5 * whole.degrees
+
+
+def test_believed_angle_displaces_by_the_tolerance():
+    believed = believed_degrees(replace(CERTAIN, view_degrees=None))
+    assert np.tan(np.radians(believed.static)) * 0.05 == pytest.approx(TOLERANCE)
+    assert believed.moving is None
+    longer = believed_degrees(replace(CERTAIN, view_degrees=None, focal=2.0))
+    assert np.tan(np.radians(longer.static)) == pytest.approx(np.tan(np.radians(believed.static)) / 2)
+
+
+@pytest.mark.parametrize(
+    "worse",
+    [{"depth_error": 0.3}, {"view_degrees": 0.3}, {"ray_noise": 5 / 480}, {"mirror_probability": 0.4}, {"focal": 2.0}],
+)
+def test_weaker_evidence_believes_less(worse):
+    assert believed_degrees(replace(CERTAIN, **worse)).static < 0.8 * believed_degrees(CERTAIN).static
+
+
+def test_movers_are_believed_no_further_than_the_world_they_stand_in():
+    good = believed_degrees(replace(CERTAIN, moving_error=0.01))
+    poor = believed_degrees(replace(CERTAIN, moving_error=0.3))
+    assert good.moving == good.static and poor.moving < 0.3 * poor.static
+    toss = believed_degrees(replace(CERTAIN, mirror_probability=0.5, moving_error=0.01))
+    assert toss.moving == toss.static < 1
+    assert believed_degrees(replace(CERTAIN, depth_error=0.0, view_degrees=None)).static < MAX_DEGREES
+
+
+def test_evidence_is_gathered_from_the_priors():
+    _, priors = toy.clip_and_priors()
+    evidence = depth_evidence(priors)
+    assert evidence.depth_error == 0 and evidence.view_degrees is None and evidence.mirror_probability == 0
+    assert evidence.focal == pytest.approx(toy.FOCAL / toy.WIDTH) and evidence.moving_error == 0
+    priors.provenance["depth"] = {"provider": "classical"}
+    priors.depth_confidence = np.where(priors.mask, 0.2, 0.5).astype(np.float16)
+    priors.statistics["cameras"] = mirror(1.0) | {"reprojection_px": {"median": 0.25}}
+    evidence = depth_evidence(priors)
+    assert evidence.depth_error == pytest.approx((1 / 50) ** 0.5, rel=1e-3)
+    assert evidence.moving_error == 0.12  # ground contact: confidence is no precision there
+    assert evidence.view_degrees == pytest.approx(np.median(static_view_degrees(priors)))
+    assert evidence.ray_noise == pytest.approx(0.25 / toy.WIDTH)
+    assert evidence.mirror_probability == pytest.approx(1 / (1 + np.e))
+    priors.statistics["depth"] = {"movers": [{"group": 0, "frames": [0, 7], "decided_by": "surroundings"}]}
+    assert depth_evidence(priors).moving_error == pytest.approx(0.3)
+    priors.statistics["depth"]["movers"][0] |= {"decided_by": "its own motion", "emf_degrees": 5.0}
+    expected = evidence.ray_noise / (evidence.focal * np.radians(5.0))
+    assert depth_evidence(priors).moving_error == pytest.approx(expected)
+    priors.provenance["depth"], priors.statistics["depth"] = {"provider": "depth-anything"}, {}
+    assert depth_evidence(priors).moving_error == pytest.approx((4 / 50) ** 0.5, rel=1e-2)
+    priors.cameras = None
+    assert depth_evidence(priors) is None
+
+
+@pytest.mark.parametrize(
+    ("believed", "words"),
+    [
+        (Believed(12.3, None), "within about 12° of the camera's path."),
+        (Believed(12.3, 12.1), "within about 12° of the camera's path."),
+        (Believed(12.3, 3.0), "12° of the camera's path, moving objects within about 3° of it."),
+        (Believed(12.3, 0.4), "moving objects on the path alone."),
+        (Believed(0.6, 0.1), "along the camera's own path only"),
+    ],
+)
+def test_believed_in_words(believed, words):
+    assert words in believed_sentence(believed)
+
+
+@pytest.mark.parametrize(
+    ("margin", "verdict", "weight", "words"),
+    [
+        (6.0, "sure", "good", "Near and far are the right way round: 403 to 1"),
+        (2.0, "likely", "note", "probably the right way round (7.4 to 1)"),
+        (0.1, "toss-up", "problem", "Near and far may be exchanged"),
+        (20.0, "sure", "good", "more than 1,000 to 1"),
+    ],
+)
+def test_the_way_round_is_said_first(margin, verdict, weight, words):
+    _, priors = toy.clip_and_priors()
+    priors.statistics["cameras"] = mirror(margin)
+    found = findings(priors, None, {"used_psnr": 20.0})
+    equal = [finding for finding in found if finding.weight == weight]
+    assert words in equal[0].what and WayRound.of(priors).verdict == verdict
+    assert ("--prior cameras=FILE" in equal[0].advice) == (verdict != "sure")
+
+
+def test_the_recorded_verdict_wins_and_evidence_is_sorted():
+    _, priors = toy.clip_and_priors()
+    assert WayRound.of(priors) is None
+    priors.statistics["cameras"] = mirror(5.0, verdict="likely", chosen="mirrored")
+    way = WayRound.of(priors)
+    assert (way.verdict, way.chosen) == ("likely", "mirrored")
+    assert [clue.what for clue in way.clues] == ["reprojection", "sky"]
+    assert way.clues[0].detail == "" and way.clues[1].log_odds == -0.2
+    priors.statistics["cameras"] = mirror(5.0, verdict="sure")
+    priors.statistics["cameras"]["mirror"]["margin"] = None  # infinity, from a file
+    assert WayRound.of(priors).probability_wrong < 0.011
+
+
+def test_measures_need_no_torch():
+    code = "import sys; sys.modules['torch'] = None; import f4x_core.fit.geometry_findings"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_small_step_and_the_origin_of_depth_are_noted():
+    _, priors = toy.clip_and_priors()
+
+    def notes() -> str:
+        return " ".join(finding.what for finding in findings(priors, None, {}) if finding.weight == "note")
+
+    priors.statistics["cameras"] = {"translation": {"verdict": "small", "size_px": 1.25}}
+    priors.statistics["depth"] = {"movers": [{"decided_by": name} for name in ("size", "size", "surroundings")]}
+    assert "moves the picture by only 1.2 px" in notes()
+    assert "decided by: size (2), surroundings (1). Surroundings are a guess" in notes()
+    priors.statistics["depth"] = {"movers": [{"decided_by": "ground contact", "group": 0}]}
+    assert "decided by: ground contact." in notes() and "Surroundings" not in notes()
