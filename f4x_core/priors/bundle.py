@@ -26,11 +26,12 @@ MIN_DEPTH = 1e-6
 """Points nearer to a camera plane than this carry no weight in that view."""
 FARTHEST_POINT = 1e4
 """Points stay within this many median distances: beyond, nothing tells them from infinity."""
-FOCAL_PRIOR, DEPTH_PRIOR, PATH_PRIOR = 0.2, 0.02, 0.01
-"""What is believed before anything is seen, as a fraction of the squared error that a violation must save: a focal length e
-times away from the expected one, inverse distances that vary by their median, and a path as large as the median distance.
-They decide only what observations leave open (bas-relief: with little translation, depth, path and focal length trade for
-each other)."""
+FOCAL_PRIOR, FOCAL_SPREAD, DEPTH_PRIOR, PATH_PRIOR = 0.02, 0.15, 0.02, 0.01
+"""What is believed before anything is seen, as a fraction of the squared error that a violation must save: a focal length
+whose logarithm is `FOCAL_SPREAD` away from the expected one (with long tails: lenses differ), inverse distances that vary by
+their median, and a path as large as the median distance. They decide only what observations leave open (bas-relief: with
+little translation depth, path and focal length trade for each other). On rendered clips focal lengths 14 % apart fit tracks
+within 0.3 % of the cost."""
 BEHIND_PX = 1000.0
 """A point behind a camera that saw it costs as much as a miss by this many pixels."""
 
@@ -347,7 +348,7 @@ def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float
     if config.refine_centers:
         cost += PATH_PRIOR * np.mean((problem.center**2).sum(1))
     if config.refine_focal and config.expected_focal:
-        cost += FOCAL_PRIOR * np.log(problem.focal / config.expected_focal) ** 2
+        cost += FOCAL_PRIOR * np.log1p((np.log(problem.focal / config.expected_focal) / FOCAL_SPREAD) ** 2)
     return belief * float(cost)
 
 
@@ -432,8 +433,10 @@ def _add_priors(
     """Add derivatives of `_prior_cost` / 2 to the normal equations, in place."""
     frames, count = len(problem.center), len(problem.points)
     if config.refine_focal and config.expected_focal:
-        camera[-1, -1] += belief * FOCAL_PRIOR
-        gradient[-1] += belief * FOCAL_PRIOR * np.log(problem.focal / config.expected_focal)
+        away = np.log(problem.focal / config.expected_focal)
+        pull = belief * FOCAL_PRIOR / (FOCAL_SPREAD**2 + away**2)
+        camera[-1, -1] += pull
+        gradient[-1] += pull * away
     if not config.refine_centers:
         return
     places = (6 * np.arange(frames)[:, None] + np.arange(3, 6)).ravel()

@@ -32,6 +32,11 @@ FLOW_NOISE_PX = 0.4
 """Standard deviation of static flow that passed the forward-backward test."""
 FLOW_OUTLIER_PX = 1.5
 """Cauchy scale of reprojection residuals when gaps are combined."""
+MISS_LIMIT_PX = 5.0
+"""A gap whose flow misses by more counts as a miss by this much."""
+PLAIN_NOISE, PLAIN_SAMPLES = 0.4, 20
+"""Where nothing is measured, inverse depth is that of a plane below and a wall above, give or take this much of the median; both
+are fitted to what is measured, against so many samples of the usual ones."""
 FEATURELESS = 4.0
 """Grey-level gradient (standard deviation over 7 px) at which flow is trusted half."""
 TRACK_NOISE_PX = 0.4
@@ -138,8 +143,11 @@ def inverse_depth_from_flow(
         residual = focal * np.linalg.norm(gain * inverse[:, None] - offset, axis=-1)
         weight = given / (1 + (residual / FLOW_OUTLIER_PX) ** 2)
         inverse = (weight * (gain * offset).sum(-1)).sum(0) / np.maximum((weight * square).sum(0), 1e-20)
+    # What moves a little by itself meets no epipolar line at all gaps: the misses beyond noise tell how wrong the depth may be.
+    missed = (given * np.minimum(residual, MISS_LIMIT_PX) ** 2).sum(0) / np.maximum(given.sum(0), 1e-20)
+    doubt = np.maximum(missed / FLOW_NOISE_PX**2, 1)
     # Errors of flow are shared by its gaps: the best gap tells the precision, more gaps only help against outliers.
-    return inverse, (weight * square).max(0) * (focal / FLOW_NOISE_PX) ** 2
+    return inverse, (weight * square).max(0) * (focal / FLOW_NOISE_PX) ** 2 / doubt
 
 
 def fill_inverse_depth(
@@ -213,19 +221,46 @@ def _differences(columns: list[np.ndarray], factors: list[float], size: int) -> 
 def ground_prior(cameras: CameraPath) -> np.ndarray:
     """Inverse depth `(F, H, W)` of a world that is near below and farther above, the same from every direction of view.
 
-    Inverse distance is `0.7 + max(s, 0)` with s the sine of the direction below the mean camera's horizon.
+    Inverse distance is `0.7 + s`, s that of `below_horizon`.
+    """
+    below = below_horizon(cameras)
+    return (0.7 * below[..., 1] + below[..., 0]).astype(np.float32)
+
+
+def below_horizon(cameras: CameraPath) -> np.ndarray:
+    """(F, H, W, 2) float32: sine of the direction below the mean camera's horizon, 0 above it, and 1, times the ray's length.
+
+    An inverse depth that is linear in them is that of a ground plane below and of a sphere above.
     """
     down = cameras.world_to_camera[:, 1, :3].mean(0)
     down /= max(float(np.linalg.norm(down)), 1e-9)
-    inverse = np.empty((len(cameras), cameras.height, cameras.width), np.float32)
+    found = np.empty((len(cameras), cameras.height, cameras.width, 2), np.float32)
     for i in range(len(cameras)):
         camera = cameras[i]
         local = (camera.pixel_grid() - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]]
         local = np.concatenate([local, np.ones_like(local[..., :1])], axis=-1)  # z = 1
         length = np.linalg.norm(local, axis=-1)
         sine = local @ (camera.world_to_camera[:3, :3] @ down) / length
-        inverse[i] = (0.7 + np.maximum(sine, 0)) * length
-    return inverse
+        found[i] = np.stack([np.maximum(sine, 0), np.ones_like(sine)], -1) * length[..., None]
+    return found
+
+
+def plain_world(inverse: np.ndarray, precision: np.ndarray, below: np.ndarray, usual: float) -> np.ndarray:
+    """Inverse depth `(h, w)` of a ground plane and a far sphere fitted to samples `inverse (h, w)`: what is not measured looks
+    like that, sky like what is at the horizon.
+
+    `below (h, w, 2)` as of `below_horizon`; `usual` is the median inverse depth. `PLAIN_SAMPLES` of the plain world of
+    `ground_prior` count with the samples.
+    """
+    shape, values = below.reshape(-1, 2).astype(np.float64), inverse.ravel() / usual
+    believed = np.array([1.0, 0.7]) / max(float(np.median(shape @ [1.0, 0.7])), 1e-9)
+    trust = np.minimum(precision.ravel() * usual**2, 1 / SAMPLE_NOISE)
+    factors = believed
+    for _ in range(4):
+        weight = trust / (trust + 1 / PLAIN_NOISE**2) / (1 + ((values - shape @ factors) / PLAIN_NOISE) ** 2)
+        normal = (shape * weight[:, None]).T @ shape + PLAIN_SAMPLES * np.eye(2)
+        factors = np.linalg.solve(normal, (shape * weight[:, None]).T @ values + PLAIN_SAMPLES * believed)
+    return usual * (shape @ factors).reshape(inverse.shape)
 
 
 def _static_depth(
@@ -250,6 +285,7 @@ def _static_depth(
     grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1)  # (h, w, 2)
     inverse, confidence = np.empty((2, frames, height, width), np.float32)
     measured = 0.0
+    below = below_horizon(priors.cameras)
     for i in range(frames):
         progress("depth", i, frames + 1)
         targets = _targets(i, flows, blocked, rows, columns, grid)
@@ -266,10 +302,13 @@ def _static_depth(
         )
         least = usual / FARTHEST
         rho = np.clip(rho, least, 1e3 * usual)
+        plain = np.maximum(plain_world(rho, precision, below[i][rows[:, None], columns], usual), least)
+        known, belief = precision, 1 / (PLAIN_NOISE * usual) ** 2
+        rho, precision = (precision * rho + belief * plain) / (precision + belief), precision + belief
         guide = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
         filled = np.maximum(fill_inverse_depth(rho, precision, guide), least)
-        trust = _confidence(filled, rho, precision)
-        measured += float((precision * filled**2 > 100).mean()) / frames
+        trust = _confidence(filled, rho, known)
+        measured += float((known * filled**2 > 100).mean()) / frames
         inverse[i] = _enlarged(filled, width, height)
         confidence[i] = _enlarged(trust, width, height)
     statistics["measured_share"] = round(measured, 3)  # static depth known to better than 10 %
