@@ -26,7 +26,7 @@ MIN_DEPTH = 1e-6
 """Points nearer to a camera plane than this carry no weight in that view."""
 FARTHEST_POINT = 1e4
 """Points stay within this many median distances: beyond, nothing tells them from infinity."""
-FOCAL_PRIOR, FOCAL_SPREAD, DEPTH_PRIOR, PATH_PRIOR = 0.02, 0.15, 0.02, 0.01
+FOCAL_PRIOR, FOCAL_SPREAD, DEPTH_PRIOR, PATH_PRIOR = 0.04, 0.15, 0.002, 0.01
 """What is believed before anything is seen, as a fraction of the squared error that a violation must save: a focal length
 whose logarithm is `FOCAL_SPREAD` away from the expected one (with long tails: lenses differ), inverse distances that vary by
 their median, and a path as large as the median distance. They decide only what observations leave open (bas-relief: with

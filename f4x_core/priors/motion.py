@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..progress import Progress
+from .alignment import align_tracks
 from .config import PriorsConfig
 from .flow import consistent_at, grey, length, long_flows, pixel_grid, sample, warp
 from .tracks import longest, relink, seed_and_track
@@ -80,6 +81,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     if not priors.mask.any():
         priors.warn("Nothing in this clip moves by itself; if something should, give a mask.")
     _densify(clip, priors, config, flows, progress)
+    _align_static(clip, priors)
 
 
 def motion_score(
@@ -352,3 +354,16 @@ def _densify(
     priors.tracks_visible = np.concatenate([background[1], seen], 1)
     priors.tracks_motion = tracks_motion(priors.tracks, priors.tracks_visible, evidence)
     priors.statistics["tracks"] |= {"uniform": background[0].shape[1], "dynamic": dense.shape[1]}
+
+
+def _align_static(clip: Clip, priors: Priors) -> None:
+    """Take the drift out of the tracks of what stands still; tracks that the user gave stay as they are."""
+    assert priors.tracks is not None and priors.tracks_visible is not None and priors.tracks_motion is not None
+    if priors.provenance.get("tracks", {}).get("provider") in ("user", "files"):
+        return
+    still = np.flatnonzero(priors.tracks_motion <= STATIC_TRACK)
+    tracks = priors.tracks.copy()
+    tracks[:, still] = align_tracks(
+        tracks[:, still], priors.tracks_visible[:, still], grey(clip.frames[clip.supervised])
+    )
+    priors.tracks = tracks
