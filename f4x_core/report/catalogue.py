@@ -231,7 +231,6 @@ STUDIES = (
         "Rendered clips: true priors replaced by offline ones",
         "Which prior costs most in views that the camera never had, on what moves and on what stands still?",
         ".studies.oracle_ladder:study_ladder",
-        only_full=True,
     ),
     Study(
         "nvidia",

@@ -26,6 +26,8 @@ FITTED = "clips-fit"
 """Study that leaves the scenes which the others read."""
 SCRIPTS = Path(__file__).resolve().parents[3] / "scripts"
 """Of a checkout."""
+QUICK_RENDER = ("--extra-cameras", "10", "--frames", "12", "--samples", "4")
+FULL_RENDER = ("--extra-cameras",)
 RENDERED_CLIPS = "rendered-clips"
 """Study whose folder holds the rendered clips."""
 PROVIDERS = {"true": "synthetic", "offline": "classical"}
@@ -166,15 +168,16 @@ def fit_rendered(context: Context) -> Findings:
 def render_clips(context: Context, names: Sequence[str]) -> tuple[dict[str, Path], list[str]]:
     """Name -> folder of rendered clips with their truth, and why the others could not be rendered.
 
-    They lie where `rendered-clips` keeps them, for all studies.
+    They lie where `rendered-clips` keeps them, for all studies of a report: what one rendered, another takes.
     """
-    folder = context.folder.parent / RENDERED_CLIPS
+    folder = context.folder.parent / RENDERED_CLIPS / context.choose("quick", "full")
     script = _script("synthetic_clip.py")
     clips, skipped = {}, []
     for name in names:
+        command = [str(script), str(folder / name), "--scene", name, *context.choose(QUICK_RENDER, FULL_RENDER)]
         try:
-            command = [str(script), str(folder / name), "--scene", name, "--extra-cameras"]
-            context.step(f"render {name}", partial(_run, command))
+            if not (folder / name / "truth.json").is_file():  # written last
+                _run(command)
         except F4xError as error:  # its model is not on this machine
             skipped.append(f"{name}: {error}")
             continue

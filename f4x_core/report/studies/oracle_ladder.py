@@ -6,7 +6,7 @@ could win at most. The other way round, all priors offline but one, is what it w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from ...clip import Clip, read_clip
-from ...fit.config import FitConfig, profile
+from ...fit.config import FitConfig
 from ...fit.pipeline import finish_fit, start_fit
 from ...geometry.camera import CameraPath
 from ...priors import Priors, PriorsConfig, build_priors
@@ -26,6 +26,7 @@ from ..halves import RENDERED
 from ..study import Context, Findings, Row, Table
 from ..truth import align_cameras, depth_errors, score_against_truth
 from .clip_studies import render_clips
+from .toy_fits import base_config
 
 RUNGS = (
     "camera poses",
@@ -36,6 +37,8 @@ RUNGS = (
     "masks",
 )
 """What is replaced, alone and together."""
+Mixture = tuple[str, frozenset[str]]
+"""What the row is called, and which of `RUNGS` are replaced."""
 QUICK_CLIPS = ("procedural", "horizon")
 """Clips of a quick report: a room, and a far ground under a sky."""
 ANGLE = 10
@@ -61,8 +64,9 @@ def study_ladder(context: Context) -> Findings:
     clips, skipped = render_clips(context, context.choose(QUICK_CLIPS, RENDERED.choosing))
     rows: list[Row] = []
     errors: list[Row] = []
+    steps = context.choose(mixtures()[: len(RUNGS) + 2], mixtures())
     for name, folder in clips.items():
-        found = context.step(name, partial(climb, folder, context.folder / name, ladder_config(context)))
+        found = context.step(name, partial(climb, folder, context.folder / name, base_config(context), steps))
         rows += [{"clip": name} | row for row in found["rungs"]]
         errors.append({"clip": name} | found["priors"])
     note = (
@@ -77,30 +81,24 @@ def study_ladder(context: Context) -> Findings:
     return Findings(tables, words=_words(rows), skipped=skipped)
 
 
-def ladder_config(context: Context) -> FitConfig:
-    """The `quick` profile."""
-    return replace(profile("quick"), threads=context.threads, seed=context.seed)
+def climb(clip_folder: Path, work: Path, config: FitConfig, steps: Sequence[Mixture]) -> Row:
+    """Fit one rendered clip to each mixture of `steps`, whose first replaces nothing; priors are kept below `work`.
 
-
-def climb(clip_folder: Path, work: Path, config: FitConfig, report: Callable[[Row], None] = lambda _: None) -> Row:
-    """Fit one rendered clip to every mixture: `rungs`, a row for each, and `priors`, errors of the offline ones.
-
-    `report` is called with every row of `rungs` as soon as it is measured. Priors are kept below `work`.
+    Returns `rungs`, a row for each, and `priors`, errors of the offline ones.
     """
     clip = read_clip(clip_folder / "images")
     true = build_priors(clip, work / "true", PriorsConfig.of("synthetic"))
     offline = build_priors(clip, work / "offline", config.priors)
     rows: list[Row] = []
-    for label, replaced in mixtures():
+    for label, replaced in steps:
         scene = fit_priors(clip, mix_priors(true, offline, replaced), config)
         scores = score_against_truth(scene, clip_folder, backend=config.backend) | dict(scene.metrics)
         row: Row = {"offline": label} | {column: scores.get(name) for column, name in FIGURES.items()}
         rows.append(row | _losses(row, rows))
-        report(rows[-1])
     return {"rungs": rows, "priors": prior_errors(true, offline)}
 
 
-def mixtures() -> list[tuple[str, frozenset[str]]]:
+def mixtures() -> list[Mixture]:
     """Label and replaced rungs: none first, each alone, all, then all but one."""
     alone = [(rung, frozenset({rung})) for rung in RUNGS]
     but_one = [(f"all but {rung}", frozenset(RUNGS) - {rung}) for rung in RUNGS]
