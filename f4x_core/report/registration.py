@@ -21,7 +21,7 @@ NEIGHBOURS, REACH = 3, 6
 """Used frames on either side that a held-out frame is matched with, and how many clip frames away they may be: flow fails over
 long gaps, and each neighbour's own camera error averages out."""
 FLOW_PRESET, FLOW_REFINEMENTS = "fine", 0
-"""Of DIS. Variational refinement moved no score by more than 0.02 dB (mean of train, of dog) and takes a quarter more time."""
+"""Of DIS. Variational refinement moves no score by more than 0.02 dB (means of train and of dog)."""
 CELLS = 60
 """Cells across the picture; each gives at most one point, so that one textured wall does not outvote the rest."""
 MIN_CELL = 6
