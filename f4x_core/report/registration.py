@@ -20,6 +20,8 @@ from ..scene.view import render
 NEIGHBOURS, REACH = 3, 6
 """Used frames on either side that a held-out frame is matched with, and how many clip frames away they may be: flow fails over
 long gaps, and each neighbour's own camera error averages out."""
+FLOW_PRESET, FLOW_REFINEMENTS = "fine", 0
+"""Of DIS. Variational refinement moves no score by more than 0.02 dB (means of train and of dog)."""
 CELLS = 60
 """Cells across the picture; each gives at most one point, so that one textured wall does not outvote the rest."""
 MIN_CELL = 6
@@ -71,7 +73,7 @@ class Sightings:
 def register_camera(scene: Scene, clip: Clip, frame: int, backend: str = "auto") -> Registration:
     """Register held-out `frame` of `clip` against `scene`, starting from the interpolated camera `scene.cameras[frame]`."""
     start = scene.cameras[frame]
-    flow = dis("fine", 0)
+    flow = dis(FLOW_PRESET, FLOW_REFINEMENTS)
     seen = [_sightings(scene, clip, used, frame, flow, backend) for used in near_used(scene, len(clip), frame)]
     points = np.concatenate([np.zeros((0, 3)), *(s.points for s in seen)])
     pixels = np.concatenate([np.zeros((0, 2)), *(s.pixels for s in seen)])
