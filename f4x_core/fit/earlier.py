@@ -74,6 +74,17 @@ class Earlier:
             state.update(np.ascontiguousarray(array).tobytes())
         return state.hexdigest()
 
+    def depth(self, clip: Clip, backend: str = "auto") -> np.ndarray:
+        """(F,H,W) depth that the earlier scene shows in the supervised frames of the later `clip`, NaN where it ends."""
+        frames = np.asarray(clip.supervised)
+        known = np.full((len(frames), clip.height, clip.width), np.nan, np.float32)
+        for row, frame in enumerate(frames + self.offset):
+            if frame < len(self.scene.cameras):
+                time = float(self.scene.cameras.times[frame])
+                seen = render(self.scene, self.scene.cameras[int(frame)], time, ("depth", "alpha"), backend)
+                known[row] = np.where(seen["alpha"] > OPAQUE, seen["depth"], np.nan)
+        return known
+
     def place(self, priors: Priors, backend: str = "auto") -> Priors:
         """Return `priors` in the earlier window's world: cameras and depth by one similarity, from the shared frames.
 

@@ -116,7 +116,8 @@ def fit_clip(
     checkpoint = folder / "checkpoints" / "photometric.pt"
     if resume:
         load_checkpoint(checkpoint, key)  # what cannot be continued is told before minutes of priors
-    priors = build_priors(clip, folder / "priors", config.priors, progress)
+    seen_depth = None if earlier is None else earlier.depth(clip, config.backend)
+    priors = build_priors(clip, folder / "priors", config.priors, progress, seen_depth)
     lap("priors")
     key += config_hash({name: entry.get("digest") for name, entry in priors.provenance.items()})
     state = load_checkpoint(checkpoint, key) if resume else None

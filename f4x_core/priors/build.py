@@ -12,17 +12,26 @@ from ..errors import F4xError
 from ..progress import Progress, silent
 from . import files
 from .config import PriorsConfig, config_hash
-from .folder import FIELDS, Priors, digest, file_of, read_field, read_head, sources_in
+from .folder import FIELDS, SEEN_DEPTH, Priors, digest, file_of, read_field, read_head, sources_in
 from .providers import STAGES, find
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from ..clip import Clip
 
 
 def build_priors(
-    clip: Clip, folder: str | Path, config: PriorsConfig | None = None, progress: Progress = silent
+    clip: Clip,
+    folder: str | Path,
+    config: PriorsConfig | None = None,
+    progress: Progress = silent,
+    seen_depth: np.ndarray | None = None,
 ) -> Priors:
     """Fill `folder` with the priors of `clip` and return them.
+
+    `seen_depth (F, H, W)`: depth in any unit that is known from elsewhere, NaN = unknown (a window of a long clip knows that
+    of the one before); it only helps to tell which way round the world is.
 
     A stage is skipped when its settings, the clip and every other prior it can see are what they were when it last ran.
     What the user gives replaces what a provider makes, and every stage sees it from the start: files put or changed in
@@ -33,6 +42,8 @@ def build_priors(
     priors = Priors.empty(clip)
     if len(priors.frames) == 0:
         raise F4xError(f"{clip.source}: every frame is held out; supervise at least one.")
+    if seen_depth is not None:
+        priors.scratch[SEEN_DEPTH] = seen_depth
     own = _read_own(folder, priors)
     fixed = files.take(priors, clip, config, own, folder)
     priors.write(folder, [name for name in fixed if name not in own])

@@ -22,6 +22,7 @@ from ..geometry.camera import CameraPath
 from ..progress import Progress
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
 from .config import CamerasConfig, PriorsConfig
+from .folder import SEEN_DEPTH
 from .mirror import Witnesses, decide, lowest_is_nearest
 from .sfm import (
     DEFAULT_FOCAL,
@@ -159,7 +160,8 @@ class _Job:
 
     def witnesses(self, frames: np.ndarray) -> Witnesses:
         """What tells near from far, for cameras of the supervised frames `frames`."""
-        return Witnesses(frames, self.tracks, self.visible, self.static, self.priors.mask, self.priors.depth)
+        depth = self.priors.scratch.get(SEEN_DEPTH) if self.priors.depth is None else self.priors.depth
+        return Witnesses(frames, self.tracks, self.visible, self.static, self.priors.mask, depth)
 
 
 def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -55,6 +55,8 @@ ARRAYS: dict[str, tuple[str, type]] = {
 FIELDS = (*ARRAYS, "cameras")
 REMEMBERED = ("camera_kind", "provenance", "warnings", "statistics")
 """Entries of `priors.json` that a later run goes on with."""
+SEEN_DEPTH = "seen_depth"
+"""Entry of `Priors.scratch`: depth (F,H,W) that is known from elsewhere."""
 UNIT_INTERVAL = ("depth_confidence", "motion", "tracks_motion")
 UNREADABLE = (ValueError, OSError, EOFError, MemoryError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)
 """What numpy raises on damaged `.npy` and `.npz` files."""
