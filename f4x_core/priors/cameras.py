@@ -318,6 +318,15 @@ def _right_way_round(job: _Job, start: Solution) -> Solution | None:
     return Solution(bundle, observations, registered)
 
 
+def _with_sightings(job: _Job, solution: Solution) -> Solution:
+    """Cameras without points of their own get those of the static tracks, triangulated."""
+    if len(solution.observations.frame):
+        return solution
+    seen, order = sightings(job.tracks, job.visible, job.static, 4 * SAMPLED_POINTS)
+    points, _ = triangulate(solution.bundle, seen, len(order))
+    return replace(solution, bundle=replace(solution.bundle, points=points), observations=seen)
+
+
 def _translates(job: _Job, moved: Solution) -> bool:
     """Whether the camera's path explains what turning does not; fills `statistics["cameras"]["translation"]`."""
     sample, _ = subset(moved, len(moved.bundle.points), int(moved.registered.sum()))
@@ -355,7 +364,7 @@ def _moving(job: _Job, turning: Solution) -> tuple[Solution | None, str]:
     settings, priors = job.settings, job.priors
     job.progress("cameras", 1, 4, "first cameras")
     if job.first is not None:
-        return _right_way_round(job, job.first), settings.provider
+        return _right_way_round(job, _with_sightings(job, job.first)) or job.first, settings.provider
     if priors.depth is not None and settings.solver in ("auto", "depth"):
         known = job.focal if settings.focal else None
         solution, job.statistics["focal_search"] = solve_with_depth(
