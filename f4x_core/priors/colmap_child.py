@@ -4,7 +4,8 @@ pycolmap and cv2 bring two copies of the same native libraries and have crashed 
 this file as a script: `python -P colmap_child.py REQUEST.json`. It imports nothing of `f4x_core`.
 
 Request (JSON): `folder` (holds `images/NAME.png`, optional `masks/NAME.png.png`, 0 = ignored), `names` (in time order),
-`pairs` (index pairs to match), `width`, `focal` (pixels), `refine_focal`, `max_features`, `threads` (of extraction and matching), `seed`.
+`pairs` (index pairs to match), `width`, `focal` (pixels), `refine_focal`, `max_features`, `threads` (of extraction and
+matching), `seed`.
 Answer: `folder/answer.npz` with `registered` (R,) int indices into `names`, `world_to_camera` (R,4,4), `focal`,
 `points` (P,3), and the observations `frame`, `point` (O,) int and `uv` (O,2) pixels (pixel centres at +0.5).
 The same request gets the same answer, however many threads work on it and whichever of them is first.
