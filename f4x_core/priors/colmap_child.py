@@ -4,9 +4,11 @@ pycolmap and cv2 bring two copies of the same native libraries and have crashed 
 this file as a script: `python -P colmap_child.py REQUEST.json`. It imports nothing of `f4x_core`.
 
 Request (JSON): `folder` (holds `images/NAME.png`, optional `masks/NAME.png.png`, 0 = ignored), `names` (in time order),
-`pairs` (index pairs to match), `width`, `focal` (pixels), `refine_focal`, `max_features`, `threads`, `seed`.
+`pairs` (index pairs to match), `width`, `focal` (pixels), `refine_focal`, `max_features`, `threads` (of extraction and
+matching), `seed`.
 Answer: `folder/answer.npz` with `registered` (R,) int indices into `names`, `world_to_camera` (R,4,4), `focal`,
 `points` (P,3), and the observations `frame`, `point` (O,) int and `uv` (O,2) pixels (pixel centres at +0.5).
+The same request gets the same answer, however many threads work on it and whichever of them is first.
 Features and matches stay in `folder/database.db` and are used again by a later request on the same folder.
 """
 
@@ -26,6 +28,9 @@ def find_matches(request: dict, database: Path) -> None:
         reader.mask_path = folder / "masks"
     extraction = pycolmap.FeatureExtractionOptions(num_threads=request["threads"])
     extraction.sift.max_num_features = request["max_features"]
+    # Else images are numbered as threads finish them, and every later choice of the mapper follows the numbers.
+    pycolmap.Database.open(database).close()
+    pycolmap.import_images(database, folder / "images", pycolmap.CameraMode.SINGLE, request["names"], reader)
     pycolmap.extract_features(
         database, folder / "images", request["names"], pycolmap.CameraMode.SINGLE, reader, extraction
     )
@@ -56,7 +61,7 @@ def solve(request: dict, database: Path) -> pycolmap.Reconstruction | None:
     options = pycolmap.IncrementalPipelineOptions(
         multiple_models=False,
         extract_colors=False,
-        num_threads=request["threads"],
+        num_threads=1,  # several threads add up large adjustments in another order each time
         random_seed=request["seed"],
         ba_refine_focal_length=request["refine_focal"],
         # The path is refined on dense tracks afterwards: fewer, looser global adjustments than COLMAP's own defaults.
@@ -72,6 +77,7 @@ def solve(request: dict, database: Path) -> pycolmap.Reconstruction | None:
     options.mapper.abs_pose_max_error = 4.0
     options.mapper.filter_max_reproj_error = 2.0
     options.mapper.filter_min_tri_angle = 0.5
+    options.mapper.num_threads = 1
     options.mapper.random_seed = request["seed"]
     options.mapper.abs_pose_refine_focal_length = False
     options.triangulation.min_angle = 0.5

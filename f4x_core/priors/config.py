@@ -71,7 +71,7 @@ class CamerasConfig:
     features: int = 2500
     """Most SIFT features per keyframe."""
     threads: int = 2
-    """Threads of pycolmap."""
+    """Threads in which pycolmap finds and matches features; the cameras do not depend on them."""
     seed: int = 0
     """Seed of every random draw."""
 

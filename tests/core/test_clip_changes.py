@@ -1,5 +1,6 @@
 """Cuts and exposure: found where they are, and nowhere else."""
 
+import cv2
 import numpy as np
 import pytest
 from warped_clip import texture, warped_clip
@@ -28,6 +29,36 @@ def test_motion_is_no_cut(speed):
 def test_a_moving_object_is_no_cut():
     clip, _ = warped_clip()
     assert len(find_changes(clip.frames).cuts) == 0
+
+
+def jerky_shot(seed: int, picture_seed: int, frames: int = 16) -> np.ndarray:
+    """(frames,90,160,3) uint8: a window that jumps, rolls and zooms over a picture in every second frame, smeared as it goes."""
+    random, picture = np.random.default_rng(seed), texture(300, 480, picture_seed)
+    center, roll, zoom, clip = np.array([240.0, 150.0]), 0.0, 1.0, []
+    for t in range(frames):
+        jump = random.normal(0, (30, 18)) * (t % 2)
+        center = np.clip(center + jump, (160, 100), (320, 200))
+        roll, zoom = np.clip(
+            [roll + random.normal(0, 8) * (t % 2), zoom + random.normal(0, 0.1) * (t % 2)], (-20, 0.8), (20, 1.3)
+        )
+        move = cv2.getRotationMatrix2D(tuple(center), roll, zoom)
+        move[:, 2] += (80, 45) - center
+        path = max(1, int(np.abs(jump).max() / 4))  # a quarter of the way while the shutter is open
+        clip.append(cv2.blur(cv2.warpAffine(picture, move, (160, 90)), (path, 1)))
+    return np.stack(clip)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_jerks_within_a_shot_are_no_cut_and_a_cut_among_jerks_is_one(seed):
+    one, other = jerky_shot(seed, 0), jerky_shot(seed + 10, 1)
+    assert len(find_changes(one).cuts) == 0
+    assert find_changes(np.concatenate([one, other])).cuts.tolist() == [16]
+
+
+def test_a_logo_in_two_shots_does_not_hide_the_cut():
+    clip = np.concatenate([shot(0), shot(1)])
+    clip[:, 4:24, 4:24] = texture(20, 20, 9)
+    assert find_changes(clip).cuts.tolist() == [6]
 
 
 def test_one_spoilt_frame_a_flash_and_flat_pictures_are_no_cut():
