@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..priors import Priors
+from ..priors.mirror import LIKELY, SURE
 
-SURE, LIKELY = 4.6, 1.1
-"""Log-odds from which a decision is sure (100 to 1) and likely (3 to 1)."""
 LARGEST_ODDS = 1000
 """Odds beyond this are not told apart in sentences."""
 
@@ -30,12 +29,12 @@ class Clue:
 
 @dataclass(frozen=True)
 class WayRound:
-    """Which of the two solutions was chosen, near and far as found or exchanged, and how surely."""
+    """Which of the two solutions was chosen, near and far as errors have it or exchanged, and how surely."""
 
     verdict: str
     """`sure`, `likely` or `toss-up`."""
     chosen: str
-    """`as found` or `mirrored`."""
+    """`least error` or `mirrored`."""
     margin: float
     """Log-odds in favour of the chosen solution, natural logarithm."""
     clues: tuple[Clue, ...]
@@ -56,7 +55,7 @@ class WayRound:
         ]
         clues.sort(key=lambda clue: -abs(clue.log_odds))
         verdict = "sure" if margin >= SURE else "likely" if margin >= LIKELY else "toss-up"
-        return cls(entry.get("verdict", verdict), entry.get("chosen", "as found"), float(margin), tuple(clues))
+        return cls(entry.get("verdict", verdict), entry.get("chosen", "least error"), float(margin), tuple(clues))
 
     @property
     def probability_wrong(self) -> float:

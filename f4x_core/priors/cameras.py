@@ -273,6 +273,9 @@ def _solve(job: _Job) -> tuple[Solution, str]:
         return _adjusted_pan(turning, sample.bundle.focal), "pan"
     if job.settings.kind is None and not _translates(job, moved):
         return _pan(job, turning, sample.bundle.focal), "pan"
+    if job.lens.refine_focal and solver != "depth":
+        job.progress("cameras", 2, 4, "focal length")
+        _, job.statistics["focal_search"] = search_focal(moved, job.priors.width, FOCALS)
     job.statistics.update({"solver": solver, "registered": int(moved.registered.sum())})
     return moved, "moving"
 

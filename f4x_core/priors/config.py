@@ -65,7 +65,7 @@ class CamerasConfig:
     focal: float | None = None
     """Focal length in picture widths; None = searched."""
     solver: str = "auto"
-    """First cameras of a moving clip: `depth`, `colmap`, `tracks`, or `auto` = the first of these that can and succeeds."""
+    """First cameras of a moving clip: `depth`, `direct`, `colmap`, `tracks`, or `auto` = the first of these that can and serves."""
     keyframes: int = 40
     """Most frames given to pycolmap; the others are resected."""
     features: int = 2500
