@@ -215,7 +215,7 @@ def test_the_largest_region():
 
 
 def test_true_labels_of_the_original_views(scene, monkeypatch, tmp_path):
-    clip = truth_labels.TrueClip(tmp_path, scene.cameras, [7], [], np.arange(6), None, 1.0)
+    clip = truth_labels.TrueClip(tmp_path, scene.cameras, [7], [], np.arange(6), None, 1.0, False)
     monkeypatch.setattr(truth_labels.TrueClip, "read", classmethod(lambda cls, scene, folder: clip))
 
     def passes(file):

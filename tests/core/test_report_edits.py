@@ -9,7 +9,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.report import labels
 from f4x_core.report.edits import EDITS, score_edits
-from f4x_core.report.truth import TrueClip
+from f4x_core.report.truth import ExtraCamera, TrueClip
 from f4x_core.scene import write_scene
 from f4x_core.scene.view import render
 
@@ -32,8 +32,8 @@ def truth(scene, monkeypatch, tmp_path):
     aside[:, 0, 3] -= STEP_ASIDE
     path = CameraPath(scene.cameras.intrinsics[::2], aside[::2], scene.cameras.times[::2], WIDTH, HEIGHT)
     cameras = {"truth": scene.cameras, "truth_aside": path}
-    extras = [("aside", path, tmp_path / "images_aside")]
-    clip = TrueClip(tmp_path, scene.cameras, [7], extras, np.arange(FRAMES), (1.0, np.eye(3), np.zeros(3)), 1.0)
+    extras = [ExtraCamera("aside", path, tmp_path / "images_aside", tmp_path / "truth_aside", 10.0)]
+    clip = TrueClip(tmp_path, scene.cameras, [7], extras, np.arange(FRAMES), (1.0, np.eye(3), np.zeros(3)), 1.0, False)
     monkeypatch.setattr(TrueClip, "read", classmethod(lambda cls, scene, folder: clip))
     (tmp_path / "truth_aside").mkdir()
 
