@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import spearmanr
 
 from .bundle import Bundle, BundleConfig, Observations, adjust, total_cost, triangulate
 
@@ -227,7 +226,14 @@ def _rated(what: str, weight: float, rate: Callable[..., float], first: Any, sec
 def _agreement(a: Bundle, b: Bundle) -> float:
     """Rank correlation of the distances of two solutions' points from their middle cameras."""
     distances = [np.linalg.norm(one.points - one.center[len(one.center) // 2], axis=1) for one in (a, b)]
-    return float(spearmanr(*distances)[0])
+    return _rank_correlation(*distances)
+
+
+def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
+    """Spearman's, -1..1."""
+    from scipy.stats import spearmanr  # half a second, and rooms that only read decisions need none of it
+
+    return float(spearmanr(a, b)[0])
 
 
 def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
@@ -237,7 +243,7 @@ def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
     for frame in range(len(bundle.center)):
         seen = (observations.frame == frame) & (z > 0)
         if seen.sum() >= FEWEST:
-            found.append(spearmanr(observations.uv[seen, 1], 1 / z[seen])[0])
+            found.append(_rank_correlation(observations.uv[seen, 1], 1 / z[seen]))
     return float(np.mean(found)) if found else np.nan
 
 
@@ -341,7 +347,7 @@ def _agrees_with_prior(dense: _Dense, witnesses: Witnesses) -> float:
         prior = witnesses.depth[frame, row, column]
         good = prior > 0
         if good.sum() >= FEWEST:
-            found.append(spearmanr(dense.inverse[frame, known][good], 1 / prior[good])[0])
+            found.append(_rank_correlation(dense.inverse[frame, known][good], 1 / prior[good]))
     return float(np.mean(found)) if found else np.nan
 
 
