@@ -17,7 +17,7 @@ from ..progress import Progress
 from .alignment import align_tracks
 from .config import PriorsConfig
 from .flow import consistent_at, grey, length, long_flows, pixel_grid, sample, warp
-from .tracks import longest, relink, seed_and_track
+from .tracks import continue_lost, longest, relink, seed_and_track
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -344,8 +344,11 @@ def _densify(
     uniform = priors.statistics.get("tracks", {}).get("uniform", priors.tracks.shape[1])
     static = np.nonzero(priors.tracks_motion[:uniform] <= STATIC_TRACK)[0]
     dense, seen = seed_and_track(flows, config.tracks.dynamic_spacing, config.tracks, mask, progress)
+    joins = continued = 0
     if config.tracks.relink_gap > 0:
-        dense, seen, _ = relink(dense, seen, grey(clip.frames[clip.supervised]), config.tracks.relink_gap)
+        pictures, gap = grey(clip.frames[clip.supervised]), config.tracks.relink_gap
+        dense, seen, joins = relink(dense, seen, pictures, gap)
+        dense, seen, continued = continue_lost(dense, seen, pictures, gap)
     dense, seen = longest(dense, seen, int(DYNAMIC_SHARE * config.tracks.count))
     background = longest(
         priors.tracks[:, static], priors.tracks_visible[:, static], config.tracks.count - dense.shape[1]
@@ -353,7 +356,12 @@ def _densify(
     priors.tracks = np.concatenate([background[0], dense], 1)
     priors.tracks_visible = np.concatenate([background[1], seen], 1)
     priors.tracks_motion = tracks_motion(priors.tracks, priors.tracks_visible, evidence)
-    priors.statistics["tracks"] |= {"uniform": background[0].shape[1], "dynamic": dense.shape[1]}
+    priors.statistics["tracks"] |= {
+        "uniform": background[0].shape[1],
+        "dynamic": dense.shape[1],
+        "dynamic_joins": joins,
+        "dynamic_continued": continued,
+    }
 
 
 def _align_static(clip: Clip, priors: Priors) -> None:

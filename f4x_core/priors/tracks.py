@@ -32,6 +32,17 @@ FEWEST_GUIDES, ALIKE = 3, 0.25
 """Guides needed; a guide moved like the lost point when their last steps differ by less than 1 px or a quarter."""
 LINK_RADIUS = 6.0
 """Distance in pixels between prediction and a later track, plus half a pixel per hidden frame."""
+AWAY = 3
+"""Frames beside a gap in which a track is not trusted: an occluder drags points along, by 5 px (median) where bars were laid
+over four clips, and is part of their patches."""
+LOOK_AFTER = (3, 6, 9, 12, 16, 20, 24, 32, 48)
+"""Frames after which a lost point is looked for. Every one finds little more, at four times the time, and more often wrongly."""
+RETURN_RADIUS = 2.0
+"""Looked for in the other direction, a point is found again within so many pixels of where it was."""
+GROUP_RADIUS, GROUP_PIXELS = 30.0, 2.0
+"""Half of the neighbours within this distance have shifted like a point that is found, to within so many pixels."""
+CARRY_RADIUS, SAME_POINT = 3.0, 1.0
+"""A point that is found goes on with a track this near, at its own distance from it; nearer than `SAME_POINT` it is the same."""
 
 
 def track_points(
@@ -230,6 +241,110 @@ def relink(
         owner[owner == other] = into
         joins += 1
     return tracks, visible, joins
+
+
+def continue_lost(
+    tracks: np.ndarray,
+    visible: np.ndarray,
+    pictures: np.ndarray,
+    longest_gap: int,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Continue tracks that end inside the picture where their points are seen again, within `longest_gap` frames.
+
+    tracks (F,N,2), visible (F,N), pictures (F,H,W) uint8. Other than `relink` it needs no track that begins there. A hidden
+    point is expected where the neighbours went that moved like it. It is seen again where its patch is found near there, and
+    from there back where it was, and where the neighbours have shifted as it has. From then on it goes with the nearest
+    track; one that is the same point and began later is taken over. Samples beside the occluder are dropped. Returns tracks,
+    their visibility and the number of tracks continued.
+    """
+    from scipy.spatial import cKDTree
+
+    frames, height, width = pictures.shape
+    first, last, known = visible.argmax(0), frames - 1 - visible[::-1].argmax(0), visible.any(0)
+    joined, seen = tracks.copy(), visible.copy()
+    holder, joins = np.arange(tracks.shape[1]), 0  # the column that holds what was a track
+    for end in range(frames - 2, AWAY - 1, -1):  # the latest first: what a track goes on with is then complete
+        lost = np.nonzero(known & (last == end) & visible[end - AWAY])[0]
+        here = tracks[end, lost]
+        lost = lost[((here > PATCH) & (here < (width - PATCH, height - PATCH))).all(-1)]
+        for t in [end + gap for gap in LOOK_AFTER if gap <= longest_gap and end + gap < frames]:
+            settled = np.nonzero(visible[t - AWAY : t + 1].all(0) & visible[min(t + AWAY, frames - 1)])[0]
+            if len(lost) == 0 or len(settled) == 0:
+                continue
+            places = _seen_again(tracks, visible, pictures, lost, end, t)
+            found = np.isfinite(places[:, 0])
+            distance, nearest = cKDTree(tracks[t, settled]).query(np.where(found[:, None], places, -width))
+            found &= distance <= CARRY_RADIUS
+            for point, place, other in zip(lost[found], places[found], settled[nearest[found]], strict=True):
+                same, source = length(place - tracks[t, other]) <= SAME_POINT, holder[other]
+                joined[end - AWAY + 1 : end + 1, point], seen[end - AWAY + 1 : end + 1, point] = np.nan, False
+                joined[t:, point] = joined[t:, source] + (0 if same else place - tracks[t, other])
+                seen[t:, point] = seen[t:, source]
+                if same and source == other and first[other] > end:
+                    joined[:, other], seen[:, other], holder[other] = np.nan, False, point
+                joins += 1
+            lost = lost[~found]
+    return joined, seen & np.isfinite(joined[..., 0]), joins
+
+
+def _seen_again(
+    tracks: np.ndarray,
+    visible: np.ndarray,
+    pictures: np.ndarray,
+    lost: np.ndarray,
+    end: int,
+    t: int,
+) -> np.ndarray:
+    """(L,2) where the points `lost` after frame `end` are seen in frame `t`, NaN where they are not."""
+    from scipy.spatial import cKDTree
+
+    before = end - AWAY
+    guides = np.nonzero(visible[before] & visible[end] & visible[t])[0]
+    expected = _expected(tracks, lost, guides, before, end, t)
+    radius = int(LINK_RADIUS + 0.5 * (t - end))
+    start = tracks[before, lost]
+    places = _find_patches(pictures[before], pictures[t], start, expected, radius)
+    returned = _find_patches(pictures[t], pictures[before], places, start, radius)
+    good = np.nonzero(length(returned - start) <= RETURN_RADIUS)[0]
+    confirmed = np.full((len(lost), 2), np.nan)
+    points = np.concatenate([lost[good], guides])
+    if len(points) <= FEWEST_GUIDES:
+        return confirmed
+    shift = np.concatenate([places[good], tracks[t, guides]]) - tracks[before, points]
+    distance, near = cKDTree(tracks[before, points]).query(
+        tracks[before, lost[good]], k=min(NEIGHBOURS + 1, len(points)), distance_upper_bound=GROUP_RADIUS
+    )
+    distance[near == np.arange(len(good))[:, None]] = np.inf  # its own neighbour
+    near_shift = shift[np.minimum(near, len(points) - 1)]
+    alike = (length(near_shift - shift[: len(good), None]) <= GROUP_PIXELS) & np.isfinite(distance)
+    count = np.isfinite(distance).sum(1)
+    kept = good[(count >= FEWEST_GUIDES) & (2 * alike.sum(1) >= count)]
+    confirmed[kept] = places[kept]
+    return confirmed
+
+
+def _find_patches(
+    picture: np.ndarray, other: np.ndarray, points: np.ndarray, near: np.ndarray, radius: int
+) -> np.ndarray:
+    """(L,2) where the patches around `points (L,2)` of a picture (H,W) are found in another one, at most `radius` pixels from
+    `near (L,2)`; NaN where nothing there is `LOOK_ALIKE`."""
+    import cv2
+
+    height, width = picture.shape
+    found = np.full((len(points), 2), np.nan)
+    usable = np.isfinite(points).all(-1) & (near > 0).all(-1) & (near < (width, height)).all(-1)
+    side, reach = (2 * PATCH + 1,) * 2, (2 * (PATCH + radius) + 1,) * 2
+    for row in np.nonzero(usable)[0]:
+        patch = cv2.getRectSubPix(picture, side, (points[row] - 0.5).tolist())
+        window = cv2.getRectSubPix(other, reach, (near[row] - 0.5).tolist())
+        score = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
+        _, best, _, (column, line) = cv2.minMaxLoc(score)
+        if best < LOOK_ALIKE or not (0 < column < 2 * radius and 0 < line < 2 * radius):
+            continue
+        cross = score[line, column - 1 : column + 2], score[line - 1 : line + 2, column]
+        top = [(after - ahead) / max(2 * (2 * middle - ahead - after), 1e-6) for ahead, middle, after in cross]
+        found[row] = near[row] + (column - radius, line - radius) + np.clip(top, -0.5, 0.5)
+    return found
 
 
 def _expected(

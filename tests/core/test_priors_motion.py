@@ -123,7 +123,9 @@ def test_tracks_cover_every_frame(moving):
         assert mask[t][seen[:, 1].astype(int).clip(0, HEIGHT - 1), seen[:, 0].astype(int).clip(0, WIDTH - 1)].sum() > 40
 
 
-def test_relink_joins_points_hidden_by_a_post_with_themselves():
+@pytest.fixture
+def behind_a_post():
+    """(pictures, paths (F,n,2), where they are seen before and after a post (F,n), tracks and visible of `relink`)."""
     speed, post, frames = np.array([3.0, 0.0]), 94, 24
     clip, _ = warped_clip(frames=frames, pan=(0.0, 0.0), speed=tuple(speed), post=post)
     card = np.stack(np.meshgrid(np.arange(8, SIDE - 4, 6), np.arange(8, SIDE - 4, 6)), -1).reshape(-1, 2)
@@ -134,13 +136,45 @@ def test_relink_joins_points_hidden_by_a_post_with_themselves():
     points = np.concatenate([path, path[:, shuffle], np.tile(wall, (frames, 1, 1))], 1).astype(np.float32)
     visible = np.concatenate([before, after[:, shuffle], np.ones((frames, len(wall)), bool)], 1)
     points[~visible] = np.nan
-    joined, seen, joins = tracks.relink(points, visible, flow.grey(clip.frames), 12)
+    return flow.grey(clip.frames), path, before, after, points, visible
+
+
+def test_relink_joins_points_hidden_by_a_post_with_themselves(behind_a_post):
+    pictures, path, before, after, points, visible = behind_a_post
+    joined, seen, joins = tracks.relink(points, visible, pictures, 12)
     whole = np.nonzero(before.any(0) & (before.sum(0) >= 4) & (after.sum(0) >= 4))[0]
     assert joins == len(whole) > 8
     for point in whole:
         np.testing.assert_array_equal(seen[:, point], before[:, point] | after[:, point])
         np.testing.assert_allclose(joined[seen[:, point], point], path[seen[:, point], point], rtol=1e-6)
-    assert tracks.relink(points, visible, flow.grey(clip.frames), 3)[2] == 0  # hidden for longer than allowed
+    assert tracks.relink(points, visible, pictures, 3)[2] == 0  # hidden for longer than allowed
+
+
+def test_lost_points_go_on_with_what_is_nearest_where_they_are_seen_again(behind_a_post):
+    pictures, path, before, after, points, visible = behind_a_post
+    count = path.shape[1]
+    points[:, count : 2 * count] += np.float32([1.5, 1.0])  # the later tracks are other points, beside the lost ones
+    joined, seen, continued = tracks.continue_lost(points, visible, pictures, 12)
+    long_enough = np.nonzero((before.sum(0) >= 4) & (after.sum(0) >= 8))[0]
+    again = [point for point in long_enough if (seen[:, point] & after[:, point]).any()]
+    assert continued >= len(again) > 0.7 * len(long_enough) > 5
+    for point in again:
+        last = np.flatnonzero(before[:, point])[-1]
+        assert not seen[last - tracks.AWAY + 1 : last + 1, point].any()  # the post may have dragged it
+        assert not (seen[:, point] & ~before[:, point] & ~after[:, point]).any()  # nothing is invented
+        np.testing.assert_allclose(joined[seen[:, point], point], path[seen[:, point], point], atol=0.7)
+    assert tracks.continue_lost(points, visible, pictures, 3)[2] == 0  # hidden for longer than allowed
+
+
+def test_lost_points_do_not_go_on_with_what_looks_different(behind_a_post):
+    pictures, path, _, _, points, visible = behind_a_post
+    swapped = pictures.copy()
+    for t, corner in enumerate(square_corner(0, (3.0, 0.0)) + np.arange(len(path))[:, None] * (3.0, 0.0)):
+        x, y = corner.astype(int)  # after the post the card shows something else
+        if path[t, :, 0].min() > 94:
+            swapped[t, y : y + SIDE, x : x + SIDE] = swapped[t, y : y + SIDE, x : x + SIDE][::-1, ::-1]
+    assert tracks.continue_lost(points, visible, pictures, 12)[2] > 5
+    assert tracks.continue_lost(points, visible, swapped, 12)[2] <= 1
 
 
 def test_moving_square_is_found_under_a_pan(moving):
