@@ -73,13 +73,14 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         priors.cameras = cameras.scaled_world(1 / unit)
     priors.depth = (depth / unit).astype(np.float32)
     priors.depth_confidence = np.clip(confidence, 0, 1).astype(np.float16)
-    if objects:
+    if any(mover["decided_by"] != "its own motion" for mover in objects):
         priors.warn(
             "Depth of moving objects is a plausible guess (ground contact and change of size), not a measurement."
         )
     percentiles = np.percentile(priors.depth[:, ::4, ::4], (2, 50, 98))
     priors.statistics["depth"] = statistics | {
-        "moving_objects": objects,
+        "moving_objects": len(objects),
+        "movers": objects,
         "percentiles_2_50_98": [round(float(value), 3) for value in percentiles],
         "mean_confidence": round(float(confidence.mean()), 3),
     }
