@@ -26,7 +26,7 @@ MOVING_MARGIN = 6
 """Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of what moves."""
 MOVING_CONFIDENCE = 0.2
 """Most confidence of the plausible depth of moving pixels in a clip with parallax."""
-BODY_CONFIDENCE = 0.5
+BODY_CONFIDENCE = 0.9
 """Confidence of a rigid body's depth: its shape is measured, its distance hangs on contact."""
 MOSTLY = 0.6
 """A track belongs to the region that holds this fraction of its visible samples."""
