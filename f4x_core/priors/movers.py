@@ -8,6 +8,7 @@ with the ground below and the change of size over time: one upright plane per ob
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +33,11 @@ MOSTLY = 0.6
 """A track belongs to the region that holds this fraction of its visible samples."""
 MAX_BODIES, FEWEST_POINTS = 4, 6
 """Rigid bodies looked for in one region, and points that a frame needs to show a body's shape."""
+UNANIMOUS, KNOWN = 0.9, 0.2
+"""A piece of the mask belongs to the thing that the first fraction of its known tracks belong to; with fewer known ones
+than the second it is a new thing."""
+TOGETHER = 0.75
+"""Tracks that lie in one piece in this fraction of the frames are one thing: a pole before it may part its mask."""
 NEIGHBOURS, APART = 6, 0.8
 """Tracks that follow no body are a thing of their own when this fraction of their nearest tracks follows none either."""
 SMOOTH_PX = 2.0
@@ -94,7 +100,8 @@ def place_objects(
             continue
         frames = region[0].start + np.flatnonzero(seen)
         tracks = np.flatnonzero(_mostly(on_mover == number, priors))
-        for mover in _bodies(_Mover(frames, masks[seen], tracks), priors):
+        whole = _Mover(frames, masks[seen], tracks)
+        for mover in (body for thing in _things(whole, priors) for body in _bodies(thing, priors)):
             if mover.motion is None:
                 decided = _place_card(mover, inverse, confidence, static_confidence, moving, priors)
             else:
@@ -127,6 +134,41 @@ def _mostly(inside: np.ndarray, priors: Priors) -> np.ndarray:
         return np.zeros(0, bool)
     hits = inside.sum(0)
     return (hits > 2) & (hits > MOSTLY * priors.tracks_visible.sum(0))
+
+
+def _things(region: _Mover, priors: Priors) -> list[_Mover]:
+    """A region as the things that only meet in it: parts of it that are apart in most frames in which both are seen."""
+    if len(region.tracks) < 2 * MIN_POINTS:
+        return [region]
+    pieces = np.stack([ndimage.label(mask)[0] for mask in region.masks])
+    labels = np.zeros((len(priors.frames), *pieces.shape[1:]), pieces.dtype)
+    labels[region.frames] = pieces
+    piece = _labels_of_tracks(labels, priors)[np.ix_(region.frames, region.tracks)]  # (f, n), 0 = not seen
+    owner = np.zeros(len(region.tracks), int)
+    for row in piece:
+        crowded = np.flatnonzero(np.bincount(row[row > 0], minlength=1) >= MIN_POINTS)
+        for number in crowded if len(crowded) > 1 else ():  # a frame that shows one piece tells nothing apart
+            here = row == number
+            votes = np.bincount(owner[here])[1:]
+            if votes.sum() < KNOWN * here.sum():
+                owner[here] = owner.max() + 1
+            elif votes.max() >= UNANIMOUS * votes.sum():
+                owner[here & (owner == 0)] = votes.argmax() + 1
+    groups = [np.flatnonzero(owner == number) for number in np.unique(owner[owner > 0])]
+    groups = [group for group in groups if len(group) >= MIN_POINTS]
+    if len(groups) < 2 or any(_together(piece[:, a], piece[:, b]) for a, b in combinations(groups, 2)):
+        return [region]
+    parts = [replace(region, tracks=region.tracks[group]) for group in groups]
+    return _split(region, parts, priors)
+
+
+def _together(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether tracks `(f, n)`, `(f, m)` mostly lie in one piece of the mask (`TOGETHER`)."""
+    shared = []
+    for a, b in zip(one, other, strict=True):
+        if (a > 0).any() and (b > 0).any():
+            shared.append(np.bincount(a[a > 0]).argmax() == np.bincount(b[b > 0]).argmax())
+    return not shared or float(np.mean(shared)) >= TOGETHER
 
 
 def _bodies(region: _Mover, priors: Priors) -> list[_Mover]:
