@@ -175,7 +175,7 @@ def _bodies(region: _Mover, priors: Priors) -> list[_Mover]:
     """The rigid bodies of a region, the one with most tracks first; the region itself where none is found."""
     found: list[_Mover] = []
     left = region.tracks
-    while len(found) < MAX_BODIES and priors.camera_kind is not None:
+    while len(found) < MAX_BODIES and len(left) >= MIN_POINTS:
         motion = solve(_tracks_on(replace(region, tracks=left), priors))
         if motion is None:
             break
