@@ -40,8 +40,9 @@ TOGETHER = 0.75
 """Tracks that lie in one piece in this fraction of the frames are one thing: a pole before it may part its mask."""
 NEIGHBOURS, APART = 6, 0.8
 """Tracks that follow no body are a thing of their own when this fraction of their nearest tracks follows none either."""
-SMOOTH_PX = 2.0
-"""Smoothing of inverse depth between a body's points (that of the linear kernel, pixels)."""
+SMOOTH_PX, MAX_KNOTS, GRID_PX = 2.0, 200, 4
+"""Smoothing of inverse depth between a body's points (that of the linear kernel, pixels), how many of them are used per
+frame, and the grid on which it is evaluated."""
 NO_CONTACT, MOST_FRAMES = 0.05, 0.25
 """Trust in the surroundings of what touches no ground; with contact in fewer frames than this fraction size decides."""
 STANDING = 0.7
@@ -314,11 +315,19 @@ def _relative_inverse(mover: _Mover, priors: Priors) -> list[np.ndarray]:
             found.append(np.full(len(y), level[i]))
             continue
         points = priors.tracks[frame, mover.tracks[seen[i]]].astype(np.float64)
-        values = 1 / mover.motion.z[i, seen[i]]
-        smooth = RBFInterpolator(points, values, kernel="linear", smoothing=SMOOTH_PX)
-        shape = smooth(np.column_stack([x + 0.5, y + 0.5]))
-        found.append(np.clip(shape, *np.percentile(values, (2, 98))))
+        found.append(_smooth(points, 1 / mover.motion.z[i, seen[i]], y, x))
     return found
+
+
+def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Values `(n,)` known at `points (n, 2)` at the pixels `y, x (p,)`, never beyond the known ones."""
+    every = -(-len(points) // MAX_KNOTS)
+    smooth = RBFInterpolator(points[::every], values[::every], kernel="linear", smoothing=SMOOTH_PX)
+    rows, columns = (np.arange(one.min(), one.max() + GRID_PX, GRID_PX) for one in (y, x))
+    grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1)
+    coarse = smooth(grid.reshape(-1, 2)).reshape(grid.shape[:2])
+    at = np.stack([(y - y.min()) / GRID_PX, (x - x.min()) / GRID_PX])
+    return np.clip(ndimage.map_coordinates(coarse, at, order=1, mode="nearest"), *np.percentile(values, (2, 98)))
 
 
 def one_scale(ratio: np.ndarray, trust: np.ndarray) -> float:

@@ -87,7 +87,7 @@ def scene(noise=0.15):
 
 
 def test_a_rolling_ball_is_put_on_its_ground_with_its_own_shape():
-    priors, inverse, z, path = scene()
+    priors, inverse, _, path = scene()
     confidence = np.full(inverse.shape, 0.8, np.float32)
     rows = place_objects(inverse, confidence, priors.mask, priors)
     assert [row["decided_by"] for row in rows] == ["its own motion"]
