@@ -161,7 +161,8 @@ def start_fit(
     scaffold: Scaffold | None = None
     needs: list[Need] = []
     if share >= config.moving_share:
-        scaffold, needs = start_scaffold(priors, config, progress)
+        start = start_scaffold(priors, config, progress)
+        scaffold, needs, priors = start.scaffold, start.needs, start.priors
     if scaffold is None:
         still = share < config.moving_share
         why = f"{share:.3%} of the pixels move by themselves" if still else "too few moving tracks are long enough"

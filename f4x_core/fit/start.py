@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..priors import Priors
 from ..progress import Progress
 from ..scaffold import Scaffold
 from ..scaffold.lifting import lift_tracks
-from ..scaffold.optimise import optimise_geometry
+from ..scaffold.optimise import Sightlines, optimise_geometry
 from ..scaffold.selection import choose_nodes, scaffold_of
 from .config import FitConfig
 from .needs import Need
@@ -17,6 +20,8 @@ from .needs import Need
 MASK_SHARE = 0.6
 # Fewer lifted tracks than this cannot carry a scaffold.
 LEAST_TRACKS = 8
+# So many nearest nodes tell how far a pixel's depth was moved.
+DEPTH_NODES = 4
 
 
 def moving_tracks(priors: Priors) -> np.ndarray:
@@ -33,19 +38,30 @@ def moving_tracks(priors: Priors) -> np.ndarray:
     return np.flatnonzero((visible > 0) & (inside.sum(0) >= MASK_SHARE * np.maximum(visible, 1)))
 
 
-def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> tuple[Scaffold | None, list[Need]]:
-    """Build and optimise the scaffold; None when no moving track can be lifted."""
+@dataclass(frozen=True)
+class Start:
+    """What the tracks of what moves give before anything is drawn."""
+
+    scaffold: Scaffold | None
+    """None when no moving track can be lifted."""
+    needs: list[Need]
+    priors: Priors
+    """With depth that lies on the scaffold (`carried_depth`)."""
+
+
+def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Start:
+    """Build and optimise the scaffold, and take the depth of what moves along."""
     assert priors.tracks is not None and priors.tracks_visible is not None
     assert priors.cameras is not None and priors.depth is not None
     chosen = moving_tracks(priors)
     times = priors.cameras.times
     if len(chosen) < LEAST_TRACKS:
-        return None, []
+        return Start(None, [], priors)
     lifted = lift_tracks(
         priors.tracks[:, chosen], priors.tracks_visible[:, chosen], priors.depth, None, priors.cameras, times
     )
     if len(lifted) < LEAST_TRACKS:
-        return None, []
+        return Start(None, [], priors)
     settings = config.scaffold
     progress("scaffold", 0, 2, f"{len(lifted)} moving tracks")
     selected = settings.selection(config.seed)
@@ -53,7 +69,10 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> tup
     selection = choose_nodes(lifted, times, tolerance, selected, priors.cameras)
     scaffold = scaffold_of(lifted, selection.index, times, selection.unit, selected)
     progress("scaffold", 1, 2, f"{len(scaffold)} nodes")
-    scaffold = optimise_geometry(scaffold, settings.geometry(config.seed), progress)
+    sightlines = _sightlines(scaffold, priors, chosen[lifted.index[selection.index]])
+    lifted_scaffold = scaffold
+    scaffold = optimise_geometry(scaffold, settings.geometry(config.seed), progress, sightlines)
+    priors = replace(priors, depth=carried_depth(priors, lifted_scaffold, scaffold))
     progress("scaffold", 2, 2, f"{len(scaffold)} nodes")
     evidence = ", ".join(f"{row.nodes}: {row.residual:.2f}" for row in selection.table)
     need = Need(
@@ -62,4 +81,41 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> tup
         f"90 % of {len(lifted)} tracks held out follow within so many pixels, by nodes: {evidence}; wanted {tolerance:g}",
         f"{max(settings.most_nodes - len(scaffold), 0)} nodes of at most {settings.most_nodes}",
     )
-    return scaffold, [need]
+    return Start(scaffold, [need], priors)
+
+
+def carried_depth(priors: Priors, before: Scaffold, after: Scaffold) -> np.ndarray:
+    """Depth `(F, H, W)` in which what moves follows its nodes along the view, from `before` to `after` their optimisation.
+
+    Gaussians are spawned at the depth of the priors and carried by nodes, so both must lie on one surface. A pixel takes
+    the mean of the logarithmic changes of its nearest certain nodes, weighed by 1 / squared distance.
+    """
+    assert priors.depth is not None and priors.mask is not None and priors.cameras is not None
+    depth = priors.depth.copy()
+    for frame, mask in enumerate(priors.mask):
+        camera = priors.cameras[frame]
+        z = [(one.xyz[frame] @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]) for one in (before, after)]
+        known = before.certain[frame] & (z[0] > 0) & (z[1] > 0)
+        y, x = np.nonzero(mask)
+        if not known.any() or not len(y):
+            continue
+        pixels, _ = camera.project(after.xyz[frame, known])
+        count = min(DEPTH_NODES, int(known.sum()))
+        distance, near = cKDTree(pixels).query(np.column_stack([x + 0.5, y + 0.5]), count)
+        weight = 1 / (distance.reshape(len(y), count) ** 2 + 1)
+        change = np.log(z[1][known] / z[0][known])[near].reshape(len(y), count)
+        depth[frame, y, x] *= np.exp((weight * change).sum(1) / weight.sum(1)).astype(np.float32)
+    return depth
+
+
+def _sightlines(scaffold: Scaffold, priors: Priors, tracks: np.ndarray) -> Sightlines | None:
+    """How the nodes were seen, each by its one of the `tracks (M,)`; None where nothing is known of the depth's errors."""
+    if priors.depth_confidence is None:
+        return None
+    assert priors.cameras is not None and priors.tracks is not None
+    offset: np.ndarray = scaffold.xyz - priors.cameras.centers[:, None].astype(np.float32)
+    direction = offset / np.maximum(np.linalg.norm(offset, axis=-1, keepdims=True), 1e-9)
+    limit = np.array([priors.width, priors.height]) - 1
+    column, row = np.moveaxis(np.clip(np.nan_to_num(priors.tracks[:, tracks]), 0, limit).astype(int), -1, 0)
+    confidence = priors.depth_confidence[np.arange(len(offset))[:, None], row, column]
+    return Sightlines(direction, confidence.astype(np.float32))

@@ -118,6 +118,9 @@ class BundleConfig:
     """Cauchy scale in pixels."""
     expected_focal: float | None = None
     """Focal length in pixels that is believed as far as observations leave it open (`FOCAL_PRIOR`); None = no belief."""
+    relief: float = 1.0
+    """Expected deviation of inverse distances from their median, relative to it (`DEPTH_PRIOR`): 1 for a world around the
+    camera, less for one object seen from afar, whose depth is about what its width and height are."""
 
 
 def rays(bundle: Bundle, observations: Observations) -> np.ndarray:
@@ -342,9 +345,14 @@ def _cost(problem: _Problem, observations: Observations, config: BundleConfig) -
     return float((observations.weight * _robust(squared, config)).sum())
 
 
+def _depth_prior(config: BundleConfig) -> float:
+    """Fraction of the squared error that inverse distances which vary by their median must save."""
+    return DEPTH_PRIOR / config.relief**2
+
+
 def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float:
     """Cost of what is believed beforehand, in units of `belief`."""
-    cost = DEPTH_PRIOR * np.mean((problem.inverse_distance - 1) ** 2) if config.refine_centers else 0.0
+    cost = np.mean((problem.inverse_distance - 1) ** 2) * _depth_prior(config) if config.refine_centers else 0.0
     if config.refine_centers:
         cost += PATH_PRIOR * np.mean((problem.center**2).sum(1))
     if config.refine_focal and config.expected_focal:
@@ -446,8 +454,9 @@ def _add_priors(
     inverse = problem.inverse_distance
     slope = np.column_stack([-(inverse / distance**2)[:, None] * problem.points[:, :3], 1 / distance])
     slope = np.einsum("pi,pij->pj", slope, problem.tangents)
-    points += belief * DEPTH_PRIOR / count * slope[:, :, None] * slope[:, None, :]
-    point_gradient += belief * DEPTH_PRIOR / count * slope * (inverse - 1)[:, None]
+    weight = belief * _depth_prior(config) / count
+    points += weight * slope[:, :, None] * slope[:, None, :]
+    point_gradient += weight * slope * (inverse - 1)[:, None]
 
 
 def _solve(

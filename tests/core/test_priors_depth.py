@@ -6,13 +6,8 @@ import pytest
 from f4x_core.clip import Clip
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors, PriorsConfig
-from f4x_core.priors.depth import (
-    fill_inverse_depth,
-    ground_prior,
-    inverse_depth_from_flow,
-    provide,
-    smooth_object_depth,
-)
+from f4x_core.priors.depth import fill_inverse_depth, ground_prior, inverse_depth_from_flow, provide
+from f4x_core.priors.movers import smooth_object_depth
 from f4x_core.progress import silent
 
 WIDTH, HEIGHT = 96, 64

@@ -1,0 +1,456 @@
+"""Depth of what moves: from its own motion where it is rigid and turns, else plausible.
+
+Moving pixels carry no depth signal against the static world. A rigid body that turns has a structure of its own
+(`own_motion`), known up to one scale, which the ground that it touches gives over all frames. Everything else takes contact
+with the ground below and the change of size over time: one upright plane per object and frame, with low confidence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import ndimage
+from scipy.interpolate import RBFInterpolator
+from scipy.spatial import cKDTree
+
+from .own_motion import MIN_POINTS, OwnMotion, TracksOnObject, solve
+
+if TYPE_CHECKING:
+    from .folder import Priors
+
+GUESS_CONFIDENCE = 0.05
+"""Most confidence of the plausible depth of moving pixels, and of everything in a clip without parallax."""
+MOVING_MARGIN = 6
+"""Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of what moves."""
+MOVING_CONFIDENCE = 0.2
+"""Most confidence of the plausible depth of moving pixels in a clip with parallax."""
+BODY_CONFIDENCE = 0.9
+"""Confidence of a rigid body's depth: its shape is measured, its distance hangs on contact."""
+MOSTLY = 0.6
+"""A track belongs to the region that holds this fraction of its visible samples."""
+MAX_BODIES, FEWEST_POINTS = 4, 6
+"""Rigid bodies looked for in one region, and points that a frame needs to show a body's shape."""
+UNANIMOUS, KNOWN = 0.9, 0.2
+"""A piece of the mask belongs to the thing that the first fraction of its known tracks belong to; with fewer known ones
+than the second it is a new thing."""
+TOGETHER = 0.75
+"""Tracks that lie in one piece in this fraction of the frames are one thing: a pole before it may part its mask."""
+NEIGHBOURS, APART = 6, 0.8
+"""Tracks that follow no body are a thing of their own when this fraction of their nearest tracks follows none either."""
+SMOOTH_PX, MAX_KNOTS, GRID_PX = 2.0, 200, 4
+"""Smoothing of inverse depth between a body's points (that of the linear kernel, pixels), how many of them are used per
+frame, and the grid on which it is evaluated."""
+NO_CONTACT, MOST_FRAMES = 0.05, 0.25
+"""Trust in the surroundings of what touches no ground; with contact in fewer frames than this fraction size decides."""
+STANDING = 0.7
+"""Quantile over the frames of a body's contacts that gives its distance: above the middle, as it may hop, never sink in."""
+TOUCHING = 0.98
+"""Quantile of the ratios along the lower edge at which a region touches the ground: columns beyond are noise."""
+GROUND_SHARE, GROUND_NOISE = 0.2, 0.03
+"""How far below a moving region its ground is fitted (picture heights), and how flat ground is (relative inverse depth)."""
+TURN_LIMIT, TURNS, TURN_COST = 1.5, 31, 0.05
+"""Largest turn of a region against the view (relative inverse depth over the picture's width), how many are tried, and the
+share of touching columns that a turn of 1 must win."""
+HOVERING = 0.03
+"""Say of a contact behind the object's depth: what jumps or flies is seen in front of farther ground, never behind nearer."""
+SMALLEST_CONTACT = 8
+"""With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
+TILT_FRAMES, TILT_RANGE = 3.0, (0.5, 2.0)
+"""Frames over which the turn of a region is smoothed, and the bounds of what it may do to the inverse depth."""
+SIZE_NOISE, CONTACT_NOISE = 0.02, 0.05
+"""Relative errors of the frame-to-frame size change and of one contact depth, used to smooth an object's depth."""
+SMALLEST_OBJECT = 30
+"""Moving regions with fewer pixels per frame than this follow the static depth around them."""
+
+
+@dataclass(frozen=True)
+class _Mover:
+    """One object: a connected region of the mask in space and time, or the part of it that one rigid body covers."""
+
+    frames: np.ndarray
+    """(f,) rows of the priors in which it is seen."""
+    masks: np.ndarray
+    """(f, H, W) bool."""
+    tracks: np.ndarray
+    """(n,) indices of the tracks on it."""
+    motion: OwnMotion | None = None
+    """Its structure, where it has one."""
+
+
+def place_objects(
+    inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, priors: Priors
+) -> list[dict[str, Any]]:
+    """Write inverse depth of moving pixels into `inverse (F, H, W)` in place, and what it is worth into `confidence`.
+
+    Returns one row per object: `group`, its first and last clip frame `frames`, what its depth was `decided_by` ("its own
+    motion", "ground contact", "size" or "surroundings"), and `emf_degrees`, the angle of the rays its points were seen from
+    in its own axes (0 where unknown).
+    """
+    static_confidence = confidence.copy()
+    confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
+    labels, _ = ndimage.label(moving)
+    on_mover = _labels_of_tracks(labels, priors)
+    rows: list[dict[str, Any]] = []
+    for number, region in enumerate(ndimage.find_objects(labels), start=1):
+        masks = labels[region[0]] == number
+        seen = masks.any((1, 2))
+        if masks.sum() < SMALLEST_OBJECT * seen.sum():
+            continue
+        frames = region[0].start + np.flatnonzero(seen)
+        tracks = np.flatnonzero(_mostly(on_mover == number, priors))
+        whole = _Mover(frames, masks[seen], tracks)
+        for mover in (body for thing in _things(whole, priors) for body in _bodies(thing, priors)):
+            if mover.motion is None:
+                decided = _place_card(mover, inverse, confidence, static_confidence, moving, priors)
+            else:
+                decided = _place_body(mover, inverse, confidence, static_confidence, moving, priors)
+            rows.append(
+                {
+                    "group": len(rows),
+                    "frames": [int(priors.frames[mover.frames[0]]), int(priors.frames[mover.frames[-1]])],
+                    "decided_by": decided,
+                    "emf_degrees": round(mover.motion.degrees, 1) if mover.motion else 0.0,
+                }
+            )
+    return rows
+
+
+def _labels_of_tracks(labels: np.ndarray, priors: Priors) -> np.ndarray:
+    """(F, N) label under every visible track sample, 0 elsewhere."""
+    if priors.tracks is None or priors.tracks_visible is None:
+        return np.zeros((len(labels), 0), int)
+    found = np.zeros(priors.tracks_visible.shape, int)
+    for frame, seen in enumerate(priors.tracks_visible):
+        column, row = np.floor(priors.tracks[frame, seen]).astype(int).T
+        found[frame, seen] = labels[frame, np.clip(row, 0, priors.height - 1), np.clip(column, 0, priors.width - 1)]
+    return found
+
+
+def _mostly(inside: np.ndarray, priors: Priors) -> np.ndarray:
+    """(N,) bool: tracks whose visible samples mostly lie `inside (F, N)`."""
+    if priors.tracks_visible is None:
+        return np.zeros(0, bool)
+    hits = inside.sum(0)
+    return (hits > 2) & (hits > MOSTLY * priors.tracks_visible.sum(0))
+
+
+def _things(region: _Mover, priors: Priors) -> list[_Mover]:
+    """A region as the things that only meet in it: parts of it that are apart in most frames in which both are seen."""
+    if len(region.tracks) < 2 * MIN_POINTS:
+        return [region]
+    pieces = np.stack([ndimage.label(mask)[0] for mask in region.masks])
+    labels = np.zeros((len(priors.frames), *pieces.shape[1:]), pieces.dtype)
+    labels[region.frames] = pieces
+    piece = _labels_of_tracks(labels, priors)[np.ix_(region.frames, region.tracks)]  # (f, n), 0 = not seen
+    owner = np.zeros(len(region.tracks), int)
+    for row in piece:
+        crowded = np.flatnonzero(np.bincount(row[row > 0], minlength=1) >= MIN_POINTS)
+        for number in crowded if len(crowded) > 1 else ():  # a frame that shows one piece tells nothing apart
+            here = row == number
+            votes = np.bincount(owner[here])[1:]
+            if votes.sum() < KNOWN * here.sum():
+                owner[here] = owner.max() + 1
+            elif votes.max() >= UNANIMOUS * votes.sum():
+                owner[here & (owner == 0)] = votes.argmax() + 1
+    groups = [np.flatnonzero(owner == number) for number in np.unique(owner[owner > 0])]
+    groups = [group for group in groups if len(group) >= MIN_POINTS]
+    if len(groups) < 2 or any(_together(piece[:, a], piece[:, b]) for a, b in combinations(groups, 2)):
+        return [region]
+    parts = [replace(region, tracks=region.tracks[group]) for group in groups]
+    return _split(region, parts, priors)
+
+
+def _together(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether tracks `(f, n)`, `(f, m)` mostly lie in one piece of the mask (`TOGETHER`)."""
+    shared = []
+    for a, b in zip(one, other, strict=True):
+        if (a > 0).any() and (b > 0).any():
+            shared.append(np.bincount(a[a > 0]).argmax() == np.bincount(b[b > 0]).argmax())
+    return not shared or float(np.mean(shared)) >= TOGETHER
+
+
+def _bodies(region: _Mover, priors: Priors) -> list[_Mover]:
+    """The rigid bodies of a region, the one with most tracks first; the region itself where none is found."""
+    found: list[_Mover] = []
+    left = region.tracks
+    while len(found) < MAX_BODIES and len(left) >= MIN_POINTS:
+        motion = solve(_tracks_on(replace(region, tracks=left), priors))
+        if motion is None:
+            break
+        found.append(replace(region, tracks=left[motion.inliers], motion=_only(motion)))
+        left = left[~motion.inliers]
+    if found and _lie_apart(left, np.concatenate([body.tracks for body in found]), region.frames, priors):
+        found.append(replace(region, tracks=left))
+    return _split(region, found, priors) if len(found) > 1 else found or [region]
+
+
+def _lie_apart(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors: Priors) -> bool:
+    """Whether enough tracks of the first kind have mostly their own kind around them: a thing of its own, not limbs."""
+    assert priors.tracks is not None and priors.tracks_visible is not None
+    if len(some) < MIN_POINTS:
+        return False
+    alike = []
+    for frame in frames:
+        near, far = (kind[priors.tracks_visible[frame, kind]] for kind in (some, others))
+        if len(near) <= NEIGHBOURS or len(far) == 0:
+            continue
+        tree = cKDTree(priors.tracks[frame, np.concatenate([near, far])])
+        found = tree.query(priors.tracks[frame, near], NEIGHBOURS + 1)[1][:, 1:]
+        alike.append((found < len(near)).mean())
+    return bool(alike and np.mean(alike) >= APART)
+
+
+def _only(motion: OwnMotion) -> OwnMotion:
+    """The tracks that follow the body, alone."""
+    return replace(motion, z=motion.z[:, motion.inliers], inliers=motion.inliers[motion.inliers])
+
+
+def _tracks_on(mover: _Mover, priors: Priors) -> TracksOnObject:
+    """The tracks of a mover with what is known of the camera."""
+    assert priors.tracks is not None and priors.tracks_visible is not None and priors.cameras is not None
+    tracks = priors.tracks[np.ix_(mover.frames, mover.tracks)].astype(np.float64)
+    visible = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)].copy()
+    outline = np.zeros(visible.shape)
+    for i, mask in enumerate(mover.masks):
+        column, row = np.floor(tracks[i, visible[i]]).astype(int).T
+        distance = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
+        outline[i, visible[i]] = distance[np.clip(row, 0, priors.height - 1), np.clip(column, 0, priors.width - 1)]
+    visible &= outline > 0
+    intrinsics, poses = priors.cameras.intrinsics[mover.frames], priors.cameras.world_to_camera[mover.frames]
+    return TracksOnObject(tracks, visible, outline, intrinsics[:, 0, 0], intrinsics[:, :2, 2].mean(0), poses)
+
+
+def _split(region: _Mover, bodies: list[_Mover], priors: Priors) -> list[_Mover]:
+    """Every pixel of the region goes to the body whose track is nearest; frames without any keep the first body's."""
+    assert priors.tracks is not None and priors.tracks_visible is not None
+    owner = np.concatenate([np.full(len(body.tracks), which) for which, body in enumerate(bodies)])
+    tracks = np.concatenate([body.tracks for body in bodies])
+    parts = np.zeros((len(bodies), *region.masks.shape), bool)
+    for i, frame in enumerate(region.frames):
+        y, x = np.nonzero(region.masks[i])
+        seen = priors.tracks_visible[frame, tracks]
+        nearest = np.zeros(len(y), int)
+        if seen.any():
+            pixels = np.column_stack([x + 0.5, y + 0.5])
+            nearest = owner[seen][cKDTree(priors.tracks[frame, tracks[seen]]).query(pixels)[1]]
+        parts[nearest, i, y, x] = True
+    found = []
+    for body, masks in zip(bodies, parts, strict=True):
+        there = masks.any((1, 2))
+        motion = body.motion and replace(body.motion, z=body.motion.z[there])
+        found.append(replace(body, frames=region.frames[there], masks=masks[there], motion=motion))
+    return [body for body in found if len(body.frames)]
+
+
+def _place_card(
+    mover: _Mover,
+    inverse: np.ndarray,
+    confidence: np.ndarray,
+    static_confidence: np.ndarray,
+    moving: np.ndarray,
+    priors: Priors,
+) -> str:
+    """The last resort, one upright plane per frame, written in place; returns what decided its depth."""
+    contacts = np.array(
+        [
+            _contact(inverse[f], static_confidence[f], moving[f], mask)
+            for f, mask in zip(mover.frames, mover.masks, strict=True)
+        ]
+    )
+    size = np.array([_growth(priors, f, mask) for f, mask in zip(mover.frames[:-1], mover.masks, strict=False)])
+    middle, tilt, trust = contacts.T
+    solved, certain = smooth_object_depth(middle, trust, size)
+    norm = ndimage.gaussian_filter1d(trust + 1e-3, TILT_FRAMES)
+    tilt = ndimage.gaussian_filter1d(tilt * (trust + 1e-3), TILT_FRAMES) / norm
+    for f, mask, value, slope, sure in zip(mover.frames, mover.masks, solved, tilt, certain, strict=True):
+        y, x = np.nonzero(mask)
+        inverse[f][y, x] = value * np.clip(1 + slope * (x - x.mean()), *TILT_RANGE)
+        confidence[f][y, x] = MOVING_CONFIDENCE * sure if priors.camera_kind == "moving" else GUESS_CONFIDENCE
+    stands = (trust > NO_CONTACT).mean()
+    return "surroundings" if stands == 0 else "ground contact" if stands >= MOST_FRAMES else "size"
+
+
+def _place_body(
+    mover: _Mover,
+    inverse: np.ndarray,
+    confidence: np.ndarray,
+    static_confidence: np.ndarray,
+    moving: np.ndarray,
+    priors: Priors,
+) -> str:
+    """A rigid body at one scale for all frames, written in place; returns what decided its depth."""
+    shapes = _relative_inverse(mover, priors)
+    ratio, trust = np.zeros((2, len(shapes)))
+    for i, (f, mask, shape) in enumerate(zip(mover.frames, mover.masks, shapes, strict=True)):
+        edge = _ground_edge(inverse[f], static_confidence[f], moving[f], mask)
+        if edge is None:
+            rim = ndimage.binary_dilation(mask, iterations=2 * MOVING_MARGIN) & ~moving[f]
+            ratio[i], trust[i] = np.median(inverse[f][rim] if rim.any() else inverse[f]) / np.median(shape), NO_CONTACT
+            continue
+        lowest = np.zeros(mask.shape[1])
+        lowest[np.nonzero(mask)[1]] = shape  # rows ascend, so the last one written is the lowest
+        ratio[i], trust[i] = float(np.quantile(edge.ground / lowest[edge.columns], TOUCHING)), edge.trust
+    scale = one_scale(np.maximum(ratio, 1e-9), trust)
+    for f, mask, shape in zip(mover.frames, mover.masks, shapes, strict=True):
+        inverse[f][mask] = scale * shape
+        confidence[f][mask] = BODY_CONFIDENCE if priors.camera_kind == "moving" else GUESS_CONFIDENCE
+    return "its own motion"
+
+
+def _relative_inverse(mover: _Mover, priors: Priors) -> list[np.ndarray]:
+    """Inverse depth of the body's pixels per frame (rows of the mask ascending), from its points seen there, in its unit."""
+    assert priors.tracks is not None and priors.tracks_visible is not None and mover.motion is not None
+    seen = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)] & np.isfinite(mover.motion.z)
+    known = seen.sum(1) >= FEWEST_POINTS
+    level = np.array([np.median(1 / z[s]) if s.any() else np.nan for z, s in zip(mover.motion.z, seen, strict=True)])
+    rows = np.arange(len(level))
+    level = np.exp(np.interp(rows, rows[known], np.log(level[known])))
+    found = []
+    for i, (frame, mask) in enumerate(zip(mover.frames, mover.masks, strict=True)):
+        y, x = np.nonzero(mask)
+        if not known[i]:
+            found.append(np.full(len(y), level[i]))
+            continue
+        points = priors.tracks[frame, mover.tracks[seen[i]]].astype(np.float64)
+        found.append(_smooth(points, 1 / mover.motion.z[i, seen[i]], y, x))
+    return found
+
+
+def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Values `(n,)` known at `points (n, 2)` at the pixels `y, x (p,)`, never beyond the known ones."""
+    every = -(-len(points) // MAX_KNOTS)
+    smooth = RBFInterpolator(points[::every], values[::every], kernel="linear", smoothing=SMOOTH_PX)
+    rows, columns = (np.arange(one.min(), one.max() + GRID_PX, GRID_PX) for one in (y, x))
+    grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1)
+    coarse = smooth(grid.reshape(-1, 2)).reshape(grid.shape[:2])
+    at = np.stack([(y - y.min()) / GRID_PX, (x - x.min()) / GRID_PX])
+    return np.clip(ndimage.map_coordinates(coarse, at, order=1, mode="nearest"), *np.percentile(values, (2, 98)))
+
+
+def one_scale(ratio: np.ndarray, trust: np.ndarray) -> float:
+    """The factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
+
+    The weighted quantile `STANDING` of what frames ask for: ground behind a body that is in the air asks for less.
+    """
+    order = np.argsort(ratio)
+    weight = np.cumsum((trust + 1e-3)[order])
+    return float(ratio[order][np.searchsorted(weight, STANDING * weight[-1])])
+
+
+def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse depth `(f,)` of one object over time, and its certainty 0..1.
+
+    `contact (f,)` inverse depths where it touches the ground with `trust (f,)` 0..1, `growth (f - 1,)` logarithm of its
+    change of picture size to the next frame (NaN = unknown). Size is inverse depth times a constant, so
+    `argmin sum trust (x - log contact)^2 / c^2 + sum (x' - x - growth)^2 / s^2`, x = log inverse depth; Cauchy weights
+    on the contacts, and little weight where the ground is seen behind the object (`HOVERING`).
+    """
+    count, measured = len(contact), np.log(contact)
+    known = np.isfinite(growth)
+    step = np.where(known, growth, 0.0)
+    link = np.where(known, 1 / SIZE_NOISE**2, 1 / (5 * SIZE_NOISE) ** 2)
+    laplacian = np.zeros((count, count))
+    right = np.zeros(count)
+    for i in range(count - 1):
+        laplacian[i : i + 2, i : i + 2] += link[i] * np.array([[1, -1], [-1, 1]])
+        right[i : i + 2] += link[i] * step[i] * np.array([-1, 1])
+    solution = np.full(count, np.average(measured, weights=trust + 1e-6))
+    for _ in range(5):
+        weight = (trust + 1e-3) / CONTACT_NOISE**2 / (1 + ((measured - solution) / (2 * CONTACT_NOISE)) ** 2)
+        weight *= np.where(measured < solution, HOVERING, 1.0)
+        solution = np.linalg.solve(laplacian + np.diag(weight), right + weight * measured)
+    return np.exp(solution), np.clip(trust, 0.25, 1.0)
+
+
+@dataclass(frozen=True)
+class _GroundEdge:
+    """The ground behind the lower edge of a region, n of its columns."""
+
+    columns: np.ndarray
+    """(n,) int."""
+    run: np.ndarray
+    """(n,) columns from the region's mean one."""
+    ground: np.ndarray
+    """(n,) inverse depth of the ground at the region's lowest pixel."""
+    trust: float
+    """0..1."""
+
+
+def _ground_edge(
+    inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray
+) -> _GroundEdge | None:
+    """The ground that a region is seen in front of, carried up to its lower edge; None where too little of it is seen.
+
+    The ground is a plane, so its inverse depth is linear in the picture; it is fitted below the region, where flow is free.
+    """
+    height = len(own)
+    columns = np.flatnonzero(own.any(0))
+    bottom = height - 1 - np.argmax(own[::-1], axis=0)[columns]
+    rows = np.arange(height)[:, None]
+    lowest = int(bottom.max()) + MOVING_MARGIN + round(GROUND_SHARE * height)
+    ground = (rows > bottom + MOVING_MARGIN) & (rows <= lowest) & ~moving[:, columns]
+    y, which = np.nonzero(ground)
+    if len(y) < SMALLEST_CONTACT:
+        return None
+    run = columns - np.nonzero(own)[1].mean()  # (n,)
+    values = inverse[y, columns[which]].astype(np.float64)
+    offset = np.stack([np.ones(len(y)), run[which], y - bottom.max() - 1.0], 1)
+    given = confidence[y, columns[which]].astype(np.float64) ** 2 + 1e-3
+    weight = given
+    for _ in range(6):
+        normal = (offset * weight[:, None]).T @ offset + np.diag(
+            [0.0, 1.0, 1.0]
+        ) * given.sum()  # ridge: one pixel's worth
+        plane = np.linalg.solve(normal, offset.T @ (weight * values))
+        weight = given / (1 + ((values - offset @ plane) / (GROUND_NOISE * abs(plane[0]) + 1e-9)) ** 2)
+    edge = plane[0] + plane[1] * run + plane[2] * (bottom - bottom.max())
+    hidden = float((bottom >= height - 2).mean())  # it leaves the picture below: the true contact is nearer
+    trust = float(np.clip(1 - 2 * hidden, 0.1, 1.0) * np.sqrt(given.mean()).clip(0.1, 1))
+    return _GroundEdge(columns, run, edge, trust)
+
+
+def _contact(
+    inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, own: np.ndarray
+) -> tuple[float, float, float]:
+    """Where a region stands: inverse depth at its mean column, relative change per column, and trust 0..1.
+
+    Nothing is behind the ground that it is seen in front of, so the region, an upright plane of inverse depth
+    `a (1 + b (column - mean))`, lies above the ground's values on its lower edge and touches them at its feet; of all turns
+    `b` the one that touches most columns is taken (feet and wheels do, bellies and tails do not).
+    """
+    found = _ground_edge(inverse, confidence, moving, own)
+    if found is None:
+        rim = ndimage.binary_dilation(own, iterations=2 * MOVING_MARGIN) & ~moving
+        return float(np.median(inverse[rim] if rim.any() else inverse)), 0.0, NO_CONTACT
+    width, edge, run = own.shape[1], found.ground, found.run
+    usual = max(float(edge.max()), 1e-6)
+    best, a, b = -np.inf, usual, 0.0
+    for turn in np.linspace(-TURN_LIMIT, TURN_LIMIT, TURNS) / width:  # relative change per column
+        touching = float(np.quantile(edge / (1 + turn * run), TOUCHING))
+        gap = 1 - edge / (touching * (1 + turn * run))
+        score = float(np.exp(-((gap / GROUND_NOISE) ** 2)).mean()) - TURN_COST * (turn * width) ** 2
+        if score > best:
+            best, a, b = score, touching, turn
+    return max(a, 0.3 * usual), b, found.trust
+
+
+def _growth(priors: Priors, frame: int, own: np.ndarray) -> float:
+    """Logarithm of a region's change of size to the next frame, from a robust similarity of its flow; NaN if unknown."""
+    if priors.flow_forward is None or priors.flow_forward_mask is None:
+        return float("nan")
+    y, x = np.nonzero(own & priors.flow_forward_mask[frame])
+    if len(x) < SMALLEST_OBJECT:
+        return float("nan")
+    here = np.stack([x + 0.5, y + 0.5], 1)
+    there = here + priors.flow_forward[frame][y, x].astype(np.float64)
+    weight = np.ones(len(x))
+    for _ in range(4):
+        p = here - np.average(here, axis=0, weights=weight)
+        q = there - np.average(there, axis=0, weights=weight)
+        a, b = p[:, 0] + 1j * p[:, 1], q[:, 0] + 1j * q[:, 1]
+        factor = (weight * b * a.conj()).sum() / (weight * abs(a) ** 2).sum()  # scale and turn as one complex number
+        weight = 1 / (1 + abs(b - factor * a) ** 2)
+    return float(np.clip(np.log(abs(factor)), -0.2, 0.2))
