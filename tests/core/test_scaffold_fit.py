@@ -22,7 +22,7 @@ from f4x_core.scaffold.distance import curve_distance
 from f4x_core.scaffold.graph import EdgeLevel, build_graph
 from f4x_core.scaffold.lifting import fill_gaps
 from f4x_core.scaffold.losses import ArapEdges, arap_losses, smoothness_losses
-from f4x_core.scaffold.optimise import GeometryConfig, optimise_geometry
+from f4x_core.scaffold.optimise import GeometryConfig, Sightlines, optimise_geometry
 from f4x_core.scaffold.radius import radius_from_logit, radius_to_logit
 from f4x_core.scaffold.skinning import skinning_weights
 
@@ -363,3 +363,32 @@ def test_resampling_in_time_keeps_knots_and_fills_between():
     assert abs((dense.quat * scaffold.quat).sum(-1)).min() > 1 - 1e-5
     assert ((dense.quat[1:] * dense.quat[:-1]).sum(-1) > 0).all()
     assert np.flatnonzero(~dense.certain[:, 0]).tolist() == [5, 7, 8, 9, 11] and dense.certain[:, 1].all()
+
+
+# ---- held along the ray ----------------------------------------------------------------------------------------------
+
+
+def seen_from_the_origin(scaffold, confidence):
+    direction = scaffold.xyz / np.linalg.norm(scaffold.xyz, axis=-1, keepdims=True)
+    return Sightlines(direction, np.full(scaffold.certain.shape, confidence, np.float32))
+
+
+def test_where_depth_is_a_guess_rigidity_takes_out_its_drift():
+    scaffold, truth = rigid_scaffold(frames=12)
+    shift = np.array([0.0, 0.0, 4.0])
+    drift = 1 + 0.05 * np.sin(np.arange(12))[:, None, None]  # every frame has a depth of its own
+    wrong = replace(scaffold, xyz=((truth + shift) * drift).astype(np.float32))
+    config = GeometryConfig(steps=200)
+    guess = optimise_geometry(wrong, config, sightlines=seen_from_the_origin(wrong, 0.0))
+    sure = optimise_geometry(wrong, config, sightlines=seen_from_the_origin(wrong, 1.0))
+    plain = optimise_geometry(wrong, config)
+
+    def wobble(found):
+        return np.std(np.linalg.norm(found.xyz, axis=-1) / np.linalg.norm(truth + shift, axis=-1), axis=0).mean()
+
+    assert wobble(guess) < 0.6 * wobble(plain)
+    np.testing.assert_allclose(sure.xyz, plain.xyz, atol=1e-3)
+    rays = seen_from_the_origin(wrong, 0.0).direction
+    moved = guess.xyz - wrong.xyz
+    aside = moved - (moved * rays).sum(-1, keepdims=True) * rays
+    assert np.linalg.norm(aside, axis=-1).mean() < 0.3 * np.abs((moved * rays).sum(-1)).mean()
