@@ -48,11 +48,12 @@ SAMPLED_POINTS, SAMPLED_FRAMES = 500, 24
 """Points and frames on which solutions are compared: 500 x 24 take two seconds, and find what 2,000 x 90 find."""
 FEWEST_SAMPLED, MOST_SAMPLED_FRAMES = 200, 96
 """Where fewer points than this are seen in three of the sampled frames, more frames are sampled, up to so many."""
-TRANSLATION_GAIN = 0.2
+TRANSLATION_GAIN = 0.1
 """A camera moves when that lowers the squared error of one that only turns by this fraction, beyond what its unknowns win
 on noise."""
-TRANSLATION_PX = 0.2
-"""... and when its path shifts near against far by this many pixels (rms)."""
+TRANSLATION_PX = 0.5
+"""... and when its path shifts near against far by this many pixels (rms): less is what flow errs by. A rendered turn on the spot
+gives 0.4 px, the least of the real clips that step as well 0.7 px (blackswan)."""
 LARGE_TRANSLATION_PX = 8.0
 """From here on a translation is `large`: depth is measured, not hinted at."""
 STATIC_MOTION = 0.5
@@ -384,7 +385,8 @@ def _moving(job: _Job, turning: Solution) -> tuple[Solution | None, str]:
     start, solver = _from_parts(job)
     if start is not None:
         return _right_way_round(job, start), solver
-    job.statistics["mirror"] = mirror
+    if mirror is not None:
+        job.statistics["mirror"] = mirror
     return direct, "direct"
 
 
