@@ -15,7 +15,7 @@ from .. import __version__
 from ..clip import Clip
 from ..errors import F4xError
 from ..gaussians import DynamicGaussians, SpawnConfig, Spawned, StaticGaussians, spawn_dynamic, spawn_static
-from ..gaussians.spawn import coarse_to_fine, cover, spacing_that_fits
+from ..gaussians.spawn import coarse_to_fine, cover, spawn_that_fits
 from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..geometry.spherical_harmonics import degree_of
@@ -253,8 +253,7 @@ class _Spawner:
                 parts = [Spawned.joined(parts), self._cover(frame, valid, Spawned.joined(parts).xyz, spawn, rng)]
             return Spawned.joined(parts)
 
-        spawn = spacing_that_fits(lambda spawn: len(cover_all(spawn).xyz), self.config.spawn_static)
-        spawned = cover_all(spawn)
+        spawned, spawn = spawn_that_fits(cover_all, self.config.spawn_static)
         self.progress("spawn", len(chosen), len(chosen), "static")
         return spawn_static(spawned, self.degree, spawn, first_id)
 
@@ -283,8 +282,7 @@ class _Spawner:
             assert dynamic is not None
             return dynamic
 
-        spawn = spacing_that_fits(lambda spawn: len(cover_all(spawn)), self.config.spawn_dynamic)
-        dynamic = cover_all(spawn)
+        dynamic, _ = spawn_that_fits(cover_all, self.config.spawn_dynamic)
         self.progress("spawn", len(chosen), len(chosen), "dynamic")
         return dynamic
 

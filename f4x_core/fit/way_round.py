@@ -9,22 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..priors import Priors
-from ..priors.mirror import LIKELY, SURE
+from ..priors.mirror import LIKELY, SURE, Evidence
 
 LARGEST_ODDS = 1000
 """Odds beyond this are not told apart in sentences."""
-
-
-@dataclass(frozen=True)
-class Clue:
-    """One piece of evidence for or against the chosen solution."""
-
-    what: str
-    """What was looked at, for example `lower is nearer`."""
-    log_odds: float
-    """Contribution in favour of the chosen solution, natural logarithm; negative speaks for the other one."""
-    detail: str
-    """The measurement in words."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +25,7 @@ class WayRound:
     """`least error` or `mirrored`."""
     margin: float
     """Log-odds in favour of the chosen solution, natural logarithm."""
-    clues: tuple[Clue, ...]
+    clues: tuple[Evidence, ...]
     """What decided, the strongest first."""
 
     @classmethod
@@ -50,7 +38,7 @@ class WayRound:
         if margin is None:
             margin = {"sure": SURE, "likely": LIKELY}.get(str(entry.get("verdict")), 0.0)
         clues = [
-            Clue(str(clue.get("what", "")), float(clue.get("for") or 0.0), str(clue.get("detail", "")))
+            Evidence(str(clue.get("what", "")), float(clue.get("for") or 0.0), str(clue.get("detail", "")))
             for clue in entry.get("evidence", [])
         ]
         clues.sort(key=lambda clue: -abs(clue.log_odds))

@@ -4,13 +4,14 @@ Frames are visited coarse to fine in time. In each, the Gaussians that exist alr
 every valid cell without one at about its own depth gets a new Gaussian, blocks of cells that show nothing (a wall, the sky)
 a single larger one. The union over frames covers everything seen with few duplicates, which matters on a CPU (the reference
 spawns random pixels of all frames and lets optimisation choose). How many that are follows from the clip; where there is no
-room for them, all cells grow alike (`spacing_that_fits`), so that no part of the clip is left out.
+room for them, all cells grow alike (`spawn_that_fits`), so that no part of the clip is left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Sized
 from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -28,6 +29,9 @@ COVERING_NEIGHBOURS = 3.5
 LARGEST_LEVEL, FLAT_GREY, FLAT_DEPTH = 2, 3.0, 0.02
 # Spacings that are tried until all Gaussians fit, and how much larger than needed the next one is: counts jump a little.
 FITTING_ROUNDS, FITTING_MARGIN = 6, 1.03
+
+
+Made = TypeVar("Made", bound=Sized)
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,9 @@ class Spawned:
     depth: np.ndarray
     """How far the camera was away: what a pixel is worth there."""
 
+    def __len__(self) -> int:
+        return len(self.xyz)
+
     @classmethod
     def joined(cls, parts: Sequence[Spawned]) -> Spawned:
         """All of `parts`, in order."""
@@ -66,17 +73,17 @@ class Spawned:
         return cls(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)))
 
 
-def spacing_that_fits(count: Callable[[SpawnConfig], int], config: SpawnConfig) -> SpawnConfig:
-    """`config`, or one of the least larger spacing with which `count` Gaussians have room in `config.max_count`.
+def spawn_that_fits(spawn: Callable[[SpawnConfig], Made], config: SpawnConfig) -> tuple[Made, SpawnConfig]:
+    """What `spawn` makes of `config`, or of one of the least larger spacing with which it has room in `config.max_count`.
 
-    `count(config)` tells how many a config makes.
+    Returns it with the config that made it. `spawn(config)` makes something whose length is its number of Gaussians.
     """
     for _ in range(FITTING_ROUNDS):
-        found = count(config)
-        if found <= config.max_count:
-            break
-        config = replace(config, spacing=config.spacing * FITTING_MARGIN * float(np.sqrt(found / config.max_count)))
-    return config
+        made = spawn(config)
+        if len(made) <= config.max_count:
+            return made, config
+        config = replace(config, spacing=config.spacing * FITTING_MARGIN * float(np.sqrt(len(made) / config.max_count)))
+    return spawn(config), config
 
 
 def coarse_to_fine(count: int) -> Iterator[int]:

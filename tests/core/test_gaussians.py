@@ -16,7 +16,7 @@ from f4x_core.gaussians import (
     spawn_dynamic,
     spawn_static,
 )
-from f4x_core.gaussians.spawn import coarse_to_fine, cover, spacing_that_fits
+from f4x_core.gaussians.spawn import coarse_to_fine, cover, spawn_that_fits
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera
 
@@ -194,14 +194,13 @@ def test_what_has_no_room_is_covered_more_thinly_everywhere():
         return cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, np.random.default_rng(0))
 
     asked = SpawnConfig(spacing=1, max_count=200)
-    given = spacing_that_fits(lambda config: len(spawn(config).xyz), asked)
-    thin = spawn(given)
+    thin, given = spawn_that_fits(spawn, asked)
     assert 100 < len(thin.xyz) <= 200 and given.spacing > asked.spacing
     columns = camera.project(thin.xyz.astype(np.float64))[0][:, 0]
     thirds = np.histogram(columns, 3, (0, 48))[0]
     assert thirds.min() > 0.7 * thirds.max()
     roomy = replace(asked, max_count=2000)
-    assert spacing_that_fits(lambda config: len(spawn(config).xyz), roomy) is roomy
+    assert spawn_that_fits(spawn, roomy)[1] is roomy
 
 
 def test_near_and_far_move_equally_far_in_the_picture():
