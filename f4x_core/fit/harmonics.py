@@ -26,8 +26,9 @@ GAIN_DB = 0.1
 """PSNR on left-out frames that the next degree must bring."""
 FRAMES = 16
 """That are looked at, the first and the last quarter left out: that costs less than 2 % of the shortest fit."""
-SPREAD = 0.5
-"""Standard deviation of a coefficient that is to be expected: with the noise in the pictures it says how far to trust little."""
+SPREAD = 0.2
+"""Standard deviation of a coefficient that is to be expected: with the noise in the pictures it says how far to trust what was
+seen from a few degrees, which is fog from elsewhere when it is taken for a slope."""
 LEAST_LIGHT = 1e-3
 """Pixels; keeps the regression of a Gaussian that no frame sees from dividing by zero."""
 
@@ -79,12 +80,13 @@ def next_band(model: SceneModel, pictures: Tensor, config: RasterConfig, backend
         left = []
         for each in (first, *seen):
             light = _light(each, config, backend)  # (N,4): of the rest, and of everything
+            light /= light[:, 3:].clamp_min(1)  # a frame is one observation, however many pixels: they err alike
             weighted = each.terms * light[:, 3:]
             normal += weighted[:, :, None] * each.terms[:, None]
             wanted += each.terms[:, :, None] * light[:, None, :3]
             left.append(each.rest.square().sum())
         constant = wanted[:, 0] / (normal[:, 0, :1] + LEAST_LIGHT)
-        noise = (torch.stack(left).sum() - (constant * wanted[:, 0]).sum()) / (len(left) * first.rest.numel())
+        noise = torch.stack(left).sum() / (len(left) * first.rest.numel())
         ridge = torch.full((size,), max(float(noise), LEAST_NOISE) / SPREAD**2)
         ridge[0] = LEAST_LIGHT
         found = torch.linalg.solve(normal + torch.diag(ridge), wanted)  # (N,1+n,3)

@@ -23,7 +23,7 @@ from ..raster import RasterConfig
 from ..scaffold.losses import arap_losses, smoothness_losses
 from ..scaffold.optimise import with_graph
 from .checkpoint import save_checkpoint
-from .config import FitConfig
+from .config import FitConfig, Rate
 from .harmonics import GAIN_DB, next_band
 from .losses import depth_loss, psnr, rgb_loss
 from .model import NodeSet, SceneModel
@@ -103,19 +103,15 @@ class PhotometricStage:
         self._start_optimisers()
 
     def _start_optimisers(self) -> None:
-        config, model, rates = self.config, self.model, self.config.rates
-
-        def table(names: Any) -> dict[str, float]:
-            plain = {"local_xyz": "xyz", "local_quat": "quat"}
-            values = {name: getattr(rates, plain.get(name, name)) for name in names}
-            return {name: value[0] if isinstance(value, tuple) else value for name, value in values.items()}
-
-        self.optimisers = {"static": SetOptimiser(model.static, table(model.static.parameters))}
-        self.controls = {"static": DensityControl(self.optimisers["static"], config.density_static, config.steps)}
+        config, model = self.config, self.model
+        self.optimisers = {name: SetOptimiser(own, self._rates(name, 0.0)) for name, own in self._sets()}
+        densities = {"static": config.density_static, "dynamic": config.density_dynamic}
+        self.controls = {
+            name: DensityControl(optimiser, densities[name], config.steps)
+            for name, optimiser in self.optimisers.items()
+        }
         groups = [{"params": [model.rig.parameters[n]], "lr": 0.0, "name": n} for n in CAMERA_RATES]
-        if model.dynamic is not None and model.nodes is not None:
-            self.optimisers["dynamic"] = SetOptimiser(model.dynamic, table(model.dynamic.parameters))
-            self.controls["dynamic"] = DensityControl(self.optimisers["dynamic"], config.density_dynamic, config.steps)
+        if model.nodes is not None:
             groups += [{"params": [model.nodes.parameters[n]], "lr": 0.0, "name": n} for n in NODE_RATES]
         self.shared = torch.optim.Adam(groups, eps=1e-15)
 
@@ -229,7 +225,7 @@ class PhotometricStage:
                 loss = loss + weights.track * self._track_loss(frame, partner, out.channels[..., 4:7], out.alpha, data)
             if self.step % config.motion_every == 0:
                 loss = loss + config.motion_every * self._motion_loss(frame)
-        if self.config.losses.camera_smoothness:
+        if weights.camera_smoothness:
             pixels = self.levels[0].width
             loss = loss + config.losses.camera_smoothness * model.rig.smoothness() * pixels
         return loss, offset, out.visible
@@ -280,23 +276,28 @@ class PhotometricStage:
             loss = loss + w.dw * self.model.dynamic.parameters["dw"].abs().mean()
         return loss
 
-    def _set_rates(self, share: float) -> None:
-        """Learning rates at this share of all steps; paired ones decay log-linearly, without the reference's jump."""
-        config = self.config
-        start = config.rate_decay_start
+    def _rate(self, rate: Rate | float, share: float) -> float:
+        """`rate` at this share of all steps; one that is a pair decays log-linearly, without the reference's jump."""
+        if not isinstance(rate, tuple):
+            return rate
+        start = self.config.rate_decay_start
         decayed = min(max((share - start) / (1 - start), 0.0), 1.0)
+        return math.exp((1 - decayed) * math.log(rate[0]) + decayed * math.log(rate[1]))
 
-        def at(pair: tuple[float, float]) -> float:
-            return math.exp((1 - decayed) * math.log(pair[0]) + decayed * math.log(pair[1]))
+    def _rates(self, name: str, share: float) -> dict[str, float]:
+        """Learning rates of the tensors of the set called `name` at this share of all steps."""
+        tensors = dict(self._sets())[name].parameters
+        return {tensor: self._rate(self.config.rates.of(name, tensor), share) for tensor in tensors}
 
-        for name, placement in (("static", "xyz"), ("dynamic", "local_xyz")):
-            if name in self.optimisers:
-                self.optimisers[name].set_rate(placement, at(config.rates.xyz))
+    def _set_rates(self, share: float) -> None:
+        """Learning rates at this share of all steps."""
+        config = self.config
+        for name, optimiser in self.optimisers.items():
+            optimiser.set_rates(self._rates(name, share))
         for group in self.shared.param_groups:
-            rate = getattr(config.rates, {**NODE_RATES, **CAMERA_RATES}[group["name"]])
-            rate = at(rate) if isinstance(rate, tuple) else rate
             late = group["name"] in CAMERA_RATES and share < config.cameras_from
-            group["lr"] = 0.0 if late else rate
+            rate = getattr(config.rates, {**NODE_RATES, **CAMERA_RATES}[group["name"]])
+            group["lr"] = 0.0 if late else self._rate(rate, share)
 
     def _update_graph(self, share: float) -> None:
         """Rebuild the node graph now and then; freeze it when the skinning offsets begin to be learnt."""

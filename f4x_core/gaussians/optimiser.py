@@ -23,11 +23,10 @@ class SetOptimiser:
         ]
         self.adam = torch.optim.Adam(groups, eps=ADAM_EPSILON, fused=True)
 
-    def set_rate(self, name: str, rate: float) -> None:
-        """Change the learning rate of one tensor."""
+    def set_rates(self, rates: dict[str, float]) -> None:
+        """Change the learning rates of all tensors."""
         for group in self.adam.param_groups:
-            if group["name"] == name:
-                group["lr"] = rate
+            group["lr"] = rates[group["name"]]
 
     def step(self) -> None:
         """One Adam step on whatever gradients there are; then forget them.
