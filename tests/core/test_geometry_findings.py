@@ -279,6 +279,20 @@ def test_a_camera_that_is_only_assumed_to_stand_still_is_not_said_to_have_done_s
     assert "The camera stood still" in " ".join(finding.what for finding in findings(priors, None, {}))
 
 
+@pytest.mark.parametrize(("share", "weight"), [(0.3, "good"), (0.7, "note")])
+def test_a_path_that_rests_on_little_is_no_praise(share, weight):
+    _, priors = toy.clip_and_priors()
+    priors.cameras, priors.statistics["cameras"] = (
+        orbiting(np.linspace(0, 20, len(priors.frames))),
+        {"static_tracks": 82},
+    )
+    priors.depth, priors.mask = np.ones_like(priors.depth), np.zeros_like(priors.mask)
+    priors.mask[:, : int(share * priors.height)] = True
+    found = {finding.what: finding.weight for finding in findings(priors, None, {})}
+    assert [found[what] for what in found if "path spans" in what] == [weight]
+    assert any("and the cameras rest on 82 points of it" in what for what in found) == (weight == "note")
+
+
 def test_a_zoom_is_named_with_its_factor():
     _, priors = toy.clip_and_priors()
     priors.camera_kind, priors.statistics["cameras"] = "pan", {"zoom": {"factor": 1.4}}
