@@ -394,7 +394,7 @@ def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
     share = moving_share(priors)
     if share > MUCH_MOTION:
         known = priors.statistics.get("cameras", {}).get("static_tracks")
-        held = "" if known is None else f", and the cameras rest on {known} points of it"
+        held = "" if not known or priors.camera_kind == "static" else f", and the cameras rest on {known} points of it"
         found.append(
             Finding(
                 "problem",

@@ -100,13 +100,15 @@ def _about_way_round(way: WayRound | None) -> list[Finding]:
 
 def _about_path(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
     """Whether the camera moved enough to measure depth."""
-    if priors.camera_kind == "static" and priors.statistics.get("cameras", {}).get("assumed"):
+    unknown = priors.statistics.get("cameras", {}).get("assumed")
+    if unknown:
+        taken = {"static": "stand still", "pan": "turn only"}.get(str(priors.camera_kind), "be as found")
         return [
             Finding(
                 "problem",
-                "Too little of the picture stands still to tell how the camera moved, so it is taken to stand still; only the"
-                " original view can be believed.",
-                "Film with more of a still background in view, mark what moves with --masks DIR, or give cameras with"
+                f"How the camera moved is not known, because {unknown}; it is taken to {taken}, and only the original view"
+                " can be believed.",
+                "Film with more of a still, textured background in view, mark what moves with --masks DIR, or give cameras with"
                 " --prior cameras=FILE.",
             )
         ]

@@ -433,7 +433,7 @@ def _projection(local: np.ndarray, focal: np.ndarray) -> tuple[np.ndarray, np.nd
     plane = local[:, :2] / z[:, None]
     project = np.zeros((len(z), 2, 3))
     project[:, 0, 0] = project[:, 1, 1] = focal / z
-    project[:, :, 2] = -plane * (focal / z)[:, None]
+    project[:, :, 2] = -focal[:, None] * plane / z[:, None]
     return project, plane, ahead
 
 

@@ -272,9 +272,12 @@ def test_no_other_camera_is_bumped(priors):
 
 def test_a_camera_that_is_only_assumed_to_stand_still_is_not_said_to_have_done_so():
     _, priors = toy.clip_and_priors()
-    priors.camera_kind, priors.statistics["cameras"] = "static", {"assumed": True}
+    priors.camera_kind, priors.statistics["cameras"] = "static", {"assumed": "too few points stand still"}
     told = " ".join(finding.what for finding in findings(priors, None, {}))
-    assert "Too little of the picture stands still" in told and "The camera stood still" not in told
+    assert (
+        "How the camera moved is not known, because too few points stand still" in told
+        and "The camera stood still" not in told
+    )
     priors.statistics["cameras"] = {}
     assert "The camera stood still" in " ".join(finding.what for finding in findings(priors, None, {}))
 

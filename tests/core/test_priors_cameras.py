@@ -57,7 +57,7 @@ def path_error(found, true):
 
 def clip_and_priors(tracks, visible, motion=None):
     frames = len(tracks)
-    pictures = np.zeros((frames, HEIGHT, WIDTH, 3), np.uint8)
+    pictures = np.random.default_rng(5).integers(0, 256, (frames, HEIGHT, WIDTH, 3), np.uint8)
     clip = Clip("toy", pictures, np.arange(frames, dtype=np.float64), 24.0, np.zeros(frames, bool), "toy")
     priors = Priors.empty(clip)
     priors.tracks, priors.tracks_visible = tracks, visible
@@ -285,8 +285,19 @@ def test_no_tracks_at_all_gives_a_standing_camera_and_says_so():
     clip, priors = clip_and_priors(np.zeros((5, 0, 2), np.float32), np.zeros((5, 0), bool))
     provide(clip, priors, PriorsConfig(), silent)
     assert priors.camera_kind == "static"
-    assert any("Too few points" in line for line in priors.warnings)
-    assert priors.statistics["cameras"]["assumed"]
+    assert any("too few points stand still" in line for line in priors.warnings)
+    assert priors.statistics["cameras"]["assumed"] == "too few points stand still"
+
+
+def test_tracks_in_a_plain_sky_hold_no_camera():
+    tracks, visible = project(truth(), noise=0.3)
+    clip, priors = clip_and_priors(tracks, visible)
+    sky = np.full_like(clip.frames, 200) + np.arange(HEIGHT, dtype=np.uint8)[:, None, None] // 4
+    sky[:, -9:] = clip.frames[:, -9:]  # a strip of ground holds less than a tenth of them
+    for pictures, kind in ((clip.frames, "moving"), (sky, "static")):
+        provide(replace(clip, frames=pictures), priors, PriorsConfig(), silent)
+        assert priors.camera_kind == kind
+    assert priors.statistics["cameras"]["assumed"] == "what stands still has almost no texture to follow"
 
 
 def test_interpolation_error_measures_shake():
