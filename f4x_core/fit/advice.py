@@ -469,6 +469,8 @@ def _about_depth(priors: Priors) -> list[Finding]:
 
 
 def _about_contradiction(priors: Priors) -> list[Finding]:
+    if priors.statistics.get("cameras", {}).get("assumed"):
+        return []  # that is what is wrong, and said
     missed = contradiction(priors)
     if not missed > CONTRADICTION * priors.width:
         return []
