@@ -13,6 +13,7 @@ from ..priors import Priors
 from ..scaffold import Scaffold
 from .finding import Finding
 from .geometry_findings import ClipGeometry, about_geometry
+from .needs import MUCH_MOTION, moving_share
 
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
@@ -27,8 +28,6 @@ MUCH_EXPOSURE = 1.25
 CONTRADICTION, CONTRADICTION_PAIRS = 0.01, 24
 # Fewer supervised frames than this leave most surfaces seen once or twice.
 FEW_FRAMES = 12
-# Above this moving share (of all pixels) the background is mostly hidden.
-MUCH_MOTION = 0.5
 # Share of tracks that should live this many frames, and the shortest foreground survival that a scaffold can rest on.
 SURVIVAL_AGE, LEAST_SURVIVAL = 10, 0.4
 # Depth whose confidence (median over the region) is lower is a guess.
@@ -392,12 +391,14 @@ def _about_lens(priors: Priors) -> list[Finding]:
 
 def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
     found = []
-    share = float(priors.mask.mean()) if priors.mask is not None else 0.0
+    share = moving_share(priors)
     if share > MUCH_MOTION:
+        known = priors.statistics.get("cameras", {}).get("static_tracks")
+        held = "" if not known or priors.camera_kind == "static" else f", and the cameras rest on {known} points of it"
         found.append(
             Finding(
                 "problem",
-                f"{share:.0%} of the picture counts as moving; the background is hardly seen.",
+                f"{share:.0%} of the picture counts as moving; the background is hardly seen{held}.",
                 "If that is wrong, give masks of what really moves with --masks DIR; otherwise film from further away.",
             )
         )
@@ -468,6 +469,8 @@ def _about_depth(priors: Priors) -> list[Finding]:
 
 
 def _about_contradiction(priors: Priors) -> list[Finding]:
+    if priors.statistics.get("cameras", {}).get("assumed"):
+        return []  # that is what is wrong, and said
     missed = contradiction(priors)
     if not missed > CONTRADICTION * priors.width:
         return []

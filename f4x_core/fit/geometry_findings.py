@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..priors import Priors
+from ..priors.cameras import static_tracks
 from ..scaffold import Scaffold
 from .believed import Believed, believed_degrees, depth_evidence
 from .finding import Finding, Weight
+from .needs import MUCH_MOTION, moving_share
 from .viewing_angles import GroupView, angular_factor, group_views, parallax_degrees, static_view_degrees
 from .way_round import WayRound
 
@@ -19,6 +21,11 @@ from .way_round import WayRound
 LITTLE_PARALLAX, MODEST_PARALLAX = 2.0, 8.0
 # Below so many degrees off the path there is no other view to speak of; from so many on, a person can look around.
 ONLY_THE_PATH, WIDE_VIEWS = 1.0, 10.0
+
+# A camera rests where its static tracks move by less than the first (median over the frames, pixels at a width of 480: 0.03 in a
+# clip from a tripod, 2 and more in the real clips, which are hand-held); it is bumped where they move by more than the second, in
+# at most this fraction of the frames.
+RESTS_PX, BUMP_PX, BUMPED_FRAMES = 0.5, 3.0, 0.2
 
 SIDEWAYS = "Film with a clear step sideways, or give cameras with --prior cameras=FILE or depth with --prior depth=DIR."
 
@@ -61,6 +68,7 @@ def about_geometry(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
     return [
         *_about_way_round(geometry.way_round),
         *_about_path(priors, geometry),
+        *_about_bump(priors),
         *_about_translation(priors),
         *_about_believed(priors, geometry),
         *_about_movers(priors),
@@ -92,12 +100,34 @@ def _about_way_round(way: WayRound | None) -> list[Finding]:
 
 def _about_path(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
     """Whether the camera moved enough to measure depth."""
+    unknown = priors.statistics.get("cameras", {}).get("assumed")
+    if unknown:
+        taken = {"static": "stand still", "pan": "turn only"}.get(str(priors.camera_kind), "be as found")
+        return [
+            Finding(
+                "problem",
+                f"How the camera moved is not known, because {unknown}; it is taken to {taken}, and only the original view"
+                " can be believed.",
+                "Film with more of a still, textured background in view, mark what moves with --masks DIR, or give cameras with"
+                " --prior cameras=FILE.",
+            )
+        ]
     if priors.camera_kind == "static":
         return [
             Finding(
                 "problem",
                 "The camera stood still, so nothing tells how far things are; only the original view can be believed.",
                 "Move the camera sideways while filming, or give depth with --prior depth=DIR.",
+            )
+        ]
+    zoom = priors.statistics.get("cameras", {}).get("zoom")
+    if priors.camera_kind == "pan" and zoom is not None:
+        return [
+            Finding(
+                "problem",
+                f"The lens zoomed during the clip ({zoom['factor']:.2f} times), and the camera only turned or stood still;"
+                " without parallax depth cannot be measured and new views stay close to the path.",
+                "Walk towards your subject or a step sideways instead of zooming, or give depth with --prior depth=DIR.",
             )
         ]
     if priors.camera_kind == "pan":
@@ -120,9 +150,40 @@ def _about_path(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
                 " --prior depth=DIR.",
             )
         ]
-    weight: Weight = "note" if angle < MODEST_PARALLAX else "good"
-    advice = "A wider path makes wider views possible." if weight == "note" else ""
+    advice = "A wider path makes wider views possible." if angle < MODEST_PARALLAX else ""
+    # A path that rests on the little that stands still may be that of something that moves.
+    weight: Weight = "note" if advice or moving_share(priors) > MUCH_MOTION else "good"
     return [Finding(weight, f"The camera's path spans {angle:.0f}° of the scene{seen}.", advice)]
+
+
+def _about_bump(priors: Priors) -> list[Finding]:
+    """A camera that rests but for a few frames."""
+    steps, unit = _track_steps(priors), priors.width / 480
+    if not len(steps) or np.isnan(steps).all() or np.nanmedian(steps) > RESTS_PX * unit:
+        return []
+    bumped = np.flatnonzero(steps > BUMP_PX * unit)
+    if not 0 < len(bumped) <= max(1, BUMPED_FRAMES * len(steps)):
+        return []
+    first, last = int(priors.frames[bumped[0] + 1]), int(priors.frames[bumped[-1] + 1])
+    when = f"at frame {first}" if first == last else f"between frames {first} and {last}"
+    return [
+        Finding(
+            "problem",
+            f"The camera was bumped {when}: the picture jumps by up to {np.nanmax(steps):.0f} px there and rests otherwise.",
+            "What is blurred there stays blurred: fit the frames before or after it alone with --frames.",
+        )
+    ]
+
+
+def _track_steps(priors: Priors) -> np.ndarray:
+    """Median shift of static tracks from each supervised frame to the next, `(F - 1,)` pixels, NaN where none is seen in both."""
+    tracks, visible, static = static_tracks(priors)
+    steps = np.full(max(len(tracks) - 1, 0), np.nan)
+    for row in range(len(steps)):
+        both = visible[row] & visible[row + 1] & static
+        if both.any():
+            steps[row] = np.median(np.linalg.norm(tracks[row + 1, both] - tracks[row, both], axis=-1))
+    return steps
 
 
 def _about_translation(priors: Priors) -> list[Finding]:

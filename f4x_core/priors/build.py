@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -83,9 +84,13 @@ def _read_own(folder: Path, priors: Priors) -> list[str]:
 
 
 def _key(stage: str, wanted: list[str], priors: Priors, config: PriorsConfig, picture: str) -> str:
-    """What the result of a stage depends on: its settings, the clip, and the priors that exist beside its own."""
+    """What the result of a stage depends on: its settings, the clip, the priors that exist beside its own, and for cameras the
+    depth known from elsewhere."""
     seen = {name: priors.provenance[name]["digest"] for name in FIELDS if getattr(priors, name) is not None}
-    return config_hash(stage, getattr(config, stage), picture, {n: d for n, d in seen.items() if n not in wanted})
+    known = priors.scratch.get(SEEN_DEPTH) if stage == "cameras" else None
+    elsewhere = [] if known is None else [hashlib.blake2b(known.tobytes(), digest_size=16).hexdigest()]
+    beside = {n: d for n, d in seen.items() if n not in wanted}
+    return config_hash(stage, getattr(config, stage), picture, beside, *elsewhere)
 
 
 def _resume(stage: str, wanted: list[str], folder: Path, priors: Priors, config: PriorsConfig, picture: str) -> bool:

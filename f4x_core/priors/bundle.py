@@ -2,7 +2,8 @@
 
 `u = f * x / z + principal` with `x = R (X - c)`: R world-to-camera, c the camera centre. Levenberg-Marquardt on the
 robust squared error, the points eliminated by the Schur complement (Triggs et al. 2000, section 6.1). The camera system is
-small and dense (6 F + 1 unknowns), so plain BLAS is fastest and nothing but numpy and scipy is needed.
+small and dense (6 F + 1 unknowns), so plain BLAS is fastest and nothing but numpy and scipy is needed. A lens that zooms
+has a focal length in every frame, one unknown more per frame.
 
 While they are adjusted, points are homogeneous unit 4-vectors `(X, w)`, `x = R (X - w c)`, and steps are taken in their
 tangent space (Triggs et al. 2000, section 2.2): a point at infinity is nothing special, so a camera that hardly moves is
@@ -32,6 +33,9 @@ whose logarithm is `FOCAL_SPREAD` away from the expected one (with long tails: l
 their median, and a path as large as the median distance. They decide only what observations leave open (bas-relief: with
 little translation depth, path and focal length trade for each other). On rendered clips focal lengths 14 % apart fit tracks
 within 0.3 % of the cost."""
+ZOOM_PRIOR, ZOOM_CHANGE = 0.01, 0.005
+"""What is believed of a lens that zooms, as a fraction of the squared error like `FOCAL_PRIOR`: second differences over the frames
+of the logarithm of its focal length are about `ZOOM_CHANGE`; a zoom by 1.5 that starts and stops within half a second has 0.006."""
 BEHIND_PX = 1000.0
 """A point behind a camera that saw it costs as much as a miss by this many pixels."""
 
@@ -59,7 +63,7 @@ class Bundle:
     """Cameras and points that belong together, in any world unit."""
 
     focal: float
-    """Pixels, the same in x and y and in every frame."""
+    """Pixels, the same in x and y; where the lens zooms, the geometric mean over the frames."""
     principal: np.ndarray
     """(2,) pixels."""
     rotation: np.ndarray
@@ -68,6 +72,13 @@ class Bundle:
     """(F, 3) camera centres in the world."""
     points: np.ndarray
     """(P, 3) world."""
+    zoom: np.ndarray | None = None
+    """(F,) focal length of every frame over `focal`; None = the lens does not zoom."""
+
+    @property
+    def focals(self) -> np.ndarray:
+        """(F,) focal lengths in pixels."""
+        return self.focal * (np.ones(len(self.center)) if self.zoom is None else self.zoom)
 
     @property
     def world_to_camera(self) -> np.ndarray:
@@ -79,13 +90,30 @@ class Bundle:
 
     @property
     def intrinsics(self) -> np.ndarray:
-        """(3, 3) pixels."""
-        return np.array([[self.focal, 0, self.principal[0]], [0, self.focal, self.principal[1]], [0, 0, 1.0]])
+        """(F, 3, 3) pixels."""
+        lens = np.tile(np.eye(3), (len(self.center), 1, 1))
+        lens[:, 0, 0] = lens[:, 1, 1] = self.focals
+        lens[:, :2, 2] = self.principal
+        return lens
 
     def path(self, times: np.ndarray, width: int, height: int) -> CameraPath:
         """The cameras at their `times (F,)` in clip frames."""
-        intrinsics = np.tile(self.intrinsics, (len(times), 1, 1))
-        return CameraPath(intrinsics, self.world_to_camera, np.asarray(times, np.float64), width, height)
+        return CameraPath(self.intrinsics, self.world_to_camera, np.asarray(times, np.float64), width, height)
+
+    def of_frames(self, frames: np.ndarray) -> Bundle:
+        """The cameras `frames` (mask or indices) alone, with all points."""
+        zoom = None if self.zoom is None else self.zoom[frames]
+        return replace(self, rotation=self.rotation[frames], center=self.center[frames], zoom=zoom)
+
+    def with_frames(self, frames: np.ndarray, found: Bundle) -> Bundle:
+        """All cameras, those of `frames` as in `found`, which gives the focal length, too; the points stay."""
+        rotation, center = self.rotation.copy(), self.center.copy()
+        rotation[frames], center[frames] = found.rotation, found.center
+        zoom = self.zoom
+        if found.zoom is not None:
+            zoom = self.focals / found.focal
+            zoom[frames] = found.zoom
+        return replace(self, focal=found.focal, rotation=rotation, center=center, zoom=zoom)
 
     def local(self, observations: Observations) -> np.ndarray:
         """Observed points in the axes of their camera, `(O, 3)`."""
@@ -96,7 +124,8 @@ class Bundle:
         """Projection minus observation in pixels, `(O, 2)`; infinite behind the camera."""
         local = self.local(observations)
         ahead = local[:, 2:] > MIN_DEPTH
-        projected = self.focal * local[:, :2] / np.where(ahead, local[:, 2:], 1.0) + self.principal
+        focal = self.focals[observations.frame, None]
+        projected = focal * local[:, :2] / np.where(ahead, local[:, 2:], 1.0) + self.principal
         return np.where(ahead, projected - observations.uv, np.inf)
 
     def errors(self, observations: Observations) -> np.ndarray:
@@ -112,6 +141,8 @@ class BundleConfig:
     """Most Levenberg-Marquardt steps; it stops earlier when the error falls by less than 1e-4 of itself."""
     refine_focal: bool = True
     """Solve for the focal length too."""
+    refine_zoom: bool = False
+    """Solve for a focal length in every frame."""
     refine_centers: bool = True
     """Solve for camera centres; off, only rotations move (pan-only clips: points are directions)."""
     robust_px: float = ROBUST_PX
@@ -125,7 +156,8 @@ class BundleConfig:
 
 def rays(bundle: Bundle, observations: Observations) -> np.ndarray:
     """Unit viewing directions in the world, `(O, 3)`."""
-    local = np.column_stack([(observations.uv - bundle.principal) / bundle.focal, np.ones(len(observations.uv))])
+    plane = (observations.uv - bundle.principal) / bundle.focals[observations.frame, None]
+    local = np.column_stack([plane, np.ones(len(plane))])
     local /= np.linalg.norm(local, axis=1, keepdims=True)
     return np.einsum("oji,oj->oi", bundle.rotation[observations.frame], local)
 
@@ -177,7 +209,7 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
         total = cost + _prior_cost(problem, config, belief)
         system = _normal_equations(problem, observations, config, belief)
         for _ in range(8):
-            moved = problem.moved(*_solve(*system, damping), config)
+            moved = problem.moved(*_solve(*system, damping, len(problem.center)), config)
             moved_cost = _cost(moved, observations, config)
             moved_total = moved_cost + _prior_cost(moved, config, belief)
             if moved_total < total:
@@ -189,7 +221,7 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
         problem, cost, damping = moved.centred(), moved_cost, max(damping / 5, 1e-9)
         if finished:
             break
-    return problem.bundle(origin, unit)
+    return problem.bundle(origin, unit, bundle.zoom is not None or config.refine_zoom)
 
 
 def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
@@ -208,11 +240,12 @@ def resect(
     if not len(seen.frame):
         return bundle
     count = len(bundle.center)
+    focal = bundle.focals[seen.frame]
     damping, cost = 1e-3, _frame_cost(bundle, seen, config)
     for _ in range(iterations):
         local = bundle.local(seen)
-        project, plane, ahead = _projection(local, bundle.focal)
-        residual = np.where(ahead[:, None], bundle.focal * plane + bundle.principal - seen.uv, 0.0)
+        project, plane, ahead = _projection(local, focal)
+        residual = np.where(ahead[:, None], focal[:, None] * plane + bundle.principal - seen.uv, 0.0)
         weight = seen.weight / (1 + (residual**2).sum(1) / robust_px**2) * ahead
         cameras = np.concatenate([np.cross(local[:, None, :], project), -project @ bundle.rotation[seen.frame]], axis=2)
         scaled, sums = cameras * weight[:, None, None], _incidence(seen.frame, count)
@@ -253,6 +286,8 @@ class _Problem:
     """A bundle while it is adjusted: the middle camera near the origin, median distance near 1, homogeneous points."""
 
     focal: float
+    zoom: np.ndarray
+    """(F,) focal length of every frame over `focal`."""
     principal: np.ndarray
     rotation: np.ndarray
     """(F, 3, 3) world to camera."""
@@ -270,17 +305,23 @@ class _Problem:
         points = np.column_stack([(bundle.points - origin) / unit, np.ones(len(bundle.points))])
         points /= np.linalg.norm(points, axis=1, keepdims=True)
         center = (bundle.center - origin) / unit
-        return cls(bundle.focal, bundle.principal, bundle.rotation, center, points, np.zeros(3), 1.0)
+        zoom = bundle.focals / bundle.focal
+        return cls(bundle.focal, zoom, bundle.principal, bundle.rotation, center, points, np.zeros(3), 1.0)
 
-    def bundle(self, origin: np.ndarray, unit: float) -> Bundle:
-        """Back in the world that `of` was given, with its `origin` and `unit`."""
+    def bundle(self, origin: np.ndarray, unit: float, zooms: bool) -> Bundle:
+        """Back in the world that `of` was given, with its `origin` and `unit`; `zooms`: whether the lens does."""
 
         def outside(xyz: np.ndarray) -> np.ndarray:
             return origin + unit * (self.origin + self.unit * xyz)
 
         distance = np.linalg.norm(self.points[:, :3], axis=1, keepdims=True)
         points = self.points[:, :3] / np.maximum(self.points[:, 3:], np.maximum(distance, 1e-12) / FARTHEST_POINT)
-        return Bundle(self.focal, self.principal, self.rotation, outside(self.center), outside(points))
+        zoom = self.zoom if zooms else None
+        return Bundle(self.focal, self.principal, self.rotation, outside(self.center), outside(points), zoom)
+
+    def focals(self, observations: Observations) -> np.ndarray:
+        """(O,) focal lengths in pixels."""
+        return self.focal * self.zoom[observations.frame]
 
     @property
     def inverse_distance(self) -> np.ndarray:
@@ -302,7 +343,8 @@ class _Problem:
         return np.einsum("oij,oj->oi", self.rotation[observations.frame], offset)
 
     def moved(self, cameras: np.ndarray, focal: float, points: np.ndarray, config: BundleConfig) -> _Problem:
-        """After a step of the cameras `(F, 6)`, of the logarithm of the focal length, and of the points `(P, 3)`."""
+        """After a step of the cameras `(F, 6)`, or `(F, 7)` with the logarithm of their zoom, of the logarithm of the focal
+        length, and of the points `(P, 3)`."""
         turn = quaternion.to_matrix(quaternion.from_rotation_vector(cameras[:, :3]))
         stepped = self.points + np.einsum("pij,pj->pi", self.tangents, points)
         farthest = np.linalg.norm(stepped[:, :3], axis=1) / FARTHEST_POINT
@@ -310,20 +352,24 @@ class _Problem:
         return replace(
             self,
             rotation=np.einsum("fij,fjk->fik", turn, self.rotation),
-            center=self.center + cameras[:, 3:] if config.refine_centers else self.center,
+            center=self.center + cameras[:, 3:6] if config.refine_centers else self.center,
+            zoom=self.zoom * np.exp(np.clip(cameras[:, 6], -0.3, 0.3)) if config.refine_zoom else self.zoom,
             focal=self.focal * float(np.exp(np.clip(focal, -0.3, 0.3))),
             points=stepped / np.linalg.norm(stepped, axis=1, keepdims=True),
         )
 
     def centred(self) -> _Problem:
-        """The same with the middle camera at the origin and the median inverse distance 1."""
+        """The same with the middle camera at the origin, the median inverse distance 1 and the mean zoom 1."""
         shift = self.center[len(self.center) // 2]
         xyz = self.points[:, :3] - self.points[:, 3:] * shift
         inverse = self.points[:, 3] / np.maximum(np.linalg.norm(xyz, axis=1), 1e-9)
         factor = max(float(np.median(inverse)), 1e-3)
         points = np.column_stack([xyz, self.points[:, 3] / factor])
+        usual = float(np.exp(np.log(self.zoom).mean()))
         return replace(
             self,
+            focal=self.focal * usual,
+            zoom=self.zoom / usual,
             center=(self.center - shift) * factor,
             points=points / np.linalg.norm(points, axis=1, keepdims=True),
             origin=self.origin + self.unit * shift,
@@ -340,7 +386,8 @@ def _robust(squared: np.ndarray, config: BundleConfig) -> np.ndarray:
 def _cost(problem: _Problem, observations: Observations, config: BundleConfig) -> float:
     local = problem.local(observations)
     ahead = local[:, 2:] > MIN_DEPTH
-    projected = problem.focal * local[:, :2] / np.where(ahead, local[:, 2:], 1.0) + problem.principal
+    focal = problem.focals(observations)[:, None]
+    projected = focal * local[:, :2] / np.where(ahead, local[:, 2:], 1.0) + problem.principal
     squared = (np.where(ahead, projected - observations.uv, np.inf) ** 2).sum(1)
     return float((observations.weight * _robust(squared, config)).sum())
 
@@ -357,7 +404,18 @@ def _prior_cost(problem: _Problem, config: BundleConfig, belief: float) -> float
         cost += PATH_PRIOR * np.mean((problem.center**2).sum(1))
     if config.refine_focal and config.expected_focal:
         cost += FOCAL_PRIOR * np.log1p((np.log(problem.focal / config.expected_focal) / FOCAL_SPREAD) ** 2)
+    if config.refine_zoom:
+        cost += ZOOM_PRIOR * np.square(_bends(len(problem.zoom)) @ np.log(problem.zoom) / ZOOM_CHANGE).sum()
     return belief * float(cost)
+
+
+def _bends(frames: int) -> np.ndarray:
+    """`(F, F)` matrix of second differences over the frames, and the mean, which is held at 0; all over the root of F."""
+    rows = np.zeros((frames, frames))
+    for row in range(frames - 2):
+        rows[row, row : row + 3] = 1, -2, 1
+    rows[-1] = 1 / frames
+    return rows / np.sqrt(frames)
 
 
 def _frame_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> np.ndarray:
@@ -365,14 +423,17 @@ def _frame_cost(bundle: Bundle, observations: Observations, config: BundleConfig
     return np.bincount(observations.frame, cost, len(bundle.center))
 
 
-def _projection(local: np.ndarray, focal: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivative `(O, 2, 3)` of the picture to points in camera axes, the plane `(O, 2)` they fall on, which lie ahead."""
+def _projection(local: np.ndarray, focal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Derivative `(O, 2, 3)` of the picture to points in camera axes, the plane `(O, 2)` they fall on, which lie ahead.
+
+    `focal (O,)` in pixels.
+    """
     ahead = local[:, 2] > MIN_DEPTH
     z = np.where(ahead, local[:, 2], 1.0)
     plane = local[:, :2] / z[:, None]
     project = np.zeros((len(z), 2, 3))
     project[:, 0, 0] = project[:, 1, 1] = focal / z
-    project[:, :, 2] = -focal * plane / z[:, None]
+    project[:, :, 2] = -focal[:, None] * plane / z[:, None]
     return project, plane, ahead
 
 
@@ -381,14 +442,16 @@ def _linearise(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Residuals `(O, 2)`, Jacobians to (rotation, centre, log focal) `(O, 2, 7)` and point `(O, 2, 3)`, weights `(O,)`."""
     local = problem.local(observations)
-    project, plane, ahead = _projection(local, problem.focal)
-    residual = np.where(ahead[:, None], problem.focal * plane + problem.principal - observations.uv, 0.0)
+    focal = problem.focals(observations)
+    project, plane, ahead = _projection(local, focal)
+    seen = focal[:, None] * plane
+    residual = np.where(ahead[:, None], seen + problem.principal - observations.uv, 0.0)
     turned = project @ problem.rotation[observations.frame]
     tangents, scale = problem.tangents[observations.point], problem.points[observations.point, 3]
     to_scale = -np.einsum("oij,oj->oi", turned, problem.center[observations.frame])
     to_point = turned @ tangents[:, :3] + to_scale[:, :, None] * tangents[:, 3][:, None, :]
     to_rotation = np.cross(local[:, None, :], project)  # d local / d omega = -[local]x for R <- exp(omega) R
-    to_camera = np.concatenate([to_rotation, -turned * scale[:, None, None], problem.focal * plane[:, :, None]], axis=2)
+    to_camera = np.concatenate([to_rotation, -turned * scale[:, None, None], seen[:, :, None]], axis=2)
     weight = observations.weight / (1 + (residual**2).sum(1) / config.robust_px**2) * ahead
     return residual, to_camera, to_point, weight
 
@@ -396,31 +459,36 @@ def _linearise(
 def _normal_equations(
     problem: _Problem, observations: Observations, config: BundleConfig, belief: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Camera block `(6F+1, 6F+1)`, its gradient, coupling `(3, 6F+1, P)`, point blocks `(P, 3, 3)`, point gradient."""
+    """Camera block `(6F+1, 6F+1)`, its gradient, coupling `(3, 6F+1, P)`, point blocks `(P, 3, 3)`, point gradient.
+
+    A camera has seven unknowns in place of six where its zoom is refined; the focal length of all comes last.
+    """
     frames, count = len(problem.center), len(problem.points)
     residual, to_camera, to_point, weight = _linearise(problem, observations, config)
     if not config.refine_centers:
         to_camera[:, :, 3:6] = 0
-    if not config.refine_focal:
+    own_count = 7 if config.refine_zoom else 6
+    if not config.refine_focal and not config.refine_zoom:
         to_camera[:, :, 6] = 0
     weighted = (to_camera * weight[:, None, None]).transpose(0, 2, 1)  # (O, 7, 2)
     by_frame, by_point = _incidence(observations.frame, frames), _incidence(observations.point, count)
     blocks = (by_frame @ np.matmul(weighted, to_camera).reshape(-1, 49)).reshape(-1, 7, 7)
     camera_gradient = by_frame @ np.einsum("oik,ok->oi", weighted, residual)  # (F, 7)
-    size = 6 * frames
+    size = own_count * frames
     camera, gradient = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
     for f in range(frames):
-        own = slice(6 * f, 6 * f + 6)
-        camera[own, own] = blocks[f, :6, :6]
-        camera[own, size] = camera[size, own] = blocks[f, :6, 6]
-    camera[size, size], gradient[size] = blocks[:, 6, 6].sum(), camera_gradient[:, 6].sum()
-    gradient[:size] = camera_gradient[:, :6].ravel()
+        own = slice(own_count * f, own_count * (f + 1))
+        camera[own, own] = blocks[f, :own_count, :own_count]
+    gradient[:size] = camera_gradient[:, :own_count].ravel()
+    if config.refine_focal:
+        camera[:size, size] = camera[size, :size] = blocks[:, :own_count, 6].ravel()
+        camera[size, size], gradient[size] = blocks[:, 6, 6].sum(), camera_gradient[:, 6].sum()
 
     coupling_rows = np.matmul(weighted, to_point).transpose(0, 2, 1)  # (O, 3, 7)
-    coupling = np.zeros((3, frames, 6, count))
+    coupling = np.zeros((3, frames, own_count, count))
     # A point is sighted once per frame, so plain assignment adds nothing up twice.
-    coupling[:, observations.frame, :, observations.point] = coupling_rows[:, :, :6]
-    focal_row = (by_point @ coupling_rows[:, :, 6]).T.reshape(3, 1, count)
+    coupling[:, observations.frame, :, observations.point] = coupling_rows[:, :, :own_count]
+    focal_row = (by_point @ coupling_rows[:, :, 6]).T.reshape(3, 1, count) * config.refine_focal
     coupling = np.concatenate([coupling.reshape(3, size, count), focal_row], axis=1)
     scaled = (to_point * weight[:, None, None]).transpose(0, 2, 1)
     points = (by_point @ np.matmul(scaled, to_point).reshape(-1, 9)).reshape(-1, 3, 3)
@@ -445,9 +513,15 @@ def _add_priors(
         pull = belief * FOCAL_PRIOR / (FOCAL_SPREAD**2 + away**2)
         camera[-1, -1] += pull
         gradient[-1] += pull * away
+    own_count = (len(camera) - 1) // frames
+    if config.refine_zoom:
+        places = own_count * np.arange(frames) + 6
+        bends = _bends(frames) * np.sqrt(belief * ZOOM_PRIOR) / ZOOM_CHANGE
+        camera[np.ix_(places, places)] += bends.T @ bends
+        gradient[places] += bends.T @ bends @ np.log(problem.zoom)
     if not config.refine_centers:
         return
-    places = (6 * np.arange(frames)[:, None] + np.arange(3, 6)).ravel()
+    places = (own_count * np.arange(frames)[:, None] + np.arange(3, 6)).ravel()
     camera[places, places] += belief * PATH_PRIOR / frames
     gradient[places] += belief * PATH_PRIOR / frames * problem.center.ravel()
     distance = np.maximum(np.linalg.norm(problem.points[:, :3], axis=1), 1e-9)
@@ -466,8 +540,9 @@ def _solve(
     points: np.ndarray,
     point_gradient: np.ndarray,
     damping: float,
+    cameras: int,
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """Steps of the cameras `(F, 6)`, the log focal length and the points `(P, 3)`."""
+    """Steps of the cameras `(F, 6)` or `(F, 7)`, the log focal length and the points `(P, 3)`; `cameras` is F."""
     floor = 1e-9 * max(float(np.einsum("pii->pi", points).mean()), 1e-12)
     diagonal = np.einsum("pii->pi", points)
     inverse = np.linalg.inv(points + (damping * diagonal + floor)[:, :, None] * np.eye(3))
@@ -481,7 +556,7 @@ def _solve(
         reduced -= part @ slope
     step = -np.linalg.solve(system, reduced)
     moved = -np.einsum("pij,pj->pi", inverse, point_gradient + (step @ coupling).T)
-    return step[:-1].reshape(-1, 6), float(step[-1]), moved
+    return step[:-1].reshape(cameras, -1), float(step[-1]), moved
 
 
 def from_matrices(

@@ -4,10 +4,10 @@
    that only turns, all its frames at once set free to move (as structure from small motion does: Yu and Gallup, "3D
    Reconstruction from Accidental Motion", 2014; Ha et al., "High-Quality Depth from Uncalibrated Small Motion Clip", 2016);
    else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image in depth
-   (`mirror`). 4. Where moving explains the tracks no better than turning, the clip is a `pan`, else `moving`, however
-   little. 5. All frames are resected and adjusted together on static tracks, the focal length with them. Held-out frames
-   are never looked at; how much real shake their interpolated cameras will miss is measured
-   (`statistics["cameras"]["interpolation_px"]`).
+   (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the clip is
+   a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the focal
+   length with them. Held-out frames are never looked at; how much real shake their interpolated cameras will miss is
+   measured (`statistics["cameras"]["interpolation_px"]`).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ..geometry.camera import CameraPath
 from ..progress import Progress
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
 from .config import CamerasConfig, PriorsConfig
+from .flow import grey, sample, texture
 from .folder import SEEN_DEPTH
 from .mirror import Witnesses, decide, lowest_is_nearest
 from .sfm import (
@@ -37,6 +38,7 @@ from .sfm import (
     solve_with_tracks,
     subset,
 )
+from .zoom import LARGEST_GAIN, Zoom, find_zoom, mean_cost, zoomed
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -54,6 +56,8 @@ on noise."""
 TRANSLATION_PX = 0.5
 """... and when its path shifts near against far by this many pixels (rms): less is what flow errs by. A rendered turn on the spot
 gives 0.4 px, the least of the real clips that step as well 0.7 px (blackswan)."""
+TURNED_PX = 1.0
+"""Nine in ten tracks of a camera that only turned are met within this; rendered turns on the spot give 0.4 px."""
 LARGE_TRANSLATION_PX = 8.0
 """From here on a translation is `large`: depth is measured, not hinted at."""
 STATIC_MOTION = 0.5
@@ -66,6 +70,9 @@ ADJUSTED_TRACKS = 2000
 """Most tracks in the final adjustment; more cost time and hold the cameras no better."""
 TRACK_WEIGHT = 0.2
 """Weight of a track's sighting against a matched feature's: chained flow drifts, and its errors are shared over time."""
+LEAST_HELD = 0.1
+"""With a smaller fraction of the static tracks on texture that flow can hold on to (`flow.texture` of one half, median over a
+track's sightings), they drift with what moves beside them: 3 % in a sky behind a mover, 56 % and more in the real clips."""
 MIN_TRACKS = 12
 """With fewer static tracks than this nothing can be said about the camera."""
 
@@ -89,15 +96,17 @@ def provide(
 
     shift = static_shift(tracks, visible, static)
     statistics: dict[str, Any] = {"static_tracks": int(static.sum()), "static_shift_px": _json(shift)}
+    unknown = "" if first is not None else _why_unknown(clip, tracks, visible, static)
     if first is not None and settings.kind in (None, "moving") and static.sum() < MIN_TRACKS:
         solution, kind = first, "moving"
         statistics["solver"] = settings.provider
         priors.warn(
             f"Too few points stand still to refine the cameras of {settings.provider}; they are taken as they are."
         )
-    elif settings.kind == "static" or (settings.kind is None and not shift >= STATIC_PX):
-        if static.sum() < MIN_TRACKS and settings.kind is None and len(times) > 1:
-            priors.warn("Too few points stand still to find the camera's motion; it is taken to stand still.")
+    elif settings.kind == "static" or (settings.kind is None and (unknown or not shift >= STATIC_PX)):
+        if settings.kind is None and unknown and len(times) > 1:
+            statistics["assumed"] = unknown
+            priors.warn(f"How the camera moved is not known, because {unknown}; it is taken to stand still.")
         solution, kind = _still(len(times), focal, principal), "static"
     else:
         job = _Job(clip, priors, settings, tracks, visible, static, focal, first, statistics, progress)
@@ -125,6 +134,22 @@ def provide(
     }
     priors.statistics["cameras"] = statistics
     progress("cameras", 4, 4, f"{kind}, focal length {statistics['focal_over_width']:.2f} of the width")
+
+
+def _why_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray) -> str:
+    """Why the static tracks cannot tell how the camera moved; empty where they can."""
+    if static.sum() < MIN_TRACKS:
+        return "too few points stand still"
+    pictures = grey(clip.frames[clip.supervised])
+    held = np.full((len(tracks), int(static.sum())), np.nan, np.float32)
+    for frame, picture in enumerate(pictures):
+        seen = visible[frame, static]
+        held[frame, seen] = sample(texture(picture), tracks[frame, static][seen])
+    known = visible[:, static].any(0)
+    on_texture = np.nanmedian(held[:, known], axis=0) > 0.5
+    if known.any() and on_texture.mean() < LEAST_HELD:
+        return "what stands still has almost no texture to follow"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -262,18 +287,23 @@ def _solve(job: _Job) -> tuple[Solution, str]:
     errors = sample.bundle.errors(sample.observations)
     parallax = float(np.percentile(errors, 90)) if len(errors) else 0.0
     job.statistics.update({"parallax_px": _json(parallax), "pan_focal_search": search})
+    zoom = _zoom(job, turning)
     if job.settings.kind == "pan":
-        return _pan(job, turning, sample.bundle.focal), "pan"
+        return _pan(job, turning, sample.bundle.focal, zoom), "pan"
 
     moved, solver = _moving(job, refocused(turning, job.focal, translating=False))
     if moved is None:
+        if parallax > TURNED_PX:
+            job.statistics["assumed"] = "it could not be reconstructed from what stands still"
         job.priors.warn(
             "The camera's motion could not be reconstructed (too little parallax or texture); only its turning is kept and"
             " the background becomes flat. Give cameras of another program if you have them."
         )
         return _adjusted_pan(turning, sample.bundle.focal), "pan"
-    if job.settings.kind is None and not _translates(job, moved):
-        return _pan(job, turning, sample.bundle.focal), "pan"
+    if zoom is not None and _outdone(zoom, moved):
+        zoom = None
+    if job.settings.kind is None and (zoom is not None or not _translates(job, moved)):
+        return _pan(job, turning, sample.bundle.focal, zoom), "pan"
     if job.lens.refine_focal and solver != "depth":
         job.progress("cameras", 2, 4, "focal length")
         _, job.statistics["focal_search"] = search_focal(moved, job.priors.width, FOCALS)
@@ -281,8 +311,33 @@ def _solve(job: _Job) -> tuple[Solution, str]:
     return moved, "moving"
 
 
-def _pan(job: _Job, turning: Solution, focal: float) -> Solution:
+def _zoom(job: _Job, turning: Solution) -> Zoom | None:
+    """What a lens that zooms explains, where that is most of what turning does not; None where another provider knows the lens."""
+    sample, frames = _sampled(turning)
+    if job.first is not None or not len(sample.observations.frame):
+        return None
+    zoom = find_zoom(sample, frames, job.lens)
+    return zoom if zoom.explains else None
+
+
+def _outdone(zoom: Zoom, moved: Solution) -> bool:
+    """Whether a moving camera explains far more than the zoom."""
+    sample, _ = _sampled(moved)
+    unknowns = 6 * len(sample.bundle.center) + 3 * len(sample.bundle.points)
+    return mean_cost(sample.bundle, sample.observations, unknowns) < LARGEST_GAIN * zoom.cost
+
+
+def _pan(job: _Job, turning: Solution, focal: float, zoom: Zoom | None = None) -> Solution:
     job.statistics.pop("mirror", None)
+    if zoom is not None:
+        found = zoomed(turning, zoom, None if job.lens.refine_focal else job.focal)
+        told = job.statistics["zoom"] = zoom.summary(found.bundle, job.priors.width)
+        job.statistics.pop("pan_focal_search", None)
+        job.priors.warn(
+            f"The lens zooms ({told['factor']:.2f} times): a zoom looks like a step forward, so the camera is taken to stand"
+            " and turn, and the depth of the background is a guess."
+        )
+        return found
     job.priors.warn(
         "The camera only turns (almost no parallax): the depth of the background cannot be measured, so it is a guess"
         " and views from other places will look flat."
@@ -315,9 +370,7 @@ def _right_way_round(job: _Job, start: Solution) -> Solution | None:
     job.statistics["mirror"] = decision.summary()
     registered = np.zeros(len(job.tracks), bool)
     registered[frames] = True
-    rotation, center = start.bundle.rotation.copy(), start.bundle.center.copy()
-    rotation[frames], center[frames] = decision.bundle.rotation, decision.bundle.center
-    bundle = replace(decision.bundle, rotation=rotation, center=center)
+    bundle = replace(start.bundle.with_frames(frames, decision.bundle), points=decision.bundle.points)
     observations = replace(sample.observations, frame=frames[sample.observations.frame])
     return Solution(bundle, observations, registered)
 
@@ -339,7 +392,7 @@ def _translates(job: _Job, moved: Solution) -> bool:
     still = replace(still, center=np.zeros_like(still.center))
     fixed = replace(job.lens, refine_centers=False, iterations=20)
     still = adjust(still, seen, fixed)
-    costs = [_mean_cost(one, seen) for one in (bundle, still)]
+    costs = [mean_cost(one, seen) for one in (bundle, still)]
     unknown = 3 * len(bundle.center) + len(bundle.points)
     gain = 1 - costs[0] / max(costs[1], 1e-12) / max(1 - unknown / (2 * len(seen.frame)), 0.1)
     z = bundle.local(seen)[:, 2]
@@ -355,12 +408,6 @@ def _translates(job: _Job, moved: Solution) -> bool:
         "verdict": verdict if real else "none",
     }
     return real
-
-
-def _mean_cost(bundle: Bundle, observations: Observations) -> float:
-    """Mean Cauchy cost (px^2) of the sightings."""
-    squared = np.minimum(bundle.errors(observations), 1e3) ** 2
-    return float(np.log1p(squared).mean())
 
 
 def _moving(job: _Job, turning: Solution) -> tuple[Solution | None, str]:
@@ -497,11 +544,13 @@ def _interpolated(bundle: Bundle, registered: np.ndarray, frames: np.ndarray, ti
         world_to_camera=path.world_to_camera[registered],
         times=times[registered],
     )
-    rotation, center = bundle.rotation.copy(), bundle.center.copy()
-    for frame in frames:
-        camera = known.at(times[frame])
-        rotation[frame], center[frame] = camera.world_to_camera[:3, :3], camera.center
-    return replace(bundle, rotation=rotation, center=center)
+    cameras = [known.at(times[frame]) for frame in frames]
+    found = replace(
+        bundle.of_frames(frames),
+        rotation=np.stack([camera.world_to_camera[:3, :3] for camera in cameras]),
+        center=np.stack([camera.center for camera in cameras]),
+    )
+    return bundle.with_frames(frames, found)
 
 
 def _without_outliers(bundle: Bundle, observations: Observations) -> tuple[Bundle, Observations]:

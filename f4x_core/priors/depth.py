@@ -20,7 +20,7 @@ from ..progress import Progress
 from .bundle import Observations, from_matrices, triangulate
 from .cameras import static_tracks
 from .config import PriorsConfig
-from .flow import consistent, grey, long_flows
+from .flow import consistent, grey, long_flows, texture
 from .movers import GUESS_CONFIDENCE, MOVING_MARGIN, place_objects
 
 if TYPE_CHECKING:
@@ -38,8 +38,6 @@ MISS_LIMIT_PX = 5.0
 PLAIN_NOISE, PLAIN_SAMPLES = 0.4, 20
 """Where nothing is measured, inverse depth is that of a plane below and a wall above, give or take this much of the median; both
 are fitted to what is measured, against so many samples of the usual ones."""
-FEATURELESS = 4.0
-"""Grey-level gradient (standard deviation over 7 px) at which flow is trusted half."""
 TRACK_NOISE_PX = 0.4
 TRACK_OUTLIER_PX = 2.0
 """A track whose root mean square reprojection error is larger is no static point."""
@@ -277,7 +275,7 @@ def _static_depth(
                 part.reshape(grid.shape[:2])
                 for part in inverse_depth_from_flow(priors.cameras, i, grid.reshape(-1, 2), targets)
             )
-        precision *= _texture(pictures[i])[rows[:, None], columns] * ~blocked[i][rows[:, None], columns]
+        precision *= texture(pictures[i])[rows[:, None], columns] * ~blocked[i][rows[:, None], columns]
         _add_tracks(rho, precision, *tracks[i], blocked[i])
         usual = (
             1 / max(float(np.median(1 / np.maximum(rho[precision > 0], 1e-6))), 1e-6) if (precision > 0).any() else 1.0
@@ -376,14 +374,6 @@ def _add_tracks(
     np.add.at(total, (row, column), (inverse * trust)[free])
     np.add.at(precision, (row, column), trust[free])
     np.divide(total, precision, out=rho, where=precision > 0)
-
-
-def _texture(picture: np.ndarray) -> np.ndarray:
-    """0..1: how well flow can hold on to the picture, by the standard deviation of grey levels over 7 px."""
-    values = picture.astype(np.float32)
-    mean = ndimage.uniform_filter(values, 7)
-    spread = np.sqrt(np.maximum(ndimage.uniform_filter(values**2, 7) - mean**2, 0))
-    return spread**2 / (spread**2 + FEATURELESS**2)
 
 
 def _confidence(filled: np.ndarray, rho: np.ndarray, precision: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import ndimage
 
 from ..errors import F4xError
 from ..progress import Progress
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from ..clip import Clip
     from .folder import Priors
 
+FEATURELESS = 4.0
+"""Grey-level gradient (standard deviation over 7 px) at which flow is trusted half."""
 Flow = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -101,6 +104,14 @@ def consistent_at(points: np.ndarray, there: np.ndarray, back: np.ndarray) -> np
 def _agree(points: np.ndarray, there: np.ndarray, returned: np.ndarray, height: int, width: int) -> np.ndarray:
     close = length(there + returned) < 0.5 * (length(there) + length(returned)) + 0.5
     return close & inside(points + there, height, width)
+
+
+def texture(picture: np.ndarray) -> np.ndarray:
+    """(H,W) in 0..1: how well flow can hold on to a grey `picture` (H,W), by the standard deviation of grey levels over 7 px."""
+    values = picture.astype(np.float32)
+    mean = ndimage.uniform_filter(values, 7)
+    spread = np.sqrt(np.maximum(ndimage.uniform_filter(values**2, 7) - mean**2, 0))
+    return spread**2 / (spread**2 + FEATURELESS**2)
 
 
 def compose(first: np.ndarray, second: np.ndarray) -> np.ndarray:

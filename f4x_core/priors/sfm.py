@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry import pose, quaternion
-from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, resect, triangulate
+from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, rays, resect, triangulate
 
 MATCH_GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 """Keyframe distances whose pictures are matched: dense nearby, sparse for loops; all pairs would cost 5x the time."""
@@ -289,20 +289,18 @@ def adjust_known(
         return bundle
     frame_row, point_row = np.zeros(len(registered), int), np.zeros(len(bundle.points), int)
     frame_row[frames], point_row[points] = np.arange(len(frames)), np.arange(len(points))
-    part = replace(bundle, rotation=bundle.rotation[frames], center=bundle.center[frames], points=bundle.points[points])
+    part = replace(bundle.of_frames(frames), points=bundle.points[points])
     seen = replace(seen, frame=frame_row[seen.frame], point=point_row[seen.point])
     part = adjust(part, seen, config)
-    rotation, center, xyz = bundle.rotation.copy(), bundle.center.copy(), bundle.points.copy()
-    rotation[frames], center[frames], xyz[points] = part.rotation, part.center, part.points
-    return replace(part, rotation=rotation, center=center, points=xyz)
+    xyz = bundle.points.copy()
+    xyz[points] = part.points
+    return replace(bundle.with_frames(frames, part), points=xyz)
 
 
 def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
     """Points at distance 1 in the mean direction of their sightings: a world without depth."""
-    local = bearings(observations.uv, bundle.focal, bundle.principal)
-    world = np.einsum("oji,oj->oi", bundle.rotation[observations.frame], local)
     points = np.zeros_like(bundle.points)
-    np.add.at(points, observations.point, world)
+    np.add.at(points, observations.point, rays(bundle, observations))
     return replace(bundle, points=points / (np.linalg.norm(points, axis=1, keepdims=True) + 1e-12))
 
 
@@ -316,12 +314,7 @@ def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.n
     chosen = np.sort(np.argsort(-length, kind="stable")[:points])
     chosen = chosen[length[chosen] >= 3]
     seen = seen.keep(np.isin(seen.point, chosen))
-    bundle = replace(
-        solution.bundle,
-        rotation=solution.bundle.rotation[kept],
-        center=solution.bundle.center[kept],
-        points=solution.bundle.points[chosen],
-    )
+    bundle = replace(solution.bundle.of_frames(kept), points=solution.bundle.points[chosen])
     seen = replace(seen, frame=np.searchsorted(kept, seen.frame), point=np.searchsorted(chosen, seen.point))
     return Solution(bundle, seen, np.ones(len(kept), bool)), kept
 

@@ -18,6 +18,8 @@ def test_true_priors_meet_and_wrong_ones_are_said():
     assert contradiction(priors) < 0.1 and "contradict" not in said(priors)
     priors.cameras = priors.cameras.scaled_world(3.0)
     assert contradiction(priors) > 1 and "contradict each other" in said(priors)
+    priors.statistics["cameras"] = {"assumed": "too few points stand still"}  # then that is what is wrong
+    assert "contradict each other" not in said(priors)
     priors.depth = None
     assert not contradiction(priors) > 0 and "contradict" not in said(priors)
 

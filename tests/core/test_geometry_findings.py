@@ -238,3 +238,67 @@ def test_a_small_step_and_the_origin_of_depth_are_noted():
     assert "decided by: size (2), surroundings (1). Surroundings are a guess" in notes()
     priors.statistics["depth"] = {"movers": [{"decided_by": "ground contact", "group": 0}]}
     assert "decided by: ground contact." in notes() and "Surroundings" not in notes()
+
+
+def resting(jumps: dict[int, float], drift: float = 0.0):
+    """Priors of a camera whose picture rests (or drifts by pixels a frame) and is off by some pixels in some frames."""
+    _, priors = toy.clip_and_priors(frames=20)
+    shift = np.array([drift * frame + jumps.get(frame, 0.0) for frame in range(20)])
+    place = np.random.default_rng(0).uniform(5, 35, (40, 2))
+    priors.tracks = (place[None] + shift[:, None, None] * [1.0, 0.0]).astype(np.float32)
+    priors.tracks_visible, priors.tracks_motion = np.ones((20, 40), bool), np.zeros(40, np.float32)
+    return priors
+
+
+@pytest.mark.parametrize(
+    ("jumps", "words"),
+    [
+        ({7: 15.0, 8: -5.0}, "bumped between frames 7 and 9: the picture jumps by up to 20 px"),
+        ({frame: 4.0 for frame in range(12, 20)}, "bumped at frame 12: the picture jumps by up to 4 px"),
+    ],
+)
+def test_a_bumped_tripod_is_named(jumps, words):
+    assert words in " ".join(finding.what for finding in findings(resting(jumps), None, {}))
+
+
+@pytest.mark.parametrize(
+    "priors",
+    [resting({}), resting({7: 0.2}), resting({7: 15.0}, drift=2.0), resting({f: 5.0 * (f % 2) for f in range(20)})],
+    ids=["rests", "hardly", "is carried", "shakes"],
+)
+def test_no_other_camera_is_bumped(priors):
+    assert "bumped" not in " ".join(finding.what for finding in findings(priors, None, {}))
+
+
+def test_a_camera_that_is_only_assumed_to_stand_still_is_not_said_to_have_done_so():
+    _, priors = toy.clip_and_priors()
+    priors.camera_kind, priors.statistics["cameras"] = "static", {"assumed": "too few points stand still"}
+    told = " ".join(finding.what for finding in findings(priors, None, {}))
+    assert (
+        "How the camera moved is not known, because too few points stand still" in told
+        and "The camera stood still" not in told
+    )
+    priors.statistics["cameras"] = {}
+    assert "The camera stood still" in " ".join(finding.what for finding in findings(priors, None, {}))
+
+
+@pytest.mark.parametrize(("share", "weight"), [(0.3, "good"), (0.7, "note")])
+def test_a_path_that_rests_on_little_is_no_praise(share, weight):
+    _, priors = toy.clip_and_priors()
+    priors.cameras, priors.statistics["cameras"] = (
+        orbiting(np.linspace(0, 20, len(priors.frames))),
+        {"static_tracks": 82},
+    )
+    priors.depth, priors.mask = np.ones_like(priors.depth), np.zeros_like(priors.mask)
+    priors.mask[:, : int(share * priors.height)] = True
+    found = {finding.what: finding.weight for finding in findings(priors, None, {})}
+    assert [found[what] for what in found if "path spans" in what] == [weight]
+    assert any("and the cameras rest on 82 points of it" in what for what in found) == (weight == "note")
+
+
+def test_a_zoom_is_named_with_its_factor():
+    _, priors = toy.clip_and_priors()
+    priors.camera_kind, priors.statistics["cameras"] = "pan", {"zoom": {"factor": 1.4}}
+    told = [finding for finding in findings(priors, None, {}) if "zoomed" in finding.what]
+    assert len(told) == 1 and "(1.40 times)" in told[0].what and "instead of zooming" in told[0].advice
+    assert told[0].weight == "problem"

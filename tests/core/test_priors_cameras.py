@@ -36,7 +36,7 @@ def truth(frames=12, travel=0.5, turn=0.25, points=300, seed=0):
 def project(bundle, noise=0.0, seed=1):
     """Tracks (F, N, 2) and visibility (F, N) of all points."""
     local = np.einsum("fij,fnj->fni", bundle.rotation, bundle.points[None] - bundle.center[:, None])
-    uv = bundle.focal * local[..., :2] / local[..., 2:] + bundle.principal
+    uv = bundle.focals[:, None, None] * local[..., :2] / local[..., 2:] + bundle.principal
     uv += noise * np.random.default_rng(seed).standard_normal(uv.shape)
     inside = (uv > 0).all(-1) & (uv[..., 0] < WIDTH) & (uv[..., 1] < HEIGHT) & (local[..., 2] > 0)
     return uv.astype(np.float32), inside
@@ -57,7 +57,7 @@ def path_error(found, true):
 
 def clip_and_priors(tracks, visible, motion=None):
     frames = len(tracks)
-    pictures = np.zeros((frames, HEIGHT, WIDTH, 3), np.uint8)
+    pictures = np.random.default_rng(5).integers(0, 256, (frames, HEIGHT, WIDTH, 3), np.uint8)
     clip = Clip("toy", pictures, np.arange(frames, dtype=np.float64), 24.0, np.zeros(frames, bool), "toy")
     priors = Priors.empty(clip)
     priors.tracks, priors.tracks_visible = tracks, visible
@@ -85,12 +85,16 @@ def test_adjustment_undoes_disturbed_cameras_points_and_focal():
 
 
 @pytest.mark.parametrize("belief", [0.0, 50.0])
-def test_normal_equations_are_the_derivative_of_the_cost(belief):
-    """The gradient that moves cameras, focal length and points against finite differences of the robust cost, with priors."""
+@pytest.mark.parametrize("zooms", [False, True])
+def test_normal_equations_are_the_derivative_of_the_cost(belief, zooms):
+    """The gradient that moves cameras, focal lengths and points against finite differences of the robust cost, with priors."""
     from f4x_core.priors import bundle as module
 
     true = truth(frames=4, points=20)
-    observations, config = observe(true, noise=1.0), BundleConfig(expected_focal=1.3 * FOCAL)
+    if zooms:
+        true = replace(true, zoom=np.array([0.9, 1.0, 1.2, 1.1]))
+    observations = observe(true, noise=1.0)
+    config = BundleConfig(expected_focal=1.3 * FOCAL, refine_zoom=zooms)
     problem = module._Problem.of(true, true.center[2], 2.0)
     _, gradient, _, _, point_gradient = module._normal_equations(problem, observations, config, belief)
 
@@ -98,9 +102,9 @@ def test_normal_equations_are_the_derivative_of_the_cost(belief):
         moved = problem.moved(cameras, focal, points, config)
         return (module._cost(moved, observations, config) + module._prior_cost(moved, config, belief)) / 2
 
-    zero, still = np.zeros((4, 6)), np.zeros((20, 3))
+    zero, still = np.zeros((4, 7 if zooms else 6)), np.zeros((20, 3))
     h = 1e-6
-    for row in (1, 7, 16, 23):
+    for row in (1, 7, 16, 23, *((6, 13, 20, 27) if zooms else ())):
         step = zero.copy()
         step.flat[row] = h
         slope = (cost(step, 0.0, still) - cost(-step, 0.0, still)) / (2 * h)
@@ -210,6 +214,52 @@ def test_turning_camera_is_a_pan_with_the_right_turn():
     assert angle < 2  # of 35 degrees: focal length and turn trade against each other
 
 
+def zoom_of(frames, factor):
+    """Zoom from 1 to `factor` over its geometric mean, starting and stopping softly."""
+    along = np.clip(np.linspace(-0.3, 1.3, frames), 0, 1)
+    zoom = factor**along
+    return zoom / np.exp(np.log(zoom).mean())
+
+
+def test_a_focal_length_per_frame_is_found_beside_a_turn():
+    true = replace(truth(travel=0.0), zoom=zoom_of(12, 1.4))
+    start = replace(true, zoom=None, points=true.points / np.linalg.norm(true.points, axis=1, keepdims=True))
+    found = adjust(start, observe(true), BundleConfig(refine_centers=False, refine_zoom=True, iterations=60))
+    assert np.median(start.errors(observe(true))) > 5 > 0.05 > np.median(found.errors(observe(true)))
+    assert found.focals / found.focals[0] == pytest.approx(true.focals / true.focals[0], rel=0.01)
+    assert np.log(found.zoom).mean() == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_a_lens_that_zooms_is_told_from_a_step(turn):
+    true = replace(truth(frames=30, travel=0.0, turn=turn, points=400), zoom=zoom_of(30, 1.4))
+    clip, priors = clip_and_priors(*project(true, noise=0.3))
+    provide(clip, priors, PriorsConfig(), silent)
+    focals = priors.cameras.intrinsics[:, 0, 0]
+    assert priors.camera_kind == "pan" and not priors.cameras.centers.any()
+    assert priors.statistics["cameras"]["zoom"]["factor"] == pytest.approx(1.4, rel=0.03)
+    assert focals / focals[0] == pytest.approx(true.focals / true.focals[0], rel=0.02)
+    assert "The lens zooms (1.4" in " ".join(priors.warnings)
+
+
+def test_a_known_focal_length_is_that_of_the_first_frame_of_a_zoom():
+    true = replace(truth(frames=30, travel=0.0, points=400), zoom=zoom_of(30, 1.4))
+    clip, priors = clip_and_priors(*project(true, noise=0.3))
+    config = replace(PriorsConfig(), cameras=CamerasConfig(focal=true.focals[0] / WIDTH))
+    provide(clip, priors, config, silent)
+    assert priors.cameras.intrinsics[:, 0, 0] == pytest.approx(true.focals, rel=0.02)
+
+
+@pytest.mark.parametrize("step", [(0.0, 0.0, 0.7), (0.4, 0.1, 0.3)], ids=["forward", "sideways"])
+def test_a_step_is_no_zoom(step):
+    true = truth(frames=30, turn=0.1, points=400)
+    true = replace(true, center=np.linspace(-0.5, 0.5, 30)[:, None] * np.array(step))
+    clip, priors = clip_and_priors(*project(true, noise=0.3))
+    provide(clip, priors, PriorsConfig(), silent)
+    assert priors.camera_kind == "moving" and "zoom" not in priors.statistics["cameras"]
+    assert np.ptp(priors.cameras.intrinsics[:, 0, 0]) == 0
+
+
 def test_moving_camera_from_tracks_alone():
     true = truth(travel=0.8)
     tracks, visible = project(true, noise=0.1)
@@ -235,7 +285,19 @@ def test_no_tracks_at_all_gives_a_standing_camera_and_says_so():
     clip, priors = clip_and_priors(np.zeros((5, 0, 2), np.float32), np.zeros((5, 0), bool))
     provide(clip, priors, PriorsConfig(), silent)
     assert priors.camera_kind == "static"
-    assert any("Too few points" in line for line in priors.warnings)
+    assert any("too few points stand still" in line for line in priors.warnings)
+    assert priors.statistics["cameras"]["assumed"] == "too few points stand still"
+
+
+def test_tracks_in_a_plain_sky_hold_no_camera():
+    tracks, visible = project(truth(), noise=0.3)
+    clip, priors = clip_and_priors(tracks, visible)
+    sky = np.full_like(clip.frames, 200) + np.arange(HEIGHT, dtype=np.uint8)[:, None, None] // 4
+    sky[:, -9:] = clip.frames[:, -9:]  # a strip of ground holds less than a tenth of them
+    for pictures, kind in ((clip.frames, "moving"), (sky, "static")):
+        provide(replace(clip, frames=pictures), priors, PriorsConfig(), silent)
+        assert priors.camera_kind == kind
+    assert priors.statistics["cameras"]["assumed"] == "what stands still has almost no texture to follow"
 
 
 def test_interpolation_error_measures_shake():

@@ -27,6 +27,13 @@ def ground(travel=0.06, points=400, seed=0, frames=12):
     return Bundle(FOCAL, PRINCIPAL, rotation, center, local)
 
 
+def ceiling(**changes):
+    """`ground` upside down: nearer above, which is not usual."""
+    upright, flip = ground(**changes), np.diag([1.0, -1.0, 1.0])
+    rotation = flip @ upright.rotation @ flip
+    return replace(upright, points=upright.points @ flip, rotation=rotation, center=upright.center @ flip)
+
+
 def witnesses(tracks, visible, **more):
     return Witnesses(np.arange(len(tracks)), tracks, visible, np.ones(tracks.shape[1], bool), **more)
 
@@ -58,11 +65,8 @@ def test_the_right_way_round_is_found_from_either_side(start):
 
 
 def test_a_depth_prior_overrules_what_is_usual():
-    """A ceiling: nearer above. Only the depth prior knows."""
-    upright = ground()
-    flip = np.diag([1.0, -1.0, 1.0])
-    turned = flip @ upright.rotation @ flip
-    true = replace(upright, points=upright.points @ flip, rotation=turned, center=upright.center @ flip)
+    """A ceiling: only the depth prior knows."""
+    true = ceiling()
     tracks, visible = project(true, noise=0.2)
     depth = np.full((len(tracks), HEIGHT, WIDTH), np.nan, np.float32)
     for frame in range(len(tracks)):

@@ -142,7 +142,7 @@ def film(
     eye: Places = SIDEWAYS,
     look: Places = following,
     frames: int = FRAMES,
-    focal: float = FOCAL,
+    focal: float | Callable[[float], float] = FOCAL,
     size: tuple[int, int] = (WIDTH, HEIGHT),
     hold_out: int = 4,
     shutter: float = 0.0,
@@ -151,18 +151,21 @@ def film(
     cut_to: tuple[int, Sequence[Card]] | None = None,
     rays: int = 1,
 ) -> Film:
-    """Film `cards` from `eye`, turned by the rotation vector `look`.
+    """Film `cards` from `eye`, turned by the rotation vector `look`, with the focal length `focal` (a number or one of the time).
 
     `shutter`: share of a frame that the shutter is open (motion blur); `readout`: share of a frame between the first and
     the last row (rolling shutter); `gain`: exposure; `cut_to`: from that frame on other cards are seen; `rays`: rays along
     either side of a pixel.
     """
     width, height = size
-    lens = np.array([[focal * width, 0, width / 2], [0, focal * width, height / 2], [0, 0, 1]])
+
+    def lens(time: float) -> np.ndarray:
+        length = width * (focal(time) if callable(focal) else focal)
+        return np.array([[length, 0, width / 2], [0, length, height / 2], [0, 0, 1]])
 
     def camera(time: float) -> Camera:
         q = quaternion.from_rotation_vector(look(time))
-        return Camera(lens, pose.to_matrix(*pose.invert(q, eye(time))), width, height)
+        return Camera(lens(time), pose.to_matrix(*pose.invert(q, eye(time))), width, height)
 
     def shown(time: float) -> Sequence[Card]:
         return cut_to[1] if cut_to and time >= cut_to[0] else cards
@@ -196,7 +199,7 @@ def film(
     times = np.arange(frames, dtype=float)
     clip = Clip("film", np.stack(pictures), times, 24.0, held_out, "film")
     path = CameraPath(
-        np.tile(lens, (frames, 1, 1)), np.stack([camera(t).world_to_camera for t in times]), times, width, height
+        np.stack([lens(t) for t in times]), np.stack([camera(t).world_to_camera for t in times]), times, width, height
     )
     return Film(clip, path, np.stack(depths).astype(np.float32), np.stack(masks), show)
 

@@ -97,7 +97,8 @@ class Fitted:
 def fit(film: Film, lens_known: bool = True, **priors: Any) -> Fitted:
     """Priors, fit and evaluation; `priors` are arrays or files that the user gives.
 
-    The lens is given unless it is what a case is about: pictures as small as these hardly tell it (`lens_not_known.py`).
+    The lens (of the first frame, where it zooms) is given unless it is what a case is about: pictures as small as these hardly
+    tell it (`lens_not_known.py`).
     """
     with tempfile.TemporaryDirectory() as folder:
         focal = float(film.cameras.intrinsics[0, 0, 0]) / film.clip.width if lens_known else None
