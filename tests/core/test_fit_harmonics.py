@@ -68,6 +68,15 @@ def test_pictures_that_are_right_already_and_noise_ask_for_nothing():
     assert next_band(stage.model, noisy, stage.raster, "torch").gain < GAIN_DB
 
 
+def test_a_change_of_light_over_a_short_path_is_not_taken_for_a_steep_slope():
+    """A slope that explains it within a few degrees is white fog when the thing is seen from 20 degrees aside."""
+    stage = stage_of(*clip_and_priors(FRAMES, moving=False))
+    drawn = torch.stack([255 * stage.picture(frame) for frame in range(FRAMES)])
+    brighter = torch.linspace(0.9, 1.1, FRAMES)[:, None, None, None]
+    band = next_band(stage.model, (drawn * brighter).clamp(0, 255).round().byte(), stage.raster, "torch")
+    assert band.more.abs().quantile(0.99) < 0.5
+
+
 @pytest.mark.parametrize("backend", ["auto", "reference"])
 def test_backends_agree(backend):
     clip, priors = clip_and_priors(4, moving=True)
