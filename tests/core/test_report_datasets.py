@@ -360,7 +360,7 @@ def test_test_cameras_are_placed_by_the_fit_and_matching_takes_out_a_shift(tmp_p
     shift[0, 3] = 0.01
     aside = [replace(camera, world_to_camera=shift @ camera.world_to_camera) for camera in placed]
     off = score_views(scene, own, aside, masked=False)["PSNR (dB)"]
-    steps = replace(DYCHECK.first, steps=40, rate=1e-3, last_rate=1e-5)
+    steps = replace(DYCHECK.first, steps=80, rate=1e-3, last_rate=1e-5)
     matched = match_cameras(scene, own, aside, replace(DYCHECK, first=steps, others=replace(steps, steps=3, rate=1e-5)))
     assert score_views(scene, own, matched, masked=False)["PSNR (dB)"] > off + 10
     assert np.linalg.norm(matched[-1].center - placed[-1].center) < 0.006  # a turn stands in for a part of the shift

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import binary_erosion, map_coordinates
 
 from f4x_core.fit.config import profile
 from f4x_core.geometry import dual_quaternion, pose, quaternion
@@ -87,7 +88,7 @@ def test_novel_views_are_views_of_the_same_world(arm):
     """A still point of the wall has the same colour from both paths (its texture does not shine)."""
     camera, time, view = arm.novel_views[1]
     own = arm.views[int(time)]
-    xyz = arm.at(time)[0][arm.label_of == arm.labels.index("wall")]
+    xyz = arm.at(time)[arm.label_of == arm.labels.index("wall")]
     found = []
     for cam, seen in ((arm.cameras[int(time)], own), (camera, view)):
         uv, z = cam.project(xyz)
@@ -101,6 +102,42 @@ def test_novel_views_are_views_of_the_same_world(arm):
     one, other = found[0][1][both], found[1][1][both]
     unrelated = np.abs(one - np.roll(other, len(other) // 3, axis=0)).mean()
     assert np.abs(one - other).mean() < 0.5 * unrelated
+
+
+def warped(world, frame, other):
+    """Picture (H,W,3) of `frame` made of that of `other` along the true depth and cameras, and where it shows the wall (H,W)."""
+    here, there = world.views[frame], world.views[other]
+    camera, second = world.cameras[frame], world.cameras[other]
+    wall = world.labels.index("wall")
+    x = camera.unproject(camera.pixel_grid(), np.nan_to_num(here.depth, nan=1.0))
+    uv, z = second.project(x)
+    place = [uv[..., 1] - 0.5, uv[..., 0] - 0.5]
+    picture = np.stack([map_coordinates(channel, place, order=3) for channel in there.rgb.transpose(2, 0, 1)], -1)
+    depth = map_coordinates(np.nan_to_num(there.depth), place, order=1)
+    return picture, (here.mix[..., wall] > 0.99) & (np.abs(depth - z) < 0.01 * z)
+
+
+@pytest.mark.parametrize("frames", [(0, 9), (0, 4), (5, 9)])
+def test_true_cameras_explain_what_stands_to_a_tenth_of_a_pixel(frames):
+    """Else a fit that has the true cameras is led away from them, and judged by that."""
+    world = toy_worlds.make_world("static", 96, 10)
+    picture, wall = warped(world, *frames)
+    target = world.views[frames[0]].rgb
+    gradient = np.stack(np.gradient(target.mean(-1)), -1)
+    inner = binary_erosion(wall, iterations=2)
+    assert inner.sum() > 1000
+    error = (target - picture).mean(-1)[inner]
+    shift = np.linalg.lstsq(gradient[inner], error, rcond=None)[0]  # rows and columns, to first order
+    assert np.abs(shift).max() < 0.1
+    assert np.abs((target - picture)[inner]).mean() < 0.01
+
+
+def test_barycentric_weights_make_the_point():
+    rng = np.random.default_rng(0)
+    triangles = rng.normal(size=(20, 3, 3))
+    weights = rng.dirichlet(np.ones(3), 20)
+    points = np.einsum("nk,nkc->nc", weights, triangles)
+    assert np.allclose(toy_worlds.barycentric(points, triangles), weights)
 
 
 def test_truth_scores_without_error(arm):
