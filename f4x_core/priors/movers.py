@@ -80,6 +80,20 @@ class _Mover:
     """Its structure, where it has one."""
 
 
+@dataclass(frozen=True)
+class _Maps:
+    """What is known of every pixel, each (F, H, W)."""
+
+    inverse: np.ndarray
+    """Inverse depth; that of what moves is written."""
+    confidence: np.ndarray
+    """0..1; that of what moves is written."""
+    static_confidence: np.ndarray
+    """The same as it was before."""
+    moving: np.ndarray
+    """bool."""
+
+
 def place_objects(
     inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, priors: Priors
 ) -> list[dict[str, Any]]:
@@ -89,7 +103,7 @@ def place_objects(
     motion", "ground contact", "size" or "surroundings"), and `emf_degrees`, the angle of the rays its points were seen from
     in its own axes (0 where unknown).
     """
-    static_confidence = confidence.copy()
+    maps = _Maps(inverse, confidence, confidence.copy(), moving)
     confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
     labels, _ = ndimage.label(moving)
     on_mover = _labels_of_tracks(labels, priors)
@@ -103,10 +117,8 @@ def place_objects(
         tracks = np.flatnonzero(_mostly(on_mover == number, priors))
         whole = _Mover(frames, masks[seen], tracks)
         for mover in (body for thing in _things(whole, priors) for body in _bodies(thing, priors)):
-            if mover.motion is None:
-                decided = _place_card(mover, inverse, confidence, static_confidence, moving, priors)
-            else:
-                decided = _place_body(mover, inverse, confidence, static_confidence, moving, priors)
+            place = _place_card if mover.motion is None else _place_body
+            decided = place(mover, maps, priors)
             rows.append(
                 {
                     "group": len(rows),
@@ -245,18 +257,11 @@ def _split(region: _Mover, bodies: list[_Mover], priors: Priors) -> list[_Mover]
     return [body for body in found if len(body.frames)]
 
 
-def _place_card(
-    mover: _Mover,
-    inverse: np.ndarray,
-    confidence: np.ndarray,
-    static_confidence: np.ndarray,
-    moving: np.ndarray,
-    priors: Priors,
-) -> str:
+def _place_card(mover: _Mover, maps: _Maps, priors: Priors) -> str:
     """The last resort, one upright plane per frame, written in place; returns what decided its depth."""
     contacts = np.array(
         [
-            _contact(inverse[f], static_confidence[f], moving[f], mask)
+            _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
             for f, mask in zip(mover.frames, mover.masks, strict=True)
         ]
     )
@@ -267,36 +272,32 @@ def _place_card(
     tilt = ndimage.gaussian_filter1d(tilt * (trust + 1e-3), TILT_FRAMES) / norm
     for f, mask, value, slope, sure in zip(mover.frames, mover.masks, solved, tilt, certain, strict=True):
         y, x = np.nonzero(mask)
-        inverse[f][y, x] = value * np.clip(1 + slope * (x - x.mean()), *TILT_RANGE)
-        confidence[f][y, x] = MOVING_CONFIDENCE * sure if priors.camera_kind == "moving" else GUESS_CONFIDENCE
+        maps.inverse[f][y, x] = value * np.clip(1 + slope * (x - x.mean()), *TILT_RANGE)
+        maps.confidence[f][y, x] = MOVING_CONFIDENCE * sure if priors.camera_kind == "moving" else GUESS_CONFIDENCE
     stands = (trust > NO_CONTACT).mean()
     return "surroundings" if stands == 0 else "ground contact" if stands >= MOST_FRAMES else "size"
 
 
-def _place_body(
-    mover: _Mover,
-    inverse: np.ndarray,
-    confidence: np.ndarray,
-    static_confidence: np.ndarray,
-    moving: np.ndarray,
-    priors: Priors,
-) -> str:
+def _place_body(mover: _Mover, maps: _Maps, priors: Priors) -> str:
     """A rigid body at one scale for all frames, written in place; returns what decided its depth."""
     shapes = _relative_inverse(mover, priors)
     ratio, trust = np.zeros((2, len(shapes)))
     for i, (f, mask, shape) in enumerate(zip(mover.frames, mover.masks, shapes, strict=True)):
-        edge = _ground_edge(inverse[f], static_confidence[f], moving[f], mask)
+        edge = _ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
         if edge is None:
-            rim = ndimage.binary_dilation(mask, iterations=2 * MOVING_MARGIN) & ~moving[f]
-            ratio[i], trust[i] = np.median(inverse[f][rim] if rim.any() else inverse[f]) / np.median(shape), NO_CONTACT
+            rim = ndimage.binary_dilation(mask, iterations=2 * MOVING_MARGIN) & ~maps.moving[f]
+            ratio[i], trust[i] = (
+                np.median(maps.inverse[f][rim] if rim.any() else maps.inverse[f]) / np.median(shape),
+                NO_CONTACT,
+            )
             continue
         lowest = np.zeros(mask.shape[1])
         lowest[np.nonzero(mask)[1]] = shape  # rows ascend, so the last one written is the lowest
         ratio[i], trust[i] = float(np.quantile(edge.ground / lowest[edge.columns], TOUCHING)), edge.trust
     scale = one_scale(np.maximum(ratio, 1e-9), trust)
     for f, mask, shape in zip(mover.frames, mover.masks, shapes, strict=True):
-        inverse[f][mask] = scale * shape
-        confidence[f][mask] = BODY_CONFIDENCE if priors.camera_kind == "moving" else GUESS_CONFIDENCE
+        maps.inverse[f][mask] = scale * shape
+        maps.confidence[f][mask] = BODY_CONFIDENCE if priors.camera_kind == "moving" else GUESS_CONFIDENCE
     return "its own motion"
 
 
