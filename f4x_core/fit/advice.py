@@ -237,13 +237,19 @@ def _about_scores(metrics: Mapping[str, Any], profile: str = SHORT_PROFILE) -> l
     return found
 
 
+def fair_psnr(row: Mapping[str, Any]) -> float:
+    """PSNR of a frame of the metrics, with its registered camera where it was held out: an interpolated one blames the scene
+    for the hand that shook."""
+    return float(row.get("psnr_registered", row["psnr"]))
+
+
 def _about_single_frames(metrics: Mapping[str, Any]) -> list[Finding]:
     """Frames far below the others, and why a held-out frame at the clip's end is one of them."""
     rows = metrics.get("frames", [])
     if not rows:
         return []
-    median = float(np.median([row["psnr"] for row in rows]))
-    low = {row["frame"]: row["held_out"] for row in rows if row["psnr"] < median - FRAME_GAP}
+    median = float(np.median([fair_psnr(row) for row in rows]))
+    low = {row["frame"]: row["held_out"] for row in rows if fair_psnr(row) < median - FRAME_GAP}
     ends = [frame for frame in (rows[0]["frame"], rows[-1]["frame"]) if low.pop(frame, False)]
     found = [
         Finding(

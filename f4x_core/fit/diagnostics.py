@@ -21,7 +21,7 @@ from ..scaffold import Scaffold
 from ..scene import Scene
 from ..scene.moments import Moment, draw_moments
 from ..scene.view import render
-from .advice import SHORT_PROFILE, findings, quality, track_survival, verdict
+from .advice import SHORT_PROFILE, fair_psnr, findings, quality, track_survival, verdict
 from .finding import Finding
 from .geometry_findings import ClipGeometry
 from .geometry_section import geometry_section
@@ -63,7 +63,7 @@ SCORES = (
 
 def worst_frames(metrics: Mapping[str, Any], count: int = WORST_FRAMES) -> list[int]:
     """Clip frames with the lowest PSNR, worst first; what `write_diagnostics` wants pictures of."""
-    rows = sorted(metrics.get("frames", []), key=lambda row: row["psnr"])
+    rows = sorted(metrics.get("frames", []), key=fair_psnr)
     return [row["frame"] for row in rows[:count]]
 
 
@@ -306,7 +306,10 @@ def _scaffold(clip: Clip, priors: Priors, scaffold: Scaffold | None, shown: Iter
 
 
 def frame_scores(metrics: Mapping[str, Any], shared: Iterable[tuple[int, int]] = ()) -> str:
-    """Plot (SVG) of the PSNR of every frame; `shared` (first frame, end) are frames of two windows, which are shaded."""
+    """Plot (SVG) of the PSNR of every frame, held-out ones with their registered cameras.
+
+    `shared` (first frame, end) are frames of two windows, which are shaded.
+    """
     rows = metrics.get("frames", [])
     if not rows:
         return ""
@@ -314,11 +317,11 @@ def frame_scores(metrics: Mapping[str, Any], shared: Iterable[tuple[int, int]] =
     for number, (start, end) in enumerate(shared):
         label = None if number else "shared by two windows"
         axis.axvspan(start, end - 1, color=page.VIOLET, alpha=0.25, linewidth=0, label=label)
-    axis.plot([row["frame"] for row in rows], [row["psnr"] for row in rows], color=page.GREY, linewidth=0.8)
+    axis.plot([row["frame"] for row in rows], [fair_psnr(row) for row in rows], color=page.GREY, linewidth=0.8)
     for held_out, colour, label in ((False, page.TEAL, "used"), (True, page.ORANGE, "held out")):
         chosen = [row for row in rows if row["held_out"] == held_out]
         if chosen:
-            places = [row["frame"] for row in chosen], [row["psnr"] for row in chosen]
+            places = [row["frame"] for row in chosen], [fair_psnr(row) for row in chosen]
             axis.scatter(*places, s=14, color=colour, label=label, zorder=3)
     page.legend(axis)
     return page.svg(figure)

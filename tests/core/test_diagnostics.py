@@ -284,6 +284,15 @@ def test_frames_that_stand_out_are_named():
     assert "Frames more than 4 dB below the median of 30.0 dB: 3." in notes
 
 
+def test_a_held_out_frame_is_judged_by_its_registered_camera():
+    _, result, metrics = made_up()
+    rows = [{"frame": i, "held_out": False, "psnr": 30.0} for i in range(8)]
+    rows[4] |= {"held_out": True, "psnr": 18.0, "psnr_registered": 29.0}
+    rows[5] |= {"psnr": 26.5}
+    assert "Frames more than" not in said(findings(result.priors, result.scaffold, metrics | {"frames": rows}), "note")
+    assert worst_frames({"frames": rows}, 1) == [5]
+
+
 def test_cameras_are_explained():
     _, result, metrics = made_up()
     result.priors.statistics["cameras"] = {"registered": 1, "reprojection_px": {"median": 2.5}}
