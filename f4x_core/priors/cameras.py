@@ -331,10 +331,10 @@ def _pan(job: _Job, turning: Solution, focal: float, zoom: Zoom | None = None) -
     job.statistics.pop("mirror", None)
     if zoom is not None:
         found = zoomed(turning, zoom, None if job.lens.refine_focal else job.focal)
-        told = job.statistics["zoom"] = zoom.summary(found.bundle, job.priors.width)
+        summary = job.statistics["zoom"] = zoom.summary(found.bundle, job.priors.width)
         job.statistics.pop("pan_focal_search", None)
         job.priors.warn(
-            f"The lens zooms ({told['factor']:.2f} times): a zoom looks like a step forward, so the camera is taken to stand"
+            f"The lens zooms ({summary['factor']:.2f} times): a zoom looks like a step forward, so the camera is taken to stand"
             " and turn, and the depth of the background is a guess."
         )
         return found
@@ -392,9 +392,8 @@ def _translates(job: _Job, moved: Solution) -> bool:
     still = replace(still, center=np.zeros_like(still.center))
     fixed = replace(job.lens, refine_centers=False, iterations=20)
     still = adjust(still, seen, fixed)
-    costs = [mean_cost(one, seen) for one in (bundle, still)]
-    unknown = 3 * len(bundle.center) + len(bundle.points)
-    gain = 1 - costs[0] / max(costs[1], 1e-12) / max(1 - unknown / (2 * len(seen.frame)), 0.1)
+    unknowns = 3 * len(bundle.center) + len(bundle.points)
+    gain = 1 - mean_cost(bundle, seen, unknowns) / max(mean_cost(still, seen), 1e-12)
     z = bundle.local(seen)[:, 2]
     inverse = 1 / np.maximum(z, 1e-9)
     spread = float(np.clip(inverse, *np.percentile(inverse, (2, 98))).std())

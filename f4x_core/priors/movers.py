@@ -286,10 +286,8 @@ def _place_body(mover: _Mover, maps: _Maps, priors: Priors) -> str:
         edge = _ground_edge(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
         if edge is None:
             rim = ndimage.binary_dilation(mask, iterations=2 * MOVING_MARGIN) & ~maps.moving[f]
-            ratio[i], trust[i] = (
-                np.median(maps.inverse[f][rim] if rim.any() else maps.inverse[f]) / np.median(shape),
-                NO_CONTACT,
-            )
+            around = maps.inverse[f][rim] if rim.any() else maps.inverse[f]
+            ratio[i], trust[i] = np.median(around) / np.median(shape), NO_CONTACT
             continue
         lowest = np.zeros(mask.shape[1])
         lowest[np.nonzero(mask)[1]] = shape  # rows ascend, so the last one written is the lowest

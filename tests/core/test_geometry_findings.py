@@ -273,10 +273,10 @@ def test_no_other_camera_is_bumped(priors):
 def test_a_camera_that_is_only_assumed_to_stand_still_is_not_said_to_have_done_so():
     _, priors = toy.clip_and_priors()
     priors.camera_kind, priors.statistics["cameras"] = "static", {"assumed": "too few points stand still"}
-    told = " ".join(finding.what for finding in findings(priors, None, {}))
+    message = " ".join(finding.what for finding in findings(priors, None, {}))
     assert (
-        "How the camera moved is not known, because too few points stand still" in told
-        and "The camera stood still" not in told
+        "How the camera moved is not known, because too few points stand still" in message
+        and "The camera stood still" not in message
     )
     priors.statistics["cameras"] = {}
     assert "The camera stood still" in " ".join(finding.what for finding in findings(priors, None, {}))
@@ -299,6 +299,6 @@ def test_a_path_that_rests_on_little_is_no_praise(share, weight):
 def test_a_zoom_is_named_with_its_factor():
     _, priors = toy.clip_and_priors()
     priors.camera_kind, priors.statistics["cameras"] = "pan", {"zoom": {"factor": 1.4}}
-    told = [finding for finding in findings(priors, None, {}) if "zoomed" in finding.what]
-    assert len(told) == 1 and "(1.40 times)" in told[0].what and "instead of zooming" in told[0].advice
-    assert told[0].weight == "problem"
+    named = [finding for finding in findings(priors, None, {}) if "zoomed" in finding.what]
+    assert len(named) == 1 and "(1.40 times)" in named[0].what and "instead of zooming" in named[0].advice
+    assert named[0].weight == "problem"
