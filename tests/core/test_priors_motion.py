@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.ndimage
 
 from f4x_core.errors import F4xError
 from f4x_core.priors import FlowConfig, MotionConfig, Priors, PriorsConfig, TracksConfig, flow, motion, tracks
@@ -254,3 +255,56 @@ def test_threshold_of_the_user_wins(moving):
     clip, _, _ = moving
     config = PriorsConfig(tracks=CONFIG.tracks, motion=MotionConfig(threshold=0.99))
     assert run(clip, config).statistics["motion"]["threshold"] == 0.99
+
+
+def dragged(plain):
+    """A clip of a pan with its flows, whose flow below the square wrongly goes with it, and where that is `(T,H,W)`; the wall is
+    `plain` down there, or has its texture."""
+    clip, mask = warped_clip(pan=PAN, speed=SPEED)
+    pictures, frames, lowest = clip.frames.copy(), len(clip.frames), 86
+    beside = np.zeros_like(mask)
+    for t in range(frames):
+        x = round(square_corner(t, SPEED)[0])
+        beside[t, lowest : lowest + 20, x : x + SIDE] = True
+    if plain:
+        pictures[:, lowest - 2 :] = 127
+    flows = {}
+    for gap in (1, 2, 4, 8):
+        for signed in (gap, -gap):
+            flows[signed] = np.where((mask | beside)[..., None], np.array(SPEED), -np.array(PAN)) * float(signed)
+            flows[signed] = flows[signed].astype(np.float16)
+    return pictures, flows, mask, beside
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_flow_alone_is_no_evidence_of_motion(plain):
+    pictures, flows, mask, beside = dragged(plain)
+    score, _ = motion.motion_score(pictures, flows, (1, 2, 4, 8), silent)
+    inner = np.stack(
+        [scipy.ndimage.binary_erosion(one, iterations=5) for one in beside]
+    )  # the window reaches over the edge
+    assert score[mask].mean() > 0.6
+    assert score[inner].mean() < 0.15
+
+
+def test_a_dark_clip_shows_the_same_motion():
+    clip, mask = warped_clip()
+    clip.frames[:] = clip.frames // 6
+    assert iou(run(clip).mask, mask) > 0.7
+
+
+def test_evidence_is_the_mean_of_the_gaps_that_speak_most_for_motion():
+    rng = np.random.default_rng(0)
+    missed = rng.uniform(-5, 25, (2, 5, 6, 7)).astype(np.float32)
+    missed[rng.uniform(size=missed.shape) < 0.2] = np.nan
+    missed[1, 2:] = np.nan  # the last frame of a clip has few gaps
+    found = motion._evidence(missed.copy(), 10.0)
+    padded = np.pad(missed, ((0, 0), (0, 0), (1, 1), (1, 1)), mode="symmetric")
+    for t, row, column in ((0, 2, 3), (0, 0, 0), (1, 5, 6)):
+        gaps = []
+        for k in range(5):
+            if np.isfinite(missed[t, k, row, column]):
+                gaps.append(min(max(np.nanmean(padded[t, k, row : row + 3, column : column + 3]) / 10, 0), 1))
+        surest = sorted(gaps)[-3:]
+        expected = np.sum(surest) / max(len(surest), 1)
+        assert found[t, row, column] == pytest.approx(expected, abs=1e-5)
