@@ -57,6 +57,12 @@ class Observations:
         """The chosen rows (mask or indices)."""
         return Observations(self.frame[chosen], self.point[chosen], self.uv[chosen], self.weight[chosen])
 
+    def visible(self, frames: int, points: int) -> np.ndarray:
+        """(frames, points) bool: which point was seen in which frame."""
+        seen = np.zeros((frames, points), bool)
+        seen[self.frame, self.point] = True
+        return seen
+
 
 @dataclass(frozen=True)
 class Bundle:

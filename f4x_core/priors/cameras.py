@@ -29,6 +29,7 @@ from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
     Solution,
+    hold_every_frame,
     refocused,
     search_focal,
     sightings,
@@ -48,8 +49,9 @@ STATIC_PX = 0.5
 """A clip is static when no pair of frames shifts its static tracks by this much (median over the tracks)."""
 SAMPLED_POINTS, SAMPLED_FRAMES = 500, 24
 """Points and frames on which solutions are compared: 500 x 24 take two seconds, and find what 2,000 x 90 find."""
-FEWEST_SAMPLED, MOST_SAMPLED_FRAMES = 200, 96
-"""Where fewer points than this are seen in three of the sampled frames, more frames are sampled, up to so many."""
+FEWEST_SAMPLED, FEWEST_HOLDING, MOST_SAMPLED_FRAMES = 200, 24, 96
+"""Where fewer points than the first are seen in three of the sampled frames, or one of these sees fewer of them than the second,
+more frames are sampled, up to so many."""
 TRANSLATION_GAIN = 0.1
 """A camera moves when that lowers the squared error of one that only turns by this fraction, beyond what its unknowns win
 on noise."""
@@ -70,6 +72,9 @@ ADJUSTED_TRACKS = 2000
 """Most tracks in the final adjustment; more cost time and hold the cameras no better."""
 TRACK_WEIGHT = 0.2
 """Weight of a track's sighting against a matched feature's: chained flow drifts, and its errors are shared over time."""
+LEAST_LINKED = 0.5
+"""Neighbouring frames that share a smaller fraction of their static tracks are not linked by them: then pictures are matched.
+Frames of the real clips share .8 and more, those whose flow is lost .08."""
 LEAST_HELD = 0.1
 """With a smaller fraction of the static tracks on texture that flow can hold on to (`flow.texture` of one half, median over a
 track's sightings), they drift with what moves beside them: 3 % in a sky behind a mover, 56 % and more in the real clips."""
@@ -215,6 +220,13 @@ def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, mo
     return float(np.nanmax(shifts)) if len(shifts) > 1 else float("nan")
 
 
+def linked(visible: np.ndarray) -> bool:
+    """Whether all neighbouring frames share enough of the tracks `visible (F, N)` to tell how the camera turned between them."""
+    shared = (visible[1:] & visible[:-1]).sum(1)
+    fewer = np.minimum(visible[1:].sum(1), visible[:-1].sum(1))
+    return bool((shared >= np.maximum(MIN_TRACKS, LEAST_LINKED * fewer)).all())
+
+
 def complete(
     solution: Solution,
     tracks: np.ndarray,
@@ -230,7 +242,7 @@ def complete(
     """
     lens = lens or BundleConfig(refine_focal=False)
     extra, order = sightings(tracks, visible, static, ADJUSTED_TRACKS)
-    bundle, own = solution.bundle, _longest(solution, ADJUSTED_TRACKS)
+    bundle, own = solution.bundle, _held(solution, ADJUSTED_TRACKS)
     offset = len(bundle.points)
     registered = solution.registered.copy()
     observations = Observations(
@@ -346,11 +358,12 @@ def _pan(job: _Job, turning: Solution, focal: float, zoom: Zoom | None = None) -
 
 
 def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
-    """A sample of a solution and its frames: more frames where tracks are too short to be seen in three of a few."""
+    """A sample of a solution and its frames: more frames where tracks are too short to be seen in three of a few of them."""
     frames = SAMPLED_FRAMES
     while True:
         sample, kept = subset(solution, SAMPLED_POINTS, frames)
-        enough = len(sample.bundle.points) >= FEWEST_SAMPLED
+        holding = np.bincount(sample.observations.frame, minlength=len(kept))
+        enough = len(sample.bundle.points) >= FEWEST_SAMPLED and holding.min(initial=0) >= FEWEST_HOLDING
         if enough or len(kept) == solution.registered.sum() or frames >= MOST_SAMPLED_FRAMES:
             return sample, kept
         frames *= 2
@@ -369,7 +382,7 @@ def _right_way_round(job: _Job, start: Solution) -> Solution | None:
     decision = decide(starts, sample.observations, job.lens, job.witnesses(frames))
     job.statistics["mirror"] = decision.summary()
     registered = np.zeros(len(job.tracks), bool)
-    registered[frames] = True
+    registered[frames] = np.bincount(sample.observations.frame, minlength=len(frames)) >= MIN_TRACKS
     bundle = replace(start.bundle.with_frames(frames, decision.bundle), points=decision.bundle.points)
     observations = replace(sample.observations, frame=frames[sample.observations.frame])
     return Solution(bundle, observations, registered)
@@ -425,7 +438,8 @@ def _moving(job: _Job, turning: Solution) -> tuple[Solution | None, str]:
     direct = None
     if settings.solver in ("auto", "direct"):
         direct = _right_way_round(job, turning)
-        if direct is not None and (direct.error < 2 * MAX_ERROR_PX or settings.solver == "direct"):
+        good = direct is not None and direct.error < 2 * MAX_ERROR_PX and linked(job.visible & job.static)
+        if direct is not None and (good or settings.solver == "direct"):
             return direct, "direct"
     mirror = job.statistics.get("mirror")
     start, solver = _from_parts(job)
@@ -515,14 +529,14 @@ def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:
     return Solution(replace(solution.bundle, rotation=rotation, center=center), observations, registered)
 
 
-def _longest(solution: Solution, most: int) -> Observations:
-    """The solution's observations of its `most` most seen finite points."""
+def _held(solution: Solution, most: int) -> Observations:
+    """The solution's observations of at most `most` finite points that hold all its frames."""
     seen = solution.observations
-    length = np.bincount(seen.point, minlength=len(solution.bundle.points))
-    length = np.where(np.isfinite(solution.bundle.points).all(1), length, 0)
-    chosen = np.zeros(len(length), bool)
-    chosen[np.argsort(-length, kind="stable")[:most]] = True
-    return seen.keep((chosen & (length > 2))[seen.point])
+    visible = seen.visible(len(solution.registered), len(solution.bundle.points))
+    visible &= np.isfinite(solution.bundle.points).all(1) & (visible.sum(0) > 2)
+    chosen = np.zeros(visible.shape[1], bool)
+    chosen[hold_every_frame(visible, most)] = True
+    return seen.keep(chosen[seen.point])
 
 
 def _triangulated(bundle: Bundle, observations: Observations, registered: np.ndarray, offset: int) -> Bundle:

@@ -56,16 +56,29 @@ class Solution:
 def sightings(
     tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, most: int
 ) -> tuple[Observations, np.ndarray]:
-    """Observations of at most `most` of the `chosen (N,)` tracks and their indices `(P,)`; longest tracks first.
+    """Observations of at most `most` of the `chosen (N,)` tracks, those that `hold_every_frame`, and their indices `(P,)`.
 
     `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times (or in every frame) count.
     """
-    length = (visible & chosen).sum(0)
-    order = np.argsort(-length, kind="stable")[:most]
-    order = np.sort(order[length[order] >= min(3, len(tracks))])
+    enough = chosen & (visible.sum(0) >= min(3, len(tracks)))
+    order = hold_every_frame(visible & enough, most)
     frame, point = np.nonzero(visible[:, order])
     uv = tracks[:, order][frame, point].astype(np.float64)
     return Observations(frame, point, uv, np.ones(len(frame))), order
+
+
+def hold_every_frame(visible: np.ndarray, most: int) -> np.ndarray:
+    """Indices `(P,)`, ascending, of at most `most` of the points `visible (F, N)`: the q longest seen ones of every frame, q as
+    large as fits.
+
+    The longest of all would leave the frames unheld in which none of them is seen: those of a fast pan, where tracks are short.
+    """
+    length = visible.sum(0)
+    order = np.argsort(-length, kind="stable")
+    order = order[length[order] > 0]
+    rank = np.cumsum(visible[:, order], axis=1)  # (F, N), among the points of its frame
+    best = np.where(visible[:, order], rank, len(order) + 1).min(0)
+    return np.sort(order[np.argsort(best, kind="stable")[:most]])
 
 
 def bearings(uv: np.ndarray, focal: float, principal: np.ndarray) -> np.ndarray:
@@ -305,14 +318,13 @@ def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
 
 
 def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.ndarray]:
-    """A smaller problem with the same geometry, and its frames: the most seen points in evenly spaced registered frames."""
+    """A smaller problem with the same geometry, and its frames: evenly spaced registered ones, and points that hold them all."""
     registered = np.flatnonzero(solution.registered)
     kept = registered[np.unique(np.linspace(0, len(registered) - 1, min(frames, len(registered))).round().astype(int))]
     finite = np.isfinite(solution.bundle.points).all(1)
     seen = solution.observations.keep(np.isin(solution.observations.frame, kept) & finite[solution.observations.point])
-    length = np.bincount(seen.point, minlength=len(finite))
-    chosen = np.sort(np.argsort(-length, kind="stable")[:points])
-    chosen = chosen[length[chosen] >= 3]
+    often = np.bincount(seen.point, minlength=len(finite)) >= 3
+    chosen = hold_every_frame(seen.visible(len(solution.registered), len(finite))[kept] & often, points)
     seen = seen.keep(np.isin(seen.point, chosen))
     bundle = replace(solution.bundle.of_frames(kept), points=solution.bundle.points[chosen])
     seen = replace(seen, frame=np.searchsorted(kept, seen.frame), point=np.searchsorted(chosen, seen.point))

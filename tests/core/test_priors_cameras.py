@@ -11,8 +11,8 @@ from f4x_core.geometry.camera import CameraPath
 from f4x_core.geometry.pose import align_similarity
 from f4x_core.priors import CamerasConfig, Priors, PriorsConfig
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
-from f4x_core.priors.cameras import complete, interpolation_error, provide, static_shift
-from f4x_core.priors.sfm import FOCALS, refocused, search_focal, solve_with_depth, solve_with_tracks
+from f4x_core.priors.cameras import complete, interpolation_error, linked, provide, static_shift
+from f4x_core.priors.sfm import FOCALS, hold_every_frame, refocused, search_focal, solve_with_depth, solve_with_tracks
 from f4x_core.progress import silent
 
 WIDTH, HEIGHT, FOCAL = 320, 180, 260.0
@@ -318,3 +318,63 @@ def test_solution_is_the_same_twice():
         paths.append(priors.cameras)
     assert isinstance(paths[0], CameraPath)
     np.testing.assert_array_equal(paths[0].world_to_camera, paths[1].world_to_camera)
+
+
+def test_chosen_points_hold_every_frame():
+    visible = np.zeros((40, 500), bool)
+    visible[:20, :200] = True  # long tracks of the first half; then a fast pan, whose tracks last five frames
+    for i in range(200, 500):
+        first = 20 + (i - 200) % 20
+        visible[first : first + 5, i] = True
+    chosen = hold_every_frame(visible, 100)
+    assert len(chosen) == 100
+    assert (np.diff(chosen) > 0).all()
+    seen = visible[:, chosen].sum(1)
+    assert seen.min() >= 10
+    # the q longest of every frame: whatever a frame sees of more than was chosen is no longer than that
+    length = visible.sum(0)
+    for frame in range(40):
+        there = np.flatnonzero(visible[frame])
+        own = np.intersect1d(there, chosen)
+        rest = np.setdiff1d(there, chosen)
+        q = seen.min()
+        assert np.sort(length[own])[::-1][q - 1] >= length[rest].max(initial=0)
+
+
+def test_all_points_are_chosen_where_there_is_room_and_unseen_ones_never():
+    visible = np.zeros((3, 6), bool)
+    visible[:, [0, 2, 5]] = True
+    np.testing.assert_array_equal(hold_every_frame(visible, 10), [0, 2, 5])
+    assert len(hold_every_frame(np.zeros((3, 0), bool), 10)) == 0
+
+
+def test_a_fast_pan_in_mid_clip_keeps_its_cameras():
+    """Long tracks before, short ones in the pan: chosen by length alone, none would hold its cameras."""
+    true = truth(frames=40, travel=0.4, turn=0.3, points=4000)
+    fast = np.clip((np.arange(40) - 20) / 20, 0, 1)
+    turned = quaternion.to_matrix(quaternion.from_rotation_vector(fast[:, None] * np.array([0, 2.2, 0])))
+    rng = np.random.default_rng(3)
+    angle = rng.uniform(-0.6, 2.9, 4000)
+    distance = rng.uniform(1.5, 5, 4000)
+    points = np.stack([distance * np.sin(angle), rng.uniform(-1, 1, 4000), distance * np.cos(angle)], 1)
+    true = replace(true, rotation=np.transpose(turned, (0, 2, 1)) @ true.rotation, points=points)
+    tracks, visible = project(true, noise=0.2)
+    clip, priors = clip_and_priors(tracks, visible)
+    provide(clip, priors, PriorsConfig(), silent)
+    step = priors.cameras.world_to_camera[1:, :3, :3] @ np.transpose(
+        priors.cameras.world_to_camera[:-1, :3, :3], (0, 2, 1)
+    )
+    expected = true.rotation[1:] @ np.transpose(true.rotation[:-1], (0, 2, 1))
+    error = np.rad2deg(np.arccos(np.clip((np.einsum("fij,fij->f", step, expected) - 1) / 2, -1, 1)))
+    assert error.max() < 0.5
+
+
+def test_frames_that_share_too_few_tracks_are_not_linked():
+    visible = np.ones((6, 50), bool)
+    assert linked(visible)
+    visible[3:, :20] = False
+    assert linked(visible)  # what is lost of a frame is not what its neighbour sees
+    torn = np.zeros((6, 100), bool)
+    torn[:3, :50], torn[3:, 46:] = True, True
+    assert not linked(torn)
+    assert not linked(np.ones((3, 5), bool))

@@ -72,6 +72,34 @@ def test_flow_never_looks_at_held_out_frames():
     np.testing.assert_array_equal(before, flow_of(clip))
 
 
+def wide_pan():
+    """A clip whose pictures shift by more than a quarter of their width, with a square that stays in the picture, and its mask."""
+    return warped_clip(frames=4, pan=(50.0, 3.0), speed=(-2.0, 1.0))
+
+
+def test_flow_follows_a_fast_pan_and_what_moves_with_it():
+    clip, mask = wide_pan()
+    priors = Priors.empty(clip)
+    flow.provide(clip, priors, CONFIG, silent)
+    stays = flow.inside(
+        flow.pixel_grid(HEIGHT, WIDTH) - np.array([55.0, 6.0]), HEIGHT, WIDTH
+    )  # the wall that both show
+    for pair in range(3):
+        wall = stays & ~(mask[pair] | mask[pair + 1])
+        error = np.linalg.norm(priors.flow_forward[pair] - np.array([-50.0, -3.0]), axis=-1)
+        assert np.median(error[wall]) < 0.3
+        error = np.linalg.norm(priors.flow_forward[pair] - np.array([-2.0, 1.0]), axis=-1)
+        assert np.median(error[mask[pair]]) < 0.5
+
+
+def test_pictures_without_matches_keep_their_flow():
+    rng = np.random.default_rng(0)
+    clip, _ = warped_clip(frames=3)
+    clip.frames[:] = rng.integers(0, 255, clip.frames.shape, np.uint8)  # nothing in common, and no homography
+    clip.frames[1] = 127  # no features at all
+    assert np.isfinite(flow_of(clip)).all()
+
+
 def flow_of(clip):
     priors = Priors.empty(clip)
     flow.provide(clip, priors, CONFIG, silent)
