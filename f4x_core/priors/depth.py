@@ -20,7 +20,7 @@ from ..progress import Progress
 from .bundle import Observations, from_matrices, triangulate
 from .cameras import static_tracks
 from .config import PriorsConfig
-from .flow import consistent, grey, long_flows, texture
+from .flow import consistent, grey, long_flows, texture_along
 from .movers import GUESS_CONFIDENCE, MOVING_MARGIN, place_objects
 
 if TYPE_CHECKING:
@@ -128,6 +128,18 @@ def inverse_depth_from_flow(
     doubt = np.maximum(missed / FLOW_NOISE_PX**2, 1)
     # Errors of flow are shared by its gaps: the best gap tells the precision, more gaps only help against outliers.
     return inverse, (weight * square).max(0) * (focal / FLOW_NOISE_PX) ** 2 / doubt
+
+
+def epipolar_direction(cameras: CameraPath, frame: int, pixels: np.ndarray, others: list[int]) -> np.ndarray:
+    """(..., 2) along which `pixels (..., 2)` of a frame would shift with their depth, seen from the farthest of the frames
+    `others`; 0 without any."""
+    if not others:
+        return np.zeros(pixels.shape)
+    here = cameras[frame]
+    steps = (cameras.centers[others] - cameras.centers[frame]) @ here.world_to_camera[:3, :3].T
+    step = steps[np.argmax(np.linalg.norm(steps, axis=1))]
+    plane = (pixels - here.intrinsics[:2, 2]) / here.intrinsics[[0, 1], [0, 1]]
+    return step[:2] - plane * step[2]
 
 
 def fill_inverse_depth(
@@ -275,8 +287,11 @@ def _static_depth(
                 part.reshape(grid.shape[:2])
                 for part in inverse_depth_from_flow(priors.cameras, i, grid.reshape(-1, 2), targets)
             )
-        precision *= texture(pictures[i])[rows[:, None], columns] * ~blocked[i][rows[:, None], columns]
-        _add_tracks(rho, precision, *tracks[i], blocked[i])
+        held = texture_along(
+            pictures[i], epipolar_direction(priors.cameras, i, grid, [other for other, _, _ in targets])
+        )
+        precision *= held * ~blocked[i][rows[:, None], columns]
+        _add_tracks(rho, precision, *tracks[i], blocked[i], held)
         usual = (
             1 / max(float(np.median(1 / np.maximum(rho[precision > 0], 1e-6))), 1e-6) if (precision > 0).any() else 1.0
         )
@@ -363,16 +378,22 @@ def track_samples(priors: Priors) -> list[tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def _add_tracks(
-    rho: np.ndarray, precision: np.ndarray, uv: np.ndarray, inverse: np.ndarray, trust: np.ndarray, blocked: np.ndarray
+    rho: np.ndarray,
+    precision: np.ndarray,
+    uv: np.ndarray,
+    inverse: np.ndarray,
+    trust: np.ndarray,
+    blocked: np.ndarray,
+    held: np.ndarray,
 ) -> None:
-    """Merge track samples into the grid in place, weighted by precision."""
+    """Merge track samples into the grid in place, weighted by precision and by how well the picture holds them, `held (h, w)`."""
     x, y = np.clip(uv.astype(int), 0, np.array(blocked.shape[::-1]) - 1).T
     free = ~blocked[y, x]
     row = np.minimum(y[free] // STRIDE, rho.shape[0] - 1)
     column = np.minimum(x[free] // STRIDE, rho.shape[1] - 1)
-    total = rho * precision
-    np.add.at(total, (row, column), (inverse * trust)[free])
-    np.add.at(precision, (row, column), trust[free])
+    total, sure = rho * precision, trust[free] * held[row, column]
+    np.add.at(total, (row, column), inverse[free] * sure)
+    np.add.at(precision, (row, column), sure)
     np.divide(total, precision, out=rho, where=precision > 0)
 
 

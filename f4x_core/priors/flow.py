@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 FEATURELESS = 4.0
 """Grey-level gradient (standard deviation over 7 px) at which flow is trusted half."""
+GRAIN = 2.5
+"""Pixels over which grey levels change by their standard deviation: what makes of a slope a spread that `FEATURELESS` is about."""
 LEAST_CONSISTENT = 0.85
 """With a smaller consistent fraction of its pixels a pair of pictures is looked at once more. Ordinary pairs of the real clips have
 .88 and more, pairs of fast pans .3 to .8."""
@@ -124,6 +126,20 @@ def texture(picture: np.ndarray) -> np.ndarray:
     mean = ndimage.uniform_filter(values, 7)
     spread = np.sqrt(np.maximum(ndimage.uniform_filter(values**2, 7) - mean**2, 0))
     return spread**2 / (spread**2 + FEATURELESS**2)
+
+
+def texture_along(picture: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """(h,w) in 0..1: how well flow can hold on to a grey `picture` (H,W) in a direction, `direction` (h,w,2) of any length on every
+    (H/h)-th pixel: along a line on the road there is nothing to hold on to, however sharp it is."""
+    import cv2
+
+    values, step = picture.astype(np.float32), picture.shape[0] // direction.shape[0]
+    slope = [cv2.Scharr(values, cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1))]  # grey levels per pixel
+    products = (slope[0] ** 2, slope[0] * slope[1], slope[1] ** 2)
+    xx, xy, yy = (ndimage.uniform_filter(one, 7)[step // 2 :: step, step // 2 :: step] for one in products)
+    x, y = np.moveaxis(direction / np.maximum(length(direction), 1e-12)[..., None], -1, 0)
+    spread = GRAIN**2 * np.maximum(x * x * xx + 2 * x * y * xy + y * y * yy, 0)
+    return spread / (spread + FEATURELESS**2)
 
 
 def compose(first: np.ndarray, second: np.ndarray) -> np.ndarray:

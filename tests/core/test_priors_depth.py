@@ -6,7 +6,14 @@ import pytest
 from f4x_core.clip import Clip
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors, PriorsConfig
-from f4x_core.priors.depth import fill_inverse_depth, ground_prior, inverse_depth_from_flow, provide
+from f4x_core.priors.depth import (
+    epipolar_direction,
+    fill_inverse_depth,
+    ground_prior,
+    inverse_depth_from_flow,
+    provide,
+)
+from f4x_core.priors.flow import texture_along
 from f4x_core.priors.movers import smooth_object_depth
 from f4x_core.progress import silent
 
@@ -162,3 +169,33 @@ def test_what_hovers_is_not_put_on_the_ground_behind_it():
     contact = np.where(np.arange(12) % 6 == 0, 0.5, 0.35)  # it lands twice, and is seen before farther ground else
     found, _ = smooth_object_depth(contact, np.ones(12), np.zeros(11))
     np.testing.assert_allclose(found, 0.5, rtol=0.1)
+
+
+def test_depth_is_not_measured_along_a_line():
+    """Lines on a road along which the camera moves are sharp, but their flow along themselves is a guess."""
+    rows, columns = np.mgrid[0:60, 0:80]
+    across = (127 + 100 * np.sin(rows / 2)).astype(np.uint8)  # lines that run from left to right
+    both = (127 + 60 * np.sin(rows / 2) + 60 * np.sin(columns / 2)).astype(np.uint8)
+    sideways, up = np.zeros((30, 40, 2)), np.zeros((30, 40, 2))
+    sideways[..., 0], up[..., 1] = 3.0, 0.01
+    assert texture_along(across, sideways).max() < 0.01
+    assert np.median(texture_along(across, up)) > 0.9
+    assert np.median(texture_along(both, sideways)) > 0.9
+    assert (texture_along(both, np.zeros((30, 40, 2))) == 0).all()  # no parallax at all
+    slanted = texture_along(across, sideways + 300 * up)
+    plain = texture_along(across, up)
+    assert (slanted < plain + 1e-6).all()
+
+
+def test_the_epipolar_direction_points_to_the_other_camera():
+    path = sideways(3, 0.01)
+    path.world_to_camera[2, :3, 3] = [-0.1, 0.02, -0.3]  # the farthest one, ahead
+    epipole = INTRINSICS[:2, 2] + 80 * np.array([0.1, -0.02]) / 0.3
+    pixels = np.array([[10.0, 20.0], [40.0, 30.0], [70.0, 55.0]])
+    for pixel, found in zip(pixels, epipolar_direction(path, 0, pixels, [1, 2]), strict=True):
+        onward = epipole - pixel
+        assert (
+            abs(found[0] * onward[1] - found[1] * onward[0])
+            < 1e-9 * np.linalg.norm(found) * np.linalg.norm(onward) + 1e-12
+        )
+    assert (epipolar_direction(path, 0, pixels, []) == 0).all()
