@@ -49,9 +49,9 @@ STATIC_PX = 0.5
 """A clip is static when no pair of frames shifts its static tracks by this much (median over the tracks)."""
 SAMPLED_POINTS, SAMPLED_FRAMES = 500, 24
 """Points and frames on which solutions are compared: 500 x 24 take two seconds, and find what 2,000 x 90 find."""
-FEWEST_SAMPLED, FEWEST_HOLDING, MOST_SAMPLED_FRAMES = 200, 12, 96
+FEWEST_SAMPLED, FEWEST_HOLDING, MOST_SAMPLED_FRAMES = 200, 150, 96
 """Where fewer points than the first are seen in three of the sampled frames, or one of these sees fewer of them than the second,
-more frames are sampled, up to so many."""
+as in a sweep (86 to 142 on three real clips, 258 and more on the others), more frames are sampled, up to so many."""
 TRANSLATION_GAIN = 0.1
 """A camera moves when that lowers the squared error of one that only turns by this fraction, beyond what its unknowns win
 on noise."""
@@ -65,9 +65,6 @@ LARGE_TRANSLATION_PX = 8.0
 STATIC_MOTION = 0.5
 """Tracks with a motion score below this hold the cameras."""
 
-OTHER_LENS = 0.15
-"""A focal length that a turning camera prefers is a second one to start from where its logarithm differs by this much: a wide turn
-that starts with a wrong one ends as a walk along a flat wall."""
 MIN_REGISTERED = 0.9
 MAX_ERROR_PX = 1.5
 """A solution is accepted with this share of frames and this reprojection error."""
@@ -306,10 +303,7 @@ def _solve(job: _Job) -> tuple[Solution, str]:
     if job.settings.kind == "pan":
         return _pan(job, turning, sample.bundle.focal, zoom), "pan"
 
-    lenses = [job.focal]
-    if abs(np.log(sample.bundle.focal / job.focal)) > OTHER_LENS:
-        lenses.append(sample.bundle.focal)
-    moved, solver = _moving(job, [refocused(turning, focal, translating=False) for focal in lenses])
+    moved, solver = _moving(job, refocused(turning, job.focal, translating=False))
     if moved is None:
         if parallax > TURNED_PX:
             job.statistics["assumed"] = "it could not be reconstructed from what stands still"
@@ -375,28 +369,21 @@ def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
         frames *= 2
 
 
-def _right_way_round(job: _Job, solutions: list[Solution]) -> Solution | None:
-    """The best of the solutions, or its mirror image, adjusted on a sample of frames; None where no sample can be taken.
-
-    All have the same observations.
-    """
-    starts = []
-    for solution in solutions:
-        sample, frames = _sampled(solution)
-        if not len(sample.observations.frame):
-            return None
-        if solution.bundle.center.any():
-            starts.append(sample.bundle)
-            continue
-        # It only turns yet: a world that is nearer below, and one that is nearer above.
+def _right_way_round(job: _Job, start: Solution) -> Solution | None:
+    """The solution, or its mirror image, adjusted on a sample of frames; None where no sample can be taken."""
+    sample, frames = _sampled(start)
+    if not len(sample.observations.frame):
+        return None
+    starts = [sample.bundle]
+    if not start.bundle.center.any():  # it only turns yet: a world that is nearer below, and one that is nearer above
         directions = sample.bundle.points / np.linalg.norm(sample.bundle.points, axis=1, keepdims=True)
         below = lowest_is_nearest(directions, sample.bundle.rotation)
-        starts += [replace(sample.bundle, points=directions / inverse[:, None]) for inverse in (below, 1 / below)]
+        starts = [replace(sample.bundle, points=directions / inverse[:, None]) for inverse in (below, 1 / below)]
     decision = decide(starts, sample.observations, job.lens, job.witnesses(frames))
     job.statistics["mirror"] = decision.summary()
     registered = np.zeros(len(job.tracks), bool)
     registered[frames] = np.bincount(sample.observations.frame, minlength=len(frames)) >= MIN_TRACKS
-    bundle = replace(solutions[0].bundle.with_frames(frames, decision.bundle), points=decision.bundle.points)
+    bundle = replace(start.bundle.with_frames(frames, decision.bundle), points=decision.bundle.points)
     observations = replace(sample.observations, frame=frames[sample.observations.frame])
     return Solution(bundle, observations, registered)
 
@@ -435,22 +422,19 @@ def _translates(job: _Job, moved: Solution) -> bool:
     return real
 
 
-def _moving(job: _Job, turning: list[Solution]) -> tuple[Solution | None, str]:
-    """A solution that translates, right way round, by the first solver that serves, and the solver's name.
-
-    `turning`: a camera that only turns, once for every focal length to start from.
-    """
+def _moving(job: _Job, turning: Solution) -> tuple[Solution | None, str]:
+    """A solution that translates, right way round, by the first solver that serves, and the solver's name."""
     settings, priors = job.settings, job.priors
     job.progress("cameras", 1, 4, "first cameras")
     if job.first is not None:
-        return _right_way_round(job, [_with_sightings(job, job.first)]) or job.first, settings.provider
+        return _right_way_round(job, _with_sightings(job, job.first)) or job.first, settings.provider
     if priors.depth is not None and settings.solver in ("auto", "depth"):
         known = job.focal if settings.focal else None
         solution, job.statistics["focal_search"] = solve_with_depth(
             job.tracks, job.visible, job.static, priors.depth, known, priors.width
         )
         if solution.error < 4 * MAX_ERROR_PX:  # the final adjustment no longer leans on the depth and comes below
-            return _right_way_round(job, [solution]), "depth"
+            return _right_way_round(job, solution), "depth"
     direct = None
     if settings.solver in ("auto", "direct"):
         direct = _right_way_round(job, turning)
@@ -460,7 +444,7 @@ def _moving(job: _Job, turning: list[Solution]) -> tuple[Solution | None, str]:
     mirror = job.statistics.get("mirror")
     start, solver = _from_parts(job)
     if start is not None:
-        return _right_way_round(job, [start]), solver
+        return _right_way_round(job, start), solver
     if mirror is not None:
         job.statistics["mirror"] = mirror
     return direct, "direct"
