@@ -31,7 +31,12 @@ ERROR_SCALE, ERROR_LIMIT = 0.025, 8.0
 """Relative difference of the cost that is worth one unit of log-odds, and the most that errors may say: in a wrong solution
 of a real clip it was lower by up to 2 %, in a right one by 4 to 70 %."""
 LOWER_WEIGHT = 3.0
-"""Log-odds where inverse depth grows with the image row in one solution and falls in the other (rank correlation +1, -1)."""
+"""Log-odds where inverse depth grows a little with the image row in one solution and falls as much in the other, per rank
+correlation."""
+LOWER_CLEAR = 1.5
+"""A clear order from top to bottom says more than its share: the rating of a rank correlation r is r (1 + 1.5 r^2). Hardly a scene is
+farther below throughout. Of car-shadow's every third frame the wrong way round errs by 8 % less, at r = -.82 against +.82; of
+19 decisions on real clips this one alone changed."""
 MOVER_WEIGHT = 1.5
 """Log-odds where every mover stands on ground that is nearer than what is beside its upper half in one solution only."""
 OCCLUSION_WEIGHT, OCCLUSION_LIMIT = 0.5, 3.0
@@ -216,7 +221,7 @@ def _dense(bundle: Bundle, witnesses: Witnesses) -> _Dense:
 
 
 def _rated(what: str, weight: float, rate: Callable[..., float], first: Any, second: Any, *more: Any) -> list[Evidence]:
-    """Evidence of a rating between -1 (wrong) and 1 (right) of both solutions; none where it cannot be made."""
+    """Evidence of a rating of both solutions, negative for wrong, positive for right; none where it cannot be made."""
     ratings = rate(first, *more), rate(second, *more)
     if not np.isfinite(ratings).all():
         return []
@@ -237,14 +242,15 @@ def _rank_correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
-    """Mean rank correlation of image row and inverse depth over the frames."""
+    """Mean rank correlation of image row and inverse depth over the frames, a clear one emphasised (`LOWER_CLEAR`)."""
     z = bundle.local(observations)[:, 2]
     found = []
     for frame in range(len(bundle.center)):
         seen = (observations.frame == frame) & (z > 0)
         if seen.sum() >= FEWEST:
             found.append(_rank_correlation(observations.uv[seen, 1], 1 / z[seen]))
-    return float(np.mean(found)) if found else np.nan
+    order = float(np.mean(found)) if found else np.nan
+    return order * (1 + LOWER_CLEAR * order**2)
 
 
 def _movers_in_front(dense: _Dense, witnesses: Witnesses) -> float:

@@ -8,7 +8,7 @@ from scipy.stats import spearmanr
 from test_priors_cameras import FOCAL, HEIGHT, PRINCIPAL, WIDTH, clip_and_priors, observe, project
 
 from f4x_core.geometry import quaternion
-from f4x_core.priors import CamerasConfig, PriorsConfig
+from f4x_core.priors import CamerasConfig, PriorsConfig, mirror
 from f4x_core.priors.bundle import Bundle, BundleConfig, adjust, total_cost
 from f4x_core.priors.cameras import provide
 from f4x_core.priors.mirror import Decision, Evidence, Witnesses, decide, mirrored
@@ -129,3 +129,18 @@ def test_believed_focal_length_costs_what_it_should():
     doubted = total_cost(true, observations, BundleConfig(expected_focal=2 * FOCAL))
     assert believed == pytest.approx(plain)
     assert 1.05 * plain < doubted < 1.3 * plain
+
+
+def test_a_clear_order_from_top_to_bottom_says_more_than_its_share():
+    """r (1 + 1.5 r^2) of the rank correlation of row and nearness."""
+    true = ground()
+    for one, sign in ((true, 1), (ceiling(), -1)):
+        found = mirror._lower_is_nearer(one, observe(one))
+        order = [
+            spearmanr(seen.uv[:, 1], 1 / one.local(seen)[:, 2])[0]
+            for seen in (observe(one).keep(observe(one).frame == frame) for frame in range(len(one.center)))
+        ]
+        assert sign * np.mean(order) > 0.5
+        assert found == pytest.approx(np.mean(order) * (1 + 1.5 * np.mean(order) ** 2))
+    flat = replace(true, points=true.points / true.points[:, 2:] * 2)
+    assert abs(mirror._lower_is_nearer(flat, observe(flat))) < 0.6
