@@ -7,7 +7,7 @@ are all undone and whose `undone` is dropped is byte for byte the scene before t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -150,54 +150,6 @@ class EditStack:
     def to_json(self) -> list[dict[str, Any]]:
         """The list `edits` of scene.json."""
         return [edit.to_json() for edit in self.edits]
-
-
-@dataclass(frozen=True)
-class Difference:
-    """One edit that two stacks do not share, or hold differently."""
-
-    before: Edit | None
-    """As the first stack has it; None where it was added."""
-    after: Edit | None
-    """As the second has it; None where it was removed."""
-    at: int | None = None
-    """Its index in the second stack; None where it was removed."""
-
-
-def diff(a: EditStack, b: EditStack) -> tuple[Difference, ...]:
-    """What makes `b` of `a`, edit by edit: removed ones first, then, in the order of `b`, new, changed and moved ones.
-
-    `patched(a, diff(a, b))` has the edits of `b`; `diff(b, a)` is the inverse.
-    """
-    old = {edit.id: edit for edit in a.edits}
-    new = {edit.id for edit in b.edits}
-    gone = [Difference(edit, None) for edit in a.edits if edit.id not in new]
-    rest = [edit.id for edit in a.edits if edit.id in new]
-    changes = []
-    for at, edit in enumerate(b.edits):
-        if at >= len(rest) or rest[at] != edit.id or old[edit.id] != edit:
-            changes.append(Difference(old.get(edit.id), edit, at))
-        if edit.id in rest:
-            rest.remove(edit.id)
-        rest.insert(at, edit.id)
-    return (*gone, *changes)
-
-
-def patched(stack: EditStack, changes: Iterable[Difference]) -> EditStack:
-    """`stack` with the changes of a `diff` made and nothing to redo; F4xError where an edit is not as a change expects it."""
-    stack = EditStack(stack.edits)
-    for change in changes:
-        if change.before is not None:
-            at = stack.position(change.before.id)
-            if stack.edits[at] != change.before:
-                raise F4xError(
-                    f"{stack.edits[at].titled(at + 1)} was changed in between; look at both versions and choose one."
-                )
-            stack = stack.remove(change.before.id)
-        if change.after is not None:
-            assert change.at is not None
-            stack = stack.insert(change.after, change.at)
-    return stack
 
 
 def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from ..geometry import quaternion
 from .optimiser import SetOptimiser
-from .parameters import opacity_logit
 
 # A split replaces one Gaussian by two of its samples, each this much smaller (3DGS).
 SPLIT_SHRINK = 1.6
@@ -36,10 +35,6 @@ class DensityConfig:
     """Gaussians fainter than this are removed."""
     most_scale: float = 0.1
     """Standard deviations are capped to this fraction of the reach: larger ones are fog."""
-    reset_every: int = 0
-    """Steps between two opacity resets; 0 = never (short schedules cannot afford the dip)."""
-    reset_opacity: float = 0.05
-    """Opacity that a reset caps to."""
     max_count: int = 150_000
     """Room in memory and time: the set never grows beyond this."""
     max_growth: float = 1.4
@@ -81,11 +76,6 @@ class DensityControl:
             next_id = self._densify(next_id, generator)
             self._prune()
             self.clear()
-        if active and config.reset_every and step % config.reset_every == 0 and step > 0:
-            logits = self.optimiser.gaussians.parameters["opacity_logit"]
-            with torch.no_grad():
-                logits.clamp_(max=float(opacity_logit(torch.tensor(config.reset_opacity))))
-            self.optimiser.forget("opacity_logit")
         return next_id
 
     def _densify(self, next_id: int, generator: torch.Generator) -> int:

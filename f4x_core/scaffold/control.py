@@ -51,22 +51,6 @@ def densify_nodes(
     )
 
 
-def duplicates_for(attach: np.ndarray, parents: np.ndarray, limit: int = 32) -> tuple[np.ndarray, np.ndarray]:
-    """Return `(source (D,)` Gaussian indices, `new (D,)` which new node carries each copy`)`.
-
-    A new node gets copies of the Gaussians that its parent carries, at most `limit` of them, evenly drawn by index.
-    `attach (N,)` are the Gaussians' nodes, `parents (C',)` the attach node of the candidate behind each new node.
-    """
-    sources, owners = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for new, parent in enumerate(parents):
-        carried = np.flatnonzero(attach == parent)
-        if len(carried) > limit:
-            carried = carried[np.linspace(0, len(carried) - 1, limit).astype(int)]
-        sources.append(carried)
-        owners.append(np.full(len(carried), new))
-    return np.concatenate(sources), np.concatenate(owners)
-
-
 def rebase_local(
     local_xyz: Array,
     local_quat: Array,

@@ -11,7 +11,6 @@ from f4x_core.geometry import pose, quaternion
 from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.control import (
     densify_nodes,
-    duplicates_for,
     greatest_weights,
     prune_nodes,
     rebase_local,
@@ -331,10 +330,7 @@ def test_densifying_moves_nothing_that_is_carried():
     assert same is scaffold and len(none) == 0
 
 
-def test_duplicates_and_their_new_frames():
-    attach = np.array([0, 1, 0, 0, 2, 1])
-    source, new = duplicates_for(attach, np.array([0, 2, 5]), limit=2)
-    assert source.tolist() == [0, 3, 4] and new.tolist() == [0, 0, 1]
+def test_gaussians_that_change_nodes_stay_where_they_are():
     scaffold = bending()
     rng = np.random.default_rng(0)
     local = rng.normal(size=(8, 3)), quaternion.normalize(rng.normal(size=(8, 4)))
