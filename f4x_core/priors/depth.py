@@ -35,9 +35,10 @@ FLOW_OUTLIER_PX = 1.5
 """Cauchy scale of reprojection residuals when gaps are combined."""
 MISS_LIMIT_PX = 5.0
 """A gap whose flow misses by more counts as a miss by this much."""
-PLAIN_NOISE, PLAIN_SAMPLES = 0.4, 20
+PLAIN_NOISE, PLAIN_SAMPLES = 0.4, 300
 """Where nothing is measured, inverse depth is that of a plane below and a wall above, give or take this much of the median; both
-are fitted to what is measured, against so many samples of the usual ones."""
+are fitted to what is measured, against so many samples of the usual ones. With 20 of them doubtful ones decide: the water of
+blackswan, which mirrors what is far, lay behind its bank."""
 TRACK_NOISE_PX = 0.4
 TRACK_OUTLIER_PX = 2.0
 """A track whose root mean square reprojection error is larger is no static point."""
