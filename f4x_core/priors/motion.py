@@ -21,7 +21,7 @@ from ..progress import Progress
 from .alignment import align_tracks
 from .config import PriorsConfig
 from .flow import consistent_at, grey, inside, length, long_flows, pixel_grid, sample, warp
-from .tracks import continue_lost, longest, relink, seed_and_track
+from .tracks import continue_lost, relink, seed_and_track, thinned
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -394,8 +394,8 @@ def _densify(
         pictures, gap = grey(clip.frames[clip.supervised]), config.tracks.relink_gap
         dense, seen, joins = relink(dense, seen, pictures, gap)
         dense, seen, continued = continue_lost(dense, seen, pictures, gap)
-    dense, seen = longest(dense, seen, int(DYNAMIC_SHARE * config.tracks.count))
-    background = longest(
+    dense, seen = thinned(dense, seen, int(DYNAMIC_SHARE * config.tracks.count))
+    background = thinned(
         priors.tracks[:, static], priors.tracks_visible[:, static], config.tracks.count - dense.shape[1]
     )
     priors.tracks = np.concatenate([background[0], dense], 1)

@@ -22,6 +22,8 @@ LOST = 1e3
 """Added to the accumulated error of a point whose every step failed: any later believed path is preferred."""
 MIN_SAMPLES = 4
 """Tracks seen in fewer frames are dropped (MoSca keeps 2 to 4)."""
+PLACE = 32
+"""Side in pixels of the squares of the picture that all keep tracks."""
 PATCH = 7
 """Half size in pixels of the patches compared when a lost track is linked to a later one."""
 LOOK_ALIKE = 0.8
@@ -384,11 +386,26 @@ def _patches(pictures: np.ndarray, tracks: np.ndarray, frames: np.ndarray) -> np
     return patches
 
 
-def longest(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The at most `count` tracks with the most samples, none with fewer than `MIN_SAMPLES` (or F, in shorter clips)."""
+def thinned(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """At most `count` tracks, none with fewer samples than `MIN_SAMPLES` (or F, in shorter clips): the q longest of every place
+    (`PLACE` squares) in every frame, q as large as fits.
+
+    The longest of all would leave what turns or hurries without any: of breakdance's dancer they lie near 46 % of the pixels,
+    these near 66 %.
+    """
     samples = visible.sum(0)
     keep = np.nonzero(samples >= min(MIN_SAMPLES, len(visible)))[0]
-    keep = np.sort(keep[np.argsort(-samples[keep], kind="stable")[:count]])
+    if len(keep) > count:
+        order = keep[np.argsort(-samples[keep], kind="stable")]
+        frame, track = np.nonzero(visible[:, order])
+        square = np.floor(tracks[:, order][frame, track] / PLACE).astype(np.int64)
+        place = (frame * 2**20 + square[:, 1] * 2**10 + square[:, 0]).astype(np.int64)
+        by_place = np.lexsort((track, place))
+        first = np.flatnonzero(np.diff(place[by_place], prepend=-1))
+        rank = np.arange(len(place)) - np.repeat(first, np.diff(first, append=len(place)))
+        best = np.full(len(order), len(order))
+        np.minimum.at(best, track[by_place], rank)
+        keep = np.sort(order[np.argsort(best, kind="stable")[:count]])
     return tracks[:, keep], visible[:, keep]
 
 
@@ -399,7 +416,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     joins = 0
     if config.tracks.relink_gap > 0:
         tracks, visible, joins = relink(tracks, visible, grey(clip.frames[clip.supervised]), config.tracks.relink_gap)
-    priors.tracks, priors.tracks_visible = longest(tracks, visible, config.tracks.count)
+    priors.tracks, priors.tracks_visible = thinned(tracks, visible, config.tracks.count)
     priors.statistics["tracks"] = {
         "uniform": int(priors.tracks.shape[1]),
         "joins": joins,
