@@ -13,7 +13,12 @@ def save_checkpoint(path: Path, state: dict[str, Any]) -> None:
     """Write `state` (nested dicts and lists of tensors, numbers and strings) whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(path) as file:
-        torch.save(state, file)
+        try:
+            torch.save(state, file)
+        except RuntimeError as error:  # closing the archive fails too, and hides that the disk is full
+            if isinstance(error.__context__, OSError):
+                raise error.__context__ from None
+            raise
 
 
 def load_checkpoint(path: Path, config_hash: str) -> dict[str, Any] | None:
