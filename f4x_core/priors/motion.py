@@ -136,10 +136,13 @@ def motion_score(
             residual[t, j], share = (flow, 1.0) if static else _off_homography(points, flow, good, unit)
             inliers[gap].append(share)
             trust[t, j] = np.where(good, 1.0, DOUBT)
-            seen = points + flow
-            difference = _colour_change(soft, t, t + gap, points, seen - residual[t, j])
-            difference -= _colour_change(soft, t, t + gap, points, seen)
-            missed[t, j] = np.where(good & inside(seen - residual[t, j], height, width), difference, np.nan)
+            by_flow, by_background = points + flow, points + flow - residual[t, j]
+            here, there = (soft[frame].astype(np.float32) for frame in (t, t + gap))
+            own = _colours(here, grid)
+            more, less = (
+                abs(_colours(there, seen.reshape(grid.shape)) - own).mean(-1) for seen in (by_background, by_flow)
+            )
+            missed[t, j] = np.where(good & inside(by_background, height, width), (more - less).ravel(), np.nan)
     progress("motion", frames, frames)
     score = _score(length(residual), trust, unit)  # (F,P)
     edge = border.ravel()
@@ -248,9 +251,12 @@ def _score(residual: np.ndarray, trust: np.ndarray, unit: float) -> np.ndarray:
     return (trust * residual / (residual + noise)).sum(1) / np.maximum(trust.sum(1), 1e-6)
 
 
-def _colour_change(pictures: np.ndarray, here: int, there: int, points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(P,) mean absolute difference of the colours of frame `here` at `points (P,2)` and of frame `there` at `seen (P,2)`."""
-    return abs(sample(pictures[here], points) - sample(pictures[there], seen)).mean(-1)
+def _colours(picture: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(h,w,3) bilinear colours of `picture (H,W,3)` float32 at `points (h,w,2)`, border repeated."""
+    import cv2
+
+    at = (points - 0.5).astype(np.float32)  # OpenCV counts from pixel centres
+    return cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _evidence(missed: np.ndarray, enough: float) -> np.ndarray:
