@@ -20,7 +20,7 @@ from scipy import ndimage
 from ..progress import Progress
 from .alignment import align_tracks
 from .config import PriorsConfig
-from .flow import consistent_at, grey, inside, length, long_flows, pixel_grid, sample, warp
+from .flow import consistent_at, grey, inside, length, long_flows, look_up, pixel_grid, sample, warp
 from .tracks import continue_lost, relink, seed_and_track, thinned
 
 if TYPE_CHECKING:
@@ -128,6 +128,7 @@ def motion_score(
     inliers: dict[int, list[float]] = {gap: [] for gap in gaps}
     for t in range(frames):
         progress("motion", t, frames)
+        own = look_up(soft[t].astype(np.float32), grid)
         for j, gap in enumerate(gaps):
             if not 0 <= t + gap < frames:
                 continue
@@ -137,10 +138,9 @@ def motion_score(
             inliers[gap].append(share)
             trust[t, j] = np.where(good, 1.0, DOUBT)
             by_flow, by_background = points + flow, points + flow - residual[t, j]
-            here, there = (soft[frame].astype(np.float32) for frame in (t, t + gap))
-            own = _colours(here, grid)
+            there = soft[t + gap].astype(np.float32)
             more, less = (
-                abs(_colours(there, seen.reshape(grid.shape)) - own).mean(-1) for seen in (by_background, by_flow)
+                abs(look_up(there, seen.reshape(grid.shape)) - own).mean(-1) for seen in (by_background, by_flow)
             )
             missed[t, j] = np.where(good & inside(by_background, height, width), (more - less).ravel(), np.nan)
     progress("motion", frames, frames)
@@ -249,14 +249,6 @@ def _score(residual: np.ndarray, trust: np.ndarray, unit: float) -> np.ndarray:
     noise = NOISE_SCALE * np.median(residual, axis=-1, keepdims=True)
     noise = np.clip(noise, NOISE_PIXELS[0] * unit, NOISE_PIXELS[1] * unit)
     return (trust * residual / (residual + noise)).sum(1) / np.maximum(trust.sum(1), 1e-6)
-
-
-def _colours(picture: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(h,w,3) bilinear colours of `picture (H,W,3)` float32 at `points (h,w,2)`, border repeated."""
-    import cv2
-
-    at = (points - 0.5).astype(np.float32)  # OpenCV counts from pixel centres
-    return cv2.remap(picture, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _evidence(missed: np.ndarray, enough: float) -> np.ndarray:

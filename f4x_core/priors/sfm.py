@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry import pose, quaternion
 from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, rays, resect, triangulate
+from .tracks import best_rank
 
 MATCH_GAPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)
 """Keyframe distances whose pictures are matched: dense nearby, sparse for loops; all pairs would cost 5x the time."""
@@ -76,8 +77,8 @@ def hold_every_frame(visible: np.ndarray, most: int) -> np.ndarray:
     length = visible.sum(0)
     order = np.argsort(-length, kind="stable")
     order = order[length[order] > 0]
-    rank = np.cumsum(visible[:, order], axis=1)  # (F, N), among the points of its frame
-    best = np.where(visible[:, order], rank, len(order) + 1).min(0)
+    frame, point = np.nonzero(visible[:, order])
+    best = best_rank(frame, point, len(order))
     return np.sort(order[np.argsort(best, kind="stable")[:most]])
 
 

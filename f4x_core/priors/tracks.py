@@ -389,6 +389,19 @@ def _patches(pictures: np.ndarray, tracks: np.ndarray, frames: np.ndarray) -> np
     return patches
 
 
+def best_rank(group: np.ndarray, item: np.ndarray, count: int) -> np.ndarray:
+    """(count,) int: the least rank that an item has among those of one of its groups, by number; `count` without any.
+
+    `group (S,)` not negative, `item (S,)`: which items are in which groups.
+    """
+    by_group = np.lexsort((item, group))
+    first = np.flatnonzero(np.diff(group[by_group], prepend=-1))
+    rank = np.arange(len(group)) - np.repeat(first, np.diff(first, append=len(group)))
+    best = np.full(count, count)
+    np.minimum.at(best, item[by_group], rank)
+    return best
+
+
 def thinned(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """At most `count` tracks, none with fewer samples than `MIN_SAMPLES` (or F, in shorter clips): up to `PLACED` of them the q
     longest of every place (`PLACE` squares) in every frame, q as large as fits, then the longest.
@@ -401,12 +414,7 @@ def thinned(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.nda
         order = keep[np.argsort(-samples[keep], kind="stable")]
         frame, track = np.nonzero(visible[:, order])
         square = np.floor(tracks[:, order][frame, track] / PLACE).astype(np.int64)
-        place = (frame * 2**20 + square[:, 1] * 2**10 + square[:, 0]).astype(np.int64)
-        by_place = np.lexsort((track, place))
-        first = np.flatnonzero(np.diff(place[by_place], prepend=-1))
-        rank = np.arange(len(place)) - np.repeat(first, np.diff(first, append=len(place)))
-        best = np.full(len(order), len(order))
-        np.minimum.at(best, track[by_place], rank)
+        best = best_rank(frame * 2**20 + square[:, 1] * 2**10 + square[:, 0], track, len(order))
         chosen = np.argsort(best, kind="stable")[: round(PLACED * count)]
         others = np.setdiff1d(np.arange(len(order)), chosen)[: count - len(chosen)]
         keep = np.sort(order[np.concatenate([chosen, others])])

@@ -131,7 +131,7 @@ def test_believed_focal_length_costs_what_it_should():
     assert 1.05 * plain < doubted < 1.3 * plain
 
 
-def test_a_clear_order_from_top_to_bottom_says_more_than_its_share():
+def test_a_clear_order_from_top_to_bottom_says_more_than_in_proportion():
     """r (1 + 1.5 r^2) of the rank correlation of row and nearness."""
     true = ground()
     for one, sign in ((true, 1), (ceiling(), -1)):
