@@ -181,9 +181,9 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
     cloud = item.data
     if len(gaussians) == 0:
         return item
-    rotation = quaternion.normalize(gaussians.rotation)
-    write_places(cloud, gaussians.xyz, rotation, gaussians.scale)
-    write_looks(cloud, rotation, gaussians.sh, gaussians.opacity)
+    quats = quaternion.normalize(gaussians.quats)
+    write_places(cloud, gaussians.means, quats, gaussians.scales)
+    write_looks(cloud, quats, gaussians.sh, gaussians.opacities)
     write_attribute(cloud, "gid", "INT", gaussians.ids)
     if latent is not None:
         write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", latent)
@@ -246,7 +246,7 @@ def _add_camera(name: str, opened: Scene | SplatSequence, scene: Scene, collecti
 
 def _reach(scene: Scene) -> float:
     """A distance beyond every Gaussian from every camera, world units."""
-    points = np.concatenate([scene.static.xyz, scene.dynamic.xyz])
+    points = np.concatenate([scene.static.means, scene.dynamic.means])
     spread = np.ptp(np.concatenate([points, scene.cameras.centers]), axis=0)
     return max(MIN_REACH, 2 * float(np.linalg.norm(spread)))
 

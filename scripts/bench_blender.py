@@ -76,10 +76,10 @@ def random_scene(static: int, dynamic: int, nodes: int, frames: int, slots: int)
     def gaussians(count: int, first: int) -> dict[str, Any]:
         return {
             "ids": np.arange(first, first + count),
-            "xyz": random.uniform([-0.8, -0.5, 0.8], [0.8, 0.5, 1.6], (count, 3)).astype(np.float32),
-            "rotation": quaternion.normalize(random.normal(size=(count, 4))).astype(np.float32),
-            "scale": random.uniform(0.003, 0.012, (count, 3)).astype(np.float32),
-            "opacity": random.uniform(0.1, 1, count).astype(np.float32),
+            "means": random.uniform([-0.8, -0.5, 0.8], [0.8, 0.5, 1.6], (count, 3)).astype(np.float32),
+            "quats": quaternion.normalize(random.normal(size=(count, 4))).astype(np.float32),
+            "scales": random.uniform(0.003, 0.012, (count, 3)).astype(np.float32),
+            "opacities": random.uniform(0.1, 1, count).astype(np.float32),
             "sh": random.normal(0, 0.3, (count, 4, 3)).astype(np.float32),
         }
 

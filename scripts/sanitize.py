@@ -16,9 +16,11 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from f4x_core.geometry.camera import Camera  # noqa: E402
+from f4x_core.geometry.splats import Splats  # noqa: E402
 from f4x_core.native import library as native  # noqa: E402
 from f4x_core.native.build import compile_command, find_compiler  # noqa: E402
-from f4x_core.raster.contract import RasterConfig  # noqa: E402
+from f4x_core.raster.contract import RasterConfig, RasterInput  # noqa: E402
 
 # Name -> compiler flags and the runtime that has to be in the process before Python starts.
 SANITIZERS = {
@@ -78,15 +80,7 @@ def exercise() -> None:
     ):
         rng = np.random.default_rng(seed)
         for threads in (1, 4):
-            render = raster.forward(
-                loaded,
-                _splats(rng, count, channels, width),
-                width,
-                height,
-                RasterConfig(threads=threads),
-                None,
-                keep=True,
-            )
+            render = raster.forward(loaded, _view(rng, count, channels, (width, height), threads), keep=True)
             raster.backward(
                 loaded, render, np.ones_like(render.output.channels), np.ones_like(render.output.depth), None
             )
@@ -123,38 +117,35 @@ def exercise_with_torch() -> None:
 
     from f4x_core.fit.losses import rgb_loss
     from f4x_core.gaussians import appearance
+    from f4x_core.native.kernels import Kernels
 
     for threads in (1, 4):
         for coefficients in (1, 4, 9, 16):
             for count in (1, 9, 3000):
                 shapes = (coefficients, 3), (3,), (4,)
                 sh, means, quats = (torch.randn(count, *shape, requires_grad=True) for shape in shapes)
-                appearance(sh, means, quats, torch.zeros(3), threads).sum().backward()
+                appearance(sh, means, quats, torch.zeros(3), Kernels(True, threads)).sum().backward()
         for height, width in ((1, 1), (5, 7), (61, 83)):
             image = torch.rand(height, width, 4, requires_grad=True)
             target, weight = torch.rand(height, width, 3), torch.rand(height, width)
-            rgb_loss(image[..., :3], target, weight, 0.3, threads).backward()
+            rgb_loss(image[..., :3], target, weight, 0.3, Kernels(True, threads)).backward()
 
 
-def _splats(rng: np.random.Generator, count: int, channels: int, width: int) -> dict[str, np.ndarray | None]:
+def _view(rng: np.random.Generator, count: int, channels: int, size: tuple[int, int], threads: int) -> RasterInput:
     """Random Gaussians, some of them broken: behind the camera, of no size, huge, not a number."""
-    scene: dict[str, np.ndarray | None] = {
-        "means": rng.normal([0, 0, 2], 1, (count, 3)),
-        "quats": rng.normal(size=(count, 4)),
-        "scales": np.exp(rng.normal(-3, 2, (count, 3))),
-        "opacities": rng.uniform(0, 1, count),
-        "colors": rng.normal(size=(count, channels)),
-        "viewmat": np.eye(4),
-        "K": np.array([[width, 0, width / 2], [0, width, width / 3], [0, 0, 1.0]]),
-        "background": None,
-        "mean2d_offset": None,
-    }
+    width, height = size
+    splats = Splats(
+        means=rng.normal([0, 0, 2], 1, (count, 3)),
+        quats=rng.normal(size=(count, 4)),
+        scales=np.exp(rng.normal(-3, 2, (count, 3))),
+        opacities=rng.uniform(0, 1, count),
+    )
     if count > 100:
         for name, value in (("means", np.nan), ("scales", 0.0), ("scales", 1e4), ("quats", 0.0), ("opacities", np.inf)):
-            array = scene[name]
-            assert array is not None
-            array[rng.integers(0, count, 10)] = value
-    return scene
+            getattr(splats, name)[rng.integers(0, count, 10)] = value
+    camera = Camera([[width, 0, width / 2], [0, width, width / 3], [0, 0, 1.0]], np.eye(4), width, height)
+    colors = rng.normal(size=(count, channels))
+    return RasterInput(splats, colors, camera, config=RasterConfig(threads=threads))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Long clips: shots, then overlapping windows that are fitted one after the other and joined into one scene.
 
-Memory holds one window at a time. Each window goes on from the one before (`fit.earlier`): it lives in its world, starts with
-its background and knows its nodes; what it leaves is an ordinary scene in `windows/NNN/scene.f4x`.
+Memory holds one window at a time. Each window goes on from the one before (`fit.previous_window`): it lives in its world,
+starts with its background and knows its nodes; what it leaves is an ordinary scene in `windows/NNN/scene.f4x`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ..clip import Clip
 from ..errors import F4xError
 from ..files import replace_file
 from ..fit.config import FitConfig, resolved
-from ..fit.earlier import Earlier
-from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
+from ..fit.pipeline import MIN_FRAMES, ClipFit, require_enough
+from ..fit.previous_window import PreviousWindow, WindowFit
 from ..priors.config import config_hash
 from ..progress import Progress, silent
 from ..report.evaluation import evaluate, keep_measured, summary, without_frames
@@ -80,7 +80,7 @@ def plan_shots(count: int, cuts: Sequence[int], length: int = LENGTH, overlap: i
     Shots too short for any fit are left out.
     """
     edges = [0, *cuts, count]
-    shots = [(a, b) for a, b in pairwise(edges) if b - a >= LEAST_FRAMES]
+    shots = [(a, b) for a, b in pairwise(edges) if b - a >= MIN_FRAMES]
     return tuple(Shot(plan_windows(a, b, length, overlap)) for a, b in shots)
 
 
@@ -98,17 +98,17 @@ def fit_shot(
     ones are kept. F4xError where settings, pictures or the windows before are not what they were.
     """
     paths, picked = [], []
-    earlier: Earlier | None = None
+    previous: PreviousWindow | None = None
     for number, (start, end) in enumerate(shot.windows):
         place = folder / "windows" / f"{number:03d}"
         clip = read(start, end)
         require_enough(clip)
         told = _one_of("window", number, len(shot.windows), progress)
-        scene, next_node = _fit_window(clip, place, config, earlier, told, resume)
+        scene, next_node = _fit_window(clip, place, config, previous, told, resume)
         paths.append(place / "scene.f4x")
         picked.append(clip.picked.split(":"))
         if number + 1 < len(shot.windows):
-            earlier = Earlier(scene, shot.windows[number + 1][0] - start, next_node)
+            previous = PreviousWindow(scene, shot.windows[number + 1][0] - start, next_node)
             # One lens films all windows, and their colours are of one degree.
             focal = float(scene.cameras.intrinsics[0, 0, 0]) / scene.cameras.width
             cameras = replace(config.priors.cameras, focal=focal)
@@ -127,12 +127,12 @@ def fit_shot(
 
 
 def _fit_window(
-    clip: Clip, folder: Path, config: FitConfig, earlier: Earlier | None, progress: Progress, resume: bool
+    clip: Clip, folder: Path, config: FitConfig, previous: PreviousWindow | None, progress: Progress, resume: bool
 ) -> tuple[Scene, int]:
     """(The window's scene, the first node id never used), kept from an earlier run where nothing has changed."""
     path = folder / "scene.f4x"
     state = hashlib.blake2b(clip.frames.tobytes() + clip.held_out.tobytes(), digest_size=16).hexdigest()
-    key = config_hash(resolved(config), state, "" if earlier is None else earlier.digest)
+    key = config_hash(resolved(config), state, "" if previous is None else previous.digest)
     if resume and path.is_file():
         scene = read_scene(path)
         window = scene.provenance.get("window", {})
@@ -142,17 +142,18 @@ def _fit_window(
                 " folder."
             )
         return scene, int(window["next_node"])
-    result = fit_clip(clip, folder, config, progress, resume, earlier)
+    options = clip, folder, config, progress, resume
+    result = (ClipFit(*options) if previous is None else WindowFit(*options, previous=previous)).run()
     from ..fit.diagnostics import draw_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
 
-    scene = result.scene(clip)
+    scene = result.scene
     masks = result.priors.moving_masks
     metrics = evaluate(scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
     pictures = draw_pictures(scene, metrics, config.backend)
     write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
     newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
-    next_node = max(newest + 1, 0 if earlier is None else earlier.next_node)
-    known = 0 if earlier is None else earlier.scene.next_id
+    next_node = max(newest + 1, 0 if previous is None else previous.next_node)
+    known = 0 if previous is None else previous.scene.next_id
     window = {"key": key, "next_node": next_node, "own": int((scene.static.ids >= known).sum())}
     figures = without_frames(metrics)
     write_scene(replace(scene, metrics=figures, provenance={**scene.provenance, "window": window}), path)

@@ -261,7 +261,7 @@ def _times(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progres
 
         def fit() -> Scene:
             config = replace(profile("quick"), threads=threads)
-            return fit_clip(clip, Path(place), config, progress).scene(clip)
+            return fit_clip(clip, Path(place), config, progress).scene
 
         return measure_times(fit, maps, DistilConfig(threads=threads), args.repeats, progress)
 

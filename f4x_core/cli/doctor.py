@@ -82,6 +82,8 @@ def _native() -> dict[str, str]:
 def _trial(backend: str) -> str:
     """One sentence on a raster backend: milliseconds for a small picture, or why it does not run."""
     from ..errors import F4xError
+    from ..geometry.camera import Camera
+    from ..geometry.splats import Splats
     from ..raster import rasterize
 
     count, width, height = TRIAL
@@ -90,22 +92,12 @@ def _trial(backend: str) -> str:
     quats = rng.normal(size=(count, 4)).astype(np.float32)
     scales = np.full((count, 3), 0.01, np.float32)
     colors = rng.uniform(size=(count, 3)).astype(np.float32)
-    lens = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], np.float32)
+    splats = Splats(means, quats, scales, np.full(count, 0.5, np.float32))
+    camera = Camera([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], np.eye(4), width, height)
     try:
         for _ in range(2):
             start = time.perf_counter()
-            rasterize(
-                means,
-                quats,
-                scales,
-                np.full(count, 0.5, np.float32),
-                colors,
-                np.eye(4, dtype=np.float32),
-                lens,
-                width,
-                height,
-                backend=backend,
-            )
+            rasterize(splats, colors, camera, backend=backend)
         return f"{1000 * (time.perf_counter() - start):.0f} ms for {count:,} Gaussians at {width}x{height}"
     except F4xError as error:
         return str(error)

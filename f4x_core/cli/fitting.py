@@ -22,7 +22,7 @@ from ..files import replace_file
 from ..fit.advice import about_cuts, quality
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
-from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
+from ..fit.pipeline import MIN_FRAMES, fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress
 from ..report.evaluation import evaluate, keep_measured
@@ -115,9 +115,7 @@ def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tu
     known = survey(args.clip, args.frames, args.width, progress)
     shots = plan_shots(known.count, known.cuts, length, args.overlap)
     if not shots:
-        raise F4xError(
-            f"{args.clip}: no shot of this clip has {LEAST_FRAMES} frames; give --window 0 to fit it as one."
-        )
+        raise F4xError(f"{args.clip}: no shot of this clip has {MIN_FRAMES} frames; give --window 0 to fit it as one.")
     return known, shots
 
 
@@ -178,7 +176,7 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     result = fit_clip(clip, folder, config, progress, resume)
     from ..fit.diagnostics import draw_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
 
-    scene = result.scene(clip)
+    scene = result.scene
     masks = result.priors.moving_masks
     metrics = evaluate(scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
     scene, figures = keep_measured(folder, scene, metrics, seconds=result.seconds)

@@ -88,7 +88,7 @@ def build_parser() -> argparse.ArgumentParser:
     def fit_options(sub: argparse.ArgumentParser) -> None:
         sub.add_argument("--profile", choices=PROFILES, default="wild", help="how much work to spend (default: wild)")
         sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
-        sub.add_argument("--threads", type=int, default=0, help="threads (default: all cores)")
+        sub.add_argument("--threads", type=int, help="threads (default: all cores)")
         backend_option(sub)
         sub.add_argument(
             "--provider",
@@ -154,7 +154,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--vocabulary", metavar="FILE|WORDS", help="labels to store: words with commas, or a file with one per line"
     )
     sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
-    sub.add_argument("--threads", type=int, default=0, help="threads (default: all cores)")
+    sub.add_argument("--threads", type=int, help="threads (default: all cores)")
     backend_option(sub)
 
     sub = verb("render", "Draw a scene along a camera path.")

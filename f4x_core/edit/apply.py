@@ -19,7 +19,7 @@ from ..errors import F4xError
 from ..geometry import quaternion, spherical_harmonics
 from ..scaffold import Scaffold
 from ..scaffold.deformation import motions_to, node_poses_at
-from ..scene import Posed, Scene, read_scene
+from ..scene import PosedSplats, Scene, read_scene
 from ..scene.model import faded
 from . import colours
 from .keys import rekeyed
@@ -117,7 +117,7 @@ class EditedScene(Scene):
     """A scene as its enabled edits leave it. Whoever draws or asks takes it as any other scene.
 
     `posed`, `ids`, `colors` and `latents` include copies; `static`, `dynamic` and `scaffold` are the base's, `curves` are the
-    scaffold's as `rekey` leaves them. `Posed.dynamic` says what moves by the scaffold or by an edit.
+    scaffold's as `rekey` leaves them. `PosedSplats.dynamic` says what moves by the scaffold or by an edit.
     """
 
     @property
@@ -145,17 +145,17 @@ class EditedScene(Scene):
         """What there is in the end."""
         return self._program[1]
 
-    def posed(self, time: float) -> Posed:
+    def posed(self, time: float) -> PosedSplats:
         """All Gaussians at clip time `time` (frame index, float allowed), copies last; N and order are the same always."""
         return self.part(time, EVERY)
 
-    def part(self, time: float, rows: Wanted) -> Posed:
+    def part(self, time: float, rows: Wanted) -> PosedSplats:
         """Only the Gaussians `rows` of `posed(time)`, without working out where the others are."""
         self._moments.clear()
         means, quats, scales, presence = self._placed(len(self.steps), time, rows)
         opacities, sh = self.looks(time, rows)
         opacities = faded(opacities, presence) if self.fades else opacities
-        return Posed(means, quats, scales, opacities, sh, self.rows.ids[rows], self.rows.moves[rows])
+        return PosedSplats(means, quats, scales, opacities, sh, ids=self.rows.ids[rows], dynamic=self.rows.moves[rows])
 
     def looks(self, time: float, rows: Wanted = EVERY) -> Appearance:
         """What the Gaussians `rows` look like at `time`, wherever they are and were they there."""
@@ -215,7 +215,7 @@ class EditedScene(Scene):
         return set()
 
     @cached_property
-    def _posed_base(self) -> dict[float, Posed]:
+    def _posed_base(self) -> dict[float, PosedSplats]:
         return {}
 
     @cached_property
@@ -223,7 +223,7 @@ class EditedScene(Scene):
         """Pivots and tones by edit and time."""
         return {}
 
-    def _base(self, time: float) -> Posed:
+    def _base(self, time: float) -> PosedSplats:
         self._moments.add(time)
         if len(self._moments) > MOST_MOMENTS:
             raise F4xError(

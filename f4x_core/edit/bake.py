@@ -225,10 +225,10 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
     origin = rows.origin[still]
     static = StaticSet(
         ids=rows.ids[still],
-        xyz=posed.means[still],
-        rotation=np.where(turned[:, None], posed.quats[still], base.static.rotation[origin]),
-        scale=posed.scales[still],
-        opacity=opacities[still],
+        means=posed.means[still],
+        quats=np.where(turned[:, None], posed.quats[still], base.static.quats[origin]),
+        scales=posed.scales[still],
+        opacities=opacities[still],
         sh=posed.sh[still, : base.static.sh.shape[1]],
         span=_spans(base, origin),
     )
@@ -368,7 +368,7 @@ class _Nodes:
         node = np.tile(self.count + kinds[:, None], (1, slots))
         told = (np.zeros(len(origin), int), node, weight, np.ones(len(origin), np.float32))
         self.followers.append(_Followers(group.rows, *told))
-        self._add_bare(group, np.tile(np.median(static.xyz, 0), (len(latents), 1)), latents, static.xyz.std())
+        self._add_bare(group, np.tile(np.median(static.means, 0), (len(latents), 1)), latents, static.means.std())
 
     def _add_bare(self, group: _Group, points: np.ndarray, latents: np.ndarray, radius: float = 0.0) -> None:
         """Nodes at `points (m,3)` of the base that do nothing but move by G(t)."""
@@ -403,26 +403,26 @@ class _Nodes:
         abandoned = np.zeros(len(scaffold), bool)
         abandoned[base.dynamic.node] = True
         scaffold, place = prune_nodes(scaffold, np.where(abandoned & ~used, 0.0, 1.0), np.zeros(0, int))
-        xyz, rotation, scale = (np.empty((len(rows), n), np.float32) for n in (3, 4, 3))
+        means, quats, scales = (np.empty((len(rows), n), np.float32) for n in (3, 4, 3))
         posed = None
         for index in np.unique(reference):
             posed = scene.posed(float(self.times[index]))
             here = reference == index
-            for array, value in ((xyz, posed.means), (rotation, posed.quats), (scale, posed.scales)):
+            for array, value in ((means, posed.means), (quats, posed.quats), (scales, posed.scales)):
                 array[here] = value[rows[here]]
         kept = np.concatenate([np.full(len(part.rows), part.kept) for part in parts])
         origin = scene.rows.origin[rows[kept]] - len(base.static)
-        xyz[kept], rotation[kept], scale[kept] = (
-            base.dynamic.xyz[origin], base.dynamic.rotation[origin], base.dynamic.scale[origin]
+        means[kept], quats[kept], scales[kept] = (
+            base.dynamic.means[origin], base.dynamic.quats[origin], base.dynamic.scales[origin]
         )  # fmt: skip
         assert posed is not None
         size = base.dynamic.sh.shape[1] if scene.rows.carried[rows].all() else posed.sh.shape[1]
         arrays = {
             "ids": scene.rows.ids[rows],
-            "xyz": xyz,
-            "rotation": rotation,
-            "scale": scale,
-            "opacity": scene.looks(float(self.times[0])).opacities[rows],
+            "means": means,
+            "quats": quats,
+            "scales": scales,
+            "opacities": scene.looks(float(self.times[0])).opacities[rows],
             "sh": posed.sh[rows, :size],
             "reference": reference.astype(np.int32),
             "node": place[node].astype(np.int32),

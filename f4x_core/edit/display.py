@@ -14,7 +14,7 @@ import numpy as np
 from ..geometry import quaternion, spherical_harmonics
 from ..query.pixels import heat_map
 from ..query.selection import Selection
-from ..scene import Posed, Scene
+from ..scene import PosedSplats, Scene
 from .apply import EVERY, LOOKS_OF, Appearance, EditedScene
 from .operations import Transform
 from .warps import effect
@@ -61,7 +61,7 @@ class Display:
     @cached_property
     def rest_rotation(self) -> np.ndarray:
         """(M,4) unit wxyz of the base's M Gaussians, static first, as the file has them: before any motion."""
-        return quaternion.normalize(np.concatenate([self.scene.static.rotation, self.scene.dynamic.rotation]))
+        return quaternion.normalize(np.concatenate([self.scene.static.quats, self.scene.dynamic.quats]))
 
     def looks_key(self, frame: float) -> object:
         """Frames with equal keys show the base's Gaussians, those drawn apart left out, in the same looks."""
@@ -108,7 +108,7 @@ class Display:
         origin = self.scene.origin
         return replace(found, ids=self.scene.ids, scores=found.scores[origin], wins=found.wins[origin])
 
-    def moment(self, frame: float) -> Posed:
+    def moment(self, frame: float) -> PosedSplats:
         """The Gaussians that are drawn apart."""
         assert isinstance(self.scene, EditedScene)
         return self.scene.part(self.time(frame), self.apart)

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from ..geometry.camera import Camera
-from ..scene.model import Posed
+from ..scene.model import PosedSplats
 
 LINK = 3.0
 """Gaussians hang together across so many of their median sizes (largest standard deviation)."""
@@ -46,7 +46,7 @@ def connected(points: np.ndarray, reach: float) -> np.ndarray:
     return np.unique(label, return_inverse=True)[1][cell_of.ravel()]
 
 
-def things(posed: Posed, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def things(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Split the Gaussians `rows (n,)` int: (thing (n,) int from 0, the largest first; stray (n,) bool).
 
     A smaller piece belongs to the thing whose centre is nearest. Size is the geometric mean of surface (opacity times the two
@@ -71,7 +71,7 @@ def things(posed: Posed, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return thing, (total < STRAY * total.max())[piece]
 
 
-def which_thing(posed: Posed, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
+def which_thing(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
     """Those of the Gaussians `rows` that make up the thing `which` (see `selects.Instance`), seen through `camera`."""
     thing, _ = things(posed, rows)
     surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12

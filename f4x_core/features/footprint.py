@@ -1,4 +1,4 @@
-"""Which Gaussian lights which cell of a picture: a sparse matrix per view.
+"""How much each Gaussian weighs in each cell of a picture: a sparse matrix per view.
 
 Where geometry and opacity stand still, compositing is linear in the channels. The matrix is measured once per view, and
 every further look at any channels is one sparse product, about thirty times cheaper than drawing the view again.
@@ -10,32 +10,30 @@ import numpy as np
 from scipy import sparse
 
 from ..geometry.camera import Camera
+from ..geometry.splats import Splats
 from ..raster import RasterConfig
-from ..raster.light import light_into
+from ..raster.blend_weights import blend_weight_sums
 
 PERIOD = 8
-"""Cells of one colour are this many apart, see `cell_light`; 8 x 8 colours are drawn as channels."""
-LEAST_LIGHT = 0.01
-"""Pixels of light below which a Gaussian's part in a cell is forgotten."""
+"""Cells of one colour are this many apart, see `cell_weights`; 8 x 8 colours are drawn as channels."""
+MIN_SUM = 0.01
+"""Pixels below which a Gaussian's part in a cell is forgotten."""
 
 
-def cell_light(
-    means: np.ndarray,
-    quats: np.ndarray,
-    scales: np.ndarray,
-    opacities: np.ndarray,
+def cell_weights(
+    splats: Splats,
     camera: Camera,
     grid: tuple[int, int],
     *,
     config: RasterConfig | None = None,
     backend: str = "auto",
 ) -> sparse.csr_matrix:
-    """(h*w, N) float32: light, in pixels of `camera`, that each cell of `grid` (h, w) gets from each Gaussian.
+    """(h*w, N) float32: the blend weights of each Gaussian, summed over the pixels of `camera` in each cell of `grid` (h, w).
 
-    A row's sum is the covered area of its cell. Gaussians as in `raster.rasterize`, float32.
+    A row's sum is the covered area of its cell.
 
-    Cells are coloured with period `PERIOD` across and down, one layer per colour, so one look gives the light per colour
-    (`raster.light`); the cell meant is the one of that colour next to the Gaussian's centre. A Gaussian wider than
+    Cells are coloured with period `PERIOD` across and down, one layer per colour, so one pass gives the sums per colour
+    (`raster.blend_weights`); the cell meant is the one of that colour next to the Gaussian's centre. A Gaussian wider than
     `PERIOD` cells is heard in the right colours but partly in the wrong cells.
     """
     rows, columns = grid
@@ -43,14 +41,13 @@ def cell_light(
     cell_column = ((np.arange(camera.width) + 0.5) * columns / camera.width).astype(int)
     colour = (cell_row % PERIOD)[:, None] * PERIOD + (cell_column % PERIOD)[None]  # (H,W)
     layers = np.eye(PERIOD**2, dtype=np.float32)[colour]  # (H,W,colours)
-    shapes, view = (means, quats, scales, opacities), (camera.world_to_camera, camera.intrinsics)
-    light = light_into(*shapes, *view, layers, config=config, backend=backend)  # (N, colours)
-    gaussian, seen = np.nonzero(light > LEAST_LIGHT)
-    pixels, _ = camera.project(means[gaussian].astype(np.float64))
+    sums = blend_weight_sums(splats, camera, layers, config=config, backend=backend)  # (N, colours)
+    gaussian, seen = np.nonzero(sums > MIN_SUM)
+    pixels, _ = camera.project(splats.means[gaussian].astype(np.float64))
     row = _nearest(pixels[:, 1] * rows / camera.height - 0.5, seen // PERIOD, rows)
     column = _nearest(pixels[:, 0] * columns / camera.width - 0.5, seen % PERIOD, columns)
-    shape = (rows * columns, len(means))
-    return sparse.csr_matrix((light[gaussian, seen], (row * columns + column, gaussian)), shape, dtype=np.float32)
+    shape = (rows * columns, len(splats))
+    return sparse.csr_matrix((sums[gaussian, seen], (row * columns + column, gaussian)), shape, dtype=np.float32)
 
 
 def _nearest(position: np.ndarray, remainder: np.ndarray, count: int) -> np.ndarray:

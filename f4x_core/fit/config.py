@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from ..errors import F4xError
 from ..gaussians import DensityConfig, SpawnConfig
+from ..native.kernels import Kernels
 from ..priors import PriorsConfig, TracksConfig
 from ..raster import choose_backend
 from ..scaffold.graph import GraphConfig
@@ -104,17 +105,17 @@ class GaussianRates:
     frames held out of car-shadow and .4 dB of train, nothing of camel; still larger rates of what moves lose .3 dB of train.
     """
 
-    xyz: Rate
+    means: Rate
     """Places, at depth 1."""
-    quat: Rate
+    quats: Rate
     """Orientations."""
-    log_scale: Rate
+    log_scales: Rate
     """Sizes."""
-    opacity_logit: Rate
+    opacity_logits: Rate
     """Opacities."""
-    sh_dc: Rate
+    sh0: Rate
     """Colours."""
-    sh_rest: Rate = (5e-4, 5e-4)
+    shN: Rate = (5e-4, 5e-4)  # noqa: N815 - gsplat's name
     """View-dependent colours."""
 
 
@@ -124,21 +125,21 @@ class RateConfig:
 
     static: GaussianRates = field(
         default_factory=lambda: GaussianRates(
-            xyz=(6e-4, 6e-6),
-            quat=(0.015, 7.5e-4),
-            log_scale=(0.05, 2.5e-3),
-            opacity_logit=(0.2, 0.01),
-            sh_dc=(0.03, 1.5e-3),
+            means=(6e-4, 6e-6),
+            quats=(0.015, 7.5e-4),
+            log_scales=(0.05, 2.5e-3),
+            opacity_logits=(0.2, 0.01),
+            sh0=(0.03, 1.5e-3),
         )
     )
     """What stands still."""
     dynamic: GaussianRates = field(
         default_factory=lambda: GaussianRates(
-            xyz=(6e-4, 6e-6),
-            quat=(4e-3, 4e-3),
-            log_scale=(0.02, 0.02),
-            opacity_logit=(0.1, 0.1),
-            sh_dc=(0.01, 0.01),
+            means=(6e-4, 6e-6),
+            quats=(4e-3, 4e-3),
+            log_scales=(0.02, 0.02),
+            opacity_logits=(0.1, 0.1),
+            sh0=(0.01, 0.01),
         )
     )
     """What moves: its appearance is learnt to the end, as its motion is."""
@@ -259,18 +260,14 @@ class FitConfig:
     """Seed of everything random."""
     backend: str = "auto"
     """Raster backend."""
-    threads: int = 0
-    """Threads of the compiled library, or of torch where that does its work; 0 = all. Results are bit-equal for an equal count."""
+    threads: int | None = None
+    """Threads of the compiled library, or of torch where that does its work; None = all. Results are bit-equal for an equal
+    count."""
 
     @property
-    def all_threads(self) -> int:
-        """`threads` as a number."""
-        return self.threads or os.cpu_count() or 1
-
-    @property
-    def native_threads(self) -> int:
-        """Threads of the compiled library; 0 where torch does its work."""
-        return self.all_threads if choose_backend(self.backend) == "native" else 0
+    def kernels(self) -> Kernels:
+        """Who does the inner loops."""
+        return Kernels(choose_backend(self.backend) == "native", self.threads or os.cpu_count() or 1)
 
 
 def _quick() -> FitConfig:

@@ -108,8 +108,8 @@ def write_diagnostics(
     Raises:
         F4xError: the file cannot be written.
     """
-    priors, scaffold = result.priors, result.scaffold
-    profile = str(result.provenance.get("config", {}).get("name", SHORT_PROFILE))
+    priors, scaffold = result.priors, result.scene.scaffold
+    profile = str(result.scene.provenance.get("config", {}).get("name", SHORT_PROFILE))
     found = findings(priors, scaffold, metrics, clip.picked, profile)
     shown = np.unique(np.linspace(0, len(priors.frames) - 1, SHOWN_FRAMES).round().astype(int))
     sections = [
@@ -118,7 +118,7 @@ def write_diagnostics(
         ("Scores", _scores(metrics) + page.plots([frame_scores(metrics), _quality_curve(result.history)])),
         (
             "What the clip needed",
-            page.table(["", "chosen", "evidence", "saved"], [_need_cells(n.row()) for n in result.needs]),
+            page.table(["", "chosen", "evidence", "saved"], [_need_cells(row) for row in result.scene.needs]),
         ),
         ("Worst frames: input, render, error", _worst(clip, metrics, pictures.worst)),
         ("What moves: score and mask", _motion(clip, priors, shown)),
@@ -127,7 +127,7 @@ def write_diagnostics(
         ("Depth and its confidence", _depth(priors, shown)),
         ("Motion scaffold: nodes, measured (bright) or filled in (dark)", _scaffold(clip, priors, scaffold, shown)),
         ("Time", page.plots([_times(result.seconds, priors)])),
-        ("Provenance", _provenance(result.provenance)),
+        ("Provenance", _provenance(result.scene.provenance)),
     ]
     body = [
         f'<p class="verdict">{html.escape(verdict(metrics, found))}</p>',
@@ -143,8 +143,8 @@ def write_diagnostics(
 
 
 def _counts(clip: Clip, result: FitResult) -> str:
-    static, dynamic = len(result.static["ids"]), len(result.dynamic["ids"]) if result.dynamic is not None else 0
-    nodes = len(result.scaffold) if result.scaffold is not None else 0
+    static, dynamic = len(result.scene.static), len(result.scene.dynamic)
+    nodes = len(result.scene.scaffold) if result.scene.scaffold is not None else 0
     held_out = int(clip.held_out.sum())
     return (
         f"{len(clip)} frames of {clip.width}×{clip.height}, {held_out} held out · {static:,} static and {dynamic:,} moving"
@@ -178,7 +178,7 @@ def _scores(metrics: Mapping[str, Any]) -> str:
 
 
 def _camera_words(result: FitResult) -> str:
-    cameras, priors = result.cameras, result.priors
+    cameras, priors = result.scene.cameras, result.priors
     across = np.degrees(2 * np.arctan(cameras.width / (2 * cameras.intrinsics[:, 0, 0])))
     view = f"{across.min():.1f}°" if np.ptp(across) < 0.1 else f"{across.min():.1f}° to {across.max():.1f}°"
     kind = {"moving": "moves", "pan": "only turns", "static": "stands still"}.get(str(priors.camera_kind), "is unknown")

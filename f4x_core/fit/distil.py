@@ -25,7 +25,7 @@ from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
 from ..errors import F4xError
-from ..features.footprint import cell_light
+from ..features.footprint import cell_weights
 from ..features.heads import Head, head_widths
 from ..features.maps import FeatureMaps
 from ..features.memory import memory_guard
@@ -277,14 +277,10 @@ class _Distillation:
         config = RasterConfig(blur=RasterConfig.blur * share**2)
         config = replace(config, threads=self.config.threads) if self.config.threads else config
         posed = scene.posed(float(scene.cameras.times[frame]))
-        light = cell_light(
-            *(posed.means, posed.quats, posed.scales, posed.opacities, camera, self.grid),
-            config=config,
-            backend=self.config.backend,
-        )
-        area = np.asarray(light.sum(1))[:, 0]
+        weights = cell_weights(posed, camera, self.grid, config=config, backend=self.config.backend)
+        area = np.asarray(weights.sum(1))[:, 0]
         alpha = np.clip(area * rows * columns / (camera.width * camera.height), 0, 1).reshape(self.grid)
-        mix = sparse.diags(1 / np.maximum(area, 1e-6)) @ light
+        mix = sparse.diags(1 / np.maximum(area, 1e-6)) @ weights
         if not self.config.feature_grad_to_skinning:
             count = len(scene.static)
             mix = sparse.hstack([mix[:, :count], mix[:, count:] @ self.skinning])

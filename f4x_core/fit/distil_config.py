@@ -35,8 +35,8 @@ class DistilConfig:
     """Let features also move the skinning weights. Motion, and with it the picture, then changes."""
     seed: int = 0
     """Seed of everything random."""
-    threads: int = 0
-    """Threads of the raster; 0: all cores."""
+    threads: int | None = None
+    """Threads of the raster; None: all cores."""
     backend: str = "auto"
     """What draws."""
     bits: int = 4

@@ -134,14 +134,14 @@ def _views(moments: Sequence[Moment]) -> str:
 
 def profile(result: FitResult) -> str:
     """Camera path and static Gaussians in their colours, from above and from the side, in the axes of the middle camera (SVG)."""
-    cameras = result.cameras
+    cameras = result.scene.cameras
     middle = cameras[len(cameras) // 2]
     turn, shift = middle.world_to_camera[:3, :3], middle.world_to_camera[:3, 3]
     path = cameras.centers @ turn.T + shift
-    solid = np.flatnonzero(result.static["opacity"] >= MIN_OPACITY)
+    solid = np.flatnonzero(result.scene.static.opacities >= MIN_OPACITY)
     solid = solid[:: max(1, len(solid) // PROFILE_POINTS)]
-    points = result.static["xyz"][solid] @ turn.T + shift
-    colours = np.clip(rgb_from_dc(result.static["sh"][solid, 0]), 0, 1)
+    points = result.scene.static.means[solid] @ turn.T + shift
+    colours = np.clip(rgb_from_dc(result.scene.static.sh[solid, 0]), 0, 1)
     half = cameras.width / (2 * STRIPS * middle.intrinsics[0, 0])
     strip = np.abs(points[:, 0]) < half * points[:, 2]
     figure, axes = page.plot("", "", "", columns=2, height=2.9)

@@ -18,9 +18,11 @@ import torch
 from torch import Tensor
 
 from ..geometry import quaternion, spherical_harmonics
+from ..geometry.camera import Camera
+from ..geometry.splats import Splats
 from ..raster import RasterConfig, rasterize
-from ..raster.light import light_into
-from .model import Posed, SceneModel
+from ..raster.blend_weights import blend_weight_sums
+from .model import SceneModel
 
 GAIN_DB = 0.1
 """PSNR on left-out frames that the next degree must bring."""
@@ -29,11 +31,11 @@ FRAMES = 16
 SPREAD = 0.2
 """Standard deviation of a coefficient that is to be expected: with the noise in the pictures it says how far to trust what was
 seen from a few degrees, which is fog from elsewhere when it is taken for a slope."""
-LEAST_LIGHT = 1e-3
+MIN_WEIGHT_SUM = 1e-3
 """Pixels; keeps the regression of a Gaussian that no frame sees from dividing by zero."""
 
 
-LEAST_NOISE = 1e-6
+MIN_NOISE = 1e-6
 """Mean square; pictures have 8 bits."""
 
 
@@ -51,9 +53,8 @@ class Band(NamedTuple):
 class _Seen(NamedTuple):
     """One frame."""
 
-    posed: Posed
-    view: Tensor
-    intrinsics: Tensor
+    splats: Splats
+    camera: Camera
     rest: Tensor
     """(H,W,3) picture minus drawn."""
     terms: Tensor
@@ -63,9 +64,9 @@ class _Seen(NamedTuple):
 def next_band(model: SceneModel, pictures: Tensor, config: RasterConfig, backend: str) -> Band:
     """Regress what `pictures (F,H,W,3)` uint8 differ by on the harmonics of the next degree; exact but for overlaps.
 
-    A pixel's rest is that of all Gaussians whose light it is, so each Gaussian's is the light-weighted mean over its pixels
-    (`raster.light`), and the normal equations are small: a constant and the band, by Gaussian, ridge on the band. N counts
-    all Gaussians drawn, in the order of `SceneModel.posed`.
+    A pixel's rest is that of all Gaussians that are blended there, so each Gaussian's is the mean over its pixels by its blend
+    weights (`raster.blend_weights`), and the normal equations are small: a constant and the band, by Gaussian, ridge on the
+    band. N counts all Gaussians drawn, in the order of `SceneModel.posed`.
     """
     count = len(pictures)
     chosen = sorted({round(i * (count - 1) / (FRAMES - 1)) for i in range(FRAMES)})
@@ -79,24 +80,21 @@ def next_band(model: SceneModel, pictures: Tensor, config: RasterConfig, backend
         wanted = torch.zeros(len(first.terms), size, 3)
         left = []
         for each in (first, *seen):
-            light = _light(each, config, backend)  # (N,4): of the rest, and of everything
-            light /= light[:, 3:].clamp_min(1)  # a frame is one observation, however many pixels: they err alike
-            weighted = each.terms * light[:, 3:]
+            sums = _weight_sums(each, config, backend)  # (N,4): of the rest, and of everything
+            sums /= sums[:, 3:].clamp_min(1)  # a frame is one observation, however many pixels: they err alike
+            weighted = each.terms * sums[:, 3:]
             normal += weighted[:, :, None] * each.terms[:, None]
-            wanted += each.terms[:, :, None] * light[:, None, :3]
+            wanted += each.terms[:, :, None] * sums[:, None, :3]
             left.append(each.rest.square().sum())
-        constant = wanted[:, 0] / (normal[:, 0, :1] + LEAST_LIGHT)
+        constant = wanted[:, 0] / (normal[:, 0, :1] + MIN_WEIGHT_SUM)
         noise = torch.stack(left).sum() / (len(left) * first.rest.numel())
-        ridge = torch.full((size,), max(float(noise), LEAST_NOISE) / SPREAD**2)
-        ridge[0] = LEAST_LIGHT
+        ridge = torch.full((size,), max(float(noise), MIN_NOISE) / SPREAD**2)
+        ridge[0] = MIN_WEIGHT_SUM
         found = torch.linalg.solve(normal + torch.diag(ridge), wanted)  # (N,1+n,3)
         before, after = 0.0, 0.0
         for each in _look(model, pictures, left_out, config, backend):
             explained = torch.cat([constant, (each.terms[:, :, None] * found).sum(1)], 1)
-            shapes = each.posed.means, each.posed.quats, each.posed.scales, each.posed.opacities
-            height, width = each.rest.shape[:2]
-            lens = each.view, each.intrinsics, width, height
-            out = rasterize(*shapes, explained, *lens, config=config, backend=backend).channels
+            out = rasterize(each.splats, explained, each.camera, config=config, backend=backend).channels
             before += float((each.rest - out[..., :3]).square().mean())
             after += float((each.rest - out[..., 3:]).square().mean())
     gain = 10 * float(np.log10(max(before, 1e-12) / max(after, 1e-12)))
@@ -110,25 +108,18 @@ def _look(
     height, width = pictures.shape[1:3]
     for frame in frames:
         moved = None if model.dynamic is None else model.dynamic_at(float(model.times[frame]))[0]
-        posed = model.posed(moved)
-        view, intrinsics = model.rig.view(frame), model.rig.intrinsics(frame, width, height)
-        out = model.render(posed, view, intrinsics, width, height, config=config, backend=backend)
+        splats, camera = model.posed(moved), model.rig.camera(frame, width, height)
+        out = model.render(splats, camera, config=config, backend=backend)
         rest = pictures[frame].float() / 255 - out.channels[..., :3].clamp(0, 1)
-        centre = -(view[:3, :3].T @ view[:3, 3])
-        own = quaternion.rotate(quaternion.conjugate(quaternion.normalize(posed.quats)), posed.means - centre)
-        degree = spherical_harmonics.degree_of(posed.sh.shape[1]) + 1
-        band = spherical_harmonics.basis(own, degree)[:, posed.sh.shape[1] :]
-        yield _Seen(posed, view, intrinsics, rest, torch.cat([torch.ones(len(band), 1), band], 1))
+        own = quaternion.rotate(quaternion.conjugate(quaternion.normalize(splats.quats)), splats.means - camera.center)
+        degree = spherical_harmonics.degree_of(splats.sh.shape[1]) + 1
+        band = spherical_harmonics.basis(own, degree)[:, splats.sh.shape[1] :]
+        yield _Seen(splats, camera, rest, torch.cat([torch.ones(len(band), 1), band], 1))
 
 
-def _light(seen: _Seen, config: RasterConfig, backend: str) -> Tensor:
-    """(N,4) each Gaussian's light into the rest's three colours and into all pixels."""
+def _weight_sums(seen: _Seen, config: RasterConfig, backend: str) -> Tensor:
+    """(N,4) each Gaussian's blend weights, summed over the rest's three colours and over all pixels."""
     layers = torch.cat([seen.rest, torch.ones_like(seen.rest[..., :1])], -1).numpy()
-    posed = seen.posed
-    means, quats, scales, opacities = (
-        part.numpy() for part in (posed.means, posed.quats, posed.scales, posed.opacities)
-    )
-    camera = seen.view.numpy(), seen.intrinsics.numpy()
-    return torch.from_numpy(
-        light_into(means, quats, scales, opacities, *camera, layers, config=config, backend=backend)
-    )
+    splats, camera = seen.splats.map(Tensor.numpy), seen.camera
+    view = Camera(camera.intrinsics.numpy(), camera.world_to_camera.numpy(), camera.width, camera.height)
+    return torch.from_numpy(blend_weight_sums(splats, view, layers, config=config, backend=backend))

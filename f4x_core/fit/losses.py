@@ -6,6 +6,7 @@ from functools import lru_cache
 import torch
 from torch import Tensor
 
+from ..native.kernels import TORCH, Kernels
 from .similarity_native import NativeDissimilarity
 
 # SSIM's stabilising constants for images in [0, 1] (Wang et al. 2004).
@@ -46,16 +47,16 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
     return luminance * (2 * covariance + SSIM_C2) / (squares - mean_squares + SSIM_C2)
 
 
-def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float, threads: int = 0) -> Tensor:
+def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float, kernels: Kernels = TORCH) -> Tensor:
     """L1 (summed over channels) + `ssim_weight` * (1 - SSIM), both averaged over pixels with `weight` (H,W).
 
-    Images (H,W,3) in [0,1]. With `threads` the compiled library compares the structure (float32 on the CPU).
+    Images (H,W,3) in [0,1]. The compiled library compares the structure where `kernels` say so (float32 on the CPU).
     """
     loss = masked_l1(image, target, weight)
     if ssim_weight:
-        if threads:
+        if kernels.native:
             constants = (SSIM_C1, SSIM_C2)
-            unlike = NativeDissimilarity.apply(image, target, weight, _window(image.dtype), constants, threads)
+            unlike = NativeDissimilarity.apply(image, target, weight, _window(image.dtype), constants, kernels.threads)
         else:
             unlike = ((1 - ssim_map(image, target).mean(0)) * weight).sum()
         loss = loss + ssim_weight * unlike / weight.sum().clamp_min(LEAST_WEIGHT)

@@ -1,10 +1,10 @@
-"""Everything that the photometric stage optimises, and how it looks at one time: two Gaussian sets, scaffold, cameras."""
+"""Everything that the trainer optimises, and how it looks at one time: two Gaussian sets, scaffold, cameras."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import torch
@@ -12,7 +12,9 @@ from torch import Tensor
 
 from ..gaussians import DynamicGaussians, StaticGaussians, appearance
 from ..geometry import quaternion
-from ..geometry.camera import CameraPath
+from ..geometry.camera import Camera, CameraPath
+from ..geometry.splats import Splats
+from ..native.kernels import TORCH, Kernels
 from ..raster import RasterConfig, RasterOutput, rasterize
 from ..scaffold import Scaffold
 from ..scaffold.deformation_native import NativeDeformer
@@ -22,7 +24,6 @@ from ..scaffold.graph import GraphConfig, multilevel_edges
 from ..scaffold.losses import ArapEdges
 from ..scaffold.radius import RadiusConfig, radius_from_logit, radius_to_logit
 from ..scaffold.skinning import Kernel
-from ..scene import StaticSet
 
 
 class CameraRig:
@@ -63,6 +64,10 @@ class CameraRig:
                 lens[2],
             ]
         )
+
+    def camera(self, frame: int, width: int, height: int) -> Camera:
+        """The camera of supervised frame `frame` for pictures of width x height, differentiable tensors."""
+        return Camera(self.intrinsics(frame, width, height), self.view(frame), width, height)
 
     def smoothness(self) -> Tensor:
         """Mean squared second difference of the corrections, in radians (positions: world units at depth 1)."""
@@ -140,22 +145,18 @@ class NodeSet:
             )
 
 
-@dataclass
-class Posed:
-    """All Gaussians at one time, static first, the backdrop last: activated, world frame, differentiable."""
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """Which dynamic Gaussian hangs where, and what is derived from that."""
 
-    means: Tensor
-    quats: Tensor
-    scales: Tensor
-    opacities: Tensor
-    sh: Tensor
-    static_count: int
-
-
-def _fixed(gaussians: StaticSet) -> list[Tensor]:
-    """Means, quaternions, scales, opacities and harmonics as tensors."""
-    arrays = gaussians.xyz, gaussians.rotation, gaussians.scale, gaussians.opacity, gaussians.sh
-    return [torch.from_numpy(np.ascontiguousarray(array, np.float32)) for array in arrays]
+    attach: Tensor
+    """(N,) index of each Gaussian's node."""
+    nodes: NodeSet
+    edge_mask: Tensor
+    """(N,K) bool of each Gaussian's neighbours."""
+    deformer: Deformer
+    native: NativeDeformer | None
+    """The deformer of the compiled library, where that is used."""
 
 
 class SceneModel:
@@ -168,46 +169,50 @@ class SceneModel:
         nodes: NodeSet | None,
         rig: CameraRig,
         kernel: Kernel,
-        threads: int = 0,
-        backdrop: StaticSet | None = None,
+        kernels: Kernels = TORCH,
+        frozen: Splats | None = None,
     ):
-        """Put the parts together; `dynamic` and `nodes` are None where nothing moves. `kernel`: skinning kernel.
+        """Put the parts together; `dynamic` and `nodes` are None where nothing moves.
 
-        With `threads` the compiled library moves and colours the Gaussians, without torch does. `backdrop`: Gaussians that
-        are drawn and never change, of the SH degree of the others.
+        `kernel`: skinning kernel. `kernels`: what moves and colours the Gaussians. `frozen`: Gaussians that are drawn and never
+        change, tensors with harmonics of the degree of the others.
         """
-        self.backdrop = None if backdrop is None else _fixed(backdrop)
         self.static, self.dynamic, self.nodes, self.rig, self.kernel = static, dynamic, nodes, rig, kernel
-        self.threads = threads
+        self.kernels, self.frozen = kernels, frozen
         self.times = rig.path.times
-        self.topology_changed()
+        self._attachment: Attachment | None = None
 
-    def topology_changed(self) -> None:
-        """Forget what was derived from the graph and from which Gaussian hangs where."""
-        for name in ("_carried", "_native"):
-            self.__dict__.pop(name, None)
+    def __len__(self) -> int:
+        """Gaussians of both sets."""
+        return len(self.static) + (0 if self.dynamic is None else len(self.dynamic))
 
-    @cached_property
-    def _carried(self) -> tuple[Tensor, Deformer]:
-        """Edge mask (N,K) of each dynamic Gaussian's neighbours, and the deformer."""
+    def sets(self) -> Iterator[tuple[str, StaticGaussians | DynamicGaussians]]:
+        """The optimised sets by name, in the order in which they are drawn."""
+        yield "static", self.static
+        if self.dynamic is not None:
+            yield "dynamic", self.dynamic
+
+    @property
+    def attachment(self) -> Attachment:
+        """Made again whenever Gaussians or the graph were replaced."""
         assert self.dynamic is not None and self.nodes is not None
-        attach, reference = self.dynamic.labels["attach"], self.dynamic.labels["reference"]
-        deformer = Deformer(self.times, reference, self.nodes.neighbours[attach], len(self.nodes.scaffold))
-        return self.nodes.edge_mask[attach], deformer
-
-    @cached_property
-    def _native(self) -> NativeDeformer:
-        """The deformer of the compiled library."""
-        mask, deformer = self._carried
-        return NativeDeformer(deformer, mask, self.kernel, self.threads)
+        attach, reference, nodes = self.dynamic.labels["attach"], self.dynamic.labels["reference"], self.nodes
+        known = self._attachment
+        if known is None or known.attach is not attach or known.nodes is not nodes:
+            mask = nodes.edge_mask[attach]
+            deformer = Deformer(self.times, reference, nodes.neighbours[attach], len(nodes.scaffold))
+            threads = self.kernels.threads
+            native = NativeDeformer(deformer, mask, self.kernel, threads) if self.kernels.native else None
+            self._attachment = known = Attachment(attach, nodes, mask, deformer, native)
+        return known
 
     def skinning(self, x_reference: Tensor) -> tuple[Tensor, Tensor]:
         """Weights (N,K) and identity strength (N,) of the dynamic Gaussians at their reference positions (N,3)."""
         assert self.dynamic is not None and self.nodes is not None
-        mask, deformer = self._carried
+        known = self.attachment
         dw = self.dynamic.parameters["dw"] if self.dynamic.use_dw else None
-        weights, strength = deformer.skinning(
-            x_reference, self.nodes.parameters["node_xyz"], self.nodes.radius, mask, dw, self.kernel
+        weights, strength = known.deformer.skinning(
+            x_reference, self.nodes.parameters["node_xyz"], self.nodes.radius, known.edge_mask, dw, self.kernel
         )
         # Points far from every node follow their nearest ones instead of fading to rest: the spawn mask says they move.
         return weights, torch.ones_like(strength)
@@ -216,43 +221,39 @@ class SceneModel:
         """Positions (N,3) and orientations (N,4) of the dynamic Gaussians at each of `times` (clip frame indices)."""
         assert self.dynamic is not None and self.nodes is not None
         xyz = self.nodes.parameters["node_xyz"]
-        if self.threads:
+        attachment = self.attachment
+        if attachment.native is not None:
             own = self.dynamic.parameters
             dw = own["dw"] if self.dynamic.use_dw else None
             poses = xyz, self.nodes.parameters["node_quat"], self.nodes.radius
-            return self._native(own["local_xyz"], own["local_quat"], dw, *poses, times)
+            return attachment.native(own["local_means"], own["local_quats"], dw, *poses, times)
         quat = self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)
         weights, strength = self.skinning(x)
-        deformer = self._carried[1]
         posed = []
         for time in times:
-            turn, shift = deformer(xyz, quat, weights, strength, time)
+            turn, shift = attachment.deformer(xyz, quat, weights, strength, time)
             posed.append((quaternion.rotate(turn, x) + shift, quaternion.multiply(turn, q)))
         return posed
 
-    def posed(self, moved: tuple[Tensor, Tensor] | None) -> Posed:
-        """Both sets together; `moved` is one entry of `dynamic_at`, None where nothing moves."""
+    def posed(self, moved: tuple[Tensor, Tensor] | None) -> Splats:
+        """All Gaussians, static first, the frozen ones last; `moved` is one entry of `dynamic_at`, None where nothing moves."""
         static = self.static
-        parts = [static.parameters["xyz"]], [static.parameters["quat"]], [static.scale], [static.opacity], [static.sh]
+        parts = [
+            Splats(static.parameters["means"], static.parameters["quats"], static.scales, static.opacities, static.sh)
+        ]
         if moved is not None and self.dynamic is not None:
-            for part, more in zip(
-                parts, (moved[0], moved[1], self.dynamic.scale, self.dynamic.opacity, self.dynamic.sh), strict=True
-            ):
-                part.append(more)
-        if self.backdrop is not None:
-            for part, more in zip(parts, self.backdrop, strict=True):
-                part.append(more)
-        means, quats, scales, opacities, sh = (torch.cat(part) if len(part) > 1 else part[0] for part in parts)
-        return Posed(means, quats, scales, opacities, sh, len(static))
+            parts.append(Splats(*moved, self.dynamic.scales, self.dynamic.opacities, self.dynamic.sh))
+        if self.frozen is not None:
+            parts.append(self.frozen)
+        if len(parts) == 1:
+            return parts[0]
+        return Splats(**{name: torch.cat([getattr(part, name) for part in parts]) for name in parts[0].arrays()})
 
     def render(
         self,
-        posed: Posed,
-        view: Tensor,
-        intrinsics: Tensor,
-        width: int,
-        height: int,
+        splats: Splats,
+        camera: Camera,
         *,
         extra: Tensor | None = None,
         background: Tensor | None = None,
@@ -261,22 +262,15 @@ class SceneModel:
         backend: str = "auto",
     ) -> RasterOutput:
         """Composite rgb (3 channels), then `extra` (N,E) channels; the background (3,) is added to rgb only."""
-        centre = -(view[:3, :3].T @ view[:3, 3]).detach()
-        colors = appearance(posed.sh, posed.means, posed.quats, centre, self.threads)
+        colors = appearance(splats.sh, splats.means, splats.quats, camera.center.detach(), self.kernels)
         if extra is not None:
             colors = torch.cat([colors, extra], 1)
         if background is not None and extra is not None:
             background = torch.cat([background, background.new_zeros(extra.shape[1])])
         return rasterize(
-            posed.means,
-            posed.quats,
-            posed.scales,
-            posed.opacities,
+            splats,
             colors,
-            view,
-            intrinsics,
-            width,
-            height,
+            camera,
             background=background,
             config=config,
             backend=backend,

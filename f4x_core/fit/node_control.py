@@ -63,7 +63,7 @@ def add_nodes(
         reference, attach = dynamic.labels["reference"], dynamic.labels["attach"]
         nearest = torch.from_numpy(attach_nodes(x.numpy(), reference.numpy(), grown.xyz))
         moving = (nearest >= len(before)).nonzero()[:, 0]
-        place, turn = dynamic.parameters["local_xyz"], dynamic.parameters["local_quat"]
+        place, turn = dynamic.parameters["local_means"], dynamic.parameters["local_quats"]
         local = rebase_local(
             place[moving],
             turn[moving],
@@ -74,10 +74,9 @@ def add_nodes(
             fresh.quat.detach(),
         )
         place[moving], turn[moving] = local
-        attach[moving] = nearest[moving]
-    optimiser.forget("local_xyz")
-    optimiser.forget("local_quat")
-    model.topology_changed()
+        dynamic.labels["attach"] = torch.where(nearest >= len(before), nearest, attach)
+    optimiser.forget("local_means")
+    optimiser.forget("local_quats")
     return next_node_id + added
 
 
@@ -96,7 +95,6 @@ def drop_nodes(model: SceneModel, shared: torch.optim.Adam, config: NodeConfig) 
     keep = torch.from_numpy(np.flatnonzero(new_index >= 0))
     _swap_nodes(model, shared, NodeSet(pruned, nodes.graph), lambda moment, axis: moment.index_select(axis, keep))
     dynamic.labels["attach"] = torch.from_numpy(new_index)[dynamic.labels["attach"]]
-    model.topology_changed()
     return len(new_index) - len(pruned)
 
 

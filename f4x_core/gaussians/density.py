@@ -1,6 +1,6 @@
 """Density control: where Gaussians are missing more are made, where they do nothing they go.
 
-A strategy object records the screen-space gradient each step and changes the set at its period; the training loop only calls it.
+A strategy object records the screen-space gradient each step and changes the set at its period; the trainer only calls it.
 """
 
 from dataclasses import dataclass
@@ -64,18 +64,25 @@ class DensityControl:
         self.gradient_sum += ndc.norm(dim=1)
         self.seen += visible
 
-    def after_step(self, step: int, next_id: int, generator: torch.Generator) -> int:
-        """Change the set if this step asks for it; returns the next unused id."""
-        config = self.config
+    @property
+    def steps(self) -> frozenset[int]:
+        """The steps after which the set changes."""
+        config, total = self.config, self.total
+        periods = range(config.every, total, config.every) if config.every else range(0)
+        return frozenset(step for step in periods if config.start * total <= step < config.stop * total)
+
+    def cap_sizes(self) -> None:
+        """Shrink Gaussians that have become larger than their reach allows."""
         with torch.no_grad():
-            largest = (config.most_scale * self.optimiser.gaussians.labels["reach"]).log()
-            log_scale = self.optimiser.gaussians.parameters["log_scale"]
-            log_scale.copy_(torch.minimum(log_scale, largest[:, None]))
-        active = config.start * self.total <= step < config.stop * self.total
-        if active and config.every and step % config.every == 0 and step > 0:
-            next_id = self._densify(next_id, generator)
-            self._prune()
-            self.clear()
+            largest = (self.config.most_scale * self.optimiser.gaussians.labels["reach"]).log()
+            log_scales = self.optimiser.gaussians.parameters["log_scales"]
+            log_scales.copy_(torch.minimum(log_scales, largest[:, None]))
+
+    def densify_and_prune(self, next_id: int, generator: torch.Generator) -> int:
+        """Clone or split where the gradients were largest, remove what is faint; returns the next unused id."""
+        next_id = self._densify(next_id, generator)
+        self._prune()
+        self.clear()
         return next_id
 
     def _densify(self, next_id: int, generator: torch.Generator) -> int:
@@ -87,16 +94,16 @@ class DensityControl:
             return next_id
         chosen = mean.topk(min(room, wanted)).indices.sort().values
         reach = gaussians.labels["reach"][chosen]
-        split = gaussians.scale.detach()[chosen].amax(1) > config.split_scale * reach
+        split = gaussians.scales.detach()[chosen].amax(1) > config.split_scale * reach
         cloned, parents = chosen[~split], chosen[split]
         rows = torch.cat([cloned, parents, parents])
         new = {name: tensor.detach()[rows].clone() for name, tensor in gaussians.parameters.items()}
         place = self.optimiser.place
-        turn = place.replace("xyz", "quat")
+        turn = place.replace("means", "quats")
         halves = slice(len(cloned), None)
-        noise = torch.randn(2 * len(parents), 3, generator=generator) * new["log_scale"][halves].exp()
+        noise = torch.randn(2 * len(parents), 3, generator=generator) * new["log_scales"][halves].exp()
         new[place][halves] += quaternion.rotate(quaternion.normalize(new[turn][halves]), noise)
-        new["log_scale"][halves] -= torch.tensor(SPLIT_SHRINK).log()
+        new["log_scales"][halves] -= torch.tensor(SPLIT_SHRINK).log()
         labels = {name: label[rows] for name, label in gaussians.labels.items()}
         labels["ids"] = torch.arange(next_id, next_id + len(rows))
         kept = torch.ones(len(gaussians), dtype=torch.bool)
@@ -107,7 +114,7 @@ class DensityControl:
 
     def _prune(self) -> None:
         gaussians, config = self.optimiser.gaussians, self.config
-        keep = gaussians.opacity.detach() >= config.prune_opacity
+        keep = gaussians.opacities.detach() >= config.prune_opacity
         if int(keep.sum()) < config.least:
-            keep[gaussians.opacity.detach().topk(min(config.least, len(gaussians))).indices] = True
+            keep[gaussians.opacities.detach().topk(min(config.least, len(gaussians))).indices] = True
         self.optimiser.keep(keep.nonzero()[:, 0])

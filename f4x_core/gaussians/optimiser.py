@@ -44,7 +44,7 @@ class SetOptimiser:
     @property
     def place(self) -> str:
         """The name of the tensor of places."""
-        return "local_xyz" if "local_xyz" in self.gaussians.parameters else "xyz"
+        return "local_means" if "local_means" in self.gaussians.parameters else "means"
 
     def keep(self, index: Tensor) -> None:
         """Keep only the rows `index` (int64), in that order."""
@@ -65,14 +65,14 @@ class SetOptimiser:
     def add_band(self, plain: Tensor, more: Tensor) -> None:
         """Add `plain (N,1,3)` to the first coefficient of the harmonics and the band `more (N,n,3)` behind the last one."""
         with torch.no_grad():
-            self.gaussians.parameters["sh_dc"] += plain
+            self.gaussians.parameters["sh0"] += plain
         for group in self.adam.param_groups:
-            if group["name"] == "sh_rest":
-                values = torch.cat([self.gaussians.parameters["sh_rest"].detach(), more], 1)
+            if group["name"] == "shN":
+                values = torch.cat([self.gaussians.parameters["shN"].detach(), more], 1)
                 widened = replace_parameter(
                     self.adam, group, values, lambda moment: torch.cat([moment, torch.zeros_like(more)], 1)
                 )
-                self.gaussians.parameters["sh_rest"] = widened
+                self.gaussians.parameters["shN"] = widened
 
     def forget(self, name: str) -> None:
         """Zero the moments of one tensor (after its values were set from outside)."""

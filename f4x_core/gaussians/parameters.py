@@ -1,6 +1,6 @@
 """The two parameter sets that are optimised: Gaussians of the static world, and Gaussians carried by the scaffold.
 
-Values are stored unactivated (`log_scale`, `opacity_logit`). Colours are spherical harmonics whose directions are taken in
+Values are stored unactivated (`log_scales`, `opacity_logits`). Colours are spherical harmonics whose directions are taken in
 the Gaussian's own frame, so that appearance turns with the surface (MoSca).
 """
 
@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..geometry import pose, quaternion, spherical_harmonics
+from ..native.kernels import TORCH, Kernels
 from .appearance_native import COEFFICIENTS, NativeAppearance
 
 # Opacities are kept this far from 0 and 1 before taking the logit, so that its gradient stays finite.
@@ -21,8 +22,8 @@ class GaussianSet:
     """N Gaussians as named tensors that share their first dimension.
 
     Attributes:
-        parameters: optimised tensors, all requiring grad: `log_scale` (N,3), `opacity_logit` (N,), `sh_dc` (N,1,3),
-            `sh_rest` (N,S-1,3), and the placement tensors of the subclass.
+        parameters: optimised tensors, all requiring grad: `log_scales` (N,3), `opacity_logits` (N,), `sh0` (N,1,3),
+            `shN` (N,S-1,3), and the placement tensors of the subclass.
         labels: tensors that travel with the Gaussians: `ids` (N,) int64, never reused; `reach` (N,) float32, the depth in world
             units from which they were seen, in which their steps and sizes are measured; and those of the subclass.
     """
@@ -34,30 +35,30 @@ class GaussianSet:
         return len(self.labels["ids"])
 
     @property
-    def scale(self) -> Tensor:
+    def scales(self) -> Tensor:
         """(N,3) activated standard deviations, world units."""
-        return self.parameters["log_scale"].exp()
+        return self.parameters["log_scales"].exp()
 
     @property
-    def opacity(self) -> Tensor:
+    def opacities(self) -> Tensor:
         """(N,) activated opacity in (0, 1)."""
-        return self.parameters["opacity_logit"].sigmoid()
+        return self.parameters["opacity_logits"].sigmoid()
 
     @property
     def sh(self) -> Tensor:
         """(N,S,3) spherical-harmonic coefficients, DC first."""
-        return torch.cat([self.parameters["sh_dc"], self.parameters["sh_rest"]], 1)
+        return torch.cat([self.parameters["sh0"], self.parameters["shN"]], 1)
 
 
 class StaticGaussians(GaussianSet):
-    """Gaussians that do not move: placement `xyz` (N,3) and `quat` (N,4), world frame."""
+    """Gaussians that do not move: placement `means` (N,3) and `quats` (N,4), world frame."""
 
 
 @dataclass
 class DynamicGaussians(GaussianSet):
     """Gaussians carried by the scaffold.
 
-    Placement `local_xyz` (N,3), `local_quat` (N,4) is in the frame of the attach node at the reference frame, so that moving a
+    Placement `local_means` (N,3), `local_quats` (N,4) is in the frame of the attach node at the reference frame, so that moving a
     node moves its Gaussians at their own reference time too. `dw` (N,K) is the learnable offset of Eq. 1. Labels: `attach`
     (N,) node index, `reference` (N,) index into the scaffold's times.
     """
@@ -74,8 +75,8 @@ class DynamicGaussians(GaussianSet):
         row = reference * node_xyz.shape[1] + attach  # (N,) row of the flattened (F*M) table
         t = torch.nn.functional.embedding(row, node_xyz.reshape(-1, 3))
         q = torch.nn.functional.embedding(row, node_quat.reshape(-1, 4))
-        x = pose.transform(q, t, self.parameters["local_xyz"])
-        return x, quaternion.multiply(q, quaternion.normalize(self.parameters["local_quat"]))
+        x = pose.transform(q, t, self.parameters["local_means"])
+        return x, quaternion.multiply(q, quaternion.normalize(self.parameters["local_quats"]))
 
 
 def localise(
@@ -87,14 +88,14 @@ def localise(
     return quaternion.rotate(inverse, x - node_t), quaternion.multiply(inverse, q)
 
 
-def appearance(sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor, threads: int = 0) -> Tensor:
+def appearance(sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor, kernels: Kernels = TORCH) -> Tensor:
     """Colours (N,3) seen from a camera centre (3,): SH evaluated along the view direction in the Gaussian's own frame.
 
-    `quats` (N,4) may have any length. With `threads` the compiled library does it (float32 on the CPU, degree 3 at most;
-    higher degrees stay in torch); the centre then has no gradient.
+    `quats` (N,4) may have any length. The compiled library does it where `kernels` say so (float32 on the CPU, degree 3 at
+    most; higher degrees stay in torch); the centre then has no gradient.
     """
-    if threads and sh.shape[1] in COEFFICIENTS:
-        return NativeAppearance.apply(sh, means, quats, centre, threads)
+    if kernels.native and sh.shape[1] in COEFFICIENTS:
+        return NativeAppearance.apply(sh, means, quats, centre, kernels.threads)
     if sh.shape[1] == 1:
         return (sh[:, 0] * spherical_harmonics.C0 + 0.5).clamp_min(0)
     direction = torch.nn.functional.normalize(means - centre, dim=-1)  # (N,3)

@@ -54,16 +54,16 @@ class SpawnConfig:
 
 @dataclass
 class Spawned:
-    """New Gaussians in the world: `xyz` (N,3), `rgb` (N,3) in [0,1], `radius` (N,) and `depth` (N,) world units; float32."""
+    """New Gaussians in the world: `means` (N,3), `rgb` (N,3) in [0,1], `radius` (N,) and `depth` (N,) world units; float32."""
 
-    xyz: np.ndarray
+    means: np.ndarray
     rgb: np.ndarray
     radius: np.ndarray
     depth: np.ndarray
     """How far the camera was away: what a pixel is worth there."""
 
     def __len__(self) -> int:
-        return len(self.xyz)
+        return len(self.means)
 
     @classmethod
     def joined(cls, parts: Sequence[Spawned]) -> Spawned:
@@ -230,13 +230,13 @@ def _blocks(cells: np.ndarray, level: int) -> np.ndarray:
 
 
 def _parameters(spawned: Spawned, degree: int, opacity: float) -> dict[str, Tensor]:
-    count, coefficients = len(spawned.xyz), (degree + 1) ** 2
+    count, coefficients = len(spawned.means), (degree + 1) ** 2
     dc = torch.from_numpy(dc_from_rgb(spawned.rgb).astype(np.float32))
     return {
-        "log_scale": torch.from_numpy(spawned.radius).log()[:, None].repeat(1, 3),
-        "opacity_logit": opacity_logit(torch.full((count,), opacity)),
-        "sh_dc": dc[:, None].clone(),
-        "sh_rest": torch.zeros(count, coefficients - 1, 3),
+        "log_scales": torch.from_numpy(spawned.radius).log()[:, None].repeat(1, 3),
+        "opacity_logits": opacity_logit(torch.full((count,), opacity)),
+        "sh0": dc[:, None].clone(),
+        "shN": torch.zeros(count, coefficients - 1, 3),
     }
 
 
@@ -250,8 +250,8 @@ def _trainable(parameters: dict[str, Tensor]) -> dict[str, Tensor]:
 
 def spawn_static(spawned: Spawned, degree: int, config: SpawnConfig, first_id: int = 0) -> StaticGaussians:
     """Static Gaussians of SH degree `degree` at back-projected pixels, ids from `first_id` on."""
-    count = len(spawned.xyz)
-    parameters = {"xyz": torch.from_numpy(spawned.xyz), "quat": _identity_quaternions(count)}
+    count = len(spawned.means)
+    parameters = {"means": torch.from_numpy(spawned.means), "quats": _identity_quaternions(count)}
     parameters |= _parameters(spawned, degree, config.opacity)
     labels = {"ids": torch.arange(first_id, first_id + count), "reach": torch.from_numpy(spawned.depth)}
     return StaticGaussians(_trainable(parameters), labels)
@@ -272,11 +272,11 @@ def spawn_dynamic(
     Args:
         reference: (N,) frame index of each Gaussian. node_xyz: (F,M,3). node_quat: (F,M,4). neighbours: K.
     """
-    count = len(spawned.xyz)
-    frame, x = torch.from_numpy(reference).long(), torch.from_numpy(spawned.xyz)
-    attach = torch.from_numpy(attach_nodes(spawned.xyz, reference, node_xyz.numpy()))
+    count = len(spawned.means)
+    frame, x = torch.from_numpy(reference).long(), torch.from_numpy(spawned.means)
+    attach = torch.from_numpy(attach_nodes(spawned.means, reference, node_xyz.numpy()))
     local_x, local_q = localise(x, _identity_quaternions(count), attach, frame, node_xyz, node_quat)
-    parameters = {"local_xyz": local_x, "local_quat": local_q}
+    parameters = {"local_means": local_x, "local_quats": local_q}
     parameters |= _parameters(spawned, degree, config.opacity)
     parameters["dw"] = torch.zeros(count, neighbours)
     labels = {"ids": torch.arange(first_id, first_id + count), "attach": attach, "reference": frame}

@@ -25,21 +25,22 @@ _MIN_DEPTH = 1e-8  # world units; nearer to the camera plane the projection is h
 class Camera:
     """One view. Points are in world units, pixels have their origin at the image's upper left corner."""
 
-    intrinsics: np.ndarray
-    """(3, 3) float64, pixels: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]."""
-    world_to_camera: np.ndarray
+    intrinsics: Array
+    """(3, 3) float64, pixels: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]. Here and below a torch tensor stays what it is, with
+    its gradient."""
+    world_to_camera: Array
     """(4, 4) float64 rigid matrix."""
     width: int
     height: int
 
     def __post_init__(self):
-        """Take anything array-like as float64 and refuse wrong shapes."""
+        """Take anything array-like but a tensor as float64 and refuse wrong shapes."""
         object.__setattr__(self, "intrinsics", _checked(self.intrinsics, (3, 3), "intrinsics"))
         object.__setattr__(self, "world_to_camera", _checked(self.world_to_camera, (4, 4), "world_to_camera"))
         _check_size(self.width, self.height)
 
     @property
-    def center(self) -> np.ndarray:
+    def center(self) -> Array:
         """Camera centre in the world, `(3,)`."""
         return -self.world_to_camera[:3, :3].T @ self.world_to_camera[:3, 3]
 
@@ -204,10 +205,14 @@ def _resized_intrinsics(intrinsics: np.ndarray, scale_x: float, scale_y: float) 
     return intrinsics * np.array([scale_x, scale_y, 1.0])[:, None]
 
 
-def _checked(array: Any, shape: tuple[int, ...], name: str) -> np.ndarray:
-    array = np.asarray(array, np.float64)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise F4xError(f"camera {name} should be finite numbers of shape {shape}, got shape {array.shape}")
+def _checked(array: Any, shape: tuple[int, ...], name: str) -> Array:
+    if namespace(array) is np:
+        array = np.asarray(array, np.float64)
+        usable = array.shape == shape and bool(np.isfinite(array).all())
+    else:
+        usable = tuple(array.shape) == shape  # whether a tensor is finite is asked where it is used, with all others
+    if not usable:
+        raise F4xError(f"camera {name} should be finite numbers of shape {shape}, got shape {tuple(array.shape)}")
     return array
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..progress import Progress, silent
 from ..scene import Scene
-from .light import lift_masks
+from .blend_weights import lift_masks
 from .pixels import share_picture
 from .segmentation import connected_regions
 from .selection import Selection

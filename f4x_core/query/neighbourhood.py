@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from ..geometry import quaternion
-from ..scene.model import Posed
+from ..scene.model import PosedSplats
 
 FINE = 2
 """Cells that make up a step: what is nearer than a step is found to half of one."""
@@ -43,7 +43,7 @@ def shrunk(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.ndarray:
     return ~grown(points, ~chosen, reach)
 
 
-def meeting(posed: Posed, origin: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
+def meeting(posed: PosedSplats, origin: np.ndarray, direction: np.ndarray) -> np.ndarray | None:
     """(3,) world: where the ray from `origin (3,)` along `direction (3,)` meets a surface of `posed`; None where it meets none.
 
     A Gaussian takes from the ray what its density is where the ray comes nearest to its centre, in its own metric.

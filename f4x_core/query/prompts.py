@@ -16,9 +16,9 @@ from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
+from .blend_weights import lift_masks
 from .calibration import word_probabilities
 from .labels import Encode, TextQuery, ask_for
-from .light import lift_masks
 from .pixels import head_map, label_scores
 from .score import THRESHOLD, target_score
 from .segmentation import FeaturePropagation, MaskDecoder

@@ -180,7 +180,7 @@ def fingerprint(scene: Scene) -> str:
     digest = hashlib.sha256()
     for part in (scene.base.static, scene.base.dynamic):
         digest.update(np.ascontiguousarray(part.ids, np.int64).tobytes())
-        digest.update(np.ascontiguousarray(part.xyz, np.float32).tobytes())
+        digest.update(np.ascontiguousarray(part.means, np.float32).tobytes())
     return f"{scene.name} {digest.hexdigest()[:12]}"
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.field import FeatureField, FieldHead
-from .light import light_into
+from .blend_weights import blend_weight_sums
 
 LOOKS_ALIKE = "visual"
 """The head whose features say what looks alike: they carry masks through the clip, and words to neighbours (a scene without
@@ -165,7 +165,7 @@ def _light(scene: Scene) -> np.ndarray:
     frames = np.unique(np.linspace(0, len(cameras) - 1, VIEWS).round().astype(int))
     light = np.zeros(len(scene.ids))
     for t in frames:
-        light += light_into(scene, float(cameras.times[t]), int(t), layer)[:, 0]
+        light += blend_weight_sums(scene, float(cameras.times[t]), int(t), layer)[:, 0]
     return light
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from ..features.models.prompt import Prompt
 from ..geometry import spherical_harmonics
 from ..scene import Scene
-from .light import light_into
+from .blend_weights import blend_weight_sums
 from .smoothing import LOOKS_ALIKE
 
 PIECES, BACKDROP = 1000, 600
@@ -112,7 +112,7 @@ def point_out(scene: Scene, prompts: Mapping[int, Prompt]) -> np.ndarray | None:
     starts, rest = [], np.zeros((3, len(scene.ids)))
     for frame, prompt in prompts.items():
         layers = _marks(prompt, (scene.cameras.height, scene.cameras.width))
-        light = light_into(scene, float(scene.cameras.times[frame]), frame, layers).T
+        light = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, layers).T
         starts += [*light[3:]]
         rest += light[:3]
     toward = np.sum(starts, 0)
@@ -186,7 +186,8 @@ def _light(scene: Scene) -> np.ndarray:
     layer = np.ones((max(1, round(COLUMNS * cameras.height / cameras.width)), COLUMNS, 1), np.float32)
     frames = np.unique(np.linspace(0, len(cameras) - 1, VIEWS).round().astype(int))
     return sum(
-        (light_into(scene, float(cameras.times[t]), int(t), layer)[:, 0] for t in frames), np.zeros(len(scene.ids))
+        (blend_weight_sums(scene, float(cameras.times[t]), int(t), layer)[:, 0] for t in frames),
+        np.zeros(len(scene.ids)),
     )
 
 

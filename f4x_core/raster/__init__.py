@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import F4xError
-from .contract import RasterConfig, RasterOutput
-from .inputs import Arguments, check_shapes, leave_out_broken, make_floating
+from ..geometry.arrays import Array
+from ..geometry.camera import Camera
+from ..geometry.splats import Splats
+from .contract import RasterConfig, RasterInput, RasterOutput
+from .inputs import prepare
 
-if TYPE_CHECKING:
-    from .contract import Array
-
-__all__ = ["BACKENDS", "RasterConfig", "RasterOutput", "choose_backend", "rasterize", "why_not"]
+__all__ = ["BACKENDS", "RasterConfig", "RasterInput", "RasterOutput", "choose_backend", "rasterize", "why_not"]
 
 BACKENDS = ("native", "torch", "reference", "gsplat")
 """What renders for a fit. `plain` besides is numpy alone and draws pictures only."""
@@ -24,15 +25,9 @@ DRAW_PARTS = ("native", "reference", "plain")
 
 
 def rasterize(
-    means: Array,
-    quats: Array,
-    scales: Array,
-    opacities: Array,
+    splats: Splats,
     colors: Array,
-    viewmat: Array,
-    K: Array,
-    width: int,
-    height: int,
+    camera: Camera,
     *,
     background: Array | None = None,
     config: RasterConfig | None = None,
@@ -42,18 +37,12 @@ def rasterize(
     limit: Array | None = None,
     rows: slice | None = None,
 ) -> RasterOutput:
-    """Composite N Gaussians into a `height` x `width` image of C channels (EWA splatting, 3DGS rules).
+    """Composite N Gaussians into an image of C channels (EWA splatting, 3DGS rules).
 
     Args:
-        means: (N, 3) centres, world frame, world units.
-        quats: (N, 4) rotations wxyz, need not be normalised.
-        scales: (N, 3) standard deviations along the own axes (activated), world units.
-        opacities: (N,) in [0, 1] (activated).
+        splats: N Gaussians; their harmonics are not looked at.
         colors: (N, C) any channels: rgb, latent features, ...
-        viewmat: (4, 4) world_to_camera, OpenCV axes.
-        K: (3, 3) intrinsics in pixels; pixel (col, row) is looked through at (col + 0.5, row + 0.5).
-        width: image width in pixels.
-        height: image height in pixels.
+        camera: the view, H x W pixels; matrices of numpy serve tensors, too.
         background: (C,) added where light is left; none = black.
         config: constants of the rule and thread count.
         backend: `auto`, one of `BACKENDS`, or `plain`. `auto` takes `native` for float32 on the CPU when it is there and
@@ -67,8 +56,8 @@ def rasterize(
         rows: slice(first, last) of the image to draw: H is `last - first` for `limit` and for what comes out, which is what
             the whole image has there, bit for bit. Not for `torch`, `gsplat`.
 
-    Tensors (any dtype, one device; whole numbers count as float32) give tensors with gradients to means, quats, scales,
-    opacities, colors, viewmat, background and mean2d_offset; numpy arrays give numpy arrays, without gradients.
+    Tensors (any dtype, one device; whole numbers count as float32) give tensors with gradients to the arrays of `splats`,
+    colors, the camera's matrix, background and mean2d_offset; numpy arrays give numpy arrays, without gradients.
     `reference` answers in float64 always.
 
     A Gaussian with a NaN or infinity among its values is left out and counted in `dropped`.
@@ -77,43 +66,32 @@ def rasterize(
         F4xError: shapes that do not fit, a camera that is not finite, an unknown backend, one that is not installed or that
             cannot do what is asked for; with `config.debug` also Gaussians that are not finite.
     """
-    arguments: Arguments = {
-        "means": means,
-        "quats": quats,
-        "scales": scales,
-        "opacities": opacities,
-        "colors": colors,
-        "viewmat": viewmat,
-        "K": K,
-        "background": background,
-        "mean2d_offset": mean2d_offset,
-    }
-    if limit is not None:
-        arguments["limit"] = limit
-    partial = limit is not None or rows is not None
     config = config or RasterConfig()
-    check_shapes(arguments, width, height, detached_from, rows)
-    arguments, dropped = leave_out_broken(make_floating(arguments), config.debug)
-    options: dict[str, Any] = {"config": config, "detached_from": detached_from}
-    if rows is not None:
-        options["rows"] = rows
-    chosen = choose_backend(backend, arguments["means"], partial=partial)
-    function: Any  # their signatures differ in `limit` and `rows`
-    if chosen == "native":
+    optional = {"background": background, "mean2d_offset": mean2d_offset, "limit": limit}
+    given = RasterInput(splats, colors, camera, **optional, config=config, detached_from=detached_from, rows=rows)
+    inputs, dropped = prepare(given)
+    chosen = choose_backend(backend, inputs.splats.means, partial=limit is not None or rows is not None)
+    function = backend_function(chosen)
+    if chosen not in ("native", "plain") and isinstance(inputs.splats.means, np.ndarray):
+        out = _through_numpy(function, inputs)
+    else:
+        out = function(inputs)
+    return replace(out, dropped=dropped) if dropped else out
+
+
+def backend_function(name: str) -> Callable[[RasterInput], RasterOutput]:
+    """The function of a backend, imported when it is used."""
+    if name == "native":
         from .native import rasterize_native as function
-    elif chosen == "reference":
+    elif name == "reference":
         from .reference import rasterize_reference as function
-    elif chosen == "gsplat":
+    elif name == "gsplat":
         from .gsplat import rasterize_gsplat as function
-    elif chosen == "plain":
+    elif name == "plain":
         from .plain import rasterize_plain as function
     else:
         from .tiles import rasterize_torch as function
-    if chosen not in ("native", "plain") and isinstance(means, np.ndarray):
-        out = _through_numpy(function, width, height, arguments, options)
-    else:
-        out = function(width=width, height=height, **arguments, **options)
-    return replace(out, dropped=dropped) if dropped else out
+    return function
 
 
 def choose_backend(backend: str, means: Array | None = None, *, partial: bool = False) -> str:
@@ -169,12 +147,21 @@ def _native() -> Any:
     return import_module(".native", __name__) if find_spec(f"{__name__}.native") else None
 
 
-def _through_numpy(function: Any, width: int, height: int, arguments: Arguments, options: Any) -> RasterOutput:
+def as_tensors(inputs: RasterInput) -> RasterInput:
+    """Numpy `inputs` as torch tensors; the camera's matrices, which are float64, in the dtype of the Gaussians."""
     import torch
 
-    tensors = {
-        k: None if v is None else torch.from_numpy(np.require(v, requirements=["C", "W"])) for k, v in arguments.items()
-    }
+    def tensor(array: Array | None, dtype: Any) -> Any:
+        return None if array is None else torch.from_numpy(np.require(array, dtype, ["C", "W"]))
+
+    same, dtype = {"viewmat", "K"}, inputs.splats.means.dtype
+    named = {name: tensor(array, dtype if name in same else None) for name, array in inputs.arrays().items()}
+    return inputs.with_arrays(named)
+
+
+def _through_numpy(function: Callable[[RasterInput], RasterOutput], inputs: RasterInput) -> RasterOutput:
+    import torch
+
     with torch.no_grad():
-        out = function(width=width, height=height, **tensors, **options)
+        out = function(as_tensors(inputs))
     return RasterOutput(*(getattr(out, name).numpy() for name in ("channels", "depth", "alpha", "visible")))

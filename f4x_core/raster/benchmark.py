@@ -15,9 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import F4xError
+from ..geometry.camera import Camera
+from ..geometry.splats import Splats
 from ..progress import Progress, silent
 from ..timing import measure_in_turn
-from . import BACKENDS, RasterConfig, choose_backend, rasterize
+from . import BACKENDS, RasterConfig, RasterInput, RasterOutput, choose_backend, rasterize
 
 if TYPE_CHECKING:
     import torch
@@ -143,7 +145,7 @@ def compare_decoding(
     def train(channels: int) -> None:
         scene = {**scenes[channels], "backend": backend, "config": RasterConfig(threads=1)}
         leaves = [scene[name].requires_grad_() for name in GRADIENTS]
-        image = rasterize(**scene).channels
+        image = draw(**scene).channels
         if channels == DECODED:
             torch.autograd.grad(image.sum(), leaves)
             return
@@ -178,7 +180,7 @@ def report_memory(gaussians: int, channels: int, width: int, height: int) -> Non
 
     def train(scene: dict[str, Any]) -> None:
         leaves = [scene[name].requires_grad_() for name in GRADIENTS]
-        torch.autograd.grad(rasterize(**scene, config=RasterConfig(threads=1)).channels.sum(), leaves)
+        torch.autograd.grad(draw(**scene, config=RasterConfig(threads=1)).channels.sum(), leaves)
 
     train(make_wavy_scene(10, channels, 16, 16))  # loads the library and torch's autograd
     before = _peak_memory()
@@ -251,9 +253,50 @@ def _measure_times(
     return list(zip(medians[:-1:2], medians[1:-1:2], strict=True)), statistics.median(peaks)
 
 
+def view_of(
+    *,
+    means: Any,
+    quats: Any,
+    scales: Any,
+    opacities: Any,
+    colors: Any,
+    viewmat: Any,
+    K: Any,
+    width: int,
+    height: int,
+    **_: Any,
+) -> tuple[Splats, Any, Camera]:
+    """The first arguments of `rasterize` for arrays that are named one by one, as in `make_wavy_scene`; others are left out."""
+    return Splats(means, quats, scales, opacities), colors, Camera(K, viewmat, width, height)
+
+
+def draw(
+    *,
+    background: Any = None,
+    config: RasterConfig | None = None,
+    backend: str = "auto",
+    detached_from: int | None = None,
+    mean2d_offset: Any = None,
+    limit: Any = None,
+    rows: slice | None = None,
+    **scene: Any,
+) -> RasterOutput:
+    """`rasterize` of a `scene` that `view_of` takes."""
+    return rasterize(
+        *view_of(**scene),
+        background=background,
+        config=config,
+        backend=backend,
+        detached_from=detached_from,
+        mean2d_offset=mean2d_offset,
+        limit=limit,
+        rows=rows,
+    )
+
+
 def draw_with(backend: str, config: RasterConfig | None = None) -> Draw:
     """The drawing of `rasterize` by a backend."""
-    return lambda **scene: rasterize(**scene, backend=backend, config=config).channels
+    return lambda **scene: draw(**scene, backend=backend, config=config).channels
 
 
 def passes(scene: dict[str, Any], draw: Draw) -> tuple[Callable[[], object], Callable[[], object]]:
@@ -281,8 +324,9 @@ def count_pairs(scene: dict[str, Any]) -> int:
 
     library, reason = native.open_library()
     assert library is not None, reason
-    inputs = {name: scene[name].detach().numpy() for name in (*GRADIENTS, "K")}
-    render = native.forward(library, inputs, scene["width"], scene["height"], RasterConfig(threads=1), None, keep=True)
+    arrays = {name: scene[name].detach().numpy() for name in (*GRADIENTS, "K")}
+    inputs = RasterInput(*view_of(**{**scene, **arrays}), config=RasterConfig(threads=1))
+    render = native.forward(library, inputs, keep=True)
     return native.count_pairs(library, render)
 
 

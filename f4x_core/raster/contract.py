@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-Array = Any
-"""A torch tensor or a numpy array; as a union, every caller would have to narrow what it knows already."""
+from ..geometry.arrays import Array
+from ..geometry.camera import Camera
+from ..geometry.splats import Splats
 
 # More threads than this only help images larger than a clip's, and each one holds its own work buffers.
 MAX_DEFAULT_THREADS = 8
@@ -35,6 +37,45 @@ class RasterConfig:
     """Worker threads of the CPU backends; never changes the result."""
     debug: bool = False
     """Raise an error where a Gaussian's values are not finite, instead of leaving it out."""
+
+
+@dataclass(frozen=True)
+class RasterInput:
+    """One view to be drawn: what `rasterize` was asked for, all arrays of one kind. The fields are described there."""
+
+    splats: Splats
+    colors: Array
+    camera: Camera
+    background: Array | None = None
+    mean2d_offset: Array | None = None
+    limit: Array | None = None
+    config: RasterConfig = field(default_factory=RasterConfig)
+    detached_from: int | None = None
+    rows: slice | None = None
+
+    @property
+    def drawn_rows(self) -> slice:
+        """The rows of the image that are drawn."""
+        return self.rows or slice(0, self.camera.height)
+
+    @property
+    def attached_channels(self) -> int:
+        """How many channels, counted from the first, send gradients to opacity, geometry and camera."""
+        return self.colors.shape[1] if self.detached_from is None else self.detached_from
+
+    def arrays(self) -> dict[str, Array | None]:
+        """The arrays by name: `means`, `quats`, `scales`, `opacities`, `colors`, `viewmat`, `K`, and those that may be None."""
+        shape = {name: getattr(self.splats, name) for name in ("means", "quats", "scales", "opacities")}
+        camera = {"viewmat": self.camera.world_to_camera, "K": self.camera.intrinsics}
+        optional = {name: getattr(self, name) for name in ("background", "mean2d_offset", "limit")}
+        return {**shape, "colors": self.colors, **camera, **optional}
+
+    def with_arrays(self, arrays: Mapping[str, Array | None]) -> RasterInput:
+        """The same view of other `arrays`, named as in `arrays()`."""
+        named: dict[str, Any] = dict(arrays)
+        splats = Splats(*(named.pop(name) for name in ("means", "quats", "scales", "opacities")))
+        camera = replace(self.camera, intrinsics=named.pop("K"), world_to_camera=named.pop("viewmat"))
+        return replace(self, splats=splats, camera=camera, **named)
 
 
 @dataclass(frozen=True)

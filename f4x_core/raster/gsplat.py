@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..errors import F4xError
-from .contract import RasterConfig, RasterOutput
+from .contract import RasterConfig, RasterInput, RasterOutput
 from .projection import project
 from .tiles import add_background
 
@@ -21,44 +21,26 @@ CHANNELS = 32
 """Channels composited at a time, gsplat's own habit: more do not fit a block's shared memory on every device."""
 
 
-def rasterize_gsplat(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    viewmat: Tensor,
-    K: Tensor,
-    width: int,
-    height: int,
-    *,
-    background: Tensor | None = None,
-    config: RasterConfig | None = None,
-    detached_from: int | None = None,
-    mean2d_offset: Tensor | None = None,
-) -> RasterOutput:
-    """Composite Gaussians; arguments and result as in `rasterize`, float32 tensors on a CUDA device only.
+def rasterize_gsplat(inputs: RasterInput) -> RasterOutput:
+    """Composite Gaussians, float32 tensors on a CUDA device only; see `rasterize`.
 
     Raises:
         F4xError: other dtypes or devices, or an alpha cut or stop that gsplat does not have.
     """
-    config = config or RasterConfig()
-    _check(means, config)
-    viewmat, K = viewmat.to(means), K.to(means)
-    ellipses = project(means, quats, scales, opacities, viewmat, K, width, height, config, mean2d_offset)
+    _check(inputs.splats.means, inputs.config)
+    width, height = inputs.camera.width, inputs.camera.height
+    ellipses = project(inputs.splats, inputs.camera, inputs.config, inputs.mean2d_offset)
     x, y, a, slope, r, _ = ellipses.table
     mean2d = torch.stack((x, y), 1)[None]  # (1, N, 2): gsplat takes a batch of images
     conic = torch.stack((a, -a * slope, a * slope * slope + r), 1)[None]  # (1, N, 3) upper triangle
-    features = torch.cat((ellipses.depth[:, None], colors), 1)[None]  # (1, N, 1 + C)
-    attached = 1 + (colors.shape[1] if detached_from is None else detached_from)
+    features = torch.cat((ellipses.depth[:, None], inputs.colors), 1)[None]  # (1, N, 1 + C)
+    attached = 1 + inputs.attached_channels
     lists = _build_lists(mean2d, ellipses.half_box, ellipses.visible, ellipses.depth, width, height)
 
-    shape = (mean2d, conic, opacities[None])
+    shape = (mean2d, conic, inputs.splats.opacities[None])
     first, alpha = _composite(shape, features[..., :attached], lists, width, height)
     rest, _ = _composite(tuple(t.detach() for t in shape), features[..., attached:], lists, width, height)
-    channels = torch.cat((first[..., 1:], rest), -1)
-    if background is not None:
-        channels = add_background(channels, alpha, background.to(means), detached_from)
+    channels = add_background(inputs, torch.cat((first[..., 1:], rest), -1), alpha)
     return RasterOutput(channels, first[..., 0], alpha, ellipses.visible)
 
 

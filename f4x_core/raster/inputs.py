@@ -8,71 +8,71 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
-
-Arguments = dict[str, Any]
-"""The arrays of `rasterize` by name, torch tensors or numpy arrays, None where one was left out."""
+from ..geometry.arrays import like
+from .contract import RasterInput
 
 PER_GAUSSIAN = ("means", "quats", "scales", "opacities", "colors", "mean2d_offset")
 
 
-def check_shapes(
-    arguments: Arguments, width: int, height: int, detached_from: int | None, rows: slice | None = None
-) -> None:
+def prepare(given: RasterInput) -> tuple[RasterInput, int]:
+    """The input of a backend: checked, floating point, the camera in the kind of the Gaussians, nothing broken left.
+
+    Returns:
+        The input, and the number of Gaussians that are left out: transparent, finite and without gradients.
+
+    Raises:
+        F4xError: shapes that do not fit, a broken camera or background; with `config.debug`, any broken value.
+    """
+    arrays = given.arrays()
+    _check_shapes(given, arrays)
+    floating = {name: _floating(array) for name, array in arrays.items()}
+    of_the_view = [name for name in ("viewmat", "K", "background") if floating[name] is not None]
+    floating |= {name: like(floating[name], floating["means"]) for name in of_the_view}
+    whole, dropped = _leave_out_broken(floating, given.config.debug)
+    return given.with_arrays(whole), dropped
+
+
+def _check_shapes(given: RasterInput, arrays: dict[str, Any]) -> None:
     """Raise F4xError with one sentence where shapes or sizes do not fit together."""
-    n = len(arguments["means"])
-    channels = arguments["colors"].shape[-1]
+    n, channels = len(given.splats), given.colors.shape[-1]
+    width, height, rows = given.camera.width, given.camera.height, given.drawn_rows
     wanted = {
         "means": (n, 3),
         "quats": (n, 4),
         "scales": (n, 3),
         "opacities": (n,),
         "colors": (n, channels),
-        "viewmat": (4, 4),
-        "K": (3, 3),
         "background": (channels,),
         "mean2d_offset": (n, 2),
-        "limit": (height if rows is None else rows.stop - rows.start, width),
+        "limit": (rows.stop - rows.start, width),
     }
     for name, shape in wanted.items():
-        if arguments.get(name) is not None and tuple(arguments[name].shape) != shape:
-            raise F4xError(f"rasterize: {name} has shape {tuple(arguments[name].shape)}, it must be {shape}.")
-    if width < 1 or height < 1:
-        raise F4xError(f"rasterize: an image of {width} x {height} pixels cannot be drawn, give at least 1 x 1.")
-    if rows is not None and not (0 <= rows.start < rows.stop <= height and rows.step in (None, 1)):
+        if arrays[name] is not None and tuple(arrays[name].shape) != shape:
+            raise F4xError(f"rasterize: {name} has shape {tuple(arrays[name].shape)}, it must be {shape}.")
+    if not (0 <= rows.start < rows.stop <= height and rows.step in (None, 1)):
         raise F4xError(
             f"rasterize: rows are {rows}, they must be slice(first, last) with 0 <= first < last <= {height}."
         )
-    if detached_from is not None and not 0 <= detached_from <= channels:
-        raise F4xError(f"rasterize: detached_from is {detached_from}, it must lie in 0..{channels}.")
+    if not 0 <= given.attached_channels <= channels:
+        raise F4xError(f"rasterize: detached_from is {given.detached_from}, it must lie in 0..{channels}.")
 
 
-def make_floating(arguments: Arguments) -> Arguments:
+def _floating(array: Any) -> Any:
     """Whole numbers become float32; everything else stays what it is."""
-
-    def convert(array: Any) -> Any:
-        if isinstance(array, np.ndarray):
-            return array if array.dtype.kind == "f" else array.astype(np.float32)
-        return array if array is None or array.is_floating_point() else array.float()
-
-    return {name: convert(array) for name, array in arguments.items()}
+    if isinstance(array, np.ndarray):
+        return array if array.dtype.kind == "f" else array.astype(np.float32)
+    return array if array is None or array.is_floating_point() else array.float()
 
 
-def leave_out_broken(arguments: Arguments, debug: bool) -> tuple[Arguments, int]:
-    """Make Gaussians with a NaN or infinity among their values transparent, finite and without gradients.
-
-    Returns:
-        The arrays, unchanged where nothing is broken, and the number of Gaussians left out.
-
-    Raises:
-        F4xError: a broken camera or background, which no picture can do without; with `debug`, any broken value.
-    """
+def _leave_out_broken(arrays: dict[str, Any], debug: bool) -> tuple[dict[str, Any], int]:
+    """Make Gaussians with a NaN or infinity among their values transparent, finite and without gradients; count them."""
     for name in ("viewmat", "K", "background"):
-        if not _all_finite(arguments[name]):
+        if not _all_finite(arrays[name]):
             raise F4xError(f"rasterize: {name} holds NaN or infinity, so nothing can be drawn.")
-    given = [name for name in PER_GAUSSIAN if arguments.get(name) is not None]
-    if all(_all_finite(arguments[name]) for name in given):
-        return arguments, 0
-    whole = {name: _finite_rows(arguments[name]) for name in given}  # (N,) bool each
+    given = [name for name in PER_GAUSSIAN if arrays[name] is not None]
+    if all(_all_finite(arrays[name]) for name in given):
+        return arrays, 0
+    whole = {name: _finite_rows(arrays[name]) for name in given}  # (N,) bool each
     keep = np.logical_and.reduce(list(whole.values()))
     if debug and not keep.all():
         first = int(np.argmin(keep))
@@ -81,8 +81,8 @@ def leave_out_broken(arguments: Arguments, debug: bool) -> tuple[Arguments, int]
             f"rasterize: {', '.join(names)} of Gaussian {first} hold NaN or infinity "
             f"({int((~keep).sum())} of {len(keep)} Gaussians are broken)."
         )
-    zeroed = {name: _zero_rows(arguments[name], ~keep) for name in given}
-    return {**arguments, **zeroed}, int((~keep).sum())
+    zeroed = {name: _zero_rows(arrays[name], ~keep) for name in given}
+    return {**arrays, **zeroed}, int((~keep).sum())
 
 
 def _detached(array: Any) -> Any:

@@ -6,12 +6,13 @@ Tile by tile; of a tile's splats, front to back, a slab at a time meets all pixe
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry.quaternion import to_matrix
-from .contract import FRUSTUM_MARGIN, RasterConfig, RasterOutput
+from .contract import FRUSTUM_MARGIN, RasterConfig, RasterInput, RasterOutput
 
 TILE = 8
 """Side of a tile in pixels: most splats are smaller, and what they miss of a tile is work in vain."""
@@ -42,68 +43,37 @@ class _Splats(NamedTuple):
         return _Splats(*(column[index] for column in self))
 
 
-def rasterize_plain(
-    means: np.ndarray,
-    quats: np.ndarray,
-    scales: np.ndarray,
-    opacities: np.ndarray,
-    colors: np.ndarray,
-    viewmat: np.ndarray,
-    K: np.ndarray,
-    width: int,
-    height: int,
-    *,
-    background: np.ndarray | None = None,
-    config: RasterConfig | None = None,
-    detached_from: int | None = None,
-    mean2d_offset: np.ndarray | None = None,
-    limit: np.ndarray | None = None,
-    rows: slice | None = None,
-) -> RasterOutput:
-    """Composite Gaussians; arguments as in `rasterize`, numpy arrays only, results in the dtype of `means`."""
-    config = config or RasterConfig()
-    rows = rows or slice(0, height)
-    limit = np.full((rows.stop - rows.start, width), np.inf) if limit is None else limit
+def rasterize_plain(inputs: RasterInput) -> RasterOutput:
+    """Composite Gaussians, numpy arrays only, results in the dtype of their means; see `rasterize`."""
+    rows, width, height = inputs.drawn_rows, inputs.camera.width, inputs.camera.height
+    limit = np.full((rows.stop - rows.start, width), np.inf) if inputs.limit is None else inputs.limit
     # Whole tiles: the same sums for any rows.
     above, below = rows.start % TILE, min(-rows.stop % TILE, height - rows.stop)
     limit = np.pad(limit, ((above, below), (0, 0)))
-    first = rows.start - above
-    splats, visible = _project(
-        means, quats, scales, opacities, colors, viewmat, K, width, height, config, mean2d_offset
-    )
+    first, dtype = rows.start - above, inputs.splats.means.dtype
+    splats, visible = _project(inputs)
     image = np.zeros((*limit.shape, splats.features.shape[1]))
     for down, across, index in _tiles(splats, width, slice(first, rows.stop + below)):
         here = slice(down.start - first, down.stop - first), across
         tile = image[here]
-        for slab, weights in _weights(splats, index, down, across, limit[here], config):
+        for slab, weights in _weights(splats, index, down, across, limit[here], inputs.config):
             tile += (weights.T @ slab.features).reshape(tile.shape)
-    image = image[above : len(image) - below].astype(means.dtype, copy=False)
+    image = image[above : len(image) - below].astype(dtype, copy=False)
     alpha, depth, channels = image[..., 0], image[..., 1], image[..., 2:]
-    if background is not None:
-        channels = channels + (1 - alpha)[..., None] * background.astype(means.dtype, copy=False)
+    if inputs.background is not None:
+        channels = channels + (1 - alpha)[..., None] * inputs.background.astype(dtype, copy=False)
     return RasterOutput(channels, depth, alpha, visible)
 
 
-def light_plain(
-    means: np.ndarray,
-    quats: np.ndarray,
-    scales: np.ndarray,
-    opacities: np.ndarray,
-    viewmat: np.ndarray,
-    K: np.ndarray,
-    layers: np.ndarray,
-    config: RasterConfig,
-) -> np.ndarray:
-    """(N,L) float32: light of every Gaussian in `layers (H,W,L)`, see `light.light_into`: the weights of its pixels, summed."""
+def blend_weight_sums_plain(inputs: RasterInput, layers: np.ndarray) -> np.ndarray:
+    """(N,L) float32: `blend_weights.blend_weight_sums` of `layers (H,W,L)`, whatever the colours of `inputs` are."""
     height, width, count = layers.shape
-    splats, _ = _project(
-        means, quats, scales, opacities, np.zeros((len(means), 0)), viewmat, K, width, height, config, None
-    )
-    total = np.zeros((len(means), count))
+    splats, _ = _project(replace(inputs, colors=np.zeros((len(inputs.splats), 0))))
+    total = np.zeros((len(inputs.splats), count))
     everywhere = np.full((height, width), np.inf)
     for rows, columns, index in _tiles(splats, width, slice(0, height)):
         tile = layers[rows, columns].reshape(-1, count)
-        for slab, weights in _weights(splats, index, rows, columns, everywhere[rows, columns], config):
+        for slab, weights in _weights(splats, index, rows, columns, everywhere[rows, columns], inputs.config):
             total[slab.row] += weights @ tile
     return total.astype(np.float32)
 
@@ -119,13 +89,12 @@ def _tiles(splats: _Splats, width: int, drawn: slice) -> Iterator[tuple[slice, s
             yield rows, columns, in_row[_meets(x, half_width, columns)]
 
 
-def _project(
-    means, quats, scales, opacities, colors, viewmat, K, width, height, config, mean2d_offset
-) -> tuple[_Splats, np.ndarray]:
+def _project(inputs: RasterInput) -> tuple[_Splats, np.ndarray]:
     """EWA projection as in `reference.project_ewa`: the visible splats front to back, and which those are (N,)."""
-    means, quats, scales, opacities, viewmat, K = (
-        np.asarray(array, np.float64) for array in (means, quats, scales, opacities, viewmat, K)
-    )
+    config, width, height, offset = inputs.config, inputs.camera.width, inputs.camera.height, inputs.mean2d_offset
+    shape = inputs.splats.map(lambda array: np.asarray(array, np.float64))
+    means, quats, scales, opacities = shape.means, shape.quats, shape.scales, shape.opacities
+    viewmat, K = inputs.camera.world_to_camera, inputs.camera.intrinsics
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     rotation = viewmat[:3, :3]
     x, y, z = (means @ rotation.T + viewmat[:3, 3]).T
@@ -133,8 +102,8 @@ def _project(
     z = np.where(in_front, z, 1.0)
     u, v = x / z, y / z
     mean_x, mean_y = u * fx + cx, v * fy + cy
-    if mean2d_offset is not None:
-        mean_x, mean_y = mean_x + mean2d_offset[:, 0], mean_y + mean2d_offset[:, 1]
+    if offset is not None:
+        mean_x, mean_y = mean_x + offset[:, 0], mean_y + offset[:, 1]
     margin_x, margin_y = FRUSTUM_MARGIN * 0.5 * width / fx, FRUSTUM_MARGIN * 0.5 * height / fy
     u = np.clip(u, -cx / fx - margin_x, (width - cx) / fx + margin_x)
     v = np.clip(v, -cy / fy - margin_y, (height - cy) / fy + margin_y)
@@ -151,9 +120,9 @@ def _project(
     half_width, half_height = np.sqrt(reach * xx), np.sqrt(reach * yy)
     visible = in_front & (opacities >= config.alpha_min)
     visible &= _meets(mean_x, half_width, slice(0, width)) & _meets(mean_y, half_height, slice(0, height))
-    features = np.concatenate([np.ones((len(z), 1)), z[:, None], colors], 1)
-    shape = (mean_x, mean_y, yy / det, xy / yy, 1 / yy, opacities, half_width, half_height)
-    everything = _Splats(*shape, z, features, np.arange(len(z)))
+    features = np.concatenate([np.ones((len(z), 1)), z[:, None], inputs.colors], 1)
+    ellipse = (mean_x, mean_y, yy / det, xy / yy, 1 / yy, opacities, half_width, half_height)
+    everything = _Splats(*ellipse, z, features, np.arange(len(z)))
     index = np.flatnonzero(visible)
     return everything.take(index[np.argsort(z[index], kind="stable")]), visible
 

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from ..geometry.camera import Camera
+from ..geometry.splats import Splats
 from .contract import FRUSTUM_MARGIN, RasterConfig
 
 # Opacities below it are culled anyway; it keeps the logarithm and its gradient finite at opacity 0.
@@ -31,23 +33,14 @@ class Ellipses(NamedTuple):
     """(N,) bool: in front of the near plane, and the box meets the image."""
 
 
-def project(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    viewmat: Tensor,
-    K: Tensor,
-    width: int,
-    height: int,
-    config: RasterConfig,
-    mean2d_offset: Tensor | None = None,
-) -> Ellipses:
+def project(splats: Splats, camera: Camera, config: RasterConfig, mean2d_offset: Tensor | None = None) -> Ellipses:
     """Project Gaussians (shapes as in `rasterize`) to image ellipses.
 
     The off-centre-safe frustum clamp of x/z, y/z in J is gsplat's (`gsplat/cuda/_torch_impl.py`); the covariance is
     M M^T + blur I with M = J R_cw R(q) diag(s), so that det = |m_0 x m_1|^2 + blur tr + blur^2 never cancels.
     """
+    means, quats, scales, opacities = splats.means, splats.quats, splats.scales, splats.opacities
+    viewmat, K, width, height = camera.world_to_camera, camera.intrinsics, camera.width, camera.height
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     rotation = viewmat[:3, :3]
     x, y, z = torch.addmm(viewmat[:3, 3:], rotation, means.t())

@@ -6,36 +6,22 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
+from ..geometry.camera import Camera
 from ..geometry.quaternion import to_matrix
-from .contract import RasterConfig, RasterOutput
+from ..geometry.splats import Splats
+from .contract import RasterConfig, RasterInput, RasterOutput
 
 
-def rasterize_reference(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    viewmat: Tensor,
-    K: Tensor,
-    width: int,
-    height: int,
-    *,
-    background: Tensor | None = None,
-    config: RasterConfig | None = None,
-    detached_from: int | None = None,
-    mean2d_offset: Tensor | None = None,
-    limit: Tensor | None = None,
-    rows: slice | None = None,
-) -> RasterOutput:
-    """Composite Gaussians; arguments as in `rasterize`, result in float64. Slow: every splat meets every pixel."""
-    config, drawn = config or RasterConfig(), rows or slice(0, height)
-    means, quats, scales, opacities, colors, viewmat, K = (
-        x.double() for x in (means, quats, scales, opacities, colors, viewmat, K)
-    )
-    mean2d, covariance, z = project_ewa(means, quats, scales, viewmat, K, width, height, config)
-    if mean2d_offset is not None:
-        mean2d = mean2d + mean2d_offset.double()
+def rasterize_reference(inputs: RasterInput) -> RasterOutput:
+    """Composite Gaussians, tensors only; see `rasterize`. In float64, and slow: every splat meets every pixel."""
+    doubled = {name: None if array is None else array.double() for name, array in inputs.arrays().items()}
+    inputs = inputs.with_arrays(doubled)
+    config, drawn, limit, colors = inputs.config, inputs.drawn_rows, inputs.limit, inputs.colors
+    means, opacities, camera = inputs.splats.means, inputs.splats.opacities, inputs.camera
+    viewmat, width, height = camera.world_to_camera, camera.width, camera.height
+    mean2d, covariance, z = project_ewa(inputs.splats, camera, config)
+    if inputs.mean2d_offset is not None:
+        mean2d = mean2d + inputs.mean2d_offset
 
     # alpha >= alpha_min inside the ellipse d^T cov^-1 d <= reach, whose box has half sizes sqrt(reach cov_ii).
     in_front = means @ viewmat[2, :3] + viewmat[2, 3] > config.near
@@ -50,7 +36,7 @@ def rasterize_reference(
     conic = torch.linalg.inv(covariance[order])
     mean2d, opacities = mean2d[order], opacities[order]
     features = torch.cat((torch.ones_like(z)[:, None], z[:, None], colors), 1)[order]
-    detached = 2 + (colors.shape[1] if detached_from is None else detached_from)
+    detached = 2 + inputs.attached_channels
 
     def composite_row(row: int, mean2d: Tensor, conic: Tensor, opacities: Tensor, features: Tensor) -> Tensor:
         seen = None if limit is None else features[:, 1] < limit[row - drawn.start, :, None]
@@ -65,10 +51,10 @@ def rasterize_reference(
         ]
     )
     alpha, depth, channels = image[..., 0], image[..., 1], image[..., 2:]
-    if background is not None:
+    if inputs.background is not None:
         light = (1 - alpha)[..., None].expand(channels.shape)
         light = torch.cat((light[..., : detached - 2], light[..., detached - 2 :].detach()), -1)
-        channels = channels + light * background.double()
+        channels = channels + light * inputs.background
     return RasterOutput(channels, depth, alpha, visible)
 
 
@@ -104,20 +90,18 @@ def weigh_row(
     return torch.where(light_after > config.transmittance_min, alpha * light_before, 0.0)
 
 
-def project_ewa(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    viewmat: Tensor,
-    K: Tensor,
-    width: int,
-    height: int,
-    config: RasterConfig,
-) -> tuple[Tensor, Tensor, Tensor]:
+def project_ewa(splats: Splats, camera: Camera, config: RasterConfig) -> tuple[Tensor, Tensor, Tensor]:
     """EWA projection (Zwicker et al. 2001, as in 3DGS): mean2d (N, 2) px, covariance (N, 2, 2) px^2, z (N,).
 
     Splats not in front of the near plane come out with z = 1: finite, and meant to be culled.
     """
+    means, viewmat, K, width, height = (
+        splats.means,
+        camera.world_to_camera,
+        camera.intrinsics,
+        camera.width,
+        camera.height,
+    )
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     x, y, z = (means @ viewmat[:3, :3].T + viewmat[:3, 3]).unbind(1)
     z = torch.where(z > config.near, z, 1.0)
@@ -129,6 +113,6 @@ def project_ewa(
     y = z * (y / z).clamp(-cy / fy - margin_y, (height - cy) / fy + margin_y)
     zero = torch.zeros_like(z)
     J = torch.stack((fx / z, zero, -fx * x / z**2, zero, fy / z, -fy * y / z**2), 1).view(-1, 2, 3)
-    M = J @ viewmat[:3, :3] @ to_matrix(quats) @ torch.diag_embed(scales)
+    M = J @ viewmat[:3, :3] @ to_matrix(splats.quats) @ torch.diag_embed(splats.scales)
     blur = config.blur * torch.eye(2, dtype=means.dtype, device=means.device)
     return mean2d, M @ M.transpose(1, 2) + blur, z

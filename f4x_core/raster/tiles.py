@@ -21,7 +21,7 @@ from torch.autograd.function import once_differentiable
 from torch.nn.functional import embedding_bag, pad
 
 from .binning import TileLists, build_tile_lists
-from .contract import RasterConfig, RasterOutput
+from .contract import RasterConfig, RasterInput, RasterOutput
 from .projection import project
 
 # Splats blended at once; a tile can stop between slabs. Shorter slabs starve the GEMMs, longer ones overshoot the stop.
@@ -41,43 +41,27 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def rasterize_torch(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    viewmat: Tensor,
-    K: Tensor,
-    width: int,
-    height: int,
-    *,
-    background: Tensor | None = None,
-    config: RasterConfig | None = None,
-    detached_from: int | None = None,
-    mean2d_offset: Tensor | None = None,
-) -> RasterOutput:
-    """Composite Gaussians; arguments and result as in `rasterize`, tensors only. `channels` is a view of (C, H, W)."""
-    config = config or RasterConfig()
-    viewmat, K = viewmat.to(means), K.to(means)
-    ellipses = project(means, quats, scales, opacities, viewmat, K, width, height, config, mean2d_offset)
+def rasterize_torch(inputs: RasterInput) -> RasterOutput:
+    """Composite Gaussians, tensors only; see `rasterize`. `channels` is a view of (C, H, W)."""
+    config, colors, width, height = inputs.config, inputs.colors, inputs.camera.width, inputs.camera.height
+    ellipses = project(inputs.splats, inputs.camera, config, inputs.mean2d_offset)
     lists = build_tile_lists(ellipses, width, height, SLAB, config)
     features = torch.cat((torch.ones_like(ellipses.depth)[:, None], ellipses.depth[:, None], colors), 1)
-    attached = 2 + (colors.shape[1] if detached_from is None else detached_from)
+    attached = 2 + inputs.attached_channels
     grid = _Grid(width, height, config.tile)
     channels, depth, alpha = _Composite.apply(ellipses.table, features, lists, grid, config, attached)
-    if background is not None:
-        channels = add_background(channels, alpha, background.to(means), detached_from)
-    return RasterOutput(channels, depth, alpha, ellipses.visible)
+    return RasterOutput(add_background(inputs, channels, alpha), depth, alpha, ellipses.visible)
 
 
-def add_background(channels: Tensor, alpha: Tensor, background: Tensor, detached_from: int | None) -> Tensor:
-    """Channels (H, W, C) plus background (C,) times the light left, 1 - alpha (H, W); detached channels detach it."""
-    light = (1 - alpha)[..., None]
-    if detached_from is None:
-        return channels + light * background
-    kept = channels[..., :detached_from] + light * background[:detached_from]
-    return torch.cat((kept, channels[..., detached_from:] + light.detach() * background[detached_from:]), -1)
+def add_background(inputs: RasterInput, channels: Tensor, alpha: Tensor) -> Tensor:
+    """Channels (H, W, C) plus the background times the light left, 1 - alpha (H, W); detached channels detach it."""
+    if inputs.background is None:
+        return channels
+    light, attached = (1 - alpha)[..., None], inputs.attached_channels
+    kept = channels[..., :attached] + light * inputs.background[:attached]
+    if attached == channels.shape[-1]:
+        return kept
+    return torch.cat((kept, channels[..., attached:] + light.detach() * inputs.background[attached:]), -1)
 
 
 class _Grid:

@@ -9,8 +9,8 @@ import numpy as np
 from ..edit.benchmark import measure_edit, prompted
 from ..errors import F4xError
 from ..progress import Progress, silent
+from ..query.blend_weights import lift_masks
 from ..query.labels import Encode
-from ..query.light import lift_masks
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene

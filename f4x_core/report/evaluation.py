@@ -57,29 +57,17 @@ class FrozenMoment:
     def __init__(self, scene: Scene, time: float, backend: str = "auto"):
         """Pose the scene at clip time `time`."""
         posed = scene.posed(time)
-        self.means, self.quats, self.scales, self.opacities, self.sh = (
-            torch.from_numpy(np.ascontiguousarray(a))
-            for a in (posed.means, posed.quats, posed.scales, posed.opacities, posed.sh)
-        )
-        self.moving = torch.from_numpy(np.ascontiguousarray(posed.dynamic)).float()
+        self.splats = posed.map(lambda array: torch.from_numpy(np.ascontiguousarray(array)))
+        self.dynamic = torch.from_numpy(posed.dynamic).float()
         self.backend = backend
 
-    def draw(self, view: Tensor, intrinsics: Tensor, width: int, height: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Return rgb (H,W,3), the dynamic alpha and the alpha (H,W) for a (4,4) world_to_camera and (3,3) intrinsics."""
-        centre = -(view[:3, :3].T @ view[:3, 3]).detach()
-        colors = torch.cat([appearance(self.sh, self.means, self.quats, centre), self.moving[:, None]], 1)
-        out = rasterize(
-            self.means,
-            self.quats,
-            self.scales,
-            self.opacities,
-            colors,
-            view,
-            intrinsics,
-            width,
-            height,
-            backend=self.backend,
-        )
+    def draw(self, camera: Camera) -> tuple[Tensor, Tensor, Tensor]:
+        """Return rgb (H,W,3), the dynamic alpha and the alpha (H,W) seen from `camera`."""
+        splats = self.splats
+        centre = torch.as_tensor(camera.center, dtype=torch.float32).detach()
+        rgb = appearance(splats.sh, splats.means, splats.quats, centre)
+        colors = torch.cat([rgb, self.dynamic[:, None]], 1)
+        out = rasterize(splats, colors, camera, backend=self.backend)
         return out.channels[..., :3].clamp(0, 1), out.channels[..., 3], out.alpha
 
 
@@ -118,9 +106,8 @@ def evaluate(
         moment = FrozenMoment(scene, float(cameras.times[index]), backend)
         target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
         rig = CameraRig(cameras.at_times([float(cameras.times[index])]))
-        view, lens = rig.view(0), rig.intrinsics(0, clip.width, clip.height)
         with torch.no_grad():
-            picture, moving, _ = moment.draw(view, lens, clip.width, clip.height)
+            picture, moving, _ = moment.draw(rig.camera(0, clip.width, clip.height))
         region = (moving > MOVING_ALPHA).float()
         row: dict[str, Any] = {
             "frame": index,
@@ -193,7 +180,7 @@ def refine(
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, falling, settings.last_rate)
     best, best_error = None, math.inf
     for step in range(settings.steps + 1):
-        picture, _, alpha = moment.draw(rig.view(0), rig.intrinsics(0, width, height), width, height)
+        picture, _, alpha = moment.draw(rig.camera(0, width, height))
         covered = (alpha.detach() >= settings.least_alpha).float()
         error = ((picture - target).square().mean(-1) * covered).sum() / covered.sum().clamp_min(1)
         value = float(error.detach())
@@ -237,10 +224,8 @@ def registered_scores(
     """
     found = register_camera(scene, clip, index, moment.backend)
     target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
-    view = torch.tensor(found.camera.world_to_camera, dtype=torch.float32)
-    lens = torch.tensor(found.camera.intrinsics, dtype=torch.float32)
     with torch.no_grad():
-        picture, moving, _ = moment.draw(view, lens, clip.width, clip.height)
+        picture, moving, _ = moment.draw(found.camera)
     region = (moving > MOVING_ALPHA).float()
     scores = {
         "psnr_registered": psnr(picture, target),

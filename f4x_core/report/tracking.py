@@ -38,18 +38,7 @@ def _composited(here, there, chosen, camera, pixels, backend) -> np.ndarray:
     """Composited positions and alpha (Q,4) at `pixels` of the chosen Gaussians."""
     if not chosen.any():
         return np.zeros((len(pixels), 4))
-    out = rasterize(
-        here.means[chosen],
-        here.quats[chosen],
-        here.scales[chosen],
-        here.opacities[chosen],
-        there[chosen],
-        camera.world_to_camera.astype(np.float32),
-        camera.intrinsics.astype(np.float32),
-        camera.width,
-        camera.height,
-        backend=backend,
-    )
+    out = rasterize(here.take(chosen), there[chosen], camera, backend=backend)
     maps = np.concatenate([out.channels, out.alpha[..., None]], -1)
     return _bilinear(maps, pixels)
 

@@ -2,13 +2,13 @@
 
 from .field import FeatureField, FieldHead, Vocabulary
 from .file import append_edit, read_header, read_scene, write_edits, write_scene
-from .model import DynamicSet, Posed, Scene, StaticSet
+from .model import DynamicSet, PosedSplats, Scene, StaticSet
 
 __all__ = [
     "DynamicSet",
     "FeatureField",
     "FieldHead",
-    "Posed",
+    "PosedSplats",
     "Scene",
     "StaticSet",
     "Vocabulary",

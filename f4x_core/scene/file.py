@@ -30,6 +30,7 @@ from .model import (
     CAMERA_ARRAYS,
     DYNAMIC_ARRAYS,
     GAUSSIAN_ARRAYS,
+    KEYS,
     SCAFFOLD_ARRAYS,
     SPAN,
     DynamicSet,
@@ -355,17 +356,23 @@ def _scene(header: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> Scene:
 
 def _group(arrays: dict[str, np.ndarray], group: str, layout: Mapping[str, Any]) -> dict[str, Any] | None:
     """Take the arrays of one group out of `arrays`; None when the file has none of them."""
-    found = {name: arrays.pop(f"{group}/{name}") for name in layout if f"{group}/{name}" in arrays}
+    keys = {name: _key(group, name) for name in layout}
+    found = {name: arrays.pop(key) for name, key in keys.items() if key in arrays}
     if found and len(found) < len(layout):
-        raise F4xError(f"the array {group}/{next(name for name in layout if name not in found)} is missing")
+        raise F4xError(f"the array {next(key for name, key in keys.items() if name not in found)} is missing")
     return found or None
+
+
+def _key(group: str, name: str) -> str:
+    """The member of the file that holds the array `name` of a group."""
+    return f"{group}/{KEYS.get(name, name)}"
 
 
 def _scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
     """All arrays of the file by name, in the file's dtypes, C order; parts a scene does not need are left out."""
     parts = {"static": scene.static, "dynamic": scene.dynamic, "scaffold": scene.scaffold, "cameras": scene.cameras}
     arrays = {
-        f"{group}/{name}": np.ascontiguousarray(getattr(parts[group], name), dtype)
+        _key(group, name): np.ascontiguousarray(getattr(parts[group], name), dtype)
         for group, layout in GROUPS.items()
         if parts[group] is not None and (group != "dynamic" or len(scene.dynamic))
         for name, (dtype, _) in layout.items()
@@ -377,7 +384,7 @@ def _scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
     }
     more |= {} if scene.features is None else scene.features.to_arrays()
     clashes = scene.extra.keys() & {
-        *(f"{group}/{name}" for group, layout in GROUPS.items() for name in layout),
+        *(_key(group, name) for group, layout in GROUPS.items() for name in layout),
         *more,
     }
     for name, value in [*more.items(), *scene.extra.items()]:

@@ -19,10 +19,11 @@ import numpy as np
 from ..clip.images import list_images, natural_key
 from ..errors import F4xError
 from ..geometry.camera import CameraPath
+from ..geometry.splats import Splats
 from .file import HEADER, read_scene
 from .formats.splat import looks_like_splat, read_splat
-from .model import Posed, Scene, StaticSet
-from .ply import Splats, read_ply
+from .model import PosedSplats, Scene, StaticSet
+from .ply import read_ply
 
 Kind = Literal["scene", "ply", "splat", "sequence"]
 WIDTH, HEIGHT, FIELD_OF_VIEW = 960, 540, 50.0
@@ -98,12 +99,12 @@ class SplatSequence:
     def scaffold(self) -> None:
         """None: what moves between the files is not known."""
 
-    def posed(self, time: float) -> Posed:
+    def posed(self, time: float) -> PosedSplats:
         """The splats of the file nearest to clip time `time`."""
         return self._frame(int(np.clip(round(time), 0, len(self) - 1)))
 
     @cached_property
-    def _frame(self) -> Callable[[int], Posed]:
+    def _frame(self) -> Callable[[int], PosedSplats]:
         return lru_cache(maxsize=1)(lambda index: self[index].posed(0.0))
 
 
@@ -160,7 +161,7 @@ def scene_of(splats: Splats, name: str, source: Path) -> Scene:
     try:
         return Scene(
             name=name,
-            static=StaticSet(ids=np.arange(len(splats.xyz)), **splats._asdict()),
+            static=StaticSet(ids=np.arange(len(splats)), **splats.arrays()),
             cameras=CameraPath(*_framing(splats), WIDTH, HEIGHT),
             provenance={"import": {"file": source.name}},
         )
@@ -170,8 +171,9 @@ def scene_of(splats: Splats, name: str, source: Path) -> Scene:
 
 def _framing(splats: Splats) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Intrinsics (1,3,3), world_to_camera (1,4,4) and times (1,) of a camera that looks along z at all that is seen."""
-    xyz = splats.xyz[splats.opacity >= SEEN] if (splats.opacity >= SEEN).any() else splats.xyz
-    low, high = np.percentile(xyz, INNER, axis=0) if len(xyz) else (np.zeros(3), np.zeros(3))
+    seen = splats.opacities >= SEEN
+    means = splats.means[seen] if seen.any() else splats.means
+    low, high = np.percentile(means, INNER, axis=0) if len(means) else (np.zeros(3), np.zeros(3))
     radius = max(float(np.linalg.norm(high - low)) / 2, 1e-3)
     half = np.radians(FIELD_OF_VIEW / 2)
     focal = HEIGHT / 2 / np.tan(half)

@@ -215,13 +215,13 @@ def _rested(scene: Scene, alone: np.ndarray, shared: np.ndarray) -> DynamicSet:
         return dynamic
     near = alone[np.abs(scaffold.times[:, None] - scaffold.times[alone]).argmin(1)]  # (F,)
     reference = near[dynamic.reference]
-    xyz, rotation = dynamic.xyz.copy(), dynamic.rotation.copy()
+    means, quats = dynamic.means.copy(), dynamic.quats.copy()
     reference = np.where(shared[dynamic.node].any(1), reference, dynamic.reference)
     changed = reference != dynamic.reference
     for row in np.unique(reference[changed]):
         posed, here = scene.posed(float(scaffold.times[row])), changed & (reference == row)
-        xyz[here], rotation[here] = posed.means[posed.dynamic][here], posed.quats[posed.dynamic][here]
-    return replace(dynamic, xyz=xyz, rotation=rotation, reference=reference.astype(np.int32))
+        means[here], quats[here] = posed.means[posed.dynamic][here], posed.quats[posed.dynamic][here]
+    return replace(dynamic, means=means, quats=quats, reference=reference.astype(np.int32))
 
 
 def _with_new_ground(scene: Scene, windows: Sequence[tuple[int, int]], backend: str, progress: Progress) -> Scene:
@@ -239,7 +239,9 @@ def _with_new_ground(scene: Scene, windows: Sequence[tuple[int, int]], backend: 
         progress("join", done, len(looks), "what earlier frames would show")
         later = early & (since > time) & ~shown
         if later.any():
-            shown[later] = _light(open_ground, time, backend)[: len(span)][later] > 0  # thousands of little ones add up
+            shown[later] = (
+                _weights(open_ground, time, backend)[: len(span)][later] > 0
+            )  # thousands of little ones add up
     kept = scene.static.span.copy()
     kept[early & ~shown, :2] = -np.inf
     return replace(scene, static=replace(scene.static, span=None if (kept == ALWAYS).all() else kept))
@@ -250,11 +252,10 @@ def _looks(windows: Sequence[tuple[int, int]]) -> Iterator[float]:
         yield from np.unique(np.linspace(start, end - 1, LOOKS_PER_WINDOW).round()).tolist()
 
 
-def _light(scene: Scene, time: float, backend: str) -> np.ndarray:
-    """(N,) pixels of light of every Gaussian in the clip's picture at `time`."""
-    from ..raster.light import light_into
+def _weights(scene: Scene, time: float, backend: str) -> np.ndarray:
+    """(N,) blend weights of every Gaussian, summed over the clip's picture at `time`."""
+    from ..raster.blend_weights import blend_weight_sums
 
-    camera, posed = scene.cameras.at(time), scene.posed(time)
-    shapes = posed.means, posed.quats, posed.scales, posed.opacities
+    camera = scene.cameras.at(time)
     whole = np.ones((camera.height, camera.width, 1), np.float32)
-    return light_into(*shapes, camera.world_to_camera, camera.intrinsics, whole, backend=backend)[:, 0]
+    return blend_weight_sums(scene.posed(time), camera, whole, backend=backend)[:, 0]

@@ -8,9 +8,9 @@ Gaussians, S = (degree+1)^2 SH coefficients, K neighbours, M nodes, F supervised
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from ..errors import F4xError
 from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera, CameraPath
 from ..geometry.interpolation import presence
+from ..geometry.splats import Splats
 from ..scaffold import Scaffold
 from ..scaffold.deformation import Pairs, pairs_of, relative_motions
 from ..scaffold.deformation_library import carry
@@ -25,10 +26,10 @@ from .field import FeatureField
 
 GAUSSIAN_ARRAYS = {
     "ids": ("<i8", ("N",)),
-    "xyz": ("<f4", ("N", 3)),
-    "rotation": ("<f4", ("N", 4)),
-    "scale": ("<f4", ("N", 3)),
-    "opacity": ("<f4", ("N",)),
+    "means": ("<f4", ("N", 3)),
+    "quats": ("<f4", ("N", 4)),
+    "scales": ("<f4", ("N", 3)),
+    "opacities": ("<f4", ("N",)),
     "sh": ("<f4", ("N", "S", 3)),
 }
 DYNAMIC_ARRAYS = GAUSSIAN_ARRAYS | {
@@ -53,6 +54,8 @@ CAMERA_ARRAYS = {
     "times": ("<f8", ("T",)),
 }
 """Array name -> dtype in the file and axes; a letter is one length throughout its group."""
+KEYS = {"means": "xyz", "quats": "rotation", "scales": "scale", "opacities": "opacity"}
+"""What the file calls arrays of Gaussians that have another name here."""
 SPAN = "span"
 """The one array that a set may lack: then all its Gaussians are always there."""
 
@@ -73,7 +76,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray], layout: Mapping[str, tuple[st
     lengths: dict[str, int] = {}
     for name, (dtype, axes) in layout.items():
         value = arrays[name]
-        label = f"{group}/{name}"
+        label = f"{group}/{KEYS.get(name, name)}"
         if not isinstance(value, np.ndarray) or value.dtype.kind != np.dtype(dtype).kind:
             raise F4xError(f"{label} must be an array of {np.dtype(dtype).name}, not {getattr(value, 'dtype', value)}")
         expected = tuple(lengths.get(axis, -1) if isinstance(axis, str) else axis for axis in axes)
@@ -86,21 +89,11 @@ def check_arrays(arrays: Mapping[str, np.ndarray], layout: Mapping[str, tuple[st
 
 
 @dataclass(frozen=True, eq=False)
-class StaticSet:
-    """Gaussians that stay where they are. World frame, world units, activated scale and opacity."""
+class StaticSet(Splats):
+    """Gaussians that stay where they are: numpy, float32, with harmonics; scales >= 0, no zero quaternion."""
 
-    ids: np.ndarray
+    ids: np.ndarray = field(kw_only=True)
     """(N,) int64, unique in the scene (static and dynamic together), never reused."""
-    xyz: np.ndarray
-    """(N,3) float32 centres."""
-    rotation: np.ndarray
-    """(N,4) float32 quaternions wxyz, not zero (they are normalised where used)."""
-    scale: np.ndarray
-    """(N,3) float32 standard deviations along the Gaussian's axes, >= 0."""
-    opacity: np.ndarray
-    """(N,) float32 in [0, 1]."""
-    sh: np.ndarray
-    """(N,S,3) float32; directions are in the Gaussian's own frame, R_g^T d."""
     span: np.ndarray | None = field(default=None, kw_only=True)
     """(N,4) float32 clip times that do not decrease: it comes from the first to the second, is there until the third and gone
     at the fourth (`presence`); infinities for one that never comes or goes. None: all are always there."""
@@ -114,11 +107,11 @@ class StaticSet:
             spherical_harmonics.degree_of(self.sh.shape[1])
         except ValueError as error:
             raise F4xError(f"{group}/sh: {error}") from error
-        if (self.scale < 0).any():
+        if (self.scales < 0).any():
             raise F4xError(f"{group}/scale has negative values; store the activated scale, not its logarithm")
-        if ((self.opacity < 0) | (self.opacity > 1)).any():
+        if ((self.opacities < 0) | (self.opacities > 1)).any():
             raise F4xError(f"{group}/opacity leaves [0, 1]; store the activated opacity, not its logit")
-        if not (self.rotation != 0).any(axis=1).all():
+        if not (self.quats != 0).any(axis=1).all():
             raise F4xError(f"{group}/rotation holds a zero quaternion")
         if self.span is not None and (
             self.span.shape != (len(self), 4)
@@ -138,12 +131,6 @@ class StaticSet:
         layout = DYNAMIC_ARRAYS if cls is DynamicSet else GAUSSIAN_ARRAYS
         return cls(**empty_arrays(layout, S=(degree + 1) ** 2, K=neighbours))
 
-    def take(self, index: np.ndarray) -> Self:
-        """The Gaussians at `index` ((n,) int or (N,) bool), same class."""
-        held = {f.name: getattr(self, f.name) for f in fields(self)}
-        taken: dict[str, Any] = {name: None if value is None else value[index] for name, value in held.items()}
-        return type(self)(**taken)
-
     def presence(self, time: float) -> np.ndarray:
         """(N,) float32 how much of each Gaussian is there at clip time `time`, 0 to 1."""
         if self.span is None:
@@ -151,7 +138,7 @@ class StaticSet:
         return presence(self.span, time)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class DynamicSet(StaticSet):
     """Gaussians carried by the scaffold, stored as they stand at their own reference time."""
 
@@ -193,22 +180,16 @@ def faded(opacity: np.ndarray, presence: np.ndarray) -> np.ndarray:
     return shown
 
 
-class Posed(NamedTuple):
-    """All Gaussians of a scene at one time, static ones first: world frame, float32, activated."""
+@dataclass(frozen=True, eq=False)
+class PosedSplats(Splats):
+    """All Gaussians of a scene at one time, static ones first: numpy, float32, unit quaternions.
 
-    means: np.ndarray
-    """(N,3)"""
-    quats: np.ndarray
-    """(N,4) wxyz, unit."""
-    scales: np.ndarray
-    """(N,3)"""
-    opacities: np.ndarray
-    """(N,)"""
-    sh: np.ndarray
-    """(N,S,3) in each Gaussian's own frame; the smaller degree is padded with zeros."""
-    ids: np.ndarray
+    The harmonics of the set with the smaller degree are padded with zeros.
+    """
+
+    ids: np.ndarray = field(kw_only=True)
     """(N,) int64"""
-    dynamic: np.ndarray
+    dynamic: np.ndarray = field(kw_only=True)
     """(N,) bool"""
 
 
@@ -326,31 +307,31 @@ class Scene:
         """(N,) float32 in the order of `base.posed`: how much of each Gaussian is there at `time`, 0 to 1."""
         return np.concatenate([self.static.presence(time), self.dynamic.presence(time)])
 
-    def posed(self, time: float) -> Posed:
+    def posed(self, time: float) -> PosedSplats:
         """Return all Gaussians at clip time `time` (frame index, float allowed).
 
         Dynamic ones follow the dual-quaternion blend of their nodes' motion from their own reference time to `time`:
         x' = R x + t, R_g' = R R_g; scale and SH stay, opacity is `faded` where there is a span. Who is absent has opacity 0.
         """
-        xyz, rotation = self.static.xyz, self.static.rotation
+        means, quats = self.static.means, self.static.quats
         if len(self.dynamic):
             moved = self._carried(time)
-            xyz, rotation = (np.concatenate(parts) for parts in zip((xyz, rotation), moved, strict=True))
+            means, quats = (np.concatenate(parts) for parts in zip((means, quats), moved, strict=True))
         there = {"opacities": faded(self._constant["opacities"], self.presence(time))} if self.fades else {}
-        return Posed(
-            means=xyz.astype(np.float32, copy=False),
-            quats=quaternion.normalize(rotation).astype(np.float32, copy=False),
+        return PosedSplats(
+            means=means.astype(np.float32, copy=False),
+            quats=quaternion.normalize(quats).astype(np.float32, copy=False),
             **self._constant | there,
         )
 
     def _carried(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Centres and rotations of the dynamic set at `time`; who is absent then stays at its reference."""
         dynamic, index, table = self.dynamic, self._pairs.index, self._motions(time)
-        held = index, dynamic.weight, dynamic.strength, dynamic.xyz, dynamic.rotation
+        held = index, dynamic.weight, dynamic.strength, dynamic.means, dynamic.quats
         if dynamic.span is None:
             return carry(table, *held)
         rows = np.flatnonzero(dynamic.presence(time))
-        moved = dynamic.xyz.copy(), dynamic.rotation.copy()
+        moved = dynamic.means.copy(), dynamic.quats.copy()
         for whole, part in zip(moved, carry(table, *(array[rows] for array in held)), strict=True):
             whole[rows] = part
         return moved
@@ -369,7 +350,7 @@ class Scene:
             self.features.head(name)
         return self.features
 
-    def colors(self, posed: Posed, camera: Camera) -> np.ndarray:
+    def colors(self, posed: PosedSplats, camera: Camera) -> np.ndarray:
         """Return the colours (N,3) float32 >= 0 of `posed` seen from `camera`.
 
         The view direction is turned into each Gaussian's own frame, R_g^T d, so appearance turns with the surface.
@@ -413,15 +394,15 @@ class Scene:
 
     @cached_property
     def _constant(self) -> dict[str, np.ndarray]:
-        """The fields of `Posed` that do not change with time, static ones first."""
+        """The fields of `PosedSplats` that do not change with time, static ones first."""
         static, dynamic = self.static, self.dynamic
         size = max(part.sh.shape[1] for part in (static, dynamic) if len(part) or part is static)
         sh = [
             np.pad(part.sh, ((0, 0), (0, size - part.sh.shape[1]), (0, 0))) for part in (static, dynamic) if len(part)
         ]
         return {
-            "scales": np.concatenate([static.scale, dynamic.scale]),
-            "opacities": np.concatenate([static.opacity, dynamic.opacity]),
+            "scales": np.concatenate([static.scales, dynamic.scales]),
+            "opacities": np.concatenate([static.opacities, dynamic.opacities]),
             "sh": np.concatenate([*sh, np.zeros((0, size, 3), np.float32)]),
             "ids": np.concatenate([static.ids, dynamic.ids]),
             "dynamic": np.arange(len(static) + len(dynamic)) >= len(static),

@@ -10,13 +10,14 @@ import re
 from collections import deque
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO, Literal, NamedTuple
+from typing import BinaryIO, Literal
 
 import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
 from ..geometry import quaternion, spherical_harmonics
+from ..geometry.splats import Splats
 from .posing import Posable, moment
 
 TYPE_NAMES = {
@@ -44,43 +45,27 @@ OPACITY_MARGIN = 1e-6
 """Opacities 0 and 1 have no finite logit; a change of this size is invisible in 8 and 16 bits."""
 
 
-class Splats(NamedTuple):
-    """N Gaussians as a PLY file holds them, activated, float32, world frame of the file."""
-
-    xyz: np.ndarray
-    """(N,3)"""
-    rotation: np.ndarray
-    """(N,4) wxyz, unit."""
-    scale: np.ndarray
-    """(N,3)"""
-    opacity: np.ndarray
-    """(N,) in [0, 1]."""
-    sh: np.ndarray
-    """(N,S,3) in each Gaussian's own frame."""
-
-
-def write_ply(
-    path: Path | str, xyz: np.ndarray, rotation: np.ndarray, scale: np.ndarray, opacity: np.ndarray, sh: np.ndarray
-) -> None:
+def write_ply(path: Path | str, splats: Splats) -> None:
     """Write a binary 3DGS PLY with the standard names and order (248 bytes per Gaussian at degree 3).
 
-    `xyz (N,3)`, `rotation (N,4)` wxyz, `scale (N,3)` and `opacity (N,)` activated, `sh (N,S,3)` in the Gaussian's own
-    frame: it is turned to world axes here, as every other viewer expects. Raises F4xError when the disk refuses.
+    The harmonics are turned from each Gaussian's own frame to world axes, as every other viewer expects. Raises F4xError when
+    the disk refuses.
     """
-    rotation = quaternion.normalize(rotation)
-    world_sh = spherical_harmonics.rotate(sh, rotation)
+    means, sh = splats.means, splats.sh
+    quats = quaternion.normalize(splats.quats)
+    world_sh = spherical_harmonics.rotate(sh, quats)
     rest = world_sh[:, 1:].transpose(0, 2, 1).reshape(len(sh), 3 * (sh.shape[1] - 1))  # (N, 3 (S - 1)) channel-major
-    opacity = np.clip(opacity.astype(np.float64), OPACITY_MARGIN, 1 - OPACITY_MARGIN)
+    opacity = np.clip(splats.opacities.astype(np.float64), OPACITY_MARGIN, 1 - OPACITY_MARGIN)
     columns = {
-        **dict(zip(POSITION, xyz.T, strict=True)),
-        **dict.fromkeys(("nx", "ny", "nz"), np.zeros(len(xyz))),
+        **dict(zip(POSITION, means.T, strict=True)),
+        **dict.fromkeys(("nx", "ny", "nz"), np.zeros(len(means))),
         **dict(zip(DC, world_sh[:, 0].T, strict=True)),
         **{f"f_rest_{i}": column for i, column in enumerate(rest.T)},
         "opacity": np.log(opacity / (1 - opacity)),
-        **dict(zip(SCALE, np.log(np.maximum(scale, SMALLEST_SCALE)).T, strict=True)),
-        **dict(zip(ROTATION, rotation.T, strict=True)),
+        **dict(zip(SCALE, np.log(np.maximum(splats.scales, SMALLEST_SCALE)).T, strict=True)),
+        **dict(zip(ROTATION, quats.T, strict=True)),
     }
-    vertices = np.empty(len(xyz), [(name, "<f4") for name in columns])
+    vertices = np.empty(len(means), [(name, "<f4") for name in columns])
     for name, column in columns.items():
         vertices[name] = column
     write_properties(path, vertices)
@@ -90,7 +75,7 @@ def read_ply(path: Path | str) -> Splats:
     """Read a 3DGS PLY: any property order and type, comments, CRLF header, degree 0 to 4, normals or not.
 
     Binary of either byte order, or ASCII. SH is turned from world axes to each Gaussian's own frame, so
-    `write_ply(path, *read_ply(path))` is a round trip. Raises F4xError that says what the file is when it is no splat
+    `write_ply(path, read_ply(path))` is a round trip. Raises F4xError that says what the file is when it is no splat
     file, is truncated or has impossible values.
     """
     path = Path(path)
@@ -111,16 +96,16 @@ def read_ply(path: Path | str) -> Splats:
         opacity = 1 / (1 + np.exp(-_columns(vertices, ("opacity",))[:, 0]))
     rotation = quaternion.normalize(_columns(vertices, ROTATION))
     splats = Splats(
-        xyz=_columns(vertices, POSITION).astype(np.float32),
-        rotation=rotation.astype(np.float32),
-        scale=scale.astype(np.float32),
-        opacity=opacity.astype(np.float32),
+        means=_columns(vertices, POSITION).astype(np.float32),
+        quats=rotation.astype(np.float32),
+        scales=scale.astype(np.float32),
+        opacities=opacity.astype(np.float32),
         sh=spherical_harmonics.rotate(sh, quaternion.conjugate(rotation)),
     )
-    for name, value in zip(Splats._fields, splats, strict=True):
+    for name, value in splats.arrays().items():
         bad = np.count_nonzero(~np.isfinite(value.reshape(len(value), -1)).all(axis=1)) if len(value) else 0
         if bad:
-            hint = "scale_* must be logarithms" if name == "scale" else "clean it in a splat editor"
+            hint = "scale_* must be logarithms" if name == "scales" else "clean it in a splat editor"
             raise F4xError(f"{path}: {bad} of {len(value)} splats have no finite {name}; {hint}")
     return splats
 
@@ -168,7 +153,7 @@ def export_frame(scene: Posable, time: float, path: Path | str, transform: np.nd
     rotation, scale and harmonics. Raises F4xError.
     """
     posed = moment(scene, time, transform)
-    write_ply(path, posed.means, posed.quats, posed.scales, posed.opacities, posed.sh)
+    write_ply(path, posed)
 
 
 def _read_header(file: BinaryIO, path: Path) -> tuple[Literal["<", ">", "ascii"], list[tuple[str, int, np.dtype]]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -10,7 +11,7 @@ from ..errors import F4xError
 from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import CameraPath
 from ..scaffold import Scaffold
-from .model import Posed
+from .model import PosedSplats
 
 Y_UP = np.diag([1.0, -1.0, -1.0, 1.0])
 """Half a turn around x: from the scene's axes (x right, y down, z forward) to those of glTF and of a Y-up USD stage."""
@@ -37,7 +38,7 @@ class Posable(Protocol):
     def scaffold(self) -> Scaffold | None:
         """What carries the moving Gaussians, if anything does."""
 
-    def posed(self, time: float) -> Posed:
+    def posed(self, time: float) -> PosedSplats:
         """All Gaussians at a clip time."""
 
 
@@ -58,7 +59,7 @@ def similarity_of(matrix: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     )
 
 
-def transformed(posed: Posed, matrix: np.ndarray | None) -> Posed:
+def transformed(posed: PosedSplats, matrix: np.ndarray | None) -> PosedSplats:
     """Return `posed` moved as a whole by a 4x4 similarity (None: not at all).
 
     Harmonics stay: they are in each Gaussian's own frame, which turns with it. Raises F4xError like `similarity_of`.
@@ -67,29 +68,30 @@ def transformed(posed: Posed, matrix: np.ndarray | None) -> Posed:
         return posed
     scale, q, t = similarity_of(matrix)
     means = scale * quaternion.rotate(q, posed.means.astype(np.float64)) + t
-    return posed._replace(
+    return replace(
+        posed,
         means=means.astype(np.float32),
         quats=quaternion.multiply(q, posed.quats.astype(np.float64)).astype(np.float32),
         scales=(scale * posed.scales).astype(np.float32),
     )
 
 
-def take(posed: Posed, index: np.ndarray) -> Posed:
+def take(posed: PosedSplats, index: np.ndarray) -> PosedSplats:
     """The Gaussians at `index` ((n,) int or (N,) bool)."""
-    return Posed(*(values[index] for values in posed))
+    return posed.take(index)
 
 
-def moment(scene: Posable, time: float, transform: np.ndarray | None = None) -> Posed:
+def moment(scene: Posable, time: float, transform: np.ndarray | None = None) -> PosedSplats:
     """All that is visible at clip time `time`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
     posed = scene.posed(time)
     return transformed(take(posed, posed.opacities > 0), transform)
 
 
-def world_harmonics(posed: Posed, degree: int = spherical_harmonics.MAX_DEGREE) -> np.ndarray:
+def world_harmonics(posed: PosedSplats, degree: int = spherical_harmonics.MAX_DEGREE) -> np.ndarray:
     """Return (N,S,3) float32 coefficients for directions in world axes, as every other program expects, up to `degree`."""
     return spherical_harmonics.rotate(posed.sh[:, : (degree + 1) ** 2], posed.quats)
 
 
-def plain_color(posed: Posed) -> np.ndarray:
+def plain_color(posed: PosedSplats) -> np.ndarray:
     """Return (N,3) sRGB in [0, 1]: the colour without its dependence on the view, for formats that know no harmonics."""
     return np.clip(spherical_harmonics.rgb_from_dc(posed.sh[:, 0]), 0, 1)

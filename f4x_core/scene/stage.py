@@ -15,6 +15,7 @@ import numpy as np
 
 from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera
+from ..geometry.splats import Splats
 from ..progress import Progress, silent
 from .view import COVERED
 
@@ -149,15 +150,14 @@ def draw(
     widths = {"rgb": 3} | {name: w for name, w in _WIDTHS.items() if name in passes} | {"index": len(numbers)}
     features = [_features(cloud, camera, widths, numbers) for cloud in clouds]
     moved = [cloud.seen_from(frame) for cloud in clouds]
-    arrays = {
-        "means": _joined([cloud.means for cloud in moved], 3),
-        "quats": _joined([cloud.quats for cloud in moved], 4),
-        "scales": _joined([cloud.scales for cloud in moved], 3),
-        "opacities": _joined([cloud.opacities[:, None] for cloud in moved], 1)[:, 0],
-        "colors": _joined(features, sum(widths.values())),
-        "viewmat": (camera.world_to_camera @ frame).astype(np.float32),
-        "K": camera.intrinsics.astype(np.float32),
-    }
+    splats = Splats(
+        means=_joined([cloud.means for cloud in moved], 3),
+        quats=_joined([cloud.quats for cloud in moved], 4),
+        scales=_joined([cloud.scales for cloud in moved], 3),
+        opacities=_joined([cloud.opacities[:, None] for cloud in moved], 1)[:, 0],
+    )
+    colors = _joined(features, sum(widths.values()))
+    view = replace(camera, world_to_camera=camera.world_to_camera @ frame)
     config = replace(config or RasterConfig(), near=near)
 
     pictures: dict[str, np.ndarray] = {}
@@ -166,9 +166,7 @@ def draw(
         # Pixels beside the region keep the limit 0 and are not drawn.
         limit = np.zeros((band.stop - band.start, camera.width), np.float32)
         limit[:, columns] = ground.limit[band, columns]
-        out = rasterize(
-            **arrays, width=camera.width, height=camera.height, config=config, backend=backend, limit=limit, rows=band
-        )
+        out = rasterize(splats, colors, view, config=config, backend=backend, limit=limit, rows=band)
         channels, alpha, depth = (
             np.asarray(part[:, columns], np.float32) for part in (out.channels, out.alpha, out.depth)
         )

@@ -11,7 +11,7 @@ from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress, silent
-from .model import Posed, Scene
+from .model import PosedSplats, Scene
 
 if TYPE_CHECKING:
     from ..raster import RasterConfig
@@ -73,20 +73,7 @@ def render(
     behind = np.zeros(colors.shape[1], np.float32)
     if "rgb" in layers:
         behind[:3] = background
-    out = rasterize(
-        posed.means,
-        posed.quats,
-        posed.scales,
-        posed.opacities,
-        colors,
-        camera.world_to_camera.astype(np.float32),
-        camera.intrinsics.astype(np.float32),
-        camera.width,
-        camera.height,
-        background=behind,
-        config=config,
-        backend=backend,
-    )
+    out = rasterize(posed, colors, camera, background=behind, config=config, backend=backend)
     composited = np.asarray(out.channels, np.float32)
     ends = np.cumsum([layer.shape[1] for layer in layers.values()])[:-1]
     pictures = dict(zip(layers, np.split(composited, ends, axis=-1), strict=True)) if layers else {}
@@ -122,7 +109,7 @@ def render_trajectory(
     progress("render", len(trajectory), len(trajectory))
 
 
-def screen_motion(scene: Scene, camera: Camera, time: float, posed: Posed | None = None) -> np.ndarray:
+def screen_motion(scene: Scene, camera: Camera, time: float, posed: PosedSplats | None = None) -> np.ndarray:
     """Return the screen motion (N,2) float32, in pixels, of every centre from `time` to `time + 1`, the camera at rest.
 
     Past the clip's last frame the scaffold's motion coasts on. A centre behind the camera at either time gives 0.

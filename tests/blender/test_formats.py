@@ -48,7 +48,7 @@ def test_gltf(tmp_path, name, cloud):
     scene = random_scene(dynamic=0)
     export(scene, tmp_path / "a.glb", [0.0], name)
     bpy.ops.import_scene.gltf(filepath=str(tmp_path / "a.glb"))
-    expected = scene.static.xyz @ BLENDER_FROM_SCENE.T
+    expected = scene.static.means @ BLENDER_FROM_SCENE.T
     np.testing.assert_allclose(world_points(bpy.data.objects[cloud]), expected, atol=1e-5)
 
 
@@ -57,5 +57,5 @@ def test_ply(tmp_path):
     export(scene, tmp_path / "a.ply", [0.0], "ply")
     bpy.ops.wm.ply_import(filepath=str(tmp_path / "a.ply"), forward_axis="Y", up_axis="Z")
     mesh = bpy.data.objects["a"].data
-    np.testing.assert_allclose([v.co for v in mesh.vertices], scene.static.xyz, atol=1e-6)
+    np.testing.assert_allclose([v.co for v in mesh.vertices], scene.static.means, atol=1e-6)
     assert {"opacity", "scale_0", "rot_3", "f_rest_8"} <= {attribute.name for attribute in mesh.attributes}

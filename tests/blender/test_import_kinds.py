@@ -212,7 +212,7 @@ def imported(tmp_path_factory):
 @pytest.mark.parametrize("name", ["frame.ply", "frame.splat", "renamed.dat"])
 def test_splats_of_other_programs(imported, name):
     folder, found, told = imported
-    np.testing.assert_allclose(found[name], open_any(folder / name).static.xyz, atol=1e-6)
+    np.testing.assert_allclose(found[name], open_any(folder / name).static.means, atol=1e-6)
     source, camera, is_scene = told[name]
     assert source.endswith(name) and camera.startswith(Path(name).stem) and not is_scene
 

@@ -96,10 +96,10 @@ def tiny_scene() -> Scene:
     def gaussians(count, first):
         return {
             "ids": np.arange(first, first + count),
-            "xyz": random.uniform(-1, 1, (count, 3)).astype(np.float32),
-            "rotation": random.normal(size=(count, 4)).astype(np.float32),
-            "scale": random.uniform(0.01, 0.05, (count, 3)).astype(np.float32),
-            "opacity": random.uniform(0.1, 1, count).astype(np.float32),
+            "means": random.uniform(-1, 1, (count, 3)).astype(np.float32),
+            "quats": random.normal(size=(count, 4)).astype(np.float32),
+            "scales": random.uniform(0.01, 0.05, (count, 3)).astype(np.float32),
+            "opacities": random.uniform(0.1, 1, count).astype(np.float32),
             "sh": random.normal(0, 0.3, (count, 4, 3)).astype(np.float32),
         }
 

@@ -181,7 +181,7 @@ assert "is not there" in refused(bpy.ops.f4x.fit_clip, filepath=folder + "/nowhe
 """
     blender(code, str(tmp_path))
     exported, scene = read_ply(tmp_path / "three.ply"), labelled_scene()
-    assert np.abs(exported.xyz - scene.posed(3.0).means).max() < 1e-5
+    assert np.abs(exported.means - scene.posed(3.0).means).max() < 1e-5
 
 
 def test_a_job_that_ends_leaves_what_is_being_worked_on(tmp_path):

@@ -324,18 +324,18 @@ def test_a_node_moved(folder, scene):
         posed = staticmethod(lambda time: scene_posed)
         colors = staticmethod(scene.colors)
 
-    scene_posed = posed._replace(means=means, quats=quats)
+    scene_posed = replace(posed, means=means, quats=quats)
     expected = render(Moved, scene.cameras[FRAME], FRAME, ("rgb",))
     assert_equal_pictures(passes(folder, "node")["Combined"], expected["rgb"])
 
 
 def test_edited_attributes(folder, scene):
     static, count = scene.static, len(scene.static)
-    opacity, sh = static.opacity.copy(), static.sh.copy()
+    opacity, sh = static.opacities.copy(), static.sh.copy()
     opacity[::3] *= 0.25
     sh[1::3, 0] = (1.0, -1.0, 0.5)
     opacity[2::3] = 0
-    edited = replace(scene, static=replace(static, opacity=opacity, sh=sh))
+    edited = replace(scene, static=replace(static, opacities=opacity, sh=sh))
     total = count + len(scene.dynamic)
     values = {"chosen": np.zeros((total, 1)), "score": np.zeros((total, 1))}
     values["chosen"][:count:2], values["score"][:count, 0] = 1, np.linspace(0, 1, count)
@@ -364,7 +364,7 @@ def test_a_mesh_hides_what_is_behind_it(folder, scene):
     assert bare.any() and np.allclose(wall["Depth"][bare], 2.0, atol=1e-5) and (wall["IndexOB"][bare] == 9).all()
     assert np.allclose(wall["Alpha"], 1)
     posed = scene.posed(FRAME)
-    near = posed._replace(opacities=np.where(posed.means[:, 2] < 2.0, posed.opacities, 0))
+    near = replace(posed, opacities=np.where(posed.means[:, 2] < 2.0, posed.opacities, 0))
 
     class Cut:
         posed = staticmethod(lambda time: near)

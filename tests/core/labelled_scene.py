@@ -23,10 +23,10 @@ def sheet(x, y, depth, size, colour):
     points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), depth)], -1).reshape(-1, 3).astype(np.float32)
     count = len(points)
     return {
-        "xyz": points,
-        "rotation": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        "scale": np.tile(np.float32([size, size, 0.002]), (count, 1)),
-        "opacity": np.full(count, 0.95, np.float32),
+        "means": points,
+        "quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        "scales": np.tile(np.float32([size, size, 0.002]), (count, 1)),
+        "opacities": np.full(count, 0.95, np.float32),
         "sh": np.tile(spherical_harmonics.dc_from_rgb(np.float32(colour)), (count, 1, 1)),
     }
 
@@ -46,7 +46,7 @@ def labelled_scene(features=True, **fields):
     wall = sheet(np.linspace(-1, 1, 40), np.linspace(-0.7, 0.7, 28), WALL, 0.03, (0.2, 0.3, 0.8))
     side = np.linspace(-HALF, HALF, 9)
     square = sheet(side - 0.2, side, SQUARE, 0.018, (0.8, 0.2, 0.1))
-    static, dynamic = len(wall["xyz"]), len(square["xyz"])
+    static, dynamic = len(wall["means"]), len(square["means"])
     corners = np.array([(x - 0.2, y, SQUARE) for x in (-HALF, HALF) for y in (-HALF, HALF)])
     times = np.arange(FRAMES, dtype=float)
     path = corners[None] + times[:, None, None] * np.array([STEP, 0, 0])

@@ -13,10 +13,10 @@ FRAMES, WIDTH, HEIGHT = 6, 64, 40
 def gaussians(rng, count, degree, depth=2.0):
     """Arrays of `count` Gaussians around (0, 0, depth)."""
     return {
-        "xyz": (rng.normal(size=(count, 3)) * 0.4 + [0, 0, depth]).astype(np.float32),
-        "rotation": rng.normal(size=(count, 4)).astype(np.float32),
-        "scale": rng.uniform(0.02, 0.2, (count, 3)).astype(np.float32),
-        "opacity": rng.uniform(0.1, 0.95, count).astype(np.float32),
+        "means": (rng.normal(size=(count, 3)) * 0.4 + [0, 0, depth]).astype(np.float32),
+        "quats": rng.normal(size=(count, 4)).astype(np.float32),
+        "scales": rng.uniform(0.02, 0.2, (count, 3)).astype(np.float32),
+        "opacities": rng.uniform(0.1, 0.95, count).astype(np.float32),
         "sh": (rng.normal(size=(count, (degree + 1) ** 2, 3)) * 0.3).astype(np.float32),
     }
 

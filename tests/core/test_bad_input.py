@@ -215,7 +215,7 @@ def test_clips_without_motion_or_texture_become_a_static_scene(tmp_path, capsys,
     assert any(row["what"] == "motion" and row["chosen"].startswith("none") for row in printed["needs"])
     scene = read_scene(out / "scene.f4x")
     assert len(scene.dynamic) == 0 and scene.scaffold is None and len(scene.static) > 0
-    assert np.isfinite(scene.static.xyz).all() and np.isfinite(scene.cameras.world_to_camera).all()
+    assert np.isfinite(scene.static.means).all() and np.isfinite(scene.cameras.world_to_camera).all()
     priors = Priors.read(out / "priors")
     assert priors.camera_kind == "static" and priors.warnings
     assert "static" in (out / "diagnostics.html").read_text()
@@ -320,7 +320,7 @@ def test_holes_in_given_depth_and_some_tracks_outside_do_no_harm(tmp_path, capsy
     np.save(tmp_path / "tracks.npy", tracks)
     given = [f"--prior={name}={tmp_path / name}.npy" for name in ("depth", "tracks")]
     fit(capsys, fitted[0], tmp_path / "out", *given)
-    assert np.isfinite(read_scene(tmp_path / "out" / "scene.f4x").static.xyz).all()
+    assert np.isfinite(read_scene(tmp_path / "out" / "scene.f4x").static.means).all()
     priors = Priors.read(tmp_path / "out" / "priors")
     assert np.isnan(priors.depth[:, :25]).all() and not priors.tracks_visible[:, :10].any()
 
@@ -547,19 +547,19 @@ def test_ctrl_c_then_the_same_command_again_starts_over(tmp_path, capsys, monkey
 def test_a_second_ctrl_c_is_answered_at_once(tmp_path, capsys, monkeypatch, fitted):
     """Even in the middle of a step: then the last checkpoint is what remains."""
     clip, whole = fitted
-    from f4x_core.fit.photometric import PhotometricStage
+    from f4x_core.fit.trainer import Trainer
 
-    step = PhotometricStage.train_step
+    step = Trainer.train_step
 
     def impatient(stage):
         if stage.step == 17:
-            stage.model.static.parameters["xyz"].data += 1  # half a step
+            stage.model.static.parameters["means"].data += 1  # half a step
             signal.raise_signal(signal.SIGINT)
             signal.raise_signal(signal.SIGINT)
         return step(stage)
 
     with monkeypatch.context() as patch:
-        patch.setattr(PhotometricStage, "train_step", impatient)
+        patch.setattr(Trainer, "train_step", impatient)
         refuses(capsys, "fit", clip, "-o", tmp_path / "out", *FAST[:-1], code=130)
     fit(capsys, clip, tmp_path / "out", "--resume")
     assert arrays_of(tmp_path / "out" / "scene.f4x") == arrays_of(whole / "scene.f4x")

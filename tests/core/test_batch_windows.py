@@ -28,7 +28,7 @@ from f4x_core.fit import pipeline
 from f4x_core.fit.config import profile
 from f4x_core.fit.distil import View, _Views, distil
 from f4x_core.fit.distil_config import DistilConfig
-from f4x_core.fit.earlier import Earlier
+from f4x_core.fit.previous_window import PreviousWindow
 from f4x_core.geometry import pose, quaternion
 from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene
 from f4x_core.scene.view import render
@@ -180,7 +180,7 @@ def test_later_windows_keep_the_background_and_add_little(shot):
     kept = np.isin(first.static.ids, second.static.ids)
     assert kept.mean() > 0.6
     rows = np.searchsorted(second.static.ids, first.static.ids[kept])
-    assert np.array_equal(second.static.xyz[rows], first.static.xyz[kept]), "what is taken over is never changed"
+    assert np.array_equal(second.static.means[rows], first.static.means[kept]), "what is taken over is never changed"
     assert second.dynamic.ids.min() > first.dynamic.ids.max()
 
 
@@ -199,7 +199,7 @@ def test_the_mover_goes_on(shot):
 
 def test_finished_windows_are_kept(shot, monkeypatch):
     before = [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
-    monkeypatch.setattr(windows, "fit_clip", None)  # nothing is fitted again
+    monkeypatch.setattr(windows, "ClipFit", None)  # nothing is fitted again
     windows.fit_shot(shot.plan, shot.read, shot.folder, shot.config, resume=True)
     assert before == [path.read_bytes() for path in sorted(shot.folder.glob("windows/*/scene.f4x"))]
     with pytest.raises(F4xError, match="other settings"):
@@ -236,7 +236,7 @@ def test_windows_that_share_no_used_frame_are_refused():
     _, priors = clip_and_priors(8)
     scene = Scene("toy", StaticSet.empty(), priors.cameras)
     with pytest.raises(F4xError, match="overlap"):
-        Earlier(scene, 8, 0).place(priors)
+        PreviousWindow(scene, 8, 0).place(priors)
 
 
 def test_what_moves_is_not_placed_behind_the_ground_around_it(shot):
@@ -251,7 +251,7 @@ def test_what_moves_is_not_placed_behind_the_ground_around_it(shot):
         depth[binary_dilation(mask, iterations=3) & ~mask] = (
             1.0  # ground around it, the square is at 0.9, the wall at 1.2
         )
-    placed = Earlier(far, 0, 0).place(priors, "torch")
+    placed = PreviousWindow(far, 0, 0).place(priors, "torch")
     square, ground = placed.depth[priors.mask], placed.depth[priors.depth == 1.0]
     assert 0.98 * ground.min() < square.max() <= 1.01 * ground.min()
 
@@ -264,9 +264,9 @@ def test_background_that_turned_wrong_leaves(shot):
     ghost = dataclasses.replace(
         ghost,
         ids=ghost.ids + 10_000,
-        xyz=np.float32([[0.05, 0.0, 0.6]]),
-        scale=np.full((1, 3), 0.06, np.float32),
-        opacity=np.ones(1, np.float32),
+        means=np.float32([[0.05, 0.0, 0.6]]),
+        scales=np.full((1, 3), 0.06, np.float32),
+        opacities=np.ones(1, np.float32),
         sh=np.full_like(ghost.sh, 3.0),
     )
     arrays = {
@@ -275,7 +275,7 @@ def test_background_that_turned_wrong_leaves(shot):
         if name != "span"
     }
     haunted = dataclasses.replace(scene, static=StaticSet(**arrays))
-    found = Earlier(haunted, 0, 0).backdrop(clip, priors, np.arange(0, 8, 2), 2, "torch")
+    found = PreviousWindow(haunted, 0, 0).background(clip, priors, np.arange(0, 8, 2), 2, "torch")
     assert 10_000 + scene.static.ids[0] not in found.world.ids
     assert len(found.world) > 0.6 * len(scene.static)
     assert np.mean([shown.mean() for shown in found.explained.values()]) > 0.5
@@ -287,7 +287,7 @@ def test_a_shaken_picture_is_no_reason_for_new_background(shot):
     rows = np.arange(0, 3)  # the later ones see ground that the scene has not
 
     def unexplained(pictures):
-        found = Earlier(scene, 5, 0).backdrop(dataclasses.replace(clip, frames=pictures), priors, rows, 2)
+        found = PreviousWindow(scene, 5, 0).background(dataclasses.replace(clip, frames=pictures), priors, rows, 2)
         return 1 - np.concatenate([shown[~priors.mask[row]] for row, shown in found.explained.items()]).mean()
 
     shaken = uniform_filter1d(clip.frames, 11, 2)
@@ -342,7 +342,7 @@ def test_drifting_cameras_are_registered_to_the_background(shot):
     """Cameras that turn away a little more with every frame are brought back to where the background is seen."""
     clip, priors = part(shot.clip, clip_and_priors(16)[1], 5, 13)
     scene = read_scene(shot.folder / "windows" / "000" / "scene.f4x")
-    earlier = Earlier(scene, 5, 0)
+    earlier = PreviousWindow(scene, 5, 0)
     drifted = priors.cameras.world_to_camera.copy()
     for frame in range(3, 8):  # the first three are shared
         turn = quaternion.from_rotation_vector(np.array([0.0, 0.008 * (frame - 2), 0.0]))

@@ -16,6 +16,7 @@ from f4x_core.fit.diagnostics import ScenePictures, draw_pictures, worst_frames,
 from f4x_core.fit.needs import Need
 from f4x_core.fit.pipeline import FitResult
 from f4x_core.scaffold import Scaffold
+from f4x_core.scene import Scene, StaticSet
 from f4x_core.scene.moments import Moment
 
 
@@ -40,26 +41,26 @@ def made_up(moving: bool = True):
     clip, priors = toy.clip_and_priors(moving=moving, hold_out=4)
     priors.provenance = {"depth": {"provider": "synthetic", "seconds": 1.5}}
     rng = np.random.default_rng(0)
-    static = {
-        "ids": np.arange(50),
-        "xyz": rng.uniform([-1, -0.5, 1], [1, 0.5, 1.4], (50, 3)).astype(np.float32),
-        "opacity": np.full(50, 0.9, np.float32),
-        "sh": rng.uniform(-1, 1, (50, 1, 3)).astype(np.float32),
-    }
+    turns, sizes = np.tile(np.float32([1, 0, 0, 0]), (50, 1)), np.full((50, 3), 0.01, np.float32)
+    static = StaticSet(
+        rng.uniform([-1, -0.5, 1], [1, 0.5, 1.4], (50, 3)).astype(np.float32),
+        turns,
+        sizes,
+        np.full(50, 0.9, np.float32),
+        rng.uniform(-1, 1, (50, 1, 3)).astype(np.float32),
+        ids=np.arange(50),
+    )
     cameras = priors.cameras.at_times(clip.times)
     history = [{"step": s, "loss": 1 / s, "psnr": 20 + s / 100, "gaussians": 50.0} for s in (100, 200, 300)]
-    result = FitResult(
+    scene = Scene(
+        name=clip.name,
         static=static,
-        dynamic={"ids": np.arange(50, 60)} if moving else None,
         scaffold=node_scaffold(priors.cameras.times) if moving else None,
         cameras=cameras,
-        needs=[Need("motion nodes", "4", "residual <b>0.001</b>", "396 nodes")],
-        priors=priors,
-        history=history,
+        needs=(Need("motion nodes", "4", "residual <b>0.001</b>", "396 nodes").row(),),
         provenance={"source": clip.source, "config": {"name": "quick"}, "priors": priors.provenance},
-        next_id=60,
-        seconds={"priors": 2.0, "start": 0.5, "photometric": 9.0},
     )
+    result = FitResult(scene, priors, history, {"priors": 2.0, "start": 0.5, "photometric": 9.0})
     rows = [{"frame": i, "held_out": bool(clip.held_out[i]), "psnr": 30.0 - i, "ssim": 0.9} for i in range(len(clip))]
     metrics = {"frames": rows, "used_psnr": 31.0, "held_out_psnr": 29.5, "held_out_psnr_flow_blend": 28.0}
     return clip, result, metrics
@@ -122,7 +123,11 @@ def test_page_survives_missing_priors(tmp_path: Path):
         setattr(result.priors, name, None)
     assert (
         write_diagnostics(
-            tmp_path / "page.html", clip, replace(result, scaffold=None, history=[]), {}, ScenePictures({})
+            tmp_path / "page.html",
+            clip,
+            replace(result, scene=replace(result.scene, scaffold=None), history=[]),
+            {},
+            ScenePictures({}),
         )
         == ""
     )
@@ -155,10 +160,12 @@ def test_survival_counts_only_tracks_that_could_get_old():
 
 def test_coverage_sees_missing_nodes():
     _, result, _ = made_up()
-    whole = scaffold_coverage(result.priors, result.scaffold)
+    whole = scaffold_coverage(result.priors, result.scene.scaffold)
     assert whole == 1.0
     away = replace(
-        result.scaffold, xyz=result.scaffold.xyz + np.float32([0.12, 0, 0]), radius=result.scaffold.radius / 3
+        result.scene.scaffold,
+        xyz=result.scene.scaffold.xyz + np.float32([0.12, 0, 0]),
+        radius=result.scene.scaffold.radius / 3,
     )
     assert 0.05 < scaffold_coverage(result.priors, away) < 0.7
 
@@ -169,7 +176,7 @@ def said(found, weight):
 
 def test_a_fine_scene_has_no_problem_in_its_scores():
     _, result, metrics = made_up()
-    found = findings(result.priors, result.scaffold, metrics)
+    found = findings(result.priors, result.scene.scaffold, metrics)
     assert "1.5 dB better than blending" in said(found, "good")
     assert said(found, "problem").startswith("Only 6 frames")  # and nothing else
     assert sum(finding.weight == "problem" for finding in found) == 1
@@ -195,7 +202,7 @@ def test_a_mover_that_gets_lost_is_named(lost, when):
     _, result, _ = made_up()
     coverage, psnr = np.full(12, 0.9), np.full(12, 26.0)
     coverage[list(lost)], psnr[list(lost)] = 0.1, 18.0
-    found = findings(result.priors, result.scaffold, {"frames": rows_of_a_mover(coverage, psnr)})
+    found = findings(result.priors, result.scene.scaffold, {"frames": rows_of_a_mover(coverage, psnr)})
     assert found[0].weight == "problem" and found[0].what.startswith(when)
     assert "18.0 dB (26.0 dB in the other frames)" in found[0].what and "--masks DIR" in found[0].advice
 
@@ -210,14 +217,14 @@ def test_a_mover_that_gets_lost_is_named(lost, when):
 )
 def test_a_mover_that_is_not_lost_is_not_named(coverage, psnr):
     _, result, _ = made_up()
-    found = findings(result.priors, result.scaffold, {"frames": rows_of_a_mover(coverage, psnr)})
+    found = findings(result.priors, result.scene.scaffold, {"frames": rows_of_a_mover(coverage, psnr)})
     assert "is missing" not in " ".join(finding.what for finding in found)
 
 
 def test_registered_cameras_lead_the_scores():
     _, result, metrics = made_up()
     metrics |= {"held_out_psnr": 25.0, "held_out_psnr_registered": 30.0, "held_out_psnr_flow_blend_registered": 30.5}
-    found = findings(result.priors, result.scaffold, metrics)
+    found = findings(result.priors, result.scene.scaffold, metrics)
     assert "usable with limits: 30.0 dB on frames it never saw" in verdict(metrics, found)
     assert "(30.5 dB) than the scene (30.0 dB)" in said(found, "problem") and "dB worse than" not in said(
         found, "problem"
@@ -236,7 +243,7 @@ def test_registered_cameras_lead_the_scores():
 )
 def test_scores_are_explained(change, words, advice):
     _, result, metrics = made_up()
-    found = findings(result.priors, result.scaffold, metrics | change)
+    found = findings(result.priors, result.scene.scaffold, metrics | change)
     chosen = [finding for finding in found if words in finding.what]
     assert len(chosen) == 1 and chosen[0].weight == "problem" and advice in chosen[0].advice
 
@@ -245,14 +252,14 @@ def test_a_long_fit_is_not_advised_to_be_long():
     _, result, metrics = made_up()
     metrics |= {"used_psnr": 24.0, "held_out_psnr": 23.0, "held_out_psnr_flow_blend": 30.5}
     for profile, advised in (("quick", 2), ("wild", 0), ("nvidia", 0)):
-        found = findings(result.priors, result.scaffold, metrics, profile=profile)
+        found = findings(result.priors, result.scene.scaffold, metrics, profile=profile)
         assert sum("--profile wild" in finding.advice for finding in found) == advised
 
 
 def test_the_page_knows_the_profile_of_its_fit(tmp_path: Path):
     clip, result, metrics = made_up()
     for profile in ("quick", "wild"):
-        result.provenance["config"]["name"] = profile
+        result.scene.provenance["config"]["name"] = profile
         write_diagnostics(tmp_path / "page.html", clip, result, metrics | {"used_psnr": 24.0}, ScenePictures({}))
         assert ("--profile wild takes more steps" in (tmp_path / "page.html").read_text()) == (profile == "quick")
 
@@ -265,7 +272,7 @@ def test_priors_are_explained():
     priors.depth[:, :20] = np.nan
     priors.tracks_visible[3:] = False
     priors.warn("the focal length was guessed")
-    found = findings(priors, result.scaffold, metrics)
+    found = findings(priors, result.scene.scaffold, metrics)
     problems = said(found, "problem")
     for words in ("The camera stood still", "50% of the pixels have no depth", "depth of the background is a guess"):
         assert words in problems
@@ -279,7 +286,7 @@ def test_priors_are_explained():
 def test_frames_that_stand_out_are_named():
     _, result, metrics = made_up()
     rows = [{"frame": i, "held_out": i == 7, "psnr": 30.0 - 10 * (i in (3, 7))} for i in range(8)]
-    notes = said(findings(result.priors, result.scaffold, metrics | {"frames": rows}), "note")
+    notes = said(findings(result.priors, result.scene.scaffold, metrics | {"frames": rows}), "note")
     assert "Frame 7 was held out at the clip's end" in notes
     assert "Frames more than 4 dB below the median of 30.0 dB: 3." in notes
 
@@ -289,14 +296,16 @@ def test_a_held_out_frame_is_judged_by_its_registered_camera():
     rows = [{"frame": i, "held_out": False, "psnr": 30.0} for i in range(8)]
     rows[4] |= {"held_out": True, "psnr": 18.0, "psnr_registered": 29.0}
     rows[5] |= {"psnr": 26.5}
-    assert "Frames more than" not in said(findings(result.priors, result.scaffold, metrics | {"frames": rows}), "note")
+    assert "Frames more than" not in said(
+        findings(result.priors, result.scene.scaffold, metrics | {"frames": rows}), "note"
+    )
     assert worst_frames({"frames": rows}, 1) == [5]
 
 
 def test_cameras_are_explained():
     _, result, metrics = made_up()
     result.priors.statistics["cameras"] = {"registered": 1, "reprojection_px": {"median": 2.5}}
-    problems = said(findings(result.priors, result.scaffold, metrics), "problem")
+    problems = said(findings(result.priors, result.scene.scaffold, metrics), "problem")
     assert "Only 1 of 6 frames found their camera" in problems and "by 2.5 px" in problems
 
 

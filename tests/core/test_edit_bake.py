@@ -147,7 +147,7 @@ def test_ids_nodes_and_untouched_gaussians():
     np.testing.assert_array_equal(baked.static.ids, np.arange(5, 30))
     np.testing.assert_array_equal(baked.dynamic.ids, np.arange(30, 55))
     assert baked.next_id == 55
-    for name in ("xyz", "rotation", "scale", "opacity", "sh"):
+    for name in ("means", "quats", "scales", "opacities", "sh"):
         np.testing.assert_array_equal(getattr(baked.dynamic, name)[:20], getattr(SCENE.dynamic, name), err_msg=name)
         np.testing.assert_array_equal(getattr(baked.static, name), getattr(SCENE.static, name)[5:], err_msg=name)
     old, new = SCENE.scaffold, baked.scaffold

@@ -100,7 +100,7 @@ def test_a_dry_run_and_another_file_leave_the_scene_alone(scene, operations, cap
     assert code == 0 and told["output"] is None and len(told["edits"]) == 3 and sha(scene) == before
     code, told = f4x(capsys, "edit", scene, "--ops", operations, "-o", tmp_path / "b.f4x")
     assert code == 0 and sha(scene) == before and len(read_stack(tmp_path / "b.f4x")) == 3
-    np.testing.assert_array_equal(read_scene(tmp_path / "b.f4x").static.xyz, read_scene(scene).static.xyz)
+    np.testing.assert_array_equal(read_scene(tmp_path / "b.f4x").static.means, read_scene(scene).static.means)
 
 
 def test_words_are_looked_up_once(scene, capsys, tmp_path):

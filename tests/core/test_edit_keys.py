@@ -62,7 +62,7 @@ def posed_by_hand(scene, operation, time):
         strength = scene.dynamic.strength[g]
         total = strength * total * (1 if total[0] >= 0 else -1) + (1 - strength) * dual_quaternion.IDENTITY
         q, t = dual_quaternion.to_pose(dual_quaternion.normalize(total, 1e-4))
-        means.append(pose.transform(q, t, scene.dynamic.xyz[g].astype(float)))
+        means.append(pose.transform(q, t, scene.dynamic.means[g].astype(float)))
     return np.array(means)
 
 

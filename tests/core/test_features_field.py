@@ -4,6 +4,7 @@ import dataclasses
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from labelled_scene import labelled_scene
 from random_scene import HEIGHT, WIDTH, random_scene
 
 from f4x_core.errors import Cancelled, F4xError
-from f4x_core.features.footprint import cell_light
+from f4x_core.features.footprint import cell_weights
 from f4x_core.features.heads import Head, head_widths
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.pictures import fit_pca
@@ -118,11 +119,10 @@ def test_width_follows_the_rank_of_the_teachers(rank, width):
 @pytest.mark.parametrize("grid", [(10, 16), (5, 8), (7, 9), (1, 1)])
 def test_light_times_channels_is_the_area_mean_of_the_picture(scene, grid):
     posed = scene.posed(1.0)
-    camera, shapes = scene.cameras[1], (posed.means, posed.quats, 0.3 * posed.scales, posed.opacities)
+    camera, posed = scene.cameras[1], replace(posed, scales=0.3 * posed.scales)
     colours = np.random.default_rng(2).normal(size=(len(posed.ids), 4)).astype(np.float32)
-    matrices = camera.world_to_camera.astype(np.float32), camera.intrinsics.astype(np.float32)
-    out = rasterize(*shapes, colours, *matrices, WIDTH, HEIGHT, backend="torch", config=RasterConfig(threads=1))
-    light = cell_light(*shapes, camera, grid, backend="torch", config=RasterConfig(threads=1))
+    out = rasterize(posed, colours, camera, backend="torch", config=RasterConfig(threads=1))
+    light = cell_weights(posed, camera, grid, backend="torch", config=RasterConfig(threads=1))
     rows = (np.arange(HEIGHT) + 0.5) * grid[0] // HEIGHT
     columns = (np.arange(WIDTH) + 0.5) * grid[1] // WIDTH
     cell = (rows[:, None] * grid[1] + columns).astype(int).ravel()

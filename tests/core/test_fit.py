@@ -9,7 +9,7 @@ import torch
 from toy import clip_and_priors
 
 from f4x_core.errors import F4xError
-from f4x_core.fit import photometric, pipeline
+from f4x_core.fit import pipeline, trainer
 from f4x_core.fit.checkpoint import load_checkpoint, save_checkpoint
 from f4x_core.fit.config import PROFILES, NodeConfig, profile, resolved
 from f4x_core.fit.losses import depth_loss, masked_l1, psnr, ssim_map
@@ -38,12 +38,13 @@ def fit(monkeypatch):
 def test_moving_toy_gets_few_nodes_and_a_good_picture(fit, tmp_path):
     result = fit(tmp_path, small(160), hold_out=4)
     assert result.history[-1]["psnr"] > 26
-    assert result.scaffold is not None and len(result.scaffold) <= 8, "one rigid mover needs few nodes"
-    assert result.dynamic is not None and len(result.dynamic["ids"]) > 50
-    assert len(result.cameras) == 8
-    assert (result.provenance["source"], result.provenance["frames"], result.provenance["width"]) == ("toy", "", 64)
-    ids = np.concatenate([result.static["ids"], result.dynamic["ids"]])
-    assert len(np.unique(ids)) == len(ids) and ids.max() < result.next_id
+    scene = result.scene
+    assert scene.scaffold is not None and len(scene.scaffold) <= 8, "one rigid mover needs few nodes"
+    assert len(scene.dynamic) > 50
+    assert len(scene.cameras) == 8
+    assert (scene.provenance["source"], scene.provenance["frames"], scene.provenance["width"]) == ("toy", "", 64)
+    ids = np.concatenate([scene.static.ids, scene.dynamic.ids])
+    assert len(np.unique(ids)) == len(ids) and ids.max() < scene.next_id
 
 
 def test_small_pictures_are_followed_to_less_than_a_pixel():
@@ -53,9 +54,9 @@ def test_small_pictures_are_followed_to_less_than_a_pixel():
 
 
 def test_static_clip_gets_no_scaffold(fit, tmp_path):
-    result = fit(tmp_path, small(20), moving=False)
-    assert result.dynamic is None and result.scaffold is None
-    assert any(need.what == "motion" and need.chosen.startswith("none") for need in result.needs)
+    scene = fit(tmp_path, small(20), moving=False).scene
+    assert len(scene.dynamic) == 0 and scene.scaffold is None
+    assert any(need["what"] == "motion" and need["chosen"].startswith("none") for need in scene.needs)
 
 
 class Stop(KeyboardInterrupt):
@@ -65,12 +66,12 @@ class Stop(KeyboardInterrupt):
 @pytest.mark.parametrize("stop_at", [20, pytest.param(47, marks=pytest.mark.slow)])
 def test_resume_is_bit_equal(fit, tmp_path, monkeypatch, stop_at):
     """Oracle 11, across densification, node control, new harmonics, a graph rebuild and the start of the skinning offsets."""
-    monkeypatch.setattr(photometric, "GAIN_DB", -100.0)
+    monkeypatch.setattr(trainer, "GAIN_DB", -100.0)
     config = small(60, graph_every=15, dw_from=0.6, most_sh_degree=2, harmonics_at=(0.3, 0.65))
     density = dataclasses.replace(config.density_static, every=10, start=0.0, gradient=1e-6, max_count=1000)
     nodes = NodeConfig(add_at=(0.25, 0.5), drop_at=(0.55,), growth=1.0)
     config = dataclasses.replace(config, density_static=density, nodes=nodes)
-    whole = fit(tmp_path / "whole", config)
+    whole = fit(tmp_path / "whole", config).scene
 
     def interrupt(stage, done, total, message=""):
         if stage == "photometric" and done == stop_at:
@@ -78,13 +79,13 @@ def test_resume_is_bit_equal(fit, tmp_path, monkeypatch, stop_at):
 
     with pytest.raises(KeyboardInterrupt):
         fit(tmp_path / "cut", config, progress=interrupt)
-    resumed = fit(tmp_path / "cut", config, resume=True)
+    resumed = fit(tmp_path / "cut", config, resume=True).scene
     assert resumed.next_id == whole.next_id > 0
     assert len(whole.scaffold) > 4, "nodes were added"
-    assert whole.static["sh"].shape[1] == whole.dynamic["sh"].shape[1] == 9, "harmonics were added"
+    assert whole.static.sh.shape[1] == whole.dynamic.sh.shape[1] == 9, "harmonics were added"
     for part in ("static", "dynamic"):
-        for name, array in getattr(whole, part).items():
-            assert np.array_equal(array, getattr(resumed, part)[name]), (part, name)
+        for name, array in getattr(whole, part).arrays().items():
+            assert np.array_equal(array, getattr(getattr(resumed, part), name)), (part, name)
     assert np.array_equal(whole.scaffold.xyz, resumed.scaffold.xyz)
     assert np.array_equal(whole.cameras.world_to_camera, resumed.cameras.world_to_camera)
 

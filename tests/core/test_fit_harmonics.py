@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("one_thread")
 
 def stage_of(clip, priors, **changes):
     config = dataclasses.replace(profile("quick"), steps=40, measure_every=40, threads=1, backend="torch", **changes)
-    return start_fit(clip, priors, config)[0]
+    return start_fit(clip, priors, config)
 
 
 @pytest.fixture(scope="module")
@@ -31,13 +31,13 @@ def shiny():
     stage = stage_of(*clip_and_priors(FRAMES, moving=False))
     static = stage.model.static
     plain = dict(static.parameters)
-    x, y, _ = (xyz := static.parameters["xyz"].detach()).T  # light mixes Gaussians, so neighbours shine alike
+    x, y, _ = (xyz := static.parameters["means"].detach()).T  # light mixes Gaussians, so neighbours shine alike
     looks = torch.stack([torch.sin(3 * x), torch.cos(2 * y), torch.sin(2 * x - y)], -1)
     slopes = looks[:, :, None] * torch.tensor([1.0, -0.5, 0.8])
     middle = xyz - torch.tensor([0.01 * (FRAMES - 1), 0, 0])  # seen from there, colours are the plain ones
-    own = quaternion.rotate(quaternion.conjugate(quaternion.normalize(static.parameters["quat"].detach())), middle)
+    own = quaternion.rotate(quaternion.conjugate(quaternion.normalize(static.parameters["quats"].detach())), middle)
     there = (basis(own, 1)[:, 1:, None] * slopes).sum(1, keepdim=True)
-    static.parameters |= {"sh_rest": slopes, "sh_dc": plain["sh_dc"].detach() - there / C0}
+    static.parameters |= {"shN": slopes, "sh0": plain["sh0"].detach() - there / C0}
     pictures = torch.stack([255 * stage.picture(frame) for frame in range(FRAMES)]).round().byte()
     static.parameters = plain
     return stage, pictures
@@ -84,7 +84,7 @@ def test_backends_agree(backend):
     bands = [next_band(stage.model, stage.levels[0].rgb, stage.raster, name) for name in ("torch", backend)]
     assert bands[1].gain == pytest.approx(bands[0].gain, abs=1e-3)
     assert torch.allclose(bands[1].more, bands[0].more, atol=1e-3)
-    assert len(bands[0].more) == stage.count(), "both sets"
+    assert len(bands[0].more) == len(stage.model), "both sets"
 
 
 def test_a_frame_alone_is_no_evidence():
@@ -99,10 +99,10 @@ def test_moments_stay_with_their_coefficients():
     optimiser.add_band(torch.zeros(len(static), 1, 3), first)
     static.sh.square().sum().backward()
     optimiser.step()
-    moved = static.parameters["sh_rest"].detach().clone()
-    moment = optimiser.adam.state[static.parameters["sh_rest"]]["exp_avg"].clone()
+    moved = static.parameters["shN"].detach().clone()
+    moment = optimiser.adam.state[static.parameters["shN"]]["exp_avg"].clone()
     optimiser.add_band(torch.zeros(len(static), 1, 3), torch.ones(len(static), 5, 3))
-    rest = static.parameters["sh_rest"]
+    rest = static.parameters["shN"]
     assert rest.requires_grad and rest.shape == (len(static), 8, 3)
     assert torch.equal(rest[:, :3], moved) and (rest[:, 3:] == 1).all()
     widened = optimiser.adam.state[rest]["exp_avg"]
@@ -114,6 +114,6 @@ def test_the_row_says_what_decided(most, expected):
     clip, priors = clip_and_priors(6, moving=False)
     stage = stage_of(clip, priors, most_sh_degree=most)
     stage.run()
-    row = finish_fit(clip, priors, stage, [], {}).needs[0]
-    assert row.what == "view-dependent colour" and expected in row.evidence
+    row = finish_fit(stage).scene.needs[0]
+    assert row["what"] == "view-dependent colour" and expected in row["evidence"]
     assert len(stage.band_gains) == most

@@ -5,6 +5,7 @@ import torch
 
 from f4x_core.fit.losses import masked_l1, rgb_loss, ssim_map
 from f4x_core.gaussians import appearance
+from f4x_core.native.kernels import Kernels
 
 pytestmark = pytest.mark.usefixtures("native_library")
 
@@ -23,7 +24,7 @@ def test_colours_and_gradients_are_those_of_the_formula(degree, count, threads):
     centre, sent = torch.tensor([0.2, -0.1, -4.0]), torch.randn(count, 3, generator=generator)
     fast = [t.clone().requires_grad_() for t in (sh, means, quats)]
     plain = [t.double().requires_grad_() for t in (sh, means, quats)]
-    colours, expected = appearance(*fast, centre, threads), appearance(*plain, centre.double())
+    colours, expected = appearance(*fast, centre, Kernels(True, threads)), appearance(*plain, centre.double())
     assert relative(colours, expected) < 1e-6
     got = torch.autograd.grad(colours, fast, sent)
     wanted = torch.autograd.grad(expected, plain, sent.double(), allow_unused=True)
@@ -36,7 +37,7 @@ def test_a_gaussian_without_direction_or_orientation_keeps_finite_gradients():
     centre = means[2].clone()  # the camera sits on this one
     quats[5] = 0
     leaves = [t.requires_grad_() for t in (sh, means, quats)]
-    colours = appearance(*leaves, centre, 1)
+    colours = appearance(*leaves, centre, Kernels(True))
     assert torch.allclose(colours[2], sh[2, 0] * 0.28209479 + 0.5)
     turned = torch.tensor([1.0, 0, 0, 0]).expand(9, 4)
     assert torch.allclose(colours[5], appearance(sh, means, turned, centre)[5], atol=1e-6)
@@ -50,7 +51,7 @@ def test_the_picture_loss_is_that_of_the_formula(height, width, threads):
     wide = torch.rand(height, width, 7, generator=generator)  # the picture is a slice of all rendered channels
     target, weight = torch.rand(height, width, 3, generator=generator), torch.rand(height, width, generator=generator)
     fast, plain = wide.clone().requires_grad_(), wide.double().requires_grad_()
-    loss = rgb_loss(fast[..., :3], target, weight, 0.3, threads)
+    loss = rgb_loss(fast[..., :3], target, weight, 0.3, Kernels(True, threads))
     expected = rgb_loss(plain[..., :3], target.double(), weight.double(), 0.3)
     assert float(loss.detach()) == pytest.approx(float(expected.detach()), rel=2e-6)
     assert relative(torch.autograd.grad(loss, fast)[0], torch.autograd.grad(expected, plain)[0]) < 1e-5
@@ -63,7 +64,7 @@ def test_structure_alone_is_compared_closely():
     image = (target + 0.02 * torch.randn(32, 48, 3, generator=generator)).requires_grad_()
     weight = torch.ones(32, 48)
     plain = image.detach().double().requires_grad_()
-    got = rgb_loss(image, target, weight, 1.0, 2) - masked_l1(image, target, weight)
+    got = rgb_loss(image, target, weight, 1.0, Kernels(True, 2)) - masked_l1(image, target, weight)
     expected = 1 - ssim_map(plain, target.double()).mean()
     assert float(got.detach()) == pytest.approx(float(expected.detach()), abs=1e-6)
     assert relative(torch.autograd.grad(got, image)[0], torch.autograd.grad(expected, plain)[0]) < 1e-4
@@ -76,6 +77,6 @@ def test_threads_do_not_change_a_bit():
     results = []
     for threads in (1, 2, 5):
         leaf = image.clone().requires_grad_()
-        loss = rgb_loss(leaf, target, weight, 0.3, threads)
+        loss = rgb_loss(leaf, target, weight, 0.3, Kernels(True, threads))
         results.append((loss.detach(), torch.autograd.grad(loss, leaf)[0]))
     assert all(torch.equal(a, b) for other in results[1:] for a, b in zip(results[0], other, strict=True))

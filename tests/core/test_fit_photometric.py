@@ -15,7 +15,8 @@ DYNAMIC = GaussianRates((5e-3, 5e-5), (6e-3, 6e-3), (7e-2, 7e-3), (0.2, 0.02), (
 
 
 def rates_at(stage, share):
-    stage._set_rates(share)
+    stage.step = round(share * stage.config.steps)
+    stage._set_rates()
     return {
         kind: {group["name"]: group["lr"] for group in optimiser.adam.param_groups}
         for kind, optimiser in stage.optimisers.items()
@@ -25,15 +26,15 @@ def rates_at(stage, share):
 def test_each_set_learns_at_its_own_rates_which_fall_to_their_last_value():
     rates = RateConfig(static=STATIC, dynamic=DYNAMIC, dw=9e-3)
     config = dataclasses.replace(profile("quick"), steps=40, threads=1, backend="torch", rates=rates)
-    stage = start_fit(*clip_and_priors(5, moving=True), config)[0]
+    stage = start_fit(*clip_and_priors(5, moving=True), config)
     first, last = rates_at(stage, config.rate_decay_start), rates_at(stage, 1.0)
     half = rates_at(stage, (1 + config.rate_decay_start) / 2)
     assert first["static"] == pytest.approx(
-        {"xyz": 1e-3, "quat": 2e-3, "log_scale": 3e-2, "opacity_logit": 0.1, "sh_dc": 4e-2, "sh_rest": 5e-4}
+        {"means": 1e-3, "quats": 2e-3, "log_scales": 3e-2, "opacity_logits": 0.1, "sh0": 4e-2, "shN": 5e-4}
     )
-    assert last["static"]["log_scale"] == pytest.approx(3e-3)
-    assert half["static"]["log_scale"] == pytest.approx((3e-2 * 3e-3) ** 0.5)
-    assert first["dynamic"]["local_xyz"] == pytest.approx(5e-3)
-    assert last["dynamic"]["local_xyz"] == pytest.approx(5e-5)
-    assert last["dynamic"]["sh_dc"] == pytest.approx(8e-2)
+    assert last["static"]["log_scales"] == pytest.approx(3e-3)
+    assert half["static"]["log_scales"] == pytest.approx((3e-2 * 3e-3) ** 0.5)
+    assert first["dynamic"]["local_means"] == pytest.approx(5e-3)
+    assert last["dynamic"]["local_means"] == pytest.approx(5e-5)
+    assert last["dynamic"]["sh0"] == pytest.approx(8e-2)
     assert last["dynamic"]["dw"] == pytest.approx(9e-3)

@@ -197,7 +197,7 @@ def test_masks_that_are_none_of_the_clip(folder, capsys, tmp_path):
 def test_a_selection_belongs_to_its_scene(folder, capsys, tmp_path):
     run(capsys, "query", folder / "scene.f4x", "--text", "square", "-o", tmp_path)
     other = labelled_scene()
-    moved = dataclasses.replace(other.static, xyz=other.static.xyz + np.float32(0.01))
+    moved = dataclasses.replace(other.static, means=other.static.means + np.float32(0.01))
     write_scene(labelled_scene(static=moved), tmp_path / "other.f4x")
     edit = ["--say", "make it red", "--select", tmp_path / "selection.json", "--dry-run"]
     assert run(capsys, "edit", folder / "scene.f4x", *edit)[0] == 0

@@ -6,8 +6,8 @@ from labelled_scene import FRAMES, HEIGHT, LABELS, VECTORS, WIDTH, labelled_scen
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import freeze_camera, orbit, original
+from f4x_core.query.blend_weights import blend_weight_sums, lift_masks
 from f4x_core.query.labels import ask_for
-from f4x_core.query.light import lift_masks, light_into
 from f4x_core.query.pixels import head_map, heat_map, mask_video, share_picture, text_picture
 from f4x_core.query.prompts import (
     select_by_box,
@@ -38,7 +38,7 @@ def is_square(scene):
 def test_light_is_what_each_gaussian_adds_to_the_picture(plain):
     """Light into a mask, by drawing each Gaussian's own weight: the picture of a one-hot channel."""
     mask = square_mask(2).astype(np.float32)
-    light = light_into(plain, 2.0, 2, np.stack([mask, np.ones_like(mask)], -1))
+    light = blend_weight_sums(plain, 2.0, 2, np.stack([mask, np.ones_like(mask)], -1))
     some = np.r_[400:404, len(plain.static) : len(plain.static) + 4]
     values = np.zeros((len(light), len(some)), np.float32)
     values[some, np.arange(len(some))] = 1

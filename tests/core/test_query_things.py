@@ -22,7 +22,7 @@ def scene_with_ripples():
     scene = labelled_scene(features=False)
     side = np.linspace(-HALF, HALF, 9)
     ripples = sheet(side - 0.2, side + 2.2 * HALF, SQUARE, 0.018, (0.2, 0.3, 0.8))
-    square, count = scene.dynamic, len(ripples["xyz"])
+    square, count = scene.dynamic, len(ripples["means"])
     more = {name: np.concatenate([getattr(square, name), values]) for name, values in ripples.items()}
     more["ids"] = np.concatenate([square.ids, scene.next_id + np.arange(count)])
     for name in ("reference", "node", "weight", "strength"):

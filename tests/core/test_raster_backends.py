@@ -10,9 +10,9 @@ import pytest
 import torch
 
 from f4x_core.errors import F4xError
-from f4x_core.raster import RasterConfig, choose_backend, rasterize
-from f4x_core.raster.benchmark import benchmark, make_wavy_scene
-from f4x_core.raster.light import light_into
+from f4x_core.raster import RasterConfig, RasterInput, choose_backend
+from f4x_core.raster.benchmark import benchmark, draw, make_wavy_scene, view_of
+from f4x_core.raster.blend_weights import blend_weight_sums
 
 WIDTH, HEIGHT = 61, 45
 LEAVES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "background", "mean2d_offset")
@@ -66,14 +66,14 @@ def many_splats(means, scales, opacities, colors):
 
 def render(scene, backend, dtype=torch.float32, **options):
     tensors = {k: v.to(dtype) if isinstance(v, torch.Tensor) else v for k, v in scene.items()}
-    return rasterize(**tensors, backend=backend, **options)
+    return draw(**tensors, backend=backend, **options)
 
 
 def differentiate(scene, backend, dtype=torch.float32, **options):
     """Outputs, and gradients of a fixed random functional of them."""
     scene = {k: v.detach().to(dtype) if isinstance(v, torch.Tensor) else v for k, v in scene.items()}
     leaves = {k: scene[k].requires_grad_() for k in LEAVES if scene.get(k) is not None}
-    out = rasterize(**scene, backend=backend, **options)
+    out = draw(**scene, backend=backend, **options)
     generator = torch.Generator().manual_seed(3)
     images = (out.channels, out.depth, out.alpha)
     total = sum((image * torch.rand(image.shape, generator=generator).to(image)).sum() for image in images)
@@ -156,7 +156,7 @@ def test_gradcheck(backend):
     leaves = [scene[name].double().requires_grad_() for name in LEAVES]
 
     def function(*values):
-        out = rasterize(
+        out = draw(
             **{**scene, **dict(zip(LEAVES, values, strict=True))}, backend=backend, config=RasterConfig(alpha_min=1e-12)
         )
         return out.channels, out.depth, out.alpha
@@ -320,7 +320,7 @@ def test_detached_channels_reach_only_their_colors(backend):
 
     def gradients(**options):
         leaves = {k: scene[k].detach().requires_grad_() for k in LEAVES if scene[k] is not None}
-        out = rasterize(**{**scene, **leaves}, backend=backend, detached_from=2, **options).channels
+        out = draw(**{**scene, **leaves}, backend=backend, detached_from=2, **options).channels
         return lambda image: dict(
             zip(leaves, torch.autograd.grad(image(out).sum(), list(leaves.values())), strict=True)
         )
@@ -349,9 +349,9 @@ def test_two_renders_before_two_backward_passes(backend):
     scene, other = make_scene(seed=0), make_scene(seed=1, width=40, height=31)
     alone = differentiate(scene, backend)[1]["means"]
     leaf = scene["means"].detach().requires_grad_()
-    first = rasterize(**{**scene, "means": leaf}, backend=backend)
+    first = draw(**{**scene, "means": leaf}, backend=backend)
     kept = first.channels.detach().clone()
-    rasterize(**other, backend=backend)
+    draw(**other, backend=backend)
     assert torch.equal(first.channels, kept)
     generator = torch.Generator().manual_seed(3)
     images = (first.channels, first.depth, first.alpha)
@@ -370,17 +370,18 @@ def test_one_tile_image_does_not_alias_work_memory():
 def test_numpy_in_numpy_out(backend):
     scene = make_scene()
     arrays = {k: v.numpy() if isinstance(v, torch.Tensor) else v for k, v in scene.items()}
-    out = rasterize(**arrays, backend=backend)
+    out = draw(**arrays, backend=backend)
     assert isinstance(out.channels, np.ndarray) and out.visible.dtype == bool
     np.testing.assert_allclose(out.channels, render(scene, backend).channels.numpy(), atol=1e-6)
 
 
 def test_light_into_layers_adds_up_to_the_picture(backend):
     scene = make_scene()
-    arrays = {name: scene[name].numpy() for name in ("means", "quats", "scales", "opacities", "viewmat", "K")}
+    arrays = {n: a.numpy() if isinstance(a, torch.Tensor) else a for n, a in scene.items() if n != "background"}
+    splats, _, camera = view_of(**arrays)
     layers = np.random.default_rng(0).random((HEIGHT, WIDTH, 3), np.float32)
     layers[..., 2] = 1
-    light = light_into(**arrays, layers=layers, backend=backend)
+    light = blend_weight_sums(splats, camera, layers, backend=backend)
     out = render(scene | {"background": None}, backend)
     np.testing.assert_allclose(light[:, 2].sum(), out.alpha.sum(), rtol=1e-5)
     shown = float((out.channels[..., 0] * torch.from_numpy(layers[..., 1])).sum())  # linear in the colours
@@ -389,9 +390,10 @@ def test_light_into_layers_adds_up_to_the_picture(backend):
 
 def test_light_by_numpy_alone_is_the_same():
     scene = make_scene()
-    arrays = {name: scene[name].numpy() for name in ("means", "quats", "scales", "opacities", "viewmat", "K")}
+    arrays = {n: a.numpy() if isinstance(a, torch.Tensor) else a for n, a in scene.items() if n != "background"}
+    splats, _, camera = view_of(**arrays)
     layers = np.random.default_rng(0).random((HEIGHT, WIDTH, 2), np.float32)
-    light, plain = (light_into(**arrays, layers=layers, backend=backend) for backend in ("torch", "plain"))
+    light, plain = (blend_weight_sums(splats, camera, layers, backend=backend) for backend in ("torch", "plain"))
     np.testing.assert_allclose(plain, light, atol=1e-4 * light.max())
     assert light.max() > 1
 
@@ -400,9 +402,12 @@ def test_light_needs_no_torch_where_the_native_kernel_is():
     require("native")
     code = """
 import sys, numpy as np
-from f4x_core.raster.light import light_into
+from f4x_core.raster.blend_weights import blend_weight_sums
+from f4x_core.geometry.camera import Camera
+from f4x_core.geometry.splats import Splats
 eye = np.eye(4)
-light = light_into([[0, 0, 2.0]], eye[:1], [[0.1] * 3], [0.5], eye, eye[:3, :3] * 9, np.ones((9, 9, 1)))
+splats = Splats(*map(np.array, ([[0, 0, 2.0]], eye[:1], [[0.1] * 3], [0.5])))
+light = blend_weight_sums(splats, Camera(eye[:3, :3] * 9, eye, 9, 9), np.ones((9, 9, 1)))
 assert light.shape == (1, 1) and light[0, 0] > 0 and "torch" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -415,13 +420,13 @@ assert light.shape == (1, 1) and light[0, 0] > 0 and "torch" not in sys.modules
         ({"backend": "gsplat"}, "gsplat"),
         ({"quats": torch.zeros(120, 3)}, "quats has shape"),
         ({"background": torch.zeros(3)}, "background has shape"),
-        ({"width": 0}, "0 x 45 pixels"),
+        ({"width": 0}, "got 0x45"),
         ({"detached_from": 6}, "detached_from is 6"),
     ],
 )
 def test_bad_calls_are_answered_in_one_sentence(change, words):
     with pytest.raises(F4xError, match=words):
-        rasterize(**make_scene() | change)
+        draw(**make_scene() | change)
 
 
 class _TileKernels(types.ModuleType):
@@ -463,7 +468,7 @@ def test_gsplat_says_what_it_cannot_do():
     from f4x_core.raster.gsplat import rasterize_gsplat
 
     with pytest.raises(F4xError, match="float32 tensors on a CUDA device"):
-        rasterize_gsplat(**make_scene())
+        rasterize_gsplat(RasterInput(*view_of(**make_scene())))
 
 
 @pytest.mark.parametrize("detached_from", [None, 3])

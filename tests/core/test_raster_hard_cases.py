@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from f4x_core.errors import F4xError
-from f4x_core.raster import RasterConfig, choose_backend, rasterize
-from f4x_core.raster.benchmark import make_wavy_scene
+from f4x_core.raster import RasterConfig, choose_backend
+from f4x_core.raster.benchmark import draw, make_wavy_scene
 
 WIDTH, HEIGHT, GAUSSIANS = 61, 45, 120
 LEAVES = ("means", "quats", "scales", "opacities", "colors", "viewmat")
@@ -31,7 +31,7 @@ def differentiate(scene, backend, **options):
     """The picture and the gradients of a fixed random functional of it."""
     scene = {k: v.detach() if isinstance(v, torch.Tensor) else v for k, v in scene.items()}
     leaves = {k: scene[k].requires_grad_() for k in LEAVES}
-    out = rasterize(**scene, backend=backend, **options)
+    out = draw(**scene, backend=backend, **options)
     generator = torch.Generator().manual_seed(3)
     images = (out.channels, out.depth, out.alpha)
     sum((i * torch.rand(i.shape, generator=generator).to(i)).sum() for i in images).backward()
@@ -61,7 +61,7 @@ def test_alpha_exactly_at_the_cut(backend):
         scene = make_scene(1, 1, 9, 9)
         scene["means"] = torch.tensor([[0.0, 0.0, 2.0]])
         scene["opacities"] = opacity[None]
-        assert bool(rasterize(**scene, backend=backend).alpha[4, 4] > 0) == seen
+        assert bool(draw(**scene, backend=backend).alpha[4, 4] > 0) == seen
 
 
 def test_whole_numbers(backend):
@@ -73,17 +73,17 @@ def test_whole_numbers(backend):
         "opacities": torch.tensor([1, 0, 1]),
         "colors": torch.tensor([[1, 0], [0, 1], [3, 2]]),
     }
-    floats = rasterize(**scene | {k: v.float() for k, v in whole.items()}, backend=backend)
-    assert torch.equal(rasterize(**scene | whole, backend=backend).channels, floats.channels)
+    floats = draw(**scene | {k: v.float() for k, v in whole.items()}, backend=backend)
+    assert torch.equal(draw(**scene | whole, backend=backend).channels, floats.channels)
     arrays = {k: v.numpy() if isinstance(v, torch.Tensor) else v for k, v in (scene | whole).items()}
-    np.testing.assert_array_equal(rasterize(**arrays, backend=backend).channels, floats.channels.numpy())
+    np.testing.assert_array_equal(draw(**arrays, backend=backend).channels, floats.channels.numpy())
 
 
 def test_double_precision_arrays(backend):
     scene = make_scene()
     arrays = {k: v.double().numpy() if isinstance(v, torch.Tensor) else v for k, v in scene.items()}
-    got = rasterize(**arrays, backend=backend).channels
-    np.testing.assert_allclose(got, rasterize(**scene, backend=backend).channels.numpy(), atol=1e-5)
+    got = draw(**arrays, backend=backend).channels
+    np.testing.assert_allclose(got, draw(**scene, backend=backend).channels.numpy(), atol=1e-5)
 
 
 @pytest.mark.slow
@@ -92,14 +92,14 @@ def test_a_picture_of_nine_megapixels(backend):
     scene = make_scene(300, 3, width, height)
     scene["scales"] = splat / scene["K"][0, 0] * scene["means"][:, 2:].expand(-1, 3)
     with torch.no_grad():
-        out = rasterize(**scene, backend=backend)
+        out = draw(**scene, backend=backend)
     assert out.channels.shape == (height, width, 3) and out.channels.isfinite().all()
     # The last corner by itself, as the reference sees it. Splats this small need no clamp of the linearisation.
     left, top = width - 300, height - 200
     part = scene | {"width": 300, "height": 200, "K": scene["K"] - torch.tensor([[0, 0, left], [0, 0, top], [0, 0, 0]])}
     near = (scene["means"][:, 0] > 0) & (scene["means"][:, 1] > 0)
     part |= {k: v[near] for k, v in scene.items() if k in LEAVES[:5]}
-    true = rasterize(**part, backend="reference")
+    true = draw(**part, backend="reference")
     error = (out.alpha[top:, left:].double() - true.alpha).abs()
     assert true.alpha.max() > 0.5 and error.quantile(0.99) < 1e-3
 
@@ -118,7 +118,7 @@ def test_a_million_in_one_pixel(backend):
     }
     crowd["colors"][:13] = 1.0  # 1 - 2^-13 of the light ends in these; the 14th would go below 1e-4
     leaf = crowd["colors"].requires_grad_()
-    out = rasterize(**scene | crowd, backend=backend)
+    out = draw(**scene | crowd, backend=backend)
     assert abs(float(out.channels[4, 4, 0].detach()) - float(out.alpha[4, 4].detach())) < 1e-6
     out.channels.sum().backward()
     assert leaf.grad.isfinite().all() and leaf.grad[0] > leaf.grad[1] > 0 and not leaf.grad[5000:].any()
@@ -146,7 +146,7 @@ def test_what_is_not_finite_is_left_out_and_counted(backend, kind, name, value):
         broken, clean = (
             {k: v.numpy() if isinstance(v, torch.Tensor) else v for k, v in s.items()} for s in (broken, clean)
         )
-        out, expected = rasterize(**broken, backend=backend), rasterize(**clean, backend=backend)
+        out, expected = draw(**broken, backend=backend), draw(**clean, backend=backend)
     else:
         (out, gradients), (expected, clean_gradients) = differentiate(broken, backend), differentiate(clean, backend)
         for leaf in LEAVES[:5]:
@@ -156,7 +156,7 @@ def test_what_is_not_finite_is_left_out_and_counted(backend, kind, name, value):
     assert not out.visible[[5, 40]].any()
     assert (out.channels - expected.channels).max() < 1e-6 and (expected.channels - out.channels).max() < 1e-6
     with pytest.raises(F4xError, match=rf"{name} of Gaussian 5 hold NaN or infinity \(2 of 120"):
-        rasterize(**broken, backend=backend, config=RasterConfig(debug=True))
+        draw(**broken, backend=backend, config=RasterConfig(debug=True))
 
 
 @pytest.mark.parametrize("name", ["viewmat", "K", "background"])
@@ -164,13 +164,13 @@ def test_a_camera_that_is_not_finite_is_refused(backend, name):
     scene = make_scene() | {"background": torch.zeros(4)}
     scene[name].view(-1)[0] = float("nan")
     with pytest.raises(F4xError, match=f"{name} holds NaN"):
-        rasterize(**scene, backend=backend)
+        draw(**scene, backend=backend)
 
 
 def test_large_but_finite_is_no_fault(backend):
     scene = make_scene()
     scene["colors"] = torch.full_like(scene["colors"], 1e37)  # their sum overflows
-    out = rasterize(**scene, backend=backend)
+    out = draw(**scene, backend=backend)
     assert out.dropped == 0 and out.alpha.max() > 0.5
 
 

@@ -9,7 +9,8 @@ import torch
 from test_raster_backends import HEIGHT, WIDTH, make_scene, many_splats, require
 
 from f4x_core.errors import F4xError
-from f4x_core.raster import RasterConfig, choose_backend, rasterize
+from f4x_core.raster import RasterConfig, choose_backend
+from f4x_core.raster.benchmark import draw
 
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "background")
 
@@ -31,8 +32,8 @@ def test_agrees_with_the_reference(backend, limit):
     require(backend)
     scene = in_numpy(make_scene())
     scene["mean2d_offset"] = np.random.default_rng(1).normal(0, 0.5, (len(scene["means"]), 2)).astype(np.float32)
-    expected = rasterize(**scene, backend="reference", limit=limit)
-    got = rasterize(**scene, backend=backend, limit=limit)
+    expected = draw(**scene, backend="reference", limit=limit)
+    got = draw(**scene, backend=backend, limit=limit)
     for name in ("channels", "depth", "alpha"):
         assert np.abs(getattr(got, name) - getattr(expected, name)).max() < 1e-5
     assert (got.visible == expected.visible).all()
@@ -46,8 +47,8 @@ def test_plain_is_the_reference_in_float64():
     scene["scales"][::3, 0] *= 30
     scene["means"][0] = [0, 0, -5]
     config = RasterConfig(blur=0.1)
-    expected = rasterize(**scene, backend="reference", config=config)
-    got = rasterize(**scene, backend="plain", config=config)
+    expected = draw(**scene, backend="reference", config=config)
+    got = draw(**scene, backend="plain", config=config)
     assert expected.alpha.max() > 0.999
     assert np.abs(got.channels - expected.channels).max() < 1e-12 and got.channels.dtype == np.float64
     assert np.abs(got.depth - expected.depth).max() < 1e-11
@@ -59,7 +60,7 @@ def test_a_surface_between_two_gaussians_hides_the_second(backend):
     scene = in_numpy(many_splats([(0, 0, 2.0), (0, 0, 4.0)], [[0.2] * 3] * 2, [0.5, 0.9], [[1.0, 0, 0], [0, 1.0, 0]]))
     limit = np.full((HEIGHT, WIDTH), 3.0, np.float32)
     limit[:, WIDTH // 2 + 1 :] = np.inf
-    out = rasterize(**scene, backend=backend, limit=limit)
+    out = draw(**scene, backend=backend, limit=limit)
     hidden, seen = out.channels[HEIGHT // 2, WIDTH // 2], out.channels[HEIGHT // 2, WIDTH // 2 + 1]
     assert hidden[0] > 0.45 and hidden[1] == 0
     assert seen[0] > 0.45 and seen[1] > 0.35
@@ -73,7 +74,7 @@ def test_native_gradients_stop_at_the_limit(rows):
     for backend, dtype in (("native", torch.float32), ("reference", torch.float64)):
         scene = {k: v.to(dtype) if isinstance(v, torch.Tensor) else v for k, v in make_scene().items()}
         leaves = [scene[name].requires_grad_() for name in GRADIENTS]
-        out = rasterize(**scene, backend=backend, limit=limit.to(dtype), rows=rows)
+        out = draw(**scene, backend=backend, limit=limit.to(dtype), rows=rows)
         weights = torch.rand(out.channels.shape, generator=torch.Generator().manual_seed(3))
         ((out.channels * weights.to(dtype)).sum() + out.depth.sum() + out.alpha.square().sum()).backward()
         gradients.append([leaf.grad for leaf in leaves])
@@ -86,9 +87,9 @@ def test_bands_make_the_whole_picture_bit_for_bit(backend):
     """What a renderer does that wants to say how far it is: band after band, cut where tiles are not."""
     require(backend)
     scene, limit = in_numpy(make_scene()), some_limits()
-    whole = rasterize(**scene, backend=backend, limit=limit)
+    whole = draw(**scene, backend=backend, limit=limit)
     for rows in (slice(0, 13), slice(13, 14), slice(14, HEIGHT)):
-        band = rasterize(**scene, backend=backend, limit=limit[rows], rows=rows)
+        band = draw(**scene, backend=backend, limit=limit[rows], rows=rows)
         for name in ("channels", "depth", "alpha"):
             assert (getattr(band, name) == getattr(whole, name)[rows]).all(), name
         assert (band.visible == whole.visible).all()
@@ -101,11 +102,11 @@ def test_who_draws():
     with pytest.raises(F4xError, match="torch raster backend knows no depth limits"):
         choose_backend("torch", arrays, partial=True)
     with pytest.raises(F4xError, match="numpy arrays"):
-        rasterize(**make_scene(), backend="plain")
+        draw(**make_scene(), backend="plain")
     with pytest.raises(F4xError, match="limit has shape"):
-        rasterize(**in_numpy(make_scene()), limit=np.zeros((2, 2)))
+        draw(**in_numpy(make_scene()), limit=np.zeros((2, 2)))
     with pytest.raises(F4xError, match=f"last <= {HEIGHT}"):
-        rasterize(**in_numpy(make_scene()), rows=slice(3, HEIGHT + 1))
+        draw(**in_numpy(make_scene()), rows=slice(3, HEIGHT + 1))
 
 
 def test_without_torch_and_library_numpy_draws():
@@ -117,8 +118,9 @@ import f4x_core.raster as raster
 sys.modules["torch"] = None
 raster.find_spec = lambda name: None
 assert raster.choose_backend("auto", np.zeros((1, 3), np.float32)) == "plain"
-out = raster.rasterize(np.array([[0.0, 0, 2]]), np.array([[1.0, 0, 0, 0]]), np.full((1, 3), 0.2), np.array([0.5]),
-                       np.ones((1, 3)), np.eye(4), np.array([[20.0, 0, 8], [0, 20, 8], [0, 0, 1]]), 16, 16)
+splats = raster.Splats(np.array([[0.0, 0, 2]]), np.array([[1.0, 0, 0, 0]]), np.full((1, 3), 0.2), np.array([0.5]))
+camera = raster.Camera(np.array([[20.0, 0, 8], [0, 20, 8], [0, 0, 1]]), np.eye(4), 16, 16)
+out = raster.rasterize(splats, np.ones((1, 3)), camera)
 print(out.alpha.max())
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

@@ -13,9 +13,9 @@ from f4x_core.errors import F4xError
 from f4x_core.native import instruction_set
 from f4x_core.native.build import compile_command, find_compiler
 from f4x_core.raster import native
-from f4x_core.raster.contract import RasterConfig
+from f4x_core.raster.benchmark import draw, view_of
+from f4x_core.raster.contract import RasterConfig, RasterInput
 from f4x_core.raster.native import library
-from f4x_core.raster.reference import rasterize_reference
 
 NAMES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "background", "mean2d_offset")
 ONE = RasterConfig(threads=1)
@@ -49,12 +49,12 @@ def make_scene(n, channels, width, height, seed=0, size=0.08):
 
 
 def render_reference(scene, width, height, config=ONE, detached_from=None):
-    out = rasterize_reference(**scene, width=width, height=height, config=config, detached_from=detached_from)
+    out = draw(**scene, width=width, height=height, config=config, detached_from=detached_from, backend="reference")
     return out.channels, out.depth, out.alpha
 
 
 def render_native(scene, width, height, config=ONE, detached_from=None):
-    out = native.rasterize_native(**scene, width=width, height=height, config=config, detached_from=detached_from)
+    out = draw(**scene, width=width, height=height, config=config, detached_from=detached_from, backend="native")
     return out.channels, out.depth, out.alpha
 
 
@@ -113,8 +113,8 @@ def test_visible_is_the_reference_rule():
     scene = make_scene(600, 1, 40, 30, size=0.02)
     scene["means"][::7, 2] -= 3.0  # behind the camera
     scene["opacities"][::11] = 1e-3
-    got = native.rasterize_native(**scene, width=40, height=30, config=ONE).visible
-    expected = rasterize_reference(**to_double(scene), width=40, height=30, config=ONE).visible
+    got = draw(**scene, width=40, height=30, config=ONE, backend="native").visible
+    expected = draw(**to_double(scene), width=40, height=30, config=ONE, backend="reference").visible
     assert 50 < got.sum() < 550
     assert torch.equal(got, expected)
 
@@ -199,7 +199,7 @@ def test_strided_views_are_read_as_what_they_show():
     assert all(torch.equal(straight[n], strided[n]) for n in NAMES)
     flipped = {n: a.numpy()[::-1] if n in ("means", "quats") else a.numpy() for n, a in scene.items()}
     copied = {n: a.copy() for n, a in flipped.items()}
-    got, expected = (native.forward_numpy(**s, width=40, height=30) for s in (flipped, copied))
+    got, expected = (draw(**s, width=40, height=30, backend="native") for s in (flipped, copied))
     np.testing.assert_array_equal(got.depth, expected.depth)
 
 
@@ -237,7 +237,7 @@ def test_zero_quaternion_is_the_identity():
 def test_other_dtypes_are_refused_in_one_sentence():
     scene = make_scene(4, 2, 20, 16)
     with pytest.raises(F4xError, match=r"float32.*means is torch.float64.*backend='torch'"):
-        native.rasterize_native(**to_double(scene), width=20, height=16)
+        draw(**to_double(scene), width=20, height=16, backend="native")
 
 
 def test_a_second_backward_pass_gives_the_same():
@@ -256,9 +256,12 @@ def test_forward_from_numpy_without_torch():
 import sys
 sys.modules["torch"] = None
 import numpy as np
-from f4x_core.raster import native
-out = native.forward_numpy(np.array([[0, 0, 2.0]]), np.array([[1.0, 0, 0, 0]]), np.full((1, 3), 0.2), np.array([0.8]),
-                           np.ones((1, 4)), np.eye(4), np.array([[40.0, 0, 16], [0, 40, 12], [0, 0, 1]]), 32, 24)
+from f4x_core.geometry.camera import Camera
+from f4x_core.geometry.splats import Splats
+from f4x_core.raster import rasterize
+splats = Splats(np.array([[0, 0, 2.0]]), np.array([[1.0, 0, 0, 0]]), np.full((1, 3), 0.2), np.array([0.8]))
+camera = Camera([[40.0, 0, 16], [0, 40, 12], [0, 0, 1]], np.eye(4), 32, 24)
+out = rasterize(splats, np.ones((1, 4)), camera, backend="native")
 assert out.channels.shape == (24, 32, 4) and out.visible.tolist() == [True]
 print(float(out.alpha.max()), float(out.depth.max()))
 """
@@ -291,12 +294,16 @@ def test_pairs_are_the_pixels_that_each_splat_reaches():
     loaded, _ = library.open_library()
 
     def count(arrays):
-        inputs = {n: a.numpy() for n, a in arrays.items() if n != "background"}
-        return library.count_pairs(loaded, library.forward(loaded, inputs, 40, 30, ONE, None, keep=True))
+        plain = {n: a.numpy() for n, a in arrays.items() if n != "background"}
+        inputs = RasterInput(*view_of(**plain, width=40, height=30), config=ONE)
+        return library.count_pairs(loaded, library.forward(loaded, inputs, keep=True))
 
     for arrays in alone:
         reached = (
-            rasterize_reference(**{n: a for n, a in arrays.items() if n != "background"}, width=40, height=30).alpha > 0
+            draw(
+                **{n: a for n, a in arrays.items() if n != "background"}, width=40, height=30, backend="reference"
+            ).alpha
+            > 0
         )
         assert count(arrays) == int(reached.sum()) > 0
     assert count(scene) == sum(map(count, alone))  # neither hides the other: no pixel is full
@@ -306,7 +313,7 @@ def test_a_missing_library_says_how_to_get_one(tmp_path, monkeypatch):
     monkeypatch.setattr("f4x_core.native.library.library_path", lambda: tmp_path / "absent.so")
     assert not native.available()
     with pytest.raises(F4xError, match=r"f4x_core.native.build"):
-        native.forward_numpy(**{n: a.numpy() for n, a in make_scene(2, 1, 8, 8).items()}, width=8, height=8)
+        draw(**{n: a.numpy() for n, a in make_scene(2, 1, 8, 8).items()}, width=8, height=8, backend="native")
 
 
 def test_stored_self_check_is_the_reference():

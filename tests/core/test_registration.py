@@ -33,10 +33,10 @@ def sheet(size, spacing, depth, seed, grey=False):
     xyz = np.stack([x, y, depth + 0.1 * depth * np.sin(3 * x) * np.cos(4 * y)], -1).reshape(-1, 3)
     count = len(xyz)
     return {
-        "xyz": xyz.astype(np.float32),
-        "rotation": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        "scale": np.full((count, 3), 0.6 * spacing, np.float32),
-        "opacity": np.full(count, 0.95, np.float32),
+        "means": xyz.astype(np.float32),
+        "quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        "scales": np.full((count, 3), 0.6 * spacing, np.float32),
+        "opacities": np.full(count, 0.95, np.float32),
         "sh": (colour.reshape(-1, 1, 3) / C0).astype(np.float32),
     }
 
@@ -47,7 +47,7 @@ def mover(count_before):
     scaffold, times, rows = (
         random_scaffold(np.random.default_rng(0)),
         np.arange(FRAMES, dtype=float),
-        len(arrays["xyz"]),
+        len(arrays["means"]),
     )
     xyz = np.tile(np.float32([0, 0, 0.7]), (FRAMES, 5, 1))
     xyz[..., 0] += 0.1 - 0.03 * times[:, None]
@@ -79,9 +79,9 @@ def world(step=0.02, shake=True, grey=False, moving=False) -> tuple[Scene, Clip,
     matrices[:, 0, 3] = -step * np.arange(FRAMES)
     lens = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
     path = CameraPath(np.tile(lens, (FRAMES, 1, 1)), matrices, np.arange(FRAMES), WIDTH, HEIGHT)
-    parts = {"static": StaticSet(ids=np.arange(len(static["xyz"])), **static)}
+    parts = {"static": StaticSet(ids=np.arange(len(static["means"])), **static)}
     if moving:
-        parts["dynamic"], parts["scaffold"] = mover(len(static["xyz"]))
+        parts["dynamic"], parts["scaffold"] = mover(len(static["means"]))
     scene = Scene(name="made up", cameras=path, fps=24.0, held_out=(HELD_OUT,), **parts)
     cameras = [path[t] for t in range(FRAMES)]
     if shake:

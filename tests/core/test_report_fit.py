@@ -203,10 +203,12 @@ def test_linear_model_and_linear_scene_are_one(arm):
     score = toy_fits.score_world(arm, scene)
     assert fitted.scene.provenance["config"]["steps"] == 6
     from f4x_core.fit.pipeline import start_fit
+    from f4x_core.fit.trainer import Trainer
 
-    stage, _ = start_fit(arm.clip, arm.priors, config)
+    stage = start_fit(arm.clip, arm.priors, config)
     old = stage.model
-    stage.model = ablations.LinearModel(old.static, old.dynamic, old.nodes, old.rig, old.kernel)
+    linear = ablations.LinearModel(old.static, old.dynamic, old.nodes, old.rig, old.kernel)
+    stage = Trainer(linear, arm.clip, stage.priors, config, stage.next_id)
     stage.run()
     with torch.no_grad():
         means, _ = stage.model.dynamic_at(3.0)[0]
@@ -221,11 +223,11 @@ def test_features_reach_geometry_only_when_asked(arm, tmp_path, attached, monkey
     """With pictures out of the loss, held-back features leave every opacity as it was."""
     from f4x_core.fit.pipeline import start_fit
 
-    stage, _ = start_fit(arm.clip, arm.priors, toy_fits.base_config(Context(folder=None, quick=True)))
-    before = stage.model.static.parameters["opacity_logit"].detach().clone()
+    stage = start_fit(arm.clip, arm.priors, toy_fits.base_config(Context(folder=None, quick=True)))
+    before = stage.model.static.parameters["opacity_logits"].detach().clone()
     monkeypatch.setattr(ablations, "rgb_loss", lambda image, *_: 0 * image.sum())
     ablations.train_jointly(stage, world_maps(arm, tmp_path / "maps", ablations.DIM), attached, 2)
-    same = torch.equal(before, stage.model.static.parameters["opacity_logit"].detach())
+    same = torch.equal(before, stage.model.static.parameters["opacity_logits"].detach())
     assert same is not attached
 
 

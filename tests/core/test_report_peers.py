@@ -7,7 +7,9 @@ import types
 import pytest
 import torch
 
+from f4x_core.geometry.camera import Camera
 from f4x_core.geometry.quaternion import to_matrix
+from f4x_core.geometry.splats import Splats
 from f4x_core.raster import RasterConfig
 from f4x_core.raster.reference import project_ewa
 from f4x_core.report.catalogue import choose
@@ -30,7 +32,9 @@ class _TorchReference(types.ModuleType):
     def _fully_fused_projection(self, means, covars, viewmats, Ks, width, height, eps2d=0.3, near_plane=0.01):
         assert covars.shape == (len(means), 3, 3) and viewmats.shape == (1, 4, 4) and Ks.shape == (1, 3, 3)
         config = RasterConfig(blur=eps2d, near=near_plane)
-        mean2d, covariance, depth = project_ewa(means, *self.shape, viewmats[0], Ks[0], width, height, config)
+        mean2d, covariance, depth = project_ewa(
+            Splats(means, *self.shape, None), Camera(Ks[0], viewmats[0], width, height), config
+        )
         conic = torch.linalg.inv(covariance).flatten(1)[:, [0, 1, 3]]
         radii = torch.full((1, len(means), 2), max(width, height), dtype=torch.int32)
         return radii, mean2d[None], depth[None], conic[None], None

@@ -189,7 +189,7 @@ def test_a_stored_scene_keeps_its_rules():
     scene = storage.make_scene(120, 32, 18, 0)
     back, size = storage.encode(scene, {}, storage.STEPS[4])
     np.testing.assert_allclose(back.dynamic.weight.sum(1), 1, atol=1e-5)
-    assert (back.static.scale > 0).all() and size < storage.encode(scene, {}, storage.FLOAT32)[1] / 2
+    assert (back.static.scales > 0).all() and size < storage.encode(scene, {}, storage.FLOAT32)[1] / 2
     assert np.array_equal(back.dynamic.node, scene.dynamic.node)
     same, _ = storage.encode(scene, {}, storage.FLOAT32)
     assert np.array_equal(same.dynamic.weight, scene.dynamic.weight)

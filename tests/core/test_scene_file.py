@@ -17,6 +17,7 @@ from random_scene import arrays_of, assert_same, random_scene
 from f4x_core.errors import F4xError
 from f4x_core.scene import append_edit, read_header, read_scene, write_edits, write_scene
 from f4x_core.scene.file import VERSION
+from f4x_core.scene.model import KEYS
 
 BASE = random_scene(static=6, dynamic=4)
 
@@ -67,7 +68,11 @@ def test_numpy_and_the_standard_library_are_enough_for_a_stranger(path):
             assert hashlib.sha256(member).hexdigest() == entry["sha256"]
             array = np.load(io.BytesIO(member), allow_pickle=False)
             assert (list(array.shape), array.dtype.str) == (entry["shape"], entry["dtype"])
-            np.testing.assert_array_equal(array, arrays_of(BASE)[name])
+            group, key = name.split("/")
+            field = (
+                {value: field for field, value in KEYS.items()}.get(key, key) if group in ("static", "dynamic") else key
+            )
+            np.testing.assert_array_equal(array, arrays_of(BASE)[f"{group}/{field}"])
 
 
 def test_metrics_without_a_value_become_null_and_numpy_numbers_plain(tmp_path):
@@ -247,15 +252,15 @@ HOSTILE = {
     "NaN is not JSON": with_header(fps=float("nan")),
     "static/xyz is missing": lambda path: rewritten(path, lambda header: header["arrays"].pop("static/xyz")),
     "array static/xyz is missing": lambda path: rewritten(path, members={"static/xyz.npy": None}),
-    "is damaged": lambda path: rewritten(path, members={"static/xyz.npy": npy(BASE.static.xyz + 1)}),
+    "is damaged": lambda path: rewritten(path, members={"static/xyz.npy": npy(BASE.static.means + 1)}),
     "no cameras": lambda path: rewritten(
         path, lambda header: [header["arrays"].pop(f"cameras/{n}") for n in ("intrinsics", "world_to_camera", "times")]
     ),
     "as many numbers|shape": huge_shape,
-    "plain little-endian": with_array("static/xyz", BASE.static.xyz.astype(">f4")),
-    "C-order": with_array("static/xyz", np.asfortranarray(BASE.static.xyz)),
+    "plain little-endian": with_array("static/xyz", BASE.static.means.astype(">f4")),
+    "C-order": with_array("static/xyz", np.asfortranarray(BASE.static.means)),
     "not a plain": with_array("odd", PICKLED, allow_pickle=True),
-    "static/xyz has the shape": with_array("static/xyz", BASE.static.xyz[:, :2]),
+    "static/xyz has the shape": with_array("static/xyz", BASE.static.means[:, :2]),
     "scaffold/xyz has the shape": with_array("scaffold/xyz", BASE.scaffold.xyz[0]),
     "cameras/times has the shape": with_array("cameras/times", np.zeros((), np.float64)),
     "dynamic/node must be an array of int32": with_array("dynamic/node", BASE.dynamic.node.astype(np.float32)),

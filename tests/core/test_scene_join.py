@@ -53,10 +53,10 @@ def gaussians(ids, xyz) -> dict[str, np.ndarray]:
     count = len(ids)
     return {
         "ids": np.asarray(ids, np.int64),
-        "xyz": np.asarray(xyz, np.float32),
-        "rotation": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        "scale": np.full((count, 3), 0.05, np.float32),
-        "opacity": np.full(count, 0.8, np.float32),
+        "means": np.asarray(xyz, np.float32),
+        "quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        "scales": np.full((count, 3), 0.05, np.float32),
+        "opacities": np.full(count, 0.8, np.float32),
         "sh": np.full((count, 1, 3), 0.5, np.float32),
     }
 
@@ -210,8 +210,9 @@ def test_file_of_what_comes_and_goes(joined, tmp_path):
     assert np.array_equal(again.static.span, joined.static.span)
     assert np.array_equal(again.dynamic.span, joined.dynamic.span)
     for time in (3.0, 7.5):
-        for one, other in zip(again.posed(time), joined.posed(time), strict=True):
-            assert np.array_equal(one, other)
+        shown = joined.posed(time).arrays()
+        for name, array in again.posed(time).arrays().items():
+            assert np.array_equal(array, shown[name])
 
 
 @pytest.mark.parametrize("span", [[[3, 2, 5, 6]], [[np.nan, 2, 5, 6]], [[1, 2, 3]]])

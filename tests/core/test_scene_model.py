@@ -44,8 +44,8 @@ def posed_by_loop(scene, time):
         n = np.linalg.norm(P)
         p, d = P / n, D / n - P * (P @ D) / n**3
         t = 2 * quaternion.multiply(d, quaternion.conjugate(p))[1:]
-        means.append(matrix(p) @ dynamic.xyz[g] + t)
-        rotations.append(matrix(p) @ matrix(dynamic.rotation[g]))
+        means.append(matrix(p) @ dynamic.means[g] + t)
+        rotations.append(matrix(p) @ matrix(dynamic.quats[g]))
     return np.array(means), np.array(rotations)
 
 
@@ -57,7 +57,7 @@ def test_posed_equals_plain_loop(time):
     assert posed.dynamic.sum() == len(scene.dynamic) and not posed.dynamic[: len(scene.static)].any()
     np.testing.assert_allclose(posed.means[posed.dynamic], means, atol=2e-6)
     np.testing.assert_allclose(quaternion.to_matrix(posed.quats[posed.dynamic]), rotations, atol=2e-6)
-    np.testing.assert_array_equal(posed.means[~posed.dynamic], scene.static.xyz)
+    np.testing.assert_array_equal(posed.means[~posed.dynamic], scene.static.means)
     assert posed.means.dtype == posed.quats.dtype == np.float32
 
 
@@ -66,13 +66,13 @@ def test_gaussians_stand_at_their_stored_place_at_their_reference_time():
     for r, time in enumerate(scene.scaffold.times):
         here = scene.dynamic.reference == r
         posed = scene.posed(time).means[len(scene.static) :]
-        np.testing.assert_allclose(posed[here], scene.dynamic.xyz[here], atol=1e-6)
+        np.testing.assert_allclose(posed[here], scene.dynamic.means[here], atol=1e-6)
 
 
 def test_scene_without_motion():
     scene = random_scene(dynamic=0)
     posed = scene.posed(3.5)
-    np.testing.assert_array_equal(posed.means, scene.static.xyz)
+    np.testing.assert_array_equal(posed.means, scene.static.means)
     np.testing.assert_array_equal(posed.ids, scene.static.ids)
     assert not posed.dynamic.any() and scene.info()["nodes"] == 0
 
@@ -135,12 +135,12 @@ BASE = random_scene()
 BAD = {
     "ids occur twice": changed("static", ids=altered(BASE.static.ids, 0, 40)),
     "id is negative": changed("static", ids=altered(BASE.static.ids, 0, -1)),
-    "NaN": changed("static", xyz=altered(BASE.static.xyz, (3, 1), np.nan)),
-    "logarithm": changed("dynamic", scale=altered(BASE.dynamic.scale, (0, 0), -2)),
-    "logit": changed("static", opacity=altered(BASE.static.opacity, 0, 1.5)),
-    "zero quaternion": changed("dynamic", rotation=altered(BASE.dynamic.rotation, 4, 0)),
-    "static/scale has the shape": changed("static", scale=BASE.static.scale[:-1]),
-    "static/xyz must be an array of float32": changed("static", xyz=BASE.static.xyz.astype(int)),
+    "NaN": changed("static", means=altered(BASE.static.means, (3, 1), np.nan)),
+    "logarithm": changed("dynamic", scales=altered(BASE.dynamic.scales, (0, 0), -2)),
+    "logit": changed("static", opacities=altered(BASE.static.opacities, 0, 1.5)),
+    "zero quaternion": changed("dynamic", quats=altered(BASE.dynamic.quats, 4, 0)),
+    "static/scale has the shape": changed("static", scales=BASE.static.scales[:-1]),
+    "static/xyz must be an array of float32": changed("static", means=BASE.static.means.astype(int)),
     "spherical harmonics": changed("static", sh=BASE.static.sh[:, :3]),
     "sum to 1": changed("dynamic", weight=BASE.dynamic.weight * 2, strength=np.ones(20, np.float32)),
     "weight has negative": changed("dynamic", weight=-BASE.dynamic.weight),
@@ -164,4 +164,4 @@ def test_refuses(words):
 def test_strength_zero_needs_no_weights():
     idle = replace(BASE.dynamic, weight=BASE.dynamic.weight * 0, strength=BASE.dynamic.strength * 0)
     posed = replace(BASE, dynamic=idle).posed(3.3)
-    np.testing.assert_allclose(posed.means[posed.dynamic], BASE.dynamic.xyz, atol=1e-6)
+    np.testing.assert_allclose(posed.means[posed.dynamic], BASE.dynamic.means, atol=1e-6)

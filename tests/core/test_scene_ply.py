@@ -1,5 +1,7 @@
 """3DGS PLY: exact round trips, dialects, world-axes SH, and files that are something else."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,7 @@ from random_scene import random_scene
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion, spherical_harmonics
+from f4x_core.geometry.splats import Splats
 from f4x_core.scene.ply import (
     REQUIRED,
     export_frame,
@@ -21,7 +24,7 @@ from f4x_core.scene.ply import (
 def splats(count=25, degree=3):
     scene = random_scene(static=count, dynamic=0, degree=degree)
     part = scene.static
-    return part.xyz, quaternion.normalize(part.rotation), part.scale, part.opacity, part.sh
+    return Splats(part.means, quaternion.normalize(part.quats), part.scales, part.opacities, part.sh)
 
 
 def header_of(path):
@@ -30,7 +33,7 @@ def header_of(path):
 
 def test_standard_names_order_and_size(tmp_path):
     path = tmp_path / "a.ply"
-    write_ply(path, *splats(degree=3))
+    write_ply(path, splats(degree=3))
     names = [line.split()[2] for line in header_of(path).splitlines() if line.startswith("property float")]
     expected = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", *(f"f_rest_{i}" for i in range(45))]
     expected += ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
@@ -39,14 +42,14 @@ def test_standard_names_order_and_size(tmp_path):
 
 
 def test_values_on_disk_are_raw(tmp_path):
-    xyz, rotation, scale, opacity, sh = splats(degree=1)
-    write_ply(tmp_path / "a.ply", xyz, rotation, scale, opacity, sh)
+    given = splats(degree=1)
+    write_ply(tmp_path / "a.ply", given)
     raw = read_properties(tmp_path / "a.ply")
-    np.testing.assert_array_equal(raw["y"], xyz[:, 1])
-    np.testing.assert_allclose(raw["rot_0"], rotation[:, 0], rtol=1e-6)
-    np.testing.assert_allclose(raw["scale_2"], np.log(scale[:, 2]), rtol=1e-6)
-    np.testing.assert_allclose(raw["opacity"], np.log(opacity / (1 - opacity)), rtol=1e-4, atol=1e-5)
-    world = spherical_harmonics.rotate(sh, rotation)
+    np.testing.assert_array_equal(raw["y"], given.means[:, 1])
+    np.testing.assert_allclose(raw["rot_0"], given.quats[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(raw["scale_2"], np.log(given.scales[:, 2]), rtol=1e-6)
+    np.testing.assert_allclose(raw["opacity"], np.log(given.opacities / (1 - given.opacities)), rtol=1e-4, atol=1e-5)
+    world = spherical_harmonics.rotate(given.sh, given.quats)
     np.testing.assert_array_equal(raw["f_dc_1"], world[:, 0, 1])
     # channel-major: f_rest_0..2 are red's three coefficients, f_rest_3 is green's first
     np.testing.assert_allclose(raw["f_rest_1"], world[:, 2, 0], atol=1e-6)
@@ -56,9 +59,10 @@ def test_values_on_disk_are_raw(tmp_path):
 @pytest.mark.parametrize("degree", range(5))
 def test_round_trip(tmp_path, degree):
     before = splats(degree=degree)
-    write_ply(tmp_path / "a.ply", *before)
+    write_ply(tmp_path / "a.ply", before)
     after = read_ply(tmp_path / "a.ply")
-    for name, a, b in zip(after._fields, before, after, strict=True):
+    for name, b in after.arrays().items():
+        a = getattr(before, name)
         assert b.dtype == np.float32 and a.shape == b.shape
         np.testing.assert_allclose(b, a, atol=3e-6, err_msg=name)
 
@@ -77,7 +81,7 @@ def test_raw_properties_round_trip_bit_for_bit(tmp_path):
 
 def dialect(path, order="<", kind="double", newline="\n", leading="", shuffle=True):
     """Write good splats the way some other tool might: shuffled, without normals, in doubles, with comments."""
-    write_ply(path, *splats(degree=1))
+    write_ply(path, splats(degree=1))
     vertices = read_properties(path)
     names = [name for name in vertices.dtype.names if not name.startswith("n")]
     if shuffle:
@@ -117,30 +121,31 @@ def dialect(path, order="<", kind="double", newline="\n", leading="", shuffle=Tr
 def test_dialects(tmp_path, options):
     dialect(tmp_path / "d.ply", **options)
     read = read_ply(tmp_path / "d.ply")
-    for a, b in zip(splats(degree=1), read, strict=True):
-        np.testing.assert_allclose(b, a, atol=3e-6)
+    for name, a in splats(degree=1).arrays().items():
+        np.testing.assert_allclose(getattr(read, name), a, atol=3e-6)
 
 
 def test_infinite_logit_and_log_of_zero_are_valid(tmp_path):
     path = tmp_path / "a.ply"
-    write_ply(path, *splats(3, 0))
+    write_ply(path, splats(3, 0))
     raw = read_properties(path)
     raw["opacity"], raw["scale_0"] = [np.inf, -np.inf, -800], -np.inf
     write_properties(path, raw)
     read = read_ply(path)
-    assert read.opacity.tolist() == [1, 0, 0] and (read.scale[:, 0] == 0).all()
+    assert read.opacities.tolist() == [1, 0, 0] and (read.scales[:, 0] == 0).all()
 
 
 def test_extreme_activated_values_are_written_finite(tmp_path):
-    xyz, rotation, scale, _, sh = splats(3, 0)
-    write_ply(tmp_path / "a.ply", xyz, rotation, scale * 0, np.array([0, 1, 0.5], np.float32), sh)
+    given = splats(3, 0)
+    extreme = dataclasses.replace(given, scales=given.scales * 0, opacities=np.array([0, 1, 0.5], np.float32))
+    write_ply(tmp_path / "a.ply", extreme)
     raw = read_properties(tmp_path / "a.ply")
     assert all(np.isfinite(raw[name]).all() for name in raw.dtype.names)
-    np.testing.assert_allclose(read_ply(tmp_path / "a.ply").opacity, [0, 1, 0.5], atol=2e-6)
+    np.testing.assert_allclose(read_ply(tmp_path / "a.ply").opacities, [0, 1, 0.5], atol=2e-6)
 
 
 def test_no_splats(tmp_path):
-    write_ply(tmp_path / "none.ply", *splats(0, 1))
+    write_ply(tmp_path / "none.ply", splats(0, 1))
     assert read_ply(tmp_path / "none.ply").sh.shape == (0, 4, 3)
 
 
@@ -153,12 +158,12 @@ def text(*lines):
 
 
 def cut(path):
-    write_ply(path, *splats())
+    write_ply(path, splats())
     path.write_bytes(path.read_bytes()[:-5])
 
 
 def activated(path):
-    write_ply(path, *splats())
+    write_ply(path, splats())
     raw = read_properties(path)
     raw["scale_1"] = 1e4
     write_properties(path, raw)
@@ -209,7 +214,7 @@ def test_says_what_the_file_is(tmp_path, words):
 @given(share=st.floats(0, 1, exclude_max=True), value=st.integers(0, 255), cut_at=st.floats(0.3, 1.3))
 def test_damaged_files_read_or_say_so(tmp_path_factory, share, value, cut_at):
     path = tmp_path_factory.getbasetemp() / "fuzz.ply"
-    write_ply(path, *splats(3, 0))
+    write_ply(path, splats(3, 0))
     data = bytearray(path.read_bytes())
     data[int(share * len(data))] = value
     path.write_bytes(data[: int(cut_at * len(data))])
@@ -218,7 +223,7 @@ def test_damaged_files_read_or_say_so(tmp_path_factory, share, value, cut_at):
     except F4xError as error:
         assert str(error).startswith(str(path))
     else:
-        assert all(np.isfinite(value).all() for value in read)
+        assert all(np.isfinite(value).all() for value in read.arrays().values())
 
 
 def test_a_world_axes_viewer_sees_what_we_see(tmp_path):

@@ -23,7 +23,7 @@ def clouds_of(scene, time, **fields):
     """Static and dynamic Gaussians as Blender holds them: harmonics in the object's frame, and what motion turned."""
     posed, clouds = scene.posed(time), []
     for part, stored in ((~posed.dynamic, scene.static), (posed.dynamic, scene.dynamic)):
-        rest = quaternion.normalize(stored.rotation)
+        rest = quaternion.normalize(stored.quats)
         clouds.append(
             Cloud(
                 posed.means[part],

@@ -21,18 +21,18 @@ def moving_ball(shift=0.05, depth=2.0):
     grid = np.stack(np.meshgrid(np.linspace(-4, 4, 20), np.linspace(-3, 3, 20)), -1).reshape(-1, 2)
     wall = {
         "ids": np.arange(count),
-        "xyz": np.concatenate([grid, np.full((count, 1), 4.0)], 1).astype(np.float32),
-        "rotation": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        "scale": np.tile(np.float32([0.5, 0.5, 1e-3]), (count, 1)),
-        "opacity": np.full(count, 0.99, np.float32),
+        "means": np.concatenate([grid, np.full((count, 1), 4.0)], 1).astype(np.float32),
+        "quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        "scales": np.tile(np.float32([0.5, 0.5, 1e-3]), (count, 1)),
+        "opacities": np.full(count, 0.99, np.float32),
         "sh": np.zeros((count, 1, 3), np.float32),
     }
     ball = DynamicSet(
         ids=np.array([count]),
-        xyz=np.float32([[0, 0, depth]]),
-        rotation=np.float32([[1, 0, 0, 0]]),
-        scale=np.float32([[0.3, 0.3, 1e-3]]),
-        opacity=np.float32([0.99]),
+        means=np.float32([[0, 0, depth]]),
+        quats=np.float32([[1, 0, 0, 0]]),
+        scales=np.float32([[0.3, 0.3, 1e-3]]),
+        opacities=np.float32([0.99]),
         sh=np.ones((1, 1, 3), np.float32),
         reference=np.int32([0]),
         node=np.int32([[0]]),

@@ -95,7 +95,7 @@ def test_the_command_line_adds_the_scores_against_the_truth(tmp_path: Path, caps
 def test_errors_are_seen(tmp_path: Path):
     scene = random_scene()
     write_truth(tmp_path, scene)
-    wrong = dataclasses.replace(scene.static, xyz=scene.static.xyz + np.float32([0.1, 0, 0]))
+    wrong = dataclasses.replace(scene.static, means=scene.static.means + np.float32([0.1, 0, 0]))
     assert score_against_truth(dataclasses.replace(scene, static=wrong), tmp_path)["unseen_psnr"] < 35
 
 

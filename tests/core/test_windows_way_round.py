@@ -7,9 +7,8 @@ import pytest
 from test_priors_cameras import FOCAL, HEIGHT, WIDTH, clip_and_priors, project
 from test_priors_mirror import ceiling
 
-from f4x_core.fit import pipeline
 from f4x_core.fit.config import profile
-from f4x_core.fit.earlier import Earlier
+from f4x_core.fit.previous_window import PreviousWindow, WindowFit
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.scene import Scene, StaticSet
 
@@ -38,10 +37,10 @@ def test_a_window_keeps_the_way_round_of_the_one_before(tmp_path):
     distance = np.linalg.norm(true.points, axis=1, keepdims=True)
     static = StaticSet(
         ids=np.arange(count),
-        xyz=true.points.astype(np.float32),
-        rotation=np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-        scale=np.repeat(np.float32(0.02 * distance), 3, 1),
-        opacity=np.full(count, 0.99, np.float32),
+        means=true.points.astype(np.float32),
+        quats=np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        scales=np.repeat(np.float32(0.02 * distance), 3, 1),
+        opacities=np.full(count, 0.99, np.float32),
         sh=np.zeros((count, 1, 3), np.float32),
     )
     path = true.path(np.arange(frames, dtype=float), WIDTH, HEIGHT)
@@ -56,7 +55,7 @@ def test_a_window_keeps_the_way_round_of_the_one_before(tmp_path):
     config = dataclasses.replace(config, priors=dataclasses.replace(config.priors, cameras=cameras))
     for first, right in ((frames, False), (0, True)):  # shares no frame, shares all
         with pytest.raises(CamerasAreFoundError):
-            pipeline.fit_clip(clip, tmp_path, config, stop, earlier=Earlier(scene, first, 0))
+            WindowFit(clip, tmp_path, config, stop, previous=PreviousWindow(scene, first, 0)).run()
         found = CameraPath.read(tmp_path / "priors" / "cameras.json").centers
         step, straight = found[-1] - found[0], true.rotation[0] @ (true.center[-1] - true.center[0])
         agreement = step @ straight / np.linalg.norm(step) / np.linalg.norm(straight)

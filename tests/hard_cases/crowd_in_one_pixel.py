@@ -7,9 +7,10 @@ Why: the light is used up after 13 of them; the rest must neither overflow a buf
 Must hold: the front ones decide, and those behind get a gradient of exactly 0.
 """
 
+from f4x_core.raster.benchmark import draw
 from f4x_core.report.studies.hard_cases import that, within
 
-from .common.drawing import backends, rasterize, torch, wavy
+from .common.drawing import backends, torch, wavy
 
 STAGE = "raster"
 COUNT = 20_000
@@ -25,7 +26,7 @@ def check():
     for backend in backends():
         colors = torch.zeros(COUNT, 1)
         colors[:13] = 1.0  # 1 - 2^-13 of the light ends in these; the 14th would go below 1e-4
-        out = rasterize(**scene | {"colors": colors.requires_grad_()}, backend=backend)
+        out = draw(**scene | {"colors": colors.requires_grad_()}, backend=backend)
         error = (out.channels[4, 4, 0] - out.alpha[4, 4]).detach().abs()
         yield within("the front thirteen are the picture", error, 1e-6, backend)
         out.channels.sum().backward()

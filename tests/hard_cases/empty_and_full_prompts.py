@@ -22,7 +22,7 @@ def check():
     from dataclasses import replace
 
     scene = scene_of(3)
-    ahead = replace(scene.dynamic, xyz=scene.dynamic.xyz * 0.2 + np.float32([0.3, 0.2, 2]))
+    ahead = replace(scene.dynamic, means=scene.dynamic.means * 0.2 + np.float32([0.3, 0.2, 2]))
     lens = np.tile(np.array([[60.0, 0, 32], [0, 60, 20], [0, 0, 1]]), (3, 1, 1))
     scene = replace(scene, dynamic=ahead, cameras=replace(scene.cameras, intrinsics=lens))
     full = select_by_mask(scene, np.ones((40, 64), bool), 1)

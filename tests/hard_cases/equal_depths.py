@@ -7,9 +7,10 @@ Why: a sort that is not stable draws them in another order each time; a depth th
 Must hold: ties go by index everywhere, and the picture is the same twice.
 """
 
+from f4x_core.raster.benchmark import draw
 from f4x_core.report.studies.hard_cases import that
 
-from .common.drawing import backends, compare, rasterize, wavy
+from .common.drawing import backends, compare, wavy
 
 STAGE = "raster"
 
@@ -19,5 +20,5 @@ def check():
     scene["means"][:, 2] = 2.0
     yield from compare(scene)
     for backend in backends():
-        first, again = (rasterize(**scene, backend=backend).channels for _ in range(2))
+        first, again = (draw(**scene, backend=backend).channels for _ in range(2))
         yield that("the same twice, bit for bit", first.equal(again), backend)

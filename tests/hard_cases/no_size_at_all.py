@@ -7,9 +7,10 @@ Why: covariance 0 has no inverse, and its determinant underflows long before.
 Must hold: the footprint of a pixel remains; picture and gradients are those of float64.
 """
 
+from f4x_core.raster.benchmark import draw
 from f4x_core.report.studies.hard_cases import that
 
-from .common.drawing import compare, rasterize, torch, wavy
+from .common.drawing import compare, torch, wavy
 
 STAGE = "raster"
 
@@ -19,4 +20,4 @@ def check():
     for scale in (0.0, 1e-42, 1e-30):
         scene["scales"] = torch.full_like(scene["scales"], scale)
         yield from compare(scene)
-    yield that("something is seen", rasterize(**scene).alpha.max() > 0.1)
+    yield that("something is seen", draw(**scene).alpha.max() > 0.1)

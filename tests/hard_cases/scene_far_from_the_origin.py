@@ -7,9 +7,10 @@ Why: the camera's z is the small difference of large numbers: at 1000 a float32 
 Must hold: no worse than that step allows: 6e-5 world units are 0.002 pixels here.
 """
 
+from f4x_core.raster.benchmark import draw
 from f4x_core.report.studies.hard_cases import that
 
-from .common.drawing import compare, rasterize, wavy
+from .common.drawing import compare, wavy
 
 STAGE = "raster"
 
@@ -19,4 +20,4 @@ def check():
     scene["means"][:, 0] += 1000
     scene["viewmat"][0, 3] = -1000
     yield from compare(scene, picture=2e-3, gradient=1e-2)
-    yield that("something is seen", rasterize(**scene).alpha.max() > 0.5)
+    yield that("something is seen", draw(**scene).alpha.max() > 0.5)

@@ -36,10 +36,10 @@ def scene_of(frames: int) -> Scene:
     )
     dynamic = DynamicSet(
         ids=np.arange(5),
-        xyz=rng.normal(size=(5, 3)).astype(np.float32),
-        rotation=np.tile(np.float32([1, 0, 0, 0]), (5, 1)),
-        scale=np.full((5, 3), 0.1, np.float32),
-        opacity=np.full(5, 0.9, np.float32),
+        means=rng.normal(size=(5, 3)).astype(np.float32),
+        quats=np.tile(np.float32([1, 0, 0, 0]), (5, 1)),
+        scales=np.full((5, 3), 0.1, np.float32),
+        opacities=np.full(5, 0.9, np.float32),
         sh=np.zeros((5, 1, 3), np.float32),
         reference=np.full(5, frames // 2, np.int32),
         node=np.tile(np.int32([0, 1, 2]), (5, 1)),
@@ -60,4 +60,4 @@ def check():
         late = [scene.posed(frames + after).means for after in (1e4, 1e6)]
         yield within(f"{frames} frames: at rest in the end", abs(late[0] - late[1]).max(), 1e-5)
         there = scene.posed(float(frames // 2)).means
-        yield within(f"{frames} frames: in place at its reference", abs(there - scene.dynamic.xyz).max(), 1e-5)
+        yield within(f"{frames} frames: in place at its reference", abs(there - scene.dynamic.means).max(), 1e-5)

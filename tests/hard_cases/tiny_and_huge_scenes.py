@@ -8,9 +8,10 @@ Must hold: the picture is that of the same scene in its own unit, gradients are 
 """
 
 from f4x_core.raster import RasterConfig
+from f4x_core.raster.benchmark import draw
 from f4x_core.report.studies.hard_cases import within
 
-from .common.drawing import backends, compare, rasterize, wavy
+from .common.drawing import backends, compare, wavy
 
 STAGE = "raster"
 
@@ -22,5 +23,5 @@ def check():
         config = RasterConfig(near=0.01 * scale)
         yield from compare(scaled, gradient=2e-4, config=config)
         for backend in backends():
-            same = rasterize(**scene, backend=backend).alpha - rasterize(**scaled, backend=backend, config=config).alpha
+            same = draw(**scene, backend=backend).alpha - draw(**scaled, backend=backend, config=config).alpha
             yield within(f"scale {scale:g}: the same alpha", same.abs().flatten().quantile(0.999), 2e-5, backend)

@@ -19,7 +19,7 @@ SHORT = dataclasses.replace(profile("quick"), steps=400)
 def train(shared, tmp_path_factory):
     """A fitted stretch of `train`: (clip, scene)."""
     clip = read_clip(shared / "clips" / "train", frames="0:20", width=240, hold_out=8)
-    return clip, fit_clip(clip, tmp_path_factory.mktemp("train"), SHORT).scene(clip)
+    return clip, fit_clip(clip, tmp_path_factory.mktemp("train"), SHORT).scene
 
 
 def test_a_moving_clip_is_rebuilt_and_its_held_out_frames_are_foreseen(train):
@@ -37,6 +37,7 @@ def test_a_frozen_world_needs_no_scaffold_and_no_dynamic_set(train, tmp_path):
     write_images(tmp_path / "frozen", frames)
     still = read_clip(tmp_path / "frozen")
     result = fit_clip(still, tmp_path / "fit", dataclasses.replace(SHORT, steps=100))
-    assert result.dynamic is None and result.scaffold is None
-    assert len(result.static["ids"]) > 0
-    assert any("none" in need.chosen for need in result.needs)
+    scene = result.scene
+    assert len(scene.dynamic) == 0 and scene.scaffold is None
+    assert len(scene.static) > 0
+    assert any("none" in need["chosen"] for need in scene.needs)

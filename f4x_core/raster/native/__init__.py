@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ...errors import F4xError
-from ..contract import RasterConfig, RasterOutput
-from .library import forward, open_library
+from ..contract import RasterInput, RasterOutput
+from .library import backward, forward, open_library
 
-if TYPE_CHECKING:
-    from ..contract import Array
-
-__all__ = ["available", "forward_numpy", "rasterize_native", "why_not"]
+__all__ = ["available", "color_gradient", "rasterize_native", "why_not"]
 
 
 def available() -> bool:
@@ -26,90 +23,31 @@ def why_not() -> str:
     return open_library()[1]
 
 
-def rasterize_native(
-    means: Array,
-    quats: Array,
-    scales: Array,
-    opacities: Array,
-    colors: Array,
-    viewmat: Array,
-    K: Array,
-    width: int,
-    height: int,
-    *,
-    background: Array | None = None,
-    config: RasterConfig | None = None,
-    detached_from: int | None = None,
-    mean2d_offset: Array | None = None,
-    limit: Array | None = None,
-    rows: slice | None = None,
-) -> RasterOutput:
+def rasterize_native(inputs: RasterInput) -> RasterOutput:
     """`raster.rasterize` by the native kernel; tensors must be float32 on the CPU and can be differentiated once.
 
     Tiles are always 16 x 16 (`config.tile` is not used). Results and gradients are the same bit for bit for every
-    `config.threads`.
+    `config.threads`. Numpy arrays of any dtype are drawn in float32.
 
     Raises:
         F4xError: the kernel is not available, or a tensor has another dtype or device.
     """
-    if isinstance(means, np.ndarray):
-        return forward_numpy(
-            means, quats, scales, opacities, colors, viewmat, K, width, height,
-            background=background, config=config, mean2d_offset=mean2d_offset, limit=limit, rows=rows,
-        )  # fmt: skip
+    library = _library()
+    if isinstance(inputs.splats.means, np.ndarray):
+        return forward(library, inputs, keep=False).output
     from .autograd import rasterize_tensors
 
-    _library()
-    arguments: dict[str, Any] = {
-        "means": means,
-        "quats": quats,
-        "scales": scales,
-        "opacities": opacities,
-        "colors": colors,
-        "viewmat": viewmat,
-        "K": K,
-        "background": background,
-        "mean2d_offset": mean2d_offset,
-        "limit": limit,
-    }
-    return rasterize_tensors(arguments, width, height, config or RasterConfig(), detached_from, rows)
+    return rasterize_tensors(inputs)
 
 
-def forward_numpy(
-    means: Array,
-    quats: Array,
-    scales: Array,
-    opacities: Array,
-    colors: Array,
-    viewmat: Array,
-    K: Array,
-    width: int,
-    height: int,
-    *,
-    background: Array | None = None,
-    config: RasterConfig | None = None,
-    mean2d_offset: Array | None = None,
-    limit: Array | None = None,
-    rows: slice | None = None,
-) -> RasterOutput:
-    """`raster.rasterize` without gradients: numpy arrays of any dtype in (computed in float32), float32 arrays out.
+def color_gradient(inputs: RasterInput, sent: np.ndarray) -> np.ndarray:
+    """(N,C) float32 gradient of the colours of numpy `inputs` where the image (H,W,C) has the gradient `sent`.
 
     Raises:
         F4xError: the kernel is not available.
     """
-    inputs = {
-        "means": means,
-        "quats": quats,
-        "scales": scales,
-        "opacities": opacities,
-        "colors": colors,
-        "viewmat": viewmat,
-        "K": K,
-        "background": background,
-        "mean2d_offset": mean2d_offset,
-        "limit": limit,
-    }
-    return forward(_library(), inputs, width, height, config or RasterConfig(), None, keep=False, rows=rows).output
+    library = _library()
+    return backward(library, forward(library, inputs, keep=True), sent, None, None)["colors"]
 
 
 def _library() -> Any:

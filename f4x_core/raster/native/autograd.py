@@ -8,7 +8,7 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from ...errors import F4xError
-from ..contract import RasterConfig, RasterOutput
+from ..contract import RasterInput, RasterOutput
 from . import library
 
 NAMES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "K", "background", "mean2d_offset", "limit")
@@ -16,12 +16,12 @@ NAMES = ("means", "quats", "scales", "opacities", "colors", "viewmat", "K", "bac
 
 class _Rasterize(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, width, height, config, detached_from, rows, *tensors):
-        inputs = {n: None if t is None else t.detach().numpy() for n, t in zip(NAMES, tensors, strict=True)}
+    def forward(ctx, inputs, *tensors):
+        arrays = {n: None if t is None else t.detach().numpy() for n, t in zip(NAMES, tensors, strict=True)}
         keep = any(ctx.needs_input_grad)
         loaded, _ = library.open_library()
         assert loaded is not None
-        render = library.forward(loaded, inputs, width, height, config, detached_from, keep, rows)
+        render = library.forward(loaded, inputs.with_arrays(arrays), keep)
         # The backward pass reads the same memory again: save the tensors so that torch notices in-place changes.
         ctx.save_for_backward(*(t for t in tensors if t is not None))
         ctx.library, ctx.render = loaded, render
@@ -40,27 +40,21 @@ class _Rasterize(torch.autograd.Function):
         if ctx.render.inputs["background"] is not None and channels is not None:
             left = 1 - torch.from_numpy(ctx.render.output.alpha)  # (H, W)
             got["background"] = torch.einsum("hw,hwc->c", left, channels).numpy()
-        needed = zip(NAMES, ctx.needs_input_grad[5:], strict=True)
-        return *(None,) * 5, *(torch.from_numpy(got[n]) if need and n in got else None for n, need in needed)
+        needed = zip(NAMES, ctx.needs_input_grad[1:], strict=True)
+        return None, *(torch.from_numpy(got[n]) if need and n in got else None for n, need in needed)
 
 
-def rasterize_tensors(
-    arguments: dict[str, torch.Tensor | None],
-    width: int,
-    height: int,
-    config: RasterConfig,
-    detached_from: int | None,
-    rows: slice | None = None,
-) -> RasterOutput:
+def rasterize_tensors(inputs: RasterInput) -> RasterOutput:
     """`rasterize` for float32 CPU tensors, differentiable once.
 
     Raises:
         F4xError: a tensor of another dtype or device.
     """
-    for name, tensor in arguments.items():
+    arrays = inputs.arrays()
+    for name, tensor in arrays.items():
         if tensor is not None and (tensor.dtype != torch.float32 or tensor.device.type != "cpu"):
             raise F4xError(
                 f"The native raster backend takes float32 tensors on the CPU, but {name} is {tensor.dtype} on "
                 f"{tensor.device}: use backend='torch'."
             )
-    return RasterOutput(*_Rasterize.apply(width, height, config, detached_from, rows, *map(arguments.get, NAMES)))
+    return RasterOutput(*_Rasterize.apply(inputs, *map(arrays.get, NAMES)))

@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from ...errors import F4xError
+from ...geometry.camera import Camera
+from ...geometry.splats import Splats
 from ...native import address
 from ...native import open_library as open_unchecked
-from ..contract import RasterConfig, RasterOutput
+from ..contract import RasterConfig, RasterInput, RasterOutput
 
 SELF_CHECK = Path(__file__).with_name("self_check.npz")
 # The largest relative error (L2) against the stored float64 values at which the library is still trusted: float32
@@ -103,40 +105,37 @@ def self_check(library: ctypes.CDLL) -> float:
         return {name.removeprefix(kind): a for name, a in stored.items() if name.startswith(kind)}
 
     height, width = stored["expect_depth"].shape
-    render = forward(
-        library, group("input_"), width, height, RasterConfig(threads=1), int(stored["detached_from"]), keep=True
+    arrays: dict[str, Any] = group("input_")
+    camera = Camera(arrays.pop("K"), arrays.pop("viewmat"), width, height)
+    splats = Splats(*(arrays.pop(name) for name in ("means", "quats", "scales", "opacities")))
+    colors = arrays.pop("colors")
+    inputs = RasterInput(
+        splats, colors, camera, **arrays, config=RasterConfig(threads=1), detached_from=int(stored["detached_from"])
     )
+    render = forward(library, inputs, keep=True)
     got = {name: getattr(render.output, name) for name in ("channels", "depth", "alpha")}
     got |= backward(library, render, **group("sent_"))
     expected = group("expect_")
     return max(float(np.linalg.norm(got[name] - e) / np.linalg.norm(e)) for name, e in expected.items())
 
 
-def forward(
-    library: ctypes.CDLL,
-    inputs: dict[str, Any],
-    width: int,
-    height: int,
-    config: RasterConfig,
-    detached_from: int | None,
-    keep: bool,
-    rows: slice | None = None,
-) -> Render:
-    """Render `rows` of the image, or all; `inputs` holds the arrays of `rasterize` by name, of any dtype and strides.
+def forward(library: ctypes.CDLL, inputs: RasterInput, keep: bool) -> Render:
+    """Draw numpy `inputs` of any dtype and strides; `keep` what the backward pass needs.
 
     Raises:
         F4xError: memory ran out.
     """
     # The kernel walks bare pointers: a strided view must become a plain copy first.
     held: dict[str, Any] = {
-        name: None if a is None else np.ascontiguousarray(a, np.float32) for name, a in inputs.items()
+        name: None if a is None else np.ascontiguousarray(a, np.float32) for name, a in inputs.arrays().items()
     }
+    config, width, height = inputs.config, inputs.camera.width, inputs.camera.height
+    first, last = inputs.drawn_rows.start, inputs.drawn_rows.stop
     count, channels = held["colors"].shape
-    first, last = (0, height) if rows is None else (rows.start, rows.stop)
     problem = _Problem(
         count=count,
         channels=channels,
-        attached=channels if detached_from is None else detached_from,
+        attached=inputs.attached_channels,
         width=width,
         height=height,
         threads=max(1, config.threads),

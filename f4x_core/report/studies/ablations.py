@@ -19,17 +19,18 @@ from ...features.maps import FeatureMaps
 from ...fit.config import FitConfig
 from ...fit.losses import rgb_loss
 from ...fit.model import SceneModel
-from ...fit.photometric import PhotometricStage
 from ...fit.pipeline import finish_fit, start_fit
+from ...fit.trainer import Trainer
 from ...gaussians import appearance
 from ...geometry import dual_quaternion, quaternion
 from ...geometry.arrays import Array
+from ...geometry.camera import Camera
 from ...priors import Priors
 from ...query.score import cosines
 from ...raster import rasterize
 from ...scaffold.deformation import pairs_of, relative_motions
 from ...scene import Scene
-from ...scene.model import Posed
+from ...scene.model import PosedSplats
 from ...scene.view import render
 from ..study import Context, Findings, Row, Table
 from .toy_features import label_vectors, score_views, world_maps
@@ -163,7 +164,7 @@ class LinearModel(SceneModel):
         xyz, quat = self.nodes.parameters["node_xyz"], self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)
         weights, _ = self.skinning(x)
-        deformer = self._carried[1]
+        deformer = self.attachment.deformer
         index = torch.from_numpy(deformer.pairs.index).long()
         posed = []
         for moment in times:
@@ -180,19 +181,19 @@ class LinearScene(Scene):
         """The same arrays."""
         return cls(**{field.name: getattr(scene, field.name) for field in fields(scene)})
 
-    def posed(self, time: float) -> Posed:
+    def posed(self, time: float) -> PosedSplats:
         """As `Scene.posed`, by linear blends."""
         posed, dynamic, scaffold = super().posed(time), self.dynamic, self.scaffold
         assert scaffold is not None
         pairs = pairs_of(dynamic.node, dynamic.reference)
         table = relative_motions(scaffold.times, scaffold.xyz, scaffold.quat, pairs, time)
         turn, shift = (part[pairs.index] for part in dual_quaternion.to_pose(table))
-        moved = linear_blend(turn, shift, dynamic.weight, dynamic.xyz, dynamic.rotation)
+        moved = linear_blend(turn, shift, dynamic.weight, dynamic.means, dynamic.quats)
         means, quats = (
             np.concatenate([still[: len(self.static)], part]).astype(np.float32)
             for still, part in zip((posed.means, posed.quats), moved, strict=True)
         )
-        return posed._replace(means=means, quats=quats)
+        return replace(posed, means=means, quats=quats)
 
 
 def spoil(priors: Priors, seed: int) -> Priors:
@@ -287,11 +288,11 @@ def _joint_rows(context: Context) -> list[Row]:
 def _fit_jointly(context: Context, world: World, maps: FeatureMaps, attached: bool, seed: int) -> Row:
     config = base_config(context, seed=seed)
     clock = time.perf_counter()
-    stage, needs = start_fit(world.clip, world.priors, config)
-    stage.run()
-    latents, head = train_jointly(stage, maps, attached, round(JOINT_SHARE * config.steps))
+    trainer = start_fit(world.clip, world.priors, config)
+    trainer.run()
+    latents, head = train_jointly(trainer, maps, attached, round(JOINT_SHARE * config.steps))
     seconds = time.perf_counter() - clock
-    scene = finish_fit(world.clip, world.priors, stage, needs, {}).scene(world.clip)
+    scene = finish_fit(trainer).scene
     vectors = label_vectors(world, DIM)
 
     def find(camera, moment):
@@ -306,17 +307,17 @@ def _fit_jointly(context: Context, world: World, maps: FeatureMaps, attached: bo
     return kept | {"mIoU": miou, "accuracy": accuracy, "fit (s)": seconds}
 
 
-def train_jointly(stage: PhotometricStage, maps: FeatureMaps, attached: bool, steps: int) -> tuple[np.ndarray, Head]:
-    """Go on with a trained stage, each Gaussian with a latent of its own; (N,LATENT) latents and their head.
+def train_jointly(trainer: Trainer, maps: FeatureMaps, attached: bool, steps: int) -> tuple[np.ndarray, Head]:
+    """Go on with a trained model, each Gaussian with a latent of its own; (N,LATENT) latents and their head.
 
     Pictures are fitted as before, features by L1; their gradient reaches the Gaussians where `attached`. Cameras, nodes and
     the number of Gaussians stay.
     """
-    model, config, data = stage.model, stage.config, stage.levels[0]
+    model, config, data = trainer.model, trainer.config, trainer.levels[0]
     generator = torch.Generator().manual_seed(config.seed)
     torch.manual_seed(config.seed)
     head = Head(head_widths(LATENT, maps.spec.dim))
-    latents = torch.randn(stage.count(), LATENT, generator=generator).mul_(0.1).requires_grad_()
+    latents = torch.randn(len(model), LATENT, generator=generator).mul_(0.1).requires_grad_()
     assert model.dynamic is not None
     trained = [*model.static.parameters.values(), *model.dynamic.parameters.values()]
     rates = [{"params": trained, "lr": JOINT_RATE}, {"params": [latents], "lr": 0.02}]
@@ -325,15 +326,15 @@ def train_jointly(stage: PhotometricStage, maps: FeatureMaps, attached: bool, st
     for _ in range(steps):
         frame = int(torch.randint(len(model.times), (1,), generator=generator))
         moment = float(model.times[frame])
-        posed = model.posed(model.dynamic_at(moment)[0])
-        view, lens = model.rig.view(frame).detach(), model.rig.intrinsics(frame, data.width, data.height).detach()
-        centre = -(view[:3, :3].T @ view[:3, 3])
-        colors = torch.cat([appearance(posed.sh, posed.means, posed.quats, centre, model.threads), latents], 1)
-        shapes = posed.means, posed.quats, posed.scales, posed.opacities
+        splats = model.posed(model.dynamic_at(moment)[0])
+        lens, view = model.rig.intrinsics(frame, data.width, data.height).detach(), model.rig.view(frame).detach()
+        camera = Camera(lens, view, data.width, data.height)
+        rgb = appearance(splats.sh, splats.means, splats.quats, camera.center, model.kernels)
+        colors = torch.cat([rgb, latents], 1)
         cut = None if attached else 3
-        out = rasterize(*shapes, colors, view, lens, data.width, data.height, config=stage.raster, detached_from=cut)
+        out = rasterize(splats, colors, camera, config=trainer.raster, detached_from=cut)
         target = data.rgb[frame].float() / 255
-        loss = rgb_loss(out.channels[..., :3], target, torch.ones_like(out.alpha), config.losses.ssim, model.threads)
+        loss = rgb_loss(out.channels[..., :3], target, torch.ones_like(out.alpha), config.losses.ssim, model.kernels)
         cells = torch.nn.functional.adaptive_avg_pool2d(out.channels[..., 3:].permute(2, 0, 1), shape).permute(1, 2, 0)
         wanted = torch.from_numpy(maps.at(round(moment)))
         loss = loss + FEATURE_WEIGHT * (head(cells) - wanted).abs().mean() / wanted.abs().mean()

@@ -19,7 +19,8 @@ from ...fit.losses import rgb_loss
 from ...gaussians import appearance
 from ...geometry import quaternion
 from ...native import measure_peak, open_library
-from ...raster import RasterConfig
+from ...native.kernels import Kernels
+from ...raster import RasterConfig, RasterInput
 from ...raster.benchmark import (
     BACKWARD_CHANNEL_OPERATIONS,
     BACKWARD_OPERATIONS,
@@ -28,6 +29,7 @@ from ...raster.benchmark import (
     GRADIENTS,
     count_pairs,
     make_wavy_scene,
+    view_of,
 )
 from ...raster.native import library as raster
 from ...scaffold import deformation_library as deformation
@@ -131,16 +133,16 @@ def _raster_kernels(count: int, width: int, height: int, channels: Sequence[int]
     for c in channels:
         scene = make_wavy_scene(count, c, width, height, seed)
         pairs = count_pairs(scene)
-        inputs = {name: scene[name].numpy() for name in (*GRADIENTS, "K")}
-        config = RasterConfig(threads=1)
-        render = raster.forward(library, inputs, width, height, config, None, keep=True)
+        arrays = {name: scene[name].numpy() for name in (*GRADIENTS, "K")}
+        inputs = RasterInput(*view_of(**{**scene, **arrays}), config=RasterConfig(threads=1))
+        render = raster.forward(library, inputs, keep=True)
         sent = np.ones((height, width, c), np.float32)
         scene_bytes, picture_bytes = FLOAT * count * (SPLAT_FLOATS + c), FLOAT * width * height * (c + 2)
         size = f"{count:,} Gaussians, {width} x {height}, {c} channels"
         yield Kernel(
             "raster forward",
             size,
-            partial(raster.forward, library, inputs, width, height, config, None, keep=False),
+            partial(raster.forward, library, inputs, keep=False),
             pairs * (FORWARD_OPERATIONS + FORWARD_CHANNEL_OPERATIONS * c),
             scene_bytes + picture_bytes,
         )
@@ -206,14 +208,14 @@ def _colour_kernels(count: int, seed: int) -> Iterable[Kernel]:
     for degree in (1, 3):
         coefficients = (degree + 1) ** 2
         sh = torch.randn(count, coefficients, 3, generator=generator).requires_grad_()
-        colors = appearance(sh, means, quats, centre, threads=1)
+        colors = appearance(sh, means, quats, centre, Kernels(native=True))
         sent = torch.ones_like(colors)
         read = FLOAT * count * (3 * coefficients + 7)
         size = f"{count:,} Gaussians, degree {degree}"
         yield Kernel(
             "colours forward",
             size,
-            partial(appearance, sh, means, quats, centre, threads=1),
+            partial(appearance, sh, means, quats, centre, Kernels(native=True)),
             count * (DIRECTION + HARMONIC * coefficients),
             read + FLOAT * 3 * count,
         )
@@ -233,7 +235,7 @@ def _similarity_kernels(width: int, height: int, seed: int) -> Iterable[Kernel]:
     weight = torch.ones(height, width)
 
     def loss(**options: Any) -> torch.Tensor:
-        return rgb_loss(image.requires_grad_(options["gradient"]), target, weight, 0.2, threads=1)
+        return rgb_loss(image.requires_grad_(options["gradient"]), target, weight, 0.2, Kernels(native=True))
 
     values = 3 * width * height
     size = f"{width} x {height}, 3 channels"

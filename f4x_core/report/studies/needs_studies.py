@@ -363,13 +363,13 @@ def _fit_clip(context: Context, place: Path) -> Callable[[FitConfig, Priors | No
     clip = read_clip(place, f"0:{frames}", CLIP_WIDTH, CLIP_HOLD_OUT)
 
     def fit(config: FitConfig, priors: Priors | None) -> tuple[Scene, Row]:
-        torch.set_num_threads(max(config.threads, 1))
+        torch.set_num_threads(config.threads or 1)
         priors = build_priors(clip, context.folder / "priors" / place.name, config.priors, context.progress)
         start = time.perf_counter()
-        stage, needs = start_fit(clip, priors, config, context.progress)
-        stage.run(progress=context.progress)
+        trainer = start_fit(clip, priors, config, context.progress)
+        trainer.run(progress=context.progress)
         seconds = time.perf_counter() - start
-        scene = finish_fit(clip, priors, stage, needs, {}).scene(clip)
+        scene = finish_fit(trainer).scene
         scores = evaluate(scene, clip)
         moving = [
             psnr(

@@ -187,10 +187,10 @@ def fit_priors(clip: Clip, priors: Priors, config: FitConfig) -> Scene:
     """Fit `clip` to `priors` that are in memory; `metrics` of the scene hold `used_psnr`."""
     from ..evaluation import evaluate, without_frames
 
-    torch.set_num_threads(max(config.threads, 1))
-    stage, needs = start_fit(clip, priors, config)
-    stage.run()
-    scene = finish_fit(clip, priors, stage, needs, {}).scene(clip)
+    torch.set_num_threads(config.threads or 1)
+    trainer = start_fit(clip, priors, config)
+    trainer.run()
+    scene = finish_fit(trainer).scene
     return replace(scene, metrics=without_frames(evaluate(scene, clip, backend=config.backend)))
 
 

@@ -121,7 +121,7 @@ def fit_scene(context: Context, clip: Clip, config: FitConfig, told_cameras: boo
         told = clip if told_cameras else replace(clip, cameras=None)
         resume = (place / "checkpoints").is_dir()
         fitted = fit_clip(told, place, config, context.progress, resume)
-        write_scene(fitted.scene(told), file)
+        write_scene(fitted.scene, file)
         return {"steps": config.steps, "fit (s)": sum(fitted.seconds.values())}
 
     cost = context.step(f"{clip.name} fit", work, config=resolved(config), frames=clip.picked, width=clip.width)

@@ -15,13 +15,14 @@ from typing import Any
 
 import torch
 
-from ...raster import RasterConfig, rasterize, why_not
+from ...raster import RasterConfig, why_not
 from ...raster.benchmark import (
     GRADIENTS,
     Answer,
     Draw,
     answer,
     compare_decoding,
+    draw,
     draw_with,
     make_wavy_scene,
     measure_thread_ceiling,
@@ -107,7 +108,7 @@ class Way:
         if self.backend != "plain":
             cast = self.scene(scene)
             return answer(cast, self.draw(cast))
-        image = rasterize(**self.scene(scene), backend="plain", config=self.config).channels
+        image = draw(**self.scene(scene), backend="plain", config=self.config).channels
         return Answer(torch.from_numpy(image).double(), {})
 
 
@@ -164,7 +165,7 @@ def time_ways(ways: Sequence[Way], scene: Scene, repeats: int) -> list[Row]:
     for number, way in enumerate(ways):
         cast = way.scene(scene)
         if way.backend == "plain":
-            pictures.append(partial(rasterize, **cast, backend="plain", config=way.config))
+            pictures.append(partial(draw, **cast, backend="plain", config=way.config))
         else:
             picture, steps[number] = passes(cast, way.draw(cast))
             pictures.append(picture)
@@ -562,7 +563,7 @@ def _difference_rows(seed: int) -> list[Row]:
     weights = torch.rand(18, 24, 3, generator=torch.Generator().manual_seed(1))
 
     def total(name: str, values: torch.Tensor) -> float:
-        image = rasterize(**(scene | {name: values}), backend="reference", config=config).channels
+        image = draw(**(scene | {name: values}), backend="reference", config=config).channels
         return float((image * weights).sum())
 
     rows = []

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 
 from ...geometry import dual_quaternion, quaternion
-from ...raster import RasterConfig, rasterize, why_not
-from ...raster.benchmark import make_wavy_scene
+from ...raster import RasterConfig, why_not
+from ...raster.benchmark import draw, make_wavy_scene
 from ...scaffold.deformation import COLLAPSED, blend
 from ..study import Context, Figure, Findings, MissingError, Row, Table
 from .hard_cases import OUTCOMES, Case, Check, load_cases, run_case
@@ -131,10 +131,10 @@ def _measure_scales() -> list[Row]:
         scaled = scene | {"means": scale * scene["means"], "scales": scale * scene["scales"]}
         config = RasterConfig(near=0.01 * scale, threads=1)
         with torch.no_grad():
-            true = rasterize(**scaled, backend="reference", config=config).channels
+            true = draw(**scaled, backend="reference", config=config).channels
             for backend in ("native", "torch"):
                 if why_not(backend) is None:
-                    got = rasterize(**scaled, backend=backend, config=config).channels
+                    got = draw(**scaled, backend=backend, config=config).channels
                     error = float((got.double() - true).square().mean().sqrt())
                     rows.append({"size of the world": scale, "backend": backend, "error": error})
     return rows

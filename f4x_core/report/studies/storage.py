@@ -73,7 +73,7 @@ def _directly(codec: Codec, values: np.ndarray) -> tuple[np.ndarray, float]:
     return codec(values)
 
 
-CAREFUL = {"scale": in_logarithms, "weight": as_shares}
+CAREFUL = {"scales": in_logarithms, "weight": as_shares}
 """Arrays that aren't encoded as they are."""
 FLOAT32, FLOAT16 = partial(as_float, np.float32), partial(as_float, np.float16)
 STEPS = {bits: partial(as_steps, bits) for bits in (16, 8, 6, 4)}
@@ -158,10 +158,10 @@ def make_scene(count: int, width: int, height: int, seed: int) -> Scene:
     sh[:, 0] = spherical_harmonics.dc_from_rgb(0.8 * smooth + 0.2 * arrays["colors"])
     whole = {
         "ids": np.arange(count),
-        "xyz": x,
-        "rotation": quaternion.normalize(arrays["quats"]),
-        "scale": arrays["scales"],
-        "opacity": arrays["opacities"],
+        "means": x,
+        "quats": quaternion.normalize(arrays["quats"]),
+        "scales": arrays["scales"],
+        "opacities": arrays["opacities"],
         "sh": sh.astype(np.float32),
     }
     front = np.arange(count) % 6 == 0  # the first sheet of the wavy scene
@@ -252,7 +252,7 @@ def _encoding_rows(scene: Scene) -> list[Row]:
 def _single_rows(scene: Scene) -> list[Row]:
     truth = _pictures(scene)
     names = [
-        f"{part}/{name}" for part in ("static", "dynamic") for name in ("xyz", "rotation", "scale", "opacity", "sh")
+        f"{part}/{name}" for part in ("static", "dynamic") for name in ("means", "quats", "scales", "opacities", "sh")
     ]
     names += ["dynamic/weight", "scaffold/xyz", "scaffold/quat"]
     return [
@@ -286,7 +286,7 @@ def _feature_rows(scene: Scene, seed: int) -> list[Row]:
     assert scene.scaffold is not None
     rng = np.random.default_rng(seed)
     waves = 4 * rng.normal(size=(3, LATENT))
-    static, nodes = (np.sin(x @ waves).astype(np.float32) for x in (scene.static.xyz, scene.scaffold.xyz[0]))
+    static, nodes = (np.sin(x @ waves).astype(np.float32) for x in (scene.static.means, scene.scaffold.xyz[0]))
     still, moving = (
         _bytes(part, layout) for part, layout in ((scene.static, GAUSSIAN_ARRAYS), (scene.dynamic, DYNAMIC_ARRAYS))
     )

@@ -16,6 +16,7 @@ from ...fit.config import FitConfig, profile
 from ...fit.losses import psnr, ssim
 from ...fit.model import SceneModel
 from ...fit.pipeline import finish_fit, start_fit
+from ...fit.trainer import Trainer
 from ...geometry.camera import Camera
 from ...priors import Priors
 from ...scene import Scene
@@ -95,17 +96,18 @@ def fit_world(
 
     `model` trains another kind of scene in the place of the usual one, started from the same Gaussians.
     """
-    torch.set_num_threads(max(config.threads, 1))
+    torch.set_num_threads(config.threads or 1)
     clip, priors = world.clip, priors or world.priors
     clock = time.perf_counter()
-    stage, needs = start_fit(clip, priors, config)
+    trainer = start_fit(clip, priors, config)
     if model is not None:
-        old = stage.model
-        stage.model = model(old.static, old.dynamic, old.nodes, old.rig, old.kernel)
+        old = trainer.model
+        other = model(old.static, old.dynamic, old.nodes, old.rig, old.kernel)
+        trainer = Trainer(other, clip, trainer.priors, config, trainer.next_id, trainer.needs)
     started = time.perf_counter()
-    stage.run()
+    trainer.run()
     seconds = {"start": started - clock, "photometric": time.perf_counter() - started}
-    return Fitted(finish_fit(clip, priors, stage, needs, seconds).scene(clip), seconds)
+    return Fitted(finish_fit(trainer, seconds).scene, seconds)
 
 
 def score_world(world: World, scene: Scene) -> Row:

@@ -11,7 +11,7 @@ from ...files import replace_file
 from ...scaffold import Scaffold
 from ...scaffold.deformation import node_poses_at
 from ..color import linear_from_srgb
-from ..model import Posed
+from ..model import PosedSplats
 from ..posing import Y_UP, Posable, moment, plain_color, take
 
 NODE_COLOR = (255, 160, 20, 255)
@@ -49,7 +49,7 @@ def write_points(scene: Posable, time: float, path: Path | str, transform: np.nd
         file.write(data)
 
 
-def _linear_rgba(posed: Posed) -> np.ndarray:
+def _linear_rgba(posed: PosedSplats) -> np.ndarray:
     """(N,4) uint8 as glTF's COLOR_0 wants it: linear light."""
     color = np.concatenate([linear_from_srgb(plain_color(posed)), posed.opacities[:, None]], axis=1)
     return np.rint(255 * color).astype(np.uint8)

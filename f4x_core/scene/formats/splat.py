@@ -52,10 +52,10 @@ def read_splat(path: Path | str) -> Splats:
         )
     rgba = rows["rgba"].astype(np.float32) / 255
     return Splats(
-        xyz=rows["xyz"].copy(),
-        rotation=quaternion.normalize(rows["rotation"].astype(np.float32) - 128),
-        scale=rows["scale"].copy(),
-        opacity=rgba[:, 3].copy(),
+        means=rows["xyz"].copy(),
+        quats=quaternion.normalize(rows["rotation"].astype(np.float32) - 128),
+        scales=rows["scale"].copy(),
+        opacities=rgba[:, 3].copy(),
         sh=spherical_harmonics.dc_from_rgb(rgba[:, None, :3]).astype(np.float32),
     )
 

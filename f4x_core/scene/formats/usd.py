@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -20,12 +20,12 @@ from ...files import replace_file
 from ...geometry import quaternion, spherical_harmonics
 from ...progress import Progress, silent
 from ..color import linear_from_srgb
-from ..model import Posed
+from ..model import PosedSplats
 from ..ply import SMALLEST_SCALE
 from ..posing import Y_UP, Posable, plain_color, take, transformed, world_harmonics
 
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
-"""What of a `Posed` may change with time."""
+"""What of a `PosedSplats` may change with time."""
 HARMONICS = "harmonics"
 """Beside them: coefficients in world axes, which also change when the Gaussian turns."""
 MAX_DEGREE = 3
@@ -48,7 +48,7 @@ class Column:
     """Type and name."""
     fields: tuple[str, ...]
     """Of `FIELDS` and `HARMONICS`: the attribute changes when one of them does."""
-    values: Callable[[Posed], np.ndarray]
+    values: Callable[[PosedSplats], np.ndarray]
     """(N,) or (N,k) numbers."""
     digits: int = DIGITS
     """Significant digits."""
@@ -68,7 +68,7 @@ class Kind:
     """Attributes without a value per Gaussian, given the number of SH coefficients."""
 
 
-def _harmonics(posed: Posed) -> np.ndarray:
+def _harmonics(posed: PosedSplats) -> np.ndarray:
     """(N S, 3): the coefficients of one Gaussian are neighbours, the constant one first."""
     return world_harmonics(posed, MAX_DEGREE).reshape(-1, 3)
 
@@ -147,7 +147,7 @@ class Part:
 
     name: str
     index: np.ndarray | None
-    """Into `Posed`; None where their number changes with time: all that are visible."""
+    """Into `PosedSplats`; None where their number changes with time: all that are visible."""
     extent: tuple[np.ndarray, np.ndarray]
     """Corners (3,) of the box that holds them at all times."""
     varying: frozenset[str]
@@ -157,7 +157,7 @@ class Part:
         """Whether the attribute needs time samples."""
         return not self.varying.isdisjoint(column.fields)
 
-    def of(self, posed: Posed) -> Posed:
+    def of(self, posed: PosedSplats) -> PosedSplats:
         """Its Gaussians."""
         return take(posed, posed.opacities > 0 if self.index is None else self.index)
 
@@ -172,7 +172,7 @@ def _write_stage(
 ) -> None:
     matrix = Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64)
 
-    def poses() -> Iterator[Posed]:
+    def poses() -> Iterator[PosedSplats]:
         """The moments in order; neighbouring quaternions on one hemisphere, because readers interpolate them."""
         before = None
         for time in times:
@@ -181,7 +181,7 @@ def _write_stage(
             if before is not None and before.shape == quats.shape:
                 quats = np.where((before * quats).sum(axis=1, keepdims=True) < 0, -quats, quats)
             before = quats
-            yield posed._replace(quats=quats)
+            yield replace(posed, quats=quats)
 
     parts, coefficients = _parts(poses(), path)
     root = re.sub(r"\W", "_", scene.name, flags=re.ASCII)
@@ -220,7 +220,7 @@ def _write_stage(
     progress("export", total, total)
 
 
-def _parts(poses: Iterator[Posed], path: Path | str) -> tuple[list[Part], int]:
+def _parts(poses: Iterator[PosedSplats], path: Path | str) -> tuple[list[Part], int]:
     """Return the prims, and the number of SH coefficients that are written.
 
     Where the number of Gaussians changes, as in a sequence of separately trained frames, all are one sampled prim.
@@ -260,7 +260,7 @@ def _parts(poses: Iterator[Posed], path: Path | str) -> tuple[list[Part], int]:
     ], coefficients
 
 
-def _boxes(posed: Posed) -> tuple[np.ndarray, np.ndarray]:
+def _boxes(posed: PosedSplats) -> tuple[np.ndarray, np.ndarray]:
     """Corners (N,3) of a box around each Gaussian."""
     reach = REACH * posed.scales.max(axis=1, keepdims=True, initial=0)
     return posed.means - reach, posed.means + reach

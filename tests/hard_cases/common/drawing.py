@@ -7,8 +7,8 @@ from typing import Any
 
 import torch
 
-from f4x_core.raster import rasterize, why_not
-from f4x_core.raster.benchmark import make_wavy_scene
+from f4x_core.raster import why_not
+from f4x_core.raster.benchmark import draw, make_wavy_scene
 from f4x_core.report.studies.hard_cases import Check, within
 
 WIDTH, HEIGHT, GAUSSIANS, CHANNELS = 45, 31, 80, 3
@@ -33,7 +33,7 @@ def differentiate(drawing: Drawing, backend: str, **options: Any) -> tuple[Any, 
     """The picture, and the gradients of a fixed random functional of it."""
     drawing = {k: v.detach().clone() if isinstance(v, torch.Tensor) else v for k, v in drawing.items()}
     leaves = {name: drawing[name].requires_grad_() for name in GRADIENTS}
-    out = rasterize(**drawing, backend=backend, **options)
+    out = draw(**drawing, backend=backend, **options)
     generator = torch.Generator().manual_seed(3)
     images = (out.channels, out.depth, out.alpha)
     sum((image * torch.rand(image.shape, generator=generator).to(image)).sum() for image in images).backward()
@@ -50,7 +50,7 @@ def compare(drawing: Drawing, picture: float = 2e-5, gradient: float = 1e-4, **o
         worst = max(errors, key=lambda name: errors[name])
         yield within(f"gradients, of {worst} the worst", errors[worst], gradient, backend)
     arrays = {k: v.detach().numpy() if isinstance(v, torch.Tensor) else v for k, v in drawing.items()}
-    yield from _pictures(rasterize(**arrays, backend="plain", **options), true, picture, "plain")
+    yield from _pictures(draw(**arrays, backend="plain", **options), true, picture, "plain")
 
 
 def _pictures(out: Any, true: Any, allowed: float, backend: str) -> Iterator[Check]:

@@ -80,7 +80,7 @@ class Fitted:
     @property
     def said(self) -> list[str]:
         """The sentences of the diagnostics page that are no praise."""
-        found = findings(self.priors, self.result.scaffold, self.metrics)
+        found = findings(self.priors, self.result.scene.scaffold, self.metrics)
         return [finding.what for finding in found if finding.weight != "good"]
 
     def picture(self, frame: int) -> np.ndarray:
@@ -107,7 +107,7 @@ def fit(film: Film, lens_known: bool = True, **priors: Any) -> Fitted:
             result = fit_clip(film.clip, Path(folder) / "fit", small(focal, **files))
         except F4xError as reason:  # without the name of a folder that is another one every time
             raise F4xError(str(reason).replace(folder, "films")) from reason
-    scene = result.scene(film.clip)
+    scene = result.scene
     return Fitted(film, result, scene, evaluate(scene, film.clip, baselines=True))
 
 
@@ -129,7 +129,7 @@ def judge(fitted: Fitted, cause: str = "", known: str = "", at_most: float = 1.0
     is allowed.
     """
     scene = fitted.scene
-    arrays = [scene.static.xyz, scene.static.scale, scene.dynamic.xyz, scene.cameras.world_to_camera]
+    arrays = [scene.static.means, scene.static.scales, scene.dynamic.means, scene.cameras.world_to_camera]
     yield that("every array is finite", all(np.isfinite(array).all() for array in arrays))
     checks = list(against_truth(fitted))
     for index, check in enumerate(checks):

@@ -12,6 +12,7 @@ import hashlib
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import torch
 from scipy.ndimage import binary_dilation, maximum_filter, minimum_filter, uniform_filter
 from scipy.optimize import least_squares
 
@@ -19,13 +20,18 @@ from ..clip import Clip
 from ..errors import F4xError
 from ..geometry import pose, quaternion
 from ..geometry.camera import Camera
+from ..geometry.splats import Splats
 from ..priors import Priors
+from ..priors.config import config_hash
 from ..priors.flow import consistent, dis, grey
-from ..raster.light import light_into
+from ..raster.blend_weights import blend_weight_sums
 from ..scaffold import Scaffold
 from ..scaffold.joining import continue_nodes
 from ..scene import Scene, StaticSet
 from ..scene.view import render
+from .pipeline import ClipFit, FitResult, start_fit
+from .spawning import MASK_MARGIN, Explained, spawn_frames
+from .trainer import Trainer
 
 WRONG = 0.08
 """Colours (of 1) differ so much, mean over all channels, that the background does not explain a pixel."""
@@ -34,7 +40,7 @@ NEIGHBOURHOOD = 5
 Gaussian could mend that, yet every window would try."""
 OPAQUE = 0.8
 """Alpha from which on the background is there at all."""
-LEAST_PIXELS = 32
+MIN_PIXELS = 32
 """Fewer tell no depth."""
 AROUND, NEAREST = 3, 10
 """Pixels around what moves, and the percentile of their depth that is the ground below it."""
@@ -42,7 +48,7 @@ FREEDOM = {"static": 0, "pan": 3, "moving": 6}
 """Numbers that place a camera of each kind: its rotation, its position."""
 ROUNDS = 2
 """Times that a camera is registered: flow over a long way is less exact than over what the first time left."""
-LEAST_MATCHED = 0.2
+MIN_MATCHED = 0.2
 """Share of the picture in which the background must be recognised; a corner of it would turn the camera about itself."""
 MATCHES = 2000
 """Pixels that place a camera: six numbers need no more."""
@@ -56,7 +62,24 @@ CONTINUES = 0.4
 
 
 @dataclass(frozen=True, eq=False)
-class Earlier:
+class FrozenBackground:
+    """The background that a window starts with."""
+
+    world: StaticSet
+    """All of it that stays."""
+    drawn: StaticSet
+    """What of it the window's cameras see."""
+    explained: Explained
+    """(H,W) bool by supervised frame: pixels that it shows rightly."""
+
+    def with_own(self, static: StaticSet) -> StaticSet:
+        """The window's whole background: what stayed, then its own."""
+        parts = self.world.arrays(), static.arrays()
+        return StaticSet(**{name: np.concatenate([part[name] for part in parts]) for name in parts[1]})
+
+
+@dataclass(frozen=True, eq=False)
+class PreviousWindow:
     """The window before."""
 
     scene: Scene
@@ -70,7 +93,7 @@ class Earlier:
     def digest(self) -> str:
         """Hash of what the later window depends on."""
         state = hashlib.blake2b(digest_size=16)
-        for array in (self.scene.static.ids, self.scene.static.xyz, self.scene.cameras.world_to_camera):
+        for array in (self.scene.static.ids, self.scene.static.means, self.scene.cameras.world_to_camera):
             state.update(np.ascontiguousarray(array).tobytes())
         return state.hexdigest()
 
@@ -155,7 +178,7 @@ class Earlier:
         drawn, target = grey(np.stack([(255 * seen["rgb"].clip(0, 1)).astype(np.uint8), picture]))
         there = flow(drawn, target)
         matched = still & (seen["alpha"] > OPAQUE) & consistent(there, flow(target, drawn))
-        if matched.mean() < LEAST_MATCHED:
+        if matched.mean() < MIN_MATCHED:
             return camera
         chosen = np.flatnonzero(matched)[:: 1 + matched.sum() // MATCHES]
         pixels = camera.pixel_grid().reshape(-1, 2)[chosen]
@@ -178,7 +201,9 @@ class Earlier:
         scene = Scene("ground", self.scene.static, self.scene.cameras)
         return render(scene, camera, 0.0, ("rgb", "depth", "alpha"), backend)
 
-    def backdrop(self, clip: Clip, priors: Priors, rows: np.ndarray, margin: int, backend: str = "auto") -> Backdrop:
+    def background(
+        self, clip: Clip, priors: Priors, rows: np.ndarray, margin: int, backend: str = "auto"
+    ) -> FrozenBackground:
         """What stays of the earlier background, judged by the frames `rows` (indices into F) of placed priors.
 
         `margin`: pixels around the moving mask in which nothing is judged.
@@ -187,21 +212,19 @@ class Earlier:
         world = self.scene.static
         masks = priors.mask
         still = {} if masks is None else {row: ~binary_dilation(masks[row], iterations=margin) for row in rows}
-        light = np.zeros((len(world), 3))  # into all pixels, into those that are judged, into those that are wrong
+        weights = np.zeros((len(world), 3))  # in all pixels, in those that are judged, in those that are wrong
         for row in rows:
             wrong, _ = self._compare(world, clip, priors, row, backend)
             judged = still.get(row, np.ones_like(wrong))
             layers = np.stack([np.ones_like(wrong), judged, wrong & judged], -1).astype(np.float32)
-            camera = priors.cameras[int(row)]
-            shapes = world.xyz, world.rotation, world.scale, world.opacity
-            light += light_into(*shapes, camera.world_to_camera, camera.intrinsics, layers, backend=backend)
-        stays = light[:, 2] <= 0.5 * light[:, 1]
-        drawn = world.take(stays & (light[:, 0] > 0))
+            weights += blend_weight_sums(world, priors.cameras[int(row)], layers, backend=backend)
+        stays = weights[:, 2] <= 0.5 * weights[:, 1]
+        drawn = world.take(stays & (weights[:, 0] > 0))
         explained = {}
         for row in rows:
             wrong, there = self._compare(drawn, clip, priors, row, backend)
             explained[int(row)] = there & ~wrong
-        return Backdrop(world.take(stays), drawn, explained)
+        return FrozenBackground(world.take(stays), drawn, explained)
 
     def _compare(
         self, world: StaticSet, clip: Clip, priors: Priors, row: int, backend: str
@@ -211,7 +234,7 @@ class Earlier:
         The picture's mean over a neighbourhood must lie between the darkest and the brightest of the background there.
         """
         assert priors.cameras is not None
-        scene = Scene("backdrop", world, priors.cameras)
+        scene = Scene("background", world, priors.cameras)
         seen = render(scene, priors.cameras[int(row)], 0.0, ("rgb", "alpha"), backend)
         picture = clip.frames[priors.frames[row]].astype(np.float32) / 255
         mean = uniform_filter(picture, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))
@@ -244,20 +267,45 @@ def _room(depth: np.ndarray, moving: np.ndarray) -> float:
 def _median(ratios: np.ndarray, otherwise: float) -> float:
     """Median of those that are known, if enough are."""
     known = ratios[np.isfinite(ratios)]
-    return float(np.median(known)) if len(known) >= LEAST_PIXELS else otherwise
+    return float(np.median(known)) if len(known) >= MIN_PIXELS else otherwise
 
 
-@dataclass(frozen=True, eq=False)
-class Backdrop:
-    """The background that a window starts with."""
+@dataclass
+class WindowFit(ClipFit):
+    """The fit of a window that goes on from the one before."""
 
-    world: StaticSet
-    """All of it that stays."""
-    drawn: StaticSet
-    """What of it the window's cameras see."""
-    explained: dict[int, np.ndarray] = field(default_factory=dict)
-    """(H,W) bool by supervised frame: pixels that it shows rightly."""
+    previous: PreviousWindow = field(kw_only=True)
 
-    def with_own(self, static: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Arrays of the window's whole background: what stayed, then its own."""
-        return {name: np.concatenate([getattr(self.world, name), own]) for name, own in static.items()}
+    def settings_hash(self) -> str:
+        """Depends on the window before, too."""
+        return config_hash(super().settings_hash(), self.previous.digest)
+
+    def make_priors(self, known_depth: np.ndarray | None = None) -> Priors:
+        """The priors of the window, in the world of the one before and seen from cameras that agree with its background."""
+        backend, previous, clip = self.config.backend, self.previous, self.clip
+        priors = super().make_priors(previous.depth(clip, backend) if known_depth is None else known_depth)
+        return previous.track(clip, previous.place(priors, backend), MASK_MARGIN, backend)
+
+    def start(self, priors: Priors) -> Trainer:
+        """The trainer, in front of the background that stays."""
+        config, frames = self.config, spawn_frames(priors, self.config)
+        self.background = self.previous.background(self.clip, priors, frames, MASK_MARGIN, config.backend)
+        drawn = self.background.drawn
+        frozen = Splats(drawn.means, drawn.quats, drawn.scales, drawn.opacities, drawn.sh).map(_tensor)
+        first_id = self.previous.scene.next_id
+        return start_fit(self.clip, priors, config, self.progress, frozen, self.background.explained, first_id)
+
+    def finish(self, trainer: Trainer) -> FitResult:
+        """What was learnt, with the background that stayed and the ids of the nodes that go on."""
+        result = super().finish(trainer)
+        scaffold = result.scene.scaffold
+        scene = replace(
+            result.scene,
+            static=self.background.with_own(result.scene.static),
+            scaffold=None if scaffold is None else self.previous.continued(scaffold),
+        )
+        return replace(result, scene=scene)
+
+
+def _tensor(array: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(array, np.float32))

@@ -1,0 +1,90 @@
+"""What a fit is supervised with: frames and priors as tensors, at full and at half size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..clip import Clip
+from ..priors import Priors
+
+# Tracks that move less surely than this carry no track loss.
+TRACK_MOTION = 0.5
+# Two frames are compared along tracks when they share at least this many.
+MIN_SHARED_TRACKS = 8
+
+
+@dataclass
+class FrameData:
+    """What supervises one resolution: tensors of F frames, H x W pixels."""
+
+    rgb: Tensor
+    """(F,H,W,3) uint8."""
+    depth: Tensor
+    """(F,H,W) float32, NaN = unknown."""
+    confidence: Tensor
+    """(F,H,W) float16."""
+    motion: Tensor
+    """(F,H,W) float16 moving score."""
+    width: int
+    height: int
+
+    @classmethod
+    def full(cls, clip: Clip, priors: Priors) -> FrameData:
+        """The supervised frames at the fitted size."""
+        rgb = torch.from_numpy(np.ascontiguousarray(clip.frames[priors.frames]))
+        depth, confidence, motion = (
+            torch.from_numpy(np.ascontiguousarray(a)) for a in (priors.depth, priors.depth_confidence, priors.motion)
+        )
+        return cls(rgb, depth, confidence, motion, priors.width, priors.height)
+
+    def halved(self) -> FrameData:
+        """Half the resolution: colours averaged over 2 x 2 pixels, the other maps sampled."""
+        width, height = self.width // 2, self.height // 2
+        crop = self.rgb[:, : 2 * height, : 2 * width].reshape(len(self.rgb), height, 2, width, 2, 3)
+        rgb = torch.stack([frame.float().mean((1, 3)).round().byte() for frame in crop])
+        depth, confidence, motion = (
+            a[:, : 2 * height : 2, : 2 * width : 2].contiguous() for a in (self.depth, self.confidence, self.motion)
+        )
+        return FrameData(rgb, depth, confidence, motion, width, height)
+
+
+@dataclass(frozen=True)
+class MovingTracks:
+    """The tracks of what moves, in pixels of the fitted size."""
+
+    points: Tensor
+    """(F,P,2) float32."""
+    visible: Tensor
+    """(F,P) bool: seen there, and surely moving."""
+    width: int
+    height: int
+
+    @classmethod
+    def of(cls, priors: Priors) -> MovingTracks:
+        """Those of the priors; none where the priors have no tracks."""
+        size = priors.width, priors.height
+        if priors.tracks is None:
+            frames = len(priors.frames)
+            return cls(torch.zeros(frames, 0, 2), torch.zeros(frames, 0, dtype=torch.bool), *size)
+        shape = priors.tracks.shape[:2]
+        visible = priors.tracks_visible if priors.tracks_visible is not None else np.zeros(shape, bool)
+        motion = priors.tracks_motion if priors.tracks_motion is not None else np.zeros(shape[1])
+        return cls(torch.from_numpy(priors.tracks), torch.from_numpy(visible & (motion > TRACK_MOTION)[None]), *size)
+
+    def random_partner(self, frame: int, generator: torch.Generator) -> int | None:
+        """A random other frame that shares enough tracks with `frame`; None where there is none."""
+        shared = (self.visible & self.visible[frame]).sum(1)  # (F,)
+        shared[frame] = 0
+        candidates = (shared >= MIN_SHARED_TRACKS).nonzero()[:, 0]
+        if len(candidates) == 0:
+            return None
+        return int(candidates[torch.randint(len(candidates), (1,), generator=generator)])
+
+    def shared(self, frame: int, partner: int) -> tuple[Tensor, Tensor]:
+        """(n,2) pixels of the tracks that both frames see: in `frame`, and in `partner`."""
+        both = self.visible[frame] & self.visible[partner]
+        return self.points[frame, both], self.points[partner, both]

@@ -1,0 +1,162 @@
+"""The loss of one step as a list of terms: each has a name, a weight, and the steps at which it counts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..raster import RasterOutput
+from ..scaffold.losses import arap_losses, smoothness_losses
+from .config import FitConfig
+from .frame_data import FrameData, MovingTracks
+from .losses import depth_loss, rgb_loss
+from .model import SceneModel
+
+TRACK_CLAMP = 20.0
+"""A correspondence further off than this many pixels is an outlier whose pull is capped."""
+MIN_ALPHA = 0.1
+"""Where less than this is drawn, a rendered position is not divided up to full opacity."""
+MIN_DEPTH = 1e-2
+"""World units; rendered positions nearer to the camera plane, or behind it, are projected from here."""
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """One supervised frame as the model draws it."""
+
+    frame: int
+    data: FrameData
+    """What supervises it."""
+    output: RasterOutput
+    """Channels: rgb; where something moves the alpha of what is dynamic; with a partner, positions (3) at the partner's time."""
+    partner: int | None = None
+    """The supervised frame whose tracks it is compared with, if any."""
+
+    @property
+    def rgb(self) -> Tensor:
+        """(H,W,3)"""
+        return self.output.channels[..., :3]
+
+    @property
+    def dynamic_alpha(self) -> Tensor:
+        """(H,W) alpha of the dynamic Gaussians behind what hides them."""
+        return self.output.channels[..., 3]
+
+    @property
+    def partner_positions(self) -> Tensor:
+        """(H,W,3) composited world positions at the partner's time."""
+        return self.output.channels[..., 4:7]
+
+    @property
+    def motion(self) -> Tensor:
+        """(H,W) float32 moving score of the frame."""
+        return self.data.motion[self.frame].float()
+
+
+@dataclass(frozen=True)
+class LossTerm:
+    """One summand of the loss."""
+
+    name: str
+    weight: float
+    value: Callable[[Rendered], Tensor]
+    """The unweighted scalar."""
+    every: int = 1
+    """It counts at every n-th step."""
+
+    def due(self, step: int) -> bool:
+        """Whether it counts at `step`."""
+        return step % self.every == 0
+
+
+def total_loss(terms: Sequence[LossTerm], step: int, rendered: Rendered) -> Tensor:
+    """The weighted sum of the terms that count at `step`."""
+    total = torch.zeros(())
+    for term in terms:
+        if term.due(step):
+            total = total + term.weight * term.value(rendered)
+    return total
+
+
+def loss_terms(model: SceneModel, tracks: MovingTracks, config: FitConfig) -> tuple[LossTerm, ...]:
+    """The terms of a fit, those without weight left out."""
+    weights = config.losses
+    losses = _Losses(model, tracks, config)
+    terms = [LossTerm("rgb", 1.0, losses.rgb), LossTerm("depth", weights.depth, losses.depth)]
+    if model.dynamic is not None:
+        terms += [
+            LossTerm("mask", weights.mask, losses.mask),
+            LossTerm("track", weights.track, losses.track, config.track_every),
+            LossTerm("motion", config.motion_every, losses.motion, config.motion_every),
+        ]
+    terms.append(LossTerm("camera smoothness", weights.camera_smoothness, losses.camera_smoothness))
+    return tuple(term for term in terms if term.weight)
+
+
+@dataclass(frozen=True)
+class _Losses:
+    model: SceneModel
+    tracks: MovingTracks
+    config: FitConfig
+
+    def rgb(self, rendered: Rendered) -> Tensor:
+        """L1 and SSIM against the frame; moving pixels weigh more, because what moves is small but looked at."""
+        weights = self.config.losses
+        target = rendered.data.rgb[rendered.frame].float() / 255
+        attention = 1 + (weights.moving - 1) * rendered.motion  # (H,W)
+        return rgb_loss(rendered.rgb, target, attention, weights.ssim, self.model.kernels)
+
+    def depth(self, rendered: Rendered) -> Tensor:
+        """Inverse depth against the prior's, by its confidence."""
+        data, frame, output = rendered.data, rendered.frame, rendered.output
+        return depth_loss(output.depth, output.alpha, data.depth[frame], data.confidence[frame].float())
+
+    def mask(self, rendered: Rendered) -> Tensor:
+        """Alpha of the dynamic Gaussians against the moving mask, as far as the motion score is certain."""
+        certain = (2 * rendered.motion - 1).abs()  # 0 where the score says nothing
+        error = (rendered.dynamic_alpha - (rendered.motion > 0.5).float()).abs()
+        return (error * certain).mean()
+
+    def track(self, rendered: Rendered) -> Tensor:
+        """Mean capped distance (full-size pixels) between the tracks in the partner and what is rendered to move there."""
+        partner, alpha = rendered.partner, rendered.output.alpha
+        if partner is None:
+            return alpha.new_zeros(())
+        here, expected = self.tracks.shared(rendered.frame, partner)
+        width, height = self.tracks.width, self.tracks.height
+        grid = (
+            here / torch.tensor([width, height], dtype=torch.float32) * 2 - 1
+        )  # (n,2) in [-1,1], pixel edges at the ends
+        maps = torch.cat([rendered.partner_positions, alpha[..., None]], -1).permute(2, 0, 1)[None]  # (1,4,H,W)
+        sampled = torch.nn.functional.grid_sample(maps, grid[None, None], align_corners=False)[0, :, 0].T  # (n,4)
+        x = sampled[:, :3] / sampled[:, 3:].clamp_min(MIN_ALPHA)
+        camera = self.model.rig.camera(partner, width, height)
+        view, intrinsics = camera.world_to_camera, camera.intrinsics
+        local = x @ view[:3, :3].T + view[:3, 3]
+        z = local[:, 2:].clamp_min(MIN_DEPTH)
+        pixels = local[:, :2] / z * torch.stack([intrinsics[0, 0], intrinsics[1, 1]]) + intrinsics[:2, 2]
+        return torch.linalg.vector_norm(pixels - expected, dim=1).clamp_max(TRACK_CLAMP).mean()
+
+    def motion(self, rendered: Rendered) -> Tensor:
+        """The physics-inspired losses of the nodes on the frames around the rendered one."""
+        config, model, w = self.config, self.model, self.config.losses
+        nodes, frame, reach = model.nodes, rendered.frame, max(config.shifts)
+        assert nodes is not None
+        window = slice(max(0, frame - reach), frame + reach + 1)
+        xyz, quat = nodes.parameters["node_xyz"][window], nodes.quat[window]
+        coordinate, length = arap_losses(xyz, quat, nodes.edges, config.shifts, config.shift_weights)
+        smooth = smoothness_losses(xyz, quat, torch.from_numpy(model.times[window]))
+        loss = w.arap_coordinate * coordinate + w.arap_length * length
+        loss = loss + w.velocity * smooth.velocity + w.acceleration * smooth.acceleration
+        loss = loss + w.rotation_velocity * smooth.angular_velocity
+        loss = loss + w.rotation_acceleration * smooth.angular_acceleration
+        if model.dynamic is not None and model.dynamic.use_dw:
+            loss = loss + w.dw * model.dynamic.parameters["dw"].abs().mean()
+        return loss
+
+    def camera_smoothness(self, rendered: Rendered) -> Tensor:
+        """Squared second differences of the corrections to the camera path, per pixel of image motion."""
+        return self.model.rig.smoothness() * self.tracks.width

@@ -1,0 +1,128 @@
+"""The first Gaussians of a fit: as many as the clip shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.ndimage import binary_dilation
+
+from ..clip import Clip
+from ..gaussians import DynamicGaussians, SpawnConfig, Spawned, StaticGaussians, spawn_dynamic, spawn_static
+from ..gaussians.spawn import coarse_to_fine, cover, spawn_that_fits
+from ..priors import Priors
+from ..progress import Progress
+from .config import FitConfig
+from .model import SceneModel
+
+MASK_MARGIN = 2
+"""Static Gaussians are not spawned this close (pixels) to the moving mask, whose edge is uncertain."""
+SURE_DEPTH, LOOSEST_DEPTH = 0.14, 0.5
+"""Relative error of depth whose confidence is one half, and the largest difference in depth at which a Gaussian still covers."""
+Explained = Mapping[int, np.ndarray]
+"""(H,W) bool by supervised frame: pixels that are shown rightly already."""
+
+
+def spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:
+    """Indices into F of the frames from which the static set is spawned."""
+    count = min(config.spawn_static.frames, len(priors.frames))
+    return np.unique(np.linspace(0, len(priors.frames) - 1, count).round().astype(int))
+
+
+@dataclass(frozen=True)
+class Spawner:
+    """The first Gaussians of a fit: as many as the clip shows, or all of it more thinly where there is no room."""
+
+    clip: Clip
+    priors: Priors
+    config: FitConfig
+    degree: int
+    progress: Progress
+
+    def static(self, moving: bool, explained: Explained | None, first_id: int) -> StaticGaussians:
+        """What stands still, seen from frames all over the clip; outside what moves where there is such a thing."""
+        chosen = spawn_frames(self.priors, self.config)
+
+        def cover_all(spawn: SpawnConfig) -> Spawned:
+            rng, parts = np.random.default_rng(self.config.seed), [Spawned.joined([])]
+            for done, which in enumerate(coarse_to_fine(len(chosen))):
+                self.progress("spawn", done, len(chosen), "static")
+                frame = int(chosen[which])
+                valid = self._valid(frame)
+                if moving and self.priors.mask is not None:
+                    valid &= ~binary_dilation(self.priors.mask[frame], iterations=MASK_MARGIN)
+                if explained is not None:
+                    valid &= ~explained[frame]
+                parts = [Spawned.joined(parts), self._cover(frame, valid, Spawned.joined(parts).means, spawn, rng)]
+            return Spawned.joined(parts)
+
+        spawned, spawn = spawn_that_fits(cover_all, self.config.spawn_static)
+        self.progress("spawn", len(chosen), len(chosen), "static")
+        return spawn_static(spawned, self.degree, spawn, first_id)
+
+    def dynamic(self, model: SceneModel, first_id: int) -> DynamicGaussians:
+        """What moves, fused over time: every visited frame adds what those of earlier visited frames, moved there, leave open.
+
+        `model` has the static Gaussians, the nodes and the cameras.
+        """
+        assert self.priors.mask is not None and model.nodes is not None
+        with_motion = np.flatnonzero(self.priors.mask.reshape(len(self.priors.mask), -1).any(1))
+        count = min(self.config.spawn_dynamic.frames, len(with_motion))
+        chosen = with_motion[np.unique(np.linspace(0, len(with_motion) - 1, count).round().astype(int))]
+
+        def cover_all(spawn: SpawnConfig) -> DynamicGaussians:
+            rng, parts = np.random.default_rng(self.config.seed), []
+            references: list[np.ndarray] = []
+            dynamic: DynamicGaussians | None = None
+            for done, which in enumerate(coarse_to_fine(len(chosen))):
+                self.progress("spawn", done, len(chosen), "dynamic")
+                frame = int(chosen[which])
+                existing = self._moved(model, dynamic, frame)
+                valid = self._valid(frame) & self.priors.mask[frame]  # type: ignore[index]
+                parts.append(self._cover(frame, valid, existing, spawn, rng))
+                references.append(np.full(len(parts[-1]), frame))
+                dynamic = self._carried(model, Spawned.joined(parts), np.concatenate(references), spawn, first_id)
+            assert dynamic is not None
+            return dynamic
+
+        dynamic, _ = spawn_that_fits(cover_all, self.config.spawn_dynamic)
+        self.progress("spawn", len(chosen), len(chosen), "dynamic")
+        return dynamic
+
+    def _valid(self, frame: int) -> np.ndarray:
+        """(H,W) bool: pixels with a depth."""
+        assert self.priors.depth is not None
+        depth = self.priors.depth[frame]
+        return np.isfinite(depth) & (depth > 0)
+
+    def _cover(
+        self, frame: int, valid: np.ndarray, existing: np.ndarray, spawn: SpawnConfig, rng: np.random.Generator
+    ) -> Spawned:
+        """Gaussians for what `existing` leaves open in supervised frame `frame`."""
+        priors = self.priors
+        assert priors.depth is not None and priors.cameras is not None
+        picture = self.clip.frames[priors.frames[frame]]
+        tolerance = None
+        if priors.depth_confidence is not None:
+            sure = np.maximum(priors.depth_confidence[frame].astype(np.float32), 0.01)
+            tolerance = np.clip(2 * np.sqrt((1 - sure) / sure) * SURE_DEPTH, spawn.depth_tolerance, LOOSEST_DEPTH)
+        return cover(picture, priors.depth[frame], valid, priors.cameras[frame], existing, spawn, rng, tolerance)
+
+    def _carried(
+        self, model: SceneModel, spawned: Spawned, reference: np.ndarray, spawn: SpawnConfig, first_id: int
+    ) -> DynamicGaussians:
+        """Spawned Gaussians attached to the model's nodes, each at its `reference` frame."""
+        assert model.nodes is not None
+        xyz, quat = model.nodes.parameters["node_xyz"].detach(), model.nodes.quat.detach()
+        neighbours = model.nodes.neighbours.shape[1]
+        return spawn_dynamic(spawned, reference, xyz, quat, neighbours, self.degree, spawn, first_id)
+
+    def _moved(self, model: SceneModel, dynamic: DynamicGaussians | None, frame: int) -> np.ndarray:
+        """(N,3) places of the dynamic Gaussians so far at supervised frame `frame`."""
+        if dynamic is None or not len(dynamic):
+            return np.zeros((0, 3), np.float32)
+        with torch.no_grad():
+            whole = SceneModel(model.static, dynamic, model.nodes, model.rig, model.kernel, model.kernels)
+            return whole.dynamic_at(float(model.times[frame]))[0][0].numpy()

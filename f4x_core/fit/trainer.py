@@ -1,0 +1,366 @@
+"""The training loop: all Gaussians, the scaffold and the cameras against the frames."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..clip import Clip
+from ..errors import Cancelled
+from ..gaussians import DensityControl, SetOptimiser
+from ..geometry.spherical_harmonics import degree_of
+from ..priors import Priors
+from ..progress import Progress, silent
+from ..raster import RasterConfig
+from ..scaffold.optimise import with_graph
+from .checkpoint import save_checkpoint
+from .config import FitConfig
+from .frame_data import FrameData, MovingTracks
+from .harmonics import GAIN_DB, next_band
+from .loss_terms import LossTerm, Rendered, loss_terms, total_loss
+from .losses import psnr
+from .model import NodeSet, SceneModel
+from .needs import Need
+from .node_control import add_nodes, drop_nodes
+from .schedule import Action, Moment, every, first_step_from, rate_at, steps_at
+
+NODE_RATES = {"node_xyz": "node_xyz", "node_quat": "node_quat", "radius_logit": "radius"}
+"""Parameter of the nodes -> its field of `RateConfig`."""
+CAMERA_RATES = {"camera_rotation": "camera_rotation", "camera_position": "camera_position", "focal": "focal"}
+SAVED_SCAFFOLD = ("xyz", "quat", "radius", "certain", "ids", "neighbours", "edge_mask")
+"""Arrays of the scaffold in a checkpoint."""
+MEASURED_FRAMES = 4
+"""Frames rendered for one point of the quality curve."""
+
+
+class Trainer:
+    """Optimises a model against a clip and its priors; it can stop after any step and go on bit-equal.
+
+    A step draws one frame, adds up the loss terms, and moves every parameter along its gradient. `actions` lists all that
+    happens besides, with its steps.
+    """
+
+    def __init__(
+        self, model: SceneModel, clip: Clip, priors: Priors, config: FitConfig, next_id: int, needs: Sequence[Need] = ()
+    ):
+        """Set up data, losses, optimisers and actions for `config.steps` steps.
+
+        Args:
+            next_id: first Gaussian id not yet used. needs: what was decided before the first step.
+        """
+        self.model, self.clip, self.priors, self.config, self.next_id = model, clip, priors, config, next_id
+        self.needs = list(needs)
+        self.levels = [FrameData.full(clip, priors)]
+        if config.coarse > 0:
+            self.levels.append(self.levels[0].halved())
+        self.tracks = MovingTracks.of(priors)
+        self.losses: tuple[LossTerm, ...] = loss_terms(model, self.tracks, config)
+        self.raster = RasterConfig(threads=model.kernels.threads)
+        self.generator = torch.Generator().manual_seed(config.seed)
+        self.order: list[int] = []
+        """Frames that are still to be drawn before each was drawn once more."""
+        self.step = 0
+        """Steps done."""
+        self.history: list[dict[str, float]] = []
+        """The quality curve."""
+        self.band_gains: list[float] = []
+        """dB that each degree of the harmonics, one after the other, would bring views from elsewhere."""
+        self.next_node_id = int(model.nodes.scaffold.ids.max()) + 1 if model.nodes is not None else 0
+        self.spawned = {name: len(gaussians) for name, gaussians in model.sets()}
+        """Gaussians of each set at the start."""
+        self._start_optimisers()
+
+    def _start_optimisers(self) -> None:
+        config, model = self.config, self.model
+        self.optimisers = {name: SetOptimiser(own, self._rates(name)) for name, own in model.sets()}
+        densities = {"static": config.density_static, "dynamic": config.density_dynamic}
+        self.controls = {
+            name: DensityControl(optimiser, densities[name], config.steps)
+            for name, optimiser in self.optimisers.items()
+        }
+        groups = [{"params": [model.rig.parameters[n]], "lr": 0.0, "name": n} for n in CAMERA_RATES]
+        if model.nodes is not None:
+            groups += [{"params": [model.nodes.parameters[n]], "lr": 0.0, "name": n} for n in NODE_RATES]
+        self.shared = torch.optim.Adam(groups, eps=1e-15)
+        self.actions = self._schedule()
+
+    def _schedule(self) -> list[Action]:
+        """All that happens beside the gradient steps, in the order in which it happens."""
+        config, total = self.config, self.config.steps
+        start, optimised, done = Moment.START, Moment.OPTIMISED, Moment.DONE
+        actions = [Action("learning rates", start, range(total), self._set_rates)]
+        if self.model.dynamic is not None:
+            freeze = first_step_from(config.dw_from, total)
+            rebuilt = range(config.graph_every, freeze, config.graph_every)
+            actions += [
+                Action("graph rebuilt", start, rebuilt, self._rebuild_graph),
+                Action("skinning offsets learnt", start, range(freeze, total), self._learn_offsets),
+            ]
+        actions.append(
+            Action("harmonics considered", start, steps_at(config.harmonics_at, total), self._consider_harmonics)
+        )
+        if self.model.dynamic is not None:
+            actions += [
+                Action("nodes added", optimised, steps_at(config.nodes.add_at, total), self._add_nodes),
+                Action("nodes dropped", optimised, steps_at(config.nodes.drop_at, total), self._drop_nodes),
+            ]
+        for name, control in self.controls.items():
+            actions += [
+                Action(f"sizes capped, {name}", optimised, range(total), control.cap_sizes),
+                Action(f"density control, {name}", optimised, control.steps, partial(self._densify, name)),
+            ]
+        return [*actions, Action("quality measured", done, every(config.measure_every, total), self.measure)]
+
+    def run(self, checkpoint: Path | None = None, settings_hash: str = "", progress: Progress = silent) -> None:
+        """Train to the last step, writing `checkpoint` now and then; an interrupt leaves one behind."""
+        total, saved_at = self.config.steps, every(self.config.checkpoint_every, self.config.steps)
+
+        def save() -> None:
+            if checkpoint is not None:
+                save_checkpoint(checkpoint, self.state(settings_hash))
+
+        whole = True  # inside a step there is nothing to continue from: then the last checkpoint stays
+        try:
+            while self.step < total:
+                whole = False
+                self.train_step()
+                whole = True
+                if self.step in saved_at:
+                    save()
+                progress("photometric", self.step, total, self._summary())
+        except (KeyboardInterrupt, Cancelled):
+            if whole:
+                save()
+            raise
+
+    def _summary(self) -> str:
+        """The quality when it was last measured."""
+        if not self.history:
+            return ""
+        return f"{self.history[-1]['psnr']:.1f} dB, {int(self.history[-1]['gaussians']):,} Gaussians"
+
+    def train_step(self) -> float:
+        """Draw one frame, move the parameters along the gradient of its loss, do the actions; returns the loss."""
+        self._act(Moment.START)
+        offset = torch.zeros(self._drawn_count(), 2, requires_grad=True)
+        rendered = self._render(self._next_frame(), offset)
+        loss = total_loss(self.losses, self.step, rendered)
+        loss.backward()
+        self._record_gradients(offset, rendered)
+        for optimiser in self.optimisers.values():
+            optimiser.step()
+        self.shared.step()
+        self.shared.zero_grad(set_to_none=True)
+        self.loss = float(loss.detach())
+        self._act(Moment.OPTIMISED)
+        self.step += 1
+        self._act(Moment.DONE)
+        return self.loss
+
+    def _act(self, moment: Moment) -> None:
+        for action in self.actions:
+            if action.moment is moment and self.step in action.steps:
+                action.run()
+
+    @property
+    def fraction(self) -> float:
+        """The fraction of all steps that are done."""
+        return self.step / self.config.steps
+
+    def _drawn_count(self) -> int:
+        """Gaussians in a picture."""
+        return len(self.model) + (0 if self.model.frozen is None else len(self.model.frozen))
+
+    def _next_frame(self) -> int:
+        """Each supervised frame once, in random order, then again."""
+        if not self.order:
+            self.order = torch.randperm(len(self.model.times), generator=self.generator).tolist()
+        return self.order.pop()
+
+    def _render(self, frame: int, offset: Tensor) -> Rendered:
+        """Draw supervised frame `frame`, its projected means moved by `offset (N,2)` pixels."""
+        config, model, extra = self.config, self.model, None
+        data = self.levels[-1] if self.fraction < config.coarse else self.levels[0]
+        background = torch.rand(3, generator=self.generator) if config.random_background else None
+        moved, there, partner = None, None, None
+        if model.dynamic is not None:
+            if any(term.name == "track" and term.due(self.step) for term in self.losses):
+                partner = self.tracks.random_partner(frame, self.generator)
+            times = [float(model.times[index]) for index in (frame, partner) if index is not None]
+            moved, *others = model.dynamic_at(*times)
+            there = others[0][0] if others else None
+        splats = model.posed(moved)
+        if model.dynamic is not None:
+            extra = self._extra_channels(splats.means, there)
+        output = model.render(
+            splats,
+            model.rig.camera(frame, data.width, data.height),
+            extra=extra,
+            background=background,
+            mean2d_offset=offset,
+            config=self.raster,
+            backend=config.backend,
+        )
+        return Rendered(frame, data, output, partner)
+
+    def _extra_channels(self, means: Tensor, there: Tensor | None) -> Tensor:
+        """(N,1) which Gaussians are dynamic; with their positions `there` at another time (N,4), static ones staying put."""
+        own = slice(len(self.model.static), len(self.model))
+        dynamic = torch.zeros(len(means), 1)
+        dynamic[own] = 1
+        if there is None:
+            return dynamic
+        still = means.detach()
+        return torch.cat([dynamic, torch.cat([still[: own.start], there, still[own.stop :]])], 1)
+
+    def _record_gradients(self, offset: Tensor, rendered: Rendered) -> None:
+        """Hand the screen-space gradients to density control."""
+        if offset.grad is None:
+            return
+        first = 0
+        for name, gaussians in self.model.sets():
+            rows = slice(first, first + len(gaussians))
+            size = rendered.data.width, rendered.data.height
+            self.controls[name].record(offset.grad[rows], rendered.output.visible[rows], *size)
+            first = rows.stop
+
+    def _rates(self, name: str) -> dict[str, float]:
+        """Learning rates of the tensors of the set called `name` at the present step."""
+        tensors = dict(self.model.sets())[name].parameters
+        return {t: rate_at(self.config.rates.of(name, t), self.fraction, self.config) for t in tensors}
+
+    def _set_rates(self) -> None:
+        config = self.config
+        for name, optimiser in self.optimisers.items():
+            optimiser.set_rates(self._rates(name))
+        for group in self.shared.param_groups:
+            late = group["name"] in CAMERA_RATES and self.fraction < config.cameras_from
+            rate = getattr(config.rates, {**NODE_RATES, **CAMERA_RATES}[group["name"]])
+            group["lr"] = 0.0 if late else rate_at(rate, self.fraction, config)
+
+    def _rebuild_graph(self) -> None:
+        nodes = self.model.nodes
+        assert nodes is not None
+        self.model.nodes = NodeSet(with_graph(nodes.snapshot(), nodes.graph), nodes.graph, nodes.parameters)
+
+    def _learn_offsets(self) -> None:
+        """From here on the graph is frozen, because the offsets belong to its edges."""
+        assert self.model.dynamic is not None
+        self.model.dynamic.use_dw = True
+
+    def _consider_harmonics(self) -> None:
+        """See whether one more degree of harmonics pays, and add it; one that is set by hand is added anyway."""
+        config, degree = self.config, degree_of(self.model.static.sh.shape[1])
+        allowed = config.most_sh_degree if config.sh_degree is None else config.sh_degree
+        if degree >= min(allowed, len(config.harmonics_at)):
+            return
+        if self.step != round(config.harmonics_at[degree] * config.steps):
+            return
+        band = next_band(self.model, self.levels[0].rgb, self.raster, config.backend)
+        self.band_gains.append(band.gain)
+        if band.gain >= GAIN_DB or config.sh_degree is not None:
+            first = 0
+            for name, gaussians in self.model.sets():
+                rows = slice(first, first + len(gaussians))
+                self.optimisers[name].add_band(band.plain[rows], band.more[rows])
+                first = rows.stop
+
+    def _add_nodes(self) -> None:
+        control = self.controls["dynamic"]
+        gradient = control.gradient_sum / control.seen.clamp_min(1)
+        self.next_node_id = add_nodes(
+            self.model, self.optimisers["dynamic"], self.shared, gradient, self.config.nodes, self.next_node_id
+        )
+
+    def _drop_nodes(self) -> None:
+        drop_nodes(self.model, self.shared, self.config.nodes)
+
+    def _densify(self, name: str) -> None:
+        self.next_id = self.controls[name].densify_and_prune(self.next_id, self.generator)
+
+    def measure(self) -> None:
+        """Add one point to the quality curve: PSNR of a few supervised frames at full size."""
+        count = len(self.model.times)
+        frames = sorted({round(i * (count - 1) / max(MEASURED_FRAMES - 1, 1)) for i in range(MEASURED_FRAMES)})
+        scores = [psnr(self.picture(frame), self.levels[0].rgb[frame].float() / 255) for frame in frames]
+        point = {"step": self.step, "loss": self.loss, "psnr": float(np.mean(scores))}
+        self.history.append({**point, "gaussians": float(len(self.model))})
+
+    def picture(self, frame: int) -> Tensor:
+        """(H,W,3) the model's picture of supervised frame `frame`, clamped to [0,1]."""
+        model, data = self.model, self.levels[0]
+        with torch.no_grad():
+            moved = model.dynamic_at(float(model.times[frame]))[0] if model.dynamic is not None else None
+            camera = model.rig.camera(frame, data.width, data.height)
+            out = model.render(model.posed(moved), camera, config=self.raster, backend=self.config.backend)
+        return out.channels[..., :3].clamp(0, 1)
+
+    def state(self, settings_hash: str) -> dict[str, Any]:
+        """Everything that the next step depends on, as tensors and plain values."""
+        model = self.model
+        state: dict[str, Any] = {
+            "config_hash": settings_hash,
+            "step": self.step,
+            "next_id": self.next_id,
+            "order": self.order,
+            "generator": self.generator.get_state(),
+            "history": json.dumps(self.history),
+            "band_gains": self.band_gains,
+            "cameras": {n: p.detach() for n, p in model.rig.parameters.items()},
+            "shared": self.shared.state_dict(),
+            "sets": {},
+        }
+        for name, gaussians in model.sets():
+            control = self.controls[name]
+            state["sets"][name] = {
+                "parameters": {n: p.detach() for n, p in gaussians.parameters.items()},
+                "labels": dict(gaussians.labels),
+                "adam": self.optimisers[name].adam.state_dict(),
+                "gradient_sum": control.gradient_sum,
+                "seen": control.seen,
+                "limit": control.limit,
+            }
+        if model.nodes is not None and model.dynamic is not None:
+            state["use_dw"] = model.dynamic.use_dw
+            state["nodes"] = {n: p.detach() for n, p in model.nodes.parameters.items()}
+            state["next_node_id"] = self.next_node_id
+            # The scaffold as it stood when its graph was built: its coarse edges follow from that state.
+            state["scaffold"] = {name: torch.from_numpy(getattr(model.nodes.scaffold, name)) for name in SAVED_SCAFFOLD}
+        return state
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue exactly where `state` was taken."""
+        model = self.model
+        with torch.no_grad():
+            for name, value in state["cameras"].items():
+                model.rig.parameters[name].copy_(value)
+        for name, gaussians in model.sets():
+            saved = state["sets"][name]
+            gaussians.parameters = {n: p.clone().requires_grad_(True) for n, p in saved["parameters"].items()}
+            gaussians.labels = dict(saved["labels"])
+        if model.nodes is not None and model.dynamic is not None:
+            model.dynamic.use_dw = state["use_dw"]
+            self.next_node_id = state["next_node_id"]
+            arrays = {name: tensor.numpy() for name, tensor in state["scaffold"].items()}
+            parameters = {n: p.clone().requires_grad_(True) for n, p in state["nodes"].items()}
+            scaffold = replace(model.nodes.scaffold, **arrays)
+            model.nodes = NodeSet(scaffold, model.nodes.graph, parameters)
+        self.step, self.next_id, self.order = state["step"], state["next_id"], list(state["order"])
+        self._start_optimisers()
+        self.shared.load_state_dict(state["shared"])
+        for name, optimiser in self.optimisers.items():
+            saved = state["sets"][name]
+            optimiser.adam.load_state_dict(saved["adam"])
+            self.controls[name].gradient_sum = saved["gradient_sum"].clone()
+            self.controls[name].seen = saved["seen"].clone()
+            self.controls[name].limit = int(saved["limit"])
+        self.generator.set_state(state["generator"])
+        self.history, self.band_gains = json.loads(state["history"]), list(state["band_gains"])

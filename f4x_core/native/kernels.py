@@ -1,0 +1,19 @@
+"""Who does the inner loops: the compiled library or torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """Which implementation of skinning, colours and SSIM a computation uses, and on how many threads."""
+
+    native: bool = False
+    """The compiled library (float32 on the CPU, differentiable once); otherwise torch."""
+    threads: int = 1
+    """Threads of the compiled library. Torch has its own number, which is one for the whole process."""
+
+
+TORCH = Kernels()
+"""Plain torch: any dtype, any order of derivatives."""

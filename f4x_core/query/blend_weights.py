@@ -1,0 +1,42 @@
+"""How much each Gaussian weighs in parts of a picture: from masks in pixels to scores of Gaussians."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..progress import Progress, silent
+from ..raster import blend_weights
+from ..scene import Scene
+
+
+def blend_weight_sums(scene: Scene, time: float, index: int | None, layers: np.ndarray) -> np.ndarray:
+    """(N,L) float32: blend weights of every Gaussian, static first, summed over `layers (H,W,L)` at clip time `time`.
+
+    Seen from the camera at `time`, or from the clip's camera number `index`; its pictures are scaled to the size of the layers.
+    """
+    path = scene.cameras
+    height, width = layers.shape[:2]
+    camera = (path.at(time) if index is None else path[index]).resized(width, height)
+    return blend_weights.blend_weight_sums(scene.posed(time), camera, layers)
+
+
+def lift_masks(
+    scene: Scene, masks: Mapping[int, np.ndarray], progress: Progress = silent
+) -> tuple[np.ndarray, np.ndarray]:
+    """(fraction (N,) in [0, 1], sum (N,) in pixels): how much of every Gaussian's blend weights lies inside `masks` in all frames.
+
+    `masks`: clip frame -> (H,W) fractions in [0, 1], of any size. The fraction is 0 where the sum is.
+    """
+    inside, total = (np.zeros(len(scene.ids), np.float64) for _ in range(2))
+    for done, (frame, mask) in enumerate(masks.items()):
+        progress("weights", done, len(masks))
+        mask = np.asarray(mask, np.float32)
+        sums = blend_weight_sums(
+            scene, float(scene.cameras.times[frame]), frame, np.stack([mask, np.ones_like(mask)], -1)
+        )
+        inside += sums[:, 0]
+        total += sums[:, 1]
+    progress("weights", len(masks), len(masks))
+    return np.clip(inside / np.maximum(total, 1e-12), 0, 1) * (total > 0), total

@@ -1,0 +1,49 @@
+"""How much each Gaussian weighs in layers of a picture. numpy in and out; torch only for its own backends."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.camera import Camera
+from ..geometry.splats import Splats
+from . import as_tensors, backend_function, choose_backend
+from .contract import RasterConfig, RasterInput
+from .inputs import prepare
+
+
+def blend_weight_sums(
+    splats: Splats,
+    camera: Camera,
+    layers: np.ndarray,
+    *,
+    config: RasterConfig | None = None,
+    backend: str = "auto",
+) -> np.ndarray:
+    """(N,L) float32: the blend weights of every Gaussian, summed over the pixels of `camera` as `layers (H,W,L)` weigh them.
+
+    A picture is linear in the colours, `I_p = sum_g w_gp c_g` with the blend weights `w_gp = alpha_gp T_gp`, so the gradient of
+    `sum_p m_p I_p` with respect to the colour of Gaussian g is `sum_p m_p w_gp`: one backward pass gives the sums of all.
+
+    Raises:
+        F4xError: layers of another size than the camera's, an unknown backend, or one that is not installed.
+    """
+    layers = np.ascontiguousarray(layers, np.float32)
+    shape = splats.shape.map(lambda array: np.ascontiguousarray(array, np.float32))
+    colors = np.zeros((len(splats), layers.shape[2]), np.float32)
+    given, _ = prepare(RasterInput(shape, colors, camera, config=config or RasterConfig(), detached_from=0))
+    chosen = choose_backend(backend, shape.means)
+    if chosen == "plain":
+        from .plain import blend_weight_sums_plain
+
+        return blend_weight_sums_plain(given, layers)
+    if chosen == "native":
+        from .native import color_gradient
+
+        return color_gradient(given, layers)
+    import torch
+
+    tensors = as_tensors(given)
+    tensors.colors.requires_grad_()
+    with torch.enable_grad():  # whatever the caller does
+        backend_function(chosen)(tensors).channels.backward(torch.from_numpy(layers))
+    return tensors.colors.grad.numpy()
