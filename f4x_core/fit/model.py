@@ -15,8 +15,8 @@ from ..geometry import quaternion
 from ..geometry.camera import CameraPath
 from ..raster import RasterConfig, RasterOutput, rasterize
 from ..scaffold import Scaffold
-from ..scaffold.deformation_native import NativeDeformer
-from ..scaffold.deformation_torch import Deformer
+from ..scaffold.deformation.native.autograd import NativeDeformer
+from ..scaffold.deformation.sparse import Deformer
 from ..scaffold.distance import curve_distance
 from ..scaffold.graph import GraphConfig, multilevel_edges
 from ..scaffold.losses import ArapEdges

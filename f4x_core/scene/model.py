@@ -19,8 +19,7 @@ from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera, CameraPath
 from ..geometry.interpolation import presence
 from ..scaffold import Scaffold
-from ..scaffold.deformation import Pairs, pairs_of, relative_motions
-from ..scaffold.deformation_library import carry
+from ..scaffold.deformation import Pairs, carry, pairs_of, relative_motions
 from .field import FeatureField
 
 GAUSSIAN_ARRAYS = {
