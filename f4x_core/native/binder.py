@@ -69,7 +69,7 @@ class Struct:
 
     def __init__(self, name: str, fields: Mapping[str, Any], sizes: tuple[str, ...] = ()):
         """`fields` in the order of C: name and kind, which is one of the numbers above or an `Array`."""
-        self.name, self.fields = name, dict(fields)
+        self.name, self.fields, self.sizes = name, dict(fields), sizes
         self.arrays = {field: kind for field, kind in fields.items() if isinstance(kind, Array)}
         self._known = (*fields, *sizes)
         integers = (field for field, kind in fields.items() if kind in (INT32, INT64))
@@ -229,6 +229,9 @@ def _refuse(
     where: str, kind: Array, array: Any, expected: tuple[int, ...], strides: tuple[int, ...] | None
 ) -> NoReturn:
     """Say in one sentence what is wrong with an array."""
+    if array is None:
+        owner, _, name = where.partition(".")
+        raise F4xError(f"{owner} needs {name}.")
     tensor = not isinstance(array, np.ndarray)
     if tensor and not hasattr(array, "data_ptr"):
         raise F4xError(f"{where} has to be a numpy array or a torch tensor, not {type(array).__name__}.")
