@@ -71,7 +71,7 @@ def check(name: str, output: Path) -> bool:
 def exercise() -> None:
     """Call every kernel forward and backward, with one and several threads, on ordinary and on hard input."""
     from f4x_core.raster.native import library as raster
-    from f4x_core.scaffold import deformation_library as deformation
+    from f4x_core.scaffold.deformation.native import library as deformation
 
     loaded, reason = raster.open_library()
     assert loaded is not None, reason

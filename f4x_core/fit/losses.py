@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from ..native.kernels import TORCH, Kernels
-from .similarity_native import NativeDissimilarity
+from .ssim_native import NativeDissimilarity
 
 # SSIM's stabilising constants for images in [0, 1] (Wang et al. 2004).
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2

@@ -17,8 +17,8 @@ from ..geometry.splats import Splats
 from ..native.kernels import TORCH, Kernels
 from ..raster import RasterConfig, RasterOutput, rasterize
 from ..scaffold import Scaffold
-from ..scaffold.deformation_native import NativeDeformer
-from ..scaffold.deformation_torch import Deformer
+from ..scaffold.deformation.native.autograd import NativeDeformer
+from ..scaffold.deformation.sparse import Deformer
 from ..scaffold.distance import curve_distance
 from ..scaffold.graph import GraphConfig, multilevel_edges
 from ..scaffold.losses import ArapEdges

@@ -1,5 +1,5 @@
 // How nodes carry Gaussians, with a hand-written backward pass. The formulas, with their sources, are those of
-// scaffold/skinning.py and scaffold/deformation.py, where they stand in numpy and torch.
+// scaffold/skinning.py and scaffold/deformation/reference.py, where they stand in numpy and torch.
 //
 //   relate   tables with one row per (node, reference) pair: node pose then, motion from then to each time
 //   deform   per Gaussian: pose in the world, skinning weights, dual-quaternion blend, moved pose
@@ -18,7 +18,7 @@
 #include "lanes.hpp"
 #include "threads.hpp"
 
-// Both are mirrored field by field in scaffold/deformation_library.py.
+// Both are mirrored field by field in scaffold/deformation/native/library.py.
 
 struct Relations {
     int64_t pairs, nodes;                // P, M

@@ -8,10 +8,6 @@ import platform
 import sys
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import numpy as np
 
 ROOM = Path(__file__).parent
 FOLDER = ROOM / "_build"
@@ -50,6 +46,7 @@ def _open(path: Path) -> tuple[ctypes.CDLL | None, str]:
         library = ctypes.CDLL(str(path))
     except OSError as error:
         return None, f"{path.name} does not load: {error}"
+    # Not by `binder`, which needs numpy: neither function takes an array, and the build has to do without.
     library.f4x_instruction_set.restype = ctypes.c_char_p
     library.f4x_peak.restype = ctypes.c_double
     library.f4x_peak.argtypes = [ctypes.c_double]
@@ -71,8 +68,3 @@ def instruction_set(library: ctypes.CDLL) -> str:
 def measure_peak(library: ctypes.CDLL, seconds: float = 0.2) -> float:
     """Float operations per second of independent multiply-adds on one thread."""
     return library.f4x_peak(seconds)
-
-
-def address(array: np.ndarray | None) -> int | None:
-    """Address of a C-contiguous array's memory, as kernels take it; None stays None."""
-    return None if array is None else array.ctypes.data

@@ -12,9 +12,8 @@ from ..geometry import pose, quaternion
 from ..native import open_library
 from ..progress import Progress, silent
 from ..timing import measure_in_turn
-from .deformation import blend, blend_reference, relative_motions
-from .deformation_library import carry
-from .deformation_torch import Deformer
+from .deformation import blend, blend_reference, carry, relative_motions
+from .deformation.sparse import Deformer
 
 NODES, FRAMES, NEIGHBOURS = 1000, 8, 8
 # Nodes turn by at most this share of 180 degrees: no two differ by half a turn, where the sign rules of the forms part.

@@ -20,8 +20,7 @@ from ..geometry.camera import Camera, CameraPath
 from ..geometry.interpolation import presence
 from ..geometry.splats import Splats
 from ..scaffold import Scaffold
-from ..scaffold.deformation import Pairs, pairs_of, relative_motions
-from ..scaffold.deformation_library import carry
+from ..scaffold.deformation import Pairs, carry, pairs_of, relative_motions
 from .field import FeatureField
 
 GAUSSIAN_ARRAYS = {

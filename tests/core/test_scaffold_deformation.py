@@ -18,7 +18,7 @@ from f4x_core.scaffold.deformation import (
     pairs_of,
     relative_motions,
 )
-from f4x_core.scaffold.deformation_torch import Deformer
+from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.skinning import skinning_weights
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from ...errors import F4xError
 from ...geometry.camera import Camera
 from ...geometry.splats import Splats
-from ...native import address
 from ...native import open_library as open_unchecked
+from ...native.binder import FLOAT, INT32, INT64, POINTER, Array, Function, Result, Struct
 from ..contract import RasterConfig, RasterInput, RasterOutput
 
 SELF_CHECK = Path(__file__).with_name("self_check.npz")
@@ -22,40 +22,70 @@ SELF_CHECK = Path(__file__).with_name("self_check.npz")
 # rounding gives 1e-6, the mildest real fault (a splat or a gradient term missing) gives more than 1e-2.
 SELF_CHECK_ERROR = 1e-4
 
-_POINTER = ctypes.c_void_p
-
-
-class _Problem(ctypes.Structure):
-    """`struct Problem` of raster.cpp."""
-
-    _fields_ = (
-        [("count", ctypes.c_int64)]
-        + [(name, ctypes.c_int32) for name in ("channels", "attached", "width", "height", "threads")]
-        + [(name, ctypes.c_int32) for name in ("first_row", "last_row")]
-        + [(name, ctypes.c_float) for name in ("near", "blur", "alpha_min", "alpha_max", "transmittance_min")]
-        + [("intrinsics", ctypes.c_float * 9), ("viewmat", ctypes.c_float * 16)]
-        + [(n, _POINTER) for n in ("means", "quats", "scales", "opacities", "colors")]
-        + [(n, _POINTER) for n in ("background", "mean2d_offset", "limit")]
-    )
-
-
-class _Gradients(ctypes.Structure):
-    """`struct Gradients` of raster.cpp."""
-
-    _fields_ = [
-        (n, _POINTER)
-        for n in ("channels", "depth", "alpha", "means", "quats", "scales", "opacities", "colors", "viewmat", "offset")
-    ]
+_ROWS, _IMAGE = ("rows", "width"), ("rows", "width", "channels")
+_GAUSSIANS = {
+    "means": ("count", 3),
+    "quats": ("count", 4),
+    "scales": ("count", 3),
+    "opacities": ("count",),
+    "colors": ("count", "channels"),
+}
+PROBLEM = Struct(
+    "Problem",
+    {
+        "count": INT64,
+        **dict.fromkeys(("channels", "attached", "width", "height", "threads", "first_row", "last_row"), INT32),
+        **dict.fromkeys(("near", "blur", "alpha_min", "alpha_max", "transmittance_min"), FLOAT),
+        "intrinsics": FLOAT * 9,
+        "viewmat": FLOAT * 16,
+        **{name: Array("float32", shape) for name, shape in _GAUSSIANS.items()},
+        "background": Array("float32", ("channels",), optional=True),
+        "mean2d_offset": Array("float32", ("count", 2), optional=True),
+        "limit": Array("float32", _ROWS, optional=True),
+    },
+    sizes=("rows",),
+)
+"""`struct Problem` of raster.cpp."""
+GRADIENTS = Struct(
+    "Gradients",
+    {
+        "d_channels": Array("float32", _IMAGE, optional=True),
+        "d_depth": Array("float32", _ROWS, optional=True),
+        "d_alpha": Array("float32", _ROWS, optional=True),
+        **{"d_" + name: Array("float32", shape, output=True) for name, shape in _GAUSSIANS.items()},
+        "d_viewmat": Array("float32", (4, 4), output=True),
+        "d_mean2d_offset": Array("float32", ("count", 2), output=True),
+    },
+    sizes=("count", "channels", "rows", "width"),
+)
+"""`struct Gradients` of raster.cpp, where the names are without `d_`."""
+F4X_FORWARD = Function(
+    "f4x_forward",
+    {
+        "problem": PROBLEM,
+        "keep": INT32,
+        "channels": Array("float32", _IMAGE, output=True),
+        "depth": Array("float32", _ROWS, output=True),
+        "alpha": Array("float32", _ROWS, output=True),
+        "visible": Array("bool", ("count",), output=True),
+        "failed": Result(INT32),
+    },
+    POINTER,
+)
+F4X_BACKWARD = Function("f4x_backward", {"state": POINTER, "problem": PROBLEM, "gradients": GRADIENTS}, INT32)
+F4X_COUNT_PAIRS = Function("f4x_count_pairs", {"state": POINTER, "problem": PROBLEM}, INT64)
+F4X_RELEASE = Function("f4x_release", {"state": POINTER})
 
 
 class _State:
     """What the backward pass needs of one forward pass; hands its memory back when dropped."""
 
     def __init__(self, library: ctypes.CDLL, pointer: int):
-        self._library, self.pointer = library, pointer
+        # Declared now: when the interpreter ends, little but the function itself may be left.
+        self._release, self.pointer = F4X_RELEASE.declared(library), pointer
 
     def __del__(self):
-        self._library.f4x_release(self.pointer)
+        self._release(self.pointer)
 
 
 @dataclass(frozen=True)
@@ -65,8 +95,8 @@ class Render:
     output: RasterOutput
     inputs: dict[str, Any]
     """Arrays as the kernel reads them, float32 and C-contiguous; None where one was left out."""
-    problem: _Problem
-    """Points into `inputs`."""
+    problem: Any
+    """`PROBLEM`, points into `inputs`."""
     state: _State | None
 
 
@@ -78,18 +108,6 @@ def open_library() -> tuple[ctypes.CDLL | None, str]:
 
 @lru_cache
 def _checked(library: ctypes.CDLL) -> tuple[ctypes.CDLL | None, str]:
-    library.f4x_forward.restype = _POINTER
-    library.f4x_forward.argtypes = [
-        ctypes.POINTER(_Problem),
-        ctypes.c_int32,
-        *[_POINTER] * 4,
-        ctypes.POINTER(ctypes.c_int32),
-    ]
-    library.f4x_backward.argtypes = [_POINTER, ctypes.POINTER(_Problem), ctypes.POINTER(_Gradients)]
-    library.f4x_count_pairs.argtypes = [_POINTER, ctypes.POINTER(_Problem)]
-    library.f4x_count_pairs.restype = ctypes.c_int64
-    library.f4x_release.argtypes = [_POINTER]
-    library.f4x_release.restype = None
     difference = self_check(library)
     if not difference < SELF_CHECK_ERROR:
         return None, f"the library disagrees with the float64 reference by {difference:.1e} in its self-check"
@@ -132,11 +150,10 @@ def forward(library: ctypes.CDLL, inputs: RasterInput, keep: bool) -> Render:
     config, width, height = inputs.config, inputs.camera.width, inputs.camera.height
     first, last = inputs.drawn_rows.start, inputs.drawn_rows.stop
     count, channels = held["colors"].shape
-    problem = _Problem(
-        count=count,
-        channels=channels,
+    sizes = {"count": count, "channels": channels, "rows": last - first, "width": width}
+    problem = PROBLEM(
+        **sizes,
         attached=inputs.attached_channels,
-        width=width,
         height=height,
         threads=max(1, config.threads),
         first_row=first,
@@ -148,18 +165,12 @@ def forward(library: ctypes.CDLL, inputs: RasterInput, keep: bool) -> Render:
         transmittance_min=config.transmittance_min,
         intrinsics=tuple(held["K"].ravel()),
         viewmat=tuple(held["viewmat"].ravel()),
-        **{
-            n: address(held.get(n))
-            for n in ("means", "quats", "scales", "opacities", "colors", "background", "mean2d_offset", "limit")
-        },
+        **{name: held.get(name) for name in PROBLEM.arrays},
     )
     image = np.empty((last - first, width, channels), np.float32)
     depth, alpha = np.empty(image.shape[:2], np.float32), np.empty(image.shape[:2], np.float32)
-    visible = np.empty(count, bool)
-    failed = ctypes.c_int32()
-    pointer = library.f4x_forward(
-        problem, keep, address(image), address(depth), address(alpha), address(visible), failed
-    )
+    visible, failed = np.empty(count, bool), INT32()
+    pointer = F4X_FORWARD(problem, keep, image, depth, alpha, visible, failed, library=library, sizes=sizes)
     _check(failed.value, problem)
     return Render(RasterOutput(image, depth, alpha, visible), held, problem, _State(library, pointer) if keep else None)
 
@@ -183,26 +194,33 @@ def backward(
     Raises:
         F4xError: memory ran out.
     """
-    sent = [None if a is None else np.ascontiguousarray(a, np.float32) for a in (channels, depth, alpha)]
-    n = render.problem.count
-    got = {
-        name: np.empty_like(render.inputs[name])
-        for name in ("means", "quats", "scales", "opacities", "colors", "viewmat")
-    }
-    got["mean2d_offset"] = np.empty((n, 2), np.float32)
+    sent = GRADIENTS.plain(
+        {"d_channels": channels, "d_depth": depth, "d_alpha": alpha}, "d_channels", "d_depth", "d_alpha"
+    )
+    rows, width, image_channels = render.output.channels.shape
+    count = render.problem.count
+    got = {name: np.empty_like(render.inputs[name]) for name in (*_GAUSSIANS, "viewmat")}
+    got["mean2d_offset"] = np.empty((count, 2), np.float32)
     assert render.state is not None
-    gradients = _Gradients(*map(address, [*sent, *got.values()]))
-    _check(library.f4x_backward(render.state.pointer, render.problem, gradients), render.problem)
+    gradients = GRADIENTS(
+        count=count,
+        channels=image_channels,
+        rows=rows,
+        width=width,
+        **sent,
+        **{"d_" + name: array for name, array in got.items()},
+    )
+    _check(F4X_BACKWARD(render.state.pointer, render.problem, gradients, library=library), render.problem)
     return got
 
 
 def count_pairs(library: ctypes.CDLL, render: Render) -> int:
     """(pixel, Gaussian) pairs that contributed to a kept render."""
     assert render.state is not None
-    return library.f4x_count_pairs(render.state.pointer, render.problem)
+    return F4X_COUNT_PAIRS(render.state.pointer, render.problem, library=library)
 
 
-def _check(failed: int, problem: _Problem) -> None:
+def _check(failed: int, problem: Any) -> None:
     if failed:
         raise F4xError(
             f"The native raster ran out of memory at {problem.count} Gaussians with {problem.channels} channels in "

@@ -12,8 +12,7 @@ import numpy as np
 from ...geometry import dual_quaternion, pose, quaternion
 from ...native import open_library
 from ...scaffold.benchmark import benchmark
-from ...scaffold.deformation import blend
-from ...scaffold.deformation_library import carry
+from ...scaffold.deformation import blend, carry
 from ..study import Context, Figure, Findings, Row, Table, time_columns, time_rows
 from .rigid_mean import rigid_mean
 

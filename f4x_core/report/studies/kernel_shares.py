@@ -32,7 +32,7 @@ from ...raster.benchmark import (
     view_of,
 )
 from ...raster.native import library as raster
-from ...scaffold import deformation_library as deformation
+from ...scaffold.deformation.native import library as deformation
 from ...timing import time_in_turn
 from ..study import Context, Figure, Findings, MissingError, Row, Table, time_columns
 from .physical_limit import COPY_BYTES

@@ -111,7 +111,7 @@ MUTATIONS = (
     Mutation(
         "dual-quaternion blend",
         "signs not aligned",
-        "scaffold/deformation.py",
+        "scaffold/deformation/reference.py",
         "signed = xp.where(dots < 0, -weights, weights)",
         "signed = weights",
         ("test_scaffold_deformation.py",),

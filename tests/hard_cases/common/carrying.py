@@ -12,10 +12,9 @@ import torch
 from f4x_core.geometry import dual_quaternion, pose, quaternion
 from f4x_core.native import open_library
 from f4x_core.report.studies.hard_cases import Check, within
-from f4x_core.scaffold import deformation_library
-from f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND, deform, node_poses_at, pairs_of, relative_motions
-from f4x_core.scaffold.deformation_native import NativeDeformer
-from f4x_core.scaffold.deformation_torch import Deformer
+from f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND, carry, deform, node_poses_at, pairs_of, relative_motions
+from f4x_core.scaffold.deformation.native.autograd import NativeDeformer
+from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.skinning import skinning_weights
 
 NODES, FRAMES, GAUSSIANS, SLOTS = 10, 5, 60, 4
@@ -112,7 +111,7 @@ def _played(carried: Carried, time: float, compiled: bool) -> tuple[np.ndarray, 
     strength, pairs = np.ones(len(x), np.float32), pairs_of(carried.neighbours, carried.reference)
     if compiled:
         table = relative_motions(carried.times, a["node_xyz"], a["node_quat"], pairs, time)
-        return deformation_library.carry(table, pairs.index, weights, strength, x, q)
+        return carry(table, pairs.index, weights, strength, x, q)
     moved = deform(carried.times, a["node_xyz"], a["node_quat"], pairs, weights, strength, time)
     rotation, means = pose.compose(*moved, q, x)
     return means, rotation

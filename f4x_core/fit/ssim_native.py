@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
 import torch
@@ -10,22 +9,25 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ..errors import F4xError
-from ..native import require_library
+from ..native.binder import DOUBLE, FLOAT, INT32, INT64, Array, Function, Result, Struct
 
-_POINTERS = ("image", "target", "weight", "window")
-
-
-class _Similarity(ctypes.Structure):
-    """`struct Similarity` of similarity.cpp."""
-
-    _fields_ = [
-        *((name, ctypes.c_int32) for name in ("width", "height", "channels", "threads")),
-        ("stride", ctypes.c_int64),
-        *((name, ctypes.c_void_p) for name in _POINTERS),
-        ("c1", ctypes.c_float),
-        ("c2", ctypes.c_float),
-        ("gradient", ctypes.c_void_p),
-    ]
+PICTURE = ("height", "width", "channels")
+SSIM = Struct(
+    "Ssim",
+    {
+        **dict.fromkeys(("width", "height", "channels", "threads"), INT32),
+        "stride": INT64,
+        "image": Array("float32", PICTURE, strides=("width*stride", "stride", 1)),
+        "target": Array("float32", PICTURE),
+        "weight": Array("float32", ("height", "width")),
+        "window": Array("float32", (11,)),
+        "c1": FLOAT,
+        "c2": FLOAT,
+        "gradient": Array("float32", PICTURE, optional=True, output=True),
+    },
+)
+"""`struct Ssim` of ssim.cpp."""
+F4X_DSSIM = Function("f4x_dssim", {"problem": SSIM, "total": Result(DOUBLE)}, INT32)
 
 
 class NativeDissimilarity(torch.autograd.Function):
@@ -47,32 +49,35 @@ class NativeDissimilarity(torch.autograd.Function):
     ) -> Tensor:
         """The sum, a scalar; raises F4xError where memory runs out."""
         height, width, channels = image.shape
-        image = image.detach()
-        if image.stride(2) != 1 or image.stride(0) != width * image.stride(1):
-            image = image.contiguous()
+        stride = channels
+        if not image.is_contiguous():
+            if image.stride(2) == 1 and image.stride(0) == width * image.stride(1):
+                stride = image.stride(1)  # the first channels of a wider picture
+            else:
+                image = image.contiguous()
         target, weight, window = target.contiguous(), weight.contiguous(), window.contiguous()
         gradient = torch.empty(height, width, channels) if ctx.needs_input_grad[0] else None
-        problem = _Similarity(
+        problem = SSIM(
             width=width,
             height=height,
             channels=channels,
             threads=threads,
-            stride=image.stride(1),
-            image=image.data_ptr(),
-            target=target.data_ptr(),
-            weight=weight.data_ptr(),
-            window=window.data_ptr(),
+            stride=stride,
+            image=image,
+            target=target,
+            weight=weight,
+            window=window,
             c1=constants[0],
             c2=constants[1],
-            gradient=None if gradient is None else gradient.data_ptr(),
+            gradient=gradient,
         )
-        total = ctypes.c_double()
-        if require_library().f4x_dissimilarity(ctypes.byref(problem), ctypes.byref(total)):
+        total = DOUBLE()
+        if F4X_DSSIM(problem, total):
             raise F4xError(
                 f"The picture loss ran out of memory at {width} x {height} pixels: fit at a smaller --width."
             )
         ctx.save_for_backward(gradient)
-        return image.new_tensor(total.value)
+        return torch.full((), total.value, dtype=image.dtype)
 
     @staticmethod
     @once_differentiable

@@ -1,44 +1,75 @@
 """The deformation by the compiled library, for numpy arrays; float32. Needs numpy alone."""
 
-import ctypes
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from ..errors import F4xError
-from ..geometry import pose
-from ..native import address, open_library, require_library
-from .deformation import COLLAPSED, SIGN_BAND, blend
-from .skinning import FLOOR, SMALLEST_SPREAD, Kernel
+from ....errors import F4xError
+from ....geometry import pose
+from ....native import open_library
+from ....native.binder import FLOAT, INT32, INT64, Array, Function, Struct
+from ...skinning import FLOOR, SMALLEST_SPREAD, Kernel
+from ..reference import COLLAPSED, SIGN_BAND, blend
 
-_DTYPES = {"index": np.int32, "mask": np.bool_, "node": np.int64, "then": np.int64}
-_RELATED = ("node_xyz", "node_quat", "radius", "node", "then", "now_xyz", "now_quat")
-_POSES = tuple(name for name in _RELATED if name not in ("node", "then"))
+_TABLES = ("1+times", "pairs", 8)
+_POSES = {
+    "node_xyz": ("frames", "nodes", 3),
+    "node_quat": ("frames", "nodes", 4),
+    "radius": ("nodes",),
+    "now_xyz": ("times", "nodes", 3),
+    "now_quat": ("times", "nodes", 4),
+}
+RELATIONS = Struct(
+    "Relations",
+    {
+        "pairs": INT64,
+        "nodes": INT64,
+        "times": INT32,
+        **{name: Array("float32", _POSES[name]) for name in ("node_xyz", "node_quat", "radius")},
+        "node": Array("int64", ("pairs",)),
+        "then": Array("int64", ("pairs",)),
+        **{name: Array("float32", _POSES[name]) for name in ("now_xyz", "now_quat")},
+        "tables": Array("float32", _TABLES, optional=True, output=True),
+        "d_tables": Array("float32", _TABLES, optional=True),
+        **{"d_" + name: Array("float32", shape, optional=True, output=True) for name, shape in _POSES.items()},
+    },
+    sizes=("frames",),
+)
+"""`struct Relations` of deformation.cpp; what only one of the two passes reads or writes is optional, here and below."""
+DEFORMATION = Struct(
+    "Deformation",
+    {
+        "count": INT64,
+        "pairs": INT64,
+        **dict.fromkeys(("slots", "times", "sigma", "threads"), INT32),
+        **dict.fromkeys(("floor", "smallest_spread", "sign_band", "collapsed"), FLOAT),
+        "xyz": Array("float32", ("count", 3)),
+        "quat": Array("float32", ("count", 4)),
+        "index": Array("int32", ("count", "slots")),
+        "motions": Array("float32", ("times", "pairs", 8)),
+        "nodes": Array("float32", ("pairs", 8), optional=True),
+        "mask": Array("bool", ("count", "slots"), optional=True),
+        "dw": Array("float32", ("count", "slots"), optional=True),
+        "weights": Array("float32", ("count", "slots"), optional=True),
+        "strength": Array("float32", ("count",), optional=True),
+        "means": Array("float32", ("times", "count", 3), optional=True, output=True),
+        "quats": Array("float32", ("times", "count", 4), optional=True, output=True),
+        "d_means": Array("float32", ("times", "count", 3), optional=True),
+        "d_quats": Array("float32", ("times", "count", 4), optional=True),
+        "d_xyz": Array("float32", ("count", 3), optional=True, output=True),
+        "d_quat": Array("float32", ("count", 4), optional=True, output=True),
+        "d_dw": Array("float32", ("count", "slots"), optional=True, output=True),
+        "d_tables": Array("float32", _TABLES, optional=True, output=True),
+    },
+)
+"""`struct Deformation` of deformation.cpp."""
+F4X_RELATE = Function("f4x_relate", {"problem": RELATIONS})
+F4X_RELATE_BACKWARD = Function("f4x_relate_backward", {"problem": RELATIONS})
+F4X_DEFORM = Function("f4x_deform", {"problem": DEFORMATION}, INT32)
+F4X_DEFORM_BACKWARD = Function("f4x_deform_backward", {"problem": DEFORMATION}, INT32)
+_RELATED = (*_POSES, "node", "then")
 _INPUTS = ("xyz", "quat", "index", "motions", "nodes", "mask", "dw", "weights", "strength")
-_OUTPUTS = ("means", "quats", "d_means", "d_quats", "d_xyz", "d_quat", "d_dw", "d_tables")
-
-
-class _Relations(ctypes.Structure):
-    """`struct Relations` of deformation.cpp."""
-
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in ("pairs", "nodes")),
-        ("times", ctypes.c_int32),
-        *((name, ctypes.c_void_p) for name in (*_RELATED, "tables", "d_tables")),
-        *(("d_" + name, ctypes.c_void_p) for name in _POSES),
-    ]
-
-
-class _Deformation(ctypes.Structure):
-    """`struct Deformation` of deformation.cpp."""
-
-    _fields_ = [
-        *((name, ctypes.c_int64) for name in ("count", "pairs")),
-        *((name, ctypes.c_int32) for name in ("slots", "times", "sigma", "threads")),
-        *((name, ctypes.c_float) for name in ("floor", "smallest_spread", "sign_band", "collapsed")),
-        *((name, ctypes.c_void_p) for name in _INPUTS + _OUTPUTS),
-    ]
 
 
 def carry(
@@ -49,7 +80,7 @@ def carry(
     means: np.ndarray,
     quats: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses `(means (N, 3), quats (N, 4))` of Gaussians moved by `deformation.blend`.
+    """Return the poses `(means (N, 3), quats (N, 4))` of Gaussians moved by `reference.blend`.
 
     `means` and `quats` are those at the reference times, in the world; the other arguments are those of `blend`. float32
     arrays go through the compiled library where it is there; others, and all where it is not, through numpy.
@@ -79,9 +110,9 @@ def relate(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     `arrays` by name, any strides: `node_xyz (F, M, 3)`, `node_quat (F, M, 4)` of any length, `radius (M,)`, `node (P,)` and
     `then (P,)` each pair's row of (M,) and of (F M), `now_xyz (T, M, 3)`, `now_quat (T, M, 4)` unit.
     """
-    held = _plain(arrays, _RELATED)
+    held = RELATIONS.plain(arrays, *_RELATED)
     tables = np.empty((1 + len(held["now_xyz"]), len(held["node"]), 8), np.float32)
-    _relate("f4x_relate", held | {"tables": tables})
+    _relate(F4X_RELATE, held | {"tables": tables})
     return tables
 
 
@@ -90,10 +121,10 @@ def relate_backward(arrays: Mapping[str, np.ndarray], d_tables: np.ndarray) -> d
 
     That of `now_quat` means nothing along the quaternion, as in `backward`.
     """
-    held = _plain(arrays, _RELATED)
+    held = RELATIONS.plain(arrays, *_RELATED)
     got = {name: np.zeros_like(held[name]) for name in _POSES}
-    sent = {"d_" + name: a for name, a in got.items()}
-    _relate("f4x_relate_backward", held | sent | {"d_tables": np.ascontiguousarray(d_tables, np.float32)})
+    sent = RELATIONS.plain({"d_tables": d_tables}, "d_tables")
+    _relate(F4X_RELATE_BACKWARD, held | sent | {"d_" + name: a for name, a in got.items()})
     return got
 
 
@@ -110,10 +141,10 @@ def forward(
     Raises:
         F4xError: memory ran out.
     """
-    held = _plain(arrays, _INPUTS)
+    held = DEFORMATION.plain(arrays, *_INPUTS)
     times, count = len(held["motions"]), len(held["index"])
     means, quats = np.empty((times, count, 3), np.float32), np.empty((times, count, 4), np.float32)
-    _call("f4x_deform", held | {"means": means, "quats": quats}, kernel, threads)
+    _call(F4X_DEFORM, held | {"means": means, "quats": quats}, kernel, threads)
     return means, quats
 
 
@@ -128,35 +159,25 @@ def backward(
     Raises:
         F4xError: memory ran out.
     """
-    held = _plain(arrays, _INPUTS)
+    held = DEFORMATION.plain(arrays, *_INPUTS)
     times, pairs = held["motions"].shape[:2]
     got = {"d_" + name: np.empty_like(held[name]) for name in ("xyz", "quat", "dw") if held.get(name) is not None}
     tables = np.zeros((1 + times, pairs, 8), np.float32)
-    sent = _plain({"d_means": d_means, "d_quats": d_quats}, ("d_means", "d_quats"))
-    _call("f4x_deform_backward", held | got | sent | {"d_tables": tables}, kernel, threads)
+    sent = DEFORMATION.plain({"d_means": d_means, "d_quats": d_quats}, "d_means", "d_quats")
+    _call(F4X_DEFORM_BACKWARD, held | got | sent | {"d_tables": tables}, kernel, threads)
     return {name.removeprefix("d_"): a for name, a in got.items()} | {"tables": tables}
 
 
-def _plain(arrays: Mapping[str, np.ndarray | None], names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Those of `names` that are there, as plain copies where they are views: the kernel walks bare pointers."""
-    return {
-        name: np.ascontiguousarray(a, _DTYPES.get(name, np.float32))
-        for name in names
-        if (a := arrays.get(name)) is not None
-    }
-
-
-def _relate(function: str, arrays: dict[str, np.ndarray]) -> None:
+def _relate(function: Function, arrays: dict[str, np.ndarray]) -> None:
     times, nodes = arrays["now_xyz"].shape[:2]
-    addresses = {name: address(a) for name, a in arrays.items()}
-    problem = _Relations(pairs=len(arrays["node"]), nodes=nodes, times=times, **addresses)
-    getattr(require_library(), function)(ctypes.byref(problem))
+    pairs, frames = len(arrays["node"]), len(arrays["node_xyz"])
+    function(RELATIONS(pairs=pairs, nodes=nodes, times=times, frames=frames, **arrays))
 
 
-def _call(function: str, arrays: dict[str, np.ndarray], kernel: Kernel, threads: int) -> None:
+def _call(function: Function, arrays: dict[str, np.ndarray], kernel: Kernel, threads: int) -> None:
     count, slots = arrays["index"].shape
     times, pairs = arrays["motions"].shape[:2]
-    problem = _Deformation(
+    problem = DEFORMATION(
         count=count,
         pairs=pairs,
         slots=slots,
@@ -167,7 +188,7 @@ def _call(function: str, arrays: dict[str, np.ndarray], kernel: Kernel, threads:
         smallest_spread=SMALLEST_SPREAD,
         sign_band=SIGN_BAND,
         collapsed=COLLAPSED,
-        **{name: address(a) for name, a in arrays.items()},
+        **arrays,
     )
-    if getattr(require_library(), function)(ctypes.byref(problem)):
+    if function(problem):
         raise F4xError(f"Memory ran out moving {count} Gaussians with {pairs} node poses: use fewer threads.")

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import dual_quaternion, pose, quaternion
-from ..geometry.arrays import Array, like, namespace
-from ..geometry.interpolation import interpolate
+from ...geometry import dual_quaternion, pose, quaternion
+from ...geometry.arrays import Array, like, namespace
+from ...geometry.interpolation import interpolate
 
 SIGN_BAND = 1e-3
 """Half width, as a quaternion dot product, of the band around "neighbours turned 180 degrees apart" (0.1 degree) in

@@ -1,4 +1,4 @@
-"""The deformation of `deformation_torch.py` by the compiled library: from local poses to moved ones in one step."""
+"""The deformation of `sparse` by the compiled library: from local poses to moved ones in one step."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from . import deformation_library as library
-from .deformation import node_poses_at
-from .deformation_torch import Deformer
-from .skinning import Kernel
+from ...skinning import Kernel
+from ..reference import node_poses_at
+from ..sparse import Deformer
+from . import library
 
 NAMES = ("xyz", "quat", "dw", "node_xyz", "node_quat", "radius", "now_xyz", "now_quat")
 
@@ -24,7 +24,7 @@ class Carriers:
     """Who carries whom, and how: what stays the same from step to step."""
 
     arrays: Mapping[str, np.ndarray]
-    """`index (N, K)` int32, `mask (N, K)` bool, `node (P,)` and `then (P,)` int64 of `deformation_library`."""
+    """`index (N, K)` int32, `mask (N, K)` bool, `node (P,)` and `then (P,)` int64 of `library`."""
     kernel: Kernel
     threads: int
 

@@ -8,8 +8,8 @@
 #include "lanes.hpp"
 #include "threads.hpp"
 
-// Mirrored field by field in fit/similarity_native.py.
-struct Similarity {
+// Mirrored field by field in fit/ssim_native.py.
+struct Ssim {
     int32_t width, height, channels, threads;
     int64_t stride;                 // floats between two pixels of the picture
     const float *image, *target;    // (H, W, stride) of which the first C are read, (H, W, C)
@@ -27,13 +27,13 @@ constexpr int HALF = 5, MAPS = 4, SLOPES = 3;
 
 // Rows are planar, one after another per channel, with HALF zeros before and enough after to read whole vectors.
 struct Plan {
-    const Similarity& p;
+    const Ssim& p;
     int pitch;       // floats of a row
     float* across;   // rows of MAPS maps blurred across
     float* slopes;   // rows of SLOPES derivatives, also blurred across
 };
 
-struct SimilarityKernels {
+struct SsimKernels {
     void (*blur_row)(Plan&, int row, float* scratch);
     double (*compare_row)(Plan&, int row, float* scratch);
     void (*gradient_row)(Plan&, int row, float* scratch);
@@ -41,7 +41,7 @@ struct SimilarityKernels {
 
 }  // namespace
 
-#define F4X_FILE "similarity.cpp"
+#define F4X_FILE "ssim.cpp"
 #include "each_isa.hpp"
 
 namespace {
@@ -57,7 +57,7 @@ void each_row(const Plan& plan, const Work& work) {
 }  // namespace
 
 // Weighted sum over pixels of 1 - SSIM (mean over channels) in `*total`. Returns 1 when memory ran out.
-F4X_API int32_t f4x_dissimilarity(const Similarity* problem, double* total) {
+F4X_API int32_t f4x_dssim(const Ssim* problem, double* total) {
     try {
         // Kept by the calling thread, so that a training loop does not fault in fresh pages at every step.
         static thread_local Buffer<float> across, slopes;
@@ -106,7 +106,7 @@ F4X_HOT f8 blur_down(const float* window, const float* maps, int pitch, int coun
 }
 
 F4X_TARGET void blur_row(Plan& plan, int row, float* scratch) {
-    const Similarity& p = plan.p;
+    const Ssim& p = plan.p;
     const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
     std::memset(scratch, 0, sizeof(float) * MAPS * pitch);
     const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
@@ -123,7 +123,7 @@ F4X_TARGET void blur_row(Plan& plan, int row, float* scratch) {
 }
 
 F4X_TARGET double compare_row(Plan& plan, int row, float* scratch) {
-    const Similarity& p = plan.p;
+    const Ssim& p = plan.p;
     const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
     const f8 one = broadcast(1.0f), two = broadcast(2.0f), c1 = broadcast(p.c1), c2 = broadcast(p.c2);
     std::memset(scratch, 0, sizeof(float) * MAPS * pitch);
@@ -157,7 +157,7 @@ F4X_TARGET double compare_row(Plan& plan, int row, float* scratch) {
 }
 
 F4X_TARGET void gradient_row(Plan& plan, int row, float* scratch) {
-    const Similarity& p = plan.p;
+    const Ssim& p = plan.p;
     const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
     for (int x = 0; x < p.width; x += 8)
         for (int m = 0; m < SLOPES; ++m)
@@ -171,7 +171,7 @@ F4X_TARGET void gradient_row(Plan& plan, int row, float* scratch) {
                                        target[x * p.channels] * scratch[2 * pitch + x]);
 }
 
-const SimilarityKernels kernels = {blur_row, compare_row, gradient_row};
+const SsimKernels kernels = {blur_row, compare_row, gradient_row};
 
 #undef F4X_HOT
 

@@ -1,4 +1,4 @@
-"""The deformation of `deformation.py` for the fit: one sparse product per step, with hand-written gradients.
+"""The deformation of `reference` for the fit: one sparse product per step, with hand-written gradients.
 
 The blend is `A @ table` with a CSR matrix `A (N, P)` of signed weights; its gradient to the table is the product with
 the transposed matrix, and its gradient to the weights is the dot product of each stored entry's row and column. Both
@@ -11,12 +11,12 @@ from functools import cached_property
 import numpy as np
 import torch
 
-from ..geometry import dual_quaternion, quaternion
-from .deformation import COLLAPSED, SIGN_BAND, node_poses_at, pairs_of
-from .skinning import Kernel, skinning_weights
+from ...geometry import dual_quaternion, quaternion
+from ..skinning import Kernel, skinning_weights
+from .reference import COLLAPSED, SIGN_BAND, node_poses_at, pairs_of
 
 with warnings.catch_warnings():
-    # torch announces once per process that CSR tensors are in beta; nobody can act on it, so it is said to nobody.
+    # torch announces once per process that CSR tensors are in beta; nobody can act on it, so nobody sees it.
     warnings.simplefilter("ignore")
     torch.zeros(1, 1).to_sparse_csr()
 
@@ -259,7 +259,7 @@ class Deformer:
         return _Decode.apply(blended, strength)
 
     def relative_motions(self, xyz: torch.Tensor, quat: torch.Tensor, time: float) -> torch.Tensor:
-        """Return the table `(P, 8)` of unit dual quaternions, see `deformation.relative_motions`."""
+        """Return the table `(P, 8)` of unit dual quaternions, see `reference.relative_motions`."""
         x_now, q_now = node_poses_at(self.times, xyz, quat, time)
         x_then = xyz.reshape(-1, 3).index_select(0, self.then)
         q_then = quaternion.normalize(quat.reshape(-1, 4).index_select(0, self.then))
@@ -267,7 +267,7 @@ class Deformer:
         return _RelativeMotions.apply(now, dual_quaternion.from_pose(q_then, x_then))
 
     def slot_signs(self, table: torch.Tensor) -> torch.Tensor:
-        """Return `(N, K)` +1 or -1, without gradient, see `deformation.slot_signs`."""
+        """Return `(N, K)` +1 or -1, without gradient, see `reference.slot_signs`."""
         real = table.detach()[:, :4]
         attach, slot, edge_of_slot = self.edges
         dots = (real.index_select(0, attach) * real.index_select(0, slot)).sum(1)

@@ -1,0 +1,1 @@
+"""The compiled deformation: `library` for numpy arrays, without torch; `autograd` for tensors, with gradients."""
