@@ -19,13 +19,13 @@ import numpy as np
 
 from ..clip import Clip
 from ..errors import F4xError
+from ..evaluation.evaluate import evaluate, keep_measured, summary, without_frames
 from ..files import replace_file
 from ..fit.config import FitConfig, resolved
 from ..fit.earlier import Earlier
 from ..fit.pipeline import LEAST_FRAMES, fit_clip, require_enough
 from ..priors.config import config_hash
 from ..progress import Progress, silent
-from ..report.evaluation import evaluate, keep_measured, summary, without_frames
 from ..scene import Scene, read_scene, write_scene
 from ..scene.join import join_scenes
 

@@ -413,6 +413,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     modules |= {"query": "querying", "ask": "querying"}
     modules |= dict.fromkeys(("edit", "history", "undo", "redo", "bake"), "editing")
     modules |= {"models": "features", "distill": "distilling"}
+    modules |= {"bench": "laboratory", "report": "laboratory"}
     module = import_module(f".{modules.get(name, name)}", __package__)
     return getattr(module, f"run_{name}")
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from benchmarks.studies.toy_worlds import World, make_world
 from f4x_core.clip.images import as_bytes
 from f4x_core.geometry.camera import Camera
-from f4x_core.report.studies.toy_worlds import World, make_world
 
 UNIT = 2.5
 """Units of the captures in one of the world's."""

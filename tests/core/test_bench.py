@@ -2,10 +2,10 @@
 
 import json
 
+from benchmarks.speed.deformation import benchmark
+from benchmarks.speed.raster import compare_decoding, measure_memory, measure_thread_ceiling
 from f4x_core.cli.main import main
 from f4x_core.native import measure_peak, open_library
-from f4x_core.raster.benchmark import compare_decoding, measure_memory, measure_thread_ceiling
-from f4x_core.scaffold.benchmark import benchmark
 
 
 def test_forms_of_the_deformation_agree_and_are_timed():

@@ -4,20 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.studies import stability
+from benchmarks.studies.hard_cases import Case, Check, limited, load_cases, refused, run_case, that, told, within
+from benchmarks.study import Context, MissingError
 from f4x_core.errors import F4xError
-from f4x_core.report.studies import stability
-from f4x_core.report.studies.hard_cases import (
-    Case,
-    Check,
-    limited,
-    load_cases,
-    refused,
-    run_case,
-    that,
-    told,
-    within,
-)
-from f4x_core.report.study import Context, MissingError
 
 CASES = load_cases(stability.CATALOGUE)
 
@@ -43,7 +33,7 @@ def write_case(folder: Path, body: str, doc: str = "Title.\n\nHard: a.\n\nWhy: b
     return folder
 
 
-CHECK = "from f4x_core.report.studies.hard_cases import that\nSTAGE = 'scene'\ndef check():\n"
+CHECK = "from benchmarks.studies.hard_cases import that\nSTAGE = 'scene'\ndef check():\n"
 
 
 def test_a_file_becomes_a_case(tmp_path):

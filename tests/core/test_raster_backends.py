@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.speed.raster import benchmark, make_wavy_scene
 from f4x_core.errors import F4xError
 from f4x_core.raster import RasterConfig, choose_backend, rasterize
-from f4x_core.raster.benchmark import benchmark, make_wavy_scene
 from f4x_core.raster.light import light_into
 
 WIDTH, HEIGHT = 61, 45

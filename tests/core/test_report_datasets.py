@@ -10,14 +10,7 @@ from data_sets import HIDDEN, UNIT, keypoints, toy, write_davis, write_dycheck, 
 from PIL import Image
 from scipy.signal import convolve2d
 
-from f4x_core.clip import read_clip
-from f4x_core.clip.images import as_bytes
-from f4x_core.clip.novel import measured_width, read_annotations, read_keypoints, read_moving, read_novel_cameras
-from f4x_core.errors import F4xError
-from f4x_core.features.spec import FeatureSpec
-from f4x_core.features.teachers import TeacherEntry
-from f4x_core.query.segmentation import shrink
-from f4x_core.report.picture_metrics import (
+from benchmarks.quality.picture_metrics import (
     masked_psnr,
     masked_ssim,
     psnr_bytes,
@@ -25,8 +18,9 @@ from f4x_core.report.picture_metrics import (
     score_confusion,
     ssim_bytes,
 )
-from f4x_core.report.studies import datasets, protocols, view_questions
-from f4x_core.report.studies.protocols import (
+from benchmarks.studies import datasets, protocols, view_questions
+from benchmarks.studies.novel import measured_width, read_annotations, read_keypoints, read_moving, read_novel_cameras
+from benchmarks.studies.protocols import (
     DYCHECK,
     NERFIES,
     NVIDIA,
@@ -35,9 +29,15 @@ from f4x_core.report.studies.protocols import (
     score_picture,
     score_views,
 )
-from f4x_core.report.studies.supplement import FOLLOWED, LABELLED, VIEWS
-from f4x_core.report.studies.toy_fits import shorten
-from f4x_core.report.study import Context, MissingError
+from benchmarks.studies.supplement import FOLLOWED, LABELLED, VIEWS
+from benchmarks.studies.toy_fits import shorten
+from benchmarks.study import Context, MissingError
+from f4x_core.clip import read_clip
+from f4x_core.clip.images import as_bytes
+from f4x_core.errors import F4xError
+from f4x_core.features.spec import FeatureSpec
+from f4x_core.features.teachers import TeacherEntry
+from f4x_core.query.segmentation import shrink
 from f4x_core.scene.view import render
 
 SCENES = {"nvidia/Balloon1": [12], "dycheck/paper-windmill": [6, 5], "nerfies/tail": [12]}

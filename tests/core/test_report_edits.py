@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene
 
+from benchmarks.quality import labels
+from benchmarks.quality.edits_against_truth import EDITS, score_edits
 from f4x_core.cli import main
 from f4x_core.errors import F4xError
+from f4x_core.evaluation.truth import ExtraCamera, TrueClip
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.report import labels
-from f4x_core.report.edits import EDITS, score_edits
-from f4x_core.report.truth import ExtraCamera, TrueClip
 from f4x_core.scene import write_scene
 from f4x_core.scene.view import render
 

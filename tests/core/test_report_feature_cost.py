@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene
 
+from benchmarks.speed import feature_cost
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.features.teachers import TeacherEntry
 from f4x_core.fit.distil_config import DistilConfig
 from f4x_core.query.segmentation import shrink
-from f4x_core.report import feature_cost
 from f4x_core.scene.view import render
 
 

@@ -8,15 +8,15 @@ import pytest
 import torch
 from scipy.ndimage import binary_erosion, map_coordinates
 
+from benchmarks.catalogue import STUDIES
+from benchmarks.runner import run_studies
+from benchmarks.studies import ablations, fit_studies, latent_studies, needs_studies, toy_fits, toy_worlds
+from benchmarks.studies.supplement import DIMENSIONS, LABELLED, OURS
+from benchmarks.studies.toy_features import label_vectors, score_views, world_maps
+from benchmarks.study import Context
+from f4x_core.evaluation.truth import into_scene
 from f4x_core.fit.config import profile
 from f4x_core.geometry import dual_quaternion, pose, quaternion
-from f4x_core.report.catalogue import STUDIES
-from f4x_core.report.runner import run_studies
-from f4x_core.report.studies import ablations, fit_studies, latent_studies, needs_studies, toy_fits, toy_worlds
-from f4x_core.report.studies.supplement import DIMENSIONS, LABELLED, OURS
-from f4x_core.report.studies.toy_features import label_vectors, score_views, world_maps
-from f4x_core.report.study import Context
-from f4x_core.report.truth import into_scene
 
 SIZE = 48, 10
 

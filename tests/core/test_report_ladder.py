@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from benchmarks.studies import oracle_ladder
+from benchmarks.studies.oracle_ladder import RUNGS, mix_priors, mixtures, prior_errors
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors
-from f4x_core.report.studies import oracle_ladder
-from f4x_core.report.studies.oracle_ladder import RUNGS, mix_priors, mixtures, prior_errors
 
 FRAMES, HEIGHT, WIDTH = 5, 12, 20
 UNIT = 1.6

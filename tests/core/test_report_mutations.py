@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.studies import mutations
+from benchmarks.studies.mutations import MUTATIONS, ROOT, failing_tests, try_mutation
+from benchmarks.study import Context
 from f4x_core.errors import F4xError
-from f4x_core.report.studies import mutations
-from f4x_core.report.studies.mutations import MUTATIONS, ROOT, failing_tests, try_mutation
-from f4x_core.report.study import Context
 
 FORMULA = "dual = 0.5 * quaternion.multiply(pure, q)\n"
 

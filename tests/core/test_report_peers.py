@@ -7,13 +7,13 @@ import types
 import pytest
 import torch
 
+from benchmarks.catalogue import choose
+from benchmarks.runner import run_studies
+from benchmarks.studies import peers, raster_curves
+from benchmarks.study import Context
 from f4x_core.geometry.quaternion import to_matrix
 from f4x_core.raster import RasterConfig
 from f4x_core.raster.reference import project_ewa
-from f4x_core.report.catalogue import choose
-from f4x_core.report.runner import run_studies
-from f4x_core.report.studies import peers, raster_curves
-from f4x_core.report.study import Context
 
 NAMES = ("gsplat", "torch-splatting", "OpenSplat")
 

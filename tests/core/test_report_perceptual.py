@@ -9,14 +9,14 @@ import torch
 from data_sets import toy, write_dycheck
 from torch import nn
 
+from benchmarks.studies import toy_fits
+from benchmarks.studies.novel import read_novel_cameras
+from benchmarks.studies.protocols import score_picture
+from benchmarks.study import Context
 from f4x_core.cli import main
 from f4x_core.clip import read_clip, write_images
-from f4x_core.clip.novel import read_novel_cameras
-from f4x_core.report import perceptual_distance
-from f4x_core.report.perceptual_distance import lpips, lpips_bytes, lpips_missing, masked_lpips
-from f4x_core.report.studies import toy_fits
-from f4x_core.report.studies.protocols import score_picture
-from f4x_core.report.study import Context
+from f4x_core.evaluation import perceptual_distance
+from f4x_core.evaluation.perceptual_distance import lpips, lpips_bytes, lpips_missing, masked_lpips
 from f4x_core.scene import write_scene
 
 FACTOR = 3.0

@@ -8,15 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from f4x_core.cli.main import main
-from f4x_core.errors import Cancelled, F4xError
-from f4x_core.report import catalogue, runner
-from f4x_core.report.halves import RENDERED
-from f4x_core.report.publication import publish, results_page
-from f4x_core.report.report_page import as_markdown, told, write_page
-from f4x_core.report.runner import run_studies
-from f4x_core.report.studies import clip_studies
-from f4x_core.report.study import (
+from benchmarks import catalogue, runner
+from benchmarks.halves import RENDERED
+from benchmarks.publication import publish, results_page
+from benchmarks.report_page import as_markdown, told, write_page
+from benchmarks.runner import run_studies
+from benchmarks.studies import clip_studies
+from benchmarks.study import (
     SECTIONS,
     Context,
     Figure,
@@ -28,6 +26,8 @@ from f4x_core.report.study import (
     pareto_front,
     time_rows,
 )
+from f4x_core.cli.main import main
+from f4x_core.errors import Cancelled, F4xError
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 CALLS: list[str] = []
@@ -54,7 +54,7 @@ def measure_nothing(context):
 @pytest.fixture
 def studies(monkeypatch):
     CALLS.clear()
-    here = "f4x_core.report.probe"
+    here = "benchmarks.probe"
     monkeypatch.setitem(sys.modules, here, sys.modules[__name__])
     made = tuple(
         Study(name, "speed", f"Title of {name}", "Why?", f".probe:measure_{name}")

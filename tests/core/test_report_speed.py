@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks import report_page
+from benchmarks.catalogue import choose
+from benchmarks.runner import run_studies
+from benchmarks.studies import deformation_curves, kernel_shares, neighbour_curves, raster_curves, storage
+from benchmarks.studies.rigid_mean import exponential, logarithm, rigid_mean
+from benchmarks.study import Context
 from f4x_core.geometry import pose, quaternion
 from f4x_core.native import open_library
-from f4x_core.report import report_page
-from f4x_core.report.catalogue import choose
-from f4x_core.report.runner import run_studies
-from f4x_core.report.studies import deformation_curves, kernel_shares, neighbour_curves, raster_curves, storage
-from f4x_core.report.studies.rigid_mean import exponential, logarithm, rigid_mean
-from f4x_core.report.study import Context
 
 RASTER = ["backends", "precision-and-cut-offs", "tiles", "channels", "size", "count", "gradients"]
 STUDIES = [f"raster-{name}" for name in RASTER]

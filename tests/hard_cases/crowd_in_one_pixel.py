@@ -7,7 +7,7 @@ Why: the light is used up after 13 of them; the rest must neither overflow a buf
 Must hold: the front ones decide, and those behind get a gradient of exactly 0.
 """
 
-from f4x_core.report.studies.hard_cases import that, within
+from benchmarks.studies.hard_cases import that, within
 
 from .common.drawing import backends, rasterize, torch, wavy
 
