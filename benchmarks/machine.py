@@ -11,7 +11,8 @@ from pathlib import Path
 from f4x_core import __version__
 
 CPU_FILE = Path("/proc/cpuinfo")
-PACKAGE = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("f4x_core", "benchmarks")
 SOURCES = ("*.py", "*.cpp", "*.hpp")
 
 
@@ -37,10 +38,10 @@ def describe_machine() -> dict[str, str | int]:
 
 @cache
 def digest_source() -> str:
-    """Short hash of the package's source when first asked: figures with another one were measured by other code."""
+    """Short hash of both packages' source when first asked: figures with another one were measured by other code."""
     digest = hashlib.sha256()
-    for file in sorted(file for pattern in SOURCES for file in PACKAGE.rglob(pattern)):
-        digest.update(file.relative_to(PACKAGE).as_posix().encode() + b"\0" + file.read_bytes())
+    for file in sorted(file for name in PACKAGES for pattern in SOURCES for file in (ROOT / name).rglob(pattern)):
+        digest.update(file.relative_to(ROOT).as_posix().encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:12]
 
 

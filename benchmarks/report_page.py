@@ -135,7 +135,7 @@ def _table(table: Record) -> str:
 
 def _markdown_table(table: Record, study: str) -> str:
     parts = [f"{table['title']}\n"] if table["title"] else []
-    count, data = len(table["rows"]), f"[{study}.json](results/{study}.json)"
+    count, data = len(table["rows"]), f"[{study}.json](../benchmarks/results/{study}.json)"
     rows = [_with_spans(row) for row in table["rows"]]
     columns = [column for column in _columns(rows) if any(row.get(column) not in (None, "") for row in rows)]
     lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]

@@ -35,7 +35,7 @@ def score_edits(
 
     `PROMPT_EDIT_FIGURE_KIND`. Prompts: `mask` and `point` on the first frame that shows the subject, `text` with `label`,
     `moving` = everything that the scaffold carries, and `truth` = Gaussians with most of their light inside the true
-    masks of all frames: as good as whole Gaussians of this scene can do. Figures: those of `edit.benchmark.measure_edit`,
+    masks of all frames: as good as whole Gaussians of this scene can do. Figures: those of `edits.measure_edit`,
     means over views. Kinds: `original`, all frames of the clip; `novel`, its extra cameras where the fitted path allows to
     place them.
 

@@ -34,6 +34,8 @@ BACKWARD_OPERATIONS, BACKWARD_CHANNEL_OPERATIONS = 47, 4
 LATENT, DECODED, LATENT_GAUSSIANS, STRIP = 32, 512, 50_000, 8
 MEMORY_GAUSSIANS, MEMORY_CHANNELS = 200_000, 35
 MEGABYTE = 2**20
+CHECKOUT = Path(__file__).resolve().parents[2]
+"""Where a child process finds this module."""
 PEAK_SECONDS = 0.05
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmat")
 Draw = Callable[..., "torch.Tensor"]
@@ -169,7 +171,7 @@ def measure_memory(
         return None
     call = f"report_memory({gaussians}, {channels}, {width}, {height})"
     command = [sys.executable, "-c", f"from {__name__} import report_memory; {call}"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = subprocess.run(command, cwd=CHECKOUT, capture_output=True, text=True, check=True)
     return json.loads(done.stdout)
 
 

@@ -1,6 +1,6 @@
 """The rasteriser's speed against its error: backends, precisions, cut-offs, tiles, channels, sizes, counts, gradients.
 
-Everything is measured on `raster.benchmark.make_wavy_scene`: sheets of splats as large as their spacing, about 40 of which
+Everything is measured on `speed.raster.make_wavy_scene`: sheets of splats as large as their spacing, about 40 of which
 contribute to a pixel. Errors are those of the picture (colours in [0, 1]) and of every gradient (relative L2 norm).
 """
 

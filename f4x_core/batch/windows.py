@@ -175,7 +175,7 @@ def _one_of(what: str, number: int, count: int, progress: Progress) -> Progress:
 def evaluate_shot(
     scene: Scene, shot: Shot, read: Callable[[int, int], Clip], backend: str = "auto", progress: Progress = silent
 ) -> dict[str, Any]:
-    """What `report.evaluation.evaluate` tells of the joined scene, read a window at a time, and of its seams.
+    """What `evaluation.evaluate.evaluate` tells of the joined scene, read a window at a time, and of its seams.
 
     `seam_psnr` and `rest_psnr` (dB) are means over the used frames that two windows share and over the others.
     """

@@ -24,6 +24,7 @@ def test_the_formula_is_there_once_and_its_tests_exist(mutation):
 def small_checkout(folder: Path, test: str) -> Path:
     (folder / "f4x_core" / "geometry").mkdir(parents=True)
     (folder / "tests" / "core").mkdir(parents=True)
+    (folder / "benchmarks").mkdir()
     (folder / "f4x_core" / "geometry" / "dual_quaternion.py").write_text(FORMULA)
     (folder / "tests" / "core" / "test_one.py").write_text(test)
     for name in ("pyproject.toml", "__init__.py"):

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import catalogue, runner
 from benchmarks.halves import RENDERED
-from benchmarks.publication import publish, results_page
+from benchmarks.publication import PAGE, RESULTS, publish, results_page
 from benchmarks.report_page import as_markdown, told, write_page
 from benchmarks.runner import run_studies
 from benchmarks.studies import clip_studies
@@ -165,20 +165,20 @@ def test_real_clips_are_asked_for_in_one_sentence(tmp_path):
 
 
 def test_the_page_of_results_is_what_its_data_say():
-    page = (DOCS / "results.md").read_text(encoding="utf-8")
-    assert page == results_page(DOCS / "results"), "run `python3 scripts/dev.py results`"
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == results_page(RESULTS), "run `python3 scripts/dev.py results`"
 
 
 def test_a_report_is_taken_over_into_the_results(studies, tmp_path):
     run_studies(studies, tmp_path / "report", Context(tmp_path, quick=True))
-    publish(tmp_path, tmp_path / "report")
+    publish(tmp_path / "results.md", tmp_path / "results", tmp_path / "report")
     assert [file.name for file in (tmp_path / "results").iterdir()] == ["well.json"]  # the others measured nothing
     assert "| b | 2 | 1e-06 |" in (tmp_path / "results.md").read_text()
 
 
 def test_the_page_of_results_names_the_machine_of_each_study_where_there_were_several(studies, tmp_path):
     run_studies(studies, tmp_path / "report", Context(tmp_path, quick=True))
-    publish(tmp_path, tmp_path / "report")
+    publish(tmp_path / "results.md", tmp_path / "results", tmp_path / "report")
     file = tmp_path / "results" / "well.json"
     record = json.loads(file.read_text())
     here = record["machine"]["processor"]
