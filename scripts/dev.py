@@ -33,7 +33,7 @@ VERBS = {
     "kernels": "compile the native library; with --all for every platform of the extension, by the package ziglang",
     "extension": "feature4x-VERSION.zip for Blender, in -o DIR; with --all with the kernels of every platform",
     "blender": "install, scripts and window in a real Blender, in a Debian of its own; says SKIPPED unless root and network allow",
-    "results": "docs/results.md from docs/results/, after taking over the measurements of the report in DIR where one is given",
+    "results": "docs/results.md from benchmarks/results/, after taking over what the report in DIR measured, where one is given",
     "setup": "only make .venv, install what is pinned, and build the native kernel",
 }
 
@@ -171,7 +171,7 @@ def main() -> int:
     if args.verb == "kernels":
         return kernels(args.options)
     if args.verb == "results":
-        return run(["-m", "f4x_core.report.publication", "docs", *args.options])
+        return run(["-m", "benchmarks.publication", *args.options])
     if args.verb == "extension":
         return extension(args.options)
     if args.verb == "blender":

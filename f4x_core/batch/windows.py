@@ -19,13 +19,13 @@ import numpy as np
 
 from ..clip import Clip
 from ..errors import F4xError
+from ..evaluation.evaluate import evaluate, keep_measured, summary, without_frames
 from ..files import replace_file
 from ..fit.config import FitConfig, resolved
 from ..fit.pipeline import MIN_FRAMES, ClipFit, require_enough
 from ..fit.previous_window import PreviousWindow, WindowFit
 from ..priors.config import config_hash
 from ..progress import Progress, silent
-from ..report.evaluation import evaluate, keep_measured, summary, without_frames
 from ..scene import Scene, read_scene, write_scene
 from ..scene.join import join_scenes
 
@@ -176,7 +176,7 @@ def _one_of(what: str, number: int, count: int, progress: Progress) -> Progress:
 def evaluate_shot(
     scene: Scene, shot: Shot, read: Callable[[int, int], Clip], backend: str = "auto", progress: Progress = silent
 ) -> dict[str, Any]:
-    """What `report.evaluation.evaluate` tells of the joined scene, read a window at a time, and of its seams.
+    """What `evaluation.evaluate.evaluate` tells of the joined scene, read a window at a time, and of its seams.
 
     `seam_psnr` and `rest_psnr` (dB) are means over the used frames that two windows share and over the others.
     """

@@ -19,12 +19,12 @@ from typing import Any
 from ..clip import Clip
 from ..clip.video import write_video
 from ..errors import F4xError
+from ..evaluation.contact_sheet import contact_sheet
+from ..evaluation.truth import score_against_truth
 from ..files import json_text, replace_file
 from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress
-from ..report.contact_sheet import contact_sheet
-from ..report.truth import score_against_truth
 from ..scene import Scene, read_scene
 from ..scene.view import render_trajectory
 from .fitting import clip_of, config_of, fit_to_folder

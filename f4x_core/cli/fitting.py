@@ -16,6 +16,7 @@ from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows
 from ..clip import Clip, read_clip
 from ..clip.stream import Survey, claimed_frames, survey
 from ..errors import F4xError
+from ..evaluation.evaluate import evaluate, keep_measured
 from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file
@@ -25,7 +26,6 @@ from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import MIN_FRAMES, fit_clip, require_enough
 from ..priors import build_priors
 from ..progress import Progress
-from ..report.evaluation import evaluate, keep_measured
 from ..scene import Scene
 from .checks import listed_teachers
 from .distilling import distill_into

@@ -336,7 +336,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     verb("doctor", "What this machine has, and whether it works.")
 
-    sub = verb("bench", "Speed against error of the kernels on this machine.")
+    sub = verb("bench", "Speed against error of the kernels on this machine; needs a checkout.")
     sub.add_argument("what", choices=("raster", "deform", "features", "edit", "scale"))
     sub.add_argument("--clips", type=int, default=8, metavar="N", help="small clips that are fitted, 0 to 8 (scale)")
     sub.add_argument(
@@ -384,7 +384,9 @@ def build_parser() -> argparse.ArgumentParser:
         help="SAM 2 without its encoder against the whole; with random weights where no MODEL is given (features)",
     )
 
-    sub = verb("report", "Speed against error, hard cases, needs: one page of measurements, and its data.")
+    sub = verb(
+        "report", "Speed against error, hard cases, needs: one page of measurements, and its data; needs a checkout."
+    )
     output_option(sub, required=True)
     sub.add_argument("--quick", action="store_true", help="small sizes: the whole report in about 15 minutes")
     sub.add_argument("--only", metavar="NAME[,NAME]", help="studies, or parts: speed, stability, needs, …")
@@ -413,6 +415,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     modules |= {"query": "querying", "ask": "querying"}
     modules |= dict.fromkeys(("edit", "history", "undo", "redo", "bake"), "editing")
     modules |= {"models": "features", "distill": "distilling"}
+    modules |= {"bench": "laboratory", "report": "laboratory"}
     module = import_module(f".{modules.get(name, name)}", __package__)
     return getattr(module, f"run_{name}")
 

@@ -10,11 +10,11 @@ from typing import Any
 from ..clip import read_clip
 from ..edit.apply import open_scene
 from ..errors import F4xError
+from ..evaluation.evaluate import evaluate, without_frames
+from ..evaluation.perceptual_distance import lpips_missing
+from ..evaluation.tracking import joint_accuracy
+from ..evaluation.truth import score_against_truth
 from ..progress import Progress
-from ..report.evaluation import evaluate, without_frames
-from ..report.perceptual_distance import lpips_missing
-from ..report.tracking import joint_accuracy
-from ..report.truth import score_against_truth
 
 
 def run_eval(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

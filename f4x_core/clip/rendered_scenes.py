@@ -191,7 +191,7 @@ SCENES = {
         RenderedScene("horizon", "field", CameraMove("sweep", 0.1), _HORIZON, props=5, look=5),
     )
 }
-"""By name. `report.halves.RENDERED` says which of them constants are chosen on."""
+"""By name. `benchmarks.halves.RENDERED` says which of them constants are chosen on."""
 
 
 def scenes_named(names: Sequence[str]) -> list[RenderedScene]:

@@ -120,7 +120,7 @@ def findings(
 ) -> list[Finding]:
     """Everything worth telling, problems first, and among findings of equal weight those of the geometry.
 
-    `metrics`: the result of `report.evaluation.evaluate`. `picked`: that of the clip, for advice on `--frames`.
+    `metrics`: the result of `evaluation.evaluate.evaluate`. `picked`: that of the clip, for advice on `--frames`.
     `profile`: the settings it was fitted with; only the short one is advised to take more steps.
     """
     found = [

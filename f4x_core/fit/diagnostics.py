@@ -40,7 +40,7 @@ DEPTH_QUANTILES = (0.02, 0.98)
 
 @dataclass(frozen=True)
 class ScoreRow:
-    """A row of the score table; columns are names of `report.evaluation.summary` without `used_` and `held_out_`."""
+    """A row of the score table; columns are names of `evaluation.evaluate.summary` without `used_` and `held_out_`."""
 
     title: str
     held_out: str
@@ -102,7 +102,7 @@ def write_diagnostics(
         path: the HTML file.
         clip: the clip that was fitted.
         result: what the fit left.
-        metrics: the result of `report.evaluation.evaluate`: its means, and rows of single frames under `frames`.
+        metrics: the result of `evaluation.evaluate.evaluate`: its means, and rows of single frames under `frames`.
         pictures: the scene's worst frames and its views aside.
 
     Raises:

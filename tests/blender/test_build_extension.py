@@ -47,4 +47,6 @@ def test_only_libraries_of_the_present_sources_are_packed(used_tree, tmp_path):
         names = archive.namelist()
     packed = {Path(name).name for name in names if BUILT in name and not name.endswith("/")}
     assert packed == {library_path(target).name for target in ("linux-x86_64", "windows-x86_64")}
-    assert "addon/registration.py" in names and not any(name.startswith(("tests/", "docs/")) for name in names)
+    assert "addon/registration.py" in names and not any(
+        name.startswith(("tests/", "docs/", "benchmarks/")) for name in names
+    )

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from f4x_core.batch import long_benchmark
-from f4x_core.batch.benchmark import leave_one_out, measure_growth, measure_overhead
+from benchmarks.speed import long_clips as long_benchmark
+from benchmarks.speed.batch import leave_one_out, measure_growth, measure_overhead
 from f4x_core.batch.cost import Size, fit_costs
 from f4x_core.cli import main
 from f4x_core.clip import write_images

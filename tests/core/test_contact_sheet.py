@@ -9,7 +9,7 @@ from random_scene import FRAMES, HEIGHT, WIDTH, random_scene
 from f4x_core.clip import Clip
 from f4x_core.clip.images import as_bytes
 from f4x_core.errors import F4xError
-from f4x_core.report.contact_sheet import COLUMNS, contact_sheet
+from f4x_core.evaluation.contact_sheet import COLUMNS, contact_sheet
 from f4x_core.scene.moments import centre_depth
 from f4x_core.scene.picture import GAP, LABEL_HEIGHT, MARGIN
 from f4x_core.scene.view import render

@@ -28,8 +28,8 @@ from f4x_core.edit.operations import (
 )
 from f4x_core.edit.selects import All, Ids, Moving, Named, Not
 from f4x_core.edit.stack import of, with_stack
+from f4x_core.evaluation.evaluate import psnr
 from f4x_core.query.prompts import select_by_text
-from f4x_core.report.evaluation import psnr
 from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.view import render
 

@@ -6,8 +6,8 @@ from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
 from scipy import ndimage
 from stub_server import client, saying, stub_server
 
+from benchmarks.quality.edits import measure_edit, measure_flicker, try_faults
 from f4x_core.edit.apply import with_operations
-from f4x_core.edit.benchmark import measure_edit, measure_flicker, try_faults
 from f4x_core.edit.judge import (
     MEASURED,
     STILL,

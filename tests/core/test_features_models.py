@@ -12,11 +12,11 @@ transformers = pytest.importorskip("transformers")
 
 import tiny_models  # noqa: E402
 
+from benchmarks.speed.sam2_bypass import compare_bypass  # noqa: E402
 from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
 from f4x_core.features.memory import memory_guard  # noqa: E402
 from f4x_core.features.models import CHECKPOINTS, depth, loading, providers, sam2, smolvlm, textimage  # noqa: E402
-from f4x_core.features.models.bypass import compare_bypass  # noqa: E402
 from f4x_core.features.models.prompt import check_prompt  # noqa: E402
 from f4x_core.features.precomputed import LAYOUTS  # noqa: E402
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor  # noqa: E402

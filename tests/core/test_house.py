@@ -19,13 +19,14 @@ ROOMS = (
         "features",
         "scene",
         "fit",
+        "evaluation",
         "query",
         "edit",
     ),
-    *("report", "batch", "agent", "cli"),
+    *("batch", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
-SHARED = ("errors", "files", "page", "progress", "timing", "processes", "installation", "__init__", "__main__")
+SHARED = ("errors", "files", "page", "progress", "processes", "installation", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
 TORCH_FREE = (
     "native",
@@ -67,7 +68,10 @@ def sources(*folders: str) -> list[Path]:
 
 
 CORE = sources("f4x_core")
-EVERYTHING = sources("f4x_core", "addon", "scripts")
+LABORATORY = sources("benchmarks")
+EVERYTHING = [*CORE, *LABORATORY, *sources("addon", "scripts")]
+DOOR = "f4x_core/cli/laboratory.py"
+"""The one file of the core that loads `benchmarks`, by importlib, where a checkout has it."""
 
 
 def name_of(file: Path) -> str:
@@ -123,6 +127,15 @@ def wrong_arrows(source: str, path: str) -> list[str]:
     return wrong
 
 
+def laboratory_names(source: str, path: str) -> list[str]:
+    """Where a file of the core imports `benchmarks` or names a module of it; the door may do the latter."""
+    tree = ast.parse(source)
+    found = [f"{line}: {module}" for line, module in imports(tree, ("",)) if module.split(".")[0] == "benchmarks"]
+    texts = [node for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    modules = [node for node in texts if node.value == "benchmarks" or node.value.startswith("benchmarks.")]
+    return found + [f"{node.lineno}: {node.value}" for node in modules if path != DOOR]
+
+
 def unsafe(source: str) -> list[str]:
     """What may run bytes or text as code."""
     tree, found = ast.parse(source), []
@@ -158,6 +171,18 @@ def test_wheels_are_imported_where_they_are_allowed(file):
     assert loaded & banned == set()
 
 
+@pytest.mark.parametrize("file", CORE, ids=name_of)
+def test_nothing_in_the_core_knows_the_laboratory(file):
+    assert laboratory_names(file.read_text(encoding="utf-8"), name_of(file)) == []
+
+
+@pytest.mark.parametrize("file", LABORATORY, ids=name_of)
+def test_the_laboratory_uses_the_core_and_nothing_of_the_addon(file):
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    modules = {module.split(".")[0] for _, module in imports(tree, file.relative_to(ROOT).parts[:-1])}
+    assert not modules & {"addon", "bpy", "scripts", "tests"}
+
+
 @pytest.mark.parametrize("file", sources("addon"), ids=name_of)
 def test_the_addon_uses_only_rooms_that_need_numpy_alone(file):
     parts = name_of(file).removesuffix(".py").split("/")
@@ -177,7 +202,7 @@ def test_nothing_runs_text_or_bytes_as_code(file):
         ("from ..fit.config import profile", "f4x_core/raster/tiles.py"),
         ("def f():\n    from ..raster import rasterize", "f4x_core/priors/flow.py"),
         ("from ..fit import model", "f4x_core/native/build.py"),
-        ("from .. import report", "f4x_core/fit/model.py"),
+        ("from .. import evaluation", "f4x_core/fit/model.py"),
         ("from .clip import Clip", "f4x_core/files.py"),
         ("from f4x_core.errors import F4xError", "f4x_core/fit/model.py"),
         ("import f4x_core", "f4x_core/cli/main.py"),
@@ -185,6 +210,19 @@ def test_nothing_runs_text_or_bytes_as_code(file):
 )
 def test_a_wrong_arrow_would_be_seen(source, path):
     assert wrong_arrows(source, path)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import benchmarks",
+        "def f():\n    from benchmarks.study import Context",
+        "import_module('benchmarks.study')",
+        "import_module(f'benchmarks.{name}')",
+    ],
+)
+def test_a_way_into_the_laboratory_would_be_seen(source):
+    assert laboratory_names(source, "f4x_core/fit/model.py")
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from labelled_scene import HEIGHT, VECTORS, WIDTH, field, labelled_scene, square_mask
 
+from benchmarks.quality import labels as truth_labels
+from f4x_core.evaluation.truth import SeenSurface
 from f4x_core.features.null import null_vector
 from f4x_core.geometry.camera import Camera
 from f4x_core.query import calibration, smoothing
@@ -17,8 +19,6 @@ from f4x_core.query.prompts import select_by_text
 from f4x_core.query.score import select
 from f4x_core.query.selection import Selection
 from f4x_core.query.smoothing import group, group_of
-from f4x_core.report import labels as truth_labels
-from f4x_core.report.truth import SeenSurface
 from f4x_core.scene.field import quantise
 
 NULL = np.float32([0.5, 0.5, 0.5, 0.5, 0, 0, 0, 0])

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.speed.raster import benchmark, draw, make_wavy_scene, view_of
 from f4x_core.errors import F4xError
 from f4x_core.raster import RasterConfig, RasterInput, choose_backend
-from f4x_core.raster.benchmark import benchmark, draw, make_wavy_scene, view_of
 from f4x_core.raster.blend_weights import blend_weight_sums
 
 WIDTH, HEIGHT = 61, 45

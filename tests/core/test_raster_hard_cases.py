@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.speed.raster import draw, make_wavy_scene
 from f4x_core.errors import F4xError
 from f4x_core.raster import RasterConfig, choose_backend
-from f4x_core.raster.benchmark import draw, make_wavy_scene
 
 WIDTH, HEIGHT, GAUSSIANS = 61, 45, 120
 LEAVES = ("means", "quats", "scales", "opacities", "colors", "viewmat")

@@ -8,9 +8,9 @@ import pytest
 import torch
 from test_raster_backends import HEIGHT, WIDTH, make_scene, many_splats, require
 
+from benchmarks.speed.raster import draw
 from f4x_core.errors import F4xError
 from f4x_core.raster import RasterConfig, choose_backend
-from f4x_core.raster.benchmark import draw
 
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "background")
 

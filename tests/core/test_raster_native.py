@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.speed.raster import draw, view_of
 from f4x_core.errors import F4xError
 from f4x_core.native import instruction_set
 from f4x_core.native.build import compile_command, find_compiler
 from f4x_core.raster import native
-from f4x_core.raster.benchmark import draw, view_of
 from f4x_core.raster.contract import RasterConfig, RasterInput
 from f4x_core.raster.native import library
 

@@ -8,12 +8,12 @@ import torch
 from random_scene import random_scaffold
 
 from f4x_core.clip import Clip
+from f4x_core.evaluation import evaluate as evaluation
+from f4x_core.evaluation.evaluate import blend_by_flow, evaluate, mask_scores, summary
+from f4x_core.evaluation.registration import MIN_POINTS, Registration, halfway_offset, near_used, register_camera
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera, CameraPath
 from f4x_core.geometry.spherical_harmonics import C0
-from f4x_core.report import evaluation
-from f4x_core.report.evaluation import blend_by_flow, evaluate, mask_scores, summary
-from f4x_core.report.registration import MIN_POINTS, Registration, halfway_offset, near_used, register_camera
 from f4x_core.scene import DynamicSet, Scene, StaticSet
 from f4x_core.scene.view import render
 
@@ -149,7 +149,7 @@ def test_points_in_one_corner_do_not_hold_a_camera(monkeypatch, one_thread):
     scene, clip, _ = world()
     elsewhere = np.ones((HEIGHT, WIDTH), bool)
     elsewhere[:46, :76] = False
-    monkeypatch.setattr("f4x_core.report.registration._near_motion", lambda dynamic: elsewhere)
+    monkeypatch.setattr("f4x_core.evaluation.registration._near_motion", lambda dynamic: elsewhere)
     found = register_camera(scene, clip, HELD_OUT)
     assert found.points > MIN_POINTS and not found.found
     np.testing.assert_array_equal(found.camera.world_to_camera, scene.cameras[HELD_OUT].world_to_camera)
@@ -157,7 +157,7 @@ def test_points_in_one_corner_do_not_hold_a_camera(monkeypatch, one_thread):
 
 def test_a_worse_camera_is_refused(monkeypatch, one_thread):
     scene, clip, truth = world()
-    monkeypatch.setattr("f4x_core.report.registration.resected", lambda start, *_: shaken(shaken(shaken(start))))
+    monkeypatch.setattr("f4x_core.evaluation.registration.resected", lambda start, *_: shaken(shaken(shaken(start))))
     found = register_camera(scene, clip, HELD_OUT)
     assert not found.found and miss(found.camera, truth) == miss(scene.cameras[HELD_OUT], truth)
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from benchmarks.halves import REAL, RENDERED, in_order
 from f4x_core.clip.rendered_motion import RESTITUTION, body_poses, camera_poses
 from f4x_core.clip.rendered_scenes import ALL, GRID_MOTIONS, GRID_PATHS, SCENES, Body, Way, scenes_named
 from f4x_core.clip.rendered_textures import PATTERNS, SIZE, texture
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
-from f4x_core.report.halves import REAL, RENDERED, in_order
 
 OPEN_AIR = [scene for scene in SCENES.values() if scene.setting in ("field", "yard")]
 MOVERS = [(scene, body) for scene in OPEN_AIR for body in scene.bodies if body.way is not None]

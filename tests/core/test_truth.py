@@ -14,9 +14,7 @@ from f4x_core.cli import main
 from f4x_core.clip import write_images
 from f4x_core.clip.images import as_bytes
 from f4x_core.errors import F4xError
-from f4x_core.geometry import quaternion, trajectory
-from f4x_core.geometry.camera import CameraPath
-from f4x_core.report.truth import (
+from f4x_core.evaluation.truth import (
     SeenSurface,
     align_cameras,
     depth_errors,
@@ -24,6 +22,8 @@ from f4x_core.report.truth import (
     rotation_error,
     score_against_truth,
 )
+from f4x_core.geometry import quaternion, trajectory
+from f4x_core.geometry.camera import CameraPath
 from f4x_core.scene import write_scene
 from f4x_core.scene.view import render
 

@@ -1,4 +1,4 @@
-"""Hard cases: one small file each. `f4x_core/report/studies/hard_cases.py` says how a file is laid out.
+"""Hard cases: one small file each. `benchmarks/studies/hard_cases.py` says how a file is laid out.
 
-`tests/core/test_hard_cases.py` runs them as tests, `f4x report --only stability` makes a table of them.
+`tests/benchmarks/test_hard_cases.py` runs them as tests, `f4x report --only stability` makes a table of them.
 """

@@ -9,7 +9,7 @@ Must hold: frame 999 is as exact as frame 1, and stored signs stay continuous al
 
 import numpy as np
 
-from f4x_core.report.studies.hard_cases import that
+from benchmarks.studies.hard_cases import that
 from f4x_core.scaffold.deformation import align_signs
 
 from .common.carrying import compare, turning

@@ -10,7 +10,7 @@ Must hold: every form gives the turn in between, in float32 as in float64, with 
 
 import numpy as np
 
-from f4x_core.report.studies.hard_cases import that
+from benchmarks.studies.hard_cases import that
 
 from .common.carrying import carry_plainly, compare, differentiate, torch, turning
 

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.studies.hard_cases import that, within
 from f4x_core.batch.windows import evaluate_shot, fit_shot, plan_shots
 from f4x_core.clip import Clip
-from f4x_core.report.studies.hard_cases import that, within
 from f4x_core.scene import read_scene
 
 from .common.film import film, mover, room

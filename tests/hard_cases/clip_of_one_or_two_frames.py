@@ -7,7 +7,7 @@ Why: a fit runs to its end and shows nonsense from anywhere but the camera.
 Must hold: refused before any work, with the number that is needed; three frames are fitted, and it is said they are few.
 """
 
-from f4x_core.report.studies.hard_cases import refused, told
+from benchmarks.studies.hard_cases import refused, told
 
 from .common.film import film, mover, room
 from .common.fitting import fit

@@ -10,7 +10,7 @@ Must hold: losses are 0, gradients are finite, and optimising leaves the scaffol
 import numpy as np
 import torch
 
-from f4x_core.report.studies.hard_cases import that, within
+from benchmarks.studies.hard_cases import that, within
 from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.losses import ArapEdges, arap_losses, smoothness_losses
 from f4x_core.scaffold.optimise import GeometryConfig, optimise_geometry

@@ -9,8 +9,8 @@ Must hold: colours and gradients are finite, in float32 those of float64.
 
 import torch
 
+from benchmarks.studies.hard_cases import that, within
 from f4x_core.gaussians import appearance
-from f4x_core.report.studies.hard_cases import that, within
 
 STAGE = "raster"
 

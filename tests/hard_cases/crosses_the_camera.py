@@ -7,7 +7,7 @@ Why: the background is hidden, flow cannot follow, and the mask covers nearly ev
 Must hold: no cut is seen where there is none, and it is said that points cannot be followed.
 """
 
-from f4x_core.report.studies.hard_cases import that
+from benchmarks.studies.hard_cases import that
 
 from .common.film import Card, checks, film, gliding, room
 from .common.fitting import fit, judge

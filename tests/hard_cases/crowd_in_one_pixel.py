@@ -7,8 +7,8 @@ Why: the light is used up after 13 of them; the rest must neither overflow a buf
 Must hold: the front ones decide, and those behind get a gradient of exactly 0.
 """
 
-from f4x_core.raster.benchmark import draw
-from f4x_core.report.studies.hard_cases import that, within
+from benchmarks.speed.raster import draw
+from benchmarks.studies.hard_cases import that, within
 
 from .common.drawing import backends, torch, wavy
 

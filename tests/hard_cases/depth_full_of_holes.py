@@ -7,7 +7,7 @@ Why: one NaN in a loss spoils every parameter; lifting a track without depth put
 Must hold: holes are said and stepped over; no depth at all is refused with advice.
 """
 
-from f4x_core.report.studies.hard_cases import refused, told
+from benchmarks.studies.hard_cases import refused, told
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge, np

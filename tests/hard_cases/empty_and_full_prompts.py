@@ -9,9 +9,9 @@ Must hold: nothing from nothing or a sentence, nearly all from all, another aspe
 
 import numpy as np
 
+from benchmarks.studies.hard_cases import Check, refused, that
 from f4x_core.errors import F4xError
 from f4x_core.query.prompts import select_by_mask
-from f4x_core.report.studies.hard_cases import Check, refused, that
 
 from .scene_of_one_and_of_a_thousand_frames import scene_of
 

@@ -7,7 +7,7 @@ Why: no moving pixel means no track, no scaffold, no dynamic Gaussian; means ove
 Must hold: a static scene, and it is said that nothing was taken to move.
 """
 
-from f4x_core.report.studies.hard_cases import that, told
+from benchmarks.studies.hard_cases import that, told
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge, np

@@ -7,8 +7,8 @@ Why: a sort that is not stable draws them in another order each time; a depth th
 Must hold: ties go by index everywhere, and the picture is the same twice.
 """
 
-from f4x_core.raster.benchmark import draw
-from f4x_core.report.studies.hard_cases import that
+from benchmarks.speed.raster import draw
+from benchmarks.studies.hard_cases import that
 
 from .common.drawing import backends, compare, wavy
 

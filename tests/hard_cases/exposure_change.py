@@ -7,7 +7,7 @@ Why: the same thing has another colour in every frame; the scene becomes their m
 Must hold: it is said that the exposure changes, and by how much.
 """
 
-from f4x_core.report.studies.hard_cases import told, within
+from benchmarks.studies.hard_cases import told, within
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge

@@ -7,7 +7,7 @@ Why: a case that is hard only because films are small would prove nothing.
 Must hold: unseen frames are right, the camera counts as moving, something moves and no cut or exposure is spoken of.
 """
 
-from f4x_core.report.studies.hard_cases import that
+from benchmarks.studies.hard_cases import that
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge

@@ -7,8 +7,8 @@ Why: whatever compares neighbouring frames takes a flash for two cuts.
 Must hold: no cut is found in them; a cut among them is.
 """
 
+from benchmarks.studies.hard_cases import that
 from f4x_core.clip.changes import find_changes
-from f4x_core.report.studies.hard_cases import that
 
 from .common.film import film, mover, np, room
 

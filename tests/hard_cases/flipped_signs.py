@@ -9,7 +9,7 @@ Must hold: the motion at a clip frame does not depend on them.
 
 import numpy as np
 
-from f4x_core.report.studies.hard_cases import within
+from benchmarks.studies.hard_cases import within
 
 from .common.carrying import carry_plainly, compare, differentiate, torch, turning
 

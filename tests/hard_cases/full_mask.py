@@ -7,7 +7,7 @@ Why: there is no background to find cameras by, and no static Gaussian to begin 
 Must hold: it fits, and it is said that the background is hardly seen.
 """
 
-from f4x_core.report.studies.hard_cases import told
+from benchmarks.studies.hard_cases import told
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge, np

@@ -7,7 +7,7 @@ Why: one scene is made of two, and every camera of the second half is invented.
 Must hold: it is said that the clip holds two shots, and at which frame to part them.
 """
 
-from f4x_core.report.studies.hard_cases import told
+from benchmarks.studies.hard_cases import told
 
 from .common.film import Card, checks, film, mover, room, standing
 from .common.fitting import fit, judge

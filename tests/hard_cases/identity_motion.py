@@ -7,7 +7,7 @@ Why: norms of differences and angles are 0, and the derivative of a square root 
 Must hold: nothing moves, and gradients are finite and those of float64.
 """
 
-from f4x_core.report.studies.hard_cases import within
+from benchmarks.studies.hard_cases import within
 
 from .common.carrying import carry_plainly, compare, differentiate, np, torch, turning
 

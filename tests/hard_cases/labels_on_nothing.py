@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
+from benchmarks.studies.hard_cases import refused, that, within
 from f4x_core.query.score import average_precision, overlap, text_scores
-from f4x_core.report.studies.hard_cases import refused, that, within
 
 STAGE = "query"
 

@@ -10,7 +10,7 @@ behind a hole, or the cause is said.
 
 from dataclasses import replace
 
-from f4x_core.report.studies.hard_cases import that
+from benchmarks.studies.hard_cases import that
 
 from .common.film import Card, checks, film, gliding, np, room, standing, trace
 from .common.fitting import fit, judge

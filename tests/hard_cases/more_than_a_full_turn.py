@@ -9,7 +9,7 @@ Must hold: at every quarter of a frame the forms agree with float64, and no Gaus
 
 import numpy as np
 
-from f4x_core.report.studies.hard_cases import that, within
+from benchmarks.studies.hard_cases import that, within
 
 from .common.carrying import carry_plainly, compare, differentiate, torch, turning
 

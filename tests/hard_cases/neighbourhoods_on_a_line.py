@@ -9,8 +9,8 @@ Must hold: every rotation is proper and finite, and what is not determined does 
 
 import numpy as np
 
+from benchmarks.studies.hard_cases import that, within
 from f4x_core.geometry import quaternion
-from f4x_core.report.studies.hard_cases import that, within
 from f4x_core.scaffold.rotation import initial_rotations
 
 STAGE = "scaffold"

@@ -7,8 +7,8 @@ Why: covariance 0 has no inverse, and its determinant underflows long before.
 Must hold: the footprint of a pixel remains; picture and gradients are those of float64.
 """
 
-from f4x_core.raster.benchmark import draw
-from f4x_core.report.studies.hard_cases import that
+from benchmarks.speed.raster import draw
+from benchmarks.studies.hard_cases import that
 
 from .common.drawing import compare, torch, wavy
 

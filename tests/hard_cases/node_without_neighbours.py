@@ -9,8 +9,8 @@ Must hold: the Gaussian moves rigidly with its one node, whatever stands in the 
 
 import numpy as np
 
+from benchmarks.studies.hard_cases import within
 from f4x_core.geometry import pose, quaternion
-from f4x_core.report.studies.hard_cases import within
 
 from .common.carrying import carry_plainly, compare, differentiate, torch, turning
 

@@ -7,7 +7,7 @@ Why: one NaN spreads over every pixel behind it, and by the gradients over the w
 Must hold: such Gaussians are left out and counted; picture and gradients are those of the others.
 """
 
-from f4x_core.report.studies.hard_cases import that, within
+from benchmarks.studies.hard_cases import that, within
 
 from .common.drawing import GRADIENTS, backends, differentiate, torch, wavy
 

@@ -7,7 +7,7 @@ Why: there is no background to find cameras by; whatever is taken for one makes 
 Must hold: it fits with finite arrays, and it is said that the background is hardly seen and that the camera's motion is not known.
 """
 
-from f4x_core.report.studies.hard_cases import that, told
+from benchmarks.studies.hard_cases import that, told
 
 from .common.film import Card, checks, film, np
 from .common.fitting import fit, judge

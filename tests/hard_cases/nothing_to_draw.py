@@ -7,7 +7,7 @@ Why: empty lists, empty sorts, gradients of sums over nothing.
 Must hold: a black picture, alpha 0, gradients 0.
 """
 
-from f4x_core.report.studies.hard_cases import that
+from benchmarks.studies.hard_cases import that
 
 from .common.drawing import GRADIENTS, backends, differentiate, torch, wavy
 

@@ -10,7 +10,7 @@ Must hold: no turn up to 90 degrees; at 90 one of the two middles, none of the t
 
 import numpy as np
 
-from f4x_core.report.studies.hard_cases import that, within
+from benchmarks.studies.hard_cases import that, within
 
 from .common.carrying import _by_library, _by_torch, differentiate, quaternion, torch, turning
 

@@ -7,7 +7,7 @@ Why: an essential matrix exists for any baseline, and its depth is noise.
 Must hold: the camera's own views are right, and it is said that depth is a guess.
 """
 
-from f4x_core.report.studies.hard_cases import told
+from benchmarks.studies.hard_cases import told
 
 from .common.film import film, gliding, mover, room, standing
 from .common.fitting import fit, judge

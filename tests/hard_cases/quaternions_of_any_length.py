@@ -7,7 +7,7 @@ Why: squares of small numbers underflow, and a gradient across the quaternion is
 Must hold: the picture does not depend on the length; gradients are finite.
 """
 
-from f4x_core.report.studies.hard_cases import that, within
+from benchmarks.studies.hard_cases import that, within
 
 from .common.drawing import backends, differentiate, wavy
 

@@ -7,8 +7,8 @@ Why: the camera's z is the small difference of large numbers: at 1000 a float32 
 Must hold: no worse than that step allows: 6e-5 world units are 0.002 pixels here.
 """
 
-from f4x_core.raster.benchmark import draw
-from f4x_core.report.studies.hard_cases import that
+from benchmarks.speed.raster import draw
+from benchmarks.studies.hard_cases import that
 
 from .common.drawing import compare, wavy
 

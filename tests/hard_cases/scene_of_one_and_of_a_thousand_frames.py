@@ -9,8 +9,8 @@ Must hold: poses are finite everywhere, and outside the clip the motion comes to
 
 import numpy as np
 
+from benchmarks.studies.hard_cases import that, within
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.report.studies.hard_cases import that, within
 from f4x_core.scaffold import Scaffold
 from f4x_core.scene import DynamicSet, Scene, StaticSet
 

@@ -7,7 +7,7 @@ Why: no track holds the camera, and which way the card goes or the camera pans c
 Must hold: unseen frames are right, and it is said that how the camera moved, or how far things are, is not known.
 """
 
-from f4x_core.report.studies.hard_cases import told
+from benchmarks.studies.hard_cases import told
 
 from .common.film import LEVEL, Card, film, mover, np, standing
 from .common.fitting import fit, judge

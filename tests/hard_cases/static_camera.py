@@ -7,7 +7,7 @@ Why: structure from motion fails or invents a motion, and depth from it is arbit
 Must hold: the original view is right, and it is said that no other can be believed.
 """
 
-from f4x_core.report.studies.hard_cases import told
+from benchmarks.studies.hard_cases import told
 
 from .common.film import LEVEL, film, mover, room
 from .common.fitting import fit, judge

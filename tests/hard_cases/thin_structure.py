@@ -7,7 +7,7 @@ Why: masks of so little are taken for specks, and flow does not see it.
 Must hold: unseen frames are right, the wire too, or it is said that nothing was taken to move.
 """
 
-from f4x_core.report.studies.hard_cases import limited, that, within
+from benchmarks.studies.hard_cases import limited, that, within
 
 from .common.film import Card, film, gliding, np, plain, room
 from .common.fitting import fit, judge

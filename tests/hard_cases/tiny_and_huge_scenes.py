@@ -7,9 +7,9 @@ Why: lengths that are built in - floors, near planes - are a thousand times off;
 Must hold: the picture is that of the same scene in its own unit, gradients are those of float64.
 """
 
+from benchmarks.speed.raster import draw
+from benchmarks.studies.hard_cases import within
 from f4x_core.raster import RasterConfig
-from f4x_core.raster.benchmark import draw
-from f4x_core.report.studies.hard_cases import within
 
 from .common.drawing import backends, compare, wavy
 

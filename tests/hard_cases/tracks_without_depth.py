@@ -9,8 +9,8 @@ Must hold: only what is known is certain; curves are finite at every frame; no u
 
 import numpy as np
 
+from benchmarks.studies.hard_cases import refused, that
 from f4x_core.geometry.camera import CameraPath
-from f4x_core.report.studies.hard_cases import refused, that
 from f4x_core.scaffold.lifting import lift_tracks
 from f4x_core.scaffold.selection import choose_nodes
 

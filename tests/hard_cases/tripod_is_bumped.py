@@ -7,7 +7,7 @@ Why: one frame alone decides whether the camera moves, and the path is not smoot
 Must hold: unseen frames are right, and the bump is named with its frames.
 """
 
-from f4x_core.report.studies.hard_cases import told
+from benchmarks.studies.hard_cases import told
 
 from .common.film import LEVEL, film, mover, np, room
 from .common.fitting import fit, judge

@@ -9,7 +9,7 @@ Must hold: such a Gaussian stays where it was at its reference time, and gradien
 
 import numpy as np
 
-from f4x_core.report.studies.hard_cases import that, within
+from benchmarks.studies.hard_cases import that, within
 
 from .common.carrying import _by_library, _by_torch, carry_plainly, differentiate, torch, turning
 

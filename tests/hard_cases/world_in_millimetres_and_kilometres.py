@@ -7,7 +7,7 @@ Why: learning rates, node spacings and near planes are lengths.
 Must hold: the world is brought to median depth 1, both come out as good, and as each other: powers of 2 round nothing.
 """
 
-from f4x_core.report.studies.hard_cases import within
+from benchmarks.studies.hard_cases import within
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge, np

@@ -9,7 +9,7 @@ Must hold: it counts as no rotation, and gradients are finite.
 
 import numpy as np
 
-from f4x_core.report.studies.hard_cases import within
+from benchmarks.studies.hard_cases import within
 
 from .common.carrying import carry_plainly, compare, differentiate, torch, turning
 

@@ -7,7 +7,7 @@ Why: a zoom looks like a step forward: a moving camera explains it by a flat wor
 Must hold: unseen frames are right, the camera does not move, every frame has its own focal length, and the zoom is named.
 """
 
-from f4x_core.report.studies.hard_cases import that, told, within
+from benchmarks.studies.hard_cases import that, told, within
 
 from .common.film import FRAMES, LEVEL, film, mover, np, room
 from .common.fitting import fit, judge

@@ -5,10 +5,10 @@ import dataclasses
 import pytest
 
 from f4x_core.clip import read_clip, write_images
+from f4x_core.evaluation.evaluate import evaluate
 from f4x_core.fit.config import profile
 from f4x_core.fit.pipeline import fit_clip
 from f4x_core.geometry import trajectory
-from f4x_core.report.evaluation import evaluate
 from f4x_core.scene.view import render
 
 pytestmark = [pytest.mark.real, pytest.mark.slow]

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.studies.hard_cases import Check, within
 from f4x_core.geometry import dual_quaternion, pose, quaternion
 from f4x_core.native import open_library
-from f4x_core.report.studies.hard_cases import Check, within
 from f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND, carry, deform, node_poses_at, pairs_of, relative_motions
 from f4x_core.scaffold.deformation.native.autograd import NativeDeformer
 from f4x_core.scaffold.deformation.sparse import Deformer

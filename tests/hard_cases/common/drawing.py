@@ -7,9 +7,9 @@ from typing import Any
 
 import torch
 
+from benchmarks.speed.raster import draw, make_wavy_scene
+from benchmarks.studies.hard_cases import Check, within
 from f4x_core.raster import why_not
-from f4x_core.raster.benchmark import draw, make_wavy_scene
-from f4x_core.report.studies.hard_cases import Check, within
 
 WIDTH, HEIGHT, GAUSSIANS, CHANNELS = 45, 31, 80, 3
 GRADIENTS = ("means", "quats", "scales", "opacities", "colors", "viewmat")

@@ -1,0 +1,303 @@
+"""`f4x bench`."""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from dataclasses import replace
+from fnmatch import fnmatchcase
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from f4x_core.errors import F4xError
+from f4x_core.progress import Progress
+
+if TYPE_CHECKING:
+    from f4x_core.clip import Clip
+    from f4x_core.scene import Scene
+
+TABLE_WIDTH = 100
+"""Characters of a line in the table of `bench features`, wherever it is printed to."""
+
+
+def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Speed against error of the raster backends or of the scaffold's deformation; how well a scene answers and is edited; or what
+    a batch costs."""
+    if args.what == "scale":
+        return _scale(args, progress)
+    import torch
+
+    torch.set_num_threads(1)  # threads are the backends' own, so that one thread means one
+    return {"raster": _raster, "deform": _deform, "features": _features, "edit": _edit}[args.what](args, progress)
+
+
+def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from .speed.raster import benchmark, compare_decoding, measure_memory, measure_thread_ceiling
+
+    report = benchmark(tuple(args.counts), threads=tuple(args.threads), repeats=args.repeats, progress=progress)
+    progress("bench raster", 0, 0, "latent, memory and threads")
+    decoding, memory = compare_decoding(repeats=args.repeats), measure_memory()
+    report |= {"decoding": decoding, "memory_mb": memory, "thread_ceiling": measure_thread_ceiling()}
+    lines = [f"{report['width']}x{report['height']}, medians of {args.repeats} interleaved runs"]
+    for row in report["timings"]:
+        line = (
+            f"{row['backend']:<7} {row['gaussians']:>9,} Gaussians {row['channels']:>3} channels {row['threads']} threads:"
+            f" {row['forward_ms']:7.1f} ms forward, {row['train_ms']:7.1f} ms with backward"
+        )
+        if "peak_share" in row:
+            line += f", {row['pairs_per_pixel']:.0f} pairs per pixel, {100 * row['peak_share']:.1f} % of the FMA peak"
+        lines.append(line)
+    lines += [f"{value:5.2f}  {name}" for name, value in report["ratios"].items()]
+    for name, error in report["errors"].items():
+        worst = max(error["gradients"].items(), key=lambda item: item[1])
+        lines.append(f"{name}: image error {error['image_max']:.1e}, worst gradient {worst[0]} {worst[1]:.1e}")
+    lines.append(
+        f"{decoding['ratio']:5.2f}  512 channels rendered ({decoding['rendered_ms']:.0f} ms) / 32 rendered and decoded"
+        f" ({decoding['decoded_ms']:.0f} ms)"
+    )
+    if report["thread_ceiling"] is not None:
+        lines.append(f"{report['thread_ceiling']:5.2f}  the most that two threads can gain on this machine")
+    if memory is not None:
+        lines.append(f"200,000 Gaussians with 35 channels: peak memory grows by {memory:.0f} MB")
+    lines += [f"{name} skipped: {reason}" for name, reason in report["skipped"].items()]
+    return {**report, "text": "\n".join(lines)}
+
+
+def _deform(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from .speed.deformation import benchmark
+
+    report = benchmark(tuple(args.counts), repeats=args.repeats, progress=progress)
+    lines = [f"medians of {args.repeats} interleaved runs, one thread"]
+    for row in report["timings"]:
+        lines.append(f"{row['gaussians']:>9,} Gaussians x {row['neighbours']}: {row['name']:<22} {row['ms']:7.1f} ms")
+    lines += [f"{value:5.2f}  {name}" for name, value in report["ratios"].items()]
+    lines += [f"{name}: largest error {error:.1e}" for name, error in report["errors"].items()]
+    return {**report, "text": "\n".join(lines)}
+
+
+REACH = {
+    "size_ratio": "<= 1.2",
+    "psnr_change": "|.| < 0.1",
+    "fit_ratio": "<= 1.6",
+    "width_ratio": "Feature4X: 5.23",
+    "mask_time_ratio": ">= 3",
+    "logits_error": "<= 1e-5",
+    "bypass_encoder_calls": "0",
+    "sam2_time_ratio": ">= 2",
+    "sentence_s": "<= 5",
+    "still_flicker": "<= 1.05",
+    "mask_iou": ">= 0.8",
+    "point_iou": ">= 0.8",
+    "mask_leakage": "< 0.02",
+    "point_leakage": "< 0.02",
+    "two_workers_gain": ">= 1.8",
+    "local_overhead_s": "<= 0.2",
+    "ray_overhead_s": "<= 1",
+    "cost_error_most": "|.| <= 0.25",
+    "memory_ratio": "<= 1.3",
+    "time_ratio": "0.85 to 1.15",
+    "seam_loss": "<= 0.5",
+} | {
+    f"{prompt}_{edit}_{figure}_{kind}": wanted
+    for prompt in ("mask", "point", "moving")
+    for edit in ("delete", "recolour")
+    for figure, wanted in (("iou", ">= 0.85"), ("leakage", "< 0.02"))
+    for kind in ("original", "novel")
+}
+"""What the figures of `bench features`, `bench edit` and `bench scale` should reach, beside them in the table."""
+MEANING = {
+    "gaussians": "Gaussians of the scene",
+    "open_s": "seconds to open the file",
+    "propose_s": "seconds to understand the sentence and look its words up",
+    "apply_s": "seconds to write the edit into the file",
+    "sentence_s": "seconds from the sentence to the edited file: the two before",
+    "still_flicker": "what stands still is painted: flicker after / before, 1 = none is added",
+    "mask_*": "the thing is chosen by its true mask on one frame …",
+    "point_*": "… by a click into its middle",
+    "text_*": "… by the word",
+    "moving_*": "… as what moves",
+    "best_*": "… as well as whole Gaussians can",
+    "*_delete_*": "it is deleted (else it is dyed)",
+    "*iou*": "changed pixels against the true masks: shared / all of both, 1 = the same",
+    "*iou_worst*": "… on the worst frame",
+    "*coverage*": "share of the true mask that changed",
+    "*leakage*": "share of all change that lies outside the true mask and a thin rim",
+    "*leakage_strict*": "… without the rim",
+    "*_original": "seen by the clip's own cameras",
+    "*_novel": "seen by cameras that the fit never saw",
+}
+"""What figures of `bench edit` mean, by patterns of their names."""
+
+
+def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from f4x_core.cli.distilling import clip_of_scene
+    from f4x_core.cli.querying import read_masks
+    from f4x_core.query.labels import encode_labels
+    from f4x_core.query.smoothing import LOOKS_ALIKE
+    from f4x_core.scene import read_scene
+
+    from .quality.queries import benchmark, measure_cost
+    from .speed.feature_cost import compare_inference
+
+    if args.scene is None and args.sam2 is None:
+        raise F4xError("bench features needs --scene SCENE, and --masks, --clip or --times for more; or --sam2.")
+    report: dict[str, Any] = {}
+    if args.scene is not None:
+        scene = read_scene(args.scene)
+        if args.masks is not None:
+            masks = read_masks(args.masks, scene)
+            report |= benchmark(scene, masks, args.label, encode_labels, repeats=args.repeats, progress=progress)
+            if LOOKS_ALIKE in scene.require_field().names:
+                first = min(masks)
+                report |= compare_inference(scene, masks[first], first, LOOKS_ALIKE, progress=progress)
+        else:
+            report |= {"scene": scene.name} | measure_cost(scene, repeats=args.repeats)
+        if args.truth is not None:
+            if args.label is None:
+                raise F4xError("--truth needs --label WORD: what moves in the rendered clip.")
+            from .quality.labels import score_labels
+
+            report |= score_labels(scene, args.truth, args.label, encode=encode_labels, progress=progress)
+        if args.times and args.clip is None:
+            raise F4xError("--times needs --clip CLIP: the clip is fitted anew.")
+        if args.clip is not None:
+            clip = clip_of_scene(scene, args.clip, args.frames, progress)
+            report |= _pictures(scene, clip, args, progress)
+            report |= _times(scene, clip, args, progress) if args.times else {}
+    if args.sam2 is not None:
+        report["sam2"] = _bypass(args, progress)
+    return {**report, "text": _as_table(report)}
+
+
+def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from f4x_core.cli.querying import read_masks
+    from f4x_core.edit.apply import open_scene
+    from f4x_core.query.labels import encode_labels
+    from f4x_core.scene import read_scene
+
+    from .quality.edits import benchmark, try_faults
+
+    report: dict[str, Any] = {}
+    if args.scene is not None:
+        masks = None if args.masks is None else read_masks(args.masks, read_scene(args.scene))
+        named = args.label if args.truth is None else None  # with a truth it is a prompt, which may find nothing
+        report |= benchmark(args.scene, masks, named, encode_labels, progress=progress)
+        if args.truth is not None:
+            from .quality.edits_against_truth import score_edits
+
+            report |= score_edits(
+                open_scene(args.scene), args.truth, args.label, encode=encode_labels, progress=progress
+            )
+    elif args.truth is not None:
+        raise F4xError("--truth needs --scene SCENE: the scene that was made from the rendered clip.")
+    progress("bench edit", 0, 0, "a server that fails")
+    told = try_faults()
+    lines = [f"a server that fails ({fault}): {sentence}" for fault, sentence in told.items()]
+    table = _as_table(report) + "\n\n" + _meanings(report) if report else ""
+    return {**report, "endpoint_faults": told, "text": "\n\n".join(filter(None, [table, "\n".join(lines)]))}
+
+
+def _meanings(report: dict[str, Any]) -> str:
+    """One line for each kind of figure in a report of `bench edit`."""
+    told = [pattern for pattern in MEANING if any(fnmatchcase(name, pattern) for name in report)]
+    width = max(map(len, told))
+    return "\n".join(f"{pattern:<{width}}  {MEANING[pattern]}" for pattern in told)
+
+
+def _scale(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from .speed.batch import SIZES, benchmark
+
+    if args.long is not None:
+        return _long(args, progress)
+    if not 0 <= args.clips <= len(SIZES):
+        raise F4xError(f"--clips {args.clips}: give a number from 0 to {len(SIZES)}.")
+    report = benchmark(args.clips, progress)
+    if report.get("cost_errors"):
+        report["cost_error_most"] = max(report["cost_errors"], key=abs)
+    return {**report, "text": _as_table({name: value for name, value in report.items() if not isinstance(value, list)})}
+
+
+def _long(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """A clip played to and fro, short and long."""
+    from f4x_core.batch.windows import LENGTH
+
+    from .speed.long_clips import measure_long
+
+    counts = sorted({*args.long})
+    if len(counts) < 2 or counts[0] <= LENGTH:
+        raise F4xError(
+            f"--long {' '.join(map(str, args.long))}: give two numbers of frames above {LENGTH}, e.g. 200 1000."
+        )
+    with tempfile.TemporaryDirectory() as place:
+        report = measure_long(args.folder or Path(place), counts, args.clip, progress)
+    lines = [
+        f"{row['frames']:>6} frames: {row['memory_mb']:5.0f} MB, {row['cpu_s_per_frame']:5.2f} s of one core a frame, PSNR"
+        f" {row['seam_psnr']:.2f} dB where windows meet, {row['rest_psnr']:.2f} dB elsewhere"
+        for row in report["rows"]
+    ]
+    return {**report, "text": "\n".join([*lines, _as_table({n: v for n, v in report.items() if n != "rows"})])}
+
+
+def _pictures(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """What features change in the pictures, against the scene without them."""
+    from f4x_core.scene import read_scene
+
+    from .speed.feature_cost import compare_pictures
+
+    scene.require_field()
+    plain = read_scene(args.plain) if args.plain is not None else replace(scene, features=None)
+    return compare_pictures(scene, plain, clip, progress=progress)
+
+
+def _times(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """A `quick` fit from the frames on, and distilling the scene's teachers into it."""
+    from f4x_core.cli.distilling import maps_of
+    from f4x_core.fit.config import profile
+    from f4x_core.fit.distil_config import DistilConfig
+    from f4x_core.fit.pipeline import fit_clip
+
+    from .speed.feature_cost import measure_times
+
+    folder = args.features or args.scene.parent / "features"
+    maps = [maps_of(scene, folder / name, name, clip, progress) for name in scene.require_field().names]
+    threads = max(args.threads)
+    with tempfile.TemporaryDirectory() as place:
+
+        def fit() -> Scene:
+            config = replace(profile("quick"), threads=threads)
+            return fit_clip(clip, Path(place), config, progress).scene
+
+        return measure_times(fit, maps, DistilConfig(threads=threads), args.repeats, progress)
+
+
+def _bypass(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """SAM 2 without its encoder against the whole model, on three frames."""
+    import numpy as np
+
+    from f4x_core.clip import read_clip
+
+    from .speed.sam2_bypass import compare_bypass
+
+    if args.clip is not None:
+        frames = read_clip(args.clip, args.frames, progress=progress).frames[:3]
+    else:
+        frames = np.random.default_rng(0).integers(0, 256, (3, 64, 64, 3), dtype=np.uint8)
+    return compare_bypass(frames, args.sam2, progress)
+
+
+def _as_table(report: dict[str, Any]) -> str:
+    """Name, value and goal in columns."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, show_header=True, pad_edge=False)
+    for title in ("", "measured", "to reach"):
+        table.add_column(title, justify="right" if title == "measured" else "left")
+    for name, value in [*report.items(), *report.get("sam2", {}).items()]:
+        if not isinstance(value, dict):
+            told = f"{value:.4g}" if isinstance(value, float) else str(value)
+            table.add_row(name, told, REACH.get(name, ""))
+    text = StringIO()
+    Console(file=text, width=TABLE_WIDTH).print(table)
+    return text.getvalue().rstrip()

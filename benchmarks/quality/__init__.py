@@ -1,0 +1,1 @@
+"""How well: answers, masks, edits and motion against what is true."""
