@@ -304,7 +304,9 @@ def test_an_empty_cell_among_enough_gaussians_is_covered_by_their_extent(around,
     assert inside.sum() == (not covered)
 
 
-@pytest.mark.parametrize(("grey", "steep", "plain"), [(2.5, 0.0, True), (3.5, 0.0, False), (0, 0.015, True), (0, 0.025, False)])
+@pytest.mark.parametrize(
+    ("grey", "steep", "plain"), [(2.5, 0.0, True), (3.5, 0.0, False), (0, 0.015, True), (0, 0.025, False)]
+)
 def test_a_block_is_plain_where_grey_and_depth_deviate_less_than_their_limits(grey, steep, plain):
     """Checkerboards of pixels, so that the standard deviation is half the difference."""
     camera, _, depth = frame()
