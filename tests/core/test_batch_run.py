@@ -305,6 +305,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.skipif(os.name == "nt", reason="no SIGINT for one process there")
 def test_ctrl_c_ends_at_once_and_the_same_command_goes_on(tmp_path):
     pattern, out = write_clips(tmp_path / "clips", a={"steps": 40, "seconds": 4}, b={}), tmp_path / "out"
