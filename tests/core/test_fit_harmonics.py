@@ -66,13 +66,15 @@ WIDTH, HEIGHT = 30, 20
 
 
 def some_large_gaussians(frames: int) -> SceneModel:
-    """Five, one of them out of sight, and cameras that pass them."""
+    """Five, one of them out of sight and one that lights less than a pixel, and cameras that pass them."""
     xyz = np.array([[-0.3, 0, 2], [0.1, 0.1, 2.4], [0.4, -0.2, 2.2], [0, -0.1, 3], [0, 0, -5]], np.float32)
     rng = np.random.default_rng(0)
     colour = rng.uniform(0.2, 0.8, (5, 3)).astype(np.float32)
     static = spawn_static(Spawned(xyz, colour, np.full(5, 0.15, np.float32), np.ones(5, np.float32)), 0, SpawnConfig())
     with torch.no_grad():
         static.parameters["quat"].copy_(torch.from_numpy(rng.normal(size=(5, 4))))
+        static.parameters["log_scale"][1] = np.log(0.004)
+        static.parameters["opacity_logit"][1] = -1.5
     matrices = np.tile(np.eye(4), (frames, 1, 1))
     matrices[:, 0, 3] = np.linspace(-1, 1, frames)
     intrinsics = np.tile(np.array([[25.0, 0, 15], [0, 25, 10], [0, 0, 1]]), (frames, 1, 1))

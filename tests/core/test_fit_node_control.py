@@ -11,6 +11,7 @@ from f4x_core.fit.config import NodeConfig
 from f4x_core.fit.model import SceneModel
 from f4x_core.fit.node_control import add_nodes, drop_nodes
 from f4x_core.gaussians import SetOptimiser
+from f4x_core.gaussians.parameters import localise
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -100,7 +101,13 @@ def test_the_worst_carried_become_nodes_on_their_own_curves():
 
 def test_who_keeps_its_node_keeps_it_even_where_another_old_one_has_come_closer():
     fit = Fit.of(clusters((0, 0, 10), (1.5, 3, 10)), np.zeros(20, np.int64))
-    fit.model.dynamic.labels["attach"][3] = 1
+    nodes, labels = fit.model.nodes, fit.model.dynamic.labels
+    placed = [tensor.detach() for tensor in fit.model.dynamic.at_reference(nodes.parameters["node_xyz"], nodes.quat)]
+    labels["attach"][3] = 1
+    local, turn = localise(*placed, labels["attach"], labels["reference"], nodes.parameters["node_xyz"], nodes.quat)
+    with torch.no_grad():
+        fit.model.dynamic.parameters["local_xyz"].copy_(local)
+        fit.model.dynamic.parameters["local_quat"].copy_(turn)
     fit.model.topology_changed()
     assert fit.add(np.where(np.arange(20) == 15, 1.0, 0.1), growth=0.25) == 51
     assert fit.model.dynamic.labels["attach"][:10].tolist() == [0, 0, 0, 1, 0, 0, 0, 0, 0, 0]

@@ -361,6 +361,18 @@ def test_what_has_no_room_is_covered_more_thinly_everywhere():
     assert spawn_that_fits(spawn, roomy)[1] is roomy
 
 
+def test_cells_grow_until_what_is_made_fits():
+    """Counts that fall with the square of the spacing: one more try, 3 % larger than needed."""
+
+    def spawn(config):
+        return range(round(9000 / config.spacing**2))
+
+    made, given = spawn_that_fits(spawn, SpawnConfig(spacing=1.0, max_count=6000))
+    assert given.spacing == pytest.approx(1.03 * 1.5**0.5) and len(made) == len(spawn(given)) <= 6000
+    made, given = spawn_that_fits(spawn, SpawnConfig(spacing=1.0, max_count=9000))
+    assert given.spacing == 1 and len(made) == 9000
+
+
 def test_near_and_far_move_equally_far_in_the_picture():
     gaussians = some_static(40)
     gaussians.labels["reach"] = torch.where(torch.arange(40) < 20, 0.2, 5.0)
