@@ -1,6 +1,7 @@
 """Shared fixtures. bpy 4.5 hangs at interpreter exit with classes registered, so the run ends with os._exit."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -27,6 +28,14 @@ def one_thread():
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
+
+
+@pytest.fixture
+def ctrl_c():
+    """Ctrl-C as in a terminal, here and in processes started from here: a job in the background begins with it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="session")

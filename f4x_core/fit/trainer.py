@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -69,6 +70,8 @@ class Trainer:
         """Frames that are still to be drawn before each was drawn once more."""
         self.step = 0
         """Steps done."""
+        self.loss = math.nan
+        """Of the last step."""
         self.history: list[dict[str, float]] = []
         """The quality curve."""
         self.band_gains: list[float] = []
@@ -151,7 +154,10 @@ class Trainer:
         """Draw one frame, move the parameters along the gradient of its loss, do the actions; returns the loss."""
         self._act(Moment.START)
         offset = torch.zeros(self._drawn_count(), 2, requires_grad=True)
-        rendered = self._render(self._next_frame(), offset)
+        frame, config = self._next_frame(), self.config
+        data = self.levels[-1] if self.fraction < config.coarse else self.levels[0]
+        background = torch.rand(3, generator=self.generator) if config.random_background else None
+        rendered = self.render(frame, data, background, offset)
         loss = total_loss(self.losses, self.step, rendered)
         loss.backward()
         self._record_gradients(offset, rendered)
@@ -185,11 +191,14 @@ class Trainer:
             self.order = torch.randperm(len(self.model.times), generator=self.generator).tolist()
         return self.order.pop()
 
-    def _render(self, frame: int, offset: Tensor) -> Rendered:
-        """Draw supervised frame `frame`, its projected means moved by `offset (N,2)` pixels."""
+    def render(
+        self, frame: int, data: FrameData, background: Tensor | None = None, offset: Tensor | None = None
+    ) -> Rendered:
+        """Supervised frame `frame` at the size of `data`, with all channels that the losses of the present step ask for.
+
+        `background`: (3,) rgb. `offset`: (N,2) pixels by which the projected means are moved.
+        """
         config, model, extra = self.config, self.model, None
-        data = self.levels[-1] if self.fraction < config.coarse else self.levels[0]
-        background = torch.rand(3, generator=self.generator) if config.random_background else None
         moved, there, partner = None, None, None
         if model.dynamic is not None:
             if any(term.name == "track" and term.due(self.step) for term in self.losses):

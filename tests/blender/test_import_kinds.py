@@ -99,6 +99,7 @@ def background():
     paths = []
     for frame in range(clip):
         scene.frame_set(frame)
+        scene.frame_set(frame)  # Blender reads a keyed offset before or after it moves on, by chance: now it stands
         user = pictures[0].image_user
         paths.append(Path(bpy.path.abspath(pictures[0].image.filepath_from_user(image_user=user))).name)
     return [pictures[0].image.source, paths]

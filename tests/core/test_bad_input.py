@@ -519,6 +519,7 @@ def press_at(monkeypatch, wanted: str, share: float = 0.5) -> None:
     monkeypatch.setattr(sys.modules[cli_main.__module__], "TerminalProgress", Pressed)
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_in_each_stage_then_resume_gives_the_uninterrupted_scene(tmp_path, capsys, monkeypatch, fitted):
     clip, whole = fitted
     out = tmp_path / "out"
@@ -534,6 +535,7 @@ def test_ctrl_c_in_each_stage_then_resume_gives_the_uninterrupted_scene(tmp_path
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("stage", [pytest.param("motion", marks=pytest.mark.slow), "photometric"])
 def test_ctrl_c_then_the_same_command_again_starts_over(tmp_path, capsys, monkeypatch, fitted, stage):
     clip, whole = fitted
@@ -544,6 +546,7 @@ def test_ctrl_c_then_the_same_command_again_starts_over(tmp_path, capsys, monkey
     assert arrays_of(tmp_path / "out" / "scene.f4x") == arrays_of(whole / "scene.f4x")
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_a_second_ctrl_c_is_answered_at_once(tmp_path, capsys, monkeypatch, fitted):
     """Even in the middle of a step: then the last checkpoint is what remains."""
     clip, whole = fitted
@@ -565,6 +568,7 @@ def test_a_second_ctrl_c_is_answered_at_once(tmp_path, capsys, monkeypatch, fitt
     assert arrays_of(tmp_path / "out" / "scene.f4x") == arrays_of(whole / "scene.f4x")
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_while_rendering_leaves_whole_pictures(tmp_path, capsys, monkeypatch, fitted):
     press_at(monkeypatch, "render")
     assert refuses(capsys, "render", fitted[1] / "scene.f4x", "-o", tmp_path / "r", code=130) == "Stopped."
@@ -574,6 +578,7 @@ def test_ctrl_c_while_rendering_leaves_whole_pictures(tmp_path, capsys, monkeypa
         Image.open(file).load()
 
 
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
 def test_a_real_process_killed_or_interrupted_at_any_moment_resumes_bit_equal(tmp_path, fitted):

@@ -186,6 +186,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_stops_the_work_on_the_nodes_and_the_same_command_goes_on(cluster, tmp_path):
     pattern, out = write_clips(tmp_path / "clips", a={"steps": 60, "seconds": 6}), tmp_path / "out"
     command = [sys.executable, "-c", PROGRAM, "batch", pattern, "-o", str(out), "--ray", cluster.address]

@@ -205,6 +205,7 @@ def test_bars_are_complete_in_the_end_and_fit_a_narrow_terminal(capsys, monkeypa
     assert "3000/3000" in plain and plain.endswith("…") and len(plain) <= 80
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_is_announced_and_before_the_first_report_answered_at_once(capsys):
     with pytest.raises(KeyboardInterrupt), TerminalProgress():
         signal.raise_signal(signal.SIGINT)

@@ -23,8 +23,10 @@ TABLE = json.loads(Path(__file__).with_name("phrases.json").read_text())
 UNSEEN = json.loads(Path(__file__).with_name("phrases_unseen.json").read_text())
 """Sixty phrases by someone who had read the manual alone."""
 PHRASES = TABLE["phrases"]
-WANTED = 0.95
-WANTED_UNSEEN = 0.85
+KNOWN_FAILURES: tuple[str, ...] = ()
+"""Phrases of the table that are not understood as they should be. One more is a defect; one less is taken out of this list."""
+UNSEEN_RIGHT = 59
+"""Of the sixty. Only counted: naming the one that fails would be the first step to changing the parser for it."""
 CLIP = {"fps": 10, "frames": 60, "frame": 12}
 DOG = Text(("dog",))
 
@@ -50,7 +52,7 @@ def test_the_table_is_understood():
     asked = sum("ops" in phrase for phrase in PHRASES)
     print(f"{asked - len(wrong)} of {asked} phrases right; wrong: {wrong}")
     assert asked >= 300
-    assert len(wrong) <= (1 - WANTED) * asked
+    assert sorted(wrong) == sorted(KNOWN_FAILURES)
 
 
 def test_nothing_is_done_where_it_should_be_refused():
@@ -69,7 +71,7 @@ def rounded(value):
 
 
 def test_phrases_by_someone_who_has_not_seen_the_parser():
-    """The share that counts: 59 of 60 when it was first measured; the parser has not been changed for them since."""
+    """The number that counts: 59 of 60 when it was first measured; the parser has not been changed for them since."""
     wrong, actions = [], {}
     for phrase in UNSEEN["phrases"]:
         try:
@@ -81,9 +83,9 @@ def test_phrases_by_someone_who_has_not_seen_the_parser():
             actions[phrase["say"]] = records
         elif records != rounded(phrase.get("ops", [])):
             wrong.append(phrase["say"])
-    print(f"{len(UNSEEN['phrases']) - len(wrong) - len(actions)} of {len(UNSEEN['phrases'])} right; wrong: {wrong}")
     assert actions == {}
-    assert len(wrong) <= (1 - WANTED_UNSEEN) * len(UNSEEN["phrases"])
+    assert len(UNSEEN["phrases"]) == 60
+    assert 60 - len(wrong) == UNSEEN_RIGHT
 
 
 def test_a_refusal_names_the_word_and_offers_commands():

@@ -9,10 +9,13 @@ from toy import clip_and_priors
 
 from f4x_core.fit.config import profile
 from f4x_core.fit.harmonics import GAIN_DB, next_band
+from f4x_core.fit.model import CameraRig, SceneModel
 from f4x_core.fit.pipeline import finish_fit, start_fit
-from f4x_core.gaussians import SetOptimiser
+from f4x_core.gaussians import SetOptimiser, SpawnConfig, Spawned, spawn_static
 from f4x_core.geometry import quaternion
+from f4x_core.geometry.camera import CameraPath
 from f4x_core.geometry.spherical_harmonics import C0, basis
+from f4x_core.raster import RasterConfig
 
 FRAMES = 12
 
@@ -57,6 +60,81 @@ def test_colours_that_change_with_the_view_are_found_and_added(shiny):
     optimiser.add_band(band.plain, band.more)
     assert stage.model.static.sh.shape[1] == 4
     assert 10 * np.log10(before / error(stage, pictures, ends)) > 0.9 * band.gain
+
+
+WIDTH, HEIGHT = 30, 20
+
+
+def some_large_gaussians(frames: int) -> SceneModel:
+    """Five, one of them out of sight and one that lights less than a pixel, and cameras that pass them."""
+    xyz = np.array([[-0.3, 0, 2], [0.1, 0.1, 2.4], [0.4, -0.2, 2.2], [0, -0.1, 3], [0, 0, -5]], np.float32)
+    rng = np.random.default_rng(0)
+    colour = rng.uniform(0.2, 0.8, (5, 3)).astype(np.float32)
+    static = spawn_static(Spawned(xyz, colour, np.full(5, 0.15, np.float32), np.ones(5, np.float32)), 0, SpawnConfig())
+    with torch.no_grad():
+        static.parameters["quats"].copy_(torch.from_numpy(rng.normal(size=(5, 4))))
+        static.parameters["log_scales"][1] = np.log(0.004)
+        static.parameters["opacity_logits"][1] = -1.5
+    matrices = np.tile(np.eye(4), (frames, 1, 1))
+    matrices[:, 0, 3] = np.linspace(-1, 1, frames)
+    intrinsics = np.tile(np.array([[25.0, 0, 15], [0, 25, 10], [0, 0, 1]]), (frames, 1, 1))
+    path = CameraPath(intrinsics, matrices, np.arange(float(frames)), WIDTH, HEIGHT)
+    return SceneModel(static, None, None, CameraRig(path), "sigma")
+
+
+@pytest.mark.parametrize(("frames", "noise"), [(9, 0.2), (9, 0.0), (40, 0.2)])
+def test_a_band_is_the_ridge_regression_of_what_is_left_on_the_directions(frames, noise):
+    """Gaussian by Gaussian in float64: y = mean rest under its light, weighed by that light but by no more than one pixel."""
+    model, rng = some_large_gaussians(frames), np.random.default_rng(1)
+    chosen = sorted({round(i * (frames - 1) / 15) for i in range(16)})
+    quarter = len(chosen) // 4
+    middle, ends = chosen[quarter:-quarter], chosen[:quarter] + chosen[-quarter:]
+    part, drawn, terms = {}, {}, {}
+    for frame in chosen:
+        posed = model.posed(None)
+        camera = model.rig.camera(frame, WIDTH, HEIGHT)
+        with torch.no_grad():
+            out = model.render(posed, camera, extra=torch.eye(5), backend="torch").channels.double().numpy()
+        drawn[frame], part[frame] = out[..., :3].clip(0, 1), out[..., 3:]
+        centre = -model.rig.view(frame)[:3, 3].detach()  # the cameras do not turn
+        own = quaternion.rotate(quaternion.conjugate(quaternion.normalize(posed.quats)), posed.means - centre).detach()
+        unit = own.double().numpy() / np.linalg.norm(own.numpy(), axis=1, keepdims=True)
+        first = np.sqrt(3 / (4 * np.pi))
+        terms[frame] = np.column_stack([np.ones(5), -first * unit[:, 1], first * unit[:, 2], -first * unit[:, 0]])
+    slopes = rng.normal(size=(5, 4, 3))
+    pictures = np.zeros((frames, HEIGHT, WIDTH, 3), np.uint8)
+    for frame in chosen:
+        more = np.einsum("hwn,nt,ntc->hwc", part[frame], terms[frame], 0.1 * slopes)
+        more = drawn[frame] + more + noise * rng.normal(size=more.shape)
+        pictures[frame] = (255 * more).clip(0, 255).round()
+    rest = {frame: pictures[frame] / 255 - drawn[frame] for frame in chosen}
+
+    variance = max(float(np.mean([rest[frame] ** 2 for frame in middle])), 1e-6)
+    plain, found = np.zeros((5, 3)), np.zeros((5, 4, 3))
+    for i in range(5):
+        normal, wanted = np.zeros((4, 4)), np.zeros((4, 3))
+        for frame in middle:
+            light = part[frame][..., i]
+            scale = max(light.sum(), 1)
+            row = terms[frame][i]
+            normal += light.sum() / scale * np.outer(row, row)
+            wanted += np.outer(row, np.einsum("hw,hwc->c", light, rest[frame]) / scale)
+        plain[i] = wanted[0] / (normal[0, 0] + 1e-3)
+        ridge = [1e-3, *3 * [variance / 0.2**2]]
+        found[i] = np.linalg.solve(normal + np.diag(ridge), wanted)
+    before = after = 0.0
+    for frame in ends:
+        constant = np.einsum("hwn,nc->hwc", part[frame], plain)
+        whole = np.einsum("hwn,nt,ntc->hwc", part[frame], terms[frame], found)
+        before += ((rest[frame] - constant) ** 2).mean()
+        after += ((rest[frame] - whole) ** 2).mean()
+
+    band = next_band(model, torch.from_numpy(pictures), RasterConfig(threads=1), "torch")
+    y00 = 0.5 / np.sqrt(np.pi)
+    np.testing.assert_allclose(band.plain[:, 0] * y00, found[:, 0], atol=1e-3)
+    np.testing.assert_allclose(band.more, found[:, 1:], atol=1e-3)
+    assert band.gain == pytest.approx(10 * np.log10(before / after), abs=0.01)
+    assert not band.more[4].any(), "nothing is known of what no frame sees"
 
 
 def test_pictures_that_are_right_already_and_noise_ask_for_nothing():

@@ -1,26 +1,436 @@
-"""The training loop: which rate each parameter learns at."""
+"""The training loop: each term of its loss against its formula in numpy, and which rate each parameter learns at."""
 
+import copy
 import dataclasses
+import math
+from dataclasses import dataclass
 
+import numpy as np
 import pytest
-from toy import clip_and_priors
+import torch
+from toy import HEIGHT, WIDTH, clip_and_priors
 
-from f4x_core.fit.config import GaussianRates, RateConfig, profile
+from f4x_core.fit.config import GaussianRates, LossConfig, RateConfig, profile
+from f4x_core.fit.frame_data import FrameData
+from f4x_core.fit.loss_terms import total_loss
 from f4x_core.fit.pipeline import start_fit
+from f4x_core.fit.trainer import Trainer
+from f4x_core.priors import Priors
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 STATIC = GaussianRates((1e-3, 1e-5), (2e-3, 2e-4), (3e-2, 3e-3), (0.1, 0.1), (4e-2, 4e-3))
 DYNAMIC = GaussianRates((5e-3, 5e-5), (6e-3, 6e-3), (7e-2, 7e-3), (0.2, 0.02), (8e-2, 8e-2))
+SILENT = LossConfig(**{f.name: 0.0 for f in dataclasses.fields(LossConfig)} | {"moving": 1.0})
+"""The L1 of the picture alone."""
+BACKGROUND = torch.tensor([0.2, 0.9, 0.5])
+FRAME, PARTNER = 1, 3
 
 
-def rates_at(stage, share):
-    stage.step = round(share * stage.config.steps)
+# The only places that know how the loop is called inside.
+
+
+def loss_of(stage: Trainer, frame: int = FRAME, level: int = 0, step: int = 0) -> torch.Tensor:
+    """The total loss of a frame at a resolution, `level` 1 the half."""
+    stage.step = step
+    return total_loss(stage.losses, step, stage.render(frame, stage.levels[level], BACKGROUND))
+
+
+def partner_of(stage: Trainer, frame: int) -> int | None:
+    return stage.tracks.random_partner(frame, stage.generator)
+
+
+def rates_at(stage: Trainer, share: float) -> dict[str, dict[str, float]]:
+    stage.step = share * stage.config.steps  # between two steps, too
     stage._set_rates()
-    return {
-        kind: {group["name"]: group["lr"] for group in optimiser.adam.param_groups}
-        for kind, optimiser in stage.optimisers.items()
-    }
+    groups = {kind: optimiser.adam.param_groups for kind, optimiser in stage.optimisers.items()}
+    groups["shared"] = stage.shared.param_groups
+    return {kind: {group["name"]: group["lr"] for group in own} for kind, own in groups.items()}
+
+
+# ---- a stage whose every term is at work -------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """(model, clip, priors): nothing is right, frames are missing between, motion and depth are unsure."""
+    clip, priors = clip_and_priors(8, hold_out=4)
+    config = dataclasses.replace(profile("quick"), steps=40, threads=1, backend="torch")
+    model = start_fit(clip, priors, config).model
+    generator = torch.Generator().manual_seed(0)
+
+    def noise(tensor, size):
+        tensor.add_(size * torch.randn(tensor.shape, generator=generator))
+
+    with torch.no_grad():
+        noise(model.nodes.parameters["node_xyz"], 0.01)
+        noise(model.nodes.parameters["node_quat"], 0.1)
+        noise(model.dynamic.parameters["dw"], 0.05)
+        noise(model.rig.parameters["camera_rotation"], 0.01)
+        noise(model.rig.parameters["camera_position"], 0.01)
+        model.static.parameters["sh0"].mul_(0.5)
+        for gaussians, place in (
+            (model.static, model.static.parameters["means"]),
+            (model.dynamic, model.dynamic_at(1.0)[0][0]),
+        ):
+            gaussians.parameters["opacity_logits"][place[:, 0] < -0.08] = -7  # the left is almost empty
+    rng = np.random.default_rng(0)
+    shape = priors.mask.shape
+    priors.motion = np.clip(np.where(priors.mask, 0.8, 0.3) + 0.3 * rng.normal(size=shape), 0, 1).astype(np.float16)
+    priors.depth_confidence = rng.uniform(0, 1, shape).astype(np.float16)
+    priors.depth = (priors.depth * rng.uniform(0.8, 1.3, shape)).astype(np.float32)
+    priors.depth[rng.random(shape) < 0.1] = np.nan
+    moving = np.flatnonzero(priors.tracks_motion > 0.5)
+    priors.tracks = priors.tracks + rng.normal(size=priors.tracks.shape).astype(np.float32)
+    priors.tracks[PARTNER, moving[::4]] += 90  # wrong by more than the cap
+    priors.tracks_visible = priors.tracks_visible.copy()
+    priors.tracks_visible[:, moving] = False
+    priors.tracks_visible[np.ix_([FRAME, PARTNER], moving[2:])] = True  # so these are each other's only partners
+    return model, clip, priors
+
+
+def stage_with(scene, losses: LossConfig = SILENT, **changes) -> Trainer:
+    """A stage on a copy of the scene."""
+    model, clip, priors = scene
+    settings = {"steps": 40, "threads": 1, "backend": "torch", "rates": RateConfig()} | changes
+    config = dataclasses.replace(profile("quick"), losses=losses, **settings)
+    return Trainer(copy.deepcopy(model), clip, priors, config, 10_000)
+
+
+@dataclass
+class Drawn:
+    """What one frame looks like, float64."""
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    alpha: np.ndarray
+    dynamic: np.ndarray
+    """(H,W) how much of the pixel is of dynamic Gaussians."""
+    there: np.ndarray
+    """(H,W,3) composited places at the partner's time."""
+    priors: Priors
+
+
+def draw(stage: Trainer, data: FrameData, scene) -> Drawn:
+    """FRAME as the stage draws it; `scene` is what the stage was made from."""
+    model = stage.model
+    now, later = model.dynamic_at(*(float(model.times[i]) for i in (FRAME, PARTNER)))
+    posed = model.posed(now)
+    own = torch.zeros(len(posed.means), 1)
+    own[len(model.static) :] = 1
+    there = torch.cat([model.static.parameters["means"], later[0]])
+    camera = model.rig.camera(FRAME, data.width, data.height)
+    with torch.no_grad():
+        out = model.render(posed, camera, extra=torch.cat([own, there], 1), background=BACKGROUND, backend="torch")
+    channels = out.channels.double().numpy()
+    depth, alpha = out.depth.double().numpy(), out.alpha.double().numpy()
+    return Drawn(channels[..., :3], depth, alpha, channels[..., 3], channels[..., 4:], scene[2])
+
+
+def turned(quat, vector):
+    """`vector` turned by the unit quaternion wxyz."""
+    w, u = quat[0], quat[1:]
+    return vector + 2 * np.cross(u, np.cross(u, vector) + w * vector)
+
+
+# ---- the terms, written out --------------------------------------------------------------------------------------------
+
+
+def picture_term(stage, data, drawn):
+    """Mean over pixels, weighed 1 to `moving` by the motion score, of the L1 over channels."""
+    weight = stage.config.losses.moving
+    total = weights = 0.0
+    for r in range(data.height):
+        for c in range(data.width):
+            attention = 1 + (weight - 1) * float(data.motion[FRAME, r, c])
+            error = sum(abs(drawn.rgb[r, c, k] - float(data.rgb[FRAME, r, c, k]) / 255) for k in range(3))
+            total, weights = total + attention * error, weights + attention
+    return total / weights
+
+
+def depth_term(stage, data, drawn):
+    """Mean, by confidence, of the difference of inverse depths where depth is known."""
+    total = weights = 0.0
+    for r in range(data.height):
+        for c in range(data.width):
+            known, confidence = float(data.depth[FRAME, r, c]), float(data.confidence[FRAME, r, c])
+            if not math.isnan(known):
+                inverse = drawn.alpha[r, c] / max(drawn.depth[r, c], 1e-3)
+                total, weights = total + confidence * abs(inverse - 1 / known), weights + confidence
+    return total / weights
+
+
+def mask_term(stage, data, drawn):
+    """Mean over all pixels of |alpha of what moves - mask|, trusted fully at scores 0 and 1 and not at all at 1/2."""
+    total = 0.0
+    for r in range(data.height):
+        for c in range(data.width):
+            score = float(data.motion[FRAME, r, c])
+            wanted = 1.0 if score > 0.5 else 0.0
+            total += abs(2 * score - 1) * abs(drawn.dynamic[r, c] - wanted)
+    return total / (data.height * data.width)
+
+
+def bilinear(image, x, y):
+    """`image (H,W,C)` at pixel x, y, where pixel centres are at halves; nothing outside."""
+    value = np.zeros(image.shape[2])
+    left, top = math.floor(x - 0.5), math.floor(y - 0.5)
+    for row, col in ((top, left), (top, left + 1), (top + 1, left), (top + 1, left + 1)):
+        if 0 <= row < image.shape[0] and 0 <= col < image.shape[1]:
+            value += (1 - abs(x - 0.5 - col)) * (1 - abs(y - 0.5 - row)) * image[row, col]
+    return value
+
+
+def track_term(stage, data, drawn):
+    """Mean over tracks of the pixels, at most 20, between a track and where what is drawn on it goes."""
+    model, full = stage.model, stage.levels[0]
+    priors = drawn.priors
+    view = model.rig.view(PARTNER).detach().double().numpy()
+    lens = model.rig.intrinsics(PARTNER, full.width, full.height).detach().double().numpy()
+    distances = []
+    for i in range(priors.tracks.shape[1]):
+        if priors.tracks_motion[i] <= 0.5 or not (
+            priors.tracks_visible[FRAME, i] and priors.tracks_visible[PARTNER, i]
+        ):
+            continue
+        x, y = priors.tracks[FRAME, i].astype(float) * [data.width / full.width, data.height / full.height]
+        alpha = bilinear(drawn.alpha[..., None], x, y)[0]
+        place = bilinear(drawn.there, x, y) / max(alpha, 0.1)
+        local = view[:3, :3] @ place + view[:3, 3]
+        z = max(local[2], 0.01)
+        pixel = np.array([lens[0, 0] * local[0] / z + lens[0, 2], lens[1, 1] * local[1] / z + lens[1, 2]])
+        distances.append(min(float(np.linalg.norm(pixel - priors.tracks[PARTNER, i])), 20.0))
+    assert len(distances) > 30 and max(distances) == 20
+    return float(np.mean(distances))
+
+
+def window_of(stage):
+    """Nodes (F,M,3), unit quaternions (F,M,4) and times of the frames within the longest shift of FRAME."""
+    reach = max(stage.config.shifts)
+    chosen = [t for t in range(len(stage.model.times)) if abs(t - FRAME) <= reach]
+    xyz = stage.model.nodes.parameters["node_xyz"].detach().double().numpy()[chosen]
+    quat = stage.model.nodes.parameters["node_quat"].detach().double().numpy()[chosen]
+    return xyz, quat / np.linalg.norm(quat, axis=-1, keepdims=True), stage.model.times[chosen]
+
+
+def arap_terms(stage):
+    """As-rigid-as-possible: change over each shift of a neighbour's place in its frame, and of its distance."""
+    xyz, quat, _ = window_of(stage)
+    edges, config = stage.model.nodes.edges, stage.config
+    coordinate = length = 0.0
+    for a, b, weight in zip(edges.node.tolist(), edges.neighbour.tolist(), edges.weight.tolist(), strict=True):
+        offset = xyz[:, a] - xyz[:, b]
+        local = [turned(q * [1, -1, -1, -1], o) for q, o in zip(quat[:, b], offset, strict=True)]
+        for shift, share in zip(config.shifts, config.shift_weights, strict=True):
+            pairs = range(len(xyz) - shift)
+            for t in pairs:
+                one, two = local[t], local[t + shift]
+                coordinate += weight * share * np.linalg.norm(one - two) / len(pairs)
+                length += weight * share * abs(np.linalg.norm(one) - np.linalg.norm(two)) / len(pairs)
+    return coordinate, length
+
+
+def speed_terms(stage):
+    """Mean speed, acceleration, angular speed and its change over uneven times."""
+    xyz, quat, times = window_of(stage)
+    found = np.zeros((4, xyz.shape[1]))
+    for node in range(xyz.shape[1]):
+        velocity = [(xyz[t + 1, node] - xyz[t, node]) / (times[t + 1] - times[t]) for t in range(len(times) - 1)]
+        dot = [abs(float(quat[t + 1, node] @ quat[t, node])) for t in range(len(times) - 1)]
+        spin = [2 * math.acos(min(d, 1.0)) / (times[t + 1] - times[t]) for t, d in enumerate(dot)]
+        middle = [(times[t + 2] - times[t]) / 2 for t in range(len(times) - 2)]
+        found[0, node] = np.mean([np.linalg.norm(v) for v in velocity])
+        found[1, node] = np.mean([np.linalg.norm(velocity[t + 1] - velocity[t]) / m for t, m in enumerate(middle)])
+        found[2, node] = np.mean(spin)
+        found[3, node] = np.mean([abs(spin[t + 1] - spin[t]) / m for t, m in enumerate(middle)])
+    return found.mean(1)
+
+
+MOTION = {
+    "arap_coordinate": lambda stage: arap_terms(stage)[0],
+    "arap_length": lambda stage: arap_terms(stage)[1],
+    "velocity": lambda stage: speed_terms(stage)[0],
+    "acceleration": lambda stage: speed_terms(stage)[1],
+    "rotation_velocity": lambda stage: speed_terms(stage)[2],
+    "rotation_acceleration": lambda stage: speed_terms(stage)[3],
+    "dw": lambda stage: np.abs(stage.model.dynamic.parameters["dw"].detach().double().numpy()).mean(),
+}
+
+
+def camera_term(stage):
+    """Mean squared second difference of the corrections, times the full picture's width."""
+    turn, place = (
+        stage.model.rig.parameters[n].detach().double().numpy() for n in ("camera_rotation", "camera_position")
+    )
+    jerks = [sum(((p[t + 1] - 2 * p[t] + p[t - 1]) ** 2).sum() for p in (turn, place)) for t in range(1, len(turn) - 1)]
+    return WIDTH * float(np.mean(jerks))
+
+
+def with_term(scene, name: str, weight: float, level: int = 0, **changes):
+    """(what the term adds to the loss of the picture's L1, the stage)."""
+    stage, without = (
+        stage_with(scene, dataclasses.replace(SILENT, **{name: weight}), **changes),
+        stage_with(scene, **changes),
+    )
+    for each in (stage, without):
+        each.model.dynamic.use_dw = True
+    with torch.no_grad():
+        added = float(loss_of(stage, level=level).double() - loss_of(without, level=level).double())
+    return added, stage
+
+
+@pytest.mark.parametrize("level", [0, 1])
+@pytest.mark.parametrize("moving", [1.0, 3.0])
+def test_the_picture_is_compared_where_it_moves_above_all(scene, level, moving):
+    stage = stage_with(scene, dataclasses.replace(SILENT, moving=moving))
+    data = stage.levels[level]
+    expected = picture_term(stage, data, draw(stage, data, scene))
+    assert float(loss_of(stage, level=level).detach()) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("level", [0, 1])
+@pytest.mark.parametrize(("name", "term"), [("depth", depth_term), ("mask", mask_term), ("track", track_term)])
+def test_a_term_of_what_is_drawn_is_its_formula_times_its_weight(scene, name, term, level):
+    added, stage = with_term(scene, name, 30.0, level)
+    data = stage.levels[level]
+    assert added == pytest.approx(30 * term(stage, data, draw(stage, data, scene)), rel=2e-4)
+
+
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("shifts", [((1, 3, 8), (0.6, 0.2, 0.2)), ((1, 2), (0.7, 0.3))])
+@pytest.mark.parametrize("name", MOTION)
+def test_a_term_of_motion_is_its_formula_times_its_weight_and_its_period(scene, name, shifts, every):
+    changes = {"motion_every": every, "shifts": shifts[0], "shift_weights": shifts[1]}
+    added, stage = with_term(scene, name, 50.0, **changes)
+    assert added == pytest.approx(50 * every * MOTION[name](stage), rel=2e-4)
+
+
+def test_offsets_cost_nothing_before_they_are_learnt(scene):
+    stage, silent = stage_with(scene, dataclasses.replace(SILENT, dw=50.0)), stage_with(scene)
+    assert not stage.model.dynamic.use_dw
+    assert float(loss_of(stage).detach()) == float(loss_of(silent).detach())
+
+
+def test_camera_corrections_cost_their_unevenness_in_pixels(scene):
+    added, stage = with_term(scene, "camera_smoothness", 2.0)
+    assert added == pytest.approx(2 * camera_term(stage), rel=1e-4)
+    halved, _ = with_term(scene, "camera_smoothness", 2.0, level=1)
+    assert halved == pytest.approx(added, rel=1e-4), "not less at half the size"
+
+
+def test_terms_add_up(scene):
+    weights = {f.name: 0.3 for f in dataclasses.fields(LossConfig)} | {"moving": 1.0}
+    whole = stage_with(scene, LossConfig(**weights))
+    parts = {name: dataclasses.replace(SILENT, **{name: 0.3}) for name in weights if name != "moving"}
+    with torch.no_grad():
+        plain = float(loss_of(stage_with(scene)))
+        total = sum(float(loss_of(stage_with(scene, losses))) - plain for losses in parts.values())
+        assert float(loss_of(whole)) == pytest.approx(plain + total, rel=1e-4)
+
+
+@pytest.mark.parametrize(("name", "period"), [("track", "track_every"), ("velocity", "motion_every")])
+def test_what_is_costly_is_asked_for_every_so_many_steps(scene, name, period):
+    stage, silent = stage_with(scene, dataclasses.replace(SILENT, **{name: 5.0}), **{period: 3}), stage_with(scene)
+    plain = float(loss_of(silent).detach())
+    charged = [float(loss_of(stage, step=step).detach()) > plain + 1e-3 for step in range(7)]
+    assert charged == [step % 3 == 0 for step in range(7)]
+
+
+def test_a_track_behind_the_camera_is_as_wrong_as_can_be(scene):
+    """Mirrored through the camera it would meet its track by half."""
+    stage, silent = stage_with(scene, dataclasses.replace(SILENT, track=1.0)), stage_with(scene)
+    for each in (stage, silent):
+        with torch.no_grad():
+            each.model.rig.parameters["camera_position"][PARTNER, 2] = -3
+    assert float((loss_of(stage) - loss_of(silent)).detach()) == pytest.approx(20, abs=0.7)
+
+
+def test_tracks_pull_what_moves_and_a_track_beyond_the_cap_pulls_nothing(scene):
+    def pull(beyond: bool):
+        model, clip, priors = scene
+        priors = copy.copy(priors)
+        priors.tracks = priors.tracks.copy()
+        priors.tracks[PARTNER] += 500 * beyond
+        stage, silent = (stage_with((model, clip, priors), dataclasses.replace(SILENT, track=w)) for w in (1.0, 0.0))
+        gradients = []
+        for each in (stage, silent):
+            loss_of(each).backward()
+            gradients.append(each.model.nodes.parameters["node_xyz"].grad[PARTNER])
+        assert gradients[1] is None or not gradients[1].any(), "a picture says nothing of another time"
+        return float(gradients[0].norm())
+
+    assert pull(False) > 1 and pull(True) == 0
+
+
+# ---- partners ----------------------------------------------------------------------------------------------------------
+
+
+def seen_together(scene, shared: dict[int, int], score: float = 1.0):
+    """A stage in which frame 1 sees `shared[f]` of its moving tracks in frame f too."""
+    model, clip, priors = scene
+    priors = copy.copy(priors)
+    priors.tracks_visible = np.zeros_like(priors.tracks_visible)
+    priors.tracks_visible[1, :40] = True
+    for frame, count in shared.items():
+        priors.tracks_visible[frame, :count] = True
+    priors.tracks_motion = np.full(priors.tracks_visible.shape[1], score, np.float32)
+    return stage_with((model, clip, priors))
+
+
+def test_a_partner_sees_eight_moving_tracks_of_the_frame(scene):
+    stage = seen_together(scene, {0: 7, 3: 8, 4: 7})
+    assert {partner_of(stage, 1) for _ in range(10)} == {3}
+    stage = seen_together(scene, {0: 8, 2: 20, 3: 7, 5: 9})
+    drawn = [partner_of(stage, 1) for _ in range(90)]
+    assert set(drawn) == {0, 2, 5} and min(drawn.count(f) for f in (0, 2, 5)) > 15
+    assert partner_of(seen_together(scene, {0: 7, 2: 7}), 1) is None
+    assert partner_of(seen_together(scene, {0: 20}, score=0.5), 1) is None, "as likely still as moving"
+    assert partner_of(seen_together(scene, {0: 20}, score=0.51), 1) == 0
+
+
+def test_without_a_partner_there_is_no_track_loss(scene):
+    stage, silent = stage_with(scene, dataclasses.replace(SILENT, track=5.0)), stage_with(scene)
+    assert partner_of(stage, 0) is None
+    assert float(loss_of(stage, 0).detach()) == float(loss_of(silent, 0).detach())
+
+
+# ---- data --------------------------------------------------------------------------------------------------------------
+
+
+def test_half_the_resolution_averages_colours_and_samples_the_rest():
+    rng = np.random.default_rng(1)
+    rgb = torch.from_numpy(rng.integers(0, 256, (2, 5, 7, 3), np.uint8))
+    maps = [torch.from_numpy(rng.random((2, 5, 7)).astype(kind)) for kind in (np.float32, np.float16, np.float16)]
+    half = FrameData(rgb, *maps, 7, 5).halved()
+    assert (half.width, half.height) == (3, 2) and half.rgb.dtype == torch.uint8
+    for f in range(2):
+        for r in range(2):
+            for c in range(3):
+                for k in range(3):
+                    four = rgb[f, 2 * r : 2 * r + 2, 2 * c : 2 * c + 2, k].double().numpy()
+                    assert half.rgb[f, r, c, k] == round(float(four.mean()))
+                for found, whole in zip((half.depth, half.confidence, half.motion), maps, strict=True):
+                    assert found[f, r, c] == whole[f, 2 * r, 2 * c]
+
+
+def test_the_quality_curve_is_the_psnr_of_frames_from_first_to_last(scene):
+    stage = stage_with(scene)
+    stage.step, stage.loss = 7, 0.25
+    stage.measure()
+    scores = []
+    for frame in (0, 2, 3, 5):
+        model = stage.model
+        camera = model.rig.camera(frame, WIDTH, HEIGHT)
+        with torch.no_grad():
+            posed = model.posed(model.dynamic_at(float(model.times[frame]))[0])
+            picture = model.render(posed, camera, backend="torch").channels.clamp(0, 1).double().numpy()
+        scores.append(-10 * np.log10(((picture - stage.levels[0].rgb[frame].numpy() / 255) ** 2).mean()))
+    (point,) = stage.history
+    assert point["psnr"] == pytest.approx(np.mean(scores), abs=1e-4)
+    assert (point["step"], point["loss"], point["gaussians"]) == (7, 0.25, len(stage.model))
+
+
+# ---- rates -------------------------------------------------------------------------------------------------------------
 
 
 def test_each_set_learns_at_its_own_rates_which_fall_to_their_last_value():
@@ -38,3 +448,30 @@ def test_each_set_learns_at_its_own_rates_which_fall_to_their_last_value():
     assert last["dynamic"]["local_means"] == pytest.approx(5e-5)
     assert last["dynamic"]["sh0"] == pytest.approx(8e-2)
     assert last["dynamic"]["dw"] == pytest.approx(9e-3)
+
+
+RATES = RateConfig(
+    node_xyz=(1e-3, 1e-5),
+    node_quat=(4e-3, 4e-4),
+    radius=7e-3,
+    camera_rotation=(2e-4, 2e-6),
+    camera_position=(9e-5, 9e-6),
+    focal=5e-4,
+)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.19, 0.2, 0.29, 0.3, 0.6, 0.95, 1.0])
+def test_nodes_and_cameras_learn_at_rates_that_fall_and_cameras_begin_late(scene, share):
+    stage = stage_with(scene, rates=RATES, rate_decay_start=0.2, cameras_from=0.3)
+    gone = 0.0 if share < 0.2 else (share - 0.2) / 0.8
+    cameras = 0.0 if share < 0.3 else 1.0
+    assert rates_at(stage, share)["shared"] == pytest.approx(
+        {
+            "node_xyz": 1e-3 * 0.01**gone,
+            "node_quat": 4e-3 * 0.1**gone,
+            "radius_logit": 7e-3,
+            "camera_rotation": cameras * 2e-4 * 0.01**gone,
+            "camera_position": cameras * 9e-5 * 0.1**gone,
+            "focal": cameras * 5e-4,
+        }
+    )

@@ -16,6 +16,7 @@ from f4x_core.gaussians import (
     spawn_dynamic,
     spawn_static,
 )
+from f4x_core.gaussians.parameters import localise, opacity_logit
 from f4x_core.gaussians.spawn import coarse_to_fine, cover, spawn_that_fits
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import Camera
@@ -69,6 +70,85 @@ def test_appended_rows_start_with_zero_moments_and_leave_others_alone():
     assert grown.labels["ids"][-4:].tolist() == [100, 101, 102, 103]
 
 
+def adam_written_out(value, gradients, rate):
+    """Adam of Kingma and Ba with the epsilon of 3DGS, float64."""
+    first = second = np.zeros_like(value)
+    for step, gradient in enumerate(gradients, 1):
+        first = 0.9 * first + 0.1 * gradient
+        second = 0.999 * second + 0.001 * gradient**2
+        value = value - rate * (first / (1 - 0.9**step)) / (np.sqrt(second / (1 - 0.999**step)) + 1e-15)
+    return value
+
+
+def test_each_tensor_takes_adams_steps_at_its_own_rate_and_places_in_units_of_reach():
+    gaussians = some_static(12)
+    reach = np.linspace(0.3, 4, 12)
+    gaussians.labels["reach"] = torch.from_numpy(reach).float()
+    own = {name: 1e-3 * (i + 1) for i, name in enumerate(gaussians.parameters)}
+    optimiser = SetOptimiser(gaussians, dict.fromkeys(own, 1.0))
+    optimiser.set_rates(own)
+    rng = np.random.default_rng(5)
+    before = {name: tensor.detach().double().numpy().copy() for name, tensor in gaussians.parameters.items()}
+    gradients = {name: rng.normal(size=(4, *value.shape)) for name, value in before.items()}
+    gradients["sh0"] *= 1e-11  # Adam's own epsilon would swallow these
+    for step in range(4):
+        for name, tensor in gaussians.parameters.items():
+            tensor.grad = torch.from_numpy(gradients[name][step]).float()
+        optimiser.step()
+        assert all(tensor.grad is None for tensor in gaussians.parameters.values())
+    for name, tensor in gaussians.parameters.items():
+        moved = adam_written_out(before[name], gradients[name], own[name]) - before[name]
+        if name == "means":
+            moved *= reach[:, None]
+        np.testing.assert_allclose(tensor.detach().double().numpy() - before[name], moved, atol=1e-6, err_msg=name)
+
+
+def test_what_is_forgotten_begins_anew_and_the_rest_goes_on():
+    gaussians = some_static(6)
+    optimiser = SetOptimiser(gaussians, rates(gaussians))
+    descend(optimiser, 3)
+    optimiser.forget("quats")
+    for name in gaussians.parameters:
+        state = optimiser.adam.state[gaussians.parameters[name]]
+        for moment in ("exp_avg", "exp_avg_sq"):
+            assert bool(state[moment].any()) == (name not in ("quats", "shN")), (name, moment)
+
+
+def test_a_band_is_added_behind_the_coefficients_and_its_constant_to_the_first():
+    gaussians = some_static(6, degree=1)
+    plain, more = torch.randn(6, 1, 3), torch.randn(6, 5, 3)
+    wanted = torch.cat([gaussians.parameters["sh0"].detach() + plain, torch.zeros(6, 3, 3), more], 1)
+    SetOptimiser(gaussians, rates(gaussians)).add_band(plain, more)
+    torch.testing.assert_close(gaussians.sh.detach(), wanted)
+
+
+def test_what_is_stored_is_activated_as_3dgs_does():
+    gaussians = some_static(7, degree=1)
+    rng = np.random.default_rng(1)
+    raw = {name: rng.normal(size=tuple(tensor.shape)) for name, tensor in gaussians.parameters.items()}
+    gaussians.parameters = {name: torch.from_numpy(value) for name, value in raw.items()}
+    np.testing.assert_allclose(gaussians.scales, np.exp(raw["log_scales"]))
+    np.testing.assert_allclose(gaussians.opacities, 1 / (1 + np.exp(-raw["opacity_logits"])))
+    np.testing.assert_array_equal(gaussians.sh[:, 0], raw["sh0"][:, 0])
+    np.testing.assert_array_equal(gaussians.sh[:, 1:], raw["shN"])
+    logit = opacity_logit(torch.tensor([0.0, 0.25, 0.6, 1.0], dtype=torch.float64))
+    np.testing.assert_allclose(logit, np.log(np.array([1e-4, 0.25, 0.6, 1 - 1e-4]) / [1 - 1e-4, 0.75, 0.4, 1e-4]))
+
+
+def test_gaussians_start_opaque_round_and_with_the_colour_of_their_pixel():
+    rng = np.random.default_rng(4)
+    spawned = Spawned(*(rng.uniform(0.1, 1, shape).astype(np.float32) for shape in ((5, 3), (5, 3), (5,), (5,))))
+    made = spawn_static(spawned, 2, SpawnConfig(opacity=0.7), first_id=30)
+    np.testing.assert_array_equal(made.parameters["means"].detach(), spawned.means)
+    np.testing.assert_allclose(made.scales.detach(), np.tile(spawned.radius[:, None], 3), rtol=1e-6)
+    np.testing.assert_allclose(made.opacities.detach(), 0.7, rtol=1e-6)
+    y00 = 0.5 / np.sqrt(np.pi)
+    np.testing.assert_allclose(made.sh[:, 0].detach() * y00 + 0.5, spawned.rgb, atol=1e-6)
+    assert made.sh.shape == (5, 9, 3) and not made.sh[:, 1:].any()
+    assert made.labels["ids"].tolist() == [30, 31, 32, 33, 34]
+    np.testing.assert_array_equal(made.labels["reach"], spawned.depth)
+
+
 @pytest.fixture
 def nodes():
     generator = torch.Generator().manual_seed(1)
@@ -93,6 +173,34 @@ def test_local_storage_gives_back_the_world_placement(nodes):
     x, q = dynamic.at_reference(*nodes)
     assert np.allclose(x.detach().numpy(), spawned.means, atol=1e-5)
     assert np.allclose(q.detach().abs()[:, 0].numpy(), 1, atol=1e-5)
+
+
+def test_a_gaussian_hangs_on_the_node_that_is_nearest_at_its_reference_frame(nodes):
+    """Its place is R_node local + t_node there; `localise` is the way back."""
+    spawned, dynamic = some_dynamic(nodes)
+    xyz, quat = (a.double().numpy() for a in nodes)
+    place = dynamic.parameters["local_means"].detach().double().numpy()
+    for i in range(len(dynamic)):
+        frame, node = int(dynamic.labels["reference"][i]), int(dynamic.labels["attach"][i])
+        distance = [np.linalg.norm(spawned.means[i] - xyz[frame, m]) for m in range(xyz.shape[1])]
+        assert node == np.argmin(distance)
+        w, x, y, z = quat[frame, node]
+        rotation = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        np.testing.assert_allclose(rotation @ place[i] + xyz[frame, node], spawned.means[i], atol=1e-5)
+    generator = torch.Generator().manual_seed(8)
+    with torch.no_grad():
+        dynamic.parameters["local_quats"].copy_(torch.randn(30, 4, generator=generator))
+    placed = [tensor.detach() for tensor in dynamic.at_reference(*nodes)]
+    back = localise(*placed, dynamic.labels["attach"], dynamic.labels["reference"], *nodes)
+    torch.testing.assert_close(back[0], dynamic.parameters["local_means"].detach(), atol=1e-5, rtol=1e-5)
+    unit = quaternion.normalize(dynamic.parameters["local_quats"].detach())
+    torch.testing.assert_close(back[1], unit, atol=1e-5, rtol=1e-5)
 
 
 def test_moving_a_node_rigidly_moves_its_gaussians_rigidly(nodes):
@@ -160,6 +268,56 @@ def test_spawned_points_carry_their_pixels():
     assert np.allclose(spawned.rgb, image[row, column] / 255, atol=1e-6)
 
 
+def test_a_gaussian_is_as_large_as_its_cell_is_at_its_depth():
+    """Standard deviation: the fraction `scale` of a cell's side, which is spacing pixels of depth / focal length each."""
+    camera, image, depth = frame(0.8)
+    everywhere = np.ones(depth.shape, bool)
+    for spacing, scale in ((2.0, 0.5), (4.0, 0.3)):
+        config = SpawnConfig(spacing=spacing, scale=scale)
+        spawned = cover(image, depth, everywhere, camera, np.zeros((0, 3)), config, np.random.default_rng(0))
+        np.testing.assert_allclose(spawned.radius, scale * spacing * 0.8 / 50.0, rtol=1e-6)
+        np.testing.assert_allclose(spawned.depth, 0.8, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("nearer", "covered"), [(0.89, False), (0.91, True), (1.09, True), (1.11, False)])
+def test_a_cell_is_covered_within_the_tolerance_of_its_own_depth(nearer, covered):
+    camera, image, depth = frame(2.0)
+    everywhere, rng, config = np.ones(depth.shape, bool), np.random.default_rng(0), SpawnConfig(spacing=2)
+    pixels = np.stack(np.meshgrid(np.arange(1, 48, 2.0), np.arange(1, 32, 2.0)), -1).reshape(-1, 2)
+    existing = camera.unproject(pixels, np.full(len(pixels), 2.0 * nearer))
+    assert (len(cover(image, depth, everywhere, camera, existing, config, rng)) == 0) == covered
+
+
+@pytest.mark.parametrize(("around", "covered"), [(3, False), (4, True)])
+def test_an_empty_cell_among_enough_gaussians_is_covered_by_their_extent(around, covered):
+    camera, image, depth = frame()
+    here = np.zeros(depth.shape, bool)
+    here[14:16, 22:24] = True  # one cell; those around it are there to be projected into, but ask for nothing
+    valid = here.copy()
+    valid[12:18, 20:26] = True
+    corners = np.array([[21.0, 13], [25, 13], [21, 17], [25, 17]])[:around]
+    existing = camera.unproject(corners, np.ones(around))
+    config = SpawnConfig(spacing=2)
+    spawned = cover(image, depth, valid, camera, existing, config, np.random.default_rng(0))
+    pixels = np.floor(camera.project(spawned.means.astype(np.float64))[0])
+    inside = ((pixels >= [22, 14]) & (pixels < [24, 16])).all(1)
+    assert inside.sum() == (not covered)
+
+
+@pytest.mark.parametrize(
+    ("grey", "steep", "plain"), [(2.5, 0.0, True), (3.5, 0.0, False), (0, 0.015, True), (0, 0.025, False)]
+)
+def test_a_block_is_plain_where_grey_and_depth_deviate_less_than_their_limits(grey, steep, plain):
+    """Checkerboards of pixels, so that the standard deviation is half the difference."""
+    camera, _, depth = frame()
+    board = np.indices(depth.shape).sum(0) % 2 * 2.0 - 1
+    image = np.repeat((120 + grey * board)[..., None], 3, -1)
+    depth = (depth * np.exp(steep * board)).astype(np.float32)
+    everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
+    count = len(cover(image, depth, everywhere, camera, np.zeros((0, 3)), SpawnConfig(spacing=2), rng))
+    assert count == (24 if plain else 384)
+
+
 def test_plain_cells_share_one_gaussian_and_detailed_ones_do_not():
     camera, image, depth = frame()
     image[:, :24] = 120  # a wall
@@ -201,6 +359,18 @@ def test_what_has_no_room_is_covered_more_thinly_everywhere():
     assert thirds.min() > 0.7 * thirds.max()
     roomy = replace(asked, max_count=2000)
     assert spawn_that_fits(spawn, roomy)[1] is roomy
+
+
+def test_cells_grow_until_what_is_made_fits():
+    """Counts that fall with the square of the spacing: one more try, 3 % larger than needed."""
+
+    def spawn(config):
+        return range(round(9000 / config.spacing**2))
+
+    made, given = spawn_that_fits(spawn, SpawnConfig(spacing=1.0, max_count=6000))
+    assert given.spacing == pytest.approx(1.03 * 1.5**0.5) and len(made) == len(spawn(given)) <= 6000
+    made, given = spawn_that_fits(spawn, SpawnConfig(spacing=1.0, max_count=9000))
+    assert given.spacing == 1 and len(made) == 9000
 
 
 def test_near_and_far_move_equally_far_in_the_picture():

@@ -11,6 +11,7 @@ import torch
 
 from benchmarks.studies.hard_cases import that, within
 from f4x_core.gaussians import appearance
+from f4x_core.native.kernels import TORCH, Kernels
 
 STAGE = "raster"
 
@@ -21,9 +22,9 @@ def check():
     sh = torch.randn(5, 16, 3, generator=generator, dtype=torch.float64)
     quats = torch.randn(5, 4, generator=generator, dtype=torch.float64)
     true = appearance(sh, means, quats, torch.zeros(3, dtype=torch.float64))
-    for by, threads in (("torch", 0), ("native", 1)):
+    for by, kernels in (("torch", TORCH), ("native", Kernels(native=True))):
         leaves = [x.float().requires_grad_() for x in (sh, means, quats)]
-        colours = appearance(*leaves, torch.zeros(3), threads)
+        colours = appearance(*leaves, torch.zeros(3), kernels)
         # Float32 cannot tell 1e-20 from the centre; what matters there is that it stays finite.
         error = (colours.detach().double() - true)[[1, 2, 4]].abs().max()
         yield within("colours", error, 1e-5, by)

@@ -1,0 +1,217 @@
+"""The model under optimisation against plain formulas: corrected cameras, nodes as parameters, Gaussians at a time, a picture."""
+
+import numpy as np
+import pytest
+import torch
+from carried_scene import GRAPH, HEIGHT, WIDTH, camera_path, carried_scene, row_of_nodes, spawned_at
+
+from f4x_core.fit.model import CameraRig, NodeSet, SceneModel
+from f4x_core.gaussians import SpawnConfig, spawn_static
+from f4x_core.geometry.splats import Splats
+from f4x_core.native.kernels import TORCH, Kernels
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
+def rodrigues(vector: np.ndarray) -> np.ndarray:
+    """(3,3) the rotation by |vector| radians about `vector`."""
+    angle = np.linalg.norm(vector)
+    x, y, z = vector / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+# ---- cameras -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def rig():
+    """Corrected cameras of four frames."""
+    rig, rng = CameraRig(camera_path(4)), np.random.default_rng(0)
+    with torch.no_grad():
+        for name, size in (("camera_rotation", 0.3), ("camera_position", 0.2)):
+            rig.parameters[name].copy_(torch.from_numpy(rng.normal(0, size, (4, 3))))
+        rig.parameters["focal"].fill_(0.2)
+    return rig
+
+
+def test_corrections_are_made_in_the_frame_of_the_camera(rig):
+    for frame in range(4):
+        turn = rodrigues(rig.parameters["camera_rotation"][frame].detach().double().numpy())
+        shift = rig.parameters["camera_position"][frame].detach().double().numpy()
+        base = rig.path.world_to_camera[frame]
+        point = np.array([0.3, -0.7, 1.9])
+        view = rig.view(frame).detach().double().numpy()
+        expected = turn @ (base[:3, :3] @ point + base[:3, 3]) + shift
+        np.testing.assert_allclose(view[:3, :3] @ point + view[:3, 3], expected, atol=1e-5)
+        np.testing.assert_array_equal(view[3], [0, 0, 0, 1])
+
+
+def test_the_focal_length_is_scaled_and_the_lens_follows_the_size(rig):
+    fx, fy, cx, cy = 50 * np.exp(0.2), 55 * np.exp(0.2), 33, 18
+    whole, half = (rig.intrinsics(1, *size).detach() for size in ((WIDTH, HEIGHT), (WIDTH // 2, HEIGHT // 4)))
+    np.testing.assert_allclose(whole, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], rtol=1e-6)
+    np.testing.assert_allclose(half, [[fx / 2, 0, cx / 2], [0, fy / 4, cy / 4], [0, 0, 1]], rtol=1e-6)
+
+
+def test_steady_corrections_cost_nothing_and_uneven_ones_their_second_difference(rig):
+    turn, shift = (rig.parameters[name].detach().double().numpy() for name in ("camera_rotation", "camera_position"))
+    squares = [((p[t - 1] - 2 * p[t] + p[t + 1]) ** 2).sum() for t in (1, 2) for p in (turn, shift)]
+    assert float(rig.smoothness().detach()) == pytest.approx(sum(squares) / 2, rel=1e-5)
+    with torch.no_grad():
+        for name in ("camera_rotation", "camera_position"):
+            rig.parameters[name].copy_(torch.arange(4.0)[:, None] * torch.tensor([0.1, -0.2, 0.3]) + 0.5)
+    assert float(rig.smoothness().detach()) == pytest.approx(0, abs=1e-12)
+    assert float(CameraRig(camera_path(2)).smoothness()) == 0
+
+
+def test_the_refined_path_holds_the_corrections(rig):
+    path = rig.refined()
+    for frame in range(4):
+        np.testing.assert_allclose(path.world_to_camera[frame], rig.view(frame).detach(), atol=1e-6)
+        np.testing.assert_allclose(path.intrinsics[frame], rig.intrinsics(frame, WIDTH, HEIGHT).detach(), rtol=1e-6)
+        rotation = path.world_to_camera[frame, :3, :3]
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
+    np.testing.assert_array_equal(path.times, rig.path.times)
+
+
+# ---- nodes -------------------------------------------------------------------------------------------------------------
+
+
+def test_nodes_start_where_the_scaffold_is_and_their_radii_stay_below_five_units():
+    scaffold = row_of_nodes(radius=0.6)
+    nodes = NodeSet(scaffold, GRAPH)
+    np.testing.assert_allclose(nodes.radius.detach(), 0.6, rtol=1e-5)
+    np.testing.assert_array_equal(nodes.parameters["node_xyz"].detach(), scaffold.xyz)
+    with torch.no_grad():
+        nodes.parameters["radius_logit"].copy_(torch.tensor([0.0, 50, -50, 1]))
+        nodes.parameters["node_quat"].mul_(3)
+    np.testing.assert_allclose(nodes.radius.detach(), [2.5, 5, 0, 5 / (1 + np.exp(-1))], atol=1e-6)
+    np.testing.assert_allclose(nodes.quat.detach(), scaffold.quat, atol=1e-6)
+    taken = nodes.snapshot()
+    np.testing.assert_allclose(taken.quat, scaffold.quat, atol=1e-6)
+    np.testing.assert_allclose(taken.radius, nodes.radius.detach())
+    assert taken.ids.tolist() == [20, 21, 22, 23]
+
+
+def test_edges_of_the_graph_weigh_0_4_in_all_and_coarse_ones_their_level():
+    """Shares of each node's edges: 0.4 / number of them / number of nodes."""
+    scaffold = row_of_nodes(12)
+    edges = NodeSet(scaffold, GRAPH).edges
+    base = edges.detached_from
+    for i in range(12):
+        own = edges.node[:base] == i
+        neighbours = [
+            n for n, valid in zip(scaffold.neighbours[i, 1:], scaffold.edge_mask[i, 1:], strict=True) if valid
+        ]
+        assert edges.neighbour[:base][own].tolist() == neighbours
+        np.testing.assert_allclose(edges.weight[:base][own], 0.4 / len(neighbours) / 12, rtol=1e-6)
+    coarse = edges.node[base:]
+    assert len(coarse) and set(edges.neighbour[base:].tolist()) < set(range(12))
+    for i in coarse.unique():
+        assert float(edges.weight[base:][coarse == i].sum()) == pytest.approx(0.3 / 12, rel=1e-5)
+
+
+# ---- Gaussians at a time -----------------------------------------------------------------------------------------------
+
+PLACES = np.array([[0.1, 0.1, 0.0], [0.9, 0.2, 0.1], [2.6, -0.2, 0.0], [1.5, 40.0, 0.0], [3.0, 0.4, 0.3]])
+REFERENCE = np.array([0, 1, 2, 0, 1])
+
+
+@pytest.fixture(params=[TORCH, Kernels(native=True, threads=2)], ids=["torch", "compiled"])
+def model(request):
+    if request.param.native:
+        request.getfixturevalue("native_library")
+    return carried_scene(PLACES, REFERENCE, kernels=request.param)
+
+
+def test_gaussians_are_where_they_were_seen_at_their_own_time(model):
+    for i, frame in enumerate(REFERENCE):
+        places, turns = model.dynamic_at(float(frame))[0]
+        np.testing.assert_allclose(places[i].detach(), PLACES[i], atol=2e-5)
+        np.testing.assert_allclose(abs(turns[i, 0].detach()), 1, atol=1e-5)
+
+
+def test_all_nodes_together_carry_even_what_is_far_from_them(model):
+    """Weights that fade with distance would leave it behind."""
+    turn, shift = rodrigues(np.array([0.0, 0.3, 0.0])), np.array([1.0, -2.0, 0.5])
+    with torch.no_grad():
+        xyz, quat = model.nodes.parameters["node_xyz"], model.nodes.parameters["node_quat"]
+        xyz[1:] = xyz[0] @ torch.from_numpy(turn.T).float() + torch.from_numpy(shift).float()
+        quat[0] = torch.tensor([1.0, 0, 0, 0])
+        quat[1:] = torch.tensor([np.cos(0.15), 0, np.sin(0.15), 0])
+        before, after = (model.dynamic_at(time)[0][0].double().numpy() for time in (0.0, 2.0))
+    np.testing.assert_allclose(after, before @ turn.T + shift, rtol=1e-4, atol=1e-4)
+
+
+def test_skinning_is_the_kernel_of_the_nodes_at_the_reference_and_offsets_count_once_learnt(model):
+    own = np.random.default_rng(0).normal(0, 0.2, (5, 4))
+    with torch.no_grad():
+        model.dynamic.parameters["dw"].copy_(torch.from_numpy(own))
+    nodes = model.nodes.scaffold
+    for learnt in (False, True):
+        model.dynamic.use_dw = learnt
+        with torch.no_grad():
+            x, _ = model.dynamic.at_reference(model.nodes.parameters["node_xyz"], model.nodes.quat)
+            weights, strength = model.skinning(x)
+        for i, attach in enumerate(model.dynamic.labels["attach"].tolist()):
+            neighbours = nodes.neighbours[attach]
+            squared = ((PLACES[i] - nodes.xyz[REFERENCE[i], neighbours]) ** 2).sum(1)
+            raw = np.exp(-squared / (2 * 0.6**2)) + 1e-6
+            raw = np.abs(raw + learnt * own[i])
+            np.testing.assert_allclose(weights[i], raw / raw.sum(), rtol=2e-4)
+        assert (strength == 1).all()
+        with torch.no_grad():
+            moved = model.dynamic_at(0.0)[0][0]
+            model.dynamic.parameters["dw"].mul_(-1)
+            assert bool((model.dynamic_at(0.0)[0][0] != moved).any()) == learnt
+            model.dynamic.parameters["dw"].mul_(-1)
+
+
+def test_both_sets_then_the_frozen_ones(model):
+    behind = spawn_static(spawned_at(np.array([[9.0, 9, 9]])), 1, SpawnConfig(opacity=0.3))
+    own = behind.parameters
+    frozen = Splats(own["means"], own["quats"], behind.scales, behind.opacities, behind.sh).map(torch.Tensor.detach)
+    whole = SceneModel(model.static, model.dynamic, model.nodes, model.rig, "sigma", frozen=frozen)
+    moved = whole.dynamic_at(2.0)[0]
+    posed = whole.posed(moved)
+    static, dynamic = model.static, model.dynamic
+    for found, parts in (
+        (posed.means, (static.parameters["means"], moved[0], behind.parameters["means"])),
+        (posed.quats, (static.parameters["quats"], moved[1], behind.parameters["quats"])),
+        (posed.scales, (static.scales, dynamic.scales, behind.scales)),
+        (posed.opacities, (static.opacities, dynamic.opacities, behind.opacities)),
+        (posed.sh, (static.sh, dynamic.sh, behind.sh)),
+    ):
+        assert torch.equal(found.detach(), torch.cat([part.detach() for part in parts]))
+    still = SceneModel(static, None, None, model.rig, "sigma")
+    assert torch.equal(still.posed(None).means, static.parameters["means"])
+
+
+def test_a_picture_shows_colours_as_seen_from_the_camera_and_background_behind_them_alone(model):
+    with torch.no_grad():
+        for gaussians in (model.static, model.dynamic):
+            gaussians.parameters["shN"].normal_(0, 0.2, generator=torch.Generator().manual_seed(1))
+            posed = model.posed(model.dynamic_at(1.0)[0])
+        camera = model.rig.camera(1, WIDTH, HEIGHT)
+        number = torch.eye(len(posed.means))
+        background = torch.tensor([0.1, 0.6, 0.9])
+        out = model.render(posed, camera, extra=number, background=background, backend="torch")
+    matrix = camera.world_to_camera.double().numpy()
+    centre = -matrix[:3, :3].T @ matrix[:3, 3]
+    part = out.channels[..., 3:].double().numpy()  # (H,W,N) how much of each pixel is of each Gaussian
+    np.testing.assert_allclose(part.sum(-1), out.alpha, atol=1e-5)
+    assert part.max((0, 1)).min() < 0.01 < part.max()
+    picture = (1 - out.alpha.double().numpy())[..., None] * background.double().numpy()
+    for i in range(len(posed.means)):
+        direction = posed.means[i].double().numpy() - centre
+        w, *axis = posed.quats[i].double().numpy() / np.linalg.norm(posed.quats[i].double().numpy())
+        axis = -np.array(axis)  # into the Gaussian's own frame
+        x, y, z = (direction + 2 * np.cross(axis, np.cross(axis, direction) + w * direction)) / np.linalg.norm(
+            direction
+        )
+        sh = posed.sh[i].double().numpy()
+        first = np.sqrt(3 / (4 * np.pi))
+        colour = 0.5 + 0.5 / np.sqrt(np.pi) * sh[0] + first * (-y * sh[1] + z * sh[2] - x * sh[3])
+        picture += part[..., i : i + 1] * np.maximum(colour, 0)
+    np.testing.assert_allclose(out.channels[..., :3], picture, atol=2e-5)
