@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..errors import F4xError
-
-if TYPE_CHECKING:
-    from ..scene.posing import Posable
 
 SLOWER = 6
 """Times that the torch backend takes longer than the compiled kernels, on one thread (docs/results.md)."""
@@ -75,10 +71,3 @@ def why_slow() -> str | None:
         f"The compiled kernels are not there; drawing is about {SLOWER} times slower;"
         " `python -m f4x_core.native.build` compiles them."
     )
-
-
-def require_time(scene: Posable, time: float, flag: str) -> None:
-    """Raise F4xError when `time`, given by `flag`, lies outside the clip of `scene`."""
-    first, last = scene.cameras.times[[0, -1]]
-    if not first <= time <= last:
-        raise F4xError(f"{flag}: T must lie within the clip's frames, {first:g} to {last:g}.")
