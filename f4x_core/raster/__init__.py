@@ -16,10 +16,12 @@ from .inputs import Arguments, check_shapes, leave_out_broken, make_floating
 if TYPE_CHECKING:
     from .contract import Array
 
-__all__ = ["BACKENDS", "RasterConfig", "RasterOutput", "choose_backend", "rasterize", "why_not"]
+__all__ = ["BACKENDS", "CPU_BACKENDS", "RasterConfig", "RasterOutput", "choose_backend", "rasterize", "why_not"]
 
-BACKENDS = ("native", "torch", "reference", "gsplat")
-"""What renders for a fit. `plain` besides is numpy alone and draws pictures only."""
+CPU_BACKENDS = ("native", "torch", "reference")
+"""What renders tensors on the CPU, which all of `f4x` has."""
+BACKENDS = (*CPU_BACKENDS, "gsplat")
+"""What renders with gradients. `plain` besides is numpy alone and draws pictures only."""
 DRAW_PARTS = ("native", "reference", "plain")
 
 

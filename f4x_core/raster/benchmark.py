@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import F4xError
 from ..progress import Progress, silent
 from ..timing import measure_in_turn
-from . import BACKENDS, RasterConfig, choose_backend, rasterize
+from . import CPU_BACKENDS, RasterConfig, choose_backend, rasterize
 
 if TYPE_CHECKING:
     import torch
@@ -96,7 +96,7 @@ def benchmark(
     """
     skipped: dict[str, str] = {}
     names = []
-    for name in backends or [name for name in BACKENDS if name != "reference"]:
+    for name in backends or [name for name in CPU_BACKENDS if name != "reference"]:
         try:
             names.append(choose_backend(name))
         except F4xError as error:
