@@ -17,7 +17,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from difflib import SequenceMatcher
 from fnmatch import fnmatchcase
-from functools import cache
 from itertools import pairwise
 from typing import Any, Literal, TypeVar
 
@@ -152,7 +151,6 @@ def as_lines(config: Any) -> str:
     return "\n".join(lines)
 
 
-@cache
 def field_docs(kind: type) -> dict[str, str]:
     """Field -> the docstring that follows it in the source of the dataclass `kind`, on one line; others are left out."""
     body = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0].body  # type: ignore[attr-defined]
