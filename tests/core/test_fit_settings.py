@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
+from toy import clip_and_priors
 
-from f4x_core.cli import main
+from f4x_core.cli import fitting, main
+from f4x_core.clip import write_images
 from f4x_core.errors import F4xError
 from f4x_core.fit.config import PROFILES, FitConfig, profile
 from f4x_core.fit.settings import LIMITS, as_lines, field_docs, list_settings, set_fields
@@ -173,6 +175,15 @@ def test_show_config_needs_no_clip(capsys):
         "help": "Places, at depth 1.",
     }
     assert rows["priors.files"]["value"] == {}
+
+
+def test_a_fit_gets_what_was_set_after_all_other_options(tmp_path, monkeypatch, capsys):
+    write_images(tmp_path / "clip", clip_and_priors()[0].frames)
+    given = []
+    monkeypatch.setattr(fitting, "fit_to_folder", lambda clip, folder, config, *_: given.append(config) or {"text": ""})
+    arguments = ["--seed", "1", "--profile", "quick", "--set", "steps=600", "--set", "seed=2"]
+    assert main(["fit", str(tmp_path / "clip"), "-o", str(tmp_path / "out"), *arguments]) == 0
+    assert given == [replace(profile("quick"), steps=600, seed=2)]
 
 
 @pytest.mark.parametrize(("arguments", "missing"), [([], "clip, -o/--output"), (["x"], "-o/--output")])
