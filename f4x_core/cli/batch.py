@@ -100,7 +100,7 @@ def _defaults(entries: list[str]) -> dict[str, str]:
 
 def _require_commands(board: Board) -> None:
     """Refuse a value that `f4x` would, before the first task."""
-    from .main import build_parser
+    from .parser import build_parser
 
     parser = build_parser()
     for each in board.rows.values():
