@@ -4,6 +4,8 @@ Colours: a scene's Gaussians are display sRGB and are blended as such, over the 
 picture in linear light, so the Standard view transform shows the core's own numbers.
 """
 
+from dataclasses import replace
+
 import bpy
 import gpu
 import numpy as np
@@ -14,7 +16,7 @@ from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.scene import stage
 from ..f4x_core.scene.color import linear_from_srgb
 from . import evaluated
-from .axes import camera_eye, eye
+from .axes import Eye, camera_eye, eye
 
 # pass of the stage -> (name in Blender, channels, kind of socket)
 _PASSES = {
@@ -138,7 +140,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             return {"Combined": _combined(pictures, transparent)} | named
 
         written = stage.draw(
-            clouds,
+            _as_seen(clouds, seen),
             surfaces,
             seen.camera,
             near=seen.near,
@@ -187,9 +189,15 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         size = (-(-width // coarse), -(-height // coarse))
         seen = eye(projection, world_to_view, *size)
         clouds, surfaces, background = self._stage
+        clouds = _as_seen(clouds, seen)
         pictures = stage.draw(clouds, surfaces, seen.camera, near=seen.near, far=seen.far, background=background)
         flat = np.ascontiguousarray(_combined(pictures, transparent=False)[::-1], np.float32).ravel()
         return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
+
+
+def _as_seen(clouds: list[stage.Cloud], seen: Eye) -> list[stage.Cloud]:
+    """The clouds without the footprints of their fits, which are angles, where the view has no perspective."""
+    return [replace(cloud, footprint=None) for cloud in clouds] if seen.back else clouds
 
 
 def _wanted(layer: bpy.types.ViewLayer) -> list[str]:

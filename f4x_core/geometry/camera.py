@@ -52,6 +52,11 @@ class Camera:
         matrix[:3, 3] = self.center
         return matrix
 
+    @property
+    def focal(self) -> float:
+        """Focal length in pixels, the geometric mean of the two."""
+        return float((self.intrinsics[0, 0] * self.intrinsics[1, 1]) ** 0.5)
+
     def project(self, points: Array) -> tuple[Array, Array]:
         """Return (pixels `(..., 2)`, depth `(...)`) of world `points (..., 3)`; depth <= 0 is behind the camera."""
         xp = namespace(points)

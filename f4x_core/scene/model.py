@@ -19,6 +19,7 @@ from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera, CameraPath
 from ..geometry.interpolation import presence
 from ..geometry.splats import Splats
+from ..raster.contract import RasterConfig
 from ..scaffold import Scaffold
 from ..scaffold.deformation import Pairs, carry, pairs_of, relative_motions
 from .field import FeatureField
@@ -334,6 +335,16 @@ class Scene:
         for whole, part in zip(moved, carry(table, *(array[rows] for array in held)), strict=True):
             whole[rows] = part
         return moved
+
+    def footprint(self, time: float) -> float | None:
+        """Variance that the fit added to every projected Gaussian at clip time `time`, as a squared tangent: pixels^2 / focal^2.
+
+        The fit added `RasterConfig.blur` in pixels of its own camera. An image of another size shows what was fitted when the
+        same angle is added there. None for a scene that was imported from a splat file: how that was fitted is not known.
+        """
+        if "import" in self.provenance:
+            return None
+        return RasterConfig.blur / self.cameras.at(time).focal ** 2
 
     def latents(self) -> np.ndarray:
         """(N,D) float32 latents of the feature field, in the order of `posed`; F4xError where there is no field."""

@@ -55,6 +55,8 @@ class Cloud:
     """(4,4) any affine matrix."""
     index: int = 0
     """Number of its object in the pass `index`."""
+    footprint: float | None = None
+    """Variance that its fit added to projected Gaussians, pixels^2 / focal^2 (`Scene.footprint`); None = not known."""
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Numbers of the passes `latent (N,3)`, `selection (N,1)`, `score (N,1)`, where it has them."""
 
@@ -133,7 +135,7 @@ def draw(
         background: sRGB colour behind everything, or None.
         passes: any of `PASSES`.
         region: (rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit.
-        config: constants of the rasteriser; its `near` is not used.
+        config: constants of the rasteriser; its `near` is not used. None: those with which the largest cloud was fitted.
         backend: as in `raster.rasterize`.
         progress: called between bands of rows, a few times a second; cancelling passes through. Without it there is one band.
         finish: makes what is wanted of the pictures, pixel by pixel; called with those of each band.
@@ -141,7 +143,7 @@ def draw(
     Raises:
         F4xError: a camera that is not finite, or a backend that cannot run here.
     """
-    from ..raster import RasterConfig, rasterize
+    from ..raster import rasterize
 
     rows, columns = region or (slice(0, camera.height), slice(0, camera.width))
     ground = _Ground.seen(surfaces, camera, near, far, background)
@@ -158,7 +160,7 @@ def draw(
     )
     colors = _joined(features, sum(widths.values()))
     view = replace(camera, world_to_camera=camera.world_to_camera @ frame)
-    config = replace(config or RasterConfig(), near=near)
+    config = replace(config or _fitted_config(clouds, camera), near=near)
 
     pictures: dict[str, np.ndarray] = {}
     for band in [rows] if progress is silent else _bands(rows, camera.width):
@@ -178,6 +180,14 @@ def draw(
             pictures[name][band.start - rows.start : band.stop - rows.start] = picture
     progress("render", rows.stop - rows.start, rows.stop - rows.start)
     return pictures
+
+
+def _fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
+    """The rasteriser's constants with which the largest cloud whose fit is known looks as it was fitted."""
+    from ..raster import RasterConfig
+
+    known = [(len(cloud.means), cloud.footprint) for cloud in clouds if cloud.footprint is not None]
+    return RasterConfig(blur=max(known)[1] * camera.focal**2) if known else RasterConfig()
 
 
 def _bands(rows: slice, width: int) -> Iterator[slice]:

@@ -46,7 +46,8 @@ def render(
     * `head:NAME (H,W,C)` what that head decodes from it, 0 where alpha < 0.1.
     * every name in `values`: `(N,C)` numbers of the posed Gaussians, composited like colours over 0 -> `(H,W,C)`.
 
-    `backend` and `config` go to `raster.rasterize`. Raises F4xError for an unknown channel or a missing backend.
+    `backend` and `config` go to `raster.rasterize`; None is `fitted_config`. Raises F4xError for an unknown channel or a missing
+    backend.
     """
     heads = [name for name in channels if name.startswith(HEAD)]
     unknown = set(channels) - {*CHANNELS, *heads, "latent"}
@@ -73,6 +74,7 @@ def render(
     behind = np.zeros(colors.shape[1], np.float32)
     if "rgb" in layers:
         behind[:3] = background
+    config = config or fitted_config(scene, camera, time)
     out = rasterize(posed, colors, camera, background=behind, config=config, backend=backend)
     composited = np.asarray(out.channels, np.float32)
     ends = np.cumsum([layer.shape[1] for layer in layers.values()])[:-1]
@@ -107,6 +109,20 @@ def render_trajectory(
         progress("render", done, len(trajectory))
         yield render(scene, camera, time, channels, backend, background, config=config)
     progress("render", len(trajectory), len(trajectory))
+
+
+def fitted_config(scene: Scene, camera: Camera, time: float) -> RasterConfig:
+    """The rasteriser's constants with which an image from `camera` shows what was fitted, whatever its size.
+
+    With the same number of pixels for every size, Gaussians swell in small images and come apart in large ones: `quick` fits of
+    480 pixels lost 1.8 to 4.9 dB at half that size, 0.2 to 1.6 dB at 854 pixels (dog, car-shadow).
+    """
+    from ..raster import RasterConfig
+
+    if scene.footprint(time) is None:
+        return RasterConfig()
+    ratio = camera.focal / scene.cameras.at(time).focal  # exactly 1 for the clip's own camera
+    return RasterConfig(blur=RasterConfig.blur * ratio**2)
 
 
 def screen_motion(scene: Scene, camera: Camera, time: float, posed: PosedSplats | None = None) -> np.ndarray:

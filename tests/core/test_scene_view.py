@@ -1,5 +1,7 @@
 """Rendered channels against closed forms and the plain reference raster; false colours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from random_scene import HEIGHT, WIDTH, random_scene
@@ -7,10 +9,11 @@ from random_scene import HEIGHT, WIDTH, random_scene
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.geometry import trajectory
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.raster import RasterConfig
 from f4x_core.scaffold import Scaffold
 from f4x_core.scene import DynamicSet, Scene, StaticSet
 from f4x_core.scene.picture import colour_depth, colour_motion, depth_range
-from f4x_core.scene.view import render, render_trajectory, screen_motion
+from f4x_core.scene.view import fitted_config, render, render_trajectory, screen_motion
 
 pytest.importorskip("torch", reason="the reference raster needs torch")
 
@@ -164,3 +167,21 @@ def test_motion_colours():
     right, rest, left, down, unknown, long = colour_motion(motion, 5.0)[0].tolist()
     assert right == [255, 0, 0] and rest == [255, 255, 255] and unknown == [0, 0, 0] and long == [191, 0, 0]
     assert left[2] == 255 and left[0] == 0 and down[0] == 255 and down[1] > 200 and down[2] == 0
+
+
+@pytest.mark.parametrize("zoom", [0.5, 2.0])
+def test_an_image_of_another_size_shows_what_was_fitted(zoom):
+    """Gaussians smaller than a pixel neither swell in a small image nor come apart in a large one."""
+    scene = moving_ball()
+    static = replace(scene.static, scales=0.02 * scene.static.scales)
+    scene = replace(scene, static=static, dynamic=DynamicSet.empty(), scaffold=None)
+    camera = scene.cameras[0]
+    own = render(scene, camera, 0.0, ("alpha",))["alpha"]
+    size = round(zoom * camera.width), round(zoom * camera.height)
+    other = render(scene, camera.resized(*size), 0.0, ("alpha",))["alpha"]
+    assert other.mean() == pytest.approx(own.mean(), rel=0.1)
+    fixed = render(scene, camera.resized(*size), 0.0, ("alpha",), config=RasterConfig())["alpha"]
+    assert abs(fixed.mean() / own.mean() - 1) > 0.3
+    assert fitted_config(scene, camera, 0.0) == RasterConfig()
+    imported = replace(scene, provenance={"import": {"file": "a.ply"}})
+    assert fitted_config(imported, camera.resized(*size), 0.0) == RasterConfig(), "how it was fitted is not known"
