@@ -18,12 +18,12 @@ from .needs import MUCH_MOTION, moving_fraction
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
 LEAST_REGISTERED, MISSED_PX = 0.3, 1.5
-# Trial focal lengths whose reprojection error is within this share of the least fit the tracks equally well; where the longest
+# Trial focal lengths whose reprojection error is within this fraction of the least fit the tracks equally well; where the longest
 # is so many times the shortest, the pictures hardly tell it (10 % is also what `priors.sfm` asks of them to leave its default).
 EQUAL_FOCAL_ERROR, WIDE_FOCAL_RANGE = 0.1, 1.5
 # Brightest over darkest exposure within a shot (the same things in both) above which colours no longer agree.
 MUCH_EXPOSURE = 1.25
-# Where cameras and depth put tracked static points in another frame: median miss in shares of the picture's width, over
+# Where cameras and depth put tracked static points in another frame: median miss as a fraction of the picture's width, over
 # at most so many pairs of frames.
 CONTRADICTION, CONTRADICTION_PAIRS = 0.01, 24
 # Fewer supervised frames than this leave most surfaces seen once or twice.
@@ -303,7 +303,7 @@ def _about_lost_movers(metrics: Mapping[str, Any]) -> list[Finding]:
 
 
 def about_cuts(priors: Priors, picked: str = "") -> list[Finding]:
-    """What is told of hard cuts within the clip (`clip.changes`), in frames of its source: `picked` is the clip's."""
+    """The findings about hard cuts within the clip (`clip.changes`), in frames of its source: `picked` is the clip's."""
     cuts = priors.statistics.get("changes", {}).get("cuts", [])
     if not cuts:
         return []
@@ -397,14 +397,14 @@ def _about_lens(priors: Priors) -> list[Finding]:
 
 def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
     found = []
-    share = moving_fraction(priors)
-    if share > MUCH_MOTION:
+    fraction = moving_fraction(priors)
+    if fraction > MUCH_MOTION:
         known = priors.statistics.get("cameras", {}).get("static_tracks")
         held = "" if not known or priors.camera_kind == "static" else f", and the cameras rest on {known} points of it"
         found.append(
             Finding(
                 "problem",
-                f"{share:.0%} of the picture counts as moving; the background is hardly seen{held}.",
+                f"{fraction:.0%} of the picture counts as moving; the background is hardly seen{held}.",
                 "If that is wrong, give masks of what really moves with --masks DIR; otherwise film from further away.",
             )
         )
@@ -412,7 +412,7 @@ def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
         found.append(
             Finding(
                 "note",
-                f"Nothing was taken to move ({share:.2%} of the pixels), so the scene stands still.",
+                f"Nothing was taken to move ({fraction:.2%} of the pixels), so the scene stands still.",
                 "If something does move, mark it with --masks DIR.",
             )
         )
@@ -476,7 +476,7 @@ def _about_depth(priors: Priors) -> list[Finding]:
 
 def _about_contradiction(priors: Priors) -> list[Finding]:
     if priors.statistics.get("cameras", {}).get("assumed"):
-        return []  # that is what is wrong, and said
+        return []  # that is the problem, and it is reported already
     missed = contradiction(priors)
     if not missed > CONTRADICTION * priors.width:
         return []

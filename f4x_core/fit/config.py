@@ -30,7 +30,7 @@ class ScaffoldConfig:
     tolerance: float = 1.0
     """Pixels within which 90 % of the held-out tracks must be carried; the fewest nodes that do so are taken."""
     tolerance_fraction: float = 0.005
-    """The same as a share of the picture's width; the smaller of both holds. A pixel of a picture 96 wide is five of one
+    """The same as a fraction of the picture's width; the smaller of both holds. A pixel of a picture 96 wide is five of one
     480 wide. Chosen on toy worlds 96 wide, three seeds each: going on from a pixel to half a one gains 1.4 dB for an arm
     (8 to 32 nodes) and 3.3 dB for a flag (8 to 64); twice as many nodes then gain less than 0.3 dB. From 200 pixels on it
     is the whole pixel."""
@@ -84,7 +84,7 @@ class NodeConfig:
     add_at: tuple[float, ...] = (0.3, 0.42)
     """Shares of the steps at which badly carried Gaussians become nodes."""
     growth: float = 0.2
-    """At most this share of the nodes is added each time."""
+    """At most this fraction of the nodes is added each time."""
     max_nodes: int = 500
     """Never more nodes than this."""
     drop_at: tuple[float, ...] = (0.47,)
@@ -230,7 +230,7 @@ class FitConfig:
     harmonics_at: tuple[float, float, float] = (0.4, 0.6, 0.8)
     """Shares of the steps at which the pictures are asked for degree 1, 2, 3; every fit begins with plain colours."""
     min_moving_fraction: float = 3e-4
-    """Clips whose moving region covers less than this share of all pixels get no scaffold and no dynamic set."""
+    """Clips whose moving region covers less than this fraction of all pixels get no scaffold and no dynamic set."""
     rates: RateConfig = field(default_factory=RateConfig)
     """Learning rates."""
     losses: LossConfig = field(default_factory=LossConfig)

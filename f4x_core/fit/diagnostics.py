@@ -238,7 +238,7 @@ def _worst(clip: Clip, metrics: Mapping[str, Any], pictures: Mapping[int, np.nda
 
 
 def _motion(clip: Clip, priors: Priors, shown: Iterable[int]) -> str:
-    """The soft score as red light over the grey frame, the mask's edge in white."""
+    """The soft score in red over the grey frame, the mask's edge in white."""
     if priors.motion is None or priors.mask is None:
         return ""
     figures = []

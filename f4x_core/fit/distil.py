@@ -42,7 +42,7 @@ from .needs import Need
 COVERED = 0.5
 """Share of a cell that Gaussians must cover for the cell to count."""
 PIXELS_PER_CELL = 4
-"""Size at which light is measured, in pixels along a cell's shorter side: 16 samples per cell differ from the full picture's
+"""Size at which blend weights are summed, in pixels along a cell's shorter side: 16 samples per cell differ from the full picture's
 by 0.2 to 0.3 % of a smooth latent (dog) and take half the time."""
 PICTURE_SAMPLES = 20_000
 """Cells of all frames that the colours of feature pictures are fitted to."""
@@ -61,7 +61,7 @@ class View:
     mix: sparse.csr_matrix
     """(h*w, columns) float32; a row sums to 1, or to 0 where nothing is."""
     alpha: Tensor
-    """(h,w) covered share of every cell."""
+    """(h,w) covered fraction of every cell."""
 
 
 class _Views(Sequence[View]):
@@ -95,9 +95,9 @@ class _Views(Sequence[View]):
         frame, place, shape, grid = self.places[number]
         self.file.seek(place)
         ends = self._read(np.int32, shape[0] + 1)
-        columns, light = self._read(np.int32, ends[-1]), self._read(np.float32, ends[-1])
+        columns, weights = self._read(np.int32, ends[-1]), self._read(np.float32, ends[-1])
         alpha = torch.from_numpy(self._read(np.float32, math.prod(grid)).reshape(grid))
-        return View(frame, sparse.csr_matrix((light, columns, ends), shape), alpha)
+        return View(frame, sparse.csr_matrix((weights, columns, ends), shape), alpha)
 
     def _read(self, kind: type[np.generic], count: int) -> np.ndarray:
         return np.frombuffer(self.file.read(count * kind().itemsize), kind).copy()
@@ -131,7 +131,7 @@ class HeadTask:
         self.mean = torch.from_numpy(sample.mean(0))
         self.spread = float(max(sample.std(0).mean(), 1e-9))
         self.size = float(max(np.abs(sample).mean(), 1e-9))
-        """Mean of |features|: what errors are told relative to."""
+        """Mean of |features|: errors are reported relative to it."""
         self.range = float(max(np.subtract(*np.percentile(sample, [99, 1])), 1e-9))
         self.head = Head(head_widths(width, self.spec.dim))
         self.config = config
@@ -240,7 +240,7 @@ class _Distillation:
             return self._run(_Views(file))
 
     def _run(self, views: _Views) -> Scene:
-        views.take(self.look(t) for t in self.steps("light", self.used))
+        views.take(self.look(t) for t in self.steps("weights", self.used))
         latents, weight = self.train(views, self.first_latents(views))
         old, bits = self.scene.features, self.config.bits
         if self.frozen and old is not None:  # not rounded a second time
@@ -253,7 +253,7 @@ class _Distillation:
         if weight is not None:  # everything has moved a little
             self.scene = replace(self.scene, dynamic=replace(self.scene.dynamic, weight=weight))
             again, views = [*self.used, *again], _Views(views.file)
-        views.take(self.look(t) for t in self.steps("light for the report", again))
+        views.take(self.look(t) for t in self.steps("weights for the report", again))
         heads, pca = self.report(views, latents, stored)
         words = {} if old is None else old.vocabularies
         field = FeatureField(static, nodes, low, step, heads, words, pca, bits)
@@ -261,20 +261,20 @@ class _Distillation:
         return replace(self.scene, features=field, needs=(*needs, self.need().row()))
 
     def steps(self, stage: str, items: Sequence[Any]) -> Iterator[Any]:
-        """`items` one by one, told to `progress`."""
+        """`items` one by one, reported to `progress`."""
         for done, item in enumerate(items):
             self.progress(stage, done, len(items))
             yield item
         self.progress(stage, len(items), len(items))
 
     def look(self, frame: int) -> View:
-        """Measure the light of one clip frame."""
+        """Sum the blend weights of one clip frame by cells."""
         scene, (rows, columns) = self.scene, self.grid
         camera = scene.cameras[frame]
-        share = min(1.0, PIXELS_PER_CELL * max(rows / camera.height, columns / camera.width))
-        camera = camera.resized(max(columns, round(share * camera.width)), max(rows, round(share * camera.height)))
-        # The footprint's blur shrinks with the picture, so that light is that of the full one, sampled.
-        config = RasterConfig(blur=RasterConfig.blur * share**2)
+        scale = min(1.0, PIXELS_PER_CELL * max(rows / camera.height, columns / camera.width))
+        camera = camera.resized(max(columns, round(scale * camera.width)), max(rows, round(scale * camera.height)))
+        # The footprint's blur shrinks with the picture, so that the weights are those of the full one, sampled.
+        config = RasterConfig(blur=RasterConfig.blur * scale**2)
         config = replace(config, threads=self.config.threads) if self.config.threads else config
         posed = scene.posed(float(scene.cameras.times[frame]))
         weights = cell_weights(posed, camera, self.grid, config=config, backend=self.config.backend)
@@ -292,14 +292,14 @@ class _Distillation:
         old = self.scene.features
         if self.kept and old is not None:
             return old.low + old.step * np.concatenate([old.static, old.nodes]).astype(np.float32)
-        total, light = 0.0, 0.0
+        total, weight = 0.0, 0.0
         for view in views:
             seen = (view.alpha > COVERED).float().reshape(-1, 1).numpy()
             total = total + view.mix.T @ (self.components(view.frame) * seen)
-            light = light + view.mix.T @ seen
-        latents = total / np.maximum(light, 1e-6)
+            weight = weight + view.mix.T @ seen
+        latents = total / np.maximum(weight, 1e-6)
         if self.config.feature_grad_to_skinning:
-            parts = np.split(np.concatenate([latents * light, light], 1), [len(self.scene.static)])
+            parts = np.split(np.concatenate([latents * weight, weight], 1), [len(self.scene.static)])
             moved = self.skinning.T @ parts[1]
             latents = np.concatenate([latents[: len(parts[0])], moved[:, :-1] / np.maximum(moved[:, -1:], 1e-6)])
         spread = latents.std() if latents.size else 1.0
@@ -388,15 +388,15 @@ class _Distillation:
                 at, alpha = to_grid(z, view.alpha, head.spec)
                 known = (alpha > COVERED).numpy()
                 found = head(at.numpy())[known]
-                told = figures[head.spec.name]
+                errors = figures[head.spec.name]
                 if any(kept.stored is head for kept in self.kept):
-                    told.add("drift", found, head(to_grid(was, view.alpha, head.spec)[0].numpy())[known])
+                    errors.add("drift", found, head(to_grid(was, view.alpha, head.spec)[0].numpy())[known])
                     continue
                 task = next(task for task in self.tasks if task.spec.name == head.spec.name)
-                told.add(group, found, task.maps.at(view.frame)[known])
+                errors.add(group, found, task.maps.at(view.frame)[known])
                 with torch.no_grad():
                     unrounded = network(to_grid(exact, view.alpha, head.spec)[0]).numpy()[known]
-                told.add("stored_change", found, unrounded)
+                errors.add("stored_change", found, unrounded)
         latent = np.concatenate(samples) if samples else np.zeros((0, self.width), np.float32)
         done = tuple(
             replace(head, pca=fit_pca(head(latent)), report={**head.report, **figures[head.spec.name].rows()})
@@ -457,7 +457,7 @@ class _Figures:
 
 
 def common_grid(specs: Sequence[FeatureSpec], scene: Scene) -> tuple[int, int]:
-    """(h,w) on which light is measured, at most the picture's: the finest of the teachers' grids where its cells fill the
+    """(h,w) on which blend weights are summed, at most the picture's: the finest of the teachers' grids where its cells fill the
     others' exactly, else twice as fine, because a cell cut in two belongs to both sides."""
     rows, columns = (max(spec.grid[axis] for spec in specs) for axis in (0, 1))
     finer = 1 if all(rows % spec.grid[0] == 0 == columns % spec.grid[1] for spec in specs) else 2

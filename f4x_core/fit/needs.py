@@ -7,7 +7,7 @@ import numpy as np
 from ..priors import Priors
 
 MUCH_MOTION = 0.5
-"""Above this moving share (of all pixels) the background is mostly hidden."""
+"""Above this moving fraction of all pixels the background is mostly hidden."""
 
 
 @dataclass(frozen=True)

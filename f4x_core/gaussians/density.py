@@ -28,7 +28,7 @@ class DensityConfig:
     gradient: float = 2e-4
     """Mean norm of the screen-space gradient (NDC units) from which a Gaussian is densified."""
     growth: float = 0.15
-    """At most this share of the set is added in one round, largest gradients first."""
+    """At most this fraction of the set is added in one round, largest gradients first."""
     split_scale: float = 0.01
     """Gaussians whose largest standard deviation exceeds this fraction of their reach are split; smaller ones are cloned."""
     prune_opacity: float = 0.02

@@ -41,7 +41,7 @@ class SpawnConfig:
     spacing: float = 2.0
     """Side of a grid cell in pixels of the fitted image: one Gaussian per uncovered cell."""
     depth_tolerance: float = 0.1
-    """An existing Gaussian covers a cell when its depth is within this share of the cell's."""
+    """An existing Gaussian covers a cell when its depth is within this fraction of the cell's."""
     scale: float = 0.5
     """Initial standard deviation in units of the spacing."""
     opacity: float = 0.6
