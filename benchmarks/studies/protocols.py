@@ -64,8 +64,8 @@ NVIDIA = Protocol(
     "nvidia",
     "nvidia",
     told_cameras=False,
-    first=Refinement(100, 3e-4, 1e-6, hold=30, least_alpha=0.1),
-    others=Refinement(100, 3e-4, 1e-6, hold=30, least_alpha=0.1),
+    first=Refinement(100, 3e-4, 1e-6, hold=30, min_alpha=0.1),
+    others=Refinement(100, 3e-4, 1e-6, hold=30, min_alpha=0.1),
     chained=True,
     masked=False,
 )
@@ -73,8 +73,8 @@ DYCHECK = Protocol(
     "dycheck",
     "dycheck",
     told_cameras=True,
-    first=Refinement(300, 3e-3, 1e-4, hold=15, least_alpha=0.1),
-    others=Refinement(30, 3e-4, 1e-5, hold=15, least_alpha=0.1),
+    first=Refinement(300, 3e-3, 1e-4, hold=15, min_alpha=0.1),
+    others=Refinement(30, 3e-4, 1e-5, hold=15, min_alpha=0.1),
     chained=True,
     masked=True,
 )

@@ -14,12 +14,12 @@ from ..errors import F4xError
 from ..fit.vocabulary import EVERYDAY
 from ..geometry.trajectory import read_path
 from ..query.chat import ChatServer
-from .graph import claimed
+from .graph import declared_frames
 from .manifest import Row
 
 UNKNOWN: dict[str, Any] = {"fps": 24.0, "frames": 1_000_000}
 """Of a clip that nobody has opened yet: no time that a sentence says lies outside."""
-understand = lru_cache(1024)(parse)
+parse_cached = lru_cache(1024)(parse)
 """Most rows of a batch say the same."""
 
 
@@ -31,7 +31,7 @@ def require_values(row: Row) -> None:
         length = row.window or LENGTH
         plan_windows(0, length, length, OVERLAP if row.overlap is None else row.overlap)
     moments = [path for path in row.paths if path.startswith("frozen:")]
-    last = claimed(row)[0] - 1 if moments else -1
+    last = declared_frames(row)[0] - 1 if moments else -1
     for path in moments:
         if 0 <= last < float(path.removeprefix("frozen:")):
             raise F4xError(f"paths has {path}, {row.clip} has frames 0 to {last}; choose one of them.")
@@ -50,7 +50,7 @@ def _require_sentences(row: Row) -> None:
         if sentence.endswith(".json"):
             return
         try:
-            operations = understand(sentence, labels=labels, **UNKNOWN)
+            operations = parse_cached(sentence, labels=labels, **UNKNOWN)
         except F4xError as error:
             raise F4xError(f"edits has '{sentence}': {error}") from error
         selects = [getattr(one, name) for one in operations for name in ("select", "source") if hasattr(one, name)]

@@ -162,10 +162,10 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
 
 def fitted_in_windows(row: Row) -> bool:
     """Whether `f4x fit` cuts the clip into windows, each of which makes its own priors."""
-    return claimed(row)[0] > LONG if row.window is None else row.window > 0
+    return declared_frames(row)[0] > LONG if row.window is None else row.window > 0
 
 
-def claimed(row: Row) -> tuple[int, str]:
+def declared_frames(row: Row) -> tuple[int, str]:
     """Frames that the row uses as far as its clip tells without being decoded, else 0; and why it cannot be read."""
     if URL not in row.clip and Path(row.clip).expanduser().exists():
         try:

@@ -31,7 +31,7 @@ SILENT = ("#", "sep=")
 """How lines of a CSV begin that are no row."""
 PARENT, STEM = "{parent}", "{stem}"
 """Stand in a name for the folder that the clip lies in, and for the clip's own name."""
-LEAST = {"threads": 1, "parts": 1, "seed": 0, "width": 2, "hold_out": 2, "window": 0}
+MIN_VALUES = {"threads": 1, "parts": 1, "seed": 0, "width": 2, "hold_out": 2, "window": 0}
 """Smallest value of a column; the verbs say the same."""
 PATHS = re.compile(r"original|orbit|frozen:\d+(\.\d+)?|.+\.json")
 """What `paths` takes."""
@@ -99,7 +99,7 @@ class Row(Record):
         """Refuse what no task could do."""
         if not self.clip:
             raise F4xError("the clip is empty; name a video or a folder of pictures.")
-        for name, least in LEAST.items():
+        for name, least in MIN_VALUES.items():
             value = getattr(self, name)
             if value is not None and value < least:
                 raise F4xError(f"{name} is {value}; give {least} or more.")

@@ -62,7 +62,7 @@ class Store(Protocol):
         """Names of the folders that lie in the store itself, in order."""
 
 
-class Folder:
+class FolderStore:
     """A store in a folder, shared between machines or not."""
 
     def __init__(self, path: Path):
@@ -130,7 +130,7 @@ class Folder:
         return place
 
 
-class Remote:
+class RemoteStore:
     """A store behind a URL."""
 
     def __init__(self, url: str):
@@ -140,7 +140,7 @@ class Remote:
 
     def read(self, name: str) -> bytes | None:
         """As the protocol says."""
-        with _told(self.url):
+        with _explained_errors(self.url):
             try:
                 return self.system.cat_file(self._path(name))
             except FileNotFoundError:
@@ -148,12 +148,12 @@ class Remote:
 
     def write(self, name: str, data: bytes) -> None:
         """As the protocol says."""
-        with _told(self.url):
+        with _explained_errors(self.url):
             self.system.pipe_file(self._place(name), data)
 
     def create(self, name: str, data: bytes) -> bool:
         """As the protocol says."""
-        with _told(self.url):
+        with _explained_errors(self.url):
             try:
                 self.system.pipe_file(self._place(name), data, mode="create")
             except FileExistsError:
@@ -162,30 +162,30 @@ class Remote:
 
     def remove(self, name: str) -> None:
         """As the protocol says."""
-        with _told(self.url), contextlib.suppress(FileNotFoundError):
+        with _explained_errors(self.url), contextlib.suppress(FileNotFoundError):
             self.system.rm_file(self._path(name))
 
     def fetch(self, name: str, path: Path) -> None:
         """As the protocol says."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _told(self.url):
+        with _explained_errors(self.url):
             self.system.get_file(self._path(name), str(path))
 
     def publish(self, path: Path, name: str) -> None:
         """As the protocol says."""
-        with _told(self.url):
+        with _explained_errors(self.url):
             self.system.put_file(str(path), self._place(name))
 
     def sizes(self, prefix: str) -> dict[str, int]:
         """As the protocol says."""
-        with _told(self.url):
+        with _explained_errors(self.url):
             self.system.invalidate_cache()
             found = self.system.find(self._path(prefix), detail=True)
         return {path[len(self.root) :].lstrip("/"): int(entry["size"] or 0) for path, entry in found.items()}
 
     def folders(self) -> list[str]:
         """As the protocol says."""
-        with _told(self.url), contextlib.suppress(FileNotFoundError):
+        with _explained_errors(self.url), contextlib.suppress(FileNotFoundError):
             self.system.invalidate_cache()
             found = self.system.ls(self.root, detail=True)
             return sorted(e["name"].rstrip("/").rpartition("/")[2] for e in found if e["type"] == "directory")
@@ -202,7 +202,7 @@ class Remote:
 
 def open_store(place: str) -> Store:
     """The store at a folder or URL; F4xError says why not."""
-    return Remote(place) if URL in place else Folder(Path(place))
+    return RemoteStore(place) if URL in place else FolderStore(Path(place))
 
 
 def read_bytes(place: str) -> bytes:
@@ -210,7 +210,7 @@ def read_bytes(place: str) -> bytes:
     try:
         if URL in place:
             system, path = _file_system(place)
-            with _told(place):
+            with _explained_errors(place):
                 return system.cat_file(path)
         return Path(place).read_bytes()
     except OSError as error:
@@ -221,7 +221,7 @@ def expand(pattern: str) -> list[str]:
     """What a glob finds, in order; a path without wildcards stands for itself."""
     if URL in pattern:
         system, path = _file_system(pattern)
-        with _told(pattern):
+        with _explained_errors(pattern):
             return [system.unstrip_protocol(found) for found in sorted(system.glob(path))]
     if Path(pattern).exists():  # a name may hold brackets
         return [pattern]
@@ -239,7 +239,7 @@ def fetch_tree(place: str, folder: Path) -> Path:
     """Copy a file or folder behind a URL into `folder`, under its own name."""
     system, path = _file_system(place)
     target = folder / path.rstrip("/").rpartition("/")[2]
-    with _told(place):
+    with _explained_errors(place):
         folder.mkdir(parents=True, exist_ok=True)
         system.get(path.rstrip("/"), str(target), recursive=system.isdir(path))
     return target
@@ -267,9 +267,9 @@ class Digests:
         files = sorted(file for file in root.rglob("*") if file.is_file()) if root.is_dir() else [root]
         try:
             stats = [(file.relative_to(root).as_posix(), file.stat()) for file in files]
-            looks = _hash(f"{name} {stat.st_size} {stat.st_mtime_ns}".encode() for name, stat in stats)
-            if self.known.get(place, [""])[0] != looks:
-                self.known[place] = [looks, _hash(part for file in files for part in _content(file, root))]
+            fingerprint = _hash(f"{name} {stat.st_size} {stat.st_mtime_ns}".encode() for name, stat in stats)
+            if self.known.get(place, [""])[0] != fingerprint:
+                self.known[place] = [fingerprint, _hash(part for file in files for part in _content(file, root))]
         except OSError:
             return ""
         return self.known[place][1]
@@ -291,7 +291,7 @@ def _content(file: Path, root: Path) -> Iterator[bytes]:
 
 def _remote_digest(place: str) -> str:
     system, path = _file_system(place)
-    with _told(place):
+    with _explained_errors(place):
         found = sorted(system.find(path, detail=True).items())
     told = ("size", "ETag", "etag", "md5Hash", "mtime", "created")
     lines = (
@@ -324,7 +324,7 @@ def _file_system(url: str) -> tuple[Any, str]:
 
 
 @contextlib.contextmanager
-def _told(place: str) -> Iterator[None]:
+def _explained_errors(place: str) -> Iterator[None]:
     """Errors of a store's library as one sentence; FileNotFoundError and FileExistsError are answers."""
     try:
         yield

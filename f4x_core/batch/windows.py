@@ -33,7 +33,7 @@ LENGTH = 60
 """Frames of a window: two seconds, in which a thing shows enough of itself and few tracks are lost."""
 OVERLAP = 12
 """Frames that neighbouring windows share."""
-LEAST_OVERLAP = 2
+MIN_OVERLAP = 2
 """With fewer shared frames nothing can go over from one window to the next."""
 
 Window = tuple[int, int]
@@ -64,9 +64,9 @@ def plan_windows(start: int, end: int, length: int = LENGTH, overlap: int = OVER
     All are equally long up to one frame: a short last one would be fitted worse than the others. Raises F4xError for
     lengths that leave a window no frame of its own.
     """
-    if overlap < LEAST_OVERLAP or length <= 2 * overlap:
+    if overlap < MIN_OVERLAP or length <= 2 * overlap:
         raise F4xError(
-            f"windows of {length} frames cannot share {overlap}: let --overlap be {LEAST_OVERLAP} or more and --window more"
+            f"windows of {length} frames cannot share {overlap}: let --overlap be {MIN_OVERLAP} or more and --window more"
             " than twice that."
         )
     count = max(1, math.ceil((end - start - overlap) / (length - overlap)))

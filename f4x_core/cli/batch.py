@@ -18,7 +18,7 @@ from rich.live import Live
 from rich.table import Table
 
 from ..batch.checks import require_values
-from ..batch.graph import CLIP, claimed
+from ..batch.graph import CLIP, declared_frames
 from ..batch.index import write_index
 from ..batch.local import LocalEngine
 from ..batch.manifest import PAGE, Row, read_manifest
@@ -258,7 +258,7 @@ def _row_plan(each: RowState) -> dict[str, Any]:
     row: Row = each.row
     states = each.states | dict.fromkeys(each.errors, FAILED)  # of earlier runs: they will be tried again
     tasks = [{"stage": t.stage, "state": states[t.stage], "commands": t.commands} for t in each.tasks]
-    found = {"missing": list(each.missing), "fault": claimed(row)[1]}
+    found = {"missing": list(each.missing), "fault": declared_frames(row)[1]}
     return {"name": row.name, "clip": row.clip, **found, "errors": each.errors, "tasks": tasks}
 
 

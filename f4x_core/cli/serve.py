@@ -20,11 +20,11 @@ def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(
             f"f4x serve needs the package mcp from 2.3 on ({error}); install it with `pip install 'mcp>=2.3,<3'`."
         ) from error
-    from ..agent.folder import Folder
+    from ..agent.folder import SceneFolder
     from ..agent.session import Session
 
     logging.basicConfig(level=logging.WARNING, format="%(message)s")  # before the package does it with boxes
-    session = Session(Folder(args.target), args.read_only, args.backend)
+    session = Session(SceneFolder(args.target), args.read_only, args.backend)
     if args.http is None:
         if args.json:
             raise F4xError("--json prints on standard output, which belongs to the client here; leave it out.")

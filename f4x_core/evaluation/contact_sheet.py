@@ -15,7 +15,7 @@ from ..scene.picture import colour_depth, colour_motion, depth_range, labelled_g
 
 COLUMNS = ("input", "render", "depth", "from the right", "from above", "motion")
 # Motion colours are full at this percentile of the lengths that move at all, but never for less than a pixel.
-FULL_MOTION, LEAST_MOTION = 98, 1.0
+FULL_MOTION, MIN_MOTION = 98, 1.0
 
 
 def contact_sheet(
@@ -61,5 +61,5 @@ def contact_sheet(
 def _full_motion(motions: list[np.ndarray]) -> float:
     """The motion in pixels that gets the full colour."""
     lengths = np.linalg.norm(np.stack(motions), axis=-1)
-    moving = lengths[lengths > LEAST_MOTION / 10]
-    return max(float(np.percentile(moving, FULL_MOTION)), LEAST_MOTION) if moving.size else LEAST_MOTION
+    moving = lengths[lengths > MIN_MOTION / 10]
+    return max(float(np.percentile(moving, FULL_MOTION)), MIN_MOTION) if moving.size else MIN_MOTION

@@ -26,7 +26,7 @@ from .perceptual_distance import lpips
 from .registration import halfway_offset, register_camera
 
 # Mean squared error below which a picture is as good as its target.
-LEAST_ERROR = 1e-12
+MIN_ERROR = 1e-12
 # Pixels with this much dynamic alpha belong to the moving region.
 MOVING_ALPHA = 0.5
 # Figures that come first where all are listed.
@@ -47,7 +47,7 @@ class Refinement:
     """At the last step."""
     hold: int = 0
     """Steps before the rate begins to fall, along a cosine."""
-    least_alpha: float = 0.0
+    min_alpha: float = 0.0
     """Pixels that the scene covers less than this do not count."""
 
 
@@ -181,13 +181,13 @@ def refine(
     best, best_error = None, math.inf
     for step in range(settings.steps + 1):
         picture, _, alpha = moment.draw(rig.camera(0, width, height))
-        covered = (alpha.detach() >= settings.least_alpha).float()
+        covered = (alpha.detach() >= settings.min_alpha).float()
         error = ((picture - target).square().mean(-1) * covered).sum() / covered.sum().clamp_min(1)
         value = float(error.detach())
         if value < best_error:
             best, best_error = (picture.detach(), rig.refined()[0]), value
         optimiser.zero_grad()
-        error.clamp_min(LEAST_ERROR).log().backward()
+        error.clamp_min(MIN_ERROR).log().backward()
         optimiser.step()
         if step >= settings.hold:
             schedule.step()

@@ -8,7 +8,7 @@ from ..raster import rasterize
 from ..scene import Scene
 
 # Below this alpha nothing moving was seen at the queried pixel; all Gaussians answer then.
-LEAST_ALPHA = 0.05
+MIN_ALPHA = 0.05
 
 
 def track_pixels(scene: Scene, frame: int, pixels: np.ndarray, targets: list[int], backend: str = "auto") -> np.ndarray:
@@ -26,7 +26,7 @@ def track_pixels(scene: Scene, frame: int, pixels: np.ndarray, targets: list[int
         moving = _composited(here, there, here.dynamic, camera, pixels, backend)
         every = _composited(here, there, np.ones(len(here.dynamic), bool), camera, pixels, backend)
         x = np.where(
-            moving[:, 3:] > LEAST_ALPHA,
+            moving[:, 3:] > MIN_ALPHA,
             moving[:, :3] / np.maximum(moving[:, 3:], 1e-6),
             every[:, :3] / np.maximum(every[:, 3:], 1e-6),
         )
@@ -99,7 +99,7 @@ def keypoint_accuracy(
     Args:
         keypoints: clip frame -> (J,3) x, y in pixels of the scene's size and 1 where visible.
     """
-    frames, shares = sorted(keypoints), []
+    frames, fractions = sorted(keypoints), []
     reach = ratio * max(scene.cameras.width, scene.cameras.height)
     for start in frames:
         shown = keypoints[start][:, 2] > 0.5
@@ -110,5 +110,5 @@ def keypoint_accuracy(
             truth = keypoints[target][shown]
             both = truth[:, 2] > 0.5
             if both.any():
-                shares.append(float((np.linalg.norm(found - truth[:, :2], axis=1) < reach)[both].mean()))
-    return {"pck": float(np.mean(shares)) if shares else float("nan"), "pairs": len(shares)}
+                fractions.append(float((np.linalg.norm(found - truth[:, :2], axis=1) < reach)[both].mean()))
+    return {"pck": float(np.mean(fractions)) if fractions else float("nan"), "pairs": len(fractions)}

@@ -28,7 +28,7 @@ ALIGN_ROUNDS = 20
 # A camera this many times further off than the median one has little say in the alignment.
 OUTLIER = 3.0
 # Cameras that stay within this radius (root mean square, in scene units: median depth 1) do not tell the scene's unit.
-SHORTEST_PATH = 1e-3
+MIN_PATH_SPREAD = 1e-3
 
 # Depth of the sky, in median depths of the clip: far enough that only its direction counts.
 SKY = 1e4
@@ -88,7 +88,7 @@ class TrueClip:
         estimated, true_used = _chosen(scene.cameras, used), _chosen(path, used)
         fitted = estimated.resized(path.width, path.height)
         lens = float(np.median(fitted.intrinsics[:, 0, 0] / true_used.intrinsics[:, 0, 0]))
-        still = float(np.sqrt(estimated.centers.var(axis=0).sum())) < SHORTEST_PATH
+        still = float(np.sqrt(estimated.centers.var(axis=0).sum())) < MIN_PATH_SPREAD
         extras = [
             ExtraCamera(
                 extra["name"],

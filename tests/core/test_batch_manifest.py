@@ -5,7 +5,7 @@ import json
 import pytest
 
 from f4x_core.batch.checks import require_values
-from f4x_core.batch.graph import CLIP, LONG, claimed, tasks_of
+from f4x_core.batch.graph import CLIP, LONG, declared_frames, tasks_of
 from f4x_core.batch.manifest import Row, read_manifest
 from f4x_core.batch.storage import Digests
 from f4x_core.cli.main import build_parser
@@ -252,9 +252,11 @@ def test_frames_and_files_are_looked_at_before_any_task(tmp_path):
     for number in range(8):
         write(tmp_path / "clip" / f"{number}.png", "")
     clip, noise = str(tmp_path / "clip"), write(tmp_path / "noise.mp4", "noise")
-    assert claimed(Row(clip, frames="0:8:2")) == (4, "") and claimed(Row(str(tmp_path / "absent.mp4"))) == (0, "")
-    assert "reach beyond" in claimed(Row(clip, frames="0:900"))[1]
-    assert "cannot be read as a video" in claimed(Row(noise))[1]
+    assert declared_frames(Row(clip, frames="0:8:2")) == (4, "") and declared_frames(
+        Row(str(tmp_path / "absent.mp4"))
+    ) == (0, "")
+    assert "reach beyond" in declared_frames(Row(clip, frames="0:900"))[1]
+    assert "cannot be read as a video" in declared_frames(Row(noise))[1]
     require_values(Row(clip, paths=("frozen:7", "absent.json"), edits=("absent.json",)))
     require_values(Row(noise, paths=("frozen:7",)))
     with pytest.raises(F4xError, match=r"paths has frozen:7, .*clip has frames 0 to 3"):
