@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from ..errors import F4xError
-from ..files import finite
+from ..files import json_data
 
 TEXTS = "from_scene"
 """The key of a result that holds all text from the scene file: names, labels, sentences of edits."""
@@ -37,7 +37,7 @@ class ToolResult:
 
     def to_json(self) -> dict[str, Any]:
         """Data and texts as one object, shortened to `MAX_RESULT_CHARACTERS`; F4xError if that is not possible."""
-        whole = finite({**self.data, **({TEXTS: self.texts} if self.texts else {})})
+        whole = json_data({**self.data, **({TEXTS: self.texts} if self.texts else {})})
         for max_entries in LIST_LIMITS:
             shortened = _shortened(whole, max_entries)
             if len(json.dumps(shortened)) <= MAX_RESULT_CHARACTERS:

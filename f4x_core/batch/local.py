@@ -22,13 +22,13 @@ class LocalEngine:
         self.stopping = threading.Event()
 
     def start(self, task: Task) -> None:
-        """As the protocol says."""
+        """See `Engine.start`."""
         thread = threading.Thread(target=self._work, args=(task,), daemon=True)
         self.running[task.row, task.stage] = thread
         thread.start()
 
     def finished(self, timeout: float) -> list[tuple[Task, Outcome]]:
-        """As the protocol says."""
+        """See `Engine.finished`."""
         found: list[tuple[Task, Outcome]] = []
         while True:
             try:
@@ -41,11 +41,11 @@ class LocalEngine:
         return found
 
     def progress(self) -> dict[tuple[str, str], tuple[str, int, int]]:
-        """As the protocol says."""
+        """See `Engine.progress`."""
         return dict(self.steps)
 
     def stop(self) -> list[tuple[Task, Outcome]]:
-        """As the protocol says."""
+        """See `Engine.stop`."""
         self.stopping.set()
         for thread in self.running.values():
             thread.join()

@@ -60,7 +60,7 @@ class RayEngine:
         self.ray.shutdown()
 
     def start(self, task: Task) -> None:
-        """As the protocol says."""
+        """See `Engine.start`."""
         remote = self.remote.options(
             num_cpus=task.threads,
             num_gpus=task.gpus,
@@ -71,7 +71,7 @@ class RayEngine:
         self.running[remote.remote(task, self.settings)] = task
 
     def finished(self, timeout: float) -> list[tuple[Task, Outcome]]:
-        """As the protocol says."""
+        """See `Engine.finished`."""
         if not self.running:
             return []
         first, _ = self.ray.wait(list(self.running), num_returns=1, timeout=timeout)
@@ -85,7 +85,7 @@ class RayEngine:
         return {}
 
     def stop(self) -> list[tuple[Task, Outcome]]:
-        """As the protocol says."""
+        """See `Engine.stop`."""
         for answer in self.running:
             self.ray.cancel(answer, force=False)
         if self.running:

@@ -219,7 +219,7 @@ class Board:
 
     def _skip_after(self, each: RowState, task: Task) -> None:
         for other in each.tasks:
-            if any(stage == task.stage for stage, _ in other.takes) and each.states[other.stage] == WAITING:
+            if any(stage == task.stage for stage, _ in other.inputs) and each.states[other.stage] == WAITING:
                 self.mark(other, SKIPPED)
                 self._skip_after(each, other)
 
@@ -243,10 +243,10 @@ def plan(
         missing: dict[str, None] = {}
 
         def digest(path: str) -> str:
-            told = digests.of(path)
-            if not told:
+            found = digests.digest(path)
+            if not found:
                 missing[path] = None
-            return told
+            return found
 
         state = RowState(row, tasks_of(row, digest), missing=tuple(missing))
         sizes = store.sizes(row.name)
@@ -340,7 +340,7 @@ def run_board(
         """Queue the tasks of a row that wait for nothing any more."""
         for number, task in enumerate(each.tasks):
             if each.states[task.stage] == WAITING and all(
-                each.states[stage] in (DONE, KEPT) for stage, _ in task.takes
+                each.states[stage] in (DONE, KEPT) for stage, _ in task.inputs
             ):
                 board.mark(task, READY)
                 heapq.heappush(ready, (order[task.row], number, task))
