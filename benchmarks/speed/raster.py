@@ -18,7 +18,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import Camera
 from f4x_core.geometry.splats import Splats
 from f4x_core.progress import Progress, silent
-from f4x_core.raster import BACKENDS, RasterConfig, RasterInput, RasterOutput, choose_backend, rasterize
+from f4x_core.raster import CPU_BACKENDS, RasterConfig, RasterInput, RasterOutput, choose_backend, rasterize
 
 from ..timing import measure_in_turn
 
@@ -101,7 +101,7 @@ def benchmark(
     """
     skipped: dict[str, str] = {}
     names = []
-    for name in backends or [name for name in BACKENDS if name != "reference"]:
+    for name in backends or [name for name in CPU_BACKENDS if name != "reference"]:
         try:
             names.append(choose_backend(name))
         except F4xError as error:

@@ -55,8 +55,6 @@ class Task:
     """Cores."""
     memory: int
     """Bytes."""
-    gpus: int
-    """Whole GPUs."""
 
     @property
     def kind(self) -> str:
@@ -105,7 +103,6 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
             key=hashlib.sha256(json.dumps(state).encode()).hexdigest(),
             threads=row.threads,
             memory=MEMORY.get(kind, 1) * GIGABYTE,
-            gpus=int(row.backend == "gsplat" and kind != "priors"),
         )
 
     masks = _absolute(row.masks) if row.masks not in (None, "layout") else row.masks

@@ -15,6 +15,7 @@ from ..clip.read import parse_span
 from ..edit.records import Record, near, read_record
 from ..errors import F4xError
 from ..features.teachers import TEACHERS
+from ..raster import CPU_BACKENDS
 from ..scene.formats import FORMATS
 from ..scene.view import CHANNELS
 from .storage import expand, join, read_bytes
@@ -35,6 +36,8 @@ MIN_VALUES = {"threads": 1, "parts": 1, "seed": 0, "width": 2, "hold_out": 2, "w
 """Smallest value of a column; the verbs say the same."""
 PATHS = re.compile(r"original|orbit|frozen:\d+(\.\d+)?|.+\.json")
 """What `paths` takes."""
+BACKENDS = ("auto", *CPU_BACKENDS)
+"""What `backend` takes."""
 PAGE = "index.html"
 """The page of the whole batch, beside the folders of the rows."""
 
@@ -77,7 +80,7 @@ class Row(Record):
     threads: int = 1
     """Cores that each task of the row takes; results are bit-equal for an equal number."""
     backend: str = "auto"
-    """What draws; `gsplat` asks a cluster for a GPU."""
+    """What draws."""
     features: tuple[str, ...] = ()
     """Teachers whose features are distilled into the scene."""
     vocabulary: tuple[str, ...] = ()
@@ -110,8 +113,10 @@ class Row(Record):
             ("features", TEACHERS, TEACHERS.__contains__),
             ("channels", drawn, lambda name: name in drawn or name.startswith("mask:")),
             ("paths", ("original", "orbit", "frozen:T", "FILE.json"), PATHS.fullmatch),
+            ("backend", BACKENDS, BACKENDS.__contains__),
         ):
-            for name in getattr(self, column):
+            value = getattr(self, column)
+            for name in (value,) if isinstance(value, str) else value:
                 if not accepts(name):
                     raise F4xError(f"{column} has {name!r}{near(name, known)}; known: {', '.join(known)}.")
         if self.queries and not self.features:

@@ -63,7 +63,6 @@ class RayEngine:
         """See `Engine.start`."""
         remote = self.remote.options(
             num_cpus=task.threads,
-            num_gpus=task.gpus,
             memory=task.memory,
             max_retries=RETRIES,
             name=f"{task.row} {task.stage}",
@@ -208,13 +207,10 @@ def sees(url: str, name: str) -> bool:
 
 def _require_room(nodes: Sequence[dict[str, float]], tasks: Sequence[Task]) -> None:
     """F4xError for a task that no node could ever take: Ray would wait for one without a word."""
-    for threads, memory, gpus, row in sorted({(t.threads, t.memory, t.gpus, t.row) for t in tasks}):
-        if any(
-            node.get("CPU", 0) >= threads and node.get("memory", 0) >= memory and node.get("GPU", 0) >= gpus
-            for node in nodes
-        ):
+    for threads, memory, row in sorted({(t.threads, t.memory, t.row) for t in tasks}):
+        if any(node.get("CPU", 0) >= threads and node.get("memory", 0) >= memory for node in nodes):
             continue
-        wants = f"{threads} cores, {memory / 2**30:.0f} GB" + (f" and {gpus} GPU" if gpus else "")
         raise F4xError(
-            f"{row}: no node of the cluster has {wants}; change threads or backend of the row, or add a node."
+            f"{row}: no node of the cluster has {threads} cores, {memory / 2**30:.0f} GB; change threads of the row, or add"
+            " a node."
         )

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ..errors import F4xError
-
-if TYPE_CHECKING:
-    from ..scene.posing import Posable
 
 SLOWER = 6
 """Times that the torch backend takes longer than the compiled kernels, on one thread (docs/results.md)."""
@@ -47,6 +43,15 @@ def listed_teachers(text: str, flag: str) -> list[str]:
     return names
 
 
+def require_given(args: argparse.Namespace, **names: str) -> None:
+    """Raise F4xError for arguments that were left out and are needed this time; `names`: attribute -> its name for people."""
+    missing = [name for attribute, name in names.items() if getattr(args, attribute) is None]
+    if missing:
+        raise F4xError(
+            f"the following arguments are required: {', '.join(missing)}; `f4x {args.verb} --help` shows what is possible."
+        )
+
+
 def require_folder(folder: Path) -> None:
     """Raise F4xError when a file is in the way of an output folder."""
     for place in (folder, *folder.parents):
@@ -66,19 +71,12 @@ def require_backend(name: str) -> None:
 
 
 def why_slow() -> str | None:
-    """The line about drawing without compiled kernels; None where they are there, or a GPU draws."""
+    """The line about drawing without compiled kernels; None where they are there."""
     from ..raster import why_not
 
-    if why_not("native") is None or why_not("gsplat") is None:
+    if why_not("native") is None:
         return None
     return (
         f"The compiled kernels are not there; drawing is about {SLOWER} times slower;"
         " `python -m f4x_core.native.build` compiles them."
     )
-
-
-def require_time(scene: Posable, time: float, flag: str) -> None:
-    """Raise F4xError when `time`, given by `flag`, lies outside the clip of `scene`."""
-    first, last = scene.cameras.times[[0, -1]]
-    if not first <= time <= last:
-        raise F4xError(f"{flag}: T must lie within the clip's frames, {first:g} to {last:g}.")

@@ -24,10 +24,12 @@ from ..fit.advice import about_cuts, quality
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import MIN_FRAMES, fit_clip, require_enough
+from ..fit.settings import as_lines, list_settings, set_fields
 from ..priors import build_priors
+from ..priors.providers import STAGES
 from ..progress import Progress
 from ..scene import Scene
-from .checks import listed_teachers
+from .checks import listed_teachers, require_backend
 from .distilling import distill_into
 
 
@@ -37,11 +39,12 @@ def clip_of(args: argparse.Namespace, progress: Progress) -> Clip:
 
 
 def config_of(args: argparse.Namespace) -> FitConfig:
-    """The profile with the arguments' changes."""
+    """The profile with the arguments' changes; `--set` has the last word."""
     config = profile(args.profile)
     for name in ("seed", "threads"):
-        if getattr(args, name) < 0:
-            raise F4xError(f"--{name} {getattr(args, name)}: give a number that is not negative.")
+        value = getattr(args, name)
+        if value is not None and value < 0:
+            raise F4xError(f"--{name} {value}: give a number that is not negative.")
     files = {}
     for entry in args.prior:
         name, separator, path = entry.partition("=")
@@ -55,7 +58,14 @@ def config_of(args: argparse.Namespace) -> FitConfig:
             require_provider(stage, name)  # before the fit, not in the middle of it
             priors = dataclasses.replace(priors, **{stage: dataclasses.replace(getattr(priors, stage), provider=name)})
     priors = dataclasses.replace(priors, files=files) if files else priors
-    return dataclasses.replace(config, seed=args.seed, threads=args.threads, backend=args.backend, priors=priors)
+    config = dataclasses.replace(config, seed=args.seed, threads=args.threads, backend=args.backend, priors=priors)
+    config = set_fields(config, args.set)
+    require_backend(config.backend)
+    for stage in STAGES:
+        name = getattr(config.priors, stage).provider
+        if name != getattr(priors, stage).provider:
+            require_provider(stage, name)
+    return config
 
 
 def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -87,6 +97,8 @@ def _leave_input(clip: Clip, frames: int, folder: Path) -> dict[str, int]:
 def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Fit a clip and write the scene, its metrics and the diagnostics page."""
     config = config_of(args)
+    if args.show_config:
+        return show_config(config)
     names = [] if args.features is None else listed_teachers(args.features, "--features")
     for name in names:
         if not (args.output / "features" / name / "spec.json").is_file():
@@ -102,6 +114,19 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         added = distill_into(path, args.clip, names, args.output / "features", settings, progress)
         told |= {"features": added, "text": told["text"] + "\n" + added.pop("text")}
     return told
+
+
+def show_config(config: FitConfig) -> dict[str, Any]:
+    """Every setting with its value, what it may be and what it does."""
+    rows = {
+        setting.name: {
+            "value": setting.value if setting.settable else dict(setting.value),
+            "kind": setting.kind,
+            "help": setting.doc,
+        }
+        for setting in list_settings(config)
+    }
+    return {"config": rows, "text": as_lines(config)}
 
 
 def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tuple[Shot, ...]] | None:

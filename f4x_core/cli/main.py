@@ -14,7 +14,7 @@ from .. import __version__
 from ..errors import Cancelled, F4xError
 from ..files import json_text
 from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
-from .checks import output_folder, path_argument, require_backend, require_folder, why_slow
+from .checks import output_folder, path_argument, require_backend, require_folder, require_given, why_slow
 from .terminal import TerminalProgress
 
 EXIT_BAD_INPUT = 2
@@ -43,7 +43,7 @@ class Parser(argparse.ArgumentParser):
 def build_parser() -> argparse.ArgumentParser:
     """The parser of every verb."""
     from ..fit.distil_config import DistilConfig
-    from ..raster import BACKENDS  # with numpy: where an early Ctrl-C is answered already
+    from ..raster import CPU_BACKENDS  # with numpy: where an early Ctrl-C is answered already
     from ..scene.formats import FORMATS
 
     parser = Parser(prog="f4x", description="From one video to a 4D scene that moves, in Blender too.")
@@ -67,7 +67,9 @@ def build_parser() -> argparse.ArgumentParser:
         sub.add_argument("-o", "--output", type=path_argument, metavar=metavar, **more)
 
     def backend_option(sub: argparse.ArgumentParser) -> None:
-        sub.add_argument("--backend", choices=("auto", *BACKENDS), default="auto", help="what draws (default: auto)")
+        sub.add_argument(
+            "--backend", choices=("auto", *CPU_BACKENDS), default="auto", help="what draws (default: auto)"
+        )
 
     def clip_options(sub: argparse.ArgumentParser) -> None:
         sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the frames to use")
@@ -108,12 +110,26 @@ def build_parser() -> argparse.ArgumentParser:
             metavar="NAME=PATH",
             help="your own prior, e.g. depth=DIR or cameras=FILE",
         )
+        sub.add_argument(
+            "--set",
+            action="append",
+            default=[],
+            metavar="NAME=VALUE",
+            help="a setting of the profile, e.g. steps=600; `f4x fit --show-config` lists them all",
+        )
 
     sub = verb("fit", "Turn a clip into DIR/scene.f4x.")
-    sub.add_argument("clip", type=path_argument, help="video file, image folder, or NVIDIA / DyCheck / DAVIS data set")
-    output_option(sub, required=True)
+    sub.add_argument(
+        "clip", type=path_argument, nargs="?", help="video file, image folder, or NVIDIA / DyCheck / DAVIS data set"
+    )
+    output_option(sub)
     clip_options(sub)
     fit_options(sub)
+    sub.add_argument(
+        "--show-config",
+        action="store_true",
+        help="print every setting of --profile and --set with what it does, and fit nothing; needs neither clip nor -o",
+    )
     sub.add_argument("--resume", action="store_true", help="continue an interrupted fit")
     sub.add_argument(
         "--window",
@@ -430,6 +446,8 @@ def main(arguments: list[str] | None = None) -> int:
             stop_with_parent()
             lines("start", 0, 0, f"f4x {__version__}")
         args = build_parser().parse_args(arguments)
+        if args.verb == "fit" and not args.show_config:
+            require_given(args, clip="clip", output="-o/--output")
         quiet = lines is not None or (args.json and not sys.stderr.isatty())
         with TerminalProgress(quiet, lines) as progress:
             if getattr(args, "output", None) is not None:

@@ -25,8 +25,8 @@ from ..query.prompts import at_clip_size, select_by_box, select_by_mask, select_
 from ..query.questions import Answer, answer, ask_features
 from ..query.selection import Selection
 from ..scene import Scene
+from ..scene.posing import require_time
 from ..scene.view import render
-from .checks import require_time
 from .rendering import trajectory_of
 
 

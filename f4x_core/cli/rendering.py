@@ -26,8 +26,8 @@ from ..scene import Scene
 from ..scene.foreign import identify, open_any
 from ..scene.formats import choose_format, export
 from ..scene.picture import colour_depth, colour_motion, depth_range
+from ..scene.posing import require_time
 from ..scene.view import COVERED, render
-from .checks import require_time
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
 MASK = "mask:"

@@ -7,6 +7,7 @@ import dataclasses
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from ..errors import F4xError
 from ..gaussians import DensityConfig, SpawnConfig
@@ -226,7 +227,7 @@ class FitConfig:
     """Degree of the spherical harmonics at the end; None = as the pictures ask for it, at most `most_sh_degree`."""
     most_sh_degree: int = 1
     """Upper limit when the pictures decide."""
-    harmonics_at: tuple[float, ...] = (0.4, 0.6, 0.8)
+    harmonics_at: tuple[float, float, float] = (0.4, 0.6, 0.8)
     """Shares of the steps at which the pictures are asked for degree 1, 2, 3; every fit begins with plain colours."""
     moving_share: float = 3e-4
     """Clips whose moving region covers less than this share of all pixels get no scaffold and no dynamic set."""
@@ -258,11 +259,19 @@ class FitConfig:
     """Steps between two points of the quality curve on the diagnostics page."""
     seed: int = 0
     """Seed of everything random."""
-    backend: str = "auto"
-    """Raster backend."""
+    backend: Literal["auto", "native", "torch", "reference"] = "auto"
+    """Raster backend; the tensors of a fit lie on the CPU."""
     threads: int | None = None
     """Threads of the compiled library, or of torch where that does its work; None = all. Results are bit-equal for an equal
     count."""
+
+    def __post_init__(self) -> None:
+        """Refuse fields that do not fit each other."""
+        if len(self.shifts) != len(self.shift_weights) or not self.shifts:
+            raise F4xError(
+                f"shifts has {len(self.shifts)} numbers and shift_weights {len(self.shift_weights)}; give one weight for each"
+                " shift, and at least one."
+            )
 
     @property
     def kernels(self) -> Kernels:

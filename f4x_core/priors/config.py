@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class FlowConfig:
 
     provider: str = "classical"
     """Who computes it (`providers.PROVIDERS`)."""
-    preset: str = "fine"
+    preset: Literal["ultrafast", "fast", "medium", "fine"] = "fine"
     """OpenCV DIS: `ultrafast`, `fast`, `medium`, or `fine` (full resolution; half the error, twice the time)."""
     refine_iterations: int = 5
     """Variational refinement steps per DIS scale (OpenCV's own default is 5)."""
@@ -60,11 +60,11 @@ class CamerasConfig:
 
     provider: str = "classical"
     """Who computes it (`providers.PROVIDERS`)."""
-    kind: str | None = None
+    kind: Literal["static", "pan", "moving"] | None = None
     """`static`, `pan` or `moving`; None = decided from the static tracks."""
     focal: float | None = None
     """Focal length in picture widths; None = searched."""
-    solver: str = "auto"
+    solver: Literal["auto", "depth", "direct", "colmap", "tracks"] = "auto"
     """First cameras of a moving clip: `depth`, `direct`, `colmap`, `tracks`, or `auto` = the first of these that can and serves."""
     keyframes: int = 40
     """Most frames given to pycolmap; the others are resected."""

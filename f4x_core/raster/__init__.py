@@ -17,10 +17,21 @@ from ..geometry.splats import Splats
 from .contract import RasterConfig, RasterInput, RasterOutput
 from .inputs import prepare
 
-__all__ = ["BACKENDS", "RasterConfig", "RasterInput", "RasterOutput", "choose_backend", "rasterize", "why_not"]
+__all__ = [
+    "BACKENDS",
+    "CPU_BACKENDS",
+    "RasterConfig",
+    "RasterInput",
+    "RasterOutput",
+    "choose_backend",
+    "rasterize",
+    "why_not",
+]
 
-BACKENDS = ("native", "torch", "reference", "gsplat")
-"""What renders for a fit. `plain` besides is numpy alone and draws pictures only."""
+CPU_BACKENDS = ("native", "torch", "reference")
+"""What renders tensors on the CPU, which all of `f4x` has."""
+BACKENDS = (*CPU_BACKENDS, "gsplat")
+"""What renders with gradients. `plain` besides is numpy alone and draws pictures only."""
 DRAW_PARTS = ("native", "reference", "plain")
 
 

@@ -81,6 +81,13 @@ def take(posed: PosedSplats, index: np.ndarray) -> PosedSplats:
     return posed.take(index)
 
 
+def require_time(scene: Posable, time: float, flag: str) -> None:
+    """Raise F4xError when `time`, named by `flag`, lies outside the clip of `scene`."""
+    first, last = scene.cameras.times[[0, -1]]
+    if not first <= time <= last:
+        raise F4xError(f"{flag}: T must lie within the clip's frames, {first:g} to {last:g}.")
+
+
 def moment(scene: Posable, time: float, transform: np.ndarray | None = None) -> PosedSplats:
     """All that is visible at clip time `time`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
     posed = scene.posed(time)

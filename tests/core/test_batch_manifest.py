@@ -101,6 +101,11 @@ def test_a_folder_called_images_has_the_name_of_the_one_it_lies_in(tmp_path):
         ("l.csv", "clip,paths\na.mp4,orbitt\n", "line 2: paths has 'orbitt', near it is 'orbit'"),
         ("l.csv", "clip,channels\na.mp4,rgb;normalz\n", "line 2: channels has 'normalz'; known: rgb"),
         ("l.csv", "clip,channels\na.mp4,latent\n", "line 2: channels has 'latent'"),
+        (
+            "l.csv",
+            "clip,backend\na.mp4,gsplat\n",
+            "line 2: backend has 'gsplat'; known: auto, native, torch, reference",
+        ),
         ("l.csv", "clip,queries\na.mp4,dog\n", "line 2: queries need features"),
         ("l.csv", "clip,name\na.mp4,CON\n", "'CON' cannot name a folder"),
         ("l.csv", "clip,name\na.mp4,lpt1.x\n", "'lpt1.x' cannot name a folder"),

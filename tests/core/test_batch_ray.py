@@ -172,8 +172,6 @@ def test_a_task_that_fits_on_no_node_is_told(cluster, tmp_path):
     pattern = write_clips(tmp_path / "clips", a={})
     with pytest.raises(F4xError, match="a: no node of the cluster has 64 cores, 1 GB"):
         run(cluster, pattern, tmp_path / "out", defaults={"threads": "64"})
-    with pytest.raises(F4xError, match="and 1 GPU; change threads or backend"):
-        run(cluster, pattern, tmp_path / "out", defaults={"backend": "gsplat"})
 
 
 PROGRAM = """

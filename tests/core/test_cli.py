@@ -167,7 +167,7 @@ def test_render_refuses_unknown_channels_and_paths(toy_fit, tmp_path, capsys):
         assert "above 0 and below 90" in fails(capsys, "render", scene, "-o", tmp_path / "r", f"--degrees={degrees}")
     sentence = fails(capsys, "render", scene, "-o", tmp_path / "r", "--path", "orbit", "--frames", "40:50")
     assert "--path orbit has frames 0:8, frames 40:50 reach beyond" in sentence
-    assert "use --backend auto" in fails(capsys, "render", scene, "-o", tmp_path / "r", "--backend", "gsplat")
+    assert "choose from 'auto'" in fails(capsys, "render", scene, "-o", tmp_path / "r", "--backend", "gsplat")
     assert "FILE.ply" in fails(capsys, "export", scene, "-o", tmp_path / "r", "--time", 2)
     assert "FILE.ply" in fails(capsys, "export", scene, "-o", tmp_path / "r.ply")
     assert not (tmp_path / "r").exists() and not (tmp_path / "r.ply").exists()

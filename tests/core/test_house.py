@@ -23,11 +23,13 @@ ROOMS = (
         "query",
         "edit",
     ),
-    *("batch", "agent", "cli"),
+    *("api", "batch", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
 SHARED = ("errors", "files", "page", "progress", "processes", "installation", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
+DOORS = ("f4x_core/__init__.py", "f4x_core/__main__.py")
+"""They name rooms: the first one to type checkers alone, to programs lazily."""
 TORCH_FREE = (
     "native",
     "geometry",
@@ -36,6 +38,7 @@ TORCH_FREE = (
     "scene",
     "query",
     "edit",
+    "api",
     "batch",
     "agent",
     "errors",
@@ -51,6 +54,7 @@ NUMPY_ONLY = (
     "scene",
     "query",
     "edit",
+    "api",
     "errors",
     "files",
     "progress",
@@ -115,7 +119,7 @@ def wrong_arrows(source: str, path: str) -> list[str]:
         if target[0] != "f4x_core" or len(target) == 1:
             continue
         to_the_right = target[1] in ROOMS and room in ROOMS and ROOMS.index(target[1]) > ROOMS.index(room)
-        from_the_ground = target[1] in ROOMS and room in SHARED and path != "f4x_core/__main__.py"
+        from_the_ground = target[1] in ROOMS and room in SHARED and path not in DOORS
         if to_the_right or from_the_ground:
             wrong.append(f"{path}:{line} imports {module}")
     wrong += [
@@ -159,6 +163,11 @@ def test_arrows_point_to_the_left(file):
     room = file.relative_to(ROOT / "f4x_core").parts[0].removesuffix(".py")
     assert room in ROOMS or room in SHARED, f"{room} is no room of the house"
     assert wrong_arrows(file.read_text(encoding="utf-8"), name_of(file)) == []
+
+
+def test_the_door_for_programs_imports_no_room():
+    tree = at_import_time(ast.parse((ROOT / "f4x_core" / "__init__.py").read_text(encoding="utf-8")))
+    assert {module.split(".")[0] for _, module in imports(tree, ("f4x_core",))} <= {"importlib", "typing"}
 
 
 @pytest.mark.parametrize("file", CORE, ids=name_of)

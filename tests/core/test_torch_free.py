@@ -7,7 +7,19 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = ("errors", "progress", "files", "processes", "installation", "geometry", "clip", "scene", "query", "edit")
+ROOMS = (
+    "errors",
+    "progress",
+    "files",
+    "processes",
+    "installation",
+    "geometry",
+    "clip",
+    "scene",
+    "query",
+    "edit",
+    "api",
+)
 BLOCKED = ("torch", "cv2", "av", "scipy", "PIL", "pycolmap", "bpy")
 
 PROGRAM = f"""
