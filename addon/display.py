@@ -71,17 +71,17 @@ def count(root: bpy.types.Object) -> None:
 
 def _fill_lists(root: bpy.types.Object) -> None:
     """The lists of edits and of named selections, from the pending stack."""
-    told = root.f4x
-    told.history.clear()
+    state = root.f4x
+    state.history.clear()
     for edit in session.stack_of(root).edits:
-        row = told.history.add()
+        row = state.history.add()
         row.name, row.edit_id, row.enabled = describe(edit.operation), edit.id, edit.enabled
-    told.history_index = len(told.history) - 1
-    told.names.clear()
+    state.history_index = len(state.history) - 1
+    state.names.clear()
     for name, rows in session.names_of(root).items():
-        row = told.names.add()
+        row = state.names.add()
         row.name, row.count = name, len(rows)
-    told.name_index = min(max(told.name_index, 0), len(told.names) - 1)
+    state.name_index = min(max(state.name_index, 0), len(state.names) - 1)
 
 
 def _set_up_apart(root: bpy.types.Object, display: Display) -> None:

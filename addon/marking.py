@@ -18,25 +18,25 @@ BARS = 20
 
 def ask(root: bpy.types.Object, found: Selection) -> None:
     """Put the scores of a query on the points and combine what they choose with the selection, as the mode says."""
-    told = root.f4x
+    state = root.f4x
     scores = np.where(found.wins, 1.0, found.scores).astype(np.float32)  # what wins is chosen at any threshold
     before = session.read(root, SELECTED)
     session.write(root, **{BEFORE: ("BOOLEAN", before), SCORE: ("FLOAT", scores)})
-    told.histogram = json.dumps(np.histogram(scores, BARS, (0.0, 1.0))[0].tolist())
-    told.combined, told.live, told.called = told.mode, True, ""
-    told.threshold = found.threshold  # selects, by its update
+    state.histogram = json.dumps(np.histogram(scores, BARS, (0.0, 1.0))[0].tolist())
+    state.combined, state.live, state.called = state.mode, True, ""
+    state.threshold = found.threshold  # selects, by its update
 
 
 def apply_threshold(root: bpy.types.Object) -> None:
     """Select by the scores that are on the points; nothing happens unless the last selection came from a query."""
-    told = root.f4x
-    if not told.live:
+    state = root.f4x
+    if not state.live:
         return
     for cloud in session.clouds_of(root):
         scores, before = read_attribute(cloud.data, SCORE), read_attribute(cloud.data, BEFORE)
         if scores is None or before is None:
             continue
-        chosen = _combined(before, scores >= np.float32(told.threshold), told.combined)
+        chosen = _combined(before, scores >= np.float32(state.threshold), state.combined)
         write_attribute(cloud.data, SELECTED, "BOOLEAN", chosen)
         cloud.data.update_tag()
     display.count(root)

@@ -8,7 +8,7 @@ The state is in the .blend, on the scene's root empty, so that Blender's own und
     f4x_saved    JSON of the stack that the file held when both were last the same
     f4x_preview  JSON of a stack that is only being looked at; absent otherwise
 
-Scenes are cached by path and hash of their arrays, edited ones by their stack as well: undo needs no cache to be told.
+Scenes are cached by path and hash of their arrays, edited scenes also by their stack, so undo needs no cache update.
 Gaussians are known by their id, the point attribute `gid`, so points may be deleted, split off and copied in Blender.
 """
 
@@ -101,7 +101,7 @@ def stack_of(root: bpy.types.Object) -> EditStack:
 
 
 def set_stack(root: bpy.types.Object, stack: EditStack) -> None:
-    """Make `stack` the pending one, checked; F4xError leaves the old one. Whoever calls shows it: `display.refresh`."""
+    """Make `stack` the pending one after checking it; F4xError leaves the old one. Callers then use `display.refresh`."""
     text = _text(stack)
     _display(root, text)
     root[EDITS] = text
@@ -109,7 +109,7 @@ def set_stack(root: bpy.types.Object, stack: EditStack) -> None:
 
 
 def show_preview(root: bpy.types.Object, stack: EditStack | None) -> None:
-    """Look at `stack` in place of the pending one; None: no longer."""
+    """Preview `stack` in place of the pending one; None ends the preview."""
     if stack is not None:
         root[PREVIEW] = _text(stack)
     elif PREVIEW in root:
@@ -143,7 +143,7 @@ def base_scene(root: bpy.types.Object) -> Scene:
 
 
 def asked_scene(root: bpy.types.Object) -> Scene:
-    """The scene without its edits, ready to be asked for words: the first one need not wait as long as it would."""
+    """The scene without its edits, with the caches for text queries filled, so that the first query is fast."""
     scene = base_scene(root)
     if id(scene.static) in _preparing:
         _preparing.pop(id(scene.static)).join()
@@ -156,7 +156,7 @@ def edited_scene(root: bpy.types.Object) -> Scene:
 
 
 def shown(root: bpy.types.Object) -> Display:
-    """What the viewport shows: the preview where there is one, else the pending edits."""
+    """The scene that the viewport shows: with the preview if there is one, else with the pending edits."""
     return _display(root, root.get(PREVIEW) or _pending(root))
 
 
@@ -211,7 +211,7 @@ def selection(root: bpy.types.Object) -> Selection | None:
 
 
 def context_of(root: bpy.types.Object) -> Context:
-    """What "it" and "now" mean to the core."""
+    """The selection and the frame that "it" and "now" in a sentence refer to."""
     return Context(selection(root), frame_of(root))
 
 
@@ -219,19 +219,19 @@ def selected_ids(root: bpy.types.Object) -> Ids:
     """The selected Gaussians as a stack holds them; F4xError where there are none."""
     chosen = selection(root)
     if chosen is None:
-        raise F4xError("Nothing is selected; ask for something, or select points in edit mode.")
-    ids, told = Ids.of(chosen.chosen_ids), root.f4x
+        raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
+    ids, state = Ids.of(chosen.chosen_ids), root.f4x
     # points may have been selected in edit mode since, and then they are not what was asked for
-    return replace(ids, words=told.called[:LONGEST_WORDS]) if chosen.chosen.sum() == told.selected else ids
+    return replace(ids, words=state.called[:LONGEST_WORDS]) if chosen.chosen.sum() == state.selected else ids
 
 
-def append(root: bpy.types.Object, *operations: Operation, said: str = "") -> EditStack:
+def append(root: bpy.types.Object, *operations: Operation, sentence: str = "") -> EditStack:
     """Append operations to the pending stack, resolved as `f4x edit` resolves them; F4xError leaves it as it was."""
     context = context_of(root)
     stack = stack_of(root)
     for operation in operations:
         scene = edited(with_stack(base_scene(root), stack))
-        stack = stack.append(resolve(scene, operation, context), said)
+        stack = stack.append(resolve(scene, operation, context), sentence)
     set_stack(root, stack)
     return stack
 
@@ -244,11 +244,11 @@ def names_of(root: bpy.types.Object) -> Mapping[str, np.ndarray]:
 
 def with_reading(root: bpy.types.Object) -> EditStack:
     """The pending stack with the reading of the sentence that is picked in the panel."""
-    told = root.f4x
+    state = root.f4x
     stack = stack_of(root)
-    if 0 <= told.reading_index < len(told.readings):
-        for number, data in enumerate(json.loads(told.readings[told.reading_index].operations), 1):
-            stack = stack.append(read_operation(data, f"operation {number}"), told.sentence)
+    if 0 <= state.reading_index < len(state.readings):
+        for number, data in enumerate(json.loads(state.readings[state.reading_index].operations), 1):
+            stack = stack.append(read_operation(data, f"operation {number}"), state.sentence)
     return stack
 
 
@@ -259,7 +259,7 @@ def forget() -> None:
 
 
 def _prepare(scene: Scene) -> None:
-    """Begin, beside Blender, what the first query needs of a scene: its neighbourhoods (two seconds where nothing is compiled)."""
+    """Compute in a thread what the first query needs: neighbourhoods (two seconds without compiled kernels)."""
     if scene.features is not None:
         thread = Thread(target=prepare, args=(scene,), daemon=True)
         _preparing[id(scene.static)] = thread
@@ -281,7 +281,9 @@ def _parsed(root: bpy.types.Object, text: str) -> EditStack:
     try:
         return EditStack.from_json(json.loads(text), root.name)
     except ValueError as error:
-        raise F4xError(f"{root.name}: its edits are no JSON ({error}); import the scene again.") from error
+        raise F4xError(
+            f"{root.name}: its stored edits are not valid JSON ({error}); import the scene again."
+        ) from error
 
 
 def _text(stack: EditStack) -> str:
@@ -311,7 +313,7 @@ def _check_arrays(root: bpy.types.Object) -> str:
     path = path_of(root)
     arrays = _hash_of(path)
     if root.get(ARRAYS, arrays) != arrays:
-        raise F4xError(f"{path} holds other Gaussians than when it was imported; import it again.")
+        raise F4xError(f"{path} no longer holds the Gaussians that were imported; import it again.")
     return arrays
 
 
@@ -325,6 +327,6 @@ def _hash_of(path: Path) -> str:
         ) from error
     stamp = (found.st_mtime_ns, found.st_size)
     if _files.get(str(path), (None, ""))[0] != stamp:
-        told = json.dumps(read_header(path)["arrays"], sort_keys=True)
-        _files[str(path)] = (stamp, hashlib.sha256(told.encode()).hexdigest())
+        arrays = json.dumps(read_header(path)["arrays"], sort_keys=True)
+        _files[str(path)] = (stamp, hashlib.sha256(arrays.encode()).hexdigest())
     return _files[str(path)][1]

@@ -132,8 +132,8 @@ def _build_sky(seed: int) -> None:
 def _prop(number: int, spec: RenderedScene, random: np.random.Generator) -> Body:
     """Something that stands around, not between the camera and the focus; far ones are large."""
     far = number % 3 == 2
-    near, most = FAR_PROPS if far else NEAR_PROPS
-    distance = random.uniform(near, most)
+    nearest, farthest = FAR_PROPS if far else NEAR_PROPS
+    distance = random.uniform(nearest, farthest)
     # behind the focus, or to the sides: never in the quarter where the camera moves
     angle = math.radians(random.uniform(-25, 205))
     if spec.setting == "yard" and not far:

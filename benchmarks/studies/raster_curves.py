@@ -15,6 +15,7 @@ from typing import Any
 
 import torch
 
+from f4x_core.edit.words import plural
 from f4x_core.raster import RasterConfig, why_not
 from f4x_core.raster.native import available
 
@@ -488,7 +489,7 @@ def _curve(rows: list[Row], across: str, size: str) -> Findings:
 def _about(context: Context, count: int = 0, channels: int = 0, width: int = 0, height: int = 0) -> str:
     """The setting in words; what is 0 varies."""
     told = [f"{count:,} Gaussians" if count else "", f"{channels} channels" if channels else ""]
-    told += [f"{width} x {height} pixels" if width else "", f"{context.threads} thread{'s' * (context.threads > 1)}"]
+    told += [f"{width} x {height} pixels" if width else "", f"{context.threads} {plural('thread', context.threads)}"]
     return ", ".join(filter(None, told))
 
 

@@ -67,8 +67,8 @@ class AgentServer(MCPServer):
         known = next((tool.input_schema["properties"] for tool in await self.list_tools() if tool.name == name), None)
         unknown = [] if known is None else [argument for argument in arguments if argument not in known]
         if unknown:
-            message = f"{name}: there is no {unknown[0]!r}; known: {', '.join(known or ())}."
-            raise ToolError(plain(message, MAX_ERROR_CHARACTERS))
+            refusal = f"{name}: there is no {unknown[0]!r}; known: {', '.join(known or ())}."
+            raise ToolError(plain(refusal, MAX_ERROR_CHARACTERS))
         _CALLER.set(context)
         try:
             return await super().call_tool(name, arguments, context)

@@ -1,4 +1,4 @@
-"""What can be told of a row before any task: sentences that nobody understands, files and moments that are not as it says."""
+"""Checks of a row before any task runs: sentences that cannot be parsed, damaged files, frames outside the clip."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .graph import declared_frames
 from .manifest import Row
 
 UNKNOWN: dict[str, Any] = {"fps": 24.0, "frames": 1_000_000}
-"""Of a clip that nobody has opened yet: no time that a sentence says lies outside."""
+"""Assumed length of a clip that was not opened yet, so that no time in a sentence lies outside it."""
 parse_cached = lru_cache(1024)(parse)
-"""Most rows of a batch say the same."""
+"""`parse` with a cache, since most rows of a batch have the same sentences."""
 
 
 def require_values(row: Row) -> None:
-    """Raise F4xError for what would fail however well the clip is fitted: lengths of windows, moments, sentences, JSON files."""
+    """Raise F4xError for values that fail whatever the fit gives: window lengths, frozen frames, sentences, JSON files."""
     if row.window or row.overlap is not None:
         from .windows import LENGTH, OVERLAP, plan_windows  # imports the whole fit
 
@@ -39,12 +39,12 @@ def require_values(row: Row) -> None:
         _require_sentences(row)
     for names, read in ((row.edits, read_operations), (row.paths, read_path)):
         for file in map(Path, names):
-            if file.suffix == ".json" and file.is_file():  # one that is missing is told as that
+            if file.suffix == ".json" and file.is_file():  # a missing file is reported elsewhere
                 read(file)
 
 
 def _require_sentences(row: Row) -> None:
-    """F4xError for the first sentence that means nothing, or names a thing in a scene that knows no words."""
+    """F4xError for the first sentence that cannot be parsed, or that names an object in a scene without text features."""
     labels = (*EVERYDAY, *row.vocabulary) if row.features else ()
     for sentence in row.edits:
         if sentence.endswith(".json"):
@@ -59,4 +59,4 @@ def _require_sentences(row: Row) -> None:
                 f"edits has '{sentence}', which names a thing; add the column features, for example text, or say everything."
             )
         if any(isinstance(one, Duplicate | Name) for one in operations):
-            return  # later sentences may speak of what this one makes, as of what a file does
+            return  # later sentences may refer to the copy or the name that this one makes

@@ -106,7 +106,7 @@ def run_task(
         outcome = attempt.outcome("failed", str(error))
     except OSError as error:
         where = f"{socket.gethostname()}, {error.filename or 'its disk'}"
-        outcome = attempt.outcome("failed", f"{where}: {error.strerror or error}; free some space there, or repair it.")
+        outcome = attempt.outcome("failed", f"{where}: {error.strerror or error}; make room there, or repair it.")
     except (Cancelled, KeyboardInterrupt) as error:
         outcome = attempt.close(attempt.outcome("stopped"))
         if isinstance(error, KeyboardInterrupt):

@@ -32,7 +32,7 @@ def run_features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]
         folder = args.output / "features" / name
         rows.append(_row(extract(clip, name, folder, args.model, args.rank, progress)))
     few = [row for row in rows if args.rank is not None and args.rank >= row["spec"]["dim"]]
-    lines = [*map(_told, rows)]
+    lines = [*map(_maps_line, rows)]
     lines += [f"{row['folder']}: --rank {args.rank} keeps all {row['spec']['dim']} channels there are" for row in few]
     return {"features": rows, "text": "\n".join(lines)}
 
@@ -75,7 +75,7 @@ def _row(maps: FeatureMaps) -> dict[str, Any]:
     }
 
 
-def _told(row: dict[str, Any]) -> str:
+def _maps_line(row: dict[str, Any]) -> str:
     spec = row["spec"]
     height, width = spec["grid"]
     parts = [f"{row['frames']} maps of {width}x{height} cells, {spec['dim']} channels", f"{row['megabytes']:.1f} MB"]

@@ -291,10 +291,10 @@ def test_digests_are_read_again_only_after_a_change(tmp_path, monkeypatch):
     first = digests.digest(folder)
     again = Digests(json.loads(json.dumps(digests.to_json())))
     monkeypatch.setattr("f4x_core.batch.storage._content", None)
-    assert again.of(folder) == first
+    assert again.digest(folder) == first
     monkeypatch.undo()
     write(tmp_path / "clip" / "1.png", "two")
-    assert again.of(folder) != first
+    assert again.digest(folder) != first
     assert Digests().digest(clip) != "" and Digests().digest(str(tmp_path / "absent")) == ""
 
 

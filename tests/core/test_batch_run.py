@@ -447,7 +447,7 @@ def test_the_table_shows_rows_at_work_and_what_failed(tmp_path):
 
     def watch(board):
         console = Console(width=100, record=True, file=io.StringIO())
-        console.print(cli_batch.table_of(board, engine))
+        console.print(cli_batch.status_table(board, engine))
         seen.append(console.export_text())
 
     run_board(board, engine, watch)
@@ -489,7 +489,7 @@ def test_the_page_shows_what_a_clip_became_and_links_what_is_there(tmp_path):
             store.write(f"a/{name}", b"x")
         told = {"host": "h", "results": (results.get(task.stage, {}),), "files": dict.fromkeys(names, 1)}
         note = "nothing answers" if "query" in task.stage else ""
-        board.settle(task, Outcome("a", task.stage, task.key, "done" if names else "failed", note=note, **told))
+        board.finish(task, Outcome("a", task.stage, task.key, "done" if names else "failed", note=note, **told))
         store.write(
             f"other/.batch/{task.slug}.json", json.dumps(asdict(Outcome("other", task.stage, "", "done"))).encode()
         )
