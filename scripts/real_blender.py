@@ -97,8 +97,8 @@ def version(root: Path) -> str | None:
     if not all((root / "usr/bin" / name).exists() for name in programs):
         return None
     command = ["chroot", str(root), "blender", "--version"]
-    said = subprocess.run(command, capture_output=True, text=True, env=os.environ | QUIET).stdout
-    return next((line for line in said.splitlines() if line.startswith("Blender ")), None)
+    output = subprocess.run(command, capture_output=True, text=True, env=os.environ | QUIET).stdout
+    return next((line for line in output.splitlines() if line.startswith("Blender ")), None)
 
 
 def prepare(root: Path, suite: str = SUITE) -> str:
@@ -174,8 +174,8 @@ def _run(*command: str) -> None:
     except subprocess.TimeoutExpired:
         raise UnavailableError(f"{name} had not ended after {PATIENCE / 60:.0f} minutes") from None
     except subprocess.CalledProcessError as error:
-        said = [line.strip() for line in error.stdout.splitlines() if line.strip()]
-        raise UnavailableError(f"{name} failed ({said[-1] if said else f'exit code {error.returncode}'})") from None
+        lines = [line.strip() for line in error.stdout.splitlines() if line.strip()]
+        raise UnavailableError(f"{name} failed ({lines[-1] if lines else f'exit code {error.returncode}'})") from None
 
 
 def _require_debootstrap() -> None:
