@@ -102,7 +102,7 @@ def import_scene(
             if first.edits:
                 display.refresh(root)
             else:
-                display.tell(root)
+                display.update_panel(root)
     except F4xError:
         _take_out(collection)
         raise

@@ -1,12 +1,12 @@
-"""What belongs to an imported scene: its core `Scene`, its pending edits, its clouds, and which Gaussian is which point.
+"""The state of an imported scene: its core `Scene`, its pending edits, its point clouds, and which point is which Gaussian.
 
-The state is in the .blend, on the scene's root empty, so that Blender's own undo takes it back:
+The state is stored in the .blend on the scene's root empty, so that Blender's Undo covers it:
 
     f4x_path     the scene file
     f4x_arrays   hash of the file's arrays at import: the file has to hold the same Gaussians
     f4x_edits    JSON of the pending stack
     f4x_saved    JSON of the stack that the file held when both were last the same
-    f4x_preview  JSON of a stack that is only being looked at; absent otherwise
+    f4x_preview  JSON of a stack that is only previewed; absent otherwise
 
 Scenes are cached by path and hash of their arrays, edited scenes also by their stack, so undo needs no cache update.
 Gaussians are known by their id, the point attribute `gid`, so points may be deleted, split off and copied in Blender.
@@ -39,17 +39,17 @@ from .point_cloud import read_attribute, write_attribute
 
 PATH, ARRAYS, EDITS, SAVED, PREVIEW = "f4x_path", "f4x_arrays", "f4x_edits", "f4x_saved", "f4x_preview"
 APART = "f4x_apart"
-"""Property of the object whose points are drawn apart from the base's clouds: moved, retimed and copied Gaussians."""
+"""Property of the separate cloud for Gaussians whose motion is edited: moved, retimed and copied ones."""
 SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
-"""Point attributes: what is selected (Blender's own name), what was before the last query, and the query's scores."""
+"""Point attributes: the selection (Blender's own name), the selection before the last query, and the query's scores."""
 TIMED = "f4x_timed"
-"""Property of a root whose edits change over time: its clouds are written anew at every frame."""
+"""Property of a root whose edits change over time, so that its clouds are updated at every frame."""
 MOVED = 3
-"""Folders above a .blend in which a scene file is looked for that is not where it was."""
+"""Number of folders above a .blend in which a moved scene file is searched."""
 NO_EDITS = "[]"
 """JSON of the empty stack."""
 KEPT = 4
-"""Scenes kept, edited ones too: going back and forth between a preview and the stack costs nothing."""
+"""Number of scenes in the cache, including edited ones, so that switching a preview on and off is fast."""
 
 _files: dict[str, tuple[tuple[int, int], str]] = {}  # path -> ((time of change, size), hash of the arrays)
 _preparing: dict[int, Thread] = {}  # id of a scene's static set -> who works out its neighbourhoods
@@ -161,13 +161,13 @@ def shown(root: bpy.types.Object) -> Display:
 
 
 def frame_of(root: bpy.types.Object) -> float:
-    """The present clip frame, held within the clip."""
+    """The current clip frame, clamped to the clip."""
     scene = bpy.context.scene
     return shown(root).time(scene.frame_current + scene.frame_subframe)
 
 
 def clouds_of(root: bpy.types.Object) -> list[bpy.types.Object]:
-    """The point clouds of the scene's Gaussians; those drawn apart come last."""
+    """The point clouds of the scene; the separate cloud of edited Gaussians comes last."""
     clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD" and "gid" in item.data.attributes]
     return sorted(clouds, key=lambda item: APART in item)
 
@@ -182,7 +182,7 @@ def points(root: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarra
 
 
 def read(root: bpy.types.Object, name: str) -> np.ndarray:
-    """(N,) values of a point attribute by Gaussian; 0 where no point has it, and of points drawn apart where there are any."""
+    """(N,) values of a point attribute by Gaussian; 0 without a point. Points of the separate cloud take precedence."""
     values = np.zeros(len(shown(root).scene.ids), np.float32 if name == SCORE else bool)
     for cloud, at, row in points(root):
         found = read_attribute(cloud.data, name)

@@ -41,9 +41,9 @@ HOLD_OUT = 5
 NOVEL_DEGREES = (4.0, -3.0)
 """Novel views look from so far to the side of, and above, the clip's path."""
 PURE = 0.85
-"""Share of its light that a pixel must have from one body for its depth to be known."""
+"""Minimum fraction of a pixel's blend weight that one body must have for the pixel's depth to be known."""
 SEEN = 0.02
-"""A point is visible where the picture's depth is within this share of its own."""
+"""A point is visible where the rendered depth differs from its own by less than this fraction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +91,9 @@ class View:
     label: np.ndarray
     """(H,W) int, index into `World.labels`; -1 where nothing is."""
     moving: np.ndarray
-    """(H,W) float32 share of the light that comes from what moves."""
+    """(H,W) float32 fraction of the blend weight that comes from moving bodies."""
     mix: np.ndarray
-    """(H,W,L) float32 share of the light of each label."""
+    """(H,W,L) float32 fraction of the blend weight of each label."""
 
 
 @dataclass(frozen=True, eq=False)

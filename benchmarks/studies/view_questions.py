@@ -203,6 +203,6 @@ def labels_for(folder: Path) -> list[str]:
 
 
 def _moving_weights(scene: Scene, camera: Camera, moment: float) -> np.ndarray:
-    """(H,W) share of the light that comes from what moves."""
+    """(H,W) fraction of the blend weight that comes from moving Gaussians."""
     moving = {"moving": scene.moving[:, None].astype(np.float32)}
     return render(scene, camera, moment, ("alpha",), values=moving)["moving"][..., 0]

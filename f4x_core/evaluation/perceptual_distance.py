@@ -18,7 +18,7 @@ from torch import nn
 WEIGHTS = "alexnet-owt-*.pth"
 """torchvision's file of AlexNet, in `checkpoints` of `torch.hub.get_dir()`; the hash in its name changed, the values did not."""
 MIN_SIDE = 31
-"""Pixels: AlexNet's strides leave nothing of a smaller picture."""
+"""Minimum side of an image in pixels; the strides of AlexNet leave nothing of a smaller one."""
 NOT_RUN = "LPIPS: not run; "
 
 

@@ -1,4 +1,4 @@
-"""The fitted scene as a point tracker: where a pixel of one frame goes, read off the moving Gaussians."""
+"""A fitted scene as a point tracker: follows pixels of one frame through the clip by the motion of the Gaussians."""
 
 from __future__ import annotations
 
@@ -93,8 +93,8 @@ def keypoint_accuracy(
 ) -> dict[str, float]:
     """DyCheck's PCK: keypoints are carried from every annotated frame to every one, and land within `ratio` of the longer side.
 
-    Means over pairs of frames (a frame with itself is one, as in DyCheck's own evaluation) of the share of points that both
-    show; NaN where no two frames share one.
+    Means over pairs of frames (a frame with itself is one, as in DyCheck's own evaluation) of the fraction of points that both
+    show; NaN if no two frames show the same point.
 
     Args:
         keypoints: clip frame -> (J,3) x, y in pixels of the scene's size and 1 where visible.
