@@ -50,7 +50,7 @@ def choose(root: bpy.types.Object, chosen: np.ndarray) -> None:
 
 
 def combine(root: bpy.types.Object, chosen: np.ndarray) -> None:
-    """Select the Gaussians `chosen (N,) bool`, combined with the selection as the mode says."""
+    """Select the Gaussians `chosen (N,) bool`, combined with the current selection by the mode of the panel."""
     choose(root, _combined(session.read(root, SELECTED), chosen, root.f4x.mode))
 
 

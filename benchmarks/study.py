@@ -194,7 +194,7 @@ def time_columns(column: str = "time", unit: str = "ms") -> tuple[str, str, str]
 
 
 def span_columns(column: str) -> tuple[str, str]:
-    """Names of the columns with the ends of what is told under `NAME (unit)`: `NAME low (unit)`, `NAME high (unit)`."""
+    """Column names of the range of the column `NAME (unit)`: `NAME low (unit)`, `NAME high (unit)`."""
     name, bracket, unit = column.partition(" (")
     return f"{name} low{bracket}{unit}", f"{name} high{bracket}{unit}"
 

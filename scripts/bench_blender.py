@@ -268,7 +268,7 @@ ROWS: dict[str, Callable] = {
 
 
 def main(arguments: list[str]) -> dict[str, Any] | None:
-    """Measure what is asked for."""
+    """Run the chosen measurements."""
     options = parse(arguments)
     import bpy
     from feature4x.f4x_core.scene import write_scene

@@ -164,7 +164,7 @@ class Window:
             return state
 
     def wait(self, beats: int) -> None:
-        """Wait until Blender has told its state so many times."""
+        """Wait until Blender has reported its state this many times."""
         start, first = time.monotonic(), self.state()["beat"]
         while self.state()["beat"] < first + beats and time.monotonic() - start < PATIENCE:
             time.sleep(0.05)

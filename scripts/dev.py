@@ -83,7 +83,7 @@ def ensure_environment() -> None:
 
 
 def build_kernel() -> None:
-    """Build the native raster when a compiler is there; without one the torch backend serves."""
+    """Build the native rasterizer if there is a compiler; otherwise the torch backend is used."""
     subprocess.run([str(venv_python()), "-m", "f4x_core.native.build", "--quiet"], cwd=ROOT, check=False)
 
 

@@ -102,7 +102,7 @@ def import_gltf(path: Path) -> None:
 
 
 def choose_camera(scene, wanted: str | None, frames: range) -> None:
-    """Make the camera that is asked for the scene's active one; F4xError where there is none of that name."""
+    """Make the named camera the active one of the scene. Raises F4xError if there is no camera of that name."""
     import bpy
     from feature4x.f4x_core.errors import F4xError
 

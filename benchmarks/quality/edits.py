@@ -157,7 +157,7 @@ def measure_edit(
 
 
 def measure_flicker(scene: Scene, backend: str = "auto") -> float:
-    """`judge.flicker` of what stands still when it is painted, over `WINDOW` frames in the middle of the clip.
+    """`judge.flicker` of the static Gaussians when they are painted, over `WINDOW` frames in the middle of the clip.
 
     Seen through the clip's own cameras; only pixels that stand still in all of them count.
     """

@@ -250,7 +250,7 @@ def doubt_of(pairs: Sequence[Sequence[float]]) -> float | None:
 
 
 def _words(rows: Sequence[Row], doubts: Sequence[float]) -> list[str]:
-    """Every ablation in one sentence, the most harmful first; what chance does is said before."""
+    """One sentence per ablation, the most harmful first, after a note on random variation."""
     sentences = []
     for name in ABLATIONS:
         changes, worst = [], 0.0

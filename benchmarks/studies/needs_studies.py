@@ -95,7 +95,7 @@ class Subject:
     moving_error: str
     """... but those about motion."""
     still: Callable[[], Priors | None]
-    """Priors that call a still thing moving; None where there is none."""
+    """Priors that mark a static object as moving; None if there is no such object."""
 
     def judge(self, choice: str, row: Row) -> str:
         """The column that judges a choice."""

@@ -47,7 +47,7 @@ class Protocol:
     profile: str
     """What the paper's authors fit with."""
     known_cameras: bool
-    """Whether the fit is told the data set's cameras; otherwise it finds its own."""
+    """Whether the fit gets the data set's cameras; otherwise it estimates them."""
     first: Refinement
     """How the first view of a camera is moved to match, the scene as it is."""
     others: Refinement
@@ -161,7 +161,7 @@ def place_cameras(scene: Scene, clip: Clip, novel: NovelCamera) -> list[Camera]:
 def match_cameras(
     scene: Scene, novel: NovelCamera, placed: list[Camera], protocol: Protocol, backend: str = "auto"
 ) -> list[Camera]:
-    """`placed` after the protocol's test-time optimisation; the scene stays as it is, and no mask is looked at."""
+    """`placed` after the protocol's test-time optimisation; the scene stays fixed and masks are ignored."""
     matched: list[Camera] = []
     for index, camera in enumerate(placed):
         start = replace(camera, world_to_camera=matched[-1].world_to_camera) if protocol.chained and matched else camera

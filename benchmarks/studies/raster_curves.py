@@ -84,7 +84,7 @@ class Way:
     """One way to draw a scene."""
 
     backend: str
-    """Or the peer, said to be one."""
+    """Name of the backend, or of a peer (another program)."""
     precision: str = "float32"
     config: RasterConfig = field(default_factory=RasterConfig)
     peer: Peer | None = None
@@ -424,7 +424,7 @@ def measure_channels(context: Context) -> Findings:
 def _decoding_rows(repeats: int, backend: str, size: tuple[int, int, int]) -> list[Row]:
     found = compare_decoding(*size, repeats, backend)
     ways = {"512 rendered (ms)": "rendered_ms", "32 rendered and decoded (ms)": "decoded_ms", "ratio": "ratio"}
-    return [{told: found[name] for told, name in ways.items()}]
+    return [{column: found[name] for column, name in ways.items()}]
 
 
 RELATIVE = "time over that of 8 channels"
@@ -452,18 +452,18 @@ def measure_counts(context: Context) -> Findings:
     return _curve(rows, "Gaussians", _about(context, channels=RGB_AND_LATENT, width=width, height=height))
 
 
-def _sweep(context: Context, cases: Sequence[dict[str, Any]], told: Sequence[str]) -> list[Row]:
-    """Rows of the fast ways for scenes of other `count`, `channels`, `width`, `height`; columns `told` say which."""
+def _sweep(context: Context, cases: Sequence[dict[str, Any]], varied: Sequence[str]) -> list[Row]:
+    """Rows of the fast ways for scenes of other `count`, `channels`, `width`, `height`; columns `varied` say which."""
     rows: list[Row] = []
     for case in cases:
 
         def work(case: dict[str, Any] = case) -> list[Row]:
             scene = make_wavy_scene(**case, seed=context.seed)
-            about = {name: case[name] for name in told}
+            about = {name: case[name] for name in varied}
             ways, truth = fast_ways(context.threads), truth_of(scene, context.threads)
             return measure_ways(ways, scene, [truth] * len(ways), context.repeats, **about)
 
-        rows += context.step("-".join(str(case[name]) for name in told), work, case=case)
+        rows += context.step("-".join(str(case[name]) for name in varied), work, case=case)
     return rows
 
 
@@ -489,9 +489,9 @@ def _curve(rows: list[Row], across: str, size: str) -> Findings:
 
 def _about(context: Context, count: int = 0, channels: int = 0, width: int = 0, height: int = 0) -> str:
     """The setting in words; what is 0 varies."""
-    told = [f"{count:,} Gaussians" if count else "", f"{channels} channels" if channels else ""]
-    told += [f"{width} x {height} pixels" if width else "", f"{context.threads} {plural('thread', context.threads)}"]
-    return ", ".join(filter(None, told))
+    parts = [f"{count:,} Gaussians" if count else "", f"{channels} channels" if channels else ""]
+    parts += [f"{width} x {height} pixels" if width else "", f"{context.threads} {plural('thread', context.threads)}"]
+    return ", ".join(filter(None, parts))
 
 
 def measure_gradients(context: Context) -> Findings:

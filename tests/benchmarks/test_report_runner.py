@@ -208,7 +208,11 @@ def test_clips_are_told_by_a_readers_names_and_goals():
 
 
 def test_what_blender_measures_is_told_and_what_it_leaves_out(tmp_path, monkeypatch):
-    measured = {"blender": "4.5.15 LTS", "import": {"seconds": 0.5, "gaussians": 200000}, "query": {"left_out": "no words"}}
+    measured = {
+        "blender": "4.5.15 LTS",
+        "import": {"seconds": 0.5, "gaussians": 200000},
+        "query": {"left_out": "no words"},
+    }
     monkeypatch.setattr(clip_studies, "_run", lambda _: measured)
     monkeypatch.setattr("importlib.util.find_spec", lambda _: True)
     found = clip_studies.measure_blender(Context(tmp_path))

@@ -181,7 +181,7 @@ def test_an_interpreter_that_is_none(tmp_path, text, said):
 
 
 def test_an_interpreter_that_is_not_there(tmp_path):
-    with pytest.raises(errors.F4xError, match="is not there"):
+    with pytest.raises(errors.F4xError, match="is missing or cannot be run"):
         worker.Job("test", worker.core_command(tmp_path / "python", "doctor"))
 
 
