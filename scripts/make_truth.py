@@ -18,7 +18,7 @@ import door
 SWEEP = 20.0
 """Degrees that the camera of `--camera auto` goes around the scene during the clip."""
 BACK = 2.2
-"""Its distance in half diagonals of the scene."""
+"""Distance of that camera in half diagonals of the scene."""
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:

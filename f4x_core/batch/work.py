@@ -1,8 +1,8 @@
 """Running one task: fetch its inputs, run its commands in a child process, publish what they left, and record that it is done.
 
 A row's folder holds the ordinary files of its commands, `logs/STAGE.log`, and below `.batch/` a record for each task. A record is
-written last, so that a task is done entirely or not at all. While a long task works, the files from which it can go on are kept
-in `.batch/STAGE/`: another attempt, on this machine or another, starts from them.
+written last, so that a task is done completely or not at all. While a long task runs, the files from which it can resume are
+kept in `.batch/STAGE/`: another attempt, on this machine or another, starts from them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`f4x demo`: a rendered clip, or a person's own, all the way to a Blender file."""
+"""`f4x demo`: from a rendered clip, or your own video, to a Blender file."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from .fitting import clip_of, config_of, fit_to_folder
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 # Size of the new path (degrees): a circle seen that far from the middle camera, and the sheet's step to the side.
 ORBIT_DEGREES = 5.0
-# What the render writes; a new one starts by removing these, and nothing else, from the clip's folder.
+# What the render writes; a new render first removes these, and nothing else, from the clip's folder.
 RENDERED = ("images", "truth", "images_left10", "images_right10", "truth.json")
-# Degrees off the path of its extra cameras, left and right.
+# Degrees of the extra cameras to the left and right of the camera path.
 EXTRA = "10"
-# Its settings; there only when the render was finished, so a call with equal settings can use it again.
+# File with the settings of a finished render, so that a call with equal settings can reuse the clip.
 SETTINGS = "rendered.json"
-# Seconds between two looks at how far a child process is.
-GLANCE = 0.5
+# Seconds between two checks of a child process.
+POLL_SECONDS = 0.5
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def _wait_for_output(child: subprocess.Popen[str], look: Callable[[], None]) -> 
     while True:
         look()
         try:
-            output.write(child.communicate(timeout=GLANCE)[0])
+            output.write(child.communicate(timeout=POLL_SECONDS)[0])
             return output.getvalue()
         except subprocess.TimeoutExpired:
             continue

@@ -24,7 +24,7 @@ from .checks import listed_teachers
 
 
 def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Add heads to a scene, or words, and write it back or to another file."""
+    """Add heads or words to a scene, in place or in another file."""
     names = listed_teachers(args.teacher, "--teacher") if args.teacher is not None else []
     labels = labels_of(args.vocabulary) if args.vocabulary is not None else []
     if not names and not labels:

@@ -38,7 +38,7 @@ def run_features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]
 
 
 def run_models(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """List teachers and weights, fetch weights, or say where they lie."""
+    """List teachers and weights, download weights, or print their paths."""
     if args.what == "list":
         teachers = [
             {"name": entry.name, "purpose": entry.purpose, "weights": list(entry.weights)}
@@ -53,7 +53,7 @@ def run_models(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _weights_of(name: str) -> tuple[str, ...]:
-    """The weights that a name means: itself, or what the teacher of that name needs."""
+    """The weights that a name refers to: weights of that name, or those that the teacher of that name needs."""
     if name in WEIGHTS or name not in TEACHERS:
         return (name,)
     if not TEACHERS[name].weights:

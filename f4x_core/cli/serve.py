@@ -13,7 +13,7 @@ from ..progress import Progress
 
 
 def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Let agents look at and edit the scenes of a folder, until the client goes or Ctrl-C."""
+    """Serve the scenes of a folder to agents until the client disconnects or Ctrl-C is pressed."""
     try:
         from ..agent.server import read_token, serve_http, serve_stdio
     except ImportError as error:
