@@ -20,7 +20,7 @@ from f4x_core.fit.config import FitConfig, ScaffoldConfig
 from f4x_core.fit.distil import distil
 from f4x_core.fit.distil_config import DistilConfig
 from f4x_core.fit.losses import psnr
-from f4x_core.fit.needs import moving_share
+from f4x_core.fit.needs import moving_fraction
 from f4x_core.fit.pipeline import finish_fit, start_fit
 from f4x_core.fit.start import moving_tracks
 from f4x_core.priors import Priors, build_priors
@@ -64,7 +64,7 @@ AT_THE_KNEE, LARGER_PAYS, SMALLER_DOES, UNDECIDED = (
     "smaller would do",
     "seeds disagree",
 )
-FLOORS = {NODES: ScaffoldConfig().least_nodes, WIDTH: WIDTHS[0]}
+FLOORS = {NODES: ScaffoldConfig().min_nodes, WIDTH: WIDTHS[0]}
 """The least that a fit or a distillation chooses by itself."""
 SMALLER, LARGER = "smaller loses", "larger gains"
 """Columns of what the neighbours of a choice do."""
@@ -297,12 +297,14 @@ def _neighbours(choice: str, chosen: Row, base: FitConfig, subject: Subject) -> 
     nodes = chosen["nodes at start"]
     if choice == SCAFFOLD:
         if nodes:
-            return {"smaller": (replace(base, moving_share=2.0), same)}  # no clip moves in more than all of its pixels
+            return {
+                "smaller": (replace(base, min_moving_fraction=2.0), same)
+            }  # no clip moves in more than all of its pixels
         return {"larger": (base, subject.still)} if subject.still() is not None else {}
     if choice == NODES:
         counts = {"smaller": nodes // 2, "larger": 2 * nodes} if nodes > 1 else {}
         return {
-            option: (replace(base, scaffold=replace(base.scaffold, least_nodes=count, most_nodes=count)), same)
+            option: (replace(base, scaffold=replace(base.scaffold, min_nodes=count, max_nodes=count)), same)
             for option, count in counts.items()
         }
     if choice == DEGREE:
@@ -345,7 +347,7 @@ def _sentence(row: Row) -> str:
 
 def _fit_world(world: World, config: FitConfig, priors: Priors | None) -> tuple[Scene, Row]:
     fitted = fit_world(world, config, priors)
-    cost = {"fit (s)": sum(fitted.seconds.values()), "moving (%)": 100 * moving_share(world.priors)}
+    cost = {"fit (s)": sum(fitted.seconds.values()), "moving (%)": 100 * moving_fraction(world.priors)}
     return fitted.scene, score_world(world, fitted.scene) | cost
 
 
@@ -386,7 +388,7 @@ def _fit_clip(context: Context, place: Path) -> Callable[[FitConfig, Priors | No
             "held out (dB)": scores["held_out_psnr"],
             "held out, moving (dB)": float(np.mean(moving)) if moving else None,
             "used (dB)": scores["used_psnr"],
-            "moving (%)": 100 * moving_share(priors),
+            "moving (%)": 100 * moving_fraction(priors),
             "fit (s)": seconds,
         }
 

@@ -86,7 +86,9 @@ def thin_out(config: FitConfig, factor: float) -> FitConfig:
     for name in ("static", "dynamic"):
         spawn, density = getattr(config, f"spawn_{name}"), getattr(config, f"density_{name}")
         changes[f"spawn_{name}"] = replace(spawn, spacing=spawn.spacing / factor**0.5)
-        changes[f"density_{name}"] = replace(density, max_count=max(round(density.max_count * factor), density.least))
+        changes[f"density_{name}"] = replace(
+            density, max_count=max(round(density.max_count * factor), density.min_count)
+        )
     return replace(config, **changes)
 
 

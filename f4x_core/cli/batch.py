@@ -100,7 +100,7 @@ def _defaults(entries: list[str]) -> dict[str, str]:
 
 def _require_commands(board: Board) -> None:
     """Raise F4xError before the first task if `f4x` would refuse an argument of any command."""
-    from .main import build_parser
+    from .parser import build_parser
 
     parser = build_parser()
     for each in board.rows.values():

@@ -81,7 +81,7 @@ def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "folder": str(folder),
         **_leave_input(clip, len(clip), args.output),
         "camera_kind": priors.camera_kind,
-        "moving_share": moving,
+        "min_moving_fraction": moving,
         "warnings": priors.warnings,
         "text": "\n".join(lines + [f"! {warning}" for warning in priors.warnings]),
     }

@@ -13,7 +13,7 @@ from ..priors import Priors
 from ..scaffold import Scaffold
 from .finding import Finding
 from .geometry_findings import ClipGeometry, about_geometry
-from .needs import MUCH_MOTION, moving_share
+from .needs import MUCH_MOTION, moving_fraction
 
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
@@ -397,7 +397,7 @@ def _about_lens(priors: Priors) -> list[Finding]:
 
 def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
     found = []
-    share = moving_share(priors)
+    share = moving_fraction(priors)
     if share > MUCH_MOTION:
         known = priors.statistics.get("cameras", {}).get("static_tracks")
         held = "" if not known or priors.camera_kind == "static" else f", and the cameras rest on {known} points of it"

@@ -29,14 +29,14 @@ class ScaffoldConfig:
 
     tolerance: float = 1.0
     """Pixels within which 90 % of the held-out tracks must be carried; the fewest nodes that do so are taken."""
-    tolerance_share: float = 0.005
+    tolerance_fraction: float = 0.005
     """The same as a share of the picture's width; the smaller of both holds. A pixel of a picture 96 wide is five of one
     480 wide. Chosen on toy worlds 96 wide, three seeds each: going on from a pixel to half a one gains 1.4 dB for an arm
     (8 to 32 nodes) and 3.3 dB for a flag (8 to 64); twice as many nodes then gain less than 0.3 dB. From 200 pixels on it
     is the whole pixel."""
-    least_nodes: int = 4
+    min_nodes: int = 4
     """Never fewer nodes than this."""
-    most_nodes: int = 256
+    max_nodes: int = 256
     """Never more nodes than this."""
     neighbours: int = 8
     """Nodes (itself included) that a Gaussian follows."""
@@ -58,14 +58,14 @@ class ScaffoldConfig:
 
     def tolerance_at(self, width: int) -> float:
         """Pixels within which nodes must carry tracks in a picture `width` pixels wide."""
-        return min(self.tolerance, self.tolerance_share * width)
+        return min(self.tolerance, self.tolerance_fraction * width)
 
     def selection(self, seed: int) -> SelectionConfig:
         """How nodes are drawn from tracks."""
-        between = tuple(count for count in NODE_COUNTS if self.least_nodes <= count <= self.most_nodes)
+        between = tuple(count for count in NODE_COUNTS if self.min_nodes <= count <= self.max_nodes)
         return SelectionConfig(
-            counts=between or (self.most_nodes,),
-            maximum=self.most_nodes,
+            counts=between or (self.max_nodes,),
+            maximum=self.max_nodes,
             rotations=self.rotations,
             seed=seed,
             graph=self.graph,
@@ -85,7 +85,7 @@ class NodeConfig:
     """Shares of the steps at which badly carried Gaussians become nodes."""
     growth: float = 0.2
     """At most this share of the nodes is added each time."""
-    most: int = 500
+    max_nodes: int = 500
     """Never more nodes than this."""
     drop_at: tuple[float, ...] = (0.47,)
     """Shares of the steps at which useless nodes are removed."""
@@ -224,12 +224,12 @@ class FitConfig:
     density_dynamic: DensityConfig = field(default_factory=lambda: DensityConfig(max_count=80_000, gradient=1e-4))
     """Growth of the dynamic set."""
     sh_degree: int | None = None
-    """Degree of the spherical harmonics at the end; None = as the pictures ask for it, at most `most_sh_degree`."""
-    most_sh_degree: int = 1
+    """Degree of the spherical harmonics at the end; None = as the pictures ask for it, at most `max_sh_degree`."""
+    max_sh_degree: int = 1
     """Upper limit when the pictures decide."""
     harmonics_at: tuple[float, float, float] = (0.4, 0.6, 0.8)
     """Shares of the steps at which the pictures are asked for degree 1, 2, 3; every fit begins with plain colours."""
-    moving_share: float = 3e-4
+    min_moving_fraction: float = 3e-4
     """Clips whose moving region covers less than this share of all pixels get no scaffold and no dynamic set."""
     rates: RateConfig = field(default_factory=RateConfig)
     """Learning rates."""
@@ -285,7 +285,7 @@ def _quick() -> FitConfig:
         steps=1200,
         coarse=0.15,
         priors=PriorsConfig(tracks=TracksConfig(count=6000)),
-        scaffold=ScaffoldConfig(most_nodes=150, geometry_steps=150),
+        scaffold=ScaffoldConfig(max_nodes=150, geometry_steps=150),
         # Fewer steps have to go as far; three times faster tears nodes off the surface (dog, train: -1.1 to -1.5 dB of what
         # moves), three times slower leaves errors of their tracks (dog: -1.2).
         rates=RateConfig(node_xyz=(5e-4, 1e-5), node_quat=(1e-3, 2e-5)),
@@ -302,7 +302,7 @@ def _nvidia() -> FitConfig:
     return FitConfig(
         name="nvidia",
         steps=8000,
-        most_sh_degree=3,
+        max_sh_degree=3,
         shifts=(2, 4),
         shift_weights=(0.6, 0.4),
         losses=LossConfig(arap_coordinate=0.3, arap_length=0.3, track=0.005, depth=0.05),
@@ -314,7 +314,7 @@ def _dycheck() -> FitConfig:
     return FitConfig(
         name="dycheck",
         steps=8000,
-        most_sh_degree=3,
+        max_sh_degree=3,
         shifts=(1, 3, 6),
         shift_weights=(0.6, 0.3, 0.1),
         losses=LossConfig(arap_coordinate=10, arap_length=10, track=0.1, depth=0.1),

@@ -12,7 +12,7 @@ from ..priors.cameras import static_tracks
 from ..scaffold import Scaffold
 from .believed import Believed, believed_degrees, depth_evidence
 from .finding import Finding, Weight
-from .needs import MUCH_MOTION, moving_share
+from .needs import MUCH_MOTION, moving_fraction
 from .viewing_angles import GroupView, angular_factor, group_views, parallax_degrees, static_view_degrees
 from .way_round import WayRound
 
@@ -152,7 +152,7 @@ def _about_path(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
         ]
     advice = "A wider path makes wider views possible." if angle < MODEST_PARALLAX else ""
     # A path that rests on the little that stands still may be that of something that moves.
-    weight: Weight = "note" if advice or moving_share(priors) > MUCH_MOTION else "good"
+    weight: Weight = "note" if advice or moving_fraction(priors) > MUCH_MOTION else "good"
     return [Finding(weight, f"The camera's path spans {angle:.0f}° of the scene{seen}.", advice)]
 
 

@@ -28,6 +28,6 @@ class Need:
         return asdict(self)
 
 
-def moving_share(priors: Priors) -> float:
-    """Share of all pixels that the mask calls moving."""
+def moving_fraction(priors: Priors) -> float:
+    """Fraction of all pixels that the mask calls moving."""
     return float(np.mean(priors.mask)) if priors.mask is not None else 0.0

@@ -40,7 +40,7 @@ def add_nodes(
     """
     assert model.dynamic is not None and model.nodes is not None
     nodes, dynamic = model.nodes, model.dynamic
-    room = min(int(config.growth * len(nodes.scaffold)), config.most - len(nodes.scaffold))
+    room = min(int(config.growth * len(nodes.scaffold)), config.max_nodes - len(nodes.scaffold))
     if room <= 0 or not bool((gradient > 0).any()):
         return next_node_id
     worst = gradient.topk(min(room * CANDIDATES_PER_NODE, len(gradient))).indices

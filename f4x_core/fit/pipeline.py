@@ -26,7 +26,7 @@ from .checkpoint import load_checkpoint
 from .config import FitConfig, resolved
 from .harmonics import GAIN_DB
 from .model import CameraRig, NodeSet, SceneModel
-from .needs import Need, moving_share
+from .needs import Need, moving_fraction
 from .spawning import Explained, Spawner
 from .start import start_scaffold
 from .trainer import Trainer
@@ -162,8 +162,8 @@ def start_fit(
 
 def _start_motion(priors: Priors, config: FitConfig, progress: Progress) -> tuple[Scaffold | None, list[Need], Priors]:
     """The scaffold, or None where nothing moves; what decided; the priors with depth that lies on the scaffold."""
-    fraction = moving_share(priors)
-    if fraction >= config.moving_share:
+    fraction = moving_fraction(priors)
+    if fraction >= config.min_moving_fraction:
         start = start_scaffold(priors, config, progress)
         if start.scaffold is not None:
             return start.scaffold, start.needs, start.priors
@@ -232,7 +232,7 @@ def _colour_need(trainer: Trainer) -> Need:
     if config.sh_degree is not None:
         return Need("view-dependent colour", f"degree {degree}", "set by hand", "-")
     gains = ", ".join(f"degree {d}: {gain:+.2f} dB" for d, gain in enumerate(trainer.band_gains, 1))
-    most = (config.most_sh_degree + 1) ** 2
+    most = (config.max_sh_degree + 1) ** 2
     return Need(
         "view-dependent colour",
         f"degree {degree}",

@@ -55,20 +55,20 @@ LIMITS: Mapping[str, Limits] = {
     **dict.fromkeys(("steps", "graph_every", "track_every", "motion_every", "shifts"), AT_LEAST_ONE),
     **dict.fromkeys(("checkpoint_every", "measure_every", "priors.*.gaps", "scaffold.*_nodes"), AT_LEAST_ONE),
     **dict.fromkeys(("scaffold.neighbours", "scaffold.distance_rank", "spawn_*.frames"), AT_LEAST_ONE),
-    **dict.fromkeys(("*.max_count", "density_*.least", "priors.tracks.count"), AT_LEAST_ONE),
+    **dict.fromkeys(("*.max_count", "density_*.min_count", "priors.tracks.count"), AT_LEAST_ONE),
     **dict.fromkeys(("priors.tracks.reseed_every", "priors.cameras.threads"), AT_LEAST_ONE),
     **dict.fromkeys(("priors.cameras.keyframes", "priors.cameras.features"), AT_LEAST_ONE),
     # Fractions of the steps, of the clip or of a number.
-    **dict.fromkeys(("coarse", "*_from", "harmonics_at", "moving_share", "nodes.*_at"), FRACTION),
-    **dict.fromkeys(("nodes.growth", "nodes.prune_weight", "scaffold.tolerance_share"), FRACTION),
+    **dict.fromkeys(("coarse", "*_from", "harmonics_at", "min_moving_fraction", "nodes.*_at"), FRACTION),
+    **dict.fromkeys(("nodes.growth", "nodes.prune_weight", "scaffold.tolerance_fraction"), FRACTION),
     **dict.fromkeys(("density_*.start", "density_*.stop", "density_*.growth", "density_*.prune_opacity"), FRACTION),
     **dict.fromkeys(("priors.motion.threshold", "spawn_*.opacity"), FRACTION),
     "rate_decay_start": Limits(0, 0.99),  # the decay needs some steps
     # Numbers whose logarithm is taken, or by which something is divided.
     **dict.fromkeys(("rates.static.*", "rates.dynamic.*", "rates.node_*", "rates.camera_*"), POSITIVE),
-    **dict.fromkeys(("spawn_*.spacing", "spawn_*.scale", "priors.tracks.*spacing", "density_*.most_scale"), POSITIVE),
+    **dict.fromkeys(("spawn_*.spacing", "spawn_*.scale", "priors.tracks.*spacing", "density_*.max_scale"), POSITIVE),
     **dict.fromkeys(("priors.cameras.focal", "scaffold.tolerance"), POSITIVE),
-    **dict.fromkeys(("sh_degree", "most_sh_degree"), Limits(0, 3)),
+    **dict.fromkeys(("sh_degree", "max_sh_degree"), Limits(0, 3)),
 }
 """Pattern of names -> limits of the numbers; other numbers are 0 or more."""
 

@@ -79,7 +79,7 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
         "motion nodes",
         str(len(scaffold)),
         f"90 % of {len(lifted)} tracks held out follow within so many pixels, by nodes: {evidence}; wanted {tolerance:g}",
-        f"{max(settings.most_nodes - len(scaffold), 0)} nodes of at most {settings.most_nodes}",
+        f"{max(settings.max_nodes - len(scaffold), 0)} nodes of at most {settings.max_nodes}",
     )
     return Start(scaffold, [need], priors)
 

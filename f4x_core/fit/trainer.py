@@ -268,7 +268,7 @@ class Trainer:
     def _consider_harmonics(self) -> None:
         """See whether one more degree of harmonics pays, and add it; one that is set by hand is added anyway."""
         config, degree = self.config, degree_of(self.model.static.sh.shape[1])
-        allowed = config.most_sh_degree if config.sh_degree is None else config.sh_degree
+        allowed = config.max_sh_degree if config.sh_degree is None else config.sh_degree
         if degree >= min(allowed, len(config.harmonics_at)):
             return
         if self.step != round(config.harmonics_at[degree] * config.steps):

@@ -33,13 +33,13 @@ class DensityConfig:
     """Gaussians whose largest standard deviation exceeds this fraction of their reach are split; smaller ones are cloned."""
     prune_opacity: float = 0.02
     """Gaussians fainter than this are removed."""
-    most_scale: float = 0.1
+    max_scale: float = 0.1
     """Standard deviations are capped to this fraction of the reach: larger ones are fog."""
     max_count: int = 150_000
     """Room in memory and time: the set never grows beyond this."""
     max_growth: float = 1.4
     """... nor beyond this many times its number at the start, which follows from the clip."""
-    least: int = 32
+    min_count: int = 32
     """The set is never pruned below this."""
 
 
@@ -74,7 +74,7 @@ class DensityControl:
     def cap_sizes(self) -> None:
         """Shrink Gaussians that have become larger than their reach allows."""
         with torch.no_grad():
-            largest = (self.config.most_scale * self.optimiser.gaussians.labels["reach"]).log()
+            largest = (self.config.max_scale * self.optimiser.gaussians.labels["reach"]).log()
             log_scales = self.optimiser.gaussians.parameters["log_scales"]
             log_scales.copy_(torch.minimum(log_scales, largest[:, None]))
 
@@ -115,6 +115,6 @@ class DensityControl:
     def _prune(self) -> None:
         gaussians, config = self.optimiser.gaussians, self.config
         keep = gaussians.opacities.detach() >= config.prune_opacity
-        if int(keep.sum()) < config.least:
-            keep[gaussians.opacities.detach().topk(min(config.least, len(gaussians))).indices] = True
+        if int(keep.sum()) < config.min_count:
+            keep[gaussians.opacities.detach().topk(min(config.min_count, len(gaussians))).indices] = True
         self.optimiser.keep(keep.nonzero()[:, 0])

@@ -271,8 +271,8 @@ def test_each_seed_is_compared_with_the_neighbours_of_its_own_choice(tmp_path, m
 
     def fit(config, priors):
         nodes, degree = own[config.seed]
-        if config.scaffold.most_nodes != profile("quick").scaffold.most_nodes:
-            nodes = config.scaffold.least_nodes
+        if config.scaffold.max_nodes != profile("quick").scaffold.max_nodes:
+            nodes = config.scaffold.min_nodes
         degree = degree if config.sh_degree is None else config.sh_degree
         row = {"dB": np.log2(nodes) + 2 * degree, "moving dB": np.log2(nodes), "fit (s)": 1.0, "moving (%)": 5.0}
         return (nodes, degree), row

@@ -191,9 +191,9 @@ def test_attributes_and_settings(seen):
     scene, found = seen
     for kind, gaussians in (("static", scene.static), ("dynamic", scene.dynamic)):
         assert (found[f"{kind}/gid"][:, 0] == gaussians.ids).all()
-        assert (found[f"{kind}/scale"] == gaussians.scale).all()
-        assert np.allclose(found[f"{kind}/rgb"][:, 3], gaussians.opacity)
-        turned = spherical_harmonics.rotate(gaussians.sh, quaternion.normalize(gaussians.rotation))
+        assert (found[f"{kind}/scale"] == gaussians.scales).all()
+        assert np.allclose(found[f"{kind}/rgb"][:, 3], gaussians.opacities)
+        turned = spherical_harmonics.rotate(gaussians.sh, quaternion.normalize(gaussians.quats))
         assert np.allclose(found[f"{kind}/sh_0"], turned[:, 1], atol=1e-6)
     assert np.allclose(found["settings"], [96, 64, 23.976, 0, CLIP - 1], atol=1e-3)
 

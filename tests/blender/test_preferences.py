@@ -173,7 +173,7 @@ from feature4x.f4x_core.edit.operations import Recolour
 from feature4x.f4x_core.edit.selects import Moving
 root = session.root_of(None)
 session.append(root, Recolour(Moving(), (0.0, 1.0, 0.0)))
-assert "has unsaved edits; press Save Edits to Scene first" in refused(bpy.ops.f4x.export_scene, filepath=folder + "/four.ply", one_frame=True)
+assert "press Save Edits to Scene first" in refused(bpy.ops.f4x.export_scene, filepath=folder + "/four.ply", one_frame=True)
 told = refused(bpy.ops.f4x.query_text, text="unicorn")
 assert "does not know unicorn; save its edits" in told and "Traceback" not in told
 assert "Type what to select" in refused(bpy.ops.f4x.query_text, text=" ")

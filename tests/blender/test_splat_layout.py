@@ -45,10 +45,10 @@ for cloud in session.clouds_of(root):
     found = {name: data.attributes[name].data_type for name in kinds | degrees}
     assert found == kinds | degrees, found
     assert f"radiance:sh_{len(degrees)}" not in data.attributes
-    unit = part.rotation / np.linalg.norm(part.rotation, axis=1, keepdims=True)
-    for name, expected in (("scale", part.scale), ("rotation", unit), ("radiance:base", part.sh[:, 0])):
+    unit = part.quats / np.linalg.norm(part.quats, axis=1, keepdims=True)
+    for name, expected in (("scale", part.scales), ("rotation", unit), ("radiance:base", part.sh[:, 0])):
         np.testing.assert_allclose(read_attribute(data, name)[:, : expected.shape[1]], expected, atol=1e-6)
-    np.testing.assert_array_equal(read_attribute(data, "radiance:base")[:, 3], part.opacity)
+    np.testing.assert_array_equal(read_attribute(data, "radiance:base")[:, 3], part.opacities)
     turned = spherical_harmonics.rotate(part.sh, unit)  # from each Gaussian's own frame to the object's
     for i in range(len(degrees)):
         np.testing.assert_allclose(read_attribute(data, f"radiance:sh_{i}"), turned[:, i + 1], atol=1e-5)

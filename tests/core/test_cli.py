@@ -219,7 +219,7 @@ def test_ctrl_c_is_announced_and_before_the_first_report_answered_at_once(capsys
 
 def test_help_waits_for_no_heavy_package():
     script = (
-        "import sys; from f4x_core.cli.main import build_parser; build_parser();"
+        "import sys; from f4x_core.cli.parser import build_parser; build_parser();"
         " print(sorted({'torch', 'scipy', 'cv2', 'transformers'} & sys.modules.keys()))"
     )
     told = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)

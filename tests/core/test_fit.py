@@ -67,7 +67,7 @@ class Stop(KeyboardInterrupt):
 def test_resume_is_bit_equal(fit, tmp_path, monkeypatch, stop_at):
     """Oracle 11, across densification, node control, new harmonics, a graph rebuild and the start of the skinning offsets."""
     monkeypatch.setattr(trainer, "GAIN_DB", -100.0)
-    config = small(60, graph_every=15, dw_from=0.6, most_sh_degree=2, harmonics_at=(0.3, 0.65))
+    config = small(60, graph_every=15, dw_from=0.6, max_sh_degree=2, harmonics_at=(0.3, 0.65))
     density = dataclasses.replace(config.density_static, every=10, start=0.0, gradient=1e-6, max_count=1000)
     nodes = NodeConfig(add_at=(0.25, 0.5), drop_at=(0.55,), growth=1.0)
     config = dataclasses.replace(config, density_static=density, nodes=nodes)

@@ -190,7 +190,7 @@ def test_moments_stay_with_their_coefficients():
 @pytest.mark.parametrize(("most", "expected"), [(0, "no higher one"), (1, "wanted")])
 def test_the_row_says_what_decided(most, expected):
     clip, priors = clip_and_priors(6, moving=False)
-    stage = stage_of(clip, priors, most_sh_degree=most)
+    stage = stage_of(clip, priors, max_sh_degree=most)
     stage.run()
     row = finish_fit(stage).scene.needs[0]
     assert row["what"] == "view-dependent colour" and expected in row["evidence"]

@@ -44,7 +44,7 @@ class Fit:
         return [*model.dynamic.parameters.values(), *model.nodes.parameters.values()]
 
     def add(self, gradient: np.ndarray, next_id: int = 50, **changes) -> int:
-        config = NodeConfig(**{"growth": 0.5, "most": 500} | changes)
+        config = NodeConfig(**{"growth": 0.5, "max_nodes": 500} | changes)
         return add_nodes(self.model, self.optimiser, self.shared, torch.from_numpy(gradient).float(), config, next_id)
 
     def curves(self, gaussian: int) -> np.ndarray:
@@ -123,7 +123,14 @@ def test_where_places_were_set_from_outside_their_moments_are_forgotten_and_no_o
 
 @pytest.mark.parametrize(
     ("changes", "added"),
-    [({}, 2), ({"growth": 0.25}, 1), ({"growth": 0.24}, 0), ({"most": 5}, 1), ({"most": 4}, 0), ({"growth": 1.0}, 3)],
+    [
+        ({}, 2),
+        ({"growth": 0.25}, 1),
+        ({"growth": 0.24}, 0),
+        ({"max_nodes": 5}, 1),
+        ({"max_nodes": 4}, 0),
+        ({"growth": 1.0}, 3),
+    ],
 )
 def test_as_many_as_there_is_room_for(changes, added):
     fit = Fit.of(clusters((0.5, 3, 5), (2.5, 4, 5), (1.5, -3, 5)), np.zeros(15, np.int64))

@@ -475,3 +475,15 @@ def test_nodes_and_cameras_learn_at_rates_that_fall_and_cameras_begin_late(scene
             "focal": cameras * 5e-4,
         }
     )
+
+
+def test_where_static_gaussians_stand_at_another_time_is_not_learnt_from_tracks(scene):
+    """They stand where they stand now; only how much they cover may change."""
+    stage = stage_with(scene)
+    now, later = stage.model.dynamic_at(*(float(stage.model.times[i]) for i in (FRAME, PARTNER)))
+    means = stage.model.posed(now).means.detach().requires_grad_()
+    channels = stage._extra_channels(means, later[0])
+    static = len(stage.model.static)
+    np.testing.assert_array_equal(channels[:static, 1:].detach(), means[:static].detach())
+    channels.sum().backward()
+    assert means.grad is None or not means.grad.any()

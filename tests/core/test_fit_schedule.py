@@ -64,7 +64,7 @@ def stage_of(start):
             "density_dynamic": STILL,
             "nodes": NodeConfig(add_at=(), drop_at=()),
             "losses": PLAIN,
-            "most_sh_degree": 0,
+            "max_sh_degree": 0,
             "threads": 1,
             "backend": "auto",
         }
@@ -179,13 +179,13 @@ def test_nodes_are_added_and_dropped_at_their_steps_by_the_mean_gradient(stage_o
 @pytest.mark.parametrize(
     ("changes", "gain", "asked", "degree"),
     [
-        ({"most_sh_degree": 3}, GAIN_DB, [4, 10, 15], 3),
-        ({"most_sh_degree": 3}, GAIN_DB - 1e-6, [4], 0),
-        ({"most_sh_degree": 2}, 1.0, [4, 10], 2),
-        ({"most_sh_degree": 0}, 1.0, [], 0),
-        ({"most_sh_degree": 0, "sh_degree": 2}, -1.0, [4, 10], 2),
-        ({"most_sh_degree": 3, "sh_degree": 1}, 1.0, [4], 1),
-        ({"most_sh_degree": 3, "harmonics_at": (0.2,)}, 1.0, [4], 1),
+        ({"max_sh_degree": 3}, GAIN_DB, [4, 10, 15], 3),
+        ({"max_sh_degree": 3}, GAIN_DB - 1e-6, [4], 0),
+        ({"max_sh_degree": 2}, 1.0, [4, 10], 2),
+        ({"max_sh_degree": 0}, 1.0, [], 0),
+        ({"max_sh_degree": 0, "sh_degree": 2}, -1.0, [4, 10], 2),
+        ({"max_sh_degree": 3, "sh_degree": 1}, 1.0, [4], 1),
+        ({"max_sh_degree": 3, "harmonics_at": (0.2,)}, 1.0, [4], 1),
     ],
 )
 def test_harmonics_are_considered_at_their_steps(stage_of, monkeypatch, changes, gain, asked, degree):

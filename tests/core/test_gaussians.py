@@ -393,7 +393,7 @@ def test_density_control_splits_clones_prunes_and_keeps_within_its_limit():
     optimiser = SetOptimiser(gaussians, rates(gaussians))
     descend(optimiser)
     config = DensityConfig(
-        every=1, start=0, stop=1, gradient=1e-3, growth=1.0, max_count=130, split_scale=0.05, least=1
+        every=1, start=0, stop=1, gradient=1e-3, growth=1.0, max_count=130, split_scale=0.05, min_count=1
     )
     control = DensityControl(optimiser, config, total_steps=10)
     control.record(torch.full((100, 2), 1.0), torch.ones(100, dtype=torch.bool), 10, 10)

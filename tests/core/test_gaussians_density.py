@@ -27,9 +27,9 @@ ALWAYS = DensityConfig(
     growth=10.0,
     max_growth=100.0,
     split_scale=0.1,
-    most_scale=1.0,
+    max_scale=1.0,
     prune_opacity=0.0,
-    least=1,
+    min_count=1,
 )
 """A round after every step for whoever reaches the gradient 1; nobody is capped or faint."""
 
@@ -248,10 +248,10 @@ def test_the_faint_go_at_a_round_and_not_between():
 
 def test_of_too_few_the_least_faint_stay():
     made = faint([0.001, 0.004, 0.002, 0.9, 0.003])
-    act(control_of(made, replace(ALWAYS, prune_opacity=0.02, least=3)))
+    act(control_of(made, replace(ALWAYS, prune_opacity=0.02, min_count=3)))
     assert places(made) == [1, 3, 4]
     few = faint([0.001, 0.002])
-    act(control_of(few, replace(ALWAYS, prune_opacity=0.02, least=3)))
+    act(control_of(few, replace(ALWAYS, prune_opacity=0.02, min_count=3)))
     assert places(few) == [0, 1]
 
 
@@ -261,5 +261,5 @@ def test_sizes_are_capped_after_every_step_to_a_fraction_of_the_reach():
     with torch.no_grad():
         made.parameters["log_scales"].copy_(torch.from_numpy(scale).log())
     made.labels["reach"] = torch.tensor([1.0, 5.0, 3.0])
-    act(control_of(made, replace(ALWAYS, every=50, most_scale=0.1)), step=1)
+    act(control_of(made, replace(ALWAYS, every=50, max_scale=0.1)), step=1)
     np.testing.assert_allclose(made.scales.detach(), np.minimum(scale, [[0.1], [0.5], [0.3]]), rtol=1e-5)

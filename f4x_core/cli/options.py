@@ -1,0 +1,98 @@
+"""Options that several verbs share."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any, TypeAlias
+
+from ..raster import CPU_BACKENDS  # with numpy: where an early Ctrl-C is answered already
+from .checks import path_argument
+
+Verbs: TypeAlias = "argparse._SubParsersAction[Any]"
+# What all figures of the project were measured at; a phone's full size would take a CPU a day.
+WIDTH = 480
+PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
+
+
+def add_verb(verbs: Verbs, name: str, description: str) -> argparse.ArgumentParser:
+    """A verb with the options that all of them have."""
+    sub = verbs.add_parser(name, help=description, description=description)
+    sub.add_argument("--json", action="store_true", help="print one JSON object and nothing else on standard output")
+    if name != "serve":  # its standard output and input belong to the client
+        sub.add_argument(
+            "--progress-json",
+            action="store_true",
+            help="for programs: JSON lines of progress, the result last; stops when the pipe on standard input closes",
+        )
+    return sub
+
+
+def output_option(sub: argparse.ArgumentParser, metavar: str = "DIR", **more: Any) -> None:
+    """Where the result goes."""
+    sub.add_argument("-o", "--output", type=path_argument, metavar=metavar, **more)
+
+
+def backend_option(sub: argparse.ArgumentParser) -> None:
+    """Which raster backend draws."""
+    sub.add_argument("--backend", choices=("auto", *CPU_BACKENDS), default="auto", help="what draws (default: auto)")
+
+
+def clip_options(sub: argparse.ArgumentParser) -> None:
+    """Which frames of a clip, and how large."""
+    sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the frames to use")
+    sub.add_argument(
+        "--width",
+        type=int,
+        default=WIDTH,
+        help=f"fit at this picture width in pixels (default: {WIDTH}); pictures are never enlarged",
+    )
+    sub.add_argument("--hold-out", type=int, metavar="N", help="keep frames with index %% N == N-1 for measuring")
+    sub.add_argument("--masks", metavar="DIR", help="folder of masks of what moves, or 'layout' for the data set's own")
+
+
+def edits_option(sub: argparse.ArgumentParser) -> None:
+    """With or without the edits of a scene."""
+    sub.add_argument("--without-edits", dest="edits", action="store_false", help="the scene as it was fitted")
+
+
+def fit_options(sub: argparse.ArgumentParser) -> None:
+    """How a clip is fitted."""
+    sub.add_argument("--profile", choices=PROFILES, default="wild", help="how much work to spend (default: wild)")
+    sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
+    sub.add_argument("--threads", type=int, help="threads (default: all cores)")
+    backend_option(sub)
+    sub.add_argument(
+        "--provider",
+        default="classical",
+        help="who makes the priors: classical, or synthetic (a rendered clip's truth)",
+    )
+    for stage, example in (("cameras", "depth-anything-3"), ("depth", "depth-anything or depth-anything-3")):
+        sub.add_argument(
+            f"--{stage}",
+            metavar="PROVIDER",
+            help=f"who makes the {stage} alone, e.g. {example} (see `f4x models list`)",
+        )
+    sub.add_argument(
+        "--prior",
+        action="append",
+        default=[],
+        metavar="NAME=PATH",
+        help="your own prior, e.g. depth=DIR or cameras=FILE",
+    )
+    sub.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a setting of the profile, e.g. steps=600; `f4x fit --show-config` lists them all",
+    )
+
+
+def path_options(sub: argparse.ArgumentParser) -> None:
+    """A camera path."""
+    sub.add_argument(
+        "--path",
+        default="original",
+        help="seen along: original, orbit, frozen:T (T a clip frame), or a camera path file (default: original)",
+    )
+    sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit (default: 5)")

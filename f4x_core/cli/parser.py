@@ -1,0 +1,430 @@
+"""The command line's grammar: one function for each verb."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import NoReturn
+
+from .. import __version__
+from ..errors import F4xError
+from ..fit.distil_config import DistilConfig
+from ..scene.formats import FORMATS
+from .checks import path_argument
+from .options import (
+    WIDTH,
+    Verbs,
+    add_verb,
+    backend_option,
+    clip_options,
+    edits_option,
+    fit_options,
+    output_option,
+    path_options,
+)
+
+
+class Parser(argparse.ArgumentParser):
+    """Tells what is wrong with a command line as every other bad input is told: in one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise F4xError in place of printing the usage."""
+        raise F4xError(f"{message}; `{self.prog} --help` shows what is possible.")
+
+
+def _fit(verbs: Verbs) -> None:
+    """`f4x fit`."""
+    sub = add_verb(verbs, "fit", "Turn a clip into DIR/scene.f4x.")
+    sub.add_argument(
+        "clip", type=path_argument, nargs="?", help="video file, image folder, or NVIDIA / DyCheck / DAVIS data set"
+    )
+    output_option(sub)
+    clip_options(sub)
+    fit_options(sub)
+    sub.add_argument(
+        "--show-config",
+        action="store_true",
+        help="print every setting of --profile and --set with what it does, and fit nothing; needs neither clip nor -o",
+    )
+    sub.add_argument("--resume", action="store_true", help="continue an interrupted fit")
+    sub.add_argument(
+        "--window",
+        type=int,
+        metavar="N",
+        help="fit N frames at a time and join them (default: 60 for clips of more than 240 frames; 0: all at once)",
+    )
+    sub.add_argument(
+        "--overlap", type=int, default=12, metavar="N", help="frames that neighbouring windows share (default: 12)"
+    )
+    sub.add_argument(
+        "--features", metavar="NAME[,NAME]", help="also distil these teachers' features, see `f4x models list`"
+    )
+
+
+def _priors(verbs: Verbs) -> None:
+    """`f4x priors`."""
+    sub = add_verb(verbs, "priors", "Only compute the priors of a clip into DIR/priors.")
+    sub.add_argument("clip", type=path_argument)
+    output_option(sub, required=True)
+    clip_options(sub)
+    fit_options(sub)
+
+
+def _distill(verbs: Verbs) -> None:
+    """`f4x distill`."""
+    sub = add_verb(verbs, "distill", "Distil teachers' features into a scene: a latent on it, a head for each.")
+    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("--teacher", metavar="NAME[,NAME]", help="whose features, see `f4x models list`")
+    output_option(sub, "SCENE2", help="write there (default: the scene itself)")
+    sub.add_argument(
+        "--features", type=path_argument, metavar="DIR", help="folder of maps, DIR/TEACHER (default: beside the scene)"
+    )
+    sub.add_argument(
+        "--clip", type=path_argument, help="the scene's clip; needed where the maps are not there and it has moved"
+    )
+    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit")
+    sub.add_argument(
+        "--width", dest="latent_width", default="auto", metavar="D", help="latent channels: auto, 8, 16, 32 or 64"
+    )
+    steps = DistilConfig.steps
+    sub.add_argument("--steps", type=int, default=steps, help=f"optimiser steps (default: {steps})")
+    sub.add_argument(
+        "--vocabulary", metavar="FILE|WORDS", help="labels to store: words with commas, or a file with one per line"
+    )
+    sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
+    sub.add_argument("--threads", type=int, help="threads (default: all cores)")
+    backend_option(sub)
+
+
+def _render(verbs: Verbs) -> None:
+    """`f4x render`."""
+    sub = add_verb(verbs, "render", "Draw a scene along a camera path.")
+    sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
+    output_option(sub, required=True)
+    sub.add_argument(
+        "--path",
+        default="original",
+        help="original, orbit, frozen:T (T a clip frame), or a camera path file (default: original)",
+    )
+    sub.add_argument(
+        "--channels",
+        default="rgb",
+        help="comma-separated: rgb,depth,alpha,motion,latent, a head, mask:LABEL (default: rgb)",
+    )
+    sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit, above 0 and below 90 (default: 5)")
+    sub.add_argument("--video", action="store_true", help="also write DIR/CHANNEL.mp4")
+    sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the path (default: all of it)")
+    sub.add_argument("--part", metavar="I/N", help="only the I-th of N parts of these frames, for N machines")
+    backend_option(sub)
+
+
+def _eval(verbs: Verbs) -> None:
+    """`f4x eval`."""
+    sub = add_verb(verbs, "eval", "Measure a scene against its clip.")
+    sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
+    sub.add_argument("--clip", type=path_argument, required=True)
+    sub.add_argument("--frames", metavar="A:B:S")
+    sub.add_argument("--refine-camera", action="store_true", help="also refine the camera on each held-out frame")
+    sub.add_argument(
+        "--baselines", action="store_true", help="also score the nearest frame and the half-way flow blend"
+    )
+    sub.add_argument(
+        "--truth", type=path_argument, metavar="DIR", help="rendered clip with truth: cameras and unseen views"
+    )
+    sub.add_argument("--joints", type=path_argument, help="hand-set joints (JSON): track accuracy of the fitted scene")
+    sub.add_argument("--masks", metavar="DIR", help="masks of the animal, for the joints' scale")
+    backend_option(sub)
+
+
+def _info(verbs: Verbs) -> None:
+    """`f4x info`."""
+    sub = add_verb(verbs, "info", "What is in a scene file.")
+    sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
+
+
+def _export(verbs: Verbs) -> None:
+    """`f4x export`."""
+    sub = add_verb(verbs, "export", "Write a scene for other programs: PLY, .splat, glTF, USD, points.")
+    sub.add_argument(
+        "scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat) or a folder of numbered PLY"
+    )
+    edits_option(sub)
+    output_option(
+        sub,
+        "FILE|DIR",
+        required=True,
+        help="FILE.ply, .splat or .glb with --time; FILE.usda for all frames; DIR for NAME_0000.ply, NAME_0001.ply, …",
+    )
+    sub.add_argument("--format", choices=FORMATS, help="default: by the ending of FILE; ply for DIR")
+    moments = sub.add_mutually_exclusive_group()
+    moments.add_argument("--time", type=float, metavar="T", help="one clip frame, from 0; may lie between two")
+    moments.add_argument("--frames", metavar="A:B:S", help="first frame, end and step (default: all frames)")
+
+
+def _query(verbs: Verbs) -> None:
+    """`f4x query`."""
+    sub = add_verb(verbs, "query", "Select what a word, a point, a box or a mask means: Gaussians and masks.")
+    sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
+    sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
+    sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
+    sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
+    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
+    sub.add_argument(
+        "--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame"
+    )
+    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the point, box or mask, from 0")
+    sub.add_argument("--threshold", type=float, default=0.5, metavar="P", help="least score, 0 to 1 (default: 0.5)")
+    sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
+    output_option(sub, help="write DIR/selection.json, DIR/mask/00000.png …, DIR/heat.mp4")
+    path_options(sub)
+    backend_option(sub)
+
+
+def _ask(verbs: Verbs) -> None:
+    """`f4x ask`."""
+    sub = add_verb(verbs, "ask", "Ask a scene a question; the answer names who gave it.")
+    sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
+    sub.add_argument("question")
+    sub.add_argument(
+        "--endpoint", metavar="URL", help="send rendered frames to this OpenAI-compatible server (or F4X_CHAT_URL)"
+    )
+    sub.add_argument("--model", metavar="PATH", help="folder of SmolVLM2: it reads the scene's smolvlm features")
+    path_options(sub)
+    backend_option(sub)
+
+
+def _edit(verbs: Verbs) -> None:
+    """`f4x edit`."""
+    sub = add_verb(verbs, "edit", "Append edits to a scene; what is in its arrays never changes.")
+    sub.add_argument("scene", type=path_argument)
+    how = sub.add_mutually_exclusive_group(required=True)
+    how.add_argument("--say", metavar="SENTENCE", help='what to do, for example "make the dog red from second 2"')
+    how.add_argument("--ops", type=path_argument, metavar="FILE", help="JSON: a list of operations")
+    sub.add_argument(
+        "--select", type=path_argument, metavar="FILE", help='what "it" means: the selection.json of `f4x query -o DIR`'
+    )
+    output_option(sub, "SCENE2", help="write there (default: the scene itself)")
+    sub.add_argument("--dry-run", action="store_true", help="say what would be done; write nothing")
+    sub.add_argument("--frame", type=float, default=0.0, metavar="T", help="clip frame that is looked at: here and now")
+    sub.add_argument(
+        "--endpoint", metavar="URL", help="let the model of this OpenAI-compatible server read --say (or F4X_CHAT_URL)"
+    )
+    sub.add_argument(
+        "--candidates", type=int, default=1, metavar="N", help="try N readings of --say, apply the best (default: 1)"
+    )
+    sub.add_argument("--contact-sheet", type=path_argument, metavar="FILE", help="picture of before and the candidates")
+    backend_option(sub)
+
+
+def _history(verbs: Verbs) -> None:
+    """`f4x history`."""
+    sub = add_verb(verbs, "history", "The edits of a scene, and what `redo` would bring back.")
+    sub.add_argument("scene", type=path_argument)
+
+
+def _undo_redo(verbs: Verbs) -> None:
+    """`undo` and `redo`."""
+    for name, description in (("undo", "Take back the last edits."), ("redo", "Bring back what was undone last.")):
+        sub = add_verb(verbs, name, description)
+        sub.add_argument("scene", type=path_argument)
+        sub.add_argument("--count", type=int, default=1, metavar="N", help="so many edits (default: 1)")
+
+
+def _bake(verbs: Verbs) -> None:
+    """`f4x bake`."""
+    sub = add_verb(verbs, "bake", "Fold the edits of a scene into the arrays of a new one.")
+    sub.add_argument("scene", type=path_argument)
+    output_option(sub, "SCENE2", required=True)
+
+
+def _serve(verbs: Verbs) -> None:
+    """`f4x serve`."""
+    sub = add_verb(verbs, "serve", "Let agents look at, question and edit scenes, through the Model Context Protocol.")
+    sub.add_argument("target", type=path_argument, metavar="SCENE|FOLDER", help="the one scene, or folder, they see")
+    sub.add_argument("--mcp", action="store_true", required=True, help="the protocol; on standard input and output")
+    sub.add_argument(
+        "--http",
+        nargs="?",
+        const="8484",
+        metavar="PORT",
+        help="on HTTP for this machine alone instead (default: 8484); asks for the token in F4X_TOKEN, or prints one",
+    )
+    sub.add_argument("--read-only", action="store_true", help="without the tools that edit and export")
+    backend_option(sub)
+
+
+def _features(verbs: Verbs) -> None:
+    """`f4x features`."""
+    sub = add_verb(verbs, "features", "Let teachers look at a clip: feature maps in DIR/features/TEACHER.")
+    sub.add_argument("clip", type=path_argument)
+    output_option(sub, required=True)
+    sub.add_argument("--teacher", required=True, metavar="NAME[,NAME]", help="names as `f4x models list` shows them")
+    sub.add_argument(
+        "--rank", type=int, metavar="K", help="keep the K strongest directions of every teacher's features"
+    )
+    sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the frames to use")
+    sub.add_argument("--width", type=int, default=WIDTH, help=f"picture width in pixels (default: {WIDTH})")
+    sub.add_argument(
+        "--model",
+        metavar="PATH",
+        help="a folder of weights (or of maps), or a name of `f4x models list`; for one teacher",
+    )
+
+
+def _models(verbs: Verbs) -> None:
+    """`f4x models`."""
+    sub = add_verb(verbs, "models", "Teachers and weights: what there is, fetch one, or where it lies.")
+    sub.add_argument("what", choices=("list", "get", "path"))
+    sub.add_argument("name", nargs="?", help="of the weights, or of a teacher")
+
+
+def _batch(verbs: Verbs) -> None:
+    """`f4x batch`."""
+    sub = add_verb(
+        verbs, "batch", "Many clips: every row of a manifest, in processes of this machine or on a Ray cluster."
+    )
+    sub.add_argument("manifest", help="FILE.csv, FILE.json, or a pattern in quotes, 'shots/*.mp4'")
+    sub.add_argument(
+        "-o",
+        "--output",
+        dest="place",
+        required=True,
+        metavar="DIR|URL",
+        help="gets index.html and a folder for each row",
+    )
+    where = sub.add_mutually_exclusive_group()
+    where.add_argument(
+        "--jobs", type=int, metavar="N", help="tasks at a time (default: the cores, by threads of a task)"
+    )
+    where.add_argument("--ray", metavar="ADDRESS|auto", help="run on this Ray cluster")
+    sub.add_argument(
+        "--set", action="append", default=[], metavar="COLUMN=VALUE", help="of rows that do not say it themselves"
+    )
+    sub.add_argument("--scratch", metavar="DIR", help="for work in progress, on each machine (default: DIR itself)")
+    sub.add_argument("--dry-run", action="store_true", help="tell the tasks and what is done; do nothing")
+
+
+def _doctor(verbs: Verbs) -> None:
+    """`f4x doctor`."""
+    add_verb(verbs, "doctor", "What this machine has, and whether it works.")
+
+
+def _bench(verbs: Verbs) -> None:
+    """`f4x bench`."""
+    sub = add_verb(verbs, "bench", "Speed against error of the kernels on this machine; needs a checkout.")
+    sub.add_argument("what", choices=("raster", "deform", "features", "edit", "scale"))
+    sub.add_argument("--clips", type=int, default=8, metavar="N", help="small clips that are fitted, 0 to 8 (scale)")
+    sub.add_argument(
+        "--long",
+        type=int,
+        nargs="+",
+        metavar="N",
+        help="in place of small clips: one of so many frames and a longer one, e.g. 200 1000, of the pictures in --clip or"
+        " made up; takes hours (scale)",
+    )
+    sub.add_argument(
+        "--folder",
+        type=path_argument,
+        metavar="DIR",
+        help="where the clips of --long and their fits stay; what is finished there is not measured again",
+    )
+    sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
+    sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
+    sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")
+    sub.add_argument("--scene", type=path_argument, help="scene whose answers or edits are measured (features, edit)")
+    sub.add_argument(
+        "--masks", type=path_argument, metavar="DIR", help="true masks, one for each clip frame (features, edit)"
+    )
+    sub.add_argument("--label", metavar="WORD", help="what the masks show (features, edit)")
+    sub.add_argument(
+        "--truth",
+        type=path_argument,
+        metavar="DIR",
+        help="truth of the rendered clip whose subject --label names (features, edit)",
+    )
+    sub.add_argument("--clip", type=path_argument, help="the scene's clip: what features change in pictures (features)")
+    sub.add_argument("--frames", metavar="A:B:S", help="as for the fit (features)")
+    sub.add_argument(
+        "--plain", type=path_argument, metavar="SCENE", help="the scene before distilling (default: without its field)"
+    )
+    sub.add_argument("--times", action="store_true", help="also fit the clip anew and distil, which takes minutes")
+    sub.add_argument(
+        "--features", type=path_argument, metavar="DIR", help="folder of maps for --times (default: beside the scene)"
+    )
+    sub.add_argument(
+        "--sam2",
+        nargs="?",
+        const="random",
+        metavar="MODEL",
+        help="SAM 2 without its encoder against the whole; with random weights where no MODEL is given (features)",
+    )
+
+
+def _report(verbs: Verbs) -> None:
+    """`f4x report`."""
+    sub = add_verb(
+        verbs,
+        "report",
+        "Speed against error, hard cases, needs: one page of measurements, and its data; needs a checkout.",
+    )
+    output_option(sub, required=True)
+    sub.add_argument("--quick", action="store_true", help="small sizes: the whole report in about 15 minutes")
+    sub.add_argument("--only", metavar="NAME[,NAME]", help="studies, or parts: speed, stability, needs, …")
+    sub.add_argument(
+        "--clips", type=path_argument, metavar="DIR", help="real clips: DIR/CLIP/images and DIR/CLIP/masks"
+    )
+    sub.add_argument("--data", type=path_argument, metavar="DIR", help="data sets: DIR/nvidia, DIR/dycheck, …")
+    sub.add_argument("--cases", type=path_argument, metavar="DIR", help="hard cases (default: tests/hard_cases here)")
+    sub.add_argument("--threads", type=int, default=1, help="threads of the kernels that can use more (default: 1)")
+    sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
+
+
+def _demo(verbs: Verbs) -> None:
+    """`f4x demo`."""
+    sub = add_verb(verbs, "demo", "A short rendered clip (or your own) all the way to a Blender file.")
+    sub.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
+    output_option(sub, default=Path("demo"), help="default: demo")
+    clip_options(sub)
+    fit_options(sub)
+    sub.set_defaults(profile="quick")
+
+
+VERBS = (
+    _fit,
+    _priors,
+    _distill,
+    _render,
+    _eval,
+    _info,
+    _export,
+    _query,
+    _ask,
+    _edit,
+    _history,
+    _undo_redo,
+    _bake,
+    _serve,
+    _features,
+    _models,
+    _batch,
+    _doctor,
+    _bench,
+    _report,
+    _demo,
+)
+"""In the order in which `f4x --help` lists them."""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of every verb."""
+    parser = Parser(prog="f4x", description="From one video to a 4D scene that moves, in Blender too.")
+    parser.add_argument("--version", action="version", version=f"f4x {__version__}")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    for add in VERBS:
+        add(verbs)
+    return parser
