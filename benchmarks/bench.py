@@ -296,8 +296,8 @@ def _as_table(report: dict[str, Any]) -> str:
         table.add_column(title, justify="right" if title == "measured" else "left")
     for name, value in [*report.items(), *report.get("sam2", {}).items()]:
         if not isinstance(value, dict):
-            text = f"{value:.4g}" if isinstance(value, float) else str(value)
-            table.add_row(name, text, REACH.get(name, ""))
-    text = StringIO()
+            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+            table.add_row(name, shown, REACH.get(name, ""))
+    shown = StringIO()
     Console(file=text, width=TABLE_WIDTH).print(table)
     return text.getvalue().rstrip()
