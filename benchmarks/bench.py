@@ -298,6 +298,6 @@ def _as_table(report: dict[str, Any]) -> str:
         if not isinstance(value, dict):
             shown = f"{value:.4g}" if isinstance(value, float) else str(value)
             table.add_row(name, shown, REACH.get(name, ""))
-    shown = StringIO()
+    text = StringIO()
     Console(file=text, width=TABLE_WIDTH).print(table)
     return text.getvalue().rstrip()
