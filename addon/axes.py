@@ -80,8 +80,8 @@ def lens_from_intrinsics(matrices: np.ndarray, width: int, height: int, sensor_w
 
 def camera_path(scene: bpy.types.Scene, camera: bpy.types.Object, times: Iterable[int]) -> CameraPath:
     """The animated perspective camera at Blender's frames `times` as an OpenCV CameraPath in Blender's world frame."""
-    share = scene.render.resolution_percentage / 100
-    width, height = int(scene.render.resolution_x * share), int(scene.render.resolution_y * share)
+    scale = scene.render.resolution_percentage / 100
+    width, height = int(scene.render.resolution_x * scale), int(scene.render.resolution_y * scale)
     times = np.asarray(list(times))
     seen = []
     for time in times:

@@ -15,7 +15,7 @@ FILMS = {".mp4", ".mov", ".mkv", ".webm", ".avi", ".m4v", ".mpg", ".mpeg", ".ogv
 
 
 def find_clip(scene: Scene, file: Path) -> Path | None:
-    """The clip that the scene was made of, if it still lies where it was or beside the scene `file`; None if not."""
+    """The clip that the scene was fitted to, at its stored path or beside the scene `file`; None if it is at neither."""
     source = scene.provenance.get("source")
     if not isinstance(source, str) or not source:
         return None
@@ -24,11 +24,11 @@ def find_clip(scene: Scene, file: Path) -> Path | None:
 
 
 def frames_of(scene: Scene) -> range | None:
-    """Which pictures of its clip a scene was made of, as its fit wrote down; None where that is not known."""
-    told = scene.provenance.get("frames")
-    if not isinstance(told, str) or not re.fullmatch(r"\d+:\d+:[1-9]\d*", told):
+    """The indices of the clip's frames that a scene was fitted to, from its provenance; None if unknown."""
+    span = scene.provenance.get("frames")
+    if not isinstance(span, str) or not re.fullmatch(r"\d+:\d+:[1-9]\d*", span):
         return None
-    first, end, step = map(int, told.split(":"))
+    first, end, step = map(int, span.split(":"))
     return range(first, end, step)
 
 
@@ -73,14 +73,14 @@ def show_clip(
 
 
 def _fits(exact: bool, picked: range | None, pictures: int, frames: int) -> bool:
-    """Whether it is known which of so many pictures belongs to which frame, or does not matter."""
+    """Whether it is known which image belongs to which frame, or the assignment does not have to be `exact`."""
     if picked is not None:
         return len(picked) == frames and picked[-1] < pictures
     return not exact or pictures == frames
 
 
 def _skip(data: bpy.types.Camera, user: bpy.types.ImageUser, frames: np.ndarray, step: int) -> None:
-    """Let the background go on by `step` pictures a frame: Blender plays every picture, but the offset can be animated."""
+    """Advance the background by `step` images per frame. Blender plays every image, so the offset is animated."""
     start = user.frame_offset
     for index, frame in enumerate(frames):
         user.frame_offset = start + (step - 1) * index
@@ -91,16 +91,16 @@ def _image(file: Path) -> bpy.types.Image:
     try:
         return bpy.data.images.load(str(file.resolve()), check_existing=True)
     except RuntimeError as error:
-        raise F4xError(f"{file} cannot be read as a picture or a film; choose another clip.") from error
+        raise F4xError(f"{file} cannot be read as an image or a video; choose another clip.") from error
 
 
 def _first_number(pictures: list[Path]) -> int:
-    """Number in the first name; F4xError unless the names count on from there, which is how Blender finds the others."""
+    """The number in the first file name. F4xError unless the numbers are consecutive, as Blender's image sequences need."""
     digits = [name[len(name.rstrip("0123456789")) :] for name in (picture.stem for picture in pictures)]
     if not all(digits) or [int(number) for number in digits] != list(
         range(int(digits[0]), int(digits[0]) + len(digits))
     ):
         raise F4xError(
-            f"{pictures[0].parent}: the pictures are not numbered one after the other, as Blender wants; rename them."
+            f"{pictures[0].parent}: the images are not numbered consecutively, as Blender needs them; rename them."
         )
     return int(digits[0])

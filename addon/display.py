@@ -1,14 +1,14 @@
-"""Shows edits and scores: looks become point attributes, what an edit moves becomes a cloud of its own.
+"""Shows edits and scores: appearance becomes point attributes, and edited motion becomes a separate point cloud.
 
-The base's clouds go on being posed by geometry nodes. Their points lose what is drawn apart, removed or hidden: the
-modifier `Feature4X visible` takes those with one of the attributes
+Geometry nodes keep posing the base clouds. The modifier `Feature4X visible` deletes hidden and removed points, and those in the
+separate cloud, from the evaluated base clouds. It deletes points with one of the attributes
 
     f4x_hidden   BOOLEAN  hidden by a person, in the viewport and in renders
-    f4x_gone     BOOLEAN  removed by an edit, or drawn apart
+    f4x_gone     BOOLEAN  removed by an edit, or part of the separate cloud
 
-out of the evaluated cloud, so every engine agrees. The object `NAME edited` holds what is drawn apart, in places and looks
-that the core worked out. A handler writes them anew at every frame, for scenes whose edits change over time alone
-(`f4x_timed` on the root); all others play as fast as without edits.
+so all engines agree. The object `NAME edited` is the separate cloud, with positions and appearance that the core computes. For
+scenes with edits that change over time (`f4x_timed` on the root) a handler writes them at every frame; all other scenes play
+as fast as without edits.
 """
 
 from __future__ import annotations
@@ -32,21 +32,21 @@ VISIBLE = "Feature4X visible"
 
 
 def refresh(root: bpy.types.Object) -> None:
-    """Show the scene as its preview, or else its pending edits, leave it at the present frame, and list the edits. F4xError."""
+    """Show the preview of a scene, or its pending edits, at the current frame, and update the panel. May raise F4xError."""
     if bpy.context.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     display = session.shown(root)
     refresh_keys(root)
-    _set_up_apart(root, display)
+    _set_up_separate_cloud(root, display)
     _draw(root, display, everything=True)
     root[session.TIMED] = display.changes
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
-    tell(root)
+    update_panel(root)
 
 
-def tell(root: bpy.types.Object) -> None:
-    """Fill the sidebar's lists from the pending stack, and count."""
+def update_panel(root: bpy.types.Object) -> None:
+    """Update the lists and counts of the sidebar from the pending edits."""
     if hasattr(root, "f4x"):  # a script may import without registering the extension
         _fill_lists(root)
         count(root)
@@ -55,11 +55,11 @@ def tell(root: bpy.types.Object) -> None:
 def hide(root: bpy.types.Object, hidden: np.ndarray) -> None:
     """Hide the Gaussians `hidden (N,) bool` and show all others, without an edit."""
     session.write(root, **{HIDDEN: ("BOOLEAN", hidden)})
-    _set_up_visible(session.clouds_of(root))
+    _add_visibility_modifier(session.clouds_of(root))
 
 
 def count(root: bpy.types.Object) -> None:
-    """Count what is selected of what is there."""
+    """Update the numbers of selected and existing Gaussians in the sidebar."""
     selected = total = 0
     for cloud in session.clouds_of(root):
         chosen, gone = (read_attribute(cloud.data, name) for name in (session.SELECTED, GONE))
@@ -70,22 +70,22 @@ def count(root: bpy.types.Object) -> None:
 
 
 def _fill_lists(root: bpy.types.Object) -> None:
-    """The lists of edits and of named selections, from the pending stack."""
-    told = root.f4x
-    told.history.clear()
+    """Update the lists of edits and of named selections from the pending edits."""
+    state = root.f4x
+    state.history.clear()
     for edit in session.stack_of(root).edits:
-        row = told.history.add()
+        row = state.history.add()
         row.name, row.edit_id, row.enabled = describe(edit.operation), edit.id, edit.enabled
-    told.history_index = len(told.history) - 1
-    told.names.clear()
+    state.history_index = len(state.history) - 1
+    state.names.clear()
     for name, rows in session.names_of(root).items():
-        row = told.names.add()
+        row = state.names.add()
         row.name, row.count = name, len(rows)
-    told.name_index = min(max(told.name_index, 0), len(told.names) - 1)
+    state.name_index = min(max(state.name_index, 0), len(state.names) - 1)
 
 
-def _set_up_apart(root: bpy.types.Object, display: Display) -> None:
-    """An object with as many points as are drawn apart; none where nothing is. It takes the selection along."""
+def _set_up_separate_cloud(root: bpy.types.Object, display: Display) -> None:
+    """Create, resize or remove the separate cloud so that it has the needed points; selection and scores are kept."""
     old = next((cloud for cloud in session.clouds_of(root) if session.APART in cloud), None)
     ids = display.scene.ids[display.apart].astype(np.int32)
     if old is not None and len(old.data.points) == len(ids) and np.array_equal(read_attribute(old.data, "gid"), ids):
@@ -111,7 +111,7 @@ def _set_up_apart(root: bpy.types.Object, display: Display) -> None:
 
 
 def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
-    """Write the present frame's attributes; without `everything` those alone that are not as they were drawn last."""
+    """Write the point attributes of the current frame; without `everything`, only those that have changed."""
     frame = session.frame_of(root)
     looks = display.looks(frame)
     gone = looks.opacities == 0
@@ -139,11 +139,11 @@ def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
             continue
         write_looks(data, quats, looks.sh[row], opacities)
         data.update_tag()
-    _set_up_visible(session.clouds_of(root))
+    _add_visibility_modifier(session.clouds_of(root))
 
 
-def _set_up_visible(clouds: list[bpy.types.Object]) -> None:
-    """Give the modifier to clouds that have points to leave out."""
+def _add_visibility_modifier(clouds: list[bpy.types.Object]) -> None:
+    """Add the modifier to clouds with points that must not be shown."""
     for cloud in clouds:
         out = [read_attribute(cloud.data, name) for name in (HIDDEN, GONE)]
         if VISIBLE not in cloud.modifiers and any(values is not None and values.any() for values in out):
@@ -153,7 +153,7 @@ def _set_up_visible(clouds: list[bpy.types.Object]) -> None:
 
 
 def _visible_tree() -> bpy.types.GeometryNodeTree:
-    """Delete the points that are hidden or gone."""
+    """A node tree that deletes hidden and removed points."""
     tree = bpy.data.node_groups.new(VISIBLE, "GeometryNodeTree")
     for direction in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
@@ -176,7 +176,7 @@ def _visible_tree() -> bpy.types.GeometryNodeTree:
 
 @persistent
 def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Show the edits that change over time at the new frame."""
+    """Update scenes whose edits change over time."""
     for root in [item for item in scene.objects if item.get(session.TIMED)]:
         try:
             _draw(root, session.shown(root), everything=False)

@@ -36,6 +36,7 @@ from ..f4x_core.edit.operations import (
     Vector,
 )
 from ..f4x_core.edit.plan import propose
+from ..f4x_core.edit.words import plural
 from ..f4x_core.errors import F4xError
 from . import display, session
 from .axes import BLENDER_FROM_SCENE
@@ -47,7 +48,7 @@ READINGS = 4
 
 
 def _scene_vector(vector) -> Vector:
-    """A vector along Blender's axes, in those of the scene (OpenCV)."""
+    """A vector along Blender's axes as one along the scene's axes (OpenCV)."""
     x, y, z = (BLENDER_FROM_SCENE[:3, :3].T @ np.array(vector, float)).tolist()
     return x, y, z
 
@@ -72,10 +73,10 @@ class _Edit(SceneOperator):
 
 
 class _Dialog(_Edit):
-    """An edit that asks for its numbers first."""
+    """An edit with a dialog for its settings."""
 
     def invoke(self, context, event):
-        """Ask; times start as the present frame and the end of the clip."""
+        """Open the dialog; times default to the current frame and the end of the clip."""
         root = session.root_of(context.object)
         last = int(session.base_scene(root).cameras.times[-1])
         for name, value in (("first", round(session.frame_of(root))), ("last", last)):
@@ -85,26 +86,28 @@ class _Dialog(_Edit):
 
 
 class F4X_OT_recolour(_Edit, bpy.types.Operator):  # noqa: N801 - Blender wants this form
-    """Give the selection another colour."""
+    """Change the colour of the selection."""
 
     bl_idname, bl_label = "f4x.recolour", "Recolour"
 
     rgb: FloatVectorProperty(  # type: ignore[valid-type]
         name="Colour", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0
     )
-    hue: BoolProperty(name="Hue Alone", description="Leave light and dark as they are")  # type: ignore[valid-type]
-    shading: BoolProperty(name="Keep Shading", description="Keep shadows and texture", default=True)  # type: ignore[valid-type]
+    hue: BoolProperty(name="Hue Only", description="Change the hue and keep the brightness")  # type: ignore[valid-type]
+    shading: BoolProperty(
+        name="Keep Shading", description="Keep shadows and texture visible under the new colour", default=True
+    )  # type: ignore[valid-type]
     strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
 
     def operation(self, root):
-        """A colour, as paint or as hue."""
+        """A colour change, of the whole colour or of the hue only."""
         rgb = tuple(round(value, 4) for value in self.rgb)
-        how = {"mode": "hue"} if self.hue else {"keep_luminance": self.shading}
-        return Recolour(session.selected_ids(root), rgb, strength=round(self.strength, 4), frames=_span(root), **how)
+        mode = {"mode": "hue"} if self.hue else {"keep_luminance": self.shading}
+        return Recolour(session.selected_ids(root), rgb, strength=round(self.strength, 4), frames=_span(root), **mode)
 
 
 class F4X_OT_style(_Edit, bpy.types.Operator):  # noqa: N801
-    """Give the selection the look of a material or a mood."""
+    """Apply a look to the selection, such as a material or a mood."""
 
     bl_idname, bl_label = "f4x.style", "Look"
 
@@ -129,27 +132,27 @@ class F4X_OT_opacity(_Edit, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_remove(_Edit, bpy.types.Operator):  # noqa: N801
-    """Take the selection out of the scene; Restore brings it back."""
+    """Remove the selection from the scene. Restore brings it back."""
 
     bl_idname, bl_label = "f4x.remove", "Remove"
 
     def operation(self, root):
-        """Gone in the time span, or for good."""
+        """Removal in the time span, or for the whole clip."""
         return Delete(session.selected_ids(root), _span(root))
 
 
 class F4X_OT_extract(_Edit, bpy.types.Operator):  # noqa: N801
-    """Leave nothing but the selection; Restore brings the rest back."""
+    """Remove everything except the selection. Restore brings it back."""
 
     bl_idname, bl_label = "f4x.extract", "Keep Only"
 
     def operation(self, root):
-        """Alone in the time span, or for good."""
+        """Removal of everything else in the time span, or for the whole clip."""
         return Extract(session.selected_ids(root), _span(root))
 
 
 class F4X_OT_restore(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Bring back everything that was removed: such edits are switched off."""
+    """Bring back everything that was removed, by switching off the edits that remove something."""
 
     bl_idname, bl_label = "f4x.restore", "Restore"
 
@@ -158,7 +161,7 @@ class F4X_OT_restore(SceneOperator, bpy.types.Operator):  # noqa: N801
         stack = session.stack_of(root)
         removing = [edit for edit in stack.edits if edit.enabled and isinstance(edit.operation, Delete | Extract)]
         if not removing:
-            raise F4xError("No edit in effect removes anything; see the history.")
+            raise F4xError("No active edit removes anything, so there is nothing to restore; see the History panel.")
         for edit in removing:
             stack = stack.enable(edit.id, False)
         session.set_stack(root, stack)
@@ -166,23 +169,26 @@ class F4X_OT_restore(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
-    """Move, turn and resize the selection, at once or growing over time."""
+    """Move, rotate and scale the selection, at once or gradually over time."""
 
-    bl_idname, bl_label = "f4x.transform", "Move, Turn, Resize"
+    bl_idname, bl_label = "f4x.transform", "Move, Rotate, Scale"
 
-    move: FloatVectorProperty(name="Move", description="Along Blender's axes", subtype="TRANSLATION")  # type: ignore[valid-type]
-    turn: FloatVectorProperty(name="Turn", description="About Blender's axes", subtype="EULER")  # type: ignore[valid-type]
-    size: FloatProperty(name="Size", default=1.0, min=0.001, max=1000.0, soft_min=0.1, soft_max=10.0)  # type: ignore[valid-type]
+    move: FloatVectorProperty(name="Move", description="Distance along Blender's axes", subtype="TRANSLATION")  # type: ignore[valid-type]
+    turn: FloatVectorProperty(name="Rotate", description="Rotation about Blender's axes", subtype="EULER")  # type: ignore[valid-type]
+    size: FloatProperty(name="Scale", default=1.0, min=0.001, max=1000.0, soft_min=0.1, soft_max=10.0)  # type: ignore[valid-type]
     pivot: EnumProperty(  # type: ignore[valid-type]
-        name="About",
-        items=(("centroid", "Centre", "The middle of the selection"), ("base", "Base", "Where it stands")),
+        name="Pivot",
+        items=(
+            ("centroid", "Centre", "The centre of the selection"),
+            ("base", "Base", "The lowest point of the selection"),
+        ),
     )
-    over_time: BoolProperty(name="Over Time", description="From nothing at the first frame to all at the last")  # type: ignore[valid-type]
+    over_time: BoolProperty(name="Over Time", description="Start at the first frame and finish at the last frame")  # type: ignore[valid-type]
     first: IntProperty(name="First Frame", min=0)  # type: ignore[valid-type]
     last: IntProperty(name="Last Frame", min=0)  # type: ignore[valid-type]
 
     def draw(self, context):
-        """Frames are greyed out where they do not count."""
+        """Draw the settings; the frames are greyed out unless Over Time is on."""
         layout = self.layout
         layout.use_property_split = True
         for name in ("move", "turn", "size", "pivot", "over_time"):
@@ -193,7 +199,7 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
         column.prop(self, "last")
 
     def operation(self, root):
-        """In the scene's axes, the turn as axis times degrees."""
+        """The transform in the scene's axes; the rotation is a rotation vector in degrees."""
         turn = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map())
         return Transform(
             session.selected_ids(root),
@@ -206,14 +212,17 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
-    """Make copies of the selection, elsewhere or later."""
+    """Copy the selection to another place or time."""
 
     bl_idname, bl_label = "f4x.duplicate", "Duplicate"
 
     offset: FloatVectorProperty(  # type: ignore[valid-type]
-        name="Offset", description="Along Blender's axes", subtype="TRANSLATION", default=(0.2, 0.0, 0.0)
+        name="Offset",
+        description="Distance between copies along Blender's axes",
+        subtype="TRANSLATION",
+        default=(0.2, 0.0, 0.0),
     )
-    time_shift: FloatProperty(name="Frames Later", description="Negative: ahead")  # type: ignore[valid-type]
+    time_shift: FloatProperty(name="Time Offset", description="Frames by which copies play later; negative: earlier")  # type: ignore[valid-type]
     count: IntProperty(name="Copies", default=1, min=1, max=100)  # type: ignore[valid-type]
 
     def operation(self, root):
@@ -223,12 +232,12 @@ class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
-    """Make the selection stand still from a frame on, or for a while."""
+    """Stop the motion of the selection from one frame on, or between two frames."""
 
     bl_idname, bl_label = "f4x.freeze", "Freeze"
 
     first: IntProperty(name="From Frame", min=0)  # type: ignore[valid-type]
-    goes_on: BoolProperty(name="Go On Later")  # type: ignore[valid-type]
+    goes_on: BoolProperty(name="Resume Later", description="Continue the motion after the last frame")  # type: ignore[valid-type]
     last: IntProperty(name="Until Frame", min=0)  # type: ignore[valid-type]
 
     def operation(self, root):
@@ -237,12 +246,12 @@ class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_retime(_Dialog, bpy.types.Operator):  # noqa: N801
-    """Make the selection faster, slower or run backwards."""
+    """Play the motion of the selection faster, slower or backwards."""
 
     bl_idname, bl_label = "f4x.retime", "Retime"
 
     speed: FloatProperty(name="Speed", default=0.5, min=0.001, max=1000.0, soft_min=0.1, soft_max=10.0)  # type: ignore[valid-type]
-    backwards: BoolProperty(name="Backwards", description="At its own speed; the other number does not count")  # type: ignore[valid-type]
+    backwards: BoolProperty(name="Backwards", description="Play backwards at normal speed; Speed is ignored")  # type: ignore[valid-type]
 
     def operation(self, root):
         """In the time span, or over the whole clip."""
@@ -251,7 +260,7 @@ class F4X_OT_retime(_Dialog, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
-    """Name the selection: later it can be selected, and spoken of, by its name."""
+    """Name the selection, so that you can select it by name and use the name in sentences."""
 
     bl_idname, bl_label = "f4x.name_selection", "Name Selection"
 
@@ -270,10 +279,10 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
     how: EnumProperty(  # type: ignore[valid-type]
         name="How",
         items=(
-            ("TOGGLE", "Switch", "Switch the edit on or off"),
-            ("REMOVE", "Delete", "Delete the edit"),
-            ("UP", "Earlier", "Let the edit act before the one above it"),
-            ("DOWN", "Later", "Let the edit act after the one below it"),
+            ("TOGGLE", "Toggle", "Switch this edit on or off"),
+            ("REMOVE", "Delete", "Delete this edit"),
+            ("UP", "Earlier", "Apply this edit before the one above it"),
+            ("DOWN", "Later", "Apply this edit after the one below it"),
             ("CLEAR", "Clear", "Delete all edits"),
         ),
     )
@@ -281,7 +290,7 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def description(cls, context, properties):
-        """Of each way to do it."""
+        """The tooltip of each button."""
         return cls.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, root):
@@ -305,72 +314,74 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_save_edits(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Write the edits into the scene file, where `f4x`, other Blenders and other people find them."""
+    """Save the edits in the scene file, so that the f4x command and other Blender files use them too."""
 
     bl_idname, bl_label = "f4x.save_edits", "Save Edits to Scene"
 
     def act(self, context, root):
-        """Atomic; what others wrote in between is merged in."""
+        """Write atomically; edits that others wrote in the meantime are merged."""
         stack = session.save(root)
         display.refresh(root)
-        self.report({"INFO"}, f"{len(stack)} edits in {session.path_of(root).name}")
+        self.report({"INFO"}, f"Saved {len(stack)} {plural('edit', len(stack))} in {session.path_of(root).name}")
 
 
 class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Read the sentence, and tell what it would do."""
+    """Show what the sentence would do, without changing the scene."""
 
     bl_idname, bl_label = "f4x.plan", "Plan"
 
     sentence: StringProperty(name="Say", options={"SKIP_SAVE"})  # type: ignore[valid-type]
-    readings: IntProperty(name="Readings", description="Ways to carry it out", default=1, min=1, max=10)  # type: ignore[valid-type]
+    readings: IntProperty(
+        name="Readings", description="Maximum number of interpretations to compare", default=1, min=1, max=10
+    )  # type: ignore[valid-type]
 
     def invoke(self, context, event):
-        """Read what the panel says."""
+        """Take the sentence from the panel."""
         self.sentence = session.root_of(context.object).f4x.sentence
         return self.execute(context)
 
     def act(self, context, root):
-        """What is not understood is told in the panel too."""
-        told = root.f4x
-        told.sentence = self.sentence
+        """Show the readings in the panel, or why the sentence was not understood."""
+        state = root.f4x
+        state.sentence = self.sentence
         forget_readings(root)
         try:
             session.asked_scene(root)
-            scene, said = session.edited_scene(root), session.context_of(root)
-            proposal = propose(scene, self.sentence, said, candidates=self.readings)
+            scene, edit_context = session.edited_scene(root), session.context_of(root)
+            proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
-            told.answer = str(error)
+            state.answer = str(error)
             raise
         for candidate in proposal.candidates:
-            row = told.readings.add()
+            row = state.readings.add()
             row.name = candidate.why or "as said"
             row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
             row.told = "\n".join(describe(operation) for operation in candidate.operations)
-        told.answer = " ".join(proposal.notes)
-        told.reading_index = proposal.best
-        told.preview = True
+        state.answer = " ".join(proposal.notes)
+        state.reading_index = proposal.best
+        state.preview = True
 
 
 class F4X_OT_pick_reading(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Look at this way to carry out the sentence."""
+    """Preview this interpretation of the sentence."""
 
     bl_idname, bl_label = "f4x.pick_reading", "Pick"
 
     number: IntProperty(name="Number", min=0)  # type: ignore[valid-type]
 
     def act(self, context, root):
-        """Picking it shows it."""
+        """Choose and preview the reading."""
         root.f4x.reading_index = self.number
         root.f4x.preview = True
 
 
 class F4X_OT_apply_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Carry out the reading that is picked."""
+    """Apply the chosen interpretation of the sentence to the scene."""
 
     bl_idname, bl_label = "f4x.apply_plan", "Apply"
 
     def act(self, context, root):
-        """It goes into the history with the sentence that it came from."""
+        """Append the edits to the history, together with their sentence."""
         if not root.f4x.readings:
             raise F4xError("Nothing is planned; type a sentence and press Plan first.")
         session.set_stack(root, session.with_reading(root))
@@ -379,9 +390,9 @@ class F4X_OT_apply_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Forget what was planned."""
+    """Discard the plan and end the preview."""
 
-    bl_idname, bl_label = "f4x.drop_plan", "Drop"
+    bl_idname, bl_label = "f4x.drop_plan", "Discard"
 
     def act(self, context, root):
         """Back to the pending edits."""
@@ -390,17 +401,17 @@ class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 def forget_readings(root: bpy.types.Object) -> None:
-    """Nothing is planned any more, and the preview ends."""
-    told = root.f4x
-    told.readings.clear()
-    told.answer = ""
-    if told.preview:
-        told.preview = False
+    """Discard the plan and end the preview."""
+    state = root.f4x
+    state.readings.clear()
+    state.answer = ""
+    if state.preview:
+        state.preview = False
 
 
 @persistent
 def _save_along(path: str) -> None:
-    """Where the preferences say so, saving the .blend saves the edits."""
+    """Save the edits when the .blend is saved, if the preferences ask for it."""
     settings = preferences()
     if settings is None or not settings.save_edits:
         return

@@ -102,7 +102,7 @@ def import_scene(
             if first.edits:
                 display.refresh(root)
             else:
-                display.tell(root)
+                display.update_panel(root)
     except F4xError:
         _take_out(collection)
         raise
@@ -112,7 +112,7 @@ def import_scene(
 
 
 def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy.types.Object]:
-    """The point clouds of a scene, the dynamic one with what moves it."""
+    """Add the point clouds of a scene, and the rig that moves the dynamic one."""
     static, dynamic = _latent_colors(scene)
     clouds = [_add_gaussians(f"{name} static", scene.static, static, collection, material)]
     if len(scene.dynamic):
@@ -125,7 +125,7 @@ def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy
 
 
 def _show_own_clip(scene: Scene, path: Path, camera: bpy.types.Object) -> None:
-    """Put the clip behind the scene where it can be told which picture belongs to which frame."""
+    """Show the clip behind the scene if it is known which image belongs to which frame."""
     clip = find_clip(scene, path)
     if clip is not None:
         try:

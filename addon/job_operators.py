@@ -1,4 +1,4 @@
-"""What the worker is asked to do: fit a clip, add features, answer a question, export. Each is one verb of `f4x`."""
+"""Operators that run a verb of `f4x` in the worker: fit a clip, add features, answer a question, export."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,18 +15,18 @@ from .preferences import worker_python
 from .worker import RUNNING, Job, core_command
 
 PROFILES = (
-    ("quick", "Quick", "Minutes: to see whether a clip works"),
-    ("wild", "Thorough", "The better part of an hour on two cores"),
+    ("quick", "Quick", "Takes minutes; shows whether a clip is suitable"),
+    ("wild", "Thorough", "Takes up to an hour on two cores; better quality"),
 )
 
 
 def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, verb: str, *arguments: Path | str) -> None:
-    """Run one verb of `f4x` as a job; F4xError where there is no worker, or, without a window, where it failed."""
+    """Run one verb of `f4x` as a job. Raises F4xError if there is no worker, or without a window if the job fails."""
     jobs.start(Job(title, core_command(worker_python(), verb, *arguments), on_done))
 
 
 def import_fitted(result: dict[str, Any]) -> None:
-    """Import the scene that a fit left; size, frames and camera of a file that shows another scene stay as they are."""
+    """Import the scene of a finished fit. A file that already shows a scene keeps its render size, frames and camera."""
     alone = not any(session.PATH in item for item in bpy.data.objects)
     try:
         bpy.ops.f4x.import_scene(  # True: one step of undo
@@ -37,17 +37,17 @@ def import_fitted(result: dict[str, Any]) -> None:
 
 
 def look_up(root: bpy.types.Object, words: Sequence[str]) -> None:
-    """Let the worker add `words` to what the scene of `root` knows; F4xError while its file lacks edits."""
-    told = ", ".join(words)
+    """Let the worker add `words` to the vocabulary of a scene. Raises F4xError if the scene has unsaved edits."""
+    listed = ", ".join(words)
     if not session.is_saved(root):
         raise F4xError(
-            f"{root.name} does not know {told}; save its edits, so that the worker can look the scene over for it."
+            f"{root.name} does not know {listed}; save its edits first, so that the worker can add it to the scene file."
         )
-    _add_features(root, session.path_of(root), told, ["--vocabulary", told])
+    _add_features(root, session.path_of(root), listed, ["--vocabulary", listed])
 
 
 def _add_features(root: bpy.types.Object, path: Path, words: str, options: list[str]) -> None:
-    """Start `f4x distill`; the scene takes over what it leaves, if no edit came in between. `words`: all that is added, if so."""
+    """Start `f4x distill`; the scene is updated at the end unless it was edited meanwhile. `words` go into the title."""
 
     def done(result: dict[str, Any]) -> None:
         for item in bpy.data.objects:
@@ -56,12 +56,12 @@ def _add_features(root: bpy.types.Object, path: Path, words: str, options: list[
 
     title = f"Features of {root.name}" + (f": {words}" if words else "")
     if any(job.title == title and job.state == RUNNING for job in jobs.all_jobs()):
-        raise F4xError(f"{title}: that is under way; wait until the job is done.")
+        raise F4xError(f"{title}: this job is already running; wait until it is done.")
     start_verb(title, done, "distill", path, *options)
 
 
 class _WorkerOperator:
-    """Reports a refusal as one sentence."""
+    """Base of operators that start a job; F4xError becomes a report."""
 
     def execute(self, context):
         """Start the job."""
@@ -74,27 +74,27 @@ class _WorkerOperator:
 
 
 class _SceneOperator(_WorkerOperator):
-    """Is about the scene of the active object."""
+    """Base of operators on the scene of the active object."""
 
     @classmethod
     def poll(cls, context):
-        """Only where it is clear which scene is meant."""
+        """Allowed if the active object belongs to a scene."""
         if session.root_of(context.active_object) is None:
-            cls.poll_message_set("Select a part of an imported Feature4X scene")
+            cls.poll_message_set("Select an object of an imported Feature4X scene")
             return False
         return True
 
 
 def _saved_scene(context: bpy.types.Context) -> tuple[bpy.types.Object, Path]:
-    """Root and file of the scene that is meant; F4xError while the file lacks edits: the worker reads only the file."""
+    """Root and file of the active scene. Raises F4xError if it has unsaved edits, because the worker reads only the file."""
     root = session.root_of(context.active_object)
     if not session.is_saved(root):
-        raise F4xError(f"{root.name} has edits that its file does not have; save them first.")
+        raise F4xError(f"{root.name} has unsaved edits; press Save Edits to Scene first.")
     return root, session.path_of(root)
 
 
 class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noqa: N801 - Blender wants this form
-    """Turn a video, or a folder of pictures, into a scene and import it. Goes on where a stopped fit was."""
+    """Fit a scene to a video or an image folder, and import it. Resumes a stopped fit."""
 
     bl_idname = "f4x.fit_clip"
     bl_label = "Fit Video"
@@ -104,54 +104,56 @@ class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noq
         default="*.mp4;*.mov;*.mkv;*.avi;*.webm;*.m4v;*.png;*.jpg", options={"HIDDEN"}
     )
     profile: EnumProperty(name="Profile", items=PROFILES, default="wild")  # type: ignore[valid-type]
-    frames: StringProperty(name="Frames", description="First:end:step, such as 0:120:2; empty: all")  # type: ignore[valid-type]
+    frames: StringProperty(name="Frames", description="Frames to use as first:end:step, such as 0:120:2; empty: all")  # type: ignore[valid-type]
     width: IntProperty(  # type: ignore[valid-type]
-        name="Width", description="Pictures wider than this are made smaller", default=480, min=64, max=4096
+        name="Width", description="Frames wider than this are scaled down", default=480, min=64, max=4096
     )
     features: BoolProperty(  # type: ignore[valid-type]
-        name="Features", description="Also add what text and point queries need", default=True
+        name="Features", description="Also add the features that text and point queries need", default=True
     )
     output: StringProperty(  # type: ignore[valid-type]
-        name="Folder", description="Where the scene goes; empty: a folder beside the clip", subtype="DIR_PATH"
+        name="Folder", description="Output folder of the scene; empty: a folder beside the clip", subtype="DIR_PATH"
     )
     resume: BoolProperty(  # type: ignore[valid-type]
-        name="Continue", description="Go on with a fit of this clip that was stopped", default=True
+        name="Continue", description="Resume a fit of this clip that was stopped", default=True
     )
 
     def start(self, context):
         """Start `f4x fit`."""
         clip = Path(bpy.path.abspath(self.filepath))
         if not clip.exists():
-            raise F4xError(f"{clip} is not there; choose a video, or a picture of a folder of them.")
+            raise F4xError(f"{clip} does not exist; choose a video, or an image in a folder of images.")
         if clip.suffix.lower() in (".png", ".jpg"):
-            clip = clip.parent  # a picture stands for its folder
+            clip = clip.parent  # an image stands for its folder
         output = Path(bpy.path.abspath(self.output)) if self.output else clip.with_name(f"{clip.stem}_4d")
         options = ["-o", output, "--profile", self.profile, "--width", str(self.width)]
         options += ["--frames", self.frames] if self.frames else []
         options += ["--features", "visual,text"] if self.features else []
         options += ["--resume"] if self.resume else []
-        told = clip.parent.name if clip.name == "images" else clip.name
-        start_verb(f"Fit {told}", import_fitted, "fit", clip, *options)
+        name = clip.parent.name if clip.name == "images" else clip.name
+        start_verb(f"Fit {name}", import_fitted, "fit", clip, *options)
 
 
 class F4X_OT_add_features(_SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Let teachers look at the scene's clip and distil what they see into the scene, so that it can be asked."""
+    """Add features of vision models to the scene, so that you can query it by words and points."""
 
     bl_idname = "f4x.add_features"
     bl_label = "Add Features"
 
     teachers: StringProperty(  # type: ignore[valid-type]
-        name="Teachers", description="Names with commas, as `f4x models list` shows them", default="visual,text"
+        name="Teachers",
+        description="Names of teachers separated by commas; the command f4x models list shows them",
+        default="visual,text",
     )
     words: StringProperty(  # type: ignore[valid-type]
-        name="Words", description="Labels to store beside the everyday ones, with commas"
+        name="Words", description="Labels to store in addition to everyday ones, separated by commas"
     )
     clip: StringProperty(  # type: ignore[valid-type]
-        name="Clip", description="The scene's video; empty: where it was when it was fitted", subtype="FILE_PATH"
+        name="Clip", description="Video of the scene; empty: the file that the scene was fitted to", subtype="FILE_PATH"
     )
 
     def invoke(self, context, event):
-        """Ask what to add."""
+        """Open the dialog."""
         return context.window_manager.invoke_props_dialog(self, width=420)
 
     def start(self, context):
@@ -164,7 +166,7 @@ class F4X_OT_add_features(_SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_ask_scene(_SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Ask the scene a question; the answer appears under Jobs."""
+    """Ask a question about the scene. The answer appears in the Jobs panel."""
 
     bl_idname = "f4x.ask_scene"
     bl_label = "Ask"
@@ -172,7 +174,7 @@ class F4X_OT_ask_scene(_SceneOperator, bpy.types.Operator):  # noqa: N801
     question: StringProperty(name="Question", default="What moves?")  # type: ignore[valid-type]
 
     def invoke(self, context, event):
-        """Ask for the question."""
+        """Open the dialog."""
         return context.window_manager.invoke_props_dialog(self, width=420)
 
     def start(self, context):
@@ -182,7 +184,7 @@ class F4X_OT_ask_scene(_SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_export_scene(_SceneOperator, bpy.types.Operator, ExportHelper):  # noqa: N801
-    """Write the scene for other programs: PLY, .splat or glTF of one frame, USD or numbered PLY files of all."""
+    """Export the scene for other programs: one frame as PLY, .splat or glTF, all frames as USD or numbered PLY files."""
 
     bl_idname = "f4x.export_scene"
     bl_label = "Export Feature4X Scene"
@@ -191,10 +193,11 @@ class F4X_OT_export_scene(_SceneOperator, bpy.types.Operator, ExportHelper):  # 
     check_extension = None  # the ending goes with the format, or is a folder's
     format: EnumProperty(  # type: ignore[valid-type]
         name="Format",
-        items=[("auto", "By the Ending", "")] + [(name, name, entry.keeps) for name, entry in FORMATS.items()],
+        items=[("auto", "From File Name", "The extension of the file name decides")]
+        + [(name, name, entry.keeps) for name, entry in FORMATS.items()],
     )
     one_frame: BoolProperty(  # type: ignore[valid-type]
-        name="This Frame Alone", description="Write the current frame in place of all frames", default=False
+        name="Current Frame Only", description="Export the current frame instead of all frames", default=False
     )
 
     def start(self, context):
@@ -207,7 +210,7 @@ class F4X_OT_export_scene(_SceneOperator, bpy.types.Operator, ExportHelper):  # 
 
 
 class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
-    """The worker: what it can be asked, and what it is doing."""
+    """Buttons that start jobs of the worker, and its jobs."""
 
     bl_label = "Jobs"
     bl_category = "Feature4X"
@@ -215,7 +218,7 @@ class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
     bl_order = 90
 
     def draw(self, context):
-        """The verbs, then a box for each job."""
+        """Draw the buttons, then a box for each job."""
         layout = self.layout
         column = layout.column(align=True)
         column.operator(F4X_OT_fit_clip.bl_idname, text="Fit Video…", icon="FILE_MOVIE")

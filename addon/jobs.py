@@ -1,6 +1,6 @@
-"""Jobs under way: child processes that a timer looks at, so that Blender stays usable; without a window they are waited for.
+"""Running jobs: child processes that a timer polls, so that Blender stays usable. Without a window Blender waits for them.
 
-Nothing of a job is in the .blend. Closing Blender, or taking the extension out, ends every job with all that it started.
+The .blend stores nothing about jobs. Closing Blender or disabling the extension ends every job and all its child processes.
 """
 
 import bpy
@@ -11,11 +11,11 @@ from .lines import draw_lines
 from .worker import Job
 
 INTERVAL = 0.2
-"""Seconds between two looks."""
-LONGEST = 100
-"""Characters of a line of the log."""
+"""Seconds between two polls."""
+MAX_LINE_CHARACTERS = 100
+"""Maximum length of a line of the log in the panel."""
 LINES_SHOWN = 8
-"""Of a log, and of an answer."""
+"""Maximum number of lines of a log or a result in the panel."""
 _AREAS = {"VIEW_3D", "PREFERENCES"}
 _ICONS = {worker.RUNNING: "SORTTIME", worker.DONE: "CHECKMARK", worker.FAILED: "ERROR", worker.CANCELLED: "CANCEL"}
 
@@ -23,21 +23,21 @@ _jobs: list[Job] = []
 
 
 def all_jobs() -> tuple[Job, ...]:
-    """Jobs that run and those that ended and were not dismissed, oldest first."""
+    """Running jobs and ended ones that were not dismissed, oldest first."""
     return tuple(_jobs)
 
 
 def start(job: Job) -> None:
-    """Look after `job` until it ends. In Blender without a window this waits for it; F4xError tells how it failed."""
+    """Poll `job` until it ends. Blender without a window waits for it, and F4xError has the reason if it fails."""
     _jobs.append(job)
     if bpy.app.background:
-        said = ""
+        printed = ""
 
         def look(running: Job) -> None:
-            nonlocal said
-            if running.stage != said:
-                said = running.stage
-                print(f"{running.title}: {said}", flush=True)
+            nonlocal printed
+            if running.stage != printed:
+                printed = running.stage
+                print(f"{running.title}: {printed}", flush=True)
 
         job.wait(look)
         _jobs.remove(job)
@@ -48,7 +48,7 @@ def start(job: Job) -> None:
 
 
 def tick() -> float | None:
-    """Look at every job once; the seconds until the next look, None when nothing runs."""
+    """Poll every job once. Returns the seconds until the next poll, None if no job runs."""
     running = [job for job in _jobs if job.poll()]
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
@@ -58,7 +58,7 @@ def tick() -> float | None:
 
 
 def dismiss(job: Job) -> None:
-    """Forget a job that has ended; stop one that runs."""
+    """Stop a running job, or remove an ended one from the list."""
     if job.state == worker.RUNNING:
         job.cancel()
     else:
@@ -66,7 +66,7 @@ def dismiss(job: Job) -> None:
 
 
 def end_all() -> None:
-    """End every job at once, with all that it started."""
+    """Kill every job and all its child processes."""
     for job in _jobs:
         job.kill()
     _jobs.clear()
@@ -75,7 +75,7 @@ def end_all() -> None:
 
 
 def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -> None:
-    """Title, progress, what went wrong or came out, and the end of the log."""
+    """Draw the title, the progress, the error or result, and the end of the log."""
     box = layout.box()
     row = box.row(align=True)
     row.label(text=job.title, icon=_ICONS[job.state])
@@ -83,22 +83,22 @@ def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -
     button.number = _jobs.index(job)
     if job.state == worker.RUNNING:
         count = f" {job.done} of {job.total}" if job.total else ""
-        box.progress(factor=job.share, text=f"{job.stage}{count}")
+        box.progress(factor=job.fraction, text=f"{job.stage}{count}")
         if job.message:
             box.label(text=job.message)
     else:
-        draw_lines(box, context, job.error if job.state == worker.FAILED else job.text, most=LINES_SHOWN)
+        draw_lines(box, context, job.error if job.state == worker.FAILED else job.text, max_lines=LINES_SHOWN)
     if job.log:
         header, body = box.panel(f"f4x_log_{_jobs.index(job)}", default_closed=True)
         header.label(text="Log")
         if body:
             column = body.column(align=True)
             for line in list(job.log)[-LINES_SHOWN:]:
-                column.label(text=line[:LONGEST])
+                column.label(text=line[:MAX_LINE_CHARACTERS])
 
 
 class F4X_OT_dismiss_job(bpy.types.Operator):  # noqa: N801 - Blender wants this form
-    """Stop this job: what it has done so far is kept. A job that has ended is taken off the list."""
+    """Stop this job and keep what it has done so far. A job that has already ended is removed from the list."""
 
     bl_idname = "f4x.dismiss_job"
     bl_label = "Stop or Dismiss Job"
@@ -106,7 +106,7 @@ class F4X_OT_dismiss_job(bpy.types.Operator):  # noqa: N801 - Blender wants this
     number: bpy.props.IntProperty(options={"HIDDEN"})  # type: ignore[valid-type]
 
     def execute(self, context):
-        """Stop, or forget."""
+        """Stop or remove the job."""
         if not 0 <= self.number < len(_jobs):
             return {"CANCELLED"}
         dismiss(_jobs[self.number])

@@ -1,24 +1,24 @@
-"""Text of more than one line in a panel, which Blender does not break by itself."""
+"""Text of several lines in a panel, because Blender does not wrap text."""
 
 import textwrap
 
 import bpy
 
 LETTER = 7
-"""Pixels of a letter, about, at a scale of 1: lines are broken by it."""
-LEAST = 16
-"""Letters of a line in a sidebar that was made very narrow."""
+"""Approximate width of a character in pixels at a UI scale of 1, for wrapping lines."""
+MIN_CHARACTERS = 16
+"""Minimum length of a line, for a very narrow sidebar."""
 BESIDE = 6
-"""Letters that icons and margins take."""
+"""Characters that icons and margins take."""
 
 
 def draw_lines(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", most: int = 100
+    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", max_lines: int = 100
 ) -> None:
-    """Text in as many lines as the region's width wants, `most` of them."""
+    """Draw text, wrapped to the width of the region, in at most `max_lines` lines."""
     width = int(context.region.width / (LETTER * context.preferences.system.ui_scale))
-    lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - BESIDE, LEAST))]
+    lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - BESIDE, MIN_CHARACTERS))]
     column = layout.column(align=True)
-    for line in lines[:most]:
+    for line in lines[:max_lines]:
         column.label(text=line, icon=icon)
         icon = "BLANK1" if icon != "NONE" else "NONE"

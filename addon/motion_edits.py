@@ -1,4 +1,4 @@
-"""Between the keys of the nodes in Blender and the `rekey` edits of the scene: each is made from the other."""
+"""Conversion between the keys of the nodes in Blender and the `rekey` edits of the scene, in both directions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .scaffold_rig import NODE, nodes_of, poses_of, read_poses, write_poses
 SHOWN = "f4x_keys"
 """Property of the root: JSON of the ids of the `rekey` edits that its nodes were keyed by."""
 ROUNDING = 3e-6
-"""Of positions in world units (or shares of them beyond 1) and of quaternions, on their way through float32 matrices."""
+"""Maximum rounding error of quaternions and of positions (relative above 1) after conversion to float32 matrices."""
 
 
 def changes(root: bpy.types.Object) -> Rekey | None:
@@ -28,7 +28,7 @@ def changes(root: bpy.types.Object) -> Rekey | None:
     scene = session.edited_scene(root)
     curves, frames, nodes = _curves(root), scene.cameras.times, nodes_of(root)
     if [item[NODE] for item in nodes] != curves.ids.tolist():
-        raise F4xError(f"{root.name}: nodes of its scaffold are missing; undo their removal or import the scene again.")
+        raise F4xError(f"{root.name}: some nodes of its scaffold were deleted; undo that, or import the scene again.")
     old_xyz, old_quat = poses_of(curves, frames)
     xyz, quat = read_poses(root, nodes, frames)
     moved = _differ(xyz, quat, old_xyz, old_quat)  # (T,M)

@@ -1,4 +1,4 @@
-"""Working with the motion of a scene: grabbing nodes softly, handles for groups, writing it back into the file."""
+"""Operators that edit the motion of a scene: soft grabbing of nodes, handles for groups, writing motion back as edits."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from .scaffold_rig import NODE, add_handles, hold, nodes_of, read_poses, remove_
 
 
 class _MotionOperator(bpy.types.Operator):
-    """An operator on the scene of the active object; a wrong scene is one sentence."""
+    """Base of operators on the scene of the active object; F4xError becomes a report."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - read by Blender at registration
 
     @classmethod
     def poll(cls, context):
-        """Wants a scene with nodes, in object mode."""
+        """Allowed in Object Mode, for a scene with nodes."""
         root = session.root_of(context.object)
         if root is None or not any(NODE in item for item in root.children_recursive):
-            cls.poll_message_set("Select a part of an imported scene in which something moves")
+            cls.poll_message_set("Select an object of an imported scene with moving objects")
             return False
         return context.mode == "OBJECT"
 
     def execute(self, context):
-        """Do it, or say in one sentence why not."""
+        """Call `act` and report an error."""
         try:
             self.act(context, session.root_of(context.object))
         except F4xError as error:
@@ -55,11 +55,11 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
     bl_options = {"REGISTER", "UNDO", "GRAB_CURSOR", "BLOCKING"}  # noqa: RUF012
 
     offset: FloatVectorProperty(  # type: ignore[valid-type]
-        name="Offset", description="How far the selected nodes move, in Blender's world", subtype="TRANSLATION"
+        name="Offset", description="Distance that the selected nodes move, along Blender's axes", subtype="TRANSLATION"
     )
     reach: FloatProperty(  # type: ignore[valid-type]
         name="Reach",
-        description="How far along the graph others follow, in node spacings",
+        description="Distance along the graph within which other nodes follow, in node spacings",
         default=5.0,
         min=0.0,
         soft_max=20,
@@ -67,17 +67,21 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
     hold: EnumProperty(  # type: ignore[valid-type]
         name="Hold",
         items=(
-            ("CLIP", "Whole Clip", "At every frame, in each node's own frame"),
-            ("AROUND", "Around This Frame", "In full at this frame, fading on both sides"),
+            ("CLIP", "Whole Clip", "Move the nodes in every frame of the clip"),
+            (
+                "AROUND",
+                "Around This Frame",
+                "Move the nodes fully in this frame, and less in the frames before and after",
+            ),
         ),
     )
     frames: IntProperty(  # type: ignore[valid-type]
-        name="Frames", description="Frames over which it fades; 0 = this frame alone", default=5, min=0
+        name="Frames", description="Number of frames over which the motion fades; 0: only this frame", default=5, min=0
     )
 
     @classmethod
     def poll(cls, context):
-        """Wants a selected node."""
+        """Allowed if a node is selected."""
         if not super().poll(context):
             return False
         if not any(NODE in item for item in context.selected_objects):
@@ -86,7 +90,7 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
         return True
 
     def act(self, context, root):
-        """Move by `offset` and key it."""
+        """Move by `offset` and insert keys."""
         _Grab(context, root, self.reach).keep(Vector(self.offset), self.hold == "CLIP", self.frames)
 
     def invoke(self, context, event):
@@ -100,11 +104,13 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
             return {"CANCELLED"}
         self._start = (event.mouse_region_x, event.mouse_region_y)
         context.window_manager.modal_handler_add(self)
-        context.area.header_text_set("Move; wheel: reach; click or Enter: keep; right click or Esc: leave as it was")
+        context.area.header_text_set(
+            "Move the mouse to move the nodes. Wheel: reach. Click or Enter: confirm. Right click or Esc: cancel"
+        )
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        """Solve anew at every move of the mouse."""
+        """Update the nodes whenever the mouse moves."""
         if event.type in {"RIGHTMOUSE", "ESC"}:
             return self._finish(context, {"CANCELLED"})
         if event.type in {"LEFTMOUSE", "RET", "NUMPAD_ENTER"} and event.value == "PRESS":
@@ -124,12 +130,12 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
 
     def _finish(self, context, result):
         context.area.header_text_set(None)
-        context.scene.frame_set(context.scene.frame_current)  # keys say again where the nodes are
+        context.scene.frame_set(context.scene.frame_current)  # puts the nodes back where their keys say
         return result
 
 
 class _Grab:
-    """Nodes of a scene at the present frame, some of them grabbed."""
+    """The nodes of a scene at the current frame, some of them grabbed."""
 
     def __init__(self, context: bpy.types.Context, root: bpy.types.Object, reach: float):
         self.root, self.nodes = root, nodes_of(root)
@@ -137,7 +143,7 @@ class _Grab:
         assert scaffold is not None  # there are nodes
         if [item[NODE] for item in self.nodes] != scaffold.ids.tolist():
             raise F4xError(
-                f"{root.name}: nodes of its scaffold are missing; undo their removal or import the scene again."
+                f"{root.name}: some nodes of its scaffold were deleted; undo that, or import the scene again."
             )
         self.unit, self.edges = scaffold.unit, scaffold.edges
         self.frames = session.base_scene(root).cameras.times
@@ -169,11 +175,11 @@ class _Grab:
 
     def keep(self, offset: Vector, whole_clip: bool, frames: int) -> None:
         """Key it: over the whole clip, or fading within `frames` of the present one."""
-        share = np.ones(len(self.frames))
+        falloff = np.ones(len(self.frames))
         if not whole_clip:
             near = np.clip(1 - np.abs(self.frames - self.frame) / (frames + 1), 0, 1)
-            share = near * near * (3 - 2 * near)
-        hold([self.nodes[i] for i in self.free], self.frames, self.offsets(offset), share)
+            falloff = near * near * (3 - 2 * near)
+        hold([self.nodes[i] for i in self.free], self.frames, self.offsets(offset), falloff)
         bpy.context.scene.frame_set(bpy.context.scene.frame_current)
 
 
@@ -191,11 +197,11 @@ class F4X_OT_add_handles(_MotionOperator):  # noqa: N801
         """Group the nodes anew."""
         scene = session.base_scene(root)
         handles = add_handles(root, scene.scaffold.unit, scene.cameras.times, self.count or None)
-        self.report({"INFO"}, f"{len(handles)} handles for {len(nodes_of(root))} nodes")
+        self.report({"INFO"}, f"Added {len(handles)} handles for {len(nodes_of(root))} nodes")
 
 
 class F4X_OT_remove_handles(_MotionOperator):  # noqa: N801
-    """Take the handles away; the nodes stay where they put them."""
+    """Remove the group handles. The nodes keep the motion that the handles gave them."""
 
     bl_idname = "f4x.remove_handles"
     bl_label = "Remove Group Handles"
@@ -206,27 +212,27 @@ class F4X_OT_remove_handles(_MotionOperator):  # noqa: N801
 
 
 class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
-    """Add what was moved, keyed or constrained to the scene's edits."""
+    """Add the changed motion of nodes (keys, handles, constraints) to the edits of the scene."""
 
     bl_idname = "f4x.write_motion"
     bl_label = "Write Motion Back"
 
     save: BoolProperty(  # type: ignore[valid-type]
-        name="Save", description="Also write the edits into the scene file", default=True
+        name="Save", description="Also save the edits in the scene file", default=True
     )
 
     def act(self, context, root):
-        """Append one edit with the poses that differ."""
+        """Append one edit with all changed poses."""
         change = changes(root)
         if change is None:
-            self.report({"INFO"}, "The nodes move as the scene says; nothing to write")
+            self.report({"INFO"}, "No node was moved, so there is nothing to write back")
             return
-        session.append(root, change, said="moved in Blender")
+        session.append(root, change, sentence="moved in Blender")
         mark_keyed(root)
         display.refresh(root)
         if self.save:
             session.save(root)
-        self.report({"INFO"}, f"{len(change.nodes)} nodes at {len(change.times)} frames")
+        self.report({"INFO"}, f"Wrote the motion of {len(change.nodes)} nodes at {len(change.times)} frames")
 
 
 OPERATORS: tuple[Any, ...] = (
@@ -238,12 +244,12 @@ OPERATORS: tuple[Any, ...] = (
 
 
 class F4X_MT_object(bpy.types.Menu):  # noqa: N801
-    """What can be done with a scene's nodes and clip."""
+    """Submenu of the Object menu: operators on the nodes and the clip of a scene."""
 
     bl_label = "Feature4X"
 
     def draw(self, context):
-        """The operators."""
+        """List the operators."""
         for operator in (*OPERATORS, F4X_OT_choose_clip, F4X_OT_find_scene):
             self.layout.operator(operator.bl_idname)
 

@@ -1,4 +1,4 @@
-"""Import, from the menu, by drag and drop and by script; choosing the clip behind a scene."""
+"""Import operators, for the menu, drag and drop and scripts, and the operator that chooses the clip behind a scene."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from .import_scene import SOURCE, import_scene
 from .panel_operators import SceneOperator
 
 PASSING = {"HIDDEN", "SKIP_SAVE"}
-"""Options of what one call alone is told, by Blender or a job."""
+"""Options of properties that Blender or a job sets for a single call."""
 
 
 class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blender wants this form
@@ -29,25 +29,25 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
     directory: StringProperty(subtype="DIR_PATH", options=PASSING)  # type: ignore[valid-type]
     set_up_render: BoolProperty(  # type: ignore[valid-type]
         name="Set Up Render",
-        description="Take over the clip's size, rate, frame range and camera, and draw with the engine Feature4X",
+        description="Use the clip's size, frame rate, frame range and camera, and the render engine Feature4X",
         default=True,
         options={"SKIP_SAVE"},
     )
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options=PASSING)  # type: ignore[valid-type]
     sequence: BoolProperty(  # type: ignore[valid-type]
-        name="Sequence", description="Take a numbered PLY for its whole sequence", default=True, options={"SKIP_SAVE"}
+        name="Sequence", description="Import all files of a numbered PLY sequence", default=True, options={"SKIP_SAVE"}
     )
     step: IntProperty(  # type: ignore[valid-type]
-        name="Step", description="Take every so many-th file of a sequence", default=1, min=1, options={"SKIP_SAVE"}
+        name="Step", description="Import only every n-th file of a sequence", default=1, min=1, options={"SKIP_SAVE"}
     )
     clip: StringProperty(  # type: ignore[valid-type]
         name="Clip",
-        description="Film or folder of pictures to show behind the scene; empty: the one it was made of, if it is found",
+        description="Video or image folder to show behind the scene; empty: the clip that the scene was fitted to, if it exists",
         subtype="FILE_PATH",
         options={"SKIP_SAVE"},
     )
     show: BoolProperty(  # type: ignore[valid-type]
-        name="Show", description="Turn the viewports to it, in its colours", default=True, options=PASSING
+        name="Show", description="Show the scene in the viewports, in its colours", default=True, options=PASSING
     )
 
     def execute(self, context):
@@ -75,12 +75,12 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
         return {"FINISHED"}
 
     def invoke(self, context, event):
-        """Ask for a file, or for the options only when one was dropped into the viewport."""
+        """Open the file browser, or only the options if a file was dropped into the viewport."""
         return self.invoke_popup(context) if self.filepath else super().invoke(context, event)
 
 
 class F4X_OT_show_picture(bpy.types.Operator):  # noqa: N801
-    """Draw this viewport with the engine Feature4X. Blender opens files in Solid, where point clouds are grey."""
+    """Show this viewport with the Feature4X engine. Solid shading, Blender's default, shows point clouds in grey."""
 
     bl_idname = "f4x.show_picture"
     bl_label = "Show Picture"
@@ -93,7 +93,7 @@ class F4X_OT_show_picture(bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
-    """Show a film, or the folder of pictures that the chosen one lies in, behind the scene."""
+    """Show a video behind the scene, or the folder of the chosen image."""
 
     bl_idname = "f4x.choose_clip"
     bl_label = "Choose Clip"
@@ -105,14 +105,14 @@ class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
 
     @classmethod
     def poll(cls, context):
-        """Wants a scene with a camera."""
+        """Allowed if an object of an imported scene is selected."""
         if _root_of(context.object) is not None:
             return True
-        cls.poll_message_set("Select a part of an imported scene")
+        cls.poll_message_set("Select an object of an imported scene")
         return False
 
     def execute(self, context):
-        """Put it behind the scene."""
+        """Show the chosen clip behind the scene."""
         root = _root_of(context.object)
         assert root is not None  # polled
         camera = next(item for item in root.children if item.type == "CAMERA")
@@ -149,7 +149,7 @@ class F4X_FH_scene(bpy.types.FileHandler):  # noqa: N801
 
 
 class F4X_OT_find_scene(SceneOperator, bpy.types.Operator, ImportHelper):  # noqa: N801
-    """Say where the scene file is, after it was moved."""
+    """Choose the scene file again after it was moved."""
 
     bl_idname = "f4x.find_scene"
     bl_label = "Find Scene File"
@@ -158,7 +158,7 @@ class F4X_OT_find_scene(SceneOperator, bpy.types.Operator, ImportHelper):  # noq
     filter_glob: StringProperty(default="*.f4x", options={"HIDDEN"})  # type: ignore[valid-type]
 
     def act(self, context, root):
-        """Take the chosen file, if it is that scene."""
+        """Use the chosen file if it holds the same scene."""
         session.relink(root, Path(self.filepath))
 
 

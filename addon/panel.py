@@ -1,4 +1,4 @@
-"""The sidebar (N): say, ask, select, change, history. It only draws; everything is done by operators."""
+"""The panels of the sidebar (N): Say, Ask, Selection, Change, History. They only draw; operators do the work."""
 
 from __future__ import annotations
 
@@ -11,41 +11,41 @@ from .lines import draw_lines
 
 CATEGORY = "Feature4X"
 LEVELS = "▁▂▃▄▅▆▇█"
-"""Bars of the histogram, by their height."""
+"""Characters for the bars of the histogram, lowest first."""
 
 
 def _bars(counts: list[int]) -> str:
-    """A histogram in one line. Heights go by the square root: most of a scene answers to nothing."""
-    most = max(counts, default=0) or 1
-    return "".join(LEVELS[round((count / most) ** 0.5 * (len(LEVELS) - 1))] for count in counts)
+    """A histogram as one line of text. Heights are square roots, because most Gaussians have a score near 0."""
+    highest = max(counts, default=0) or 1
+    return "".join(LEVELS[round((count / highest) ** 0.5 * (len(LEVELS) - 1))] for count in counts)
 
 
 class _Section:
-    """A panel of the tab that needs a scene."""
+    """Base of the panels that need an imported scene."""
 
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
 
     @classmethod
     def poll(cls, context):
-        """There is an imported scene."""
+        """Show the panel if there is an imported scene."""
         return session.root_of(context.object) is not None
 
 
 class F4X_UL_names(bpy.types.UIList):  # noqa: N801 - Blender wants this form
-    """Named selections."""
+    """List of named selections."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_name, index):
-        """Name and number."""
+        """Draw the name and the number of Gaussians."""
         row = layout.row()
         row.label(text=item.name, icon="GROUP_VERTEX")
         row.label(text=f"{item.count:,}")
 
 
 class F4X_UL_history(bpy.types.UIList):  # noqa: N801
-    """Edits, first to last."""
+    """List of edits, first to last."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_name, index):
-        """A switch, the edit in words, a cross."""
+        """Draw a checkbox, the edit in words and a button that deletes it."""
         row = layout.row(align=True)
         for how, drawn in (("TOGGLE", "CHECKBOX_HLT" if item.enabled else "CHECKBOX_DEHLT"), ("REMOVE", "X")):
             if how == "REMOVE":
@@ -57,18 +57,18 @@ class F4X_UL_history(bpy.types.UIList):  # noqa: N801
 
 
 class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
-    """Which scene it is, and whether its file has the edits."""
+    """The active scene, and whether its edits are saved in its file."""
 
     bl_label = "Scene"
     bl_space_type, bl_region_type, bl_category = "VIEW_3D", "UI", CATEGORY
 
     def draw(self, context):
-        """A scene, or how to get one."""
+        """Draw the scene, or a button to import one."""
         layout = self.layout
         root = session.root_of(context.object)
         if root is None:
             several = any(session.PATH in item for item in context.scene.objects)
-            layout.label(text="Select an object of a scene" if several else "No scene yet", icon="INFO")
+            layout.label(text="Select an object of a scene" if several else "No scene imported yet", icon="INFO")
             layout.operator("f4x.import_scene", text="Import Scene…", icon="IMPORT")
             return
         row = layout.row()
@@ -84,24 +84,24 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
 
 
 class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
-    """The command line."""
+    """Editing by sentences."""
 
     bl_label = "Say"
 
     def draw(self, context):
-        """A sentence, what it would do, other readings."""
-        layout, told = self.layout, session.root_of(context.object).f4x
+        """Draw the sentence, what it would do, and other readings."""
+        layout, state = self.layout, session.root_of(context.object).f4x
         row = layout.row(align=True)
-        row.prop(told, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
+        row.prop(state, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
         row.operator("f4x.plan", text="", icon="PLAY").readings = 1
-        if told.answer:
-            draw_lines(layout, context, told.answer, "INFO")
-        if not told.readings:
+        if state.answer:
+            draw_lines(layout, context, state.answer, "INFO")
+        if not state.readings:
             return
         box = layout.box()
-        for number, reading in enumerate(told.readings):
-            picked = number == told.reading_index
-            if len(told.readings) > 1:
+        for number, reading in enumerate(state.readings):
+            picked = number == state.reading_index
+            if len(state.readings) > 1:
                 button = box.operator(
                     "f4x.pick_reading",
                     text=f"{number + 1}  {reading.name}",
@@ -113,56 +113,56 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
                 draw_lines(box, context, reading.told)
         row = box.row(align=True)
         row.operator("f4x.apply_plan", icon="CHECKMARK")
-        row.prop(told, "preview", text="", icon="HIDE_OFF" if told.preview else "HIDE_ON")
+        row.prop(state, "preview", text="", icon="HIDE_OFF" if state.preview else "HIDE_ON")
         row.operator("f4x.drop_plan", text="", icon="X")
-        if len(told.readings) == 1:
+        if len(state.readings) == 1:
             again = layout.operator("f4x.plan", text="Other Readings", icon="VIEWZOOM")
             again.readings = edit_operators.READINGS
 
 
 class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
-    """Queries."""
+    """Selection by words, a point or a box."""
 
     bl_label = "Ask"
 
     def draw(self, context):
-        """Words or a place; then how sure it has to be."""
-        layout, told = self.layout, session.root_of(context.object).f4x
+        """Draw the words, the prompts and the threshold."""
+        layout, state = self.layout, session.root_of(context.object).f4x
         row = layout.row(align=True)
-        row.prop(told, "mode", expand=True, icon_only=True)
+        row.prop(state, "mode", expand=True, icon_only=True)
         row.separator()
         row.operator("f4x.query_point", icon="EYEDROPPER")
         row.operator("f4x.query_box", icon="SELECT_SET")
         column = layout.column(align=True)
         row = column.row(align=True)
-        row.prop(told, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
+        row.prop(state, "text", text="", icon="VIEWZOOM", placeholder="dog, cat")
         row.operator("f4x.query_text", text="Query")
-        column.prop(told, "negatives", text="", icon="REMOVE", placeholder="but not …")
-        layout.prop(told, "follow")
+        column.prop(state, "negatives", text="", icon="REMOVE", placeholder="but not …")
+        layout.prop(state, "follow")
         column = layout.column(align=True)
-        column.active = told.live
+        column.active = state.live
         row = column.row()  # there without scores too: buttons that move are missed
         row.alignment = "CENTER"
-        row.label(text=_bars(json.loads(told.histogram or f"[{', '.join('0' * marking.BARS)}]")))
-        column.prop(told, "threshold", slider=True)
+        row.label(text=_bars(json.loads(state.histogram or f"[{', '.join('0' * marking.BARS)}]")))
+        column.prop(state, "threshold", slider=True)
         row = layout.row()
-        row.label(text=f"{told.selected:,} of {told.total:,} selected", icon="RESTRICT_SELECT_OFF")
-        row.prop(told, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
+        row.label(text=f"{state.selected:,} of {state.total:,} selected", icon="RESTRICT_SELECT_OFF")
+        row.prop(state, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
 
 
 class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
-    """What else can be done to a selection."""
+    """Tools for the selection."""
 
     bl_label = "Selection"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
 
     def draw(self, context):
-        """Change it, hide it, name it."""
-        layout, told = self.layout, session.root_of(context.object).f4x
+        """Draw buttons that change, hide and name the selection."""
+        layout, state = self.layout, session.root_of(context.object).f4x
         row = layout.row(align=True)
         for how in ("GROW", "SHRINK"):
             row.operator("f4x.change_selection", text=how.capitalize()).how = how
-        row.prop(told, "reach", text="")
+        row.prop(state, "reach", text="")
         row = layout.row(align=True)
         for how in ("INVERT", "ALL", "NONE"):
             row.operator("f4x.change_selection", text=how.capitalize()).how = how
@@ -174,45 +174,45 @@ class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
         ):
             row.operator("f4x.hide", text=text, icon=icon).what = what
         row = layout.row(heading="Time Span")
-        row.prop(told, "use_span", text="")
+        row.prop(state, "use_span", text="")
         frames = row.row(align=True)
-        frames.active = told.use_span
-        frames.prop(told, "first", text="")
-        frames.prop(told, "last", text="")
+        frames.active = state.use_span
+        frames.prop(state, "first", text="")
+        frames.prop(state, "last", text="")
         row = layout.row()
-        row.template_list("F4X_UL_names", "", told, "names", told, "name_index", rows=2)
+        row.template_list("F4X_UL_names", "", state, "names", state, "name_index", rows=2)
         column = row.column(align=True)
         column.operator("f4x.name_selection", text="", icon="ADD")
-        if 0 <= told.name_index < len(told.names):
-            column.operator("f4x.select_named", text="", icon="RESTRICT_SELECT_OFF").called = told.names[
-                told.name_index
+        if 0 <= state.name_index < len(state.names):
+            column.operator("f4x.select_named", text="", icon="RESTRICT_SELECT_OFF").called = state.names[
+                state.name_index
             ].name
 
 
 class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
-    """Edits of the selection."""
+    """Buttons that edit the selection."""
 
     bl_label = "Change"
 
     def draw(self, context):
-        """Colour, presence, place, time."""
-        layout, told = self.layout, session.root_of(context.object).f4x
-        if told.use_span:
-            layout.label(text=f"From frame {told.first} to {told.last}", icon="TIME")
+        """Draw buttons for colour, visibility, place and time."""
+        layout, state = self.layout, session.root_of(context.object).f4x
+        if state.use_span:
+            layout.label(text=f"From frame {state.first} to {state.last}", icon="TIME")
         column = layout.column(align=True)
         row = column.row(align=True)
-        row.prop(told, "rgb", text="")
-        row.operator("f4x.recolour").rgb = told.rgb
+        row.prop(state, "rgb", text="")
+        row.operator("f4x.recolour").rgb = state.rgb
         row = column.row(align=True)
-        row.prop(told, "opacity", text="", slider=True)
-        row.operator("f4x.opacity").factor = told.opacity
+        row.prop(state, "opacity", text="", slider=True)
+        row.operator("f4x.opacity").factor = state.opacity
         column.operator_menu_enum("f4x.style", "look", text="Look", icon="SHADING_RENDERED")
         row = layout.row(align=True)
         row.operator("f4x.remove", icon="TRASH")
         row.operator("f4x.extract")
         row.operator("f4x.restore", icon="LOOP_BACK")
         column = layout.column(align=True)
-        column.operator("f4x.transform", text="Move, Turn, Resize…", icon="ORIENTATION_GLOBAL")
+        column.operator("f4x.transform", text="Move, Rotate, Scale…", icon="ORIENTATION_GLOBAL")
         column.operator("f4x.duplicate", text="Duplicate…", icon="DUPLICATE")
         row = column.row(align=True)
         row.operator("f4x.freeze", text="Freeze…", icon="PAUSE")
@@ -225,13 +225,13 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
     bl_label = "History"
 
     def draw(self, context):
-        """The list, with order and deletion."""
-        layout, told = self.layout, session.root_of(context.object).f4x
+        """Draw the list, with buttons to move and delete edits."""
+        layout, state = self.layout, session.root_of(context.object).f4x
         row = layout.row()
-        row.template_list("F4X_UL_history", "", told, "history", told, "history_index", rows=4)
+        row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=4)
         column = row.column(align=True)
-        if 0 <= told.history_index < len(told.history):
-            item = told.history[told.history_index]
+        if 0 <= state.history_index < len(state.history):
+            item = state.history[state.history_index]
             for how, icon in (("UP", "TRIA_UP"), ("DOWN", "TRIA_DOWN")):
                 button = column.operator("f4x.history", text="", icon=icon)
                 button.how, button.edit_id = how, item.edit_id

@@ -1,4 +1,4 @@
-"""What all operators of the sidebar have in common: a scene to work on, and one sentence where something is wrong."""
+"""The base of all operators of the sidebar: they need a scene and report errors as one sentence."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from . import session
 
 
 class SceneOperator:
-    """Mixin: `act(context, root)` does the work; F4xError becomes a report and leaves nothing half done."""
+    """Mixin: `act(context, root)` does the work; an F4xError from it becomes a report."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - read by Blender at registration
 
     @classmethod
     def poll(cls, context):
-        """There is an imported scene."""
+        """Allowed if there is an imported scene."""
         if session.root_of(context.object) is None:
             cls.poll_message_set("Import a Feature4X scene, or select one of its objects")
             return False
         return True
 
     def act(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
-        """Do it; F4xError says why not."""
+        """Do the work of the operator. Raises F4xError if that is not possible."""
         raise NotImplementedError
 
     def execute(self, context):
-        """Call `act`, and report what it refuses."""
+        """Call `act` and report an error."""
         try:
             self.act(context, session.root_of(context.object))
         except F4xError as error:

@@ -1,4 +1,4 @@
-"""What the sidebar remembers about a scene: one group of properties on its root empty, so that undo takes it back too."""
+"""The state of the sidebar for a scene: one property group on its root empty, so that Undo covers it too."""
 
 import bpy
 from bpy.props import (
@@ -17,21 +17,23 @@ from ..f4x_core.errors import F4xError
 from . import display, marking, session
 
 MODES = (
-    ("SET", "Set", "Select what answers, and nothing else", "SELECT_SET", 0),
-    ("ADD", "Add", "Add what answers to the selection", "SELECT_EXTEND", 1),
-    ("SUBTRACT", "Subtract", "Take what answers out of the selection", "SELECT_SUBTRACT", 2),
-    ("INTERSECT", "Intersect", "Leave selected what answers as well", "SELECT_INTERSECT", 3),
+    ("SET", "Set", "Replace the selection by the result", "SELECT_SET", 0),
+    ("ADD", "Add", "Add the result to the selection", "SELECT_EXTEND", 1),
+    ("SUBTRACT", "Subtract", "Remove the result from the selection", "SELECT_SUBTRACT", 2),
+    ("INTERSECT", "Intersect", "Keep selected only what is also in the result", "SELECT_INTERSECT", 3),
 )
 
 
 def _complete(self, context, typed: str) -> list[str]:
-    """Words of the scene's vocabulary that go on as the last word typed."""
+    """Labels of the scene's vocabulary that contain the last word typed."""
     try:
         labels = labels_of(session.base_scene(self.id_data))
     except F4xError:
         return []
-    *said, begun = (word.strip() for word in typed.split(","))
-    return [", ".join([*said, label]) for label in labels if begun.lower() in label.lower() and label not in said]
+    *complete, begun = (word.strip() for word in typed.split(","))
+    return [
+        ", ".join([*complete, label]) for label in labels if begun.lower() in label.lower() and label not in complete
+    ]
 
 
 def _threshold_moved(self, context) -> None:
@@ -67,7 +69,7 @@ class F4X_PG_name(bpy.types.PropertyGroup):  # noqa: N801
 
 
 class F4X_PG_reading(bpy.types.PropertyGroup):  # noqa: N801
-    """One way to carry out the sentence; `name` is how it differs from the plain one."""
+    """One reading of the sentence; `name` says how it differs from the first one."""
 
     operations: StringProperty()  # type: ignore[valid-type]
     told: StringProperty()  # type: ignore[valid-type]
@@ -77,17 +79,17 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     """The sidebar's state."""
 
     text: StringProperty(  # type: ignore[valid-type]
-        name="Text", description="What to look for; several words with commas", search=_complete
+        name="Text", description="What to select; separate several words by commas", search=_complete
     )
     negatives: StringProperty(  # type: ignore[valid-type]
         name="But Not",
-        description="What it is weighed against, with commas; empty: what usually surrounds things",
+        description="What not to select, separated by commas; empty: common surroundings such as sky and grass",
         search=_complete,
     )
     mode: EnumProperty(name="Mode", items=MODES, default="SET")  # type: ignore[valid-type]
     threshold: FloatProperty(  # type: ignore[valid-type]
         name="Threshold",
-        description="Least probability; what is selected follows at once",
+        description="Minimum probability; the selection follows at once",
         default=0.5,
         min=0.0,
         max=1.0,
@@ -102,20 +104,26 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     total: IntProperty()  # type: ignore[valid-type]
     follow: BoolProperty(  # type: ignore[valid-type]
         name="Follow Through the Clip",
-        description="Carry a point or box to other frames as well: better where the thing is partly hidden, but slow",
+        description="Track the point or box through other frames: better if the object is partly hidden, but slow",
     )
     show_score: BoolProperty(  # type: ignore[valid-type]
         name="Heat Map",
-        description="Show the scores of the last query as colours, in renders too",
+        description="Show the scores of the last query as colours, also in renders",
         update=_shown_changed,
     )
     use_span: BoolProperty(  # type: ignore[valid-type]
-        name="Time Span", description="The selection, and edits of it, hold from one frame to another alone"
+        name="Time Span", description="Limit the selection and its edits to a range of frames"
     )
     first: IntProperty(name="First", description="First frame of the time span", min=0)  # type: ignore[valid-type]
     last: IntProperty(name="Last", description="Last frame of the time span", min=0)  # type: ignore[valid-type]
     reach: FloatProperty(  # type: ignore[valid-type]
-        name="Step", description="How far to grow or shrink", default=0.02, min=0.001, soft_max=0.2, step=1, precision=3
+        name="Step",
+        description="Distance by which to grow or shrink the selection",
+        default=0.02,
+        min=0.001,
+        soft_max=0.2,
+        step=1,
+        precision=3,
     )
     rgb: FloatVectorProperty(  # type: ignore[valid-type]
         name="Colour", subtype="COLOR_GAMMA", size=3, default=(0.9, 0.1, 0.1), min=0.0, max=1.0

@@ -18,44 +18,44 @@ from . import jobs
 from .worker import Job, core_command
 
 PACKAGE = __package__.rpartition(".")[0]
-"""The extension as Blender calls it, for example `bl_ext.user_default.feature4x`."""
+"""Name of the extension in Blender, for example `bl_ext.user_default.feature4x`."""
 VARIABLE = "F4X_PYTHON"
-"""Environment variable: the worker's Python where the preferences name none."""
+"""Environment variable with the worker's Python, used if the preferences name none."""
 SET_UP, CHECK = "Set up the worker", "Check setup"
 """Titles of the jobs that belong to the preferences."""
 NEEDED = ("numpy", "torch", "scipy", "opencv-python-headless", "av")
-"""Packages without which no clip is fitted."""
+"""Packages that fitting a clip needs."""
 
 
 class F4X_AP_preferences(bpy.types.AddonPreferences):  # noqa: N801 - Blender wants this form
-    """The worker's Python and what the last check said."""
+    """The worker's Python, options, and the result of the last check."""
 
     bl_idname = PACKAGE
 
     interpreter: StringProperty(  # type: ignore[valid-type]
         name="Worker's Python",
-        description="A Python that has the core's packages; empty: the one that Set Up made",
+        description="Python interpreter with the packages that Feature4X needs; empty: the one that Set Up installed",
         subtype="FILE_PATH",
     )
     save_edits: BoolProperty(  # type: ignore[valid-type]
         name="Save Edits with the .blend",
-        description="Saving the .blend also writes pending edits into their scene files",
+        description="When the .blend is saved, also save unsaved edits in their scene files",
     )
     show_exactly: BoolProperty(  # type: ignore[valid-type]
         name="Show Imported Scenes with the Feature4X Engine",
-        description="The true picture in the viewport, a coarse one while things move; off: Material Preview."
-        " Where the compiled kernels are missing it is always that",
+        description="Show the exact image in the viewport, and a coarse one during playback. Off: use Material Preview."
+        " Without the compiled kernels, Material Preview is always used",
         default=True,
     )
     checked: StringProperty(options={"HIDDEN"})  # type: ignore[valid-type]
     """JSON: [[good, line], …] of the last check."""
 
     def draw(self, context):
-        """Interpreter, the two buttons, and what the check said."""
+        """Draw the interpreter, the buttons and the result of the check."""
         layout = self.layout
         layout.prop(self, "interpreter")
         found = find_interpreter()
-        layout.label(text=f"In use: {found}" if found else "In use: none. Press Set Up, or name a Python above.")
+        layout.label(text=f"In use: {found}" if found else "In use: none. Press Set Up, or choose a Python above.")
         row = layout.row()
         row.operator("f4x.set_up_worker", icon="IMPORT")
         row.operator("f4x.check_worker", icon="CHECKMARK")
@@ -69,13 +69,13 @@ class F4X_AP_preferences(bpy.types.AddonPreferences):  # noqa: N801 - Blender wa
 
 
 def preferences() -> F4X_AP_preferences | None:
-    """This extension's preferences; None where it was registered without being enabled."""
+    """The preferences of this extension; None if it was registered without being enabled."""
     entry = bpy.context.preferences.addons.get(PACKAGE)
     return None if entry is None else entry.preferences
 
 
 def worker_folder() -> Path:
-    """Where Set Up makes the worker's environment: a place of the user's, not the extension's own folder."""
+    """Folder in which Set Up creates the worker's environment: in the user's files, outside the extension."""
     try:
         return Path(bpy.utils.extension_path_user(PACKAGE, path="worker"))
     except ValueError:  # not installed as an extension
@@ -96,12 +96,14 @@ def worker_python() -> str:
     """Like `find_interpreter`; F4xError says what to do without one."""
     found = find_interpreter()
     if found is None:
-        raise F4xError("There is no worker yet; press Set Up in the extension's preferences, or name a Python there.")
+        raise F4xError(
+            "No worker is set up yet; press Set Up in the preferences of the extension, or choose a Python there."
+        )
     return found
 
 
 def show_check(result: dict[str, Any]) -> None:
-    """Keep what `f4x doctor` found, in lines for the preferences."""
+    """Store the result of `f4x doctor` as lines for the preferences."""
     packages, native = result["packages"], result["native"]
     missing = [name for name in NEEDED if packages[name] == "missing"]
     kernels = ", ".join(f"{name} {native[name]}" for name in ("instruction set", "self-check error") if name in native)
@@ -122,29 +124,31 @@ def show_check(result: dict[str, Any]) -> None:
 
 
 class F4X_OT_set_up_worker(bpy.types.Operator):  # noqa: N801
-    """Make a Python environment for the worker and install its packages there; asks before it downloads."""
+    """Create a Python environment for the worker and install its packages. Asks before downloading anything."""
 
     bl_idname = "f4x.set_up_worker"
     bl_label = "Set Up"
 
     python: StringProperty(  # type: ignore[valid-type]
-        name="Made with", description="A Python of 3.11 or later; empty: Blender's own", subtype="FILE_PATH"
+        name="Base Python", description="Python 3.11 or later; empty: the Python of Blender", subtype="FILE_PATH"
     )
 
     @classmethod
     def poll(cls, context):
-        """Only where Blender may use the network."""
+        """Allowed if Blender may use the network."""
         if not bpy.app.online_access:
-            cls.poll_message_set("Allow Online Access in Preferences > System, or name a Python that has the packages")
+            cls.poll_message_set(
+                "Allow Online Access in Preferences > System, or choose a Python that has the packages"
+            )
         return bpy.app.online_access
 
     def invoke(self, context, event):
-        """Say what is downloaded, and where it goes, before anything happens."""
+        """Show what will be downloaded and where it goes, before anything happens."""
         self.python = self.python or sys.executable
         return context.window_manager.invoke_props_dialog(self, width=520, confirm_text="Download and Install")
 
     def draw(self, context):
-        """The question."""
+        """Draw the question."""
         column = self.layout.column(align=True)
         column.label(text="This downloads PyTorch, OpenCV, COLMAP and small models with pip, from PyPI:")
         column.label(text="1 to 3 GB, some minutes. They go to")
@@ -165,7 +169,7 @@ class F4X_OT_set_up_worker(bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_check_worker(bpy.types.Operator):  # noqa: N801
-    """Start the worker and let it say its version, its packages and whether its compiled kernels agree with the reference."""
+    """Check the worker: its version, its packages, and whether its compiled kernels compute correctly."""
 
     bl_idname = "f4x.check_worker"
     bl_label = "Check Setup"
@@ -184,7 +188,7 @@ class F4X_OT_check_worker(bpy.types.Operator):  # noqa: N801
 
 
 def _use_made(result: dict[str, Any]) -> None:
-    """Take the environment that was just made into use."""
+    """Use the environment that was just created, and check it."""
     settings = preferences()
     if settings is not None:
         settings.interpreter = ""

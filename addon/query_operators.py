@@ -1,4 +1,4 @@
-"""Asking what is where: by words, by a click, by a box; and everything else that changes what is selected."""
+"""Operators that select: by words, a click or a box, and the tools that change the selection."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from .panel_operators import SceneOperator
 from .preferences import find_interpreter
 
 QUICK = FollowConfig(lifted=0)
-"""The prompted frame alone says what is meant."""
+"""Use the prompted frame only."""
 LOOK = 0.1
-"""Seconds between two looks at a search."""
-SMALLEST_BOX = 4
-"""Pixels of the window along a side; less is a click that went wrong."""
+"""Seconds between two checks of a running search."""
+MIN_BOX_PIXELS = 4
+"""Minimum side of a box in pixels of the window; a smaller one is an accidental click."""
 
 
 class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blender wants this form
-    """Select what the words mean, by the features of the scene."""
+    """Select objects by words, for example dog, cat. Needs a scene with features."""
 
     bl_idname, bl_label = "f4x.query_text", "Query"
 
@@ -43,15 +43,15 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
     negatives: StringProperty(name="But Not", options={"SKIP_SAVE"})  # type: ignore[valid-type]
 
     def invoke(self, context, event):
-        """Ask for what the panel says."""
-        told = session.root_of(context.object).f4x
-        self.text, self.negatives = told.text, told.negatives
+        """Take the words from the panel."""
+        state = session.root_of(context.object).f4x
+        self.text, self.negatives = state.text, state.negatives
         return self.execute(context)
 
     def act(self, context, root):
-        """Words are asked of the base scene: a copy is what its original is. The worker, where there is one, learns new words."""
+        """Query the base scene, since copies have the same label as their original. A worker, if any, adds unknown words."""
         if not self.text.strip():
-            raise F4xError("Type what to look for, such as dog; several words with commas between them.")
+            raise F4xError("Type what to select, such as dog; separate several words by commas.")
         scene, shown, words = session.asked_scene(root), session.shown(root), words_of(self.text)
         negatives = words_of(self.negatives) if self.negatives.strip() else None
         check_negatives(words, negatives)
@@ -62,7 +62,9 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
         unknown = [word for word in (*labels, *(negatives or ())) if known.isdisjoint(spellings(word))]
         if known and unknown and find_interpreter():
             look_up(root, unknown)
-            self.report({"INFO"}, f"The worker looks up {', '.join(unknown)}; query again when the job is done")
+            self.report(
+                {"INFO"}, f"The worker adds {', '.join(unknown)} to the scene; query again when the job is done"
+            )
             return
         asked = by_labels(scene, labels, negatives, root.f4x.threshold)
         found |= {label: shown.of_base(each) for label, each in asked.items()}
@@ -74,17 +76,17 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
 
 
 class _Search(threading.Thread):
-    """A search beside Blender, begun at once: `found`, or `error`, or neither after `stopped` was set."""
+    """A search in its own thread, which starts at once. It sets `found` or `error`, or neither after `stopped` was set."""
 
     def __init__(self, work: Callable[[Progress], Selection]):
         super().__init__(daemon=True)
-        self.work, self.share, self.stopped = work, 0.0, False
+        self.work, self.fraction, self.stopped = work, 0.0, False
         self.found: Selection | None = None
         self.error: str | None = None
         self.start()
 
     def run(self) -> None:
-        """Work until it is done or not wanted any more."""
+        """Search until the end or until `stopped` is set."""
         try:
             self.found = self.work(self._look)
         except Cancelled:
@@ -93,23 +95,23 @@ class _Search(threading.Thread):
             self.error = str(error)
 
     def _look(self, stage: str, done: int, total: int, message: str = "") -> None:
-        self.share = done / max(total, 1)
+        self.fraction = done / max(total, 1)
         if self.stopped:
             raise Cancelled
 
 
 class _Prompt(SceneOperator):
-    """An operator that points at a thing in a clip frame: with the mouse in a viewport, or by numbers."""
+    """Base of operators that select an object by a prompt on one clip frame, from the mouse or from properties."""
 
     cursor = "CROSSHAIR"
     hint = ""
 
     def prompt(self) -> dict:
-        """Arguments of the core's mask decoder."""
+        """The prompt as keyword arguments of the core."""
         raise NotImplementedError
 
     def act(self, context, root):
-        """Ask for the thing, on the present frame alone or followed through the clip."""
+        """Select by the prompt, on its frame only or tracked through the clip."""
         manager = context.window_manager
 
         def progress(stage: str, done: int, total: int, message: str = "") -> None:
@@ -123,7 +125,7 @@ class _Prompt(SceneOperator):
         self._take(root, found)
 
     def _search(self, root: bpy.types.Object) -> Callable[[Progress], Selection]:
-        """The work itself, which knows nothing of Blender."""
+        """The search as a function that does not use Blender."""
         config = FollowConfig() if root.f4x.follow else QUICK
         prompts = {self.frame: self.prompt()}
         scene, threshold = session.shown(root).scene, root.f4x.threshold
@@ -134,9 +136,9 @@ class _Prompt(SceneOperator):
         self.report({"INFO"}, f"{root.f4x.selected:,} of {root.f4x.total:,} Gaussians")
 
     def invoke(self, context, event):
-        """Wait for the mouse."""
+        """Start waiting for the mouse."""
         if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, "Point at something in a 3D viewport.")
+            self.report({"ERROR"}, "Start this tool from a 3D viewport.")
             return {"CANCELLED"}
         self.frame = round(session.frame_of(session.root_of(context.object)))
         self._area, self._handle, self._thread = context.area, None, None
@@ -146,7 +148,7 @@ class _Prompt(SceneOperator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        """Hand events on until the thing is pointed at; Esc or the right button stops."""
+        """Pass events on until the prompt is complete; Esc or the right mouse button cancels."""
         if self._thread is not None:
             return self._wait(context, event)
         if event.type in {"ESC", "RIGHTMOUSE"}:
@@ -171,12 +173,12 @@ class _Prompt(SceneOperator):
         return {"PASS_THROUGH"} if navigates else {"RUNNING_MODAL"}
 
     def _wait(self, context, event):
-        """Look whether the thing was followed; Esc stops it."""
+        """Check whether the search is done; Esc stops it."""
         search = self._thread
         if event.type == "ESC":
             search.stopped = True
         if search.is_alive():
-            context.workspace.status_text_set(f"Following through the clip: {search.share:.0%}. Esc: stop")
+            context.workspace.status_text_set(f"Tracking through the clip: {search.fraction:.0%}. Press Esc to stop.")
             return {"RUNNING_MODAL"}
         context.window_manager.event_timer_remove(self._timer)
         self._finish(context)
@@ -188,7 +190,7 @@ class _Prompt(SceneOperator):
         return {"FINISHED"}
 
     def handle(self, context, event) -> bool:
-        """Take one event; True when the thing is pointed at."""
+        """Handle one event; returns True when the prompt is complete."""
         raise NotImplementedError
 
     def _finish(self, context) -> None:
@@ -205,7 +207,7 @@ class _Prompt(SceneOperator):
             at = np.array([event.mouse_x - region.x, event.mouse_y - region.y])
             if region.type == "WINDOW" and (at >= 0).all() and (at < (region.width, region.height)).all():
                 return region, at
-        raise F4xError("That is outside the viewport; point at something in it.")
+        raise F4xError("The mouse is outside the viewport; click inside it.")
 
     def _pixel(self, context, region: bpy.types.Region, at: np.ndarray) -> np.ndarray:
         """(2,) pixel of the clip's frame that shows what is at `at` in the viewport; F4xError where nothing is."""
@@ -219,22 +221,24 @@ class _Prompt(SceneOperator):
         there = meeting(scene.posed(float(self.frame)), origin, direction)
         if there is None:
             if view.view_perspective != "CAMERA":
-                raise F4xError("There is nothing under the mouse; click on the scene.")
+                raise F4xError("There is nothing under the mouse; click on an object of the scene.")
             there = origin + direction
         pixel, depth = scene.cameras.at(float(self.frame)).project(there[None])
         if depth[0] <= 0:
-            raise F4xError("The clip's camera does not see that place on this frame; choose another frame or place.")
+            raise F4xError("The clip's camera does not see this point in this frame; choose another frame or point.")
         return pixel[0]
 
 
 class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
-    """Select the thing under a click, in any view."""
+    """Click on an object to select it, in any view."""
 
     bl_idname, bl_label = "f4x.query_point", "Point"
-    cursor, hint = "EYEDROPPER", "Click on a thing. Esc: stop"
+    cursor, hint = "EYEDROPPER", "Click on an object. Press Esc to cancel."
 
     frame: IntProperty(name="Frame", description="Clip frame", min=0)  # type: ignore[valid-type]
-    at: FloatVectorProperty(name="Pixel", description="Of the clip's frame, from its upper left", size=2)  # type: ignore[valid-type]
+    at: FloatVectorProperty(
+        name="Pixel", description="Position in the clip's frame in pixels, from the upper left corner", size=2
+    )  # type: ignore[valid-type]
 
     def prompt(self):
         """One point."""
@@ -249,10 +253,10 @@ class F4X_OT_query_point(_Prompt, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
-    """Select the thing in a box that is drawn in the camera's view."""
+    """Drag a box around an object to select it, in the view of the clip's camera."""
 
     bl_idname, bl_label = "f4x.query_box", "Box"
-    hint = "Drag a box around a thing. Esc: stop"
+    hint = "Drag a box around an object. Press Esc to cancel."
 
     frame: IntProperty(name="Frame", description="Clip frame", min=0)  # type: ignore[valid-type]
     box: FloatVectorProperty(name="Box", description="Left, top, right, bottom in pixels of the clip", size=4)  # type: ignore[valid-type]
@@ -262,7 +266,7 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
         return {"box": tuple(self.box)}
 
     def invoke(self, context, event):
-        """Boxes are drawn where the clip's camera looks."""
+        """Start only in the view of the clip's camera."""
         space = context.space_data
         if getattr(space, "region_3d", None) is None or space.region_3d.view_perspective != "CAMERA":
             self.report(
@@ -273,7 +277,7 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
         return super().invoke(context, event)
 
     def handle(self, context, event):
-        """From pressing the button to letting it go."""
+        """Handle pressing, dragging and releasing the mouse button."""
         if event.type == "LEFTMOUSE" and event.value == "PRESS":
             region, at = self._mouse(event)
             self._region, self._corners = region, np.stack([at, at])
@@ -283,8 +287,8 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
             self._corners[1] = event.mouse_x - self._region.x, event.mouse_y - self._region.y
             self._area.tag_redraw()
         elif self._corners is not None and event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            if np.ptp(self._corners, axis=0).min() < SMALLEST_BOX:
-                raise F4xError("The box is too small; press the button, drag, and let go.")
+            if np.ptp(self._corners, axis=0).min() < MIN_BOX_PIXELS:
+                raise F4xError("The box is too small; hold the left mouse button, drag, and release.")
             # along a side of the frame everything is at one depth or another: the camera's own rays need none
             pixels = np.stack([self._pixel(context, self._region, corner) for corner in self._corners])
             size = session.shown(session.root_of(context.object)).scene.cameras
@@ -308,29 +312,29 @@ def _draw_box(corners: np.ndarray, region: bpy.types.Region) -> None:
 
 
 class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Change what is selected."""
+    """Change the selection."""
 
     bl_idname, bl_label = "f4x.change_selection", "Change Selection"
 
     how: EnumProperty(  # type: ignore[valid-type]
         name="How",
         items=(
-            ("GROW", "Grow", "Select what lies within a step of the selection too"),
-            ("SHRINK", "Shrink", "Take what lies within a step of the outside out of the selection"),
+            ("GROW", "Grow", "Extend the selection by one step in all directions"),
+            ("SHRINK", "Shrink", "Shrink the selection by one step from all directions"),
             ("INVERT", "Invert", "Select everything else"),
             ("ALL", "All", "Select everything"),
             ("NONE", "None", "Select nothing"),
         ),
     )
-    reach: FloatProperty(name="Step", description="How far, world units; 0: as the panel says", min=0.0)  # type: ignore[valid-type]
+    reach: FloatProperty(name="Step", description="Distance in world units; 0: the Step of the panel", min=0.0)  # type: ignore[valid-type]
 
     @classmethod
     def description(cls, context, properties):
-        """Of each way to do it."""
+        """The tooltip of each button."""
         return cls.bl_rna.properties["how"].enum_items[properties.how].description
 
     def act(self, context, root):
-        """On the Gaussians as they stand at the present frame."""
+        """Use the positions of the Gaussians at the current frame."""
         shown, chosen = session.shown(root), session.read(root, session.SELECTED)
         if self.how in ("GROW", "SHRINK"):
             change = grown if self.how == "GROW" else shrunk
@@ -342,18 +346,18 @@ class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_select_named(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Select what was named, combined with the selection as the mode says."""
+    """Select a named selection. The mode in the Ask panel says how it combines with the current selection."""
 
     bl_idname, bl_label = "f4x.select_named", "Select"
 
     called: StringProperty(name="Name")  # type: ignore[valid-type]
 
     def act(self, context, root):
-        """Names are those of the pending edits."""
+        """Look the name up in the pending edits."""
         chosen = np.zeros(len(session.shown(root).scene.ids), bool)
         names = session.names_of(root)
         if self.called not in names:
-            raise F4xError(f"Nothing is named '{self.called}' (there are: {', '.join(names) or 'none'}).")
+            raise F4xError(f"There is no selection named '{self.called}'; known names: {', '.join(names) or 'none'}.")
         chosen[names[self.called]] = True
         marking.combine(root, chosen)
         if root.f4x.mode == "SET":
@@ -361,14 +365,14 @@ class F4X_OT_select_named(SceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
-    """Hide points without an edit."""
+    """Hide points in the viewport and in renders, without an edit."""
 
     bl_idname, bl_label = "f4x.hide", "Hide"
 
     what: EnumProperty(  # type: ignore[valid-type]
         name="What",
         items=(
-            ("SELECTED", "Hide", "Hide what is selected, in renders too; the scene file stays as it is"),
+            ("SELECTED", "Hide", "Hide the selection, also in renders; the scene file does not change"),
             ("OTHERS", "Isolate", "Hide everything that is not selected"),
             ("NOTHING", "Show All", "Show everything that was hidden"),
         ),
@@ -376,14 +380,14 @@ class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     @classmethod
     def description(cls, context, properties):
-        """Of each way to do it."""
+        """The tooltip of each button."""
         return cls.bl_rna.properties["what"].enum_items[properties.what].description
 
     def act(self, context, root):
-        """Hiding adds to what is hidden already; isolating does not."""
+        """Hide adds to the hidden points; Isolate replaces them."""
         chosen = session.read(root, session.SELECTED)
         if self.what != "NOTHING" and not chosen.any():
-            raise F4xError("Nothing is selected; ask for something, or select points in edit mode.")
+            raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
         already = session.read(root, HIDDEN)
         hidden = {"SELECTED": already | chosen, "OTHERS": ~chosen, "NOTHING": np.zeros_like(chosen)}[self.what]
         display.hide(root, hidden)

@@ -29,7 +29,7 @@ CLASSES = (
     *motion_operators.CLASSES,
     *panel.CLASSES,
 )
-# what else has to be told when the classes are known
+# modules with their own register() to call once the classes are registered
 STARTED = (render_engine, panel_properties, display, edit_operators, panel_overlay)
 
 

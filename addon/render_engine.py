@@ -36,12 +36,12 @@ _OTHERS_PANELS = ("VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes")
 class F4X_PG_passes(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this form
     """Passes of a view layer that only this engine has."""
 
-    alpha: BoolProperty(name="Alpha", description="What Gaussians and surfaces cover")  # type: ignore[valid-type]
+    alpha: BoolProperty(name="Alpha", description="Coverage of Gaussians and surfaces")  # type: ignore[valid-type]
     latent: BoolProperty(  # type: ignore[valid-type]
         name="Latent", description="Three principal components of the features (point attribute f4x_latent)"
     )
     selection: BoolProperty(  # type: ignore[valid-type]
-        name="Selection", description="What selected points cover (point attribute .selection)"
+        name="Selection", description="Coverage of the selected points (point attribute .selection)"
     )
     score: BoolProperty(  # type: ignore[valid-type]
         name="Score", description="How well the points match a query (point attribute f4x_score)"

@@ -1,7 +1,7 @@
-"""The scaffold as a rig that artists know: a keyed empty for each node, handles that move whole groups, lines between them.
+"""The scaffold as a rig: a keyed empty for each node, handles that move groups of nodes, and lines between nodes.
 
     NAME node 00000    child of the root; keyed at every clip frame; its `f4x_node` is the id of the scaffold's node
-    NAME graph         mesh of the graph's edges that follows the nodes; hidden until it is asked for
+    NAME graph         mesh of the graph's edges that follows the nodes; hidden by default
     NAME group 00      follows a group of nodes that moves as one thing, keyed
       NAME handle 00   child of it, at rest: whoever moves, turns or keys it moves the group along, in the group's own frame
                        (then the group's nodes are its children)
@@ -35,8 +35,8 @@ HANDLE = "f4x_handle"
 NODE_SIZE, HANDLE_SIZE = 0.4, 2.0
 """Drawn sizes of empties in node spacings."""
 PLACE, TURN = "location", "rotation_quaternion"
-SMALLEST_GROUP = 2
-"""A node alone is its own handle."""
+MIN_GROUP_SIZE = 2
+"""Minimum number of nodes in a group; a single node needs no handle."""
 
 
 def poses_of(scaffold: Scaffold, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -72,11 +72,11 @@ def add_graph(name: str, curves: Scaffold, nodes: bpy.types.Collection, collecti
 
 
 def nodes_of(root: bpy.types.Object) -> list[bpy.types.Object]:
-    """The empties of the nodes, in the scaffold's order; F4xError where one was added."""
+    """The empties of the nodes, in the scaffold's order. Raises F4xError if one was duplicated."""
     found = sorted((item for item in root.children_recursive if NODE in item), key=lambda item: item.name)
     if len({item[NODE] for item in found}) < len(found):
         raise F4xError(
-            f"{root.name}: an empty of a node was copied; take the copy out, for points follow nodes by name."
+            f"{root.name}: the empty of a node was duplicated; delete the copy, because points follow nodes by name."
         )
     return found
 
@@ -115,20 +115,20 @@ def write_poses(
 
 
 def hold(
-    items: Sequence[bpy.types.Object], frames: np.ndarray, offset: tuple[np.ndarray, np.ndarray], share: np.ndarray
+    items: Sequence[bpy.types.Object], frames: np.ndarray, offset: tuple[np.ndarray, np.ndarray], fraction: np.ndarray
 ) -> None:
-    """Key a `share (T,)` of `offset` = `(quat (n,4), xyz (n,3))`, in each item's own frame, into its keys at `frames (T,)`."""
+    """Add `fraction (T,)` of `offset` = `(quat (n,4), xyz (n,3))`, in each item's own frame, to its keys at `frames (T,)`."""
     for i, item in enumerate(items):
         keyed = sample(item, frames, (PLACE, TURN))
         one = offset[0][i : i + 1], offset[1][i : i + 1]
-        xyz, quat = held(keyed[PLACE][:, None], quaternion.normalize(keyed[TURN])[:, None], one, share)
+        xyz, quat = held(keyed[PLACE][:, None], quaternion.normalize(keyed[TURN])[:, None], one, fraction)
         rewrite(item, frames, {PLACE: xyz[:, 0], TURN: quaternion.align_sequence(quat[:, 0])})
 
 
 def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: int | None) -> list[bpy.types.Object]:
-    """Handles of the groups of nodes that move as one, `count` of them or as many as there seem to be.
+    """Add a handle for each group of nodes that moves rigidly: `count` groups, or as many as the motion shows.
 
-    Nothing moves by it. Older handles are taken away first.
+    The motion stays the same. Existing handles are removed first.
     """
     remove_handles(root, frames)
     nodes = nodes_of(root)
@@ -140,7 +140,7 @@ def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: 
     handles = []
     for number in range(group.max(initial=-1) + 1):
         members = np.flatnonzero(group == number)
-        if len(members) < SMALLEST_GROUP:
+        if len(members) < MIN_GROUP_SIZE:
             continue
         carrier = _add_empty(f"{root.name} group {number:02d}", collection, root, unit)
         handle = _add_empty(f"{root.name} handle {number:02d}", collection, carrier, HANDLE_SIZE * unit)
@@ -157,7 +157,7 @@ def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: 
 
 
 def remove_handles(root: bpy.types.Object, frames: np.ndarray) -> None:
-    """Take the handles away; the nodes stay where they put them."""
+    """Remove the handles; the nodes keep their current motion."""
     old = [item for item in root.children_recursive if HANDLE in item]
     if not old:
         return
@@ -176,7 +176,7 @@ def remove_handles(root: bpy.types.Object, frames: np.ndarray) -> None:
 
 @contextmanager
 def _gaussians_at_rest(root: bpy.types.Object) -> Iterator[None]:
-    """Without evaluating modifiers below `root`, nor drawing its edits at every frame: only empties are looked at."""
+    """A context in which modifiers below `root` and timed edits are off, because only the empties are needed."""
     shown = [m for item in root.children_recursive for m in item.modifiers if m.show_viewport]
     timed, root[session.TIMED] = root.get(session.TIMED, False), False
     for modifier in shown:

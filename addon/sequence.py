@@ -1,7 +1,7 @@
 """A sequence of splat files: a point cloud for every frame, of which one is visible at a time.
 
 No handler loads files during playback, so that renders, the .blend on another machine and undo behave; the price is memory,
-which is why a sequence larger than `MOST_BYTES` is taken in steps.
+which is why a sequence larger than `MAX_BYTES` is taken in steps.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from ..f4x_core.scene import Scene
 from ..f4x_core.scene.foreign import SplatSequence
 from .animation import CONSTANT, ActionWriter
 
-MOST_BYTES = 4 << 30
-"""Of the files: a point cloud takes about as much memory as its file."""
+MAX_BYTES = 4 << 30
+"""Maximum total size of the files; a point cloud needs about as much memory as its file."""
 HIDDEN = ("hide_viewport", "hide_render")
 
 
 def check_size(sequence: SplatSequence, step: int) -> None:
-    """F4xError that names the step to take when the files are too many for memory."""
+    """Raise F4xError if the files are too large for memory; the message names a sufficient step."""
     size = sum(path.stat().st_size for path in sequence.paths[::step])
-    if size > MOST_BYTES:
-        enough = step * -(-size // MOST_BYTES)
+    if size > MAX_BYTES:
+        enough = step * -(-size // MAX_BYTES)
         raise F4xError(
             f"{sequence.name}: its {len(sequence.paths[::step])} files hold {size / 2**30:.1f} GiB, which Blender would keep in"
             f" memory at once; import every {enough}th file (Step {enough})."

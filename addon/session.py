@@ -1,14 +1,14 @@
-"""What belongs to an imported scene: its core `Scene`, its pending edits, its clouds, and which Gaussian is which point.
+"""The state of an imported scene: its core `Scene`, its pending edits, its point clouds, and which point is which Gaussian.
 
-The state is in the .blend, on the scene's root empty, so that Blender's own undo takes it back:
+The state is stored in the .blend on the scene's root empty, so that Blender's Undo covers it:
 
     f4x_path     the scene file
     f4x_arrays   hash of the file's arrays at import: the file has to hold the same Gaussians
     f4x_edits    JSON of the pending stack
     f4x_saved    JSON of the stack that the file held when both were last the same
-    f4x_preview  JSON of a stack that is only being looked at; absent otherwise
+    f4x_preview  JSON of a stack that is only previewed; absent otherwise
 
-Scenes are cached by path and hash of their arrays, edited ones by their stack as well: undo needs no cache to be told.
+Scenes are cached by path and hash of their arrays, edited scenes also by their stack, so undo needs no cache update.
 Gaussians are known by their id, the point attribute `gid`, so points may be deleted, split off and copied in Blender.
 """
 
@@ -39,17 +39,17 @@ from .point_cloud import read_attribute, write_attribute
 
 PATH, ARRAYS, EDITS, SAVED, PREVIEW = "f4x_path", "f4x_arrays", "f4x_edits", "f4x_saved", "f4x_preview"
 APART = "f4x_apart"
-"""Property of the object whose points are drawn apart from the base's clouds: moved, retimed and copied Gaussians."""
+"""Property of the separate cloud for Gaussians whose motion is edited: moved, retimed and copied ones."""
 SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
-"""Point attributes: what is selected (Blender's own name), what was before the last query, and the query's scores."""
+"""Point attributes: the selection (Blender's own name), the selection before the last query, and the query's scores."""
 TIMED = "f4x_timed"
-"""Property of a root whose edits change over time: its clouds are written anew at every frame."""
+"""Property of a root whose edits change over time, so that its clouds are updated at every frame."""
 MOVED = 3
-"""Folders above a .blend in which a scene file is looked for that is not where it was."""
+"""Number of folders above a .blend in which a moved scene file is searched."""
 NO_EDITS = "[]"
 """JSON of the empty stack."""
 KEPT = 4
-"""Scenes kept, edited ones too: going back and forth between a preview and the stack costs nothing."""
+"""Number of scenes in the cache, including edited ones, so that switching a preview on and off is fast."""
 
 _files: dict[str, tuple[tuple[int, int], str]] = {}  # path -> ((time of change, size), hash of the arrays)
 _preparing: dict[int, Thread] = {}  # id of a scene's static set -> who works out its neighbourhoods
@@ -101,7 +101,7 @@ def stack_of(root: bpy.types.Object) -> EditStack:
 
 
 def set_stack(root: bpy.types.Object, stack: EditStack) -> None:
-    """Make `stack` the pending one, checked; F4xError leaves the old one. Whoever calls shows it: `display.refresh`."""
+    """Make `stack` the pending one after checking it; F4xError leaves the old one. Callers then use `display.refresh`."""
     text = _text(stack)
     _display(root, text)
     root[EDITS] = text
@@ -109,7 +109,7 @@ def set_stack(root: bpy.types.Object, stack: EditStack) -> None:
 
 
 def show_preview(root: bpy.types.Object, stack: EditStack | None) -> None:
-    """Look at `stack` in place of the pending one; None: no longer."""
+    """Preview `stack` in place of the pending one; None ends the preview."""
     if stack is not None:
         root[PREVIEW] = _text(stack)
     elif PREVIEW in root:
@@ -143,7 +143,7 @@ def base_scene(root: bpy.types.Object) -> Scene:
 
 
 def asked_scene(root: bpy.types.Object) -> Scene:
-    """The scene without its edits, ready to be asked for words: the first one need not wait as long as it would."""
+    """The scene without its edits, with the caches for text queries filled, so that the first query is fast."""
     scene = base_scene(root)
     if id(scene.static) in _preparing:
         _preparing.pop(id(scene.static)).join()
@@ -156,18 +156,18 @@ def edited_scene(root: bpy.types.Object) -> Scene:
 
 
 def shown(root: bpy.types.Object) -> Display:
-    """What the viewport shows: the preview where there is one, else the pending edits."""
+    """The scene that the viewport shows: with the preview if there is one, else with the pending edits."""
     return _display(root, root.get(PREVIEW) or _pending(root))
 
 
 def frame_of(root: bpy.types.Object) -> float:
-    """The present clip frame, held within the clip."""
+    """The current clip frame, clamped to the clip."""
     scene = bpy.context.scene
     return shown(root).time(scene.frame_current + scene.frame_subframe)
 
 
 def clouds_of(root: bpy.types.Object) -> list[bpy.types.Object]:
-    """The point clouds of the scene's Gaussians; those drawn apart come last."""
+    """The point clouds of the scene; the separate cloud of edited Gaussians comes last."""
     clouds = [item for item in root.children_recursive if item.type == "POINTCLOUD" and "gid" in item.data.attributes]
     return sorted(clouds, key=lambda item: APART in item)
 
@@ -182,7 +182,7 @@ def points(root: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarra
 
 
 def read(root: bpy.types.Object, name: str) -> np.ndarray:
-    """(N,) values of a point attribute by Gaussian; 0 where no point has it, and of points drawn apart where there are any."""
+    """(N,) values of a point attribute by Gaussian; 0 without a point. Points of the separate cloud take precedence."""
     values = np.zeros(len(shown(root).scene.ids), np.float32 if name == SCORE else bool)
     for cloud, at, row in points(root):
         found = read_attribute(cloud.data, name)
@@ -211,7 +211,7 @@ def selection(root: bpy.types.Object) -> Selection | None:
 
 
 def context_of(root: bpy.types.Object) -> Context:
-    """What "it" and "now" mean to the core."""
+    """The selection and the frame that "it" and "now" in a sentence refer to."""
     return Context(selection(root), frame_of(root))
 
 
@@ -219,19 +219,19 @@ def selected_ids(root: bpy.types.Object) -> Ids:
     """The selected Gaussians as a stack holds them; F4xError where there are none."""
     chosen = selection(root)
     if chosen is None:
-        raise F4xError("Nothing is selected; ask for something, or select points in edit mode.")
-    ids, told = Ids.of(chosen.chosen_ids), root.f4x
+        raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
+    ids, state = Ids.of(chosen.chosen_ids), root.f4x
     # points may have been selected in edit mode since, and then they are not what was asked for
-    return replace(ids, words=told.called[:LONGEST_WORDS]) if chosen.chosen.sum() == told.selected else ids
+    return replace(ids, words=state.called[:LONGEST_WORDS]) if chosen.chosen.sum() == state.selected else ids
 
 
-def append(root: bpy.types.Object, *operations: Operation, said: str = "") -> EditStack:
+def append(root: bpy.types.Object, *operations: Operation, sentence: str = "") -> EditStack:
     """Append operations to the pending stack, resolved as `f4x edit` resolves them; F4xError leaves it as it was."""
     context = context_of(root)
     stack = stack_of(root)
     for operation in operations:
         scene = edited(with_stack(base_scene(root), stack))
-        stack = stack.append(resolve(scene, operation, context), said)
+        stack = stack.append(resolve(scene, operation, context), sentence)
     set_stack(root, stack)
     return stack
 
@@ -244,11 +244,11 @@ def names_of(root: bpy.types.Object) -> Mapping[str, np.ndarray]:
 
 def with_reading(root: bpy.types.Object) -> EditStack:
     """The pending stack with the reading of the sentence that is picked in the panel."""
-    told = root.f4x
+    state = root.f4x
     stack = stack_of(root)
-    if 0 <= told.reading_index < len(told.readings):
-        for number, data in enumerate(json.loads(told.readings[told.reading_index].operations), 1):
-            stack = stack.append(read_operation(data, f"operation {number}"), told.sentence)
+    if 0 <= state.reading_index < len(state.readings):
+        for number, data in enumerate(json.loads(state.readings[state.reading_index].operations), 1):
+            stack = stack.append(read_operation(data, f"operation {number}"), state.sentence)
     return stack
 
 
@@ -259,7 +259,7 @@ def forget() -> None:
 
 
 def _prepare(scene: Scene) -> None:
-    """Begin, beside Blender, what the first query needs of a scene: its neighbourhoods (two seconds where nothing is compiled)."""
+    """Compute in a thread what the first query needs: neighbourhoods (two seconds without compiled kernels)."""
     if scene.features is not None:
         thread = Thread(target=prepare, args=(scene,), daemon=True)
         _preparing[id(scene.static)] = thread
@@ -281,7 +281,9 @@ def _parsed(root: bpy.types.Object, text: str) -> EditStack:
     try:
         return EditStack.from_json(json.loads(text), root.name)
     except ValueError as error:
-        raise F4xError(f"{root.name}: its edits are no JSON ({error}); import the scene again.") from error
+        raise F4xError(
+            f"{root.name}: its stored edits are not valid JSON ({error}); import the scene again."
+        ) from error
 
 
 def _text(stack: EditStack) -> str:
@@ -311,7 +313,7 @@ def _check_arrays(root: bpy.types.Object) -> str:
     path = path_of(root)
     arrays = _hash_of(path)
     if root.get(ARRAYS, arrays) != arrays:
-        raise F4xError(f"{path} holds other Gaussians than when it was imported; import it again.")
+        raise F4xError(f"{path} no longer holds the Gaussians that were imported; import it again.")
     return arrays
 
 
@@ -325,6 +327,6 @@ def _hash_of(path: Path) -> str:
         ) from error
     stamp = (found.st_mtime_ns, found.st_size)
     if _files.get(str(path), (None, ""))[0] != stamp:
-        told = json.dumps(read_header(path)["arrays"], sort_keys=True)
-        _files[str(path)] = (stamp, hashlib.sha256(told.encode()).hexdigest())
+        arrays = json.dumps(read_header(path)["arrays"], sort_keys=True)
+        _files[str(path)] = (stamp, hashlib.sha256(arrays.encode()).hexdigest())
     return _files[str(path)][1]

@@ -33,8 +33,6 @@ from .synthetic_nodes import FPS, key_linear, keyed_times
 from .synthetic_room import build_deforming_subject, build_room, import_walker
 from .truth import render_frames, use_passes, write_facts
 
-EXTRA_DEGREES = (5.0, 10.0, 20.0)
-"""Angles at the focus between the clip's camera and an extra one at the same moment."""
 EXTRA_VIEWS = 4
 """Moments that each extra camera sees, spread evenly over the clip."""
 SCENE_CENTRE = Vector((0.0, 0.0, 0.75))  # where the subject of the room stays close to, metres

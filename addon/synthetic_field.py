@@ -96,7 +96,7 @@ def _build_ring(inner: float, outer: float, material: bpy.types.Material, sides:
 
 
 def _build_hills(material: bpy.types.Material, random: np.random.Generator, sides: int = 48) -> None:
-    """A ring of hills: what is far and stands up."""
+    """A ring of hills as the distant background."""
     distance, height = HILLS
     angles = np.linspace(0, 2 * math.pi, sides, endpoint=False)
     circle = distance * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], 1)
@@ -130,10 +130,10 @@ def _build_sky(seed: int) -> None:
 
 
 def _prop(number: int, spec: RenderedScene, random: np.random.Generator) -> Body:
-    """Something that stands around, not between the camera and the focus; far ones are large."""
+    """A random prop that is not between the camera and the focus; distant props are large."""
     far = number % 3 == 2
-    near, most = FAR_PROPS if far else NEAR_PROPS
-    distance = random.uniform(near, most)
+    nearest, farthest = FAR_PROPS if far else NEAR_PROPS
+    distance = random.uniform(nearest, farthest)
     # behind the focus, or to the sides: never in the quarter where the camera moves
     angle = math.radians(random.uniform(-25, 205))
     if spec.setting == "yard" and not far:

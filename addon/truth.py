@@ -50,9 +50,9 @@ class TruthSettings:
     samples: int = 16
     """Cycles samples per pixel."""
     tracks: int = 256
-    """Points on surfaces that are followed, half of them on what moves where so many are seen; 0 = none."""
+    """Number of tracked surface points, half of them on moving objects if enough are visible; 0: none."""
     moving: tuple[str, ...] = ()
-    """Names of the objects that move; empty: told by their surfaces."""
+    """Names of the moving objects; empty: detected from the motion of their surfaces."""
     seed: int = 0
     """Of Cycles' noise and of the places of tracks."""
 
@@ -182,7 +182,7 @@ def _mark_moving(scene: bpy.types.Scene, settings: TruthSettings) -> set[str]:
 
 
 def _render_masks(folder: Path, scene: bpy.types.Scene, frames: range) -> None:
-    """Render what moves white and the rest black, through the middle of each pixel."""
+    """Render moving objects in white and the rest in black, with one sample at the centre of each pixel."""
     material = bpy.data.materials.new("truth mask")
     material.use_nodes = True
     tree = material.node_tree

@@ -1,4 +1,4 @@
-"""A job: the core at work in an interpreter of its own, looked at now and then. Nothing here knows Blender or waits.
+"""A job: a verb of the core in its own Python process, polled now and then. Nothing here uses Blender or blocks.
 
 job = Job("Fit dog.mp4", core_command(python, "fit", "dog.mp4", "-o", "dog"))
 while job.poll(): ...          # a timer's tick
@@ -24,20 +24,21 @@ from ..f4x_core.processes import GRACE, end_tree, start_child
 ROOT = Path(__file__).resolve().parents[1]
 """The extension: a child that starts here finds the extension's own `f4x_core`, whatever its interpreter has installed."""
 PATIENCE = 60.0
-"""Seconds until the first line of the protocol: a cold disk may need many, what says nothing for longer is no worker."""
+"""Maximum seconds until the first line of the protocol; a slow disk needs many. A process without a line is no worker."""
 MARGIN = 0.4
-"""Seconds beyond GRACE after which a cancelled child that has not gone by itself is ended."""
+"""Seconds beyond GRACE after which a cancelled child that still runs is killed."""
 LOG_LINES = 200
-WAITING_LINES = 1000
-"""A child that talks faster than it is looked at has to wait."""
-LONGEST_LINE = 1 << 24
-"""Characters; a longer line is taken in pieces."""
+"""Lines of the log that are kept."""
+MAX_BUFFERED_LINES = 1000
+"""Lines that are buffered between two polls; then the child waits."""
+MAX_LINE_CHARACTERS = 1 << 24
+"""Characters; a longer line is read in pieces."""
 
 RUNNING, DONE, FAILED, CANCELLED = "running", "done", "failed", "cancelled"
 
 
 def core_command(interpreter: Path | str, verb: str, *arguments: Path | str) -> list[str]:
-    """The command line of one verb of `f4x`, told in JSON lines."""
+    """The command line of one verb of `f4x` that reports in JSON lines."""
     return [str(interpreter), "-m", "f4x_core", verb, *map(str, arguments), "--progress-json"]
 
 
@@ -51,10 +52,10 @@ class Job:
         on_done: Callable[[dict[str, Any]], None] | None = None,
         patience: float = PATIENCE,
     ):
-        """Start `command`; `on_done(result)` is called by the `poll` that sees it end well.
+        """Start `command`; `on_done(result)` is called by the `poll` that finds it succeeded.
 
         Raises:
-            F4xError: the interpreter is not there or cannot be started.
+            F4xError: the interpreter does not exist or cannot be started.
         """
         self.title, self.on_done = title, on_done
         self.state, self.error, self.text = RUNNING, "", ""
@@ -64,7 +65,7 @@ class Job:
         self.interpreter = command[0]
         if shutil.which(self.interpreter) is None:
             raise F4xError(
-                f"{self.interpreter} is not there or cannot be run; choose the worker's Python, or set it up."
+                f"{self.interpreter} is missing or cannot be run; choose the worker's Python, or press Set Up."
             )
         try:
             self.child = start_child(command, ROOT)
@@ -74,26 +75,26 @@ class Job:
         self._started, self._patience, self._answered = time.monotonic(), patience, False
         self._deadline: float | None = None  # of a cancelled child
         self._gone_at = 0.0
-        self._lines: queue.Queue[tuple[bool, str] | None] = queue.Queue(WAITING_LINES)
+        self._lines: queue.Queue[tuple[bool, str] | None] = queue.Queue(MAX_BUFFERED_LINES)
         self._open = 2  # streams that have not ended
         for protocol, stream in ((True, self.child.stdout), (False, self.child.stderr)):
             threading.Thread(target=self._read, args=(protocol, stream), daemon=True).start()
 
     @property
-    def share(self) -> float:
-        """How far the stage is, 0 to 1; 0 where that is not known."""
+    def fraction(self) -> float:
+        """Progress of the stage from 0 to 1; 0 if unknown."""
         return min(self.done / self.total, 1.0) if self.total > 0 else 0.0
 
     def _read(self, protocol: bool, stream: TextIO) -> None:
-        while line := stream.readline(LONGEST_LINE):
+        while line := stream.readline(MAX_LINE_CHARACTERS):
             self._lines.put((protocol, line))
         self._lines.put(None)
 
     def poll(self) -> bool:
-        """Take in what the child has said; True while it runs."""
+        """Read the lines that the child has printed; returns True while it runs."""
         if self.state != RUNNING:
             return False
-        for _ in range(WAITING_LINES):
+        for _ in range(MAX_BUFFERED_LINES):
             try:
                 entry = self._lines.get_nowait()
             except queue.Empty:
@@ -101,7 +102,7 @@ class Job:
             if entry is None:
                 self._open -= 1
             else:
-                self._hear(*entry)
+                self._handle_line(*entry)
         now = time.monotonic()
         if self._deadline is not None:
             if self.child.poll() is not None or now > self._deadline:
@@ -118,7 +119,7 @@ class Job:
         return self.state == RUNNING
 
     def cancel(self) -> None:
-        """Ask the child to stop: it saves what it has, and is gone within 2 s with all that it started. Does not wait."""
+        """Ask the child to stop, without waiting: it saves its work and ends within 2 s, with all its own child processes."""
         if self.state == RUNNING and self._deadline is None:
             self._deadline = time.monotonic() + GRACE + MARGIN
             self.message = "stopping"
@@ -126,31 +127,31 @@ class Job:
                 self.child.stdin.close()
 
     def kill(self) -> None:
-        """End the child and all that it started at once."""
+        """Kill the child and all its own child processes at once."""
         if self.state == RUNNING:
             self._end(CANCELLED)
 
     def wait(self, look: Callable[["Job"], None] = lambda job: None, glance: float = 0.05) -> None:
-        """Block until the job ends, calling `look` at every glance: Blender without a window has no timers."""
+        """Block until the job ends, calling `look` regularly: Blender without a window has no timers."""
         while self.poll():
             look(self)
             time.sleep(glance)
 
-    def _hear(self, protocol: bool, line: str) -> None:
-        told = _object(line) if protocol else None
-        if told is None:
+    def _handle_line(self, protocol: bool, line: str) -> None:
+        message = _object(line) if protocol else None
+        if message is None:
             if line.strip():
                 self.log.append(line.rstrip())
             return
         self._answered = True
-        if "result" in told:
-            self.result, self.text = told["result"], str(told.get("text") or "")
+        if "result" in message:
+            self.result, self.text = message["result"], str(message.get("text") or "")
             self.log.extend(self.text.splitlines())
-        elif "error" in told:
-            self.error = str(told["error"])
-        elif "stage" in told:
-            self.stage, self.message = str(told["stage"]), str(told.get("message", ""))
-            self.done, self.total = _count(told.get("done")), _count(told.get("total"))
+        elif "error" in message:
+            self.error = str(message["error"])
+        elif "stage" in message:
+            self.stage, self.message = str(message["stage"]), str(message.get("message", ""))
+            self.done, self.total = _count(message.get("done")), _count(message.get("total"))
 
     def _finish(self, code: int) -> None:
         if code == 0 and isinstance(self.result, dict):
@@ -165,13 +166,13 @@ class Job:
 
     def _reason(self, code: int) -> str:
         """One sentence for a child that ended without one."""
-        said = self.log[-1] if self.log else "it said nothing"
-        if said.startswith("ModuleNotFoundError"):
-            package = said.rpartition("named ")[2]
-            return f"{self.interpreter} has no package {package}; press Set Up, or choose a Python that has the core's packages."
+        last_line = self.log[-1] if self.log else "it printed nothing"
+        if last_line.startswith("ModuleNotFoundError"):
+            package = last_line.rpartition("named ")[2]
+            return f"{self.interpreter} has no package {package}; press Set Up, or choose another Python."
         if not self._answered:
-            return f"{self.interpreter} is no Python that runs the core ({said}); choose another, or press Set Up."
-        return f"The worker ended with code {code}: {said}"
+            return f"{self.interpreter} is no Python that can run Feature4X ({last_line}); choose another Python, or press Set Up."
+        return f"The worker ended with code {code}: {last_line}"
 
     def _end(self, state: str, error: str = "") -> None:
         self.state, self.error = state, error
@@ -184,12 +185,12 @@ class Job:
 
 
 def _object(line: str) -> dict[str, Any] | None:
-    """The JSON object on a line of the protocol; None for anything else that a library printed."""
+    """The JSON object on a line of the protocol; None for other lines, which libraries print."""
     try:
-        told = json.loads(line)
+        message = json.loads(line)
     except (ValueError, RecursionError):
         return None
-    return told if isinstance(told, dict) and told.keys() & {"stage", "result", "error"} else None
+    return message if isinstance(message, dict) and message.keys() & {"stage", "result", "error"} else None
 
 
 def _count(value: Any) -> int:

@@ -192,17 +192,17 @@ def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     elif args.truth is not None:
         raise F4xError("--truth needs --scene SCENE: the scene that was made from the rendered clip.")
     progress("bench edit", 0, 0, "a server that fails")
-    told = try_faults()
-    lines = [f"a server that fails ({fault}): {sentence}" for fault, sentence in told.items()]
+    messages = try_faults()
+    lines = [f"a server that fails ({fault}): {sentence}" for fault, sentence in messages.items()]
     table = _as_table(report) + "\n\n" + _meanings(report) if report else ""
-    return {**report, "endpoint_faults": told, "text": "\n\n".join(filter(None, [table, "\n".join(lines)]))}
+    return {**report, "endpoint_faults": messages, "text": "\n\n".join(filter(None, [table, "\n".join(lines)]))}
 
 
 def _meanings(report: dict[str, Any]) -> str:
     """One line for each kind of figure in a report of `bench edit`."""
-    told = [pattern for pattern in MEANING if any(fnmatchcase(name, pattern) for name in report)]
-    width = max(map(len, told))
-    return "\n".join(f"{pattern:<{width}}  {MEANING[pattern]}" for pattern in told)
+    patterns = [pattern for pattern in MEANING if any(fnmatchcase(name, pattern) for name in report)]
+    width = max(map(len, patterns))
+    return "\n".join(f"{pattern:<{width}}  {MEANING[pattern]}" for pattern in patterns)
 
 
 def _scale(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -296,8 +296,8 @@ def _as_table(report: dict[str, Any]) -> str:
         table.add_column(title, justify="right" if title == "measured" else "left")
     for name, value in [*report.items(), *report.get("sam2", {}).items()]:
         if not isinstance(value, dict):
-            told = f"{value:.4g}" if isinstance(value, float) else str(value)
-            table.add_row(name, told, REACH.get(name, ""))
+            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+            table.add_row(name, shown, REACH.get(name, ""))
     text = StringIO()
     Console(file=text, width=TABLE_WIDTH).print(table)
     return text.getvalue().rstrip()

@@ -57,14 +57,14 @@ def as_markdown(studies: Iterable[Record], level: int = 3, machines: bool = Fals
             "\n\n".join(filter(None, [f"{'#' * level} {record['title']}", " ".join(filter(None, asked))])) + "\n"
         )
         parts += [_markdown_table(table, record["name"]) for table in record["tables"] if table["rows"]]
-        told = [*record["words"], *(f"**Failed**: {text}" for text in record["failed"])]
-        told += [f"Not measured: {text}" for text in record["skipped"]]
-        if told:
-            parts.append("\n".join(f"* {text}" for text in told) + "\n")
+        notes = [*record["words"], *(f"**Failed**: {text}" for text in record["failed"])]
+        notes += [f"Not measured: {text}" for text in record["skipped"]]
+        if notes:
+            parts.append("\n".join(f"* {text}" for text in notes) + "\n")
     return "\n".join(parts)
 
 
-def told(value: Any) -> str:
+def format_value(value: Any) -> str:
     """A cell: four significant digits, a dash for nothing."""
     if value is None:
         return "–"
@@ -126,7 +126,7 @@ def _columns(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _table(table: Record) -> str:
     columns = _columns(table["rows"])
-    cells = [[told(row.get(column)) for column in columns] for row in table["rows"]]
+    cells = [[format_value(row.get(column)) for column in columns] for row in table["rows"]]
     words = "".join(f'<p class="dim">{html.escape(text)}</p>' for text in (table["note"],) if text)
     head = f"<summary>{html.escape(table['title'] or table['name'])} ({len(cells)} rows)</summary>"
     state = " open" if len(cells) <= FEW_ROWS else ""
@@ -139,7 +139,7 @@ def _markdown_table(table: Record, study: str) -> str:
     rows = [_with_spans(row) for row in table["rows"]]
     columns = [column for column in _columns(rows) if any(row.get(column) not in (None, "") for row in rows)]
     lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-    lines += ["| " + " | ".join(told(row.get(column)) for column in columns) + " |" for row in rows]
+    lines += ["| " + " | ".join(format_value(row.get(column)) for column in columns) + " |" for row in rows]
     if count > MANY_ROWS:
         parts.append(f"{count} rows: {data}\n")
     elif count > FEW_ROWS:
@@ -157,7 +157,7 @@ def _with_spans(row: Mapping[str, Any]) -> dict[str, Any]:
         if low in row and high in row:
             span = shown.pop(low), shown.pop(high)
             if None not in (row[column], *span) and span[0] != span[1]:
-                shown[column] = f"{told(row[column])} ({told(span[0])} to {told(span[1])})"
+                shown[column] = f"{format_value(row[column])} ({format_value(span[0])} to {format_value(span[1])})"
     return shown
 
 

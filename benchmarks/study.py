@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from f4x_core.errors import F4xError
-from f4x_core.files import replace_file
+from f4x_core.files import json_data, replace_file
 from f4x_core.progress import Progress, silent
 
 from .machine import describe_machine, digest_source
@@ -194,7 +194,7 @@ def time_columns(column: str = "time", unit: str = "ms") -> tuple[str, str, str]
 
 
 def span_columns(column: str) -> tuple[str, str]:
-    """Names of the columns with the ends of what is told under `NAME (unit)`: `NAME low (unit)`, `NAME high (unit)`."""
+    """Column names of the range of the column `NAME (unit)`: `NAME low (unit)`, `NAME high (unit)`."""
     name, bracket, unit = column.partition(" (")
     return f"{name} low{bracket}{unit}", f"{name} high{bracket}{unit}"
 
@@ -210,18 +210,8 @@ def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
 
 
 def as_plain(value: Any) -> Any:
-    """JSON data of numpy numbers, paths, tuples and numbers that JSON lacks (infinity and NaN become words)."""
-    if isinstance(value, dict):
-        return {str(key): as_plain(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [as_plain(entry) for entry in value]
-    if isinstance(value, (str, bool, int)) or value is None:
-        return value
-    if hasattr(value, "item"):
-        return as_plain(value.item())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else str(value)
-    return str(value)
+    """JSON data of a result. NaN and infinity become words; a path and whatever else JSON lacks becomes its text."""
+    return json_data(value, non_finite=str, unknown=str)
 
 
 def write_json(file: Path, data: Any) -> None:

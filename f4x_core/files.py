@@ -1,10 +1,10 @@
-"""Writing a file so that its name always holds either the old content or the complete new one; JSON for any reader."""
+"""Atomic writing of files: a name always holds either the old content or the complete new one. Conversion to plain JSON data."""
 
 import json
 import math
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -62,16 +62,30 @@ def _flush_folder(folder: Path) -> None:
 
 
 def json_text(data: Any, indent: int | None = None) -> str:
-    """`data` as JSON that every reader takes: `finite`."""
-    return json.dumps(finite(data), indent=indent, allow_nan=False)
+    """`data` as standard JSON text, see `json_data`; NaN and infinity become null."""
+    return json.dumps(json_data(data), indent=indent, allow_nan=False)
 
 
-def finite(data: Any) -> Any:
-    """Plain JSON data of `data`: NaN and infinity, which JSON lacks, become None; numpy's numbers become Python's."""
-    if isinstance(data, dict):
-        return {name: finite(entry) for name, entry in data.items()}
+def json_data(
+    data: Any,
+    non_finite: Callable[[float], Any] = lambda value: None,
+    unknown: Callable[[Any], Any] = lambda value: value,
+) -> Any:
+    """Nested data as plain JSON types: dicts with string keys, lists, strings, numbers, booleans and None.
+
+    Arrays and numbers of numpy become lists and numbers of Python.
+
+    Args:
+        data: mappings, lists, tuples, arrays and single values, nested in any way.
+        non_finite: what replaces NaN and infinity, which JSON lacks; None by default.
+        unknown: what replaces a value of any other type; by default it stays, and `json.dumps` refuses it.
+    """
+    if isinstance(data, Mapping):
+        return {str(name): json_data(entry, non_finite, unknown) for name, entry in data.items()}
     if isinstance(data, list | tuple):
-        return [finite(entry) for entry in data]
-    if data is None or isinstance(data, str | int):
-        return data
-    return float(data) if math.isfinite(data) else None
+        return [json_data(entry, non_finite, unknown) for entry in data]
+    if hasattr(data, "tolist"):
+        return json_data(data.tolist(), non_finite, unknown)
+    if isinstance(data, float):
+        return data if math.isfinite(data) else non_finite(data)
+    return data if data is None or isinstance(data, str | int) else unknown(data)

@@ -46,7 +46,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def random_scene(static: int, dynamic: int, nodes: int, frames: int, slots: int) -> Any:
-    """A scene of that size: random Gaussians of degree 1 that smoothly moving nodes carry, of all reference times."""
+    """A scene of that size: random Gaussians of SH degree 1 on smoothly moving nodes, with all reference times."""
     import numpy as np
     from feature4x.f4x_core.geometry import quaternion
     from feature4x.f4x_core.geometry.camera import CameraPath
@@ -191,7 +191,7 @@ class Bench:
 
 
 def registration() -> dict[str, Any]:
-    """What is left registered after the extension was taken out and brought in again ten times."""
+    """What stays registered after the extension was disabled and enabled ten times."""
     extension = door.load_extension()
     extension.unregister()
     before = registered()
@@ -231,7 +231,7 @@ def ours(one: Any) -> bool:
 
 
 def cancel() -> dict[str, Any]:
-    """Seconds from Cancel until a job that does not listen is gone."""
+    """Seconds from Cancel until a job that ignores it has ended."""
     from feature4x.addon import worker
 
     code = "import json, signal, sys, time; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
@@ -248,7 +248,7 @@ def cancel() -> dict[str, Any]:
 
 
 def measure(work: Callable[[], Any]) -> float:
-    """Seconds that `work` takes, without Python's own housekeeping."""
+    """Seconds that `work` takes, without garbage collection."""
     gc.collect()
     start = time.perf_counter()
     work()
@@ -268,7 +268,7 @@ ROWS: dict[str, Callable] = {
 
 
 def main(arguments: list[str]) -> dict[str, Any] | None:
-    """Measure what is asked for."""
+    """Run the chosen measurements."""
     options = parse(arguments)
     import bpy
     from feature4x.f4x_core.scene import write_scene

@@ -111,8 +111,8 @@ def look():
             return 0.5
     root = session.root_of(bpy.context.object)
     if root is not None:
-        told = root.f4x
-        if told.selected and state["thing"] is None:
+        properties = root.f4x
+        if properties.selected and state["thing"] is None:
             region = next(region for region in area.regions if region.type == "WINDOW")
             state["thing"] = on_screen(root, area, region)
         if os.path.exists("{home}/start_job") and not jobs.all_jobs():
@@ -120,10 +120,10 @@ def look():
         last = bpy.context.window_manager.operators
         tell(
             screen="view",
-            selected=told.selected,
-            total=told.total,
-            text=told.text,
-            edits=len(told.history),
+            selected=properties.selected,
+            total=properties.total,
+            text=properties.text,
+            edits=len(properties.history),
             saved=session.is_saved(root),
             last=last[-1].bl_idname if last else "",
             job=[job.state for job in jobs.all_jobs()],
@@ -164,7 +164,7 @@ class Window:
             return state
 
     def wait(self, beats: int) -> None:
-        """Wait until Blender has told its state so many times."""
+        """Wait until Blender has reported its state this many times."""
         start, first = time.monotonic(), self.state()["beat"]
         while self.state()["beat"] < first + beats and time.monotonic() - start < PATIENCE:
             time.sleep(0.05)
@@ -216,8 +216,8 @@ def blender(root: Path, scene: Path, out: Path, frame: int, shading: str) -> Ite
         children: list[subprocess.Popen] = []
 
         def start(*command: object) -> None:
-            told = profile.command(*command)
-            children.append(subprocess.Popen(told, env=environment, stdout=log, stderr=log))
+            full_command = profile.command(*command)
+            children.append(subprocess.Popen(full_command, env=environment, stdout=log, stderr=log))
 
         try:
             screen = ("-screen", 0, f"{SIZE[0]}x{SIZE[1]}x24", "-nolisten", "tcp", "-listen", "unix")

@@ -1,4 +1,4 @@
-"""Everything a developer or a curious person types: `python3 scripts/dev.py demo|test|lint|…` (--help lists the verbs).
+"""Commands for developers: `python3 scripts/dev.py demo|test|lint|…` (--help lists the verbs).
 
 Standard library only. The first call makes `.venv`, installs the pinned packages and builds the native kernel; later calls
 find nothing to do and start at once.
@@ -44,7 +44,7 @@ def venv_python() -> Path:
 
 
 def base_python() -> str:
-    """A Python 3.11 to make `.venv` with: the running one, or another on the path."""
+    """A Python 3.11 for creating `.venv`: the running one, or another on the path."""
     if sys.version_info[:2] == PYTHON:
         return sys.executable
     name = ".".join(map(str, PYTHON))
@@ -57,14 +57,14 @@ def base_python() -> str:
 
 
 def fingerprint() -> str:
-    """Hash of everything that decides what is installed."""
+    """Hash of all files that determine the installed packages."""
     files = (REQUIREMENTS, WITHOUT_DEPENDENCIES, ROOT / "pyproject.toml")
     content = b"".join(file.read_bytes() for file in files)
     return hashlib.sha256(content).hexdigest()
 
 
 def ensure_environment() -> None:
-    """Make `.venv` when it is missing and bring it up to date when the pins have changed."""
+    """Create `.venv` if it is missing, and update it if the pinned versions have changed."""
     wanted = fingerprint()
     if not (STAMP.is_file() and STAMP.read_text() == wanted):
         if not venv_python().is_file():
@@ -83,7 +83,7 @@ def ensure_environment() -> None:
 
 
 def build_kernel() -> None:
-    """Build the native raster when a compiler is there; without one the torch backend serves."""
+    """Build the native rasterizer if there is a compiler; otherwise the torch backend is used."""
     subprocess.run([str(venv_python()), "-m", "f4x_core.native.build", "--quiet"], cwd=ROOT, check=False)
 
 

@@ -1,4 +1,4 @@
-"""What every door without a window needs: the repository as one package, the arguments, a result in JSON, an honest exit code.
+"""Shared code of the scripts that run without a window: importing the repository, arguments, a JSON result, exit codes.
 
 A door runs as `python scripts/NAME.py ARGS` (bpy wheel) or
 `blender -b --factory-startup --python-exit-code 1 -P scripts/NAME.py -- ARGS`.
@@ -16,7 +16,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "feature4x"
 SAMPLES = 16
-"""Cycles samples per pixel in a .blend that a door writes: enough for a look."""
+"""Cycles samples per pixel in a .blend that a script writes; enough for a preview."""
 
 
 def load_extension() -> ModuleType:
@@ -76,7 +76,7 @@ def run(main: Callable[[list[str]], dict[str, Any] | None]) -> None:
 
 
 def start_blender() -> None:
-    """An empty Blender scene and the extension's classes, as a session with the extension has them."""
+    """Start with an empty Blender scene and the registered classes of the extension."""
     import bpy
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -101,7 +101,7 @@ def import_empty(scene: Path) -> Any:
 
 
 def open_blend(path: Path) -> None:
-    """Open a .blend without running what is in it; F4xError where it is none."""
+    """Open a .blend without running its scripts. Raises F4xError if the file is not a .blend."""
     import bpy
     from feature4x.f4x_core.errors import F4xError
 
@@ -113,7 +113,7 @@ def open_blend(path: Path) -> None:
 
 
 def save_blend(out: Path, size: int) -> None:
-    """Save the present file as `out`; F4xError says why a place does not take a file of about `size` bytes."""
+    """Save the current file as `out`. Raises F4xError if the folder cannot take a file of about `size` bytes."""
     import bpy
     from feature4x.f4x_core.errors import F4xError
 
@@ -129,7 +129,7 @@ def save_blend(out: Path, size: int) -> None:
 
 
 def refusal(folder: Path, size: int) -> str | None:
-    """Why `folder` does not take a file of `size` bytes; None when it does. Blender calls a full disk a missing file."""
+    """The reason why `folder` cannot take a file of `size` bytes, else None. Blender reports a full disk as a missing file."""
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(bytes(size))

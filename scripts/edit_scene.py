@@ -20,9 +20,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="edit_scene.py", description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path, help="scene file, name.f4x")
-    how = parser.add_mutually_exclusive_group(required=True)
-    how.add_argument("--say", metavar="SENTENCE", help="what to do")
-    how.add_argument("--ops", type=Path, metavar="FILE", help="JSON: a list of operations")
+    instruction = parser.add_mutually_exclusive_group(required=True)
+    instruction.add_argument("--say", metavar="SENTENCE", help="what to do")
+    instruction.add_argument("--ops", type=Path, metavar="FILE", help="JSON: a list of operations")
     parser.add_argument(
         "--frame", type=float, default=0.0, metavar="T", help="clip frame that is looked at: here and now"
     )

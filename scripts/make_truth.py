@@ -18,7 +18,7 @@ import door
 SWEEP = 20.0
 """Degrees that the camera of `--camera auto` goes around the scene during the clip."""
 BACK = 2.2
-"""Its distance in half diagonals of the scene."""
+"""Distance of that camera in half diagonals of the scene."""
 
 
 def parse(arguments: list[str]) -> argparse.Namespace:
@@ -102,7 +102,7 @@ def import_gltf(path: Path) -> None:
 
 
 def choose_camera(scene, wanted: str | None, frames: range) -> None:
-    """Make the camera that is asked for the scene's active one; F4xError where there is none of that name."""
+    """Make the named camera the active one of the scene. Raises F4xError if there is no camera of that name."""
     import bpy
     from feature4x.f4x_core.errors import F4xError
 

@@ -32,12 +32,12 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def numbers(text: str) -> list[float]:
-    """Numbers with commas between them."""
+    """Parse numbers that are separated by commas."""
     return [float(part) for part in text.split(",")]
 
 
 def main(arguments: list[str]) -> dict[str, Any]:
-    """Import, select, and write what is asked for."""
+    """Import the scene, select, and write the requested files."""
     options = parse(arguments)
     root = door.import_empty(options.scene)
     from feature4x.addon import marking, session

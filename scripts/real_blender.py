@@ -97,12 +97,12 @@ def version(root: Path) -> str | None:
     if not all((root / "usr/bin" / name).exists() for name in programs):
         return None
     command = ["chroot", str(root), "blender", "--version"]
-    said = subprocess.run(command, capture_output=True, text=True, env=os.environ | QUIET).stdout
-    return next((line for line in said.splitlines() if line.startswith("Blender ")), None)
+    output = subprocess.run(command, capture_output=True, text=True, env=os.environ | QUIET).stdout
+    return next((line for line in output.splitlines() if line.startswith("Blender ")), None)
 
 
 def prepare(root: Path, suite: str = SUITE) -> str:
-    """Make the system in `root` unless it is there; returns its Blender's version.
+    """Create the system in `root` unless it exists; returns the version of its Blender.
 
     Raises:
         UnavailableError: this machine, its user or its network cannot; or `root` is something else.
@@ -157,7 +157,7 @@ def _install(folder: Path, suite: str, mirror: str) -> str:
 
 
 def _run(*command: str) -> None:
-    """Run a step; UnavailableError with the last that it said where it fails or takes for ever."""
+    """Run a step. Raises UnavailableError with its last line of output if it fails or takes too long."""
     name = " ".join(command[2:4] if command[0] == "chroot" else command[:1])
     try:
         subprocess.run(
@@ -174,8 +174,8 @@ def _run(*command: str) -> None:
     except subprocess.TimeoutExpired:
         raise UnavailableError(f"{name} had not ended after {PATIENCE / 60:.0f} minutes") from None
     except subprocess.CalledProcessError as error:
-        said = [line.strip() for line in error.stdout.splitlines() if line.strip()]
-        raise UnavailableError(f"{name} failed ({said[-1] if said else f'exit code {error.returncode}'})") from None
+        lines = [line.strip() for line in error.stdout.splitlines() if line.strip()]
+        raise UnavailableError(f"{name} failed ({lines[-1] if lines else f'exit code {error.returncode}'})") from None
 
 
 def _require_debootstrap() -> None:
@@ -227,7 +227,7 @@ def _remove(folder: Path) -> None:
 
 
 def main() -> int:
-    """Parse the command line, prepare, say what is there."""
+    """Parse the command line, prepare the system and print what it contains."""
     parser = argparse.ArgumentParser(prog="real_blender.py", description=__doc__.splitlines()[0])
     parser.add_argument("root", type=Path, help="folder of the system; made where it is missing")
     parser.add_argument("--suite", default=SUITE, help="release of Debian (default: %(default)s)")

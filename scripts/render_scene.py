@@ -33,7 +33,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 
 
 def main(arguments: list[str]) -> dict[str, Any]:
-    """Open, render frame by frame, tell the seconds."""
+    """Open the scene, render frame by frame, and report the seconds."""
     options = parse(arguments)
     import bpy
     from feature4x.addon.render_settings import save_multilayer, save_png

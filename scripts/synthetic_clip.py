@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))  # `blender -P` does no
 import door
 
 RENDERED = ("images", "truth", "images_*", "truth_*", "truth.json")
-"""What a clip's folder holds."""
+"""Files and folders in the folder of a clip."""
 DEGREES = "5,10,20"
 """Angles of `--extra-cameras` without a value."""
 
@@ -86,7 +86,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
 
 
 def clear(folder: Path) -> None:
-    """Remove what an earlier or interrupted render left, and nothing else."""
+    """Remove the files of an earlier or interrupted render, and nothing else."""
     for pattern in RENDERED:
         for path in folder.glob(pattern):
             if path.is_dir():

@@ -157,23 +157,23 @@ def measure_edit(
 
 
 def measure_flicker(scene: Scene, backend: str = "auto") -> float:
-    """`judge.flicker` of what stands still when it is painted, over `WINDOW` frames in the middle of the clip.
+    """`judge.flicker` of the static Gaussians when they are painted, over `WINDOW` frames in the middle of the clip.
 
     Seen through the clip's own cameras; only pixels that stand still in all of them count.
     """
     still = Not(Moving())
     after = with_operations(scene, Recolour(still, (1.0, 0.0, 0.0), keep_luminance=True))
-    cameras, standing = scene.cameras, 1 - scene.moving[:, None].astype(np.float32)
+    cameras, static = scene.cameras, 1 - scene.moving[:, None].astype(np.float32)
     middle = max(0, (len(cameras) - WINDOW) // 2)
     frames = range(middle, min(middle + WINDOW, len(cameras)))
-    old, new, share = [], [], []
+    old, new, static_weights = [], [], []
     for t in frames:
         time = float(cameras.times[t])
-        drawn = render(scene, cameras[t], time, ("rgb",), backend, values={"standing": standing})
+        drawn = render(scene, cameras[t], time, ("rgb",), backend, values={"static": static})
         old.append(drawn["rgb"])
-        share.append(drawn["standing"][..., 0])
+        static_weights.append(drawn["static"][..., 0])
         new.append(render(after, cameras[t], time, ("rgb",), backend)["rgb"])
-    return flicker(np.stack(old), np.stack(new), np.min(share, 0) > 0.9)
+    return flicker(np.stack(old), np.stack(new), np.min(static_weights, 0) > 0.9)
 
 
 def time_sentence(path: Path, sentence: str, encode: Encode | None = None, backend: str = "auto") -> dict[str, Any]:
@@ -198,20 +198,20 @@ def time_sentence(path: Path, sentence: str, encode: Encode | None = None, backe
 
 
 def try_faults() -> dict[str, str]:
-    """What is told when a language model's server fails in each of the ways of `_FAULTS`: one sentence each.
+    """Fault of `_FAULTS` -> the error message when a language model's server fails in this way.
 
     Raises AssertionError where a fault gives operations or another exception than F4xError.
     """
-    told = {}
+    messages = {}
     for name, reply in _FAULTS.items():
         with _faulty(*reply) as url:
             try:
                 operations = ask_for_operations(ChatServer(url, timeout=PATIENCE), Request("make it red", ("dog",)))
             except F4xError as error:
-                told[name] = str(error).replace(url, "URL")
+                messages[name] = str(error).replace(url, "URL")
             else:
                 raise AssertionError(f"the fault '{name}' became {operations}")
-    return told
+    return messages
 
 
 def _chat(text: str) -> bytes:

@@ -68,8 +68,8 @@ def score_following(
     selection = select_by_mask(scene, masks[first], first, backend=backend, progress=progress)
     result = {}
     for frame in sorted({*(t for t in FOLLOWED if t in masks), max(masks)}):
-        share = share_picture(scene, selection, scene.cameras[frame], float(scene.cameras.times[frame]), backend)
-        result[f"follow_iou_{frame}"] = overlap(share > 0.5, masks[frame])
+        weights = share_picture(scene, selection, scene.cameras[frame], float(scene.cameras.times[frame]), backend)
+        result[f"follow_iou_{frame}"] = overlap(weights > 0.5, masks[frame])
     return result
 
 

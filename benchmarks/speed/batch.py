@@ -140,14 +140,14 @@ def measure_overhead(folder: Path, rows: int = 500) -> dict[str, float]:
     many of them cost more each, commands included: seconds a task and memory of this process, of the first and the last quarter.
     """
     write_stub_clips(folder / "clips", rows)
-    told: list[tuple[int, float, int]] = []
+    samples: list[tuple[int, float, int]] = []
 
     def watch(board: Board) -> None:
-        told.append((board.number("done"), time.perf_counter(), _resident()))
+        samples.append((board.number("done"), time.perf_counter(), _resident()))
 
     board, seconds = run_rows(str(folder / "clips" / "*"), str(folder / "out"), 1, EMPTY, STUB, watch)
     busy = sum(sum(each.seconds.values()) for each in board.rows.values())
-    done, moments, memory = np.array(told, float).T
+    done, moments, memory = np.array(samples, float).T
     tasks = board.number()
     quarters = np.interp(np.array([0, 0.25, 0.75, 1]) * tasks, done, moments)
     return {

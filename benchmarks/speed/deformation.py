@@ -56,9 +56,9 @@ def _forms(count: int) -> tuple[dict[str, Any], dict[str, float]]:
     times = np.arange(float(FRAMES))
     axis = rng.normal(size=(NODES, 3))
     axis *= TURN * np.pi * rng.uniform(size=(NODES, 1)) / np.linalg.norm(axis, axis=1, keepdims=True)
-    share = np.linspace(0, 1, FRAMES)[:, None, None]
-    quat = quaternion.from_rotation_vector(share * axis).astype(np.float32)
-    xyz = (rng.normal(size=(1, NODES, 3)) + 0.2 * share * axis).astype(np.float32)
+    phase = np.linspace(0, 1, FRAMES)[:, None, None]
+    quat = quaternion.from_rotation_vector(phase * axis).astype(np.float32)
+    xyz = (rng.normal(size=(1, NODES, 3)) + 0.2 * phase * axis).astype(np.float32)
     neighbours = rng.integers(0, NODES, (count, NEIGHBOURS))
     weights = rng.uniform(0.1, 1, (count, NEIGHBOURS)).astype(np.float32)
     weights /= weights.sum(1, keepdims=True)

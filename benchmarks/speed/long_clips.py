@@ -50,8 +50,8 @@ def measure_long(
     rows: list[dict[str, Any]] = []
     for count in counts:
         progress("bench scale", len(rows), len(counts), f"{count} frames")
-        clip, place, told = folder / f"clip{count}", folder / f"fit{count}", folder / f"row{count}.json"
-        if told.is_file() and (row := json.loads(told.read_text(encoding="utf-8")))["source"] == known:
+        clip, place, record = folder / f"clip{count}", folder / f"fit{count}", folder / f"row{count}.json"
+        if record.is_file() and (row := json.loads(record.read_text(encoding="utf-8")))["source"] == known:
             rows.append(row)
             continue
         for left in (clip, place):
@@ -72,7 +72,7 @@ def measure_long(
             "static": ended.last["result"]["shots"][0]["static"],
         }
         row |= {name: figures[name] for name in ("used_psnr", "seam_psnr", "rest_psnr") if name in figures}
-        told.write_text(json.dumps(row), encoding="utf-8")
+        record.write_text(json.dumps(row), encoding="utf-8")
         rows.append(row)
     return {
         "rows": rows,

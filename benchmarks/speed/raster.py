@@ -7,7 +7,7 @@ import math
 import statistics
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -222,14 +222,16 @@ def measure_thread_ceiling(threads: int = 2, seconds: float = 0.3) -> float | No
 def _ratios(timings: list[dict[str, Any]]) -> dict[str, float]:
     """torch / native, most / fewest channels and one / more threads, wherever both were measured."""
     times = {(r["gaussians"], r["channels"], r["threads"], r["backend"]): r["train_ms"] for r in timings}
-    fewest, single = min(key[1] for key in times), min(key[2] for key in times)
+    min_channels, single = min(key[1] for key in times), min(key[2] for key in times)
     ratios = {}
     for (n, c, t, name), train in times.items():
         case = f"{n} Gaussians, {c} channels, {t} threads"
         if name == "native" and (n, c, t, "torch") in times:
             ratios[f"torch / native, {case}"] = times[n, c, t, "torch"] / train
-        if c > fewest:
-            ratios[f"{c} / {fewest} channels, {name}, {n} Gaussians, {t} threads"] = train / times[n, fewest, t, name]
+        if c > min_channels:
+            ratios[f"{c} / {min_channels} channels, {name}, {n} Gaussians, {t} threads"] = (
+                train / times[n, min_channels, t, name]
+            )
         if t > single:
             ratios[f"{single} / {t} threads, {name}, {n} Gaussians, {c} channels"] = times[n, c, single, name] / train
     return ratios
@@ -256,21 +258,10 @@ def _measure_times(
     return list(zip(medians[:-1:2], medians[1:-1:2], strict=True)), statistics.median(peaks)
 
 
-def view_of(
-    *,
-    means: Any,
-    quats: Any,
-    scales: Any,
-    opacities: Any,
-    colors: Any,
-    viewmat: Any,
-    K: Any,
-    width: int,
-    height: int,
-    **_: Any,
-) -> tuple[Splats, Any, Camera]:
-    """The first arguments of `rasterize` for arrays that are named one by one, as in `make_wavy_scene`; others are left out."""
-    return Splats(means, quats, scales, opacities), colors, Camera(K, viewmat, width, height)
+def view_of(scene: Mapping[str, Any]) -> tuple[Splats, Any, Camera]:
+    """The first three arguments of `rasterize` for a scene of named arrays, as `make_wavy_scene` returns it."""
+    splats = Splats(scene["means"], scene["quats"], scene["scales"], scene["opacities"])
+    return splats, scene["colors"], Camera(scene["K"], scene["viewmat"], scene["width"], scene["height"])
 
 
 def draw(
@@ -284,9 +275,9 @@ def draw(
     rows: slice | None = None,
     **scene: Any,
 ) -> RasterOutput:
-    """`rasterize` of a `scene` that `view_of` takes."""
+    """`rasterize` of a `scene` of named arrays, see `view_of`."""
     return rasterize(
-        *view_of(**scene),
+        *view_of(scene),
         background=background,
         config=config,
         backend=backend,
@@ -328,7 +319,7 @@ def count_pairs(scene: dict[str, Any]) -> int:
     library, reason = native.open_library()
     assert library is not None, reason
     arrays = {name: scene[name].detach().numpy() for name in (*GRADIENTS, "K")}
-    inputs = RasterInput(*view_of(**{**scene, **arrays}), config=RasterConfig(threads=1))
+    inputs = RasterInput(*view_of(scene | arrays), config=RasterConfig(threads=1))
     render = native.forward(library, inputs, keep=True)
     return native.count_pairs(library, render)
 

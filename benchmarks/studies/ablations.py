@@ -123,8 +123,8 @@ def study_ablations(context: Context) -> Findings:
         )
         doubts += [doubt] if doubt is not None else []
         for ablation, found in fits.items():
-            said = {"world": name, "priors": kind, "without": ablation}
-            rows.append(said | _against(found, whole, doubt if ablation != WHOLE else None))
+            about = {"world": name, "priors": kind, "without": ablation}
+            rows.append(about | _against(found, whole, doubt if ablation != WHOLE else None))
     joint = _joint_rows(context)
     note = (
         f"{NOTE} Noisy priors: {TRACK_NOISE} px of jitter, {TRACK_GAPS:.0%} of the track samples lost, depth off by"
@@ -133,13 +133,13 @@ def study_ablations(context: Context) -> Findings:
         " less. The"
         " paper's kernel is exp(-d2 / 2r) in the place of exp(-d2 / 2r2)."
     )
-    told = (
+    note = (
         f"After the fit, pictures and made-up features ({DIM} channels through a latent of {LATENT}) together for"
         f" {JOINT_SHARE:.0%} more steps; features move opacity, size and place of Gaussians, or only their latents."
     )
     tables = [
         Table("ablations", rows, "One part left out", TIMED, note),
-        Table("features", joint, "Features and geometry", TIMED, told),
+        Table("features", joint, "Features and geometry", TIMED, note),
     ]
     return Findings(tables, words=[*_words(rows, doubts), _joint_words(joint)])
 
@@ -231,8 +231,8 @@ def _against(found: Sequence[Row], whole: Sequence[Row], doubt: float | None) ->
     if doubt is not None:
         change = changes[CHANGE]
         sense = NOT_SURE if abs(change) <= doubt else "better" if change > 0 else "worse"
-    told = {column: row[column] for column in (*COLUMNS, "nodes", "seeds", "fit (s)")}
-    return changes | {"doubt (dB)": doubt, "verdict": sense} | told
+    kept = {column: row[column] for column in (*COLUMNS, "nodes", "seeds", "fit (s)")}
+    return changes | {"doubt (dB)": doubt, "verdict": sense} | kept
 
 
 def doubt_of(pairs: Sequence[Sequence[float]]) -> float | None:
@@ -250,21 +250,21 @@ def doubt_of(pairs: Sequence[Sequence[float]]) -> float | None:
 
 
 def _words(rows: Sequence[Row], doubts: Sequence[float]) -> list[str]:
-    """Every ablation in one sentence, the most harmful first; what chance does is said before."""
+    """One sentence per ablation, the most harmful first, after a note on random variation."""
     sentences = []
     for name in ABLATIONS:
-        told, worst = [], 0.0
+        changes, worst = [], 0.0
         for row in rows:
             if row["without"] != name or name == WHOLE:
                 continue
-            change, said = row[CHANGE], f"whole picture {row['change, whole picture (dB)']:+.2f}"
-            said = f"{row['verdict']}; {said}" if row["verdict"] else said
-            told.append(
-                f"{change:+.2f} dB on {row['world']}, {row['priors']} priors ({said}, tracks {row['change (px)']:+.2f} px)"
+            change, detail = row[CHANGE], f"whole picture {row['change, whole picture (dB)']:+.2f}"
+            detail = f"{row['verdict']}; {detail}" if row["verdict"] else detail
+            changes.append(
+                f"{change:+.2f} dB on {row['world']}, {row['priors']} priors ({detail}, tracks {row['change (px)']:+.2f} px)"
             )
             worst = min(worst, change)
-        if told:
-            sentences.append((worst, f"{name[0].upper()}{name[1:]}: {'; '.join(told)}."))
+        if changes:
+            sentences.append((worst, f"{name[0].upper()}{name[1:]}: {'; '.join(changes)}."))
     said = "Moving pixels of novel views. One fit each: chance is not told apart from change."
     if doubts:
         said = (

@@ -69,8 +69,8 @@ EDIT_FIGURES = {
     "sentence to edited file (s)": "sentence_s",
     "flicker of what stands still, after / before": "still_flicker",
 } | {
-    f"{said}: {what}": f"{prompt}_{figure}"
-    for prompt, said in (("mask", "mask"), ("point", "click"), ("text", "word"))
+    f"{label}: {what}": f"{prompt}_{figure}"
+    for prompt, label in (("mask", "mask"), ("point", "click"), ("text", "word"))
     for figure, what in (("iou", "IoU"), ("iou_worst", "IoU, worst frame"), ("leakage", "leakage"))
 }
 """Column -> what `f4x bench edit` calls it."""
@@ -102,8 +102,8 @@ def fit_clips(context: Context) -> Findings:
     rows: list[Row] = []
     for clip in _clips(context):
         for profile in PROFILES:
-            told = context.step(f"{clip.name}-{profile}", partial(_fit, clip, profile, context))
-            rows.append({"clip": clip.name, "half": REAL.half_of(clip.name), "profile": profile} | told)
+            measured = context.step(f"{clip.name}-{profile}", partial(_fit, clip, profile, context))
+            rows.append({"clip": clip.name, "half": REAL.half_of(clip.name), "profile": profile} | measured)
     note = f"Every {HOLD_OUT}th frame is held out; `f4x fit CLIP --profile PROFILE --hold-out {HOLD_OUT}`, then `f4x eval`."
     return Findings([Table("clips", rows, "Real clips", timed=("time (s)",), note=note)])
 
@@ -117,8 +117,8 @@ def ask_clips(context: Context) -> Findings:
             skipped.append(f"{clip.name}: it has no masks")
             continue
         word = WORDS.get(clip.name, clip.name)
-        told = context.step(clip.name, partial(_ask, clip, scene, word, context))
-        rows.append({"clip": clip.name, "word": word, "frames": told["frames"]} | _named(told, ASKED_FIGURES))
+        measured = context.step(clip.name, partial(_ask, clip, scene, word, context))
+        rows.append({"clip": clip.name, "word": word, "frames": measured["frames"]} | _named(measured, ASKED_FIGURES))
     note = (
         f"`{ASKED}` scenes, teachers {TEACHERS}, all frames seen by the clip's own cameras, against its true masks. AP: average"
         " precision; the mask is the true one of the first frame, followed by features."
@@ -137,8 +137,8 @@ def edit_clips(context: Context) -> Findings:
         word = WORDS.get(clip.name, clip.name)
         verb = ["bench", "edit", "--scene", str(scene), "--masks", str(clip / "masks"), "--label", word]
         try:
-            told = context.step(clip.name, partial(_measure, verb, context))
-            rows.append({"clip": clip.name} | _named(told, EDIT_FIGURES))
+            measured = context.step(clip.name, partial(_measure, verb, context))
+            rows.append({"clip": clip.name} | _named(measured, EDIT_FIGURES))
         except F4xError as error:  # a word that nothing answers to
             skipped.append(f"{clip.name}: {error}")
     note = (
@@ -192,11 +192,13 @@ def measure_blender(context: Context) -> Findings:
 
     if find_spec("bpy") is None:
         raise MissingError("this Python has no bpy; `pip install bpy==4.5.15` brings it to Python 3.11.")
-    told = context.step("bench", partial(_run, [str(_script("bench_blender.py")), "--json"]))
-    parts = {part: row for part, row in told.items() if isinstance(row, dict)}  # beside them stands Blender's version
+    measured = context.step("bench", partial(_run, [str(_script("bench_blender.py")), "--json"]))
+    parts = {
+        part: row for part, row in measured.items() if isinstance(row, dict)
+    }  # beside them stands Blender's version
     rows = [{"what": part, "figure": n, "value": v} for part, row in parts.items() for n, v in _figures(row).items()]
     skipped = [f"{part}: {row['left_out']}" for part, row in parts.items() if "left_out" in row]
-    table = Table("blender", rows, f"Blender {told['blender']} as a Python module", timed=("value",))
+    table = Table("blender", rows, f"Blender {measured['blender']} as a Python module", timed=("value",))
     return Findings([table], skipped=skipped)
 
 
@@ -259,15 +261,15 @@ def _measure(verb: Sequence[str], context: Context) -> Row:
     return _figures(run_verb(verb, context.folder, context.progress))
 
 
-def _figures(told: dict[str, Any]) -> Row:
+def _figures(measured: dict[str, Any]) -> Row:
     """The single numbers of a verb's result."""
-    return {name: value for name, value in told.items() if isinstance(value, (int, float))}
+    return {name: value for name, value in measured.items() if isinstance(value, (int, float))}
 
 
-def _named(told: Row, figures: Mapping[str, str]) -> Row:
+def _named(measured: Row, figures: Mapping[str, str]) -> Row:
     """The figures under the names of a reader."""
-    last = told.get("frames", 0) - 1
-    return {column: told.get(name.format(last=last)) for column, name in figures.items()}
+    last = measured.get("frames", 0) - 1
+    return {column: measured.get(name.format(last=last)) for column, name in figures.items()}
 
 
 def _timed(rows: Sequence[Row]) -> tuple[str, ...]:

@@ -175,7 +175,7 @@ def _measure_scene(
 ) -> None:
     clip = read_scene_clip(context, folder, protocol)
     config = fit_config(context, protocol.profile)
-    scene, cost = fit_scene(context, clip, config, protocol.told_cameras)
+    scene, cost = fit_scene(context, clip, config, protocol.known_cameras)
     placed, scores = measure_views(context, clip, scene, protocol)
     named = {"scene": folder.name, "source": OURS, "method": f"{METHOD}, profile {config.name}"}
     answers.views.append(named | scores | sizes_of(scene) | cost)
@@ -194,8 +194,8 @@ def _measure_scene(
             given = read_moving(clip, novel)
             work = partial(follow_points, scene, teachers["masks"], novel, cameras, context.seed, given)
             try:
-                told = context.step(f"{clip.name} masks", work, mask=given is not None, **settings)
-                answers.masks += [about | row for row in told]
+                found = context.step(f"{clip.name} masks", work, mask=given is not None, **settings)
+                answers.masks += [about | row for row in found]
             except MissingError as reason:
                 answers.skipped.append(f"masks of {folder.name}: {reason}")
 
@@ -205,13 +205,13 @@ def _measure_davis(context: Context, sequence: Path, teacher: str) -> Row:
     labels = read_annotations(clip)
     scene, cost = fit_scene(context, clip, fit_config(context, DAVIS_PROFILE))
     settings = {"frames": clip.picked, "width": clip.width}
-    told = context.step(
+    found = context.step(
         f"{clip.name} frames", lambda: _frame_scores(scene, clip), lpips=not lpips_missing(), **settings
     )
     scene, distilled = add_heads(context, clip, scene, [teacher])
     follow = partial(_follow_annotation, context, scene, clip, labels, teacher)
     return (
-        told
+        found
         | context.step(f"{clip.name} masks", follow, teacher=teacher, **settings)
         | sizes_of(scene)
         | cost

@@ -33,7 +33,7 @@ ANGLES = (
 )
 OWN_DEGREES, OWN_PLACE = "rounding of rotation (deg)", "rounding of position"
 MADE_DEGREES, MADE_PLACE = "rotation rms, as made (deg)", "position rms, as made"
-LARGEST_EXACT = 1e-9
+MAX_EXACT_ERROR = 1e-9
 """The exact mean may be so far from the screw it halves (world units; degrees are checked at 57 times as much)."""
 
 Poses = tuple[np.ndarray, np.ndarray]
@@ -242,19 +242,19 @@ def difference(found: Poses, truth: Poses) -> tuple[float, float]:
 def measure_rotations(context: Context) -> Findings:
     """A Gaussian between a node at rest and one that turns by 0 to 359 degrees."""
     angles = context.choose(*ANGLES)
-    shares = context.choose((0.25,), (0.25, 0.5))
+    fractions = context.choose((0.25,), (0.25, 0.5))
     count = context.choose(64, 1000)
     rows: list[Row] = context.step(
         "rotations",
         lambda: [
-            row for s in shares for angle in angles for row in _rotation_rows(float(angle), s, count, context.seed)
+            row for s in fractions for angle in angles for row in _rotation_rows(float(angle), s, count, context.seed)
         ],
         angles=angles,
-        shares=shares,
+        shares=fractions,
     )
     tables = [Table("rotations", rows, f"{count} axes and pivots", note=_ROTATIONS_NOTE)]
-    shown = [row for row in rows if row["share"] == shares[0]]
-    wide, ours = {"precision": "float64", "share": shares[0]}, {"kind": "aligned", "share": shares[0]}
+    shown = [row for row in rows if row["share"] == fractions[0]]
+    wide, ours = {"precision": "float64", "share": fractions[0]}, {"kind": "aligned", "share": fractions[0]}
     figures = [
         Figure("From the mean on the short way", "rotations", "angle (deg)", DEGREES, "form", log="", where=wide),
         Figure("Position, from the same mean", "rotations", "angle (deg)", PLACE, "form", log="y", where=wide),
@@ -263,7 +263,7 @@ def measure_rotations(context: Context) -> Findings:
     ]
     exact = [row for row in rows if row["form"] == EXACT and row["angle (deg)"] != 180]
     wrong = max(max(row[PLACE], np.radians(row[DEGREES])) for row in exact)
-    failed = [f"The exact mean is {wrong:.1e} from the screw that it divides."] if wrong > LARGEST_EXACT else []
+    failed = [f"The exact mean is {wrong:.1e} from the screw that it divides."] if wrong > MAX_EXACT_ERROR else []
     return Findings(tables, figures, _rotation_words(shown), failed=failed)
 
 

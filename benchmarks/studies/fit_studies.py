@@ -30,7 +30,7 @@ from .toy_worlds import make_world
 
 WORLD = "two movers"
 """What is fitted: two rigid movers need a scaffold, and the camera moves."""
-PROFILE_SHARE, LEAST_STEPS = 1 / 50, 20
+QUICK_FRACTION, MIN_STEPS = 1 / 50, 20
 """Of a profile's steps in a quick report."""
 QUICK_COUNTS, FULL_COUNTS = (50, 100, 200, 400), (150, 300, 600, 1200, 2400, 4800)
 QUICK_WIDTHS, FULL_WIDTHS = (48, 96, 192), (96, 160, 240, 336)
@@ -46,19 +46,19 @@ def study_profiles(context: Context) -> Findings:
     rows: list[Row] = []
     for name in PROFILES:
         config = replace(profile(name), threads=context.threads)
-        config = shorten(config, max(round(PROFILE_SHARE * config.steps), LEAST_STEPS)) if context.quick else config
+        config = shorten(config, max(round(QUICK_FRACTION * config.steps), MIN_STEPS)) if context.quick else config
         rows.append({"profile": name, "steps": config.steps} | _fits(context, name, world, config))
     rows += context.step("baselines", partial(_baselines, world))
     best = max(rows, key=lambda row: row.get("novel (dB)") or 0)
     quickest = min((row for row in rows if "steps" in row), key=lambda row: row["fit (s)"])
     still = max(row["held out (dB)"] for row in rows if "steps" not in row)
     words = [
-        (f"Each with {PROFILE_SHARE:.0%} of its steps: " if context.quick else "")
+        (f"Each with {QUICK_FRACTION:.0%} of its steps: " if context.quick else "")
         + f"{best['profile']} comes nearest to novel views ({best['novel (dB)']:.2f} dB after {best['steps']} steps);"
         f" {quickest['profile']} is the quickest fit and stays {best['novel (dB)'] - quickest['novel (dB)']:.2f} dB behind.",
         f"On held-out frames the profiles reach {_span(rows)} dB, the better baseline without 3D {still:.2f} dB.",
     ]
-    note = NOTE + (f" Steps are {PROFILE_SHARE:.3g} of the profile's." if context.quick else "")
+    note = NOTE + (f" Steps are {QUICK_FRACTION:.3g} of the profile's." if context.quick else "")
     low, high = "novel error low (rms)", "novel error high (rms)"
     figures = [Figure("Profiles", "profiles", "fit (s)", "novel error (rms)", "profile", low, high, front=True)]
     return Findings([Table("profiles", rows, f"World `{WORLD}`", TIMED, note)], figures, words, lpips_missing())
@@ -142,8 +142,8 @@ def _baselines(world: Any) -> list[Row]:
     seconds = (time.perf_counter() - start) / 2
     names = {"psnr_nearest": "nearest used frame", "psnr_flow_blend": "blend along flow"}
     return [
-        {"profile": f"no 3D: {said}", "held out (dB)": statistics.fmean(s[name] for s in scores), "fit (s)": seconds}
-        for name, said in names.items()
+        {"profile": f"no 3D: {label}", "held out (dB)": statistics.fmean(s[name] for s in scores), "fit (s)": seconds}
+        for name, label in names.items()
     ]
 
 
@@ -154,11 +154,11 @@ def _span(rows: list[Row]) -> str:
 
 def _doubling(column: str, rows: list[Row]) -> str:
     """What the last step up of a ladder cost and brought, and the first."""
-    said = []
+    sentences = []
     for before, after in ((rows[0], rows[1]), (rows[-2], rows[-1])):
-        said.append(
+        sentences.append(
             f"{column} {before[column]:,.4g} to {after[column]:,.4g}: {after['novel (dB)'] - before['novel (dB)']:+.2f} dB on"
             f" novel views, {after['novel, moving (dB)'] - before['novel, moving (dB)']:+.2f} dB on what moves there, for"
             f" {after['fit (s)'] / before['fit (s)']:.2f} times the time"
         )
-    return "; ".join(said) + "."
+    return "; ".join(sentences) + "."

@@ -40,7 +40,7 @@ class Check:
     by: str = ""
     """Backend or form that was tried."""
     error: float | None = None
-    """How far from the truth, relative where nothing else is said in `what`."""
+    """Distance from the truth, relative unless `what` names a unit."""
     allowed: float | None = None
     """The most it may be."""
     said: str = ""

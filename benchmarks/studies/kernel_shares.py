@@ -119,11 +119,11 @@ def _shares(make: Callable[[], Iterable[Kernel]], repeats: int) -> list[Row]:
     rows = []
     for kernel, times in zip(kernels, seconds, strict=True):
         low, middle, high = statistics.quantiles(times, n=4, method="inclusive")
-        shares = kernel.operations / middle / peak, kernel.bytes / middle / rate
+        fractions = kernel.operations / middle / peak, kernel.bytes / middle / rate
         row: Row = {"kernel": kernel.name, "size": kernel.size}
         row |= {"operations (M)": kernel.operations / 1e6, "bytes (MB)": kernel.bytes / 1e6}
         row |= dict(zip(time_columns(), (1e3 * middle, 1e3 * low, 1e3 * high), strict=True))
-        rows.append(row | {OF_PEAK: shares[0], OF_COPY: shares[1], OF_LIMIT: max(shares)})
+        rows.append(row | {OF_PEAK: fractions[0], OF_COPY: fractions[1], OF_LIMIT: max(fractions)})
     return rows
 
 
@@ -135,7 +135,7 @@ def _raster_kernels(count: int, width: int, height: int, channels: Sequence[int]
         scene = make_wavy_scene(count, c, width, height, seed)
         pairs = count_pairs(scene)
         arrays = {name: scene[name].numpy() for name in (*GRADIENTS, "K")}
-        inputs = RasterInput(*view_of(**{**scene, **arrays}), config=RasterConfig(threads=1))
+        inputs = RasterInput(*view_of(scene | arrays), config=RasterConfig(threads=1))
         render = raster.forward(library, inputs, keep=True)
         sent = np.ones((height, width, c), np.float32)
         scene_bytes, picture_bytes = FLOAT * count * (SPLAT_FLOATS + c), FLOAT * width * height * (c + 2)

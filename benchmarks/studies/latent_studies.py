@@ -65,13 +65,13 @@ def study_widths(context: Context) -> Findings:
         write_scene(scene, _file(context, width))
         miou, accuracy = score_features(world, scene, DIM)
         pictures = compare_pictures(scene, plain, world.clip)
-        told = scene.require_field([HEAD]).head(HEAD).report
+        report = scene.require_field([HEAD]).head(HEAD).report
         sizes = scene.info()["megabytes"]
         return {
             "distil (s)": seconds,
             "mIoU": miou,
             "accuracy": accuracy,
-            "cosine, held out": told["held_out"]["cosine"],
+            "cosine, held out": report["held_out"]["cosine"],
             "PSNR (dB)": pictures["psnr"],
             "PSNR change (dB)": pictures["psnr_change"],
             "size (MB)": sum(sizes.values()),
@@ -159,9 +159,9 @@ def study_inference(context: Context) -> Findings:
     views, ways = novel_views(world, scene), _ways(world, scene)
     first, labels, masks = maps.at(0), [], []
     for name, way in ways.items():
-        said = {"source": OURS, "data": WORLD, "from": name}
-        labels.append(said | context.step(f"labels {name}", partial(_label, world, views, first, way)))
-        masks.append(said | context.step(f"masks {name}", partial(_follow, world, views, way)))
+        about = {"source": OURS, "data": WORLD, "from": name}
+        labels.append(about | context.step(f"labels {name}", partial(_label, world, views, first, way)))
+        masks.append(about | context.step(f"masks {name}", partial(_follow, world, views, way)))
     note = (
         f"Ours: the `{TEACHER}` teacher (MobileNetV2), {len(views)} novel views of world `{WORLD}`; a label's vector is the mean of"
         " the teacher's features where the first frame truly shows it. `truth`: the teacher sees the true novel picture, so"
@@ -237,7 +237,7 @@ def _width_words(rows: list[Row]) -> list[str]:
     by_width = {row["width"]: row for row in rows}
     widest, chosen = rows[-1], by_width[CHOICE]
     theirs = next(row for row in _compared(DIMENSIONS, "draw all (s)") if row["width"] == widest["width"])
-    most = max(abs(row["PSNR change (dB)"]) for row in rows)
+    largest_change = max(abs(row["PSNR change (dB)"]) for row in rows)
     best = max(rows, key=lambda row: row["mIoU"])
     enough = next(row for row in rows if row["mIoU"] >= best["mIoU"] - 0.01)
     return [
@@ -246,7 +246,7 @@ def _width_words(rows: list[Row]) -> list[str]:
         f"{widest['width']} channels take {widest[DISTIL]:.2f} times the distilling of {CHOICE}, {widest[TRAIN]:.2f} times the"
         f" training of which the fit of the pictures is a part, and {widest[DRAW]:.2f} times the drawing; Feature4X reports"
         f" {theirs[TRAIN]:.2f} for training, where pictures and features are fitted together, and {theirs[DRAW]:.2f} for drawing.",
-        f"Features change no picture: PSNR differs by at most {most:.2g} dB from that of the scene without them.",
+        f"Features change no picture: PSNR differs by at most {largest_change:.2g} dB from that of the scene without them.",
     ]
 
 

@@ -95,7 +95,7 @@ class Subject:
     moving_error: str
     """... but those about motion."""
     still: Callable[[], Priors | None]
-    """Priors that call a still thing moving; None where there is none."""
+    """Priors that mark a static object as moving; None if there is no such object."""
 
     def judge(self, choice: str, row: Row) -> str:
         """The column that judges a choice."""
@@ -113,8 +113,10 @@ def study_ladder(context: Context) -> Findings:
             name, partial(_fit_world, world), "novel (dB)", "novel, moving (dB)", partial(_pretend_moving, world)
         )
         chosen = QUICK_CHOICES[name] if context.quick else CHOICES
-        said = {"scene": name, "what": KINDS[name][0]}
-        found.add(context, subject, said, base_config(context), [choice for choice in chosen if choice != WIDTH], seeds)
+        about = {"scene": name, "what": KINDS[name][0]}
+        found.add(
+            context, subject, about, base_config(context), [choice for choice in chosen if choice != WIDTH], seeds
+        )
         if WIDTH in chosen:
             found.add_widths(context, world)
     return found.findings(NOTE)
@@ -145,7 +147,7 @@ class _Found:
         self.options: dict[str, list[Row]] = {choice: [] for choice in CHOICES}
 
     def add(
-        self, context: Context, subject: Subject, said: Row, base: FitConfig, choices: list[str], seeds: int
+        self, context: Context, subject: Subject, about: Row, base: FitConfig, choices: list[str], seeds: int
     ) -> None:
         """Fit what the program chooses, then its neighbours."""
 
@@ -176,7 +178,7 @@ class _Found:
             "size (MB)",
         ]
         columns += [subject.error, subject.moving_error]
-        self.needs.append(said | {column: chosen.get(column) for column in columns})
+        self.needs.append(about | {column: chosen.get(column) for column in columns})
         for choice in choices:
             tried = {"chosen": (_value(choice, chosen), fits)}
             beside = [_neighbours(choice, fit, base, subject) for fit in fits]  # seeds may choose otherwise
@@ -241,14 +243,14 @@ class _Found:
         ]
         words += [_sentence(row) for row in self.knees if row["verdict"] != AT_THE_KNEE]
         bound = f"{KNEE['dB']} dB, or {KNEE['%']:g} % mIoU for the latent"
-        told = (
+        note = (
             f"At the knee: the next smaller choice loses at least {bound}, the next larger one gains less; a verdict is given"
             f" where all seeds agree in it. Nodes are those at the"
             f" start, which the fit adds to and takes from; time ratios are of single fits, not taken in turn. {note}"
         )
         tables = [
             Table("needs", self.needs, "What was chosen, and its cost", TIMED, note),
-            Table("knees", self.knees, "The next smaller and the next larger choice", TIMED, told),
+            Table("knees", self.knees, "The next smaller and the next larger choice", TIMED, note),
         ]
         figures = []
         for choice, rows in self.options.items():

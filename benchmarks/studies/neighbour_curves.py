@@ -32,9 +32,9 @@ def make_curves(frames: int, count: int, seed: int) -> np.ndarray:
     centre = rng.uniform(-1, 1, (GROUPS, 3))
     group = rng.integers(0, GROUPS, count)
     offset = 0.15 * rng.normal(size=(count, 3))
-    share = np.linspace(0, 1, frames)[:, None]
+    fraction = np.linspace(0, 1, frames)[:, None]
     phase, swing, drift = rng.uniform(0, 6, GROUPS), rng.uniform(-2, 2, GROUPS), rng.normal(size=(GROUPS, 3))
-    angle = (swing * np.sin(4 * share + phase))[:, group]  # (F,M) about the vertical
+    angle = (swing * np.sin(4 * fraction + phase))[:, group]  # (F,M) about the vertical
     turned = np.stack(
         [
             np.cos(angle) * offset[:, 0] - np.sin(angle) * offset[:, 2],
@@ -43,8 +43,8 @@ def make_curves(frames: int, count: int, seed: int) -> np.ndarray:
         ],
         -1,
     )
-    wobble = WOBBLE * np.sin(10 * share[..., None] + rng.uniform(0, 6, (count, 3)))
-    return centre[group] + 0.5 * np.sin(3 * share[..., None] * drift[group]) + turned + wobble
+    wobble = WOBBLE * np.sin(10 * fraction[..., None] + rng.uniform(0, 6, (count, 3)))
+    return centre[group] + 0.5 * np.sin(3 * fraction[..., None] * drift[group]) + turned + wobble
 
 
 def measure_neighbours(context: Context) -> Findings:
@@ -124,11 +124,11 @@ def _attach_rows(frames: int, nodes: int, points: int, context: Context) -> list
     }
     nearest = every_pair()
     times = time_rows([name for _, name in ways], list(ways.values()), context.repeats)
-    least = np.linalg.norm(x - xyz[reference, nearest], axis=1)
+    nearest_distance = np.linalg.norm(x - xyz[reference, nearest], axis=1)
     rows = []
     for (kind, _), way, time in zip(ways, ways.values(), times, strict=True):
         found = way()
-        farther = np.linalg.norm(x - xyz[reference, found], axis=1) / least - 1
+        farther = np.linalg.norm(x - xyz[reference, found], axis=1) / nearest_distance - 1
         errors = {WRONG: float(np.mean(found != nearest)), FARTHER: float(farther.mean())}
         rows.append({"name": time["name"], "kind": kind} | time | errors)
     return rows

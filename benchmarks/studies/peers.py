@@ -144,8 +144,8 @@ def _weigh_rays(alphas: Tensor, *, ray_indices: Tensor, n_rays: int) -> tuple[Te
     counts = torch.bincount(ray_indices, minlength=n_rays)
     place = torch.arange(len(alphas)) - (counts.cumsum(0) - counts)[ray_indices]
     passed = alphas.new_ones(n_rays, int(counts.max()) + 1).index_put((ray_indices, place + 1), 1 - alphas)
-    light = passed.cumprod(1)[ray_indices, place]
-    return light * alphas, light
+    transmittance = passed.cumprod(1)[ray_indices, place]
+    return transmittance * alphas, transmittance
 
 
 def _accumulate_rays(weights: Tensor, values: Tensor | None, *, ray_indices: Tensor, n_rays: int) -> Tensor:

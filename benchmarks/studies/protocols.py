@@ -46,8 +46,8 @@ class Protocol:
     """Of its folder below `--data`."""
     profile: str
     """What the paper's authors fit with."""
-    told_cameras: bool
-    """Whether the fit is told the data set's cameras; otherwise it finds its own."""
+    known_cameras: bool
+    """Whether the fit gets the data set's cameras; otherwise it estimates them."""
     first: Refinement
     """How the first view of a camera is moved to match, the scene as it is."""
     others: Refinement
@@ -63,18 +63,18 @@ class Protocol:
 NVIDIA = Protocol(
     "nvidia",
     "nvidia",
-    told_cameras=False,
-    first=Refinement(100, 3e-4, 1e-6, hold=30, least_alpha=0.1),
-    others=Refinement(100, 3e-4, 1e-6, hold=30, least_alpha=0.1),
+    known_cameras=False,
+    first=Refinement(100, 3e-4, 1e-6, hold=30, min_alpha=0.1),
+    others=Refinement(100, 3e-4, 1e-6, hold=30, min_alpha=0.1),
     chained=True,
     masked=False,
 )
 DYCHECK = Protocol(
     "dycheck",
     "dycheck",
-    told_cameras=True,
-    first=Refinement(300, 3e-3, 1e-4, hold=15, least_alpha=0.1),
-    others=Refinement(30, 3e-4, 1e-5, hold=15, least_alpha=0.1),
+    known_cameras=True,
+    first=Refinement(300, 3e-3, 1e-4, hold=15, min_alpha=0.1),
+    others=Refinement(30, 3e-4, 1e-5, hold=15, min_alpha=0.1),
     chained=True,
     masked=True,
 )
@@ -113,15 +113,15 @@ def fit_config(context: Context, name: str) -> FitConfig:
     return context.choose(base_config(context), full)
 
 
-def fit_scene(context: Context, clip: Clip, config: FitConfig, told_cameras: bool = False) -> tuple[Scene, Row]:
+def fit_scene(context: Context, clip: Clip, config: FitConfig, known_cameras: bool = False) -> tuple[Scene, Row]:
     """The scene of `clip`, fitted now or in an earlier run of the report, and what it cost."""
     file = context.folder / f"{clip.name}.f4x"
 
     def work() -> Row:
         place = context.folder / f"{clip.name}-{config.name}-{config.seed}-{clip.width}x{len(clip)}"
-        told = clip if told_cameras else replace(clip, cameras=None)
+        fitted_clip = clip if known_cameras else replace(clip, cameras=None)
         resume = (place / "checkpoints").is_dir()
-        fitted = fit_clip(told, place, config, context.progress, resume)
+        fitted = fit_clip(fitted_clip, place, config, context.progress, resume)
         write_scene(fitted.scene, file)
         return {"steps": config.steps, "fit (s)": sum(fitted.seconds.values())}
 
@@ -161,7 +161,7 @@ def place_cameras(scene: Scene, clip: Clip, novel: NovelCamera) -> list[Camera]:
 def match_cameras(
     scene: Scene, novel: NovelCamera, placed: list[Camera], protocol: Protocol, backend: str = "auto"
 ) -> list[Camera]:
-    """`placed` after the protocol's test-time optimisation; the scene stays as it is, and no mask is looked at."""
+    """`placed` after the protocol's test-time optimisation; the scene stays fixed and masks are ignored."""
     matched: list[Camera] = []
     for index, camera in enumerate(placed):
         start = replace(camera, world_to_camera=matched[-1].world_to_camera) if protocol.chained and matched else camera
@@ -243,6 +243,6 @@ def measure_views(context: Context, clip: Clip, scene: Scene, protocol: Protocol
 
 def _path_error(scene: Scene, clip: Clip, protocol: Protocol) -> Row:
     """How far the found cameras are from the data set's."""
-    if protocol.told_cameras or clip.cameras is None:
+    if protocol.known_cameras or clip.cameras is None:
         return {}
     return {"camera error (share of path)": path_error(scene.cameras, clip.cameras)["ate_share"]}

@@ -15,6 +15,7 @@ from typing import Any
 
 import torch
 
+from f4x_core.edit.words import plural
 from f4x_core.raster import RasterConfig, why_not
 from f4x_core.raster.native import available
 
@@ -37,9 +38,9 @@ Scene = dict[str, Any]
 PICTURE, STEP = "picture", "step"
 """Times of a forward pass without gradients, and of a forward and backward pass."""
 TIMED = (*time_columns(PICTURE), *time_columns(STEP))
-RMSE, MOST, MAX = "picture rmse", "99.9 % of pixels within", "picture max error"
+RMSE, P99_9, MAX = "picture rmse", "99.9 % of pixels within", "picture max error"
 WORST = "worst gradient error"
-LARGEST_ERROR, LARGEST_GRADIENT_ERROR = 1e-4, 1e-2
+MAX_ERROR, MAX_GRADIENT_ERROR = 1e-4, 1e-2
 """What float32 may be off from float64 in 99.9 % of the pixels and in gradients: rounding gives 1e-6 and, with splats on the
 verge of a cut-off, 1e-3 in an unlucky scene; a missing splat or term gives more than 1e-2."""
 SIZES = {"count": 6000, "width": 192, "height": 108}, {"count": 50_000, "width": 480, "height": 270}
@@ -54,7 +55,7 @@ WIDTHS = (96, 192, 384), (96, 192, 384, 768, 1536)
 COUNTS = (1000, 3000, 10_000, 30_000), (1000, 3000, 10_000, 30_000, 100_000, 300_000)
 VERGE = (
     f"`{MAX}` is more than rounding where a splat on the verge of a cut-off is in for one and out for the other: up to 1/255 at"
-    f" the alpha cut and 0.01 at the stop. `{MOST}` and `{RMSE}` tell of all other pixels."
+    f" the alpha cut and 0.01 at the stop. `{P99_9}` and `{RMSE}` tell of all other pixels."
 )
 RGB_AND_LATENT = 3 + 32
 NO_CUTS = {"alpha_min": 1e-7, "transmittance_min": 1e-12}
@@ -83,7 +84,7 @@ class Way:
     """One way to draw a scene."""
 
     backend: str
-    """Or the peer, said to be one."""
+    """Name of the backend, or of a peer (another program)."""
     precision: str = "float32"
     config: RasterConfig = field(default_factory=RasterConfig)
     peer: Peer | None = None
@@ -150,7 +151,7 @@ def reference_answers(ways: Sequence[Way], scene: Scene) -> list[Answer]:
 def errors_of(found: Answer, truth: Answer) -> Row:
     """Columns of errors; None where there are no gradients, and what overflowed by name."""
     error = found.minus(truth)
-    every = {RMSE: error["image_rmse"], MOST: error["image_most"], MAX: error["image_max"]}
+    every = {RMSE: error["image_rmse"], P99_9: error["image_most"], MAX: error["image_max"]}
     every |= {f"{name} gradient error": error["gradients"].get(name) for name in GRADIENTS}
     known = {name: value for name, value in every.items() if value is not None and math.isfinite(value)}
     gradients = [value for name, value in known.items() if name.endswith("gradient error")]
@@ -250,7 +251,7 @@ def _backend_words(rows: Sequence[Row]) -> list[str]:
     reference, others = rows[0], [row for row in rows[1:] if row[f"{STEP} (ms)"] is not None]
     return [
         f"{row['name']}: a training step takes {row[f'{STEP} (ms)']:.3g} ms, {_over(reference, row):.0f} times less than the"
-        f" float64 reference; {_told(row)}."
+        f" float64 reference; {_error_sentence(row)}."
         for row in others
     ]
 
@@ -264,12 +265,12 @@ def _peer_words(ours: Sequence[Row], peers: Sequence[Row]) -> list[str]:
         ratios = " and ".join(f"{_over(row, mine):.1f} times as long as {mine['backend']}" for mine in alike)
         words.append(
             f"{row['name']}: a training step takes {row[f'{STEP} (ms)']:.3g} ms, {ratios} in the same precision, its list of"
-            f" pairs not counted; {_told(row)}."
+            f" pairs not counted; {_error_sentence(row)}."
         )
     return words
 
 
-def _told(row: Row) -> str:
+def _error_sentence(row: Row) -> str:
     """What a row's picture and gradients are off by."""
     picture = "its picture overflows" if row[RMSE] is None else f"its picture is off by {row[RMSE]:.1e} (rms)"
     worst = f"overflows: {row['overflows']}" if row[WORST] is None else f"its worst gradient by {row[WORST]:.1e}"
@@ -283,10 +284,10 @@ def _over(slow: Row, fast: Row) -> float:
 def _untrue(rows: Sequence[Row]) -> list[str]:
     """Sentences about float32 and float64 rows whose error is more than rounding."""
     return [
-        f"{row['backend']}, {row['precision']}: more than rounding; {_told(row)}."
+        f"{row['backend']}, {row['precision']}: more than rounding; {_error_sentence(row)}."
         for row in rows
         if row["precision"] in ("float32", "float64")
-        and (row["overflows"] or row[MOST] > LARGEST_ERROR or (row[WORST] or 0) > LARGEST_GRADIENT_ERROR)
+        and (row["overflows"] or row[P99_9] > MAX_ERROR or (row[WORST] or 0) > MAX_GRADIENT_ERROR)
     ]
 
 
@@ -315,7 +316,7 @@ def measure_cut_offs(context: Context) -> Findings:
 
     rows = context.step("cut-offs", work, cuts=CUTS, size=size)
     note = (
-        f"`{RMSE}`, `{MOST}`, `{MAX}` and gradients: against float64 with the cut-offs of 3DGS. `{WHOLE}`: against float64"
+        f"`{RMSE}`, `{P99_9}`, `{MAX}` and gradients: against float64 with the cut-offs of 3DGS. `{WHOLE}`: against float64"
         " without cut-offs, which is what the cut-offs themselves leave out."
     )
     bars = time_columns(STEP)[1:]
@@ -338,7 +339,8 @@ def _cut_words(rows: Sequence[Row]) -> list[str]:
         f" {rows[1][f'{STEP} (ms)'] / rule[f'{STEP} (ms)']:.2f} times as fast as without any."
     ]
     words += [
-        f"{row['setting']} saves time beyond the quartiles ({1 - row[f'{STEP} (ms)'] / rule[f'{STEP} (ms)']:.0%}); {_told(row)}."
+        f"{row['setting']} saves time beyond the quartiles ({1 - row[f'{STEP} (ms)'] / rule[f'{STEP} (ms)']:.0%});"
+        f" {_error_sentence(row)}."
         for row in cheaper
     ]
     return words
@@ -422,7 +424,7 @@ def measure_channels(context: Context) -> Findings:
 def _decoding_rows(repeats: int, backend: str, size: tuple[int, int, int]) -> list[Row]:
     found = compare_decoding(*size, repeats, backend)
     ways = {"512 rendered (ms)": "rendered_ms", "32 rendered and decoded (ms)": "decoded_ms", "ratio": "ratio"}
-    return [{told: found[name] for told, name in ways.items()}]
+    return [{column: found[name] for column, name in ways.items()}]
 
 
 RELATIVE = "time over that of 8 channels"
@@ -450,18 +452,18 @@ def measure_counts(context: Context) -> Findings:
     return _curve(rows, "Gaussians", _about(context, channels=RGB_AND_LATENT, width=width, height=height))
 
 
-def _sweep(context: Context, cases: Sequence[dict[str, Any]], told: Sequence[str]) -> list[Row]:
-    """Rows of the fast ways for scenes of other `count`, `channels`, `width`, `height`; columns `told` say which."""
+def _sweep(context: Context, cases: Sequence[dict[str, Any]], varied: Sequence[str]) -> list[Row]:
+    """Rows of the fast ways for scenes of other `count`, `channels`, `width`, `height`; columns `varied` say which."""
     rows: list[Row] = []
     for case in cases:
 
         def work(case: dict[str, Any] = case) -> list[Row]:
             scene = make_wavy_scene(**case, seed=context.seed)
-            about = {name: case[name] for name in told}
+            about = {name: case[name] for name in varied}
             ways, truth = fast_ways(context.threads), truth_of(scene, context.threads)
             return measure_ways(ways, scene, [truth] * len(ways), context.repeats, **about)
 
-        rows += context.step("-".join(str(case[name]) for name in told), work, case=case)
+        rows += context.step("-".join(str(case[name]) for name in varied), work, case=case)
     return rows
 
 
@@ -477,7 +479,7 @@ def _curve(rows: list[Row], across: str, size: str) -> Findings:
     figures = [
         Figure("A training step", "curve", across, f"{STEP} (ms)", "backend", *time_columns(STEP)[1:]),
         Figure("A picture", "curve", across, f"{PICTURE} (ms)", "backend", *time_columns(PICTURE)[1:]),
-        Figure("Error of the picture", "curve", across, MOST, "backend"),
+        Figure("Error of the picture", "curve", across, P99_9, "backend"),
         Figure("Worst gradient", "curve", across, WORST, "backend"),
     ]
     return Findings(
@@ -487,9 +489,9 @@ def _curve(rows: list[Row], across: str, size: str) -> Findings:
 
 def _about(context: Context, count: int = 0, channels: int = 0, width: int = 0, height: int = 0) -> str:
     """The setting in words; what is 0 varies."""
-    told = [f"{count:,} Gaussians" if count else "", f"{channels} channels" if channels else ""]
-    told += [f"{width} x {height} pixels" if width else "", f"{context.threads} thread{'s' * (context.threads > 1)}"]
-    return ", ".join(filter(None, told))
+    parts = [f"{count:,} Gaussians" if count else "", f"{channels} channels" if channels else ""]
+    parts += [f"{width} x {height} pixels" if width else "", f"{context.threads} {plural('thread', context.threads)}"]
+    return ", ".join(filter(None, parts))
 
 
 def measure_gradients(context: Context) -> Findings:

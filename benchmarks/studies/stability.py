@@ -29,7 +29,7 @@ LAST_STAGE = "fit"
 
 
 def measure_cases(context: Context) -> Findings:
-    """Every case of the catalogue: what held, what was said, and what went wrong without a word."""
+    """Every hard case: which checks passed, which errors were reported, and which were wrong without a message."""
     folder = context.cases or CATALOGUE
     if not folder.is_dir():
         raise MissingError(
@@ -62,17 +62,17 @@ def _case_row(case: Case, checks: Sequence[Check]) -> Row:
     """One line about a case: its worst check decides, and speaks."""
     outcome = case.outcome(checks)
     worst = max(checks, key=lambda check: (OUTCOMES.index(check.outcome), bool(check.said)))
-    shares = [check.error / check.allowed for check in checks if check.error is not None and check.allowed]
-    said = worst.said or (f"{worst.by} {worst.what}".strip() if outcome == "wrong" else "")
+    ratios = [check.error / check.allowed for check in checks if check.error is not None and check.allowed]
+    message = worst.said or (f"{worst.by} {worst.what}".strip() if outcome == "wrong" else "")
     return {
         "case": case.title,
         "stage": case.stage,
         "hard": case.hard,
         "must hold": case.must,
         "checks": len(checks),
-        "worst error / allowed": max(shares, default=None),
+        "worst error / allowed": max(ratios, default=None),
         "outcome": outcome,
-        "said": said,
+        "said": message,
         "file": f"{case.name}.py",
     }
 

@@ -64,7 +64,7 @@ def in_logarithms(codec: Codec, values: np.ndarray) -> tuple[np.ndarray, float]:
     return np.exp(logs), size
 
 
-def as_shares(codec: Codec, values: np.ndarray) -> tuple[np.ndarray, float]:
+def as_fractions(codec: Codec, values: np.ndarray) -> tuple[np.ndarray, float]:
     """`codec`, then rows that sum to 1 again."""
     back, size = codec(values)
     return back / back.sum(1, keepdims=True), size
@@ -74,7 +74,7 @@ def _directly(codec: Codec, values: np.ndarray) -> tuple[np.ndarray, float]:
     return codec(values)
 
 
-CAREFUL = {"scales": in_logarithms, "weight": as_shares}
+CAREFUL = {"scales": in_logarithms, "weight": as_fractions}
 """Arrays that aren't encoded as they are."""
 FLOAT32, FLOAT16 = partial(as_float, np.float32), partial(as_float, np.float16)
 STEPS = {bits: partial(as_steps, bits) for bits in (16, 8, 6, 4)}
@@ -185,9 +185,9 @@ def _carried(x: np.ndarray, rng: np.random.Generator) -> tuple[Scaffold, dict[st
 
     nodes = x[rng.choice(len(x), min(NODES, len(x)), replace=False)]
     count = len(nodes)
-    share = np.linspace(0, 1, FRAMES)[:, None, None]
-    xyz = nodes + 0.1 * np.sin(3 * share + nodes[None])
-    turn = 0.4 * share * np.sin(5 * nodes[None] + [0, 1, 2])
+    phase = np.linspace(0, 1, FRAMES)[:, None, None]
+    xyz = nodes + 0.1 * np.sin(3 * phase + nodes[None])
+    turn = 0.4 * phase * np.sin(5 * nodes[None] + [0, 1, 2])
     _, own = cKDTree(nodes).query(nodes, min(SLOTS, count))
     radius = np.full(count, 0.1, np.float32)
     scaffold = Scaffold(

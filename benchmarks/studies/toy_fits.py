@@ -63,17 +63,17 @@ def base_config(context: Context, **changes: Any) -> FitConfig:
 
 def shorten(config: FitConfig, steps: int) -> FitConfig:
     """The same schedule in `steps` steps: what happens every so many steps happens as often."""
-    share = steps / config.steps
+    fraction = steps / config.steps
     static, dynamic = (
-        replace(control, every=max(round(share * control.every), 1))
+        replace(control, every=max(round(fraction * control.every), 1))
         for control in (config.density_static, config.density_dynamic)
     )
-    scaffold = replace(config.scaffold, geometry_steps=round(share**0.5 * config.scaffold.geometry_steps))
+    scaffold = replace(config.scaffold, geometry_steps=round(fraction**0.5 * config.scaffold.geometry_steps))
     return replace(
         config,
         steps=steps,
         scaffold=scaffold,
-        graph_every=max(round(share * config.graph_every), 1),
+        graph_every=max(round(fraction * config.graph_every), 1),
         measure_every=steps,
         density_static=static,
         density_dynamic=dynamic,

@@ -34,16 +34,16 @@ FOCAL = 0.9
 """In picture widths."""
 MIDDLE = np.array([0.0, 0.0, 0.95])
 """What the cameras look at."""
-WAVES, LONGEST, SHORTEST = 14, 0.6, 0.035
+WAVES, MAX_WAVELENGTH, MIN_WAVELENGTH = 14, 0.6, 0.035
 """Number and wavelengths of a texture's waves."""
 HOLD_OUT = 5
 """Every so many frames the middle one is held out: each has used ones on both sides."""
 NOVEL_DEGREES = (4.0, -3.0)
 """Novel views look from so far to the side of, and above, the clip's path."""
 PURE = 0.85
-"""Share of its light that a pixel must have from one body for its depth to be known."""
+"""Minimum fraction of a pixel's blend weight that one body must have for the pixel's depth to be known."""
 SEEN = 0.02
-"""A point is visible where the picture's depth is within this share of its own."""
+"""A point is visible where the rendered depth differs from its own by less than this fraction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +91,9 @@ class View:
     label: np.ndarray
     """(H,W) int, index into `World.labels`; -1 where nothing is."""
     moving: np.ndarray
-    """(H,W) float32 share of the light that comes from what moves."""
+    """(H,W) float32 fraction of the blend weight that comes from moving bodies."""
     mix: np.ndarray
-    """(H,W,L) float32 share of the light of each label."""
+    """(H,W,L) float32 fraction of the blend weight of each label."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,22 +260,32 @@ def barycentric(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return np.stack([1 - second - third, second, third], 1)
 
 
+@dataclass(frozen=True)
+class Rectangle:
+    """A rectangle in the world; its sides are at right angles."""
+
+    corner: Sequence[float]
+    """(3,) one corner."""
+    across: Sequence[float]
+    """(3,) first side, from the corner."""
+    up: Sequence[float]
+    """(3,) second side, from the corner."""
+
+
 def sheet(
     label: str,
-    origin: Sequence[float],
-    across: Sequence[float],
-    up: Sequence[float],
+    area: Rectangle,
     look: int,
     motion: Motion | None = None,
     shine: float = 0.0,
     spacing: float = SPACING,
     bends: bool = False,
 ) -> Body:
-    """A textured parallelogram: `origin` is a corner, `across` and `up` its sides (at right angles).
+    """A textured rectangle of two triangles, or of two for every point if the motion `bends` it.
 
-    `look` and `shine` as those of `Body`. Two triangles, or where the motion `bends` it two for every point.
+    `look` and `shine` are those of `Body`.
     """
-    corner, u, v = (np.array(a, float) for a in (origin, across, up))
+    corner, u, v = (np.array(a, float) for a in (area.corner, area.across, area.up))
     counts = [max(round(np.linalg.norm(side) / spacing), 1) for side in (u, v)]
     a, b = np.meshgrid(*((np.arange(n) + 0.5) / n for n in counts), indexing="ij")
     xyz = corner + a.reshape(-1, 1) * u + b.reshape(-1, 1) * v
@@ -294,7 +304,7 @@ def box(label: str, centre: Sequence[float], size: Sequence[float], look: int, m
         one, two = np.eye(3)[(axis + 1) % 3] * 2 * half, np.eye(3)[(axis + 2) % 3] * 2 * half
         for side in (-1, 1):
             corner = middle + side * np.eye(3)[axis] * half - (one + two) / 2
-            faces.append(sheet(label, corner, one, two, look))
+            faces.append(sheet(label, Rectangle(corner, one, two), look))
     xyz, triangles = (np.concatenate([getattr(face, name) for face in faces]) for name in ("xyz", "triangles"))
     return Body(label, xyz, triangles, look, motion)
 
@@ -303,9 +313,9 @@ def texture(xyz: np.ndarray, look: int) -> np.ndarray:
     """Colours (n,3) in [0,1]: a hue of the look's own and waves of many lengths through space."""
     rng = np.random.default_rng(look)
     direction = rng.normal(size=(WAVES, 3))
-    length = np.geomspace(LONGEST, SHORTEST, WAVES)
+    length = np.geomspace(MAX_WAVELENGTH, MIN_WAVELENGTH, WAVES)
     wave = 2 * np.pi * direction / np.linalg.norm(direction, axis=1, keepdims=True) / length[:, None]
-    strength = rng.uniform(-1, 1, (WAVES, 3)) * (length / LONGEST)[:, None] ** 0.4
+    strength = rng.uniform(-1, 1, (WAVES, 3)) * (length / MAX_WAVELENGTH)[:, None] ** 0.4
     base = rng.uniform(0.3, 0.7, 3)
     return np.clip(base + 0.17 * np.sin(xyz @ wave.T + rng.uniform(0, 2 * np.pi, WAVES)) @ strength, 0.02, 0.98)
 
@@ -338,9 +348,13 @@ def wave(xyz: np.ndarray, phase: float, *, left: float) -> np.ndarray:
 
 
 def room(shine: float = 0.0) -> tuple[Body, ...]:
-    """What stands behind: a wall and a floor."""
-    wall = sheet("wall", (-1.1, -0.7, 1.15), (2.2, 0, 0), (0, 1.05, 0), 1, shine=shine, spacing=1.3 * SPACING)
-    return wall, sheet("floor", (-1.0, 0.26, 0.5), (2.0, 0, 0), (0, 0, 0.65), 2, spacing=1.3 * SPACING)
+    """The static background: a wall and a floor."""
+    back, ground = (
+        Rectangle((-1.1, -0.7, 1.15), (2.2, 0, 0), (0, 1.05, 0)),
+        Rectangle((-1.0, 0.26, 0.5), (2.0, 0, 0), (0, 0, 0.65)),
+    )
+    wall = sheet("wall", back, 1, shine=shine, spacing=1.3 * SPACING)
+    return wall, sheet("floor", ground, 2, spacing=1.3 * SPACING)
 
 
 def _static() -> tuple[Body, ...]:
@@ -375,7 +389,8 @@ def _articulated() -> tuple[Body, ...]:
 
 def _deforming() -> tuple[Body, ...]:
     left = -0.26
-    flag = sheet("flag", (left, -0.16, 0.85), (0.5, 0, 0), (0, 0.3, 0), 8, partial(wave, left=left), bends=True)
+    area = Rectangle((left, -0.16, 0.85), (0.5, 0, 0), (0, 0.3, 0))
+    flag = sheet("flag", area, 8, partial(wave, left=left), bends=True)
     return *room(), flag
 
 
@@ -386,7 +401,11 @@ def _shiny() -> tuple[Body, ...]:
 def _labelled() -> tuple[Body, ...]:
     """Fifteen tiles on the wall, each a thing of its own, and a mover in front."""
     tiles = [
-        sheet(f"tile {i}", (-0.75 + 0.3 * (i % 5), -0.48 + 0.3 * (i // 5), 1.1), (0.28, 0, 0), (0, 0.28, 0), 20 + i)
+        sheet(
+            f"tile {i}",
+            Rectangle((-0.75 + 0.3 * (i % 5), -0.48 + 0.3 * (i // 5), 1.1), (0.28, 0, 0), (0, 0.28, 0)),
+            20 + i,
+        )
         for i in range(15)
     ]
     return *_rigid(), *tiles

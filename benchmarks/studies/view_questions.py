@@ -145,7 +145,7 @@ def follow_points(
     Raises:
         MissingError: nothing moves in the first view.
     """
-    moves = _moving_share(scene, cameras[0], float(novel.path.times[0])) > 0.5 if given is None else given
+    moves = _moving_weights(scene, cameras[0], float(novel.path.times[0])) > 0.5 if given is None else given
     points = np.argwhere(moves)
     if not len(points):
         raise MissingError("nothing moves in the first view, so that there is no point to follow")
@@ -202,7 +202,7 @@ def labels_for(folder: Path) -> list[str]:
     return list(EVERYDAY)
 
 
-def _moving_share(scene: Scene, camera: Camera, moment: float) -> np.ndarray:
-    """(H,W) share of the light that comes from what moves."""
+def _moving_weights(scene: Scene, camera: Camera, moment: float) -> np.ndarray:
+    """(H,W) fraction of the blend weight that comes from moving Gaussians."""
     moving = {"moving": scene.moving[:, None].astype(np.float32)}
     return render(scene, camera, moment, ("alpha",), values=moving)["moving"][..., 0]

@@ -1,4 +1,4 @@
-"""The one folder that an agent sees: names in, paths inside of it out, or one sentence."""
+"""The one folder that an agent can reach: resolves names to paths inside it and refuses all others."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from pathlib import Path
 from ..errors import F4xError
 
 SUFFIX = ".f4x"
-MOST_SCENES = 100
-"""Scenes that are listed."""
-MOST_VISITED = 20_000
-"""Files and folders that are looked at for them: somebody may serve a home folder."""
-LONGEST_NAME = 250
-"""Characters of a relative path; file systems take 255 bytes a part."""
+MAX_SCENES = 100
+"""Maximum number of scenes in a list."""
+MAX_VISITED = 20_000
+"""Maximum number of files and folders that are searched for scenes: the folder may be a whole home folder."""
+MAX_NAME_CHARACTERS = 250
+"""Maximum length of a relative path; file systems allow 255 bytes for each part."""
 PLAIN = re.compile(r"(\w[\w .()+-]*/)*\w[\w .()+-]*", re.ASCII)
-"""What files are written as: nothing hidden, no drive, stream, device or option of another program."""
+"""Names that may be written: no hidden file, drive, stream or device, and no option of another program."""
 DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)", re.IGNORECASE)
-"""Names that Windows takes for devices, whatever their suffix."""
+"""Names that Windows reserves for devices, whatever their suffix."""
 
 
-class Folder:
-    """Scenes and outputs below one folder. Symbolic links and `..` are followed first and have to end inside."""
+class SceneFolder:
+    """Scenes and outputs below one folder. Symbolic links and `..` are resolved first and must lead to a place inside it."""
 
     def __init__(self, target: Path):
-        """Serve a folder, or the one scene file `target` and the folder that it lies in. F4xError: it is not there."""
+        """Serve a folder, or one scene file `target` with the folder that contains it. Raises F4xError if it does not exist."""
         try:
             place = target.resolve(strict=True)
         except (OSError, RuntimeError) as error:
@@ -36,17 +36,17 @@ class Folder:
         self.root = place if self.only is None else place.parent
 
     def name(self, path: Path) -> str:
-        """How agents call a path inside."""
+        """The name of a path inside the folder, as agents use it."""
         return path.relative_to(self.root).as_posix()
 
     def scenes(self) -> list[str]:
-        """Names of the scenes, at most `MOST_SCENES`."""
+        """Names of the scenes, sorted, at most `MAX_SCENES`."""
         if self.only is not None:
             return [self.name(self.only)]
-        return sorted(islice((self.name(path) for path in self._found()), MOST_SCENES))
+        return sorted(islice((self.name(path) for path in self._found()), MAX_SCENES))
 
     def scene(self, name: str) -> Path:
-        """The scene file `name`; without a name the only one there is."""
+        """The path of scene `name`, or of the only scene if `name` is empty."""
         if not name:
             known = self.scenes()
             if len(known) != 1:
@@ -58,14 +58,14 @@ class Folder:
         return path
 
     def file(self, name: str) -> Path:
-        """A file to be read."""
+        """The path of an existing file `name`."""
         path = self.inside(name)
         if not path.is_file():
             raise F4xError(f"There is no file {name!r} in the folder; give the name of one that is there.")
         return path
 
     def output(self, name: str) -> Path:
-        """A file or folder to be made; what is there already is never written over."""
+        """The path of a new file or folder `name`; F4xError if it exists, because nothing is overwritten."""
         if not PLAIN.fullmatch(name) or any(DEVICE.fullmatch(part.split(".")[0].strip()) for part in name.split("/")):
             raise F4xError(
                 f"{name!r} is no plain name; use letters, digits, spaces and . _ - + ( ), with / for folders."
@@ -78,13 +78,15 @@ class Folder:
         return path
 
     def inside(self, name: str) -> Path:
-        """The path that `name` means, every link in it followed. F4xError: it leads out of the folder."""
+        """The path of `name` with every link resolved. Raises F4xError if it leads out of the folder."""
         try:
             path = (self.root / name).resolve()
         except (OSError, RuntimeError, ValueError) as error:  # a loop of links, a zero byte
             raise F4xError(f"{name!r} is no path; give one inside the folder.") from error
-        if len(name) > LONGEST_NAME or Path(name).is_absolute() or not path.is_relative_to(self.root):
-            raise F4xError(f"{name[:LONGEST_NAME]!r} leads out of the folder; give a relative path inside of it.")
+        if len(name) > MAX_NAME_CHARACTERS or Path(name).is_absolute() or not path.is_relative_to(self.root):
+            raise F4xError(
+                f"{name[:MAX_NAME_CHARACTERS]!r} leads out of the folder; give a relative path inside of it."
+            )
         return path
 
     def _found(self) -> Iterator[Path]:
@@ -96,5 +98,5 @@ class Folder:
                 if path.suffix.lower() == SUFFIX and path.resolve().is_relative_to(self.root):
                     yield path
             visited += len(folders) + len(files)
-            if visited > MOST_VISITED:
+            if visited > MAX_VISITED:
                 return

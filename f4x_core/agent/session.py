@@ -1,6 +1,6 @@
-"""What an agent may do: one method per tool, with what was found and proposed kept between calls. Knows no protocol.
+"""The tools of an agent: one method per tool. Selections and proposals are kept between calls. No protocol is used here.
 
-Nothing here asks a server: sentences are read by the grammar and questions answered by computing, so no word and no picture
+Nothing here calls a server: the grammar parses sentences and questions are answered by computing, so no text and no image
 leaves the machine. The docstrings and signatures of the tools are what agents read.
 """
 
@@ -42,29 +42,29 @@ from ..scene import Scene
 from ..scene.formats import FORMATS, choose_format, export
 from ..scene.picture import colour_depth, colour_motion, depth_range, labelled_grid
 from ..scene.view import render
-from .answers import Reply, plain, png_of
-from .folder import Folder
+from .folder import SceneFolder
+from .tool_result import ToolResult, encode_png, plain
 
-LARGEST_SIDE, USUAL_SIDE = 1024, 512
-"""Pixels of a picture's longer side, at most and where nobody asks for more: models look at no larger ones."""
+MAX_SIDE, DEFAULT_SIDE = 1024, 512
+"""Maximum and default length in pixels of the longer side of an image; models use no larger ones."""
 KEPT_SCENES, KEPT_SELECTIONS, KEPT_PROPOSALS = 2, 16, 16
-"""Then the oldest is forgotten: scenes and selections are as large as their Gaussians are many."""
-MOST_OPERATIONS = 50
-"""Operations of one proposal."""
-LARGEST_EXPORT = 2 << 30
-"""Bytes, estimated: an agent is not to fill the disk."""
-NUMBERS = 14
-"""Of four bytes for each Gaussian in a PLY, besides three for each harmonic: centre, normal, opacity, scale, rotation."""
-CHANGED = 2
-"""Steps of 255 by which a pixel has to differ to have changed; one is rounding."""
-INSIDE = 0.5
-"""Share of a pixel's light from which it shows the selection."""
+"""Maximum numbers that are kept in memory; then the oldest is dropped, since each takes memory for every Gaussian."""
+MAX_OPERATIONS = 50
+"""Maximum number of operations in one proposal."""
+MAX_EXPORT_BYTES = 2 << 30
+"""Maximum estimated size of an export, so that an agent cannot fill the disk."""
+FLOATS_PER_GAUSSIAN = 14
+"""Values of four bytes per Gaussian in a PLY without SH coefficients: centre, normal, opacity, scale, rotation."""
+MIN_CHANGE = 2
+"""A pixel has changed if it differs by more than this (of 255); a difference of one is rounding."""
+MIN_COVERAGE = 0.5
+"""A pixel shows the selection if more than this fraction of its blend weight comes from it."""
 SIDES = ("right", "down", "left", "up")
-"""The quarters of `trajectory.orbit`, in its order."""
+"""Directions of the four views of `trajectory.orbit`, in its order."""
 
 
-def forms(family: Any) -> str:
-    """The tags of the records of a union, with their fields."""
+def record_signatures(family: Any) -> str:
+    """The tags of the record types in a union, each with its field names."""
     return ", ".join(f"{kind.TAG}({', '.join(entry.name for entry in fields(kind))})" for kind in get_args(family))
 
 
@@ -74,7 +74,7 @@ Frame = Annotated[Number, Field(description="clip frame whose camera looks, from
 Time = Annotated[Number | None, Field(description="clip frame that is shown; null: the same as frame")]
 Side = Annotated[Literal["", "right", "down", "left", "up"], Field(description="look from this side of that camera")]
 Degrees = Annotated[Number, Field(gt=0, lt=90, description="how far to that side, about the middle of the scene")]
-Width = Annotated[int, Field(ge=0, le=LARGEST_SIDE, description="pixels; 0: the clip's, 512 at most")]
+Width = Annotated[int, Field(ge=0, le=MAX_SIDE, description="pixels; 0: the clip's, 512 at most")]
 SelectionName = Annotated[str, Field(description="name of a selection that query made")]
 ProposalName = Annotated[str, Field(description="name that propose_edit gave")]
 Which = Annotated[int, Field(ge=-1, description="index of a candidate; -1: the best")]
@@ -82,22 +82,27 @@ Count = Annotated[int, Field(ge=1, description="so many edits")]
 Sentence = Annotated[str, Field(max_length=2000)]
 Words = Annotated[list[str] | None, Field(max_length=50)]
 
-SELECTS = 'for example {"by": "moving"} or {"by": "not", "of": {"by": "text", "labels": ["dog"]}}; ' + forms(SelectKind)
-OPERATIONS = 'for example [{"op": "recolour", "select": {"by": "moving"}, "rgb": [1, 0, 0]}]; ' + forms(Operation)
+SELECTS = (
+    'for example {"by": "moving"} or {"by": "not", "of": {"by": "text", "labels": ["dog"]}}; '
+    + record_signatures(SelectKind)
+)
+OPERATIONS = 'for example [{"op": "recolour", "select": {"by": "moving"}, "rgb": [1, 0, 0]}]; ' + record_signatures(
+    Operation
+)
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
-class Found(NamedTuple):
-    """A selection in a scene file."""
+class StoredSelection(NamedTuple):
+    """A selection that `query` made, with the scene file that it belongs to."""
 
     path: Path
     selection: Selection
 
 
-class Proposed(NamedTuple):
-    """Candidates for a scene file that had these `edits`."""
+class StoredProposal(NamedTuple):
+    """A proposal for a scene file that had these `edits` when it was made."""
 
     path: Path
     edits: tuple[Edit, ...]
@@ -105,34 +110,34 @@ class Proposed(NamedTuple):
 
 
 class Session:
-    """Scenes of one folder and what an agent has found and proposed in them. Calls come one at a time."""
+    """The scenes of one folder, with the selections and proposals that an agent made. Not thread-safe."""
 
     READING = ("info", "render_view", "query", "ask", "propose_edit", "preview", "history")
-    """Tools that write nothing; `render_view` and its `file` aside."""
+    """Tools that write nothing, except `render_view` with its argument `file`."""
     WRITING = ("apply_edit", "undo", "redo", "export")
-    """The others."""
+    """Tools that write."""
 
-    def __init__(self, folder: Folder, read_only: bool = False, backend: str = "auto"):
-        """`backend` draws. Whoever calls may set `progress`."""
+    def __init__(self, folder: SceneFolder, read_only: bool = False, backend: str = "auto"):
+        """`backend` renders. The caller may set `progress` before a call."""
         self.folder, self.read_only, self.backend = folder, read_only, backend
         self.progress: Progress = silent
         self._scenes: dict[tuple[Path, int, int], Scene] = {}
-        self._found: dict[str, Found] = {}
-        self._proposed: dict[str, Proposed] = {}
+        self._found: dict[str, StoredSelection] = {}
+        self._proposed: dict[str, StoredProposal] = {}
         self._made = 0
 
-    def info(self, scene: SceneName = "") -> Reply:
+    def info(self, scene: SceneName = "") -> ToolResult:
         """What there is: the scenes of the folder, and of one scene its clip, Gaussians, words and named selections."""
         listed = self.folder.scenes()
         if not scene and len(listed) != 1:
-            return Reply({"scenes": listed})
+            return ToolResult({"scenes": listed})
         path, opened = self._open(scene)
-        told = opened.info()
+        info = opened.info()
         counts = ("frames", "fps", "size", "static", "dynamic", "nodes", "edits", "edited")
         named = [name for edit in of(opened).edits if (name := getattr(edit.operation, "name", ""))]
-        return Reply(
-            {"scenes": listed, "scene": self.folder.name(path)} | {name: told[name] for name in counts if name in told},
-            {"name": opened.name, "labels": labels_of(opened), "heads": [*told["heads"]], "named": named},
+        return ToolResult(
+            {"scenes": listed, "scene": self.folder.name(path)} | {name: info[name] for name in counts if name in info},
+            {"name": opened.name, "labels": labels_of(opened), "heads": [*info["heads"]], "named": named},
         )
 
     def render_view(
@@ -147,26 +152,26 @@ class Session:
         selection: Annotated[str, Field(description="selection to show in colours over a grey picture")] = "",
         width: Width = 0,
         file: Annotated[str, Field(description="also write it to this new .png in the folder")] = "",
-    ) -> Reply:
+    ) -> ToolResult:
         """A picture of the scene with its edits, from a camera at a moment; depth near is red, motion hue is direction."""
         path, opened = self._open(scene)
         view = self._view(opened, frame, time, side, degrees, camera_path, width)
-        told: dict[str, Any] = {"frame": frame, "time": view.time, "size": [view.camera.width, view.camera.height]}
+        data: dict[str, Any] = {"frame": frame, "time": view.time, "size": [view.camera.width, view.camera.height]}
         maps = render(opened, *view, (channel,) if channel != "rgb" and not selection else ("rgb",), self.backend)
         if selection:
             if channel != "rgb":
                 raise F4xError("A selection is shown over the picture itself; leave channel out.")
-            share = share_picture(opened, self._selection(path, opened, selection), *view, self.backend)
-            picture = heat_map(maps["rgb"], share)
+            weights = share_picture(opened, self._selection(path, opened, selection), *view, self.backend)
+            picture = heat_map(maps["rgb"], weights)
         elif channel == "depth":
-            told["near"], told["far"] = depth_range([maps["depth"]])
-            picture = colour_depth(maps["depth"], told["near"], told["far"])
+            data["near"], data["far"] = depth_range([maps["depth"]])
+            picture = colour_depth(maps["depth"], data["near"], data["far"])
         elif channel == "motion":
-            told["full_colour_pixels_per_frame"] = float(np.linalg.norm(maps["motion"], axis=-1).max())
-            picture = colour_motion(maps["motion"], told["full_colour_pixels_per_frame"])
+            data["full_colour_pixels_per_frame"] = float(np.linalg.norm(maps["motion"], axis=-1).max())
+            picture = colour_motion(maps["motion"], data["full_colour_pixels_per_frame"])
         else:
             picture = as_bytes(maps["rgb"])
-        png = png_of(picture)
+        png = encode_png(picture)
         if file:
             if not file.lower().endswith(".png"):
                 raise F4xError(f"{file!r} is no PNG; end it in .png.")
@@ -174,8 +179,8 @@ class Session:
             target.parent.mkdir(parents=True, exist_ok=True)
             with replace_file(target) as out:
                 out.write(png)
-            told["file"] = file
-        return Reply(told, png=png)
+            data["file"] = file
+        return ToolResult(data, png=png)
 
     def query(
         self,
@@ -190,7 +195,7 @@ class Session:
         frame: Annotated[int, Field(description="clip frame of point or box, and of `seen`")] = 0,
         threshold: Annotated[Number, Field(ge=0, le=1, description="least probability")] = THRESHOLD,
         name: Annotated[str, Field(max_length=40, description="what to call the selection")] = "",
-    ) -> Reply:
+    ) -> ToolResult:
         """Find something by exactly one of text, point, box and select; says how much it is and where, and keeps it."""
         given = {"text": text, "point": point, "box": box, "select": select}
         kinds = [kind for kind, value in given.items() if value]
@@ -211,10 +216,10 @@ class Session:
             scores = np.isin(np.arange(len(opened.ids)), rows_of(opened, resolved))
             found = Selection(opened.ids, scores.astype(float), np.zeros(len(scores), bool))
         rows = rows_of(opened, Ids.of(found.chosen_ids))
-        inside = share_picture(opened, found, *view, self.backend) > INSIDE
+        inside = share_picture(opened, found, *view, self.backend) > MIN_COVERAGE
         name = plain(name) or self._name("selection")
-        _keep(self._found, name, Found(path, found), KEPT_SELECTIONS)
-        return Reply(
+        _keep(self._found, name, StoredSelection(path, found), KEPT_SELECTIONS)
+        return ToolResult(
             {
                 "selection": name,
                 "gaussians": len(rows),
@@ -224,12 +229,12 @@ class Session:
             }
         )
 
-    def ask(self, question: Sentence, scene: SceneName = "") -> Reply:
+    def ask(self, question: Sentence, scene: SceneName = "") -> ToolResult:
         """Ask what is there, where and when, what moves, how far and how fast; answered by computing, and it says so."""
         _, opened = self._open(scene)
         options: dict[str, Any] = {"names": named(opened), "backend": self.backend, "progress": self.progress}
-        said = answer(opened, question, encode=encode_labels, **options)
-        return Reply({"answered_by": said.answered_by}, {"answer": said.text, "evidence": said.evidence})
+        found = answer(opened, question, encode=encode_labels, **options)
+        return ToolResult({"answered_by": found.answered_by}, {"answer": found.text, "evidence": found.evidence})
 
     def propose_edit(
         self,
@@ -239,23 +244,23 @@ class Session:
         frame: Frame = 0.0,
         selection: Annotated[SelectionName, Field(description='what \'it\' and {"by": "current"} mean')] = "",
         candidates: Annotated[int, Field(ge=1, le=MOST_CANDIDATES, description="readings of sentence to compare")] = 1,
-    ) -> Reply:
+    ) -> ToolResult:
         """What a sentence, or a list of operations, would do. Writes nothing: look at preview, then call apply_edit."""
         if bool(sentence.strip()) == bool(operations):
             raise F4xError("Give either a sentence or operations.")
         path, opened = self._open(scene)
         context = Context(self._selection(path, opened, selection) if selection else None, frame)
         if operations:
-            candidate = plan.Candidate(_settled(opened, operations, context), "as given")
+            candidate = plan.Candidate(_resolve_operations(opened, operations, context), "as given")
             proposal = plan.Proposal("", (candidate,), understood_by="operations")
         else:
             options: dict[str, Any] = {"encode": encode_labels, "backend": self.backend, "progress": self.progress}
             proposal = plan.propose(opened, sentence, context, candidates=candidates, **options)
         name = self._name("proposal")
-        _keep(self._proposed, name, Proposed(path, of(opened).edits, proposal), KEPT_PROPOSALS)
-        rows = [self._told(opened, index, one) for index, one in enumerate(proposal.candidates)]
-        told = {"proposal": name, "best": proposal.best, "candidates": rows, "understood_by": proposal.understood_by}
-        return Reply(told | {"judged_by": proposal.judged_by, "notes": list(proposal.notes)})
+        _keep(self._proposed, name, StoredProposal(path, of(opened).edits, proposal), KEPT_PROPOSALS)
+        rows = [self._candidate_summary(opened, index, one) for index, one in enumerate(proposal.candidates)]
+        data = {"proposal": name, "best": proposal.best, "candidates": rows, "understood_by": proposal.understood_by}
+        return ToolResult(data | {"judged_by": proposal.judged_by, "notes": list(proposal.notes)})
 
     def preview(
         self,
@@ -265,36 +270,36 @@ class Session:
         time: Time = None,
         side: Side = "",
         degrees: Degrees = 8.0,
-    ) -> Reply:
+    ) -> ToolResult:
         """A picture of the scene before and after a candidate. Writes nothing."""
         path, opened, chosen = self._candidate(proposal, candidate)
         view = self._view(opened, frame, time, side, degrees)
         scenes = (opened, plan.preview(opened, chosen))
         pictures = [as_bytes(render(each, *view, ("rgb",), self.backend)["rgb"]) for each in scenes]
         sheet = labelled_grid([pictures], [f"{view.time:g}"], ["before", "after"])
-        changed = float((np.abs(pictures[1].astype(int) - pictures[0]) > CHANGED).any(-1).mean())
-        return Reply({"scene": self.folder.name(path), "changed_share_of_picture": changed}, png=png_of(sheet))
+        changed = float((np.abs(pictures[1].astype(int) - pictures[0]) > MIN_CHANGE).any(-1).mean())
+        return ToolResult({"scene": self.folder.name(path), "changed_share_of_picture": changed}, png=encode_png(sheet))
 
-    def history(self, scene: SceneName = "") -> Reply:
+    def history(self, scene: SceneName = "") -> ToolResult:
         """The edits of a scene, and those that redo would bring back, the next one last."""
         stack = read_stack(self.folder.scene(scene))
-        told = {"edits": _listed(stack.edits), "undone": _listed(stack.undone)}
-        return Reply({name: len(edits) for name, edits in told.items()}, told)
+        rows = {"edits": _edit_rows(stack.edits), "undone": _edit_rows(stack.undone)}
+        return ToolResult({name: len(edits) for name, edits in rows.items()}, rows)
 
-    def apply_edit(self, proposal: ProposalName, candidate: Which = -1) -> Reply:
+    def apply_edit(self, proposal: ProposalName, candidate: Which = -1) -> ToolResult:
         """Write a candidate of a proposal into the scene's stack of edits; undo takes it back."""
         path, opened, chosen = self._candidate(proposal, candidate)
         stack = plan.apply(path, chosen)
         new = [edit.id for edit in stack.edits[len(of(opened)) :]]
-        return Reply({"scene": self.folder.name(path), "edits": len(stack), "new": new})
+        return ToolResult({"scene": self.folder.name(path), "edits": len(stack), "new": new})
 
-    def undo(self, scene: SceneName = "", count: Count = 1) -> Reply:
+    def undo(self, scene: SceneName = "", count: Count = 1) -> ToolResult:
         """Take back the last edits of a scene."""
-        return _left(plan.undo(self.folder.scene(scene), count))
+        return _stack_counts(plan.undo(self.folder.scene(scene), count))
 
-    def redo(self, scene: SceneName = "", count: Count = 1) -> Reply:
+    def redo(self, scene: SceneName = "", count: Count = 1) -> ToolResult:
         """Bring back the edits that were undone last."""
-        return _left(plan.redo(self.folder.scene(scene), count))
+        return _stack_counts(plan.redo(self.folder.scene(scene), count))
 
     def export(
         self,
@@ -303,7 +308,7 @@ class Session:
         format: Annotated[str, Field(description=f"of {', '.join(FORMATS)}; empty: by the ending of output")] = "",
         time: Annotated[Number | None, Field(description="one clip frame; null: several")] = None,
         frames: Annotated[str, Field(description="first:end:step of several; empty: all")] = "",
-    ) -> Reply:
+    ) -> ToolResult:
         """Write a scene with its edits for other programs: one moment, a folder of moments, or an animated file."""
         path, opened = self._open(scene)
         target = self._output(output)
@@ -311,15 +316,15 @@ class Session:
         count = len(opened.cameras)
         times = opened.cameras.times[frame_indices(frames or None, count, path)] if time is None else [time]
         _require_times(opened.cameras, times)
-        numbers = NUMBERS + 3 * (opened.sh_degree + 1) ** 2
-        if 4 * numbers * len(opened.ids) * len(times) > LARGEST_EXPORT:
-            raise F4xError(f"That would be more than {LARGEST_EXPORT >> 30} GiB; export fewer frames.")
+        numbers = FLOATS_PER_GAUSSIAN + 3 * (opened.sh_degree + 1) ** 2
+        if 4 * numbers * len(opened.ids) * len(times) > MAX_EXPORT_BYTES:
+            raise F4xError(f"That would be more than {MAX_EXPORT_BYTES >> 30} GiB; export fewer frames.")
         target.parent.mkdir(parents=True, exist_ok=True)
         files = export(opened, target, [float(time) for time in times], name, progress=self.progress)
-        return Reply({"output": output, "format": name, "moments": len(times), "files": len(files)})
+        return ToolResult({"output": output, "format": name, "moments": len(times), "files": len(files)})
 
     def _open(self, name: str) -> tuple[Path, Scene]:
-        """A scene with its edits, kept as long as its file stays the same."""
+        """(path, scene with its edits); the scene stays in memory until its file changes."""
         path = self.folder.scene(name)
         state = path.stat()
         key = (path, state.st_mtime_ns, state.st_size)
@@ -346,8 +351,8 @@ class Session:
         if side:
             camera = trajectory.orbit(cameras, time, degrees, around=frame, count=len(SIDES))[SIDES.index(side)].camera
         longest = max(camera.width, camera.height)
-        scale = width / camera.width if width else min(1.0, USUAL_SIDE / longest)
-        scale = min(scale, LARGEST_SIDE / longest)
+        scale = width / camera.width if width else min(1.0, DEFAULT_SIDE / longest)
+        scale = min(scale, MAX_SIDE / longest)
         size = [max(1, round(scale * side)) for side in (camera.width, camera.height)]
         return View(camera.resized(*size), float(time))
 
@@ -359,7 +364,7 @@ class Session:
         return found.selection.for_ids(scene.ids)
 
     def _candidate(self, name: str, index: int) -> tuple[Path, Scene, plan.Candidate]:
-        """What was proposed, where the scene is still as it was then: ids and places may mean something else by now."""
+        """(path, scene, candidate) of a proposal. Raises F4xError if the scene was edited since: its ids may have changed."""
         if name not in self._proposed:
             raise F4xError(f"There is no proposal {name!r}; known: {', '.join(self._proposed) or 'none'}.")
         path, edits, proposal = self._proposed[name]
@@ -370,13 +375,17 @@ class Session:
             raise F4xError(f"{name!r} has {len(proposal.candidates)} candidates; give an index from 0, or -1.")
         return path, scene, proposal.chosen if index < 0 else proposal.candidates[index]
 
-    def _told(self, scene: Scene, index: int, candidate: plan.Candidate) -> dict[str, Any]:
-        """A candidate as JSON, its ids counted and not listed."""
+    def _candidate_summary(self, scene: Scene, index: int, candidate: plan.Candidate) -> dict[str, Any]:
+        """A candidate as JSON, with counts in place of lists of ids."""
         steps = getattr(plan.preview(scene, candidate), "steps", ())
         chosen = {step.edit.id: int(step.chosen.sum()) for step in steps}
         new = of(plan.preview(scene, candidate)).edits[len(of(scene)) :]
         does = [
-            {"does": describe(edit.operation), "gaussians": chosen.get(edit.id, 0), **_brief(edit.operation.to_json())}
+            {
+                "does": describe(edit.operation),
+                "gaussians": chosen.get(edit.id, 0),
+                **_with_id_counts(edit.operation.to_json()),
+            }
             for edit in new
         ]
         return {"index": index, "why": candidate.why or "as said", "scores": dict(candidate.scores), "operations": does}
@@ -391,46 +400,46 @@ class Session:
         return f"{kind} {self._made}"
 
 
-def _keep(kept: dict[Key, Value], key: Key, value: Value, most: int) -> None:
-    """Put `value` last, and forget the first of more than `most`."""
+def _keep(kept: dict[Key, Value], key: Key, value: Value, max_entries: int) -> None:
+    """Store `value` as the newest entry and drop the oldest one if there are more than `max_entries`."""
     kept.pop(key, None)
     kept[key] = value
-    if len(kept) > most:
+    if len(kept) > max_entries:
         del kept[next(iter(kept))]
 
 
-def _settled(scene: Scene, entries: list[dict[str, Any]], context: Context) -> tuple[Operation, ...]:
-    """Operations of JSON objects, each resolved in the scene that those before it leave."""
-    if len(entries) > MOST_OPERATIONS:
-        raise F4xError(f"{len(entries)} operations are given; give at most {MOST_OPERATIONS} at once.")
-    settled: list[Operation] = []
+def _resolve_operations(scene: Scene, entries: list[dict[str, Any]], context: Context) -> tuple[Operation, ...]:
+    """Operations of JSON objects, each resolved in the scene as the operations before it leave it."""
+    if len(entries) > MAX_OPERATIONS:
+        raise F4xError(f"{len(entries)} operations are given; give at most {MAX_OPERATIONS} at once.")
+    resolved_operations: list[Operation] = []
     for number, entry in enumerate(entries, 1):
         operation = read_operation(entry, f"operation {number}")
-        settled.append(resolve(scene, operation, context, encode_labels))
-        scene = with_operations(scene, settled[-1])
-    return tuple(settled)
+        resolved_operations.append(resolve(scene, operation, context, encode_labels))
+        scene = with_operations(scene, resolved_operations[-1])
+    return tuple(resolved_operations)
 
 
-def _brief(value: Any) -> Any:
-    """JSON of an operation with the number of ids in place of packed ids."""
+def _with_id_counts(value: Any) -> Any:
+    """JSON of an operation, with the number of ids in place of the packed ids."""
     if isinstance(value, dict):
         if value.get("by") == Ids.TAG:
             return {
                 "by": Ids.TAG,
                 "count": len(read_record(Ids, {k: v for k, v in value.items() if k != "by"}, "ids").array),
             }
-        return {name: _brief(inner) for name, inner in value.items()}
-    return [_brief(inner) for inner in value] if isinstance(value, list) else value
+        return {name: _with_id_counts(inner) for name, inner in value.items()}
+    return [_with_id_counts(inner) for inner in value] if isinstance(value, list) else value
 
 
-def _listed(edits: tuple[Edit, ...]) -> list[dict[str, Any]]:
+def _edit_rows(edits: tuple[Edit, ...]) -> list[dict[str, Any]]:
     return [
         {"id": edit.id, "does": describe(edit.operation), "said": edit.said, "enabled": edit.enabled} for edit in edits
     ]
 
 
-def _left(stack: EditStack) -> Reply:
-    return Reply({"edits": len(stack), "undone": len(stack.undone)})
+def _stack_counts(stack: EditStack) -> ToolResult:
+    return ToolResult({"edits": len(stack), "undone": len(stack.undone)})
 
 
 def _require_times(cameras: CameraPath, times: Sequence[float]) -> None:
@@ -441,7 +450,7 @@ def _require_times(cameras: CameraPath, times: Sequence[float]) -> None:
 
 
 def _box_of(inside: np.ndarray, scene: Scene) -> list[float] | None:
-    """Left, top, right, bottom in pixels of the clip of what is true in `inside (H,W)`; None where nothing is."""
+    """Left, top, right, bottom, in pixels of the clip, of the true pixels of `inside (H,W)`; None if there are none."""
     rows, columns = np.nonzero(inside)
     if not len(rows):
         return None

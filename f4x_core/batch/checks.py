@@ -1,4 +1,4 @@
-"""What can be told of a row before any task: sentences that nobody understands, files and moments that are not as it says."""
+"""Checks of a row before any task runs: sentences that cannot be parsed, damaged files, frames outside the clip."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from ..errors import F4xError
 from ..fit.vocabulary import EVERYDAY
 from ..geometry.trajectory import read_path
 from ..query.chat import ChatServer
-from .graph import claimed
+from .graph import declared_frames
 from .manifest import Row
 
 UNKNOWN: dict[str, Any] = {"fps": 24.0, "frames": 1_000_000}
-"""Of a clip that nobody has opened yet: no time that a sentence says lies outside."""
-understand = lru_cache(1024)(parse)
-"""Most rows of a batch say the same."""
+"""Assumed length of a clip that was not opened yet, so that no time in a sentence lies outside it."""
+parse_cached = lru_cache(1024)(parse)
+"""`parse` with a cache, since most rows of a batch have the same sentences."""
 
 
 def require_values(row: Row) -> None:
-    """Raise F4xError for what would fail however well the clip is fitted: lengths of windows, moments, sentences, JSON files."""
+    """Raise F4xError for values that fail whatever the fit gives: window lengths, frozen frames, sentences, JSON files."""
     if row.window or row.overlap is not None:
         from .windows import LENGTH, OVERLAP, plan_windows  # imports the whole fit
 
         length = row.window or LENGTH
         plan_windows(0, length, length, OVERLAP if row.overlap is None else row.overlap)
     moments = [path for path in row.paths if path.startswith("frozen:")]
-    last = claimed(row)[0] - 1 if moments else -1
+    last = declared_frames(row)[0] - 1 if moments else -1
     for path in moments:
         if 0 <= last < float(path.removeprefix("frozen:")):
             raise F4xError(f"paths has {path}, {row.clip} has frames 0 to {last}; choose one of them.")
@@ -39,18 +39,18 @@ def require_values(row: Row) -> None:
         _require_sentences(row)
     for names, read in ((row.edits, read_operations), (row.paths, read_path)):
         for file in map(Path, names):
-            if file.suffix == ".json" and file.is_file():  # one that is missing is told as that
+            if file.suffix == ".json" and file.is_file():  # a missing file is reported elsewhere
                 read(file)
 
 
 def _require_sentences(row: Row) -> None:
-    """F4xError for the first sentence that means nothing, or names a thing in a scene that knows no words."""
+    """F4xError for the first sentence that cannot be parsed, or that names an object in a scene without text features."""
     labels = (*EVERYDAY, *row.vocabulary) if row.features else ()
     for sentence in row.edits:
         if sentence.endswith(".json"):
             return
         try:
-            operations = understand(sentence, labels=labels, **UNKNOWN)
+            operations = parse_cached(sentence, labels=labels, **UNKNOWN)
         except F4xError as error:
             raise F4xError(f"edits has '{sentence}': {error}") from error
         selects = [getattr(one, name) for one in operations for name in ("select", "source") if hasattr(one, name)]
@@ -59,4 +59,4 @@ def _require_sentences(row: Row) -> None:
                 f"edits has '{sentence}', which names a thing; add the column features, for example text, or say everything."
             )
         if any(isinstance(one, Duplicate | Name) for one in operations):
-            return  # later sentences may speak of what this one makes, as of what a file does
+            return  # later sentences may refer to the copy or the name that this one makes

@@ -1,4 +1,4 @@
-"""How long clips will take: seconds of a task from the clip's size, fitted to tasks that were done.
+"""Estimated run times: seconds of a task from the clip's size, fitted to measured tasks.
 
 `seconds(kind) = a + b T P + c S + d S P` with T frames, P megapixels of a frame and S optimiser steps, in thousands; the last two
 terms are the fit's alone. No coefficient is below 0, so that a larger clip never costs less.
@@ -16,17 +16,17 @@ from ..errors import F4xError
 
 @dataclass(frozen=True)
 class Size:
-    """What the cost of a clip follows from."""
+    """The quantities that the cost of a clip depends on."""
 
     frames: int
-    """Frames used."""
+    """Number of frames used."""
     megapixels: float
-    """Of one frame, as it is fitted."""
+    """Size of one fitted frame."""
     steps: int = 0
     """Optimiser steps of the profile."""
 
     def terms(self, kind: str) -> list[float]:
-        """What the coefficients of a kind of task are multiplied with."""
+        """The factors of the coefficients for a kind of task."""
         per_step = [self.steps / 1000, self.steps / 1000 * self.megapixels] if kind == "fit" else []
         return [1.0, self.frames * self.megapixels, *per_step]
 
@@ -39,13 +39,13 @@ class CostModel:
     """Kind -> coefficients of `Size.terms`, in seconds of one core."""
 
     def seconds(self, size: Size, kinds: Sequence[str] | None = None) -> float:
-        """Seconds that the tasks of one clip take one after the other; of all kinds where none are named."""
+        """Total seconds of one clip's tasks of these kinds, run one after the other; None means all kinds."""
         named = tuple(kinds) if kinds is not None else tuple(self.coefficients)
         return float(sum(np.dot(self.coefficients[kind], size.terms(kind)) for kind in named))
 
 
 def fit_costs(measured: Sequence[tuple[Size, Mapping[str, float]]]) -> CostModel:
-    """The model that is nearest to measurements, in relative terms: a small clip weighs as much as a large one.
+    """Fit the model to measurements by relative error, so that a small clip counts as much as a large one.
 
     Args:
         measured: size of a clip, and kind -> seconds of its tasks; every clip has the same kinds.

@@ -1,4 +1,4 @@
-"""The tasks of a row: ordinary `f4x` commands, what each needs of the others, and a key that says whether it is done."""
+"""The tasks of a row: ordinary `f4x` commands, their inputs from other tasks, and a key that shows whether a task is done."""
 
 from __future__ import annotations
 
@@ -18,38 +18,39 @@ from .manifest import Row
 from .storage import URL
 
 KINDS = ("priors", "fit", "distill", "query", "edit", "render", "export")
-"""Kinds of task, in the order of the graph: the first word of a stage."""
+"""Kinds of task, in the order of the graph; a kind is the first word of a stage."""
 GIGABYTE = 1 << 30
 MEMORY = {"priors": 2, "fit": 2, "distill": 3}
-"""Gigabytes that a task asks a cluster for: twice what 90 frames of 480x270 took; other kinds draw one picture at a time."""
-SAVES = {
+"""Gigabytes that a task requests from a cluster: twice what 90 frames of 480x270 needed. Other kinds request one gigabyte,
+since they render one image at a time."""
+RESUME_FILES = {
     "priors": ("priors/*",),
     "fit": ("checkpoints/*", "**/windows/*/*", "**/windows/*/checkpoints/*"),
     "distill": ("features/*/*", "features/.*/*"),
 }
-"""Files from which a stopped task goes on."""
+"""Kind -> patterns of the files from which a stopped task resumes."""
 LONG = 240
-"""Clips of more frames are fitted in windows unless told otherwise: about as many as a phone films in eight seconds."""
+"""Clips with more frames are fitted in windows by default; a phone films as many in about eight seconds."""
 CLIP = "{clip}"
-"""Stands for the clip in a command: a clip behind a URL is fetched first."""
+"""Placeholder for the clip in a command, because a clip behind a URL is downloaded first."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One task of one row. Its commands run in an empty folder that holds what it takes; what they leave there is its result."""
+    """One task of one row. Its commands run in a folder that holds only its inputs; the files that they add are its result."""
 
     row: str
     """Name of the row."""
     stage: str
-    """What it does, once in a row: its kind, then which: `render orbit 2/4`."""
+    """Unique name within the row: the kind, then details, for example `render orbit 2/4`."""
     commands: tuple[tuple[str, ...], ...]
-    """Arguments of `f4x`, one after the other."""
+    """Arguments of `f4x` for each command, in order."""
     clip: str
     """Path or URL."""
-    takes: tuple[tuple[str, str], ...]
-    """(stage, file or folder) of the same row that it reads."""
+    inputs: tuple[tuple[str, str], ...]
+    """(stage, file or folder) of each result that it reads, from tasks of the same row."""
     key: str
-    """Hash of everything that decides the result."""
+    """Hash of everything that the result depends on."""
     threads: int
     """Cores."""
     memory: int
@@ -62,26 +63,26 @@ class Task:
 
     @property
     def slug(self) -> str:
-        """The stage as the name of a file."""
+        """The stage as a file name."""
         return slug(self.stage)
 
     @property
-    def saves(self) -> tuple[str, ...]:
-        """Patterns of the files from which it can go on."""
-        return SAVES.get(self.kind, ())
+    def resume_files(self) -> tuple[str, ...]:
+        """Patterns of the files from which it can resume."""
+        return RESUME_FILES.get(self.kind, ())
 
 
 def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
-    """The tasks of a row, each after those that it needs.
+    """The tasks of a row, each after the tasks whose results it reads.
 
-    `digest(path)` is a hash of what lies there; a task's key holds those of all that it reads, so that it follows from the
-    manifest alone whether a task is done.
+    `digest(path)` returns a content hash. A task's key covers the hashes of all files that it reads, so the manifest in_windows
+    decides whether a task is done.
     """
     tasks: dict[str, Task] = {}
     places: dict[str, str] = {}
 
     def place(folder: str, words: str) -> str:
-        """A folder for what is written about some words."""
+        """A folder name made of `words`; F4xError if another task of the row already uses it."""
         name = f"{folder}/{slug(words)}"
         if places.setdefault(name.lower(), words) != words:
             raise F4xError(
@@ -89,16 +90,16 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
             )
         return name
 
-    def add(stage: str, *commands: Sequence[str], takes: Mapping[str, str], reads: Sequence[str] = ()) -> None:
-        before = {name: tasks[name].key for name in takes}
-        state = [__version__, commands, before, takes, [digest(path) for path in reads]]
+    def add(stage: str, *commands: Sequence[str], inputs: Mapping[str, str], reads: Sequence[str] = ()) -> None:
+        before = {name: tasks[name].key for name in inputs}
+        state = [__version__, commands, before, inputs, [digest(path) for path in reads]]
         kind = stage.split(" ")[0]
         tasks[stage] = Task(
             row=row.name,
             stage=stage,
             commands=tuple(tuple(command) for command in commands),
             clip=row.clip if URL in row.clip else os.path.abspath(os.path.expanduser(row.clip)),
-            takes=tuple(takes.items()),
+            inputs=tuple(inputs.items()),
             key=hashlib.sha256(json.dumps(state).encode()).hexdigest(),
             threads=row.threads,
             memory=MEMORY.get(kind, 1) * GIGABYTE,
@@ -114,11 +115,11 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
     fit += [word for name, _, path in prior for word in ("--prior", f"{name}={_absolute(path)}")]
     sources = [row.clip, *mine]
     windows = _options(window=row.window, overlap=row.overlap)
-    alone = fitted_in_windows(row)
-    if not alone:
-        add("priors", ["priors", CLIP, "-o", ".", *clip, *fit], takes={}, reads=sources)
-    takes = {} if alone else {"priors": "priors/"}
-    add("fit", ["fit", CLIP, "-o", ".", "--resume", *clip, *fit, *windows], takes=takes, reads=sources)
+    in_windows = fitted_in_windows(row)
+    if not in_windows:
+        add("priors", ["priors", CLIP, "-o", ".", *clip, *fit], inputs={}, reads=sources)
+    inputs = {} if in_windows else {"priors": "priors/"}
+    add("fit", ["fit", CLIP, "-o", ".", "--resume", *clip, *fit, *windows], inputs=inputs, reads=sources)
     scene, source = "scene.f4x", "fit"
     if row.features:
         labels = _options(vocabulary=",".join(row.vocabulary) or None)
@@ -126,44 +127,44 @@ def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
         add(
             "distill",
             [*head, *labels, "--features", "features", "-o", "distilled.f4x", *costs, *drawn],
-            takes={source: scene},
+            inputs={source: scene},
             reads=[row.clip],
         )
         scene, source = "distilled.f4x", "distill"
     for words in row.queries:
         asked = ["query", scene, "--text", words, "-o", place("query", words), *drawn]
-        add(f"query {words}", asked, takes={source: scene})
+        add(f"query {words}", asked, inputs={source: scene})
     if row.edits:
         commands: list[list[str]] = []
         target = scene
         for edit in row.edits:
-            how = ["--ops", _absolute(edit)] if edit.endswith(".json") else ["--say", edit]
-            commands.append(["edit", target, *how, *drawn, *([] if commands else ["-o", "edited.f4x"])])
+            instruction = ["--ops", _absolute(edit)] if edit.endswith(".json") else ["--say", edit]
+            commands.append(["edit", target, *instruction, *drawn, *([] if commands else ["-o", "edited.f4x"])])
             target = "edited.f4x"
-        add("edit", *commands, takes={source: scene}, reads=[edit for edit in row.edits if edit.endswith(".json")])
+        add("edit", *commands, inputs={source: scene}, reads=[edit for edit in row.edits if edit.endswith(".json")])
         scene, source = "edited.f4x", "edit"
     for path in row.paths:
         own = path.endswith(".json")
         target = place("render", path if not own else PurePosixPath(path).stem)
         along = ["--path", _absolute(path) if own else path, "--channels", ",".join(row.channels)]
         for part in range(1, row.parts + 1):
-            share = f"{part}/{row.parts}"
-            command = ["render", scene, "-o", target, *along, "--part", share, *drawn]
-            add(f"render {path} {share}", command, takes={source: scene}, reads=[path] if own else [])
+            part_of = f"{part}/{row.parts}"
+            command = ["render", scene, "-o", target, *along, "--part", part_of, *drawn]
+            add(f"render {path} {part_of}", command, inputs={source: scene}, reads=[path] if own else [])
     for name in row.exports:
         whole = FORMATS[name].write_clip is not None
         target = f"export/{row.name}-{name}{FORMATS[name].suffixes[0]}" if whole else f"export/{name}"
-        add(f"export {name}", ["export", scene, "-o", target, "--format", name], takes={source: scene})
+        add(f"export {name}", ["export", scene, "-o", target, "--format", name], inputs={source: scene})
     return tuple(tasks.values())
 
 
 def fitted_in_windows(row: Row) -> bool:
-    """Whether `f4x fit` cuts the clip into windows, each of which makes its own priors."""
-    return claimed(row)[0] > LONG if row.window is None else row.window > 0
+    """Whether `f4x fit` splits the clip into windows, each of which computes its own priors."""
+    return declared_frames(row)[0] > LONG if row.window is None else row.window > 0
 
 
-def claimed(row: Row) -> tuple[int, str]:
-    """Frames that the row uses as far as its clip tells without being decoded, else 0; and why it cannot be read."""
+def declared_frames(row: Row) -> tuple[int, str]:
+    """(number of frames that the row uses, why the clip cannot be read). Uses the file header only; 0 frames if unknown."""
     if URL not in row.clip and Path(row.clip).expanduser().exists():
         try:
             return claimed_frames(row.clip, row.frames), ""
@@ -186,5 +187,5 @@ def _absolute(path: str) -> str:
 
 
 def slug(text: str) -> str:
-    """A text as the name of a file."""
+    """A text as a file name."""
     return re.sub(r"[^\w.-]+", "_", text)

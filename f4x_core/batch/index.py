@@ -1,4 +1,4 @@
-"""One page for a whole batch: pictures, scores and failures of every clip, with links to its files."""
+"""The page of a batch: images, scores and errors of every clip, with links to its files."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ SCORES = {
     "held_out_psnr": "held out, interpolated camera",
     "gaussians": "Gaussians",
 }
-"""Figures of the fit that are shown, where a row has them."""
+"""Score of the fit -> its column title; a column appears if any row has the score."""
 PROFILE = "wild"
-"""Of rows that name none, as for `f4x fit`."""
+"""Profile of rows that name none, as for `f4x fit`."""
 OTHER = ' class="other"'
-"""Rows that lie in the store and are not in the manifest."""
+"""HTML attribute of rows that lie in the store and are not in the manifest."""
 STYLE = """<style>
 body { max-width: 1400px; } .clip img { width: 160px; } .clip td { overflow-wrap: anywhere; }
 .failed, .poor { color: var(--bad); } .done, .good { color: var(--fine); } .other { opacity: .45; }
@@ -35,7 +35,7 @@ body { max-width: 1400px; } .clip img { width: 160px; } .clip td { overflow-wrap
 def write_index(store: Store, board: Board, title: str) -> None:
     """Write the page into the store.
 
-    Pictures are linked and loaded when they come into view: the page of ten thousand clips opens too.
+    Images are links that load when they scroll into view, so that a page of ten thousand clips opens fast.
     """
     rows = list(board.rows.values())
     failed = [each for each in rows if each.state == FAILED]

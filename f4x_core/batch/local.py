@@ -1,4 +1,4 @@
-"""Tasks in processes of this machine, so many at a time."""
+"""An engine that runs tasks in child processes on this machine."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .work import Outcome, Settings, run_task
 
 
 class LocalEngine:
-    """An `Engine` of `slots` threads, each of which waits for the child that works on its task."""
+    """An `Engine` with up to `slots` threads, each of which waits for the child process of one task."""
 
     def __init__(self, settings: Settings, slots: int):
-        """Nothing runs yet."""
+        """Prepare without starting anything."""
         self.settings, self.slots = settings, slots
         self.ended: queue.SimpleQueue[tuple[Task, Outcome]] = queue.SimpleQueue()
         self.running: dict[tuple[str, str], threading.Thread] = {}
@@ -22,13 +22,13 @@ class LocalEngine:
         self.stopping = threading.Event()
 
     def start(self, task: Task) -> None:
-        """As the protocol says."""
+        """See `Engine.start`."""
         thread = threading.Thread(target=self._work, args=(task,), daemon=True)
         self.running[task.row, task.stage] = thread
         thread.start()
 
     def finished(self, timeout: float) -> list[tuple[Task, Outcome]]:
-        """As the protocol says."""
+        """See `Engine.finished`."""
         found: list[tuple[Task, Outcome]] = []
         while True:
             try:
@@ -41,23 +41,23 @@ class LocalEngine:
         return found
 
     def progress(self) -> dict[tuple[str, str], tuple[str, int, int]]:
-        """As the protocol says."""
+        """See `Engine.progress`."""
         return dict(self.steps)
 
     def stop(self) -> list[tuple[Task, Outcome]]:
-        """As the protocol says."""
+        """See `Engine.stop`."""
         self.stopping.set()
         for thread in self.running.values():
             thread.join()
         return self.finished(0)
 
     def _work(self, task: Task) -> None:
-        tell = partial(self._tell, (task.row, task.stage))
+        progress = partial(self._report, (task.row, task.stage))
         outcome = Outcome(task.row, task.stage, task.key, "failed", "the batch itself failed; see the message above.")
         try:
-            outcome = run_task(task, self.settings, tell, self.stopping.is_set)
+            outcome = run_task(task, self.settings, progress, self.stopping.is_set)
         finally:  # whatever happened, the other rows go on
             self.ended.put((task, outcome))
 
-    def _tell(self, of: tuple[str, str], stage: str, done: int, total: int, message: str = "") -> None:
-        self.steps[of] = (stage, done, total)
+    def _report(self, task: tuple[str, str], stage: str, done: int, total: int, message: str = "") -> None:
+        self.steps[task] = (stage, done, total)

@@ -1,4 +1,4 @@
-"""What a batch is to do: a glob, a CSV or a JSON file becomes one `Row` for each clip."""
+"""The manifest of a batch: a glob, a CSV or a JSON file becomes one `Row` for each clip."""
 
 from __future__ import annotations
 
@@ -21,38 +21,38 @@ from ..scene.view import CHANNELS
 from .storage import expand, join, read_bytes
 
 SEPARATOR = ";"
-"""Between the entries of a list in a CSV cell: sentences and words have commas of their own."""
+"""Separates the entries of a list in a CSV cell, because sentences contain commas."""
 NOTHING = "none"
-"""A list in a CSV cell that is empty; an empty cell is the default."""
+"""Marks an empty list in a CSV cell; an empty cell means the default."""
 DELIMITERS = ",;\t"
-"""Between the cells of a CSV: spreadsheets write what the country's decimal comma leaves free."""
+"""Accepted delimiters of a CSV: spreadsheets avoid the comma in countries where it is the decimal separator."""
 NAME = re.compile(r"(?!(con|prn|aux|nul|com\d|lpt\d)(\.|$))\w([\w.-]{0,98}[\w-])?", re.IGNORECASE)
-"""What a row may be called: its folder's name on every file system; Windows keeps some for devices, and drops a last dot."""
+"""Valid names of rows: folder names on every file system. Windows reserves some for devices and drops a final dot."""
 SILENT = ("#", "sep=")
-"""How lines of a CSV begin that are no row."""
+"""Prefixes of CSV lines that are skipped."""
 PARENT, STEM = "{parent}", "{stem}"
-"""Stand in a name for the folder that the clip lies in, and for the clip's own name."""
-LEAST = {"threads": 1, "parts": 1, "seed": 0, "width": 2, "hold_out": 2, "window": 0}
-"""Smallest value of a column; the verbs say the same."""
+"""Placeholders in a name for the folder that contains the clip, and for the clip's file name."""
+MIN_VALUES = {"threads": 1, "parts": 1, "seed": 0, "width": 2, "hold_out": 2, "window": 0}
+"""Column -> minimum value; the command line has the same limits."""
 PATHS = re.compile(r"original|orbit|frozen:\d+(\.\d+)?|.+\.json")
-"""What `paths` takes."""
+"""Valid entries of the column `paths`."""
 BACKENDS = ("auto", *CPU_BACKENDS)
 """What `backend` takes."""
 PAGE = "index.html"
-"""The page of the whole batch, beside the folders of the rows."""
+"""File name of the batch's page, beside the folders of the rows."""
 
 
 @dataclass(frozen=True)
 class Row(Record):
-    """One clip and what becomes of it; a column of a manifest for each field.
+    """One clip and what to do with it; each field is a column of the manifest.
 
-    Options of `f4x fit` have its names; None is its default.
+    Options of `f4x fit` have the same names there; None means its default.
     """
 
     clip: str
-    """Video, folder of pictures or data set; in a CSV or JSON file relative to that file's folder. URLs too."""
+    """Video, image folder or data set, as a path or URL; relative to the folder of the CSV or JSON file."""
     name: str = ""
-    """Of the row and its folder, `{parent}` and `{stem}` stand for parts of the clip's path; empty: the clip's."""
+    """Name of the row and its folder; `{parent}` and `{stem}` stand for parts of the clip's path; empty: the clip's name."""
     profile: str | None = None
     """How much work to spend on the fit."""
     frames: str | None = None
@@ -62,50 +62,50 @@ class Row(Record):
     hold_out: int | None = None
     """Keep frames with index % N == N-1 for measuring."""
     window: int | None = None
-    """Fit so many frames at a time; 0: all at once."""
+    """Number of frames to fit at a time; 0: the whole clip at once."""
     overlap: int | None = None
     """Frames that neighbouring windows share."""
     masks: str | None = None
-    """Folder of masks of what moves, or `layout`."""
+    """Folder with masks of moving objects, or `layout`."""
     provider: str | None = None
-    """Who makes all priors."""
+    """Provider of all priors."""
     cameras: str | None = None
-    """Who makes the cameras."""
+    """Provider of the cameras."""
     depth: str | None = None
-    """Who makes the depth."""
+    """Provider of the depth."""
     prior: tuple[str, ...] = ()
-    """Own priors, NAME=PATH."""
+    """Priors from files, each NAME=PATH."""
     seed: int = 0
     """Seed of everything random."""
     threads: int = 1
-    """Cores that each task of the row takes; results are bit-equal for an equal number."""
+    """Cores that each task of the row uses; results are bit-equal for an equal number."""
     backend: str = "auto"
     """What draws."""
     features: tuple[str, ...] = ()
     """Teachers whose features are distilled into the scene."""
     vocabulary: tuple[str, ...] = ()
-    """Words to store with them."""
+    """Words whose embeddings are stored in the scene."""
     queries: tuple[str, ...] = ()
-    """Words; each gets masks and a heat map."""
+    """Words to query; each gets masks and a heat map."""
     edits: tuple[str, ...] = ()
-    """Sentences, or JSON files of operations, in this order."""
+    """Edits in order: sentences, or JSON files of operations."""
     paths: tuple[str, ...] = ("original",)
     """Camera paths to render: original, orbit, frozen:T, or a JSON file."""
     channels: tuple[str, ...] = ("rgb",)
-    """What is rendered."""
+    """Channels to render."""
     parts: int = 1
-    """Each path is rendered in this many tasks, side by side where cores are free."""
+    """Number of tasks that render each path, in parallel if cores are free."""
     exports: tuple[str, ...] = ()
-    """Formats to export to, all frames."""
+    """Formats to which all frames are exported."""
 
     def __post_init__(self) -> None:
-        """Refuse what no task could do."""
+        """Raise F4xError for values that no task could use."""
         if not self.clip:
             raise F4xError("the clip is empty; name a video or a folder of pictures.")
-        for name, least in LEAST.items():
+        for name, minimum in MIN_VALUES.items():
             value = getattr(self, name)
-            if value is not None and value < least:
-                raise F4xError(f"{name} is {value}; give {least} or more.")
+            if value is not None and value < minimum:
+                raise F4xError(f"{name} is {value}; give {minimum} or more.")
         parse_span(self.frames)
         drawn = (*CHANNELS, *(("latent", *self.features) if self.features else ()), "mask:LABEL")
         for column, known, accepts in (
@@ -128,7 +128,7 @@ def read_manifest(source: str, defaults: Mapping[str, str] | None = None) -> tup
 
     Args:
         source: FILE.csv with a head line; FILE.json, a list of objects; otherwise a pattern. Local or a URL.
-        defaults: column -> cell as in a CSV, for rows that do not say it themselves.
+        defaults: column -> cell as in a CSV, for rows that leave the column empty.
 
     Raises:
         F4xError: it cannot be read, a column is unknown, a value is wrong, or two rows would write into one folder.
@@ -155,7 +155,7 @@ def _text(source: str) -> str:
 
 
 def _csv_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
-    """Rows of a CSV file; lines that are empty or begin with # say nothing, nor does the `sep=;` of a spreadsheet."""
+    """Rows of a CSV file. Empty lines, comments with # and the `sep=;` of a spreadsheet are skipped."""
     rows: list[Row] = []
     first = next((line for line in text.splitlines() if line.strip() and not line.startswith(SILENT)), "")
     delimiter = max(DELIMITERS, key=first.count)
@@ -207,7 +207,7 @@ def _json_rows(source: str, text: str, given: Mapping[str, Any]) -> list[Row]:
 
 
 def _cells(cells: Mapping[str, str], where: str) -> dict[str, Any]:
-    """Text as the fields' types want it, without empty cells; what is no number is left for the reader to refuse."""
+    """Cells converted to the fields' types, without empty ones. Invalid numbers stay text, and `read_record` refuses them."""
     hints = get_type_hints(Row)
     values: dict[str, Any] = {}
     for column, cell in cells.items():
@@ -269,7 +269,7 @@ def _named(rows: Sequence[Row], source: str) -> tuple[Row, ...]:
 
 
 def _name_of(row: Row) -> str:
-    """The row's name. That of a clip is the last part of its path; a folder `images` is called as the one it lies in."""
+    """The row's name. By default the last part of the clip's path; for a folder `images`, its parent's name."""
     *folders, last = ["", *(part for part in row.clip.replace("\\", "/").split("/") if part not in ("", "images"))]
     parts = {PARENT: (folders or [""])[-1], STEM: PurePosixPath(last).stem}
     name = row.name or STEM

@@ -1,4 +1,4 @@
-"""Tasks on a Ray cluster: Ray schedules and retries, each task is the same child process on the node that it lands on."""
+"""An engine that runs tasks on a Ray cluster: Ray schedules and retries, and a node runs a task in a child process."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from .storage import open_store
 from .work import ROOT, Outcome, Settings, run_task
 
 RETRIES = 5
-"""How often a task is begun anew when its worker or its node dies; it goes on from what it had saved."""
+"""How often a task is restarted when its worker or its node dies; it resumes from its saved files."""
 PATIENCE = 5.0
-"""Seconds until an address that does not answer is taken for unreachable."""
+"""Seconds until an address that does not answer counts as unreachable."""
 PROBE_PATIENCE = 60.0
-"""Seconds that a node may take to start a Python and tell its version."""
+"""Seconds that a node may take to start Python and report its version."""
 FAREWELL = 10.0
-"""Seconds that running tasks have, at Ctrl-C, to save what they can go on from."""
+"""Seconds that running tasks have after Ctrl-C to save the files from which they resume."""
 AHEAD = 2
-"""Tasks per core that are handed to Ray: enough that no node waits, and few enough to forget."""
+"""Tasks per core that are submitted to Ray: enough that no node is idle, and few enough to cancel."""
 
 
 class RayEngine:
-    """An `Engine` on the cluster at an address. Use as a context manager: it leaves the cluster at the end, and never stops it."""
+    """An `Engine` on the Ray cluster at an address, as a context manager: it disconnects at the end and never stops the cluster."""
 
     def __init__(self, settings: Settings, address: str, tasks: Sequence[Task] = ()):
-        """Connect, and see that every node has this version and reaches the store, and that some node has room for each task.
+        """Connect, and check that every node has this version and reaches the store, and that each task fits on some node.
 
         Raises:
             F4xError: Ray is not installed or not reachable, or a node does not fit.
@@ -60,7 +60,7 @@ class RayEngine:
         self.ray.shutdown()
 
     def start(self, task: Task) -> None:
-        """As the protocol says."""
+        """See `Engine.start`."""
         remote = self.remote.options(
             num_cpus=task.threads,
             memory=task.memory,
@@ -70,7 +70,7 @@ class RayEngine:
         self.running[remote.remote(task, self.settings)] = task
 
     def finished(self, timeout: float) -> list[tuple[Task, Outcome]]:
-        """As the protocol says."""
+        """See `Engine.finished`."""
         if not self.running:
             return []
         first, _ = self.ray.wait(list(self.running), num_returns=1, timeout=timeout)
@@ -80,11 +80,11 @@ class RayEngine:
         return [(task, self._outcome(task, answer)) for answer in ended for task in [self.running.pop(answer)]]
 
     def progress(self) -> dict[tuple[str, str], tuple[str, int, int]]:
-        """Nodes tell no steps: what they did is in the logs."""
+        """See `Engine.progress`. Empty, because nodes do not report steps; the logs contain them."""
         return {}
 
     def stop(self) -> list[tuple[Task, Outcome]]:
-        """As the protocol says."""
+        """See `Engine.stop`."""
         for answer in self.running:
             self.ray.cancel(answer, force=False)
         if self.running:
@@ -98,8 +98,8 @@ class RayEngine:
             return self.ray.get(answer)
         except self.ray.exceptions.RayError as error:
             lines = str(error).strip().splitlines() or [type(error).__name__]
-            told = f"the cluster gave up on it after {RETRIES} new attempts: {lines[0]}"
-            return Outcome(task.row, task.stage, task.key, "failed", error=told)
+            reason = f"the cluster gave up on it after {RETRIES} new attempts: {lines[0]}"
+            return Outcome(task.row, task.stage, task.key, "failed", error=reason)
 
     def _require_nodes(self, nodes: Sequence[dict[str, Any]], tasks: Sequence[Task]) -> None:
         """Ask every node for its version, what it would draw with, and whether it sees the lock of this batch."""
@@ -183,7 +183,7 @@ def _work(task: Task, settings: Settings) -> Outcome:
 
 
 def _make_probe() -> Callable[[str, str, str], tuple[str | None, str, bool]]:
-    """A function that travels by its code, for it has to run where this package is missing or another one."""
+    """A function that Ray sends as code, because it also runs on nodes without this package or with another version."""
 
     def probe(package: str, url: str, lock: str) -> tuple[str | None, str, bool]:
         from importlib import import_module
@@ -199,14 +199,14 @@ def _make_probe() -> Callable[[str, str, str], tuple[str | None, str, bool]]:
 
 
 def sees(url: str, name: str) -> bool:
-    """Whether this machine reaches a file of a store."""
+    """Whether this machine can read a file of a store."""
     with contextlib.suppress(F4xError, OSError):
         return open_store(url).read(name) is not None
     return False
 
 
 def _require_room(nodes: Sequence[dict[str, float]], tasks: Sequence[Task]) -> None:
-    """F4xError for a task that no node could ever take: Ray would wait for one without a word."""
+    """F4xError for a task that fits on no node: Ray would wait for such a node forever without a message."""
     for threads, memory, row in sorted({(t.threads, t.memory, t.row) for t in tasks}):
         if any(node.get("CPU", 0) >= threads and node.get("memory", 0) >= memory for node in nodes):
             continue

@@ -1,4 +1,4 @@
-"""Running a batch: which tasks are ready, what became of each, and a lock so that one batch at a time writes into a folder."""
+"""Running a batch: which tasks are ready, the outcome of each, and a lock so that only one batch writes into a store."""
 
 from __future__ import annotations
 
@@ -26,52 +26,52 @@ from .storage import Digests, Store
 from .work import STATE, Outcome, parse_record, record_name
 
 INPUT = "input.jpg"
-"""The picture of the clip that `f4x priors` leaves, and `f4x fit` where it fits windows."""
+"""The image of the clip that `f4x priors` writes, and `f4x fit` if it fits windows."""
 LINKED = {
     "fit": {"diagnostics": "diagnostics.html", "scene": "scene.f4x"},
     "distill": {"scene": "distilled.f4x"},
     "edit": {"scene": "edited.f4x"},
 }
-"""Stage -> what the index links -> file; a later stage's scene is the one to look at."""
+"""Stage -> link text in the index -> file; the scene of a later stage replaces that of an earlier one."""
 LOCK, DIGESTS = f"{STATE}/lock.json", f"{STATE}/digests.json"
 BEAT, STALE = 10.0, 60.0
-"""Seconds between two signs of life of a batch, and after which it is taken for dead."""
+"""Seconds between two updates of the lock, and seconds without an update after which its batch counts as dead."""
 READERS = 16
-"""Rows whose records are read at the same time: a store behind a URL answers late."""
+"""Number of rows whose records are read in parallel, since a store behind a URL has a high latency."""
 LOOK = 0.2
-"""Seconds that an engine is waited for before the table is drawn anew."""
+"""Seconds to wait for an engine before the table is drawn again."""
 WAITING, READY, RUNNING, DONE, KEPT = "waiting", "ready", "running", "done", "kept"
 FAILED, SKIPPED, STOPPED = "failed", "skipped", "stopped"
-"""States of a task; `kept` was done in an earlier run, `skipped` needs one that failed."""
+"""States of a task; `kept` means done in an earlier run, `skipped` means that a task it needs has failed."""
 
 
 class Engine(Protocol):
-    """Something that works on tasks."""
+    """Runs tasks, on this machine or on a cluster."""
 
     slots: int
-    """Tasks that it takes at a time."""
+    """Maximum number of tasks that it accepts at a time."""
 
     def start(self, task: Task) -> None:
-        """Take a task; never waits."""
+        """Start a task without waiting for it."""
 
     def finished(self, timeout: float) -> list[tuple[Task, Outcome]]:
-        """What has ended, waiting up to `timeout` seconds for the first."""
+        """Tasks that have ended, after waiting up to `timeout` seconds for the first."""
 
     def progress(self) -> dict[tuple[str, str], tuple[str, int, int]]:
-        """(row, stage) -> (step, done, total) of what runs, as far as it is known."""
+        """(row, stage) -> (step, done, total) of running tasks, as far as known."""
 
     def stop(self) -> list[tuple[Task, Outcome]]:
-        """End all that runs, as after Ctrl-C; what became of it."""
+        """Stop all running tasks, as after Ctrl-C, and return their outcomes."""
 
 
 @dataclass
 class RowState:
-    """What is known of one row, small enough for thousands of them."""
+    """The state of one row, small enough to keep thousands in memory."""
 
     row: Row
-    """As the manifest has it."""
+    """The row of the manifest."""
     tasks: tuple[Task, ...]
-    """In order, each after those that it needs."""
+    """In order, each after the tasks that it needs."""
     states: dict[str, str] = field(default_factory=dict)
     """Stage -> state."""
     seconds: dict[str, float] = field(default_factory=dict)
@@ -79,29 +79,29 @@ class RowState:
     errors: dict[str, str] = field(default_factory=dict)
     """Stage -> why it failed."""
     notes: dict[str, str] = field(default_factory=dict)
-    """Stage -> what a person should know of it though it is done."""
+    """Stage -> what a person should know about it although it succeeded."""
     scores: dict[str, float] = field(default_factory=dict)
-    """What the fit measured."""
+    """Scores of the fit."""
     quality: str = ""
-    """The fit's own word for it: good, usable with limits, poor."""
+    """The fit's verdict: good, usable with limits, poor."""
     size: tuple[int, int, int] | None = None
-    """Frames, width and height that are fitted."""
+    """Number of frames, width and height of the fitted clip."""
     input: str = ""
-    """A picture of the clip."""
+    """File with an image of the clip."""
     files: dict[str, str] = field(default_factory=dict)
-    """What is linked -> file: diagnostics, scene, and of every query, render (all parts in one) and export what shows it best."""
+    """Link text in the index -> file: diagnostics, scene, the most telling file of every query, render (all parts) and export."""
     logs: tuple[str, ...] = ()
-    """Stages that left a log."""
+    """Stages that have a log."""
     hosts: tuple[str, ...] = ()
-    """Machines that worked on it."""
+    """Machines that ran its tasks."""
     missing: tuple[str, ...] = ()
-    """Paths that it reads and where nothing is."""
+    """Paths that it reads and that do not exist."""
     old: tuple[str, ...] = ()
-    """Files in the store that earlier runs made and this one does not keep."""
+    """Files in the store that earlier runs made and this run does not keep."""
 
     @property
     def state(self) -> str:
-        """Of the row as a whole: failed, done, running, or waiting."""
+        """State of the whole row: failed, done, running or waiting."""
         states = set(self.states.values())
         if FAILED in states:
             return FAILED
@@ -109,8 +109,8 @@ class RowState:
             return DONE
         return RUNNING if RUNNING in states else WAITING
 
-    def take(self, outcome: Outcome) -> None:
-        """Keep what the index and the table show of an outcome."""
+    def record(self, outcome: Outcome) -> None:
+        """Store the parts of an outcome that the index and the table show."""
         stage = outcome.stage
         self.seconds[stage] = outcome.seconds
         self.errors.pop(stage, None)
@@ -140,34 +140,34 @@ class RowState:
 
     @property
     def picture(self) -> str:
-        """The rendered file that stands for the row; empty where none is there."""
+        """The rendered image that represents the row; empty if there is none."""
         found = [file for what, file in self.files.items() if what.startswith("render") and file.endswith(".png")]
         return max(found, key=self._fitness, default="")
 
     def _fitness(self, name: str) -> tuple[bool, ...]:
-        """How well a file shows the clip: best as it was filmed, in colour, and that moment which `input` shows."""
+        """Sort key of a file by how well it represents the clip: original path, colour, image file, the frame of `input`."""
         path = PurePosixPath(name)
         moment = f"{self.size[0] // 2:05d}" if self.size else ""
         return "original" in path.parts, "rgb" in path.parts, path.suffix == ".png", path.stem == moment
 
 
 class Board:
-    """All rows of a batch, and what is known of them; counts are kept up to date, for a table may ask often."""
+    """The states of all rows of a batch. Counts are kept up to date, because the table reads them often."""
 
     def __init__(self, rows: Sequence[RowState], others: Sequence[RowState] = ()):
-        """`rows` in the order of the manifest; `others` lie in the store and are in no row of it."""
+        """`rows` are in the order of the manifest; `others` lie in the store and are not in the manifest."""
         self.rows = {each.row.name: each for each in rows}
         self.others = tuple(others)
         found = {task.kind for each in rows for task in each.tasks}
         self.kinds = tuple(kind for kind in KINDS if kind in found)
-        """Kinds of task that occur."""
+        """Kinds of task in this batch."""
         self.counts = {
             kind: Counter(each.states[t.stage] for each in rows for t in each.tasks if t.kind == kind)
             for kind in self.kinds
         }
         """Kind -> state -> number of tasks."""
         self.times = {kind: (0.0, 0) for kind in self.kinds}
-        """Kind -> (seconds, number) of tasks that came to their end, in earlier runs too."""
+        """Kind -> (total seconds, number) of finished tasks, including those of earlier runs."""
         for each in rows:
             for task in each.tasks:
                 if each.states[task.stage] == KEPT:
@@ -181,11 +181,11 @@ class Board:
         self.counts[task.kind][state] += 1
         states[task.stage] = state
 
-    def settle(self, task: Task, outcome: Outcome) -> None:
-        """Take in what became of a task; what needs a failed one is skipped."""
+    def finish(self, task: Task, outcome: Outcome) -> None:
+        """Record the outcome of a task; if it failed, skip the tasks that need it."""
         each = self.rows[task.row]
         self.mark(task, outcome.state)
-        each.take(outcome)
+        each.record(outcome)
         if outcome.state == DONE:
             self._count_time(task, outcome.seconds)
         else:
@@ -193,17 +193,17 @@ class Board:
 
     @property
     def failed(self) -> list[RowState]:
-        """Rows that did not come to their end because of a failure."""
+        """Rows in which a task failed."""
         return [each for each in self.rows.values() if each.state == FAILED]
 
     def number(self, *states: str) -> int:
-        """Tasks that are in one of `states`; all where none is named."""
+        """Number of tasks in one of `states`; of all tasks if no state is given."""
         return sum(
             count for counts in self.counts.values() for state, count in counts.items() if state in (states or counts)
         )
 
     def eta(self) -> float | None:
-        """Seconds until the end, from the mean time of each kind of task so far; None where one has not ended yet."""
+        """Estimated seconds left, from the mean time of each kind of task; None until a task of every kind has finished."""
         left = 0.0
         for kind, counts in self.counts.items():
             seconds, ended = self.times[kind]
@@ -219,7 +219,7 @@ class Board:
 
     def _skip_after(self, each: RowState, task: Task) -> None:
         for other in each.tasks:
-            if any(stage == task.stage for stage, _ in other.takes) and each.states[other.stage] == WAITING:
+            if any(stage == task.stage for stage, _ in other.inputs) and each.states[other.stage] == WAITING:
                 self.mark(other, SKIPPED)
                 self._skip_after(each, other)
 
@@ -230,9 +230,9 @@ def plan(
     progress: Callable[[int, int], None] = lambda done, total: None,
     remember: bool = False,
 ) -> Board:
-    """The tasks of all rows, those that are done already marked as kept.
+    """The tasks of all rows; tasks that are already done are marked as kept.
 
-    Reads every clip once to know its content; with `remember` the store keeps what it was.
+    Every clip is read once to compute its hash; with `remember` the store keeps the hashes.
     """
     known = None
     with contextlib.suppress(ValueError):  # damaged: all clips are read again
@@ -243,10 +243,10 @@ def plan(
         missing: dict[str, None] = {}
 
         def digest(path: str) -> str:
-            told = digests.of(path)
-            if not told:
+            found = digests.digest(path)
+            if not found:
                 missing[path] = None
-            return told
+            return found
 
         state = RowState(row, tasks_of(row, digest), missing=tuple(missing))
         sizes = store.sizes(row.name)
@@ -268,7 +268,7 @@ def plan(
         kept |= {record_name(task) for task in state.tasks if state.states[task.stage] == KEPT}
         state.old = tuple(_old_files(store, state, sizes.keys() - kept))
         for record in reversed(records):
-            state.take(record)
+            state.record(record)
         return state
 
     states = []
@@ -284,7 +284,7 @@ def plan(
 
 
 def _read_other(store: Store, name: str) -> RowState:
-    """What records tell of a folder that is no row of the manifest; without states where it has none."""
+    """The state of a folder that is no row of the manifest, from its records; without states if it has none."""
     each = RowState(Row(name, name), ())
     found = [parse_record(store.read(file)) for file in store.sizes(f"{name}/{STATE}") if _is_record(file)]
     records = [record for record in found if record is not None]
@@ -293,7 +293,7 @@ def _read_other(store: Store, name: str) -> RowState:
     for record in sorted(records, key=lambda record: order.get(record.stage.split(" ")[0], len(order))):
         each.states[record.stage] = KEPT if record.state == DONE else FAILED
         there = {file: size for file, size in record.files.items() if f"{name}/{file}" in sizes}
-        each.take(replace(record, files=there))
+        each.record(replace(record, files=there))
     return each
 
 
@@ -303,9 +303,9 @@ def _is_record(name: str) -> bool:
 
 
 def _old_files(store: Store, each: RowState, names: Set[str]) -> Iterator[str]:
-    """Which of the files `names`, none of a kept task, were made by tasks of the row, or saved by ones not asked for any more.
+    """Those of the files `names` that earlier tasks of the row made, or that tasks saved which are no longer in the manifest.
 
-    A failed task's record stays, to be told, as long as it is asked for.
+    `names` holds no file of a kept task. The record of a failed task stays while the task is in the manifest, for its error.
     """
     asked = {task.slug for task in each.tasks}
     for name in names:
@@ -327,27 +327,27 @@ def run_board(
     ended: Callable[[Board, Outcome], None] = lambda board, outcome: None,
     begins: Callable[[RowState], None] = lambda each: None,
 ) -> None:
-    """Work on everything that waits. One row's failure never stops another.
+    """Run all waiting tasks. A failure in one row does not affect other rows.
 
-    `watch(board)` is called about five times a second, `ended(board, outcome)` once for every task, `begins(row)` once for every
-    row, before its first task; KeyboardInterrupt ends what runs and goes through.
+    `watch(board)` is called about five times a second, `ended(board, outcome)` once per task, and `begins(row)` once per row,
+    before its first task. KeyboardInterrupt stops the running tasks and is raised again.
     """
     board.slots, board.started = engine.slots, time.monotonic()
     order = {name: number for number, name in enumerate(board.rows)}
     ready: list[tuple[int, int, Task]] = []
 
     def release(each: RowState) -> None:
-        """Queue the tasks of a row that wait for nothing any more."""
+        """Queue the tasks of a row whose inputs are all done."""
         for number, task in enumerate(each.tasks):
             if each.states[task.stage] == WAITING and all(
-                each.states[stage] in (DONE, KEPT) for stage, _ in task.takes
+                each.states[stage] in (DONE, KEPT) for stage, _ in task.inputs
             ):
                 board.mark(task, READY)
                 heapq.heappush(ready, (order[task.row], number, task))
 
-    def settle(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
+    def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
         for task, outcome in outcomes:
-            board.settle(task, outcome)
+            board.finish(task, outcome)
             ended(board, outcome)
 
     for each in board.rows.values():
@@ -369,26 +369,26 @@ def run_board(
                 running += 1
             outcomes = engine.finished(LOOK)
             running -= len(outcomes)
-            settle(outcomes)
+            finish(outcomes)
             for task, _ in outcomes:
                 release(board.rows[task.row])
             watch(board)
     except BaseException:
-        settle(engine.stop())
+        finish(engine.stop())
         raise
 
 
 def clear_work(store: Store) -> None:
-    """Remove what killed tasks of earlier runs left in a folder; for the holder of the lock."""
+    """Delete work folders of killed tasks from earlier runs. Only for the holder of the lock."""
     if store.local is not None:
         shutil.rmtree(store.local / STATE / "work", ignore_errors=True)
 
 
 def clear_old(store: Store, each: RowState) -> None:
-    """Remove what earlier runs made in a row and this one does not keep, so that nothing old lies beside what is new.
+    """Delete the files of a row that earlier runs made and this run does not keep, so that no old file lies beside new ones.
 
-    That is what records say was made by tasks that are to be done anew or are not asked for any more, and nothing else. Row by
-    row, when its work begins: a slip in the command, stopped soon, costs the rows that were at work.
+    Only files in the records of tasks that run again, or that are no longer in the manifest, are deleted. This happens row by
+    row, when the first task of a row starts: a wrong command that is stopped soon costs only the rows that had started.
     """
     for name in each.old:
         store.remove(name)
@@ -401,7 +401,7 @@ def clear_old(store: Store, each: RowState) -> None:
 
 @contextlib.contextmanager
 def locked(store: Store) -> Iterator[None]:
-    """Hold the one lock of a store; F4xError where another batch holds it."""
+    """Hold the lock of a store. Raises F4xError if another batch holds it."""
     mine = {"host": socket.gethostname(), "pid": os.getpid(), "token": uuid.uuid4().hex}
 
     def sign() -> bytes:
@@ -433,7 +433,7 @@ def locked(store: Store) -> Iterator[None]:
 
 
 def _holder(data: bytes | None) -> dict[str, Any] | None:
-    """Who holds the lock; None where it is gone or dead."""
+    """The holder of the lock; None if the lock is gone or its batch is dead."""
     try:
         other = json.loads(data or b"")
         if time.time() - other["beat"] > STALE:

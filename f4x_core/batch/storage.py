@@ -1,8 +1,8 @@
 """Where a batch writes: a folder, or whatever `fsspec` knows by URL (`s3://`, `gs://`, `memory://`).
 
-A name is relative to the store, with `/` between its parts. A file is there whole or not at all: in a folder by renaming, and an
-object store shows an object when its upload ends. Where a URL leads to real folders (`sftp://`, `smb://`) a file may be seen while
-it is written; records, which are written last and tell its size, still say what is done.
+A name is relative to the store, with `/` between its parts. A file exists completely or not at all: a folder renames it into place,
+and an object store shows an object when its upload ends. If a URL leads to real folders (`sftp://`, `smb://`), a file can be seen
+while it is written; records are written last and contain its size, so they still show which tasks are done.
 """
 
 from __future__ import annotations
@@ -24,66 +24,67 @@ from ..files import replace_file
 CHUNK = 1 << 20
 """Bytes that are hashed at a time."""
 URL = "://"
+"""What marks a place as a URL."""
 
 
 class Store(Protocol):
-    """What a batch needs of a place."""
+    """A place for the files of a batch."""
 
     @property
     def url(self) -> str:
-        """What opens it again, on another machine too."""
+        """The address that opens the store, on other machines too."""
 
     @property
     def local(self) -> Path | None:
-        """The folder, where it is one."""
+        """The folder of the store, None if it lies behind a URL."""
 
     def read(self, name: str) -> bytes | None:
-        """The content, or None where there is no such file."""
+        """The content of a file, None if there is no such file."""
 
     def write(self, name: str, data: bytes) -> None:
-        """Put a small file in place, whole."""
+        """Write a small file atomically."""
 
     def create(self, name: str, data: bytes) -> bool:
-        """The same only where there is none yet; says whether it did."""
+        """Write a small file unless it exists; returns whether it was written."""
 
     def remove(self, name: str) -> None:
-        """Take a file away, if it is there."""
+        """Delete a file if it exists."""
 
     def fetch(self, name: str, path: Path) -> None:
-        """Have a file at `path` for reading."""
+        """Make a file available at `path` for reading."""
 
     def publish(self, path: Path, name: str) -> None:
-        """Put the file at `path` in place, whole; it may be gone from `path` afterwards, or be the same file."""
+        """Store the file at `path` under `name`, atomically. The two may be the same file on the disk afterwards."""
 
     def sizes(self, prefix: str) -> dict[str, int]:
-        """Name -> bytes of every file below a folder."""
+        """Name -> size in bytes of every file below the folder `prefix`."""
 
     def folders(self) -> list[str]:
-        """Names of the folders that lie in the store itself, in order."""
+        """Names of the folders at the top of the store, sorted."""
 
 
-class Folder:
+class FolderStore:
     """A store in a folder, shared between machines or not."""
 
     def __init__(self, path: Path):
-        """The folder is made with its first file."""
+        """The folder is created with its first file."""
         self.root = self.local = path.expanduser().absolute()
         self.url = str(self.root)
 
     def read(self, name: str) -> bytes | None:
-        """As the protocol says."""
+        """See `Store.read`."""
         try:
             return (self.root / name).read_bytes()
         except FileNotFoundError:
             return None
 
     def write(self, name: str, data: bytes) -> None:
-        """As the protocol says."""
+        """See `Store.write`."""
         with replace_file(self._place(name)) as file:
             file.write(data)
 
     def create(self, name: str, data: bytes) -> bool:
-        """As the protocol says."""
+        """See `Store.create`."""
         try:
             with open(self._place(name), "xb") as file:
                 file.write(data)
@@ -92,16 +93,16 @@ class Folder:
         return True
 
     def remove(self, name: str) -> None:
-        """As the protocol says."""
+        """See `Store.remove`."""
         (self.root / name).unlink(missing_ok=True)
 
     def fetch(self, name: str, path: Path) -> None:
-        """A second name of the file where that is possible: whoever writes, replaces files and never changes one."""
+        """See `Store.fetch`. Makes a hard link if possible, which is safe because files are replaced and never changed."""
         path.parent.mkdir(parents=True, exist_ok=True)
         _link_or_copy(self.root / name, path)
 
     def publish(self, path: Path, name: str) -> None:
-        """As the protocol says."""
+        """See `Store.publish`."""
         place = self._place(name)
         beside = place.with_name(f".{place.name[:80]}.{uuid.uuid4().hex}.part")
         try:
@@ -111,7 +112,7 @@ class Folder:
             beside.unlink(missing_ok=True)
 
     def sizes(self, prefix: str) -> dict[str, int]:
-        """As the protocol says."""
+        """See `Store.sizes`."""
         found = {}
         for folder, _, names in os.walk(self.root / prefix):
             for name in names:
@@ -121,7 +122,7 @@ class Folder:
         return found
 
     def folders(self) -> list[str]:
-        """As the protocol says."""
+        """See `Store.folders`."""
         return sorted(path.name for path in self.root.iterdir() if path.is_dir()) if self.root.is_dir() else []
 
     def _place(self, name: str) -> Path:
@@ -130,30 +131,30 @@ class Folder:
         return place
 
 
-class Remote:
+class RemoteStore:
     """A store behind a URL."""
 
     def __init__(self, url: str):
-        """F4xError where its library is not installed or the place cannot be reached."""
+        """Raises F4xError if the library for the URL is not installed or the place cannot be reached."""
         self.url, self.local = url.rstrip("/"), None
         self.system, self.root = _file_system(self.url)
 
     def read(self, name: str) -> bytes | None:
-        """As the protocol says."""
-        with _told(self.url):
+        """See `Store.read`."""
+        with _library_errors(self.url):
             try:
                 return self.system.cat_file(self._path(name))
             except FileNotFoundError:
                 return None
 
     def write(self, name: str, data: bytes) -> None:
-        """As the protocol says."""
-        with _told(self.url):
+        """See `Store.write`."""
+        with _library_errors(self.url):
             self.system.pipe_file(self._place(name), data)
 
     def create(self, name: str, data: bytes) -> bool:
-        """As the protocol says."""
-        with _told(self.url):
+        """See `Store.create`."""
+        with _library_errors(self.url):
             try:
                 self.system.pipe_file(self._place(name), data, mode="create")
             except FileExistsError:
@@ -161,31 +162,31 @@ class Remote:
             return True
 
     def remove(self, name: str) -> None:
-        """As the protocol says."""
-        with _told(self.url), contextlib.suppress(FileNotFoundError):
+        """See `Store.remove`."""
+        with _library_errors(self.url), contextlib.suppress(FileNotFoundError):
             self.system.rm_file(self._path(name))
 
     def fetch(self, name: str, path: Path) -> None:
-        """As the protocol says."""
+        """See `Store.fetch`."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        with _told(self.url):
+        with _library_errors(self.url):
             self.system.get_file(self._path(name), str(path))
 
     def publish(self, path: Path, name: str) -> None:
-        """As the protocol says."""
-        with _told(self.url):
+        """See `Store.publish`."""
+        with _library_errors(self.url):
             self.system.put_file(str(path), self._place(name))
 
     def sizes(self, prefix: str) -> dict[str, int]:
-        """As the protocol says."""
-        with _told(self.url):
+        """See `Store.sizes`."""
+        with _library_errors(self.url):
             self.system.invalidate_cache()
             found = self.system.find(self._path(prefix), detail=True)
         return {path[len(self.root) :].lstrip("/"): int(entry["size"] or 0) for path, entry in found.items()}
 
     def folders(self) -> list[str]:
-        """As the protocol says."""
-        with _told(self.url), contextlib.suppress(FileNotFoundError):
+        """See `Store.folders`."""
+        with _library_errors(self.url), contextlib.suppress(FileNotFoundError):
             self.system.invalidate_cache()
             found = self.system.ls(self.root, detail=True)
             return sorted(e["name"].rstrip("/").rpartition("/")[2] for e in found if e["type"] == "directory")
@@ -201,16 +202,16 @@ class Remote:
 
 
 def open_store(place: str) -> Store:
-    """The store at a folder or URL; F4xError says why not."""
-    return Remote(place) if URL in place else Folder(Path(place))
+    """Open the store at a folder or URL. Raises F4xError if that is not possible."""
+    return RemoteStore(place) if URL in place else FolderStore(Path(place))
 
 
 def read_bytes(place: str) -> bytes:
-    """A whole small file, local or behind a URL."""
+    """The content of a small file, local or behind a URL."""
     try:
         if URL in place:
             system, path = _file_system(place)
-            with _told(place):
+            with _library_errors(place):
                 return system.cat_file(path)
         return Path(place).read_bytes()
     except OSError as error:
@@ -218,10 +219,10 @@ def read_bytes(place: str) -> bytes:
 
 
 def expand(pattern: str) -> list[str]:
-    """What a glob finds, in order; a path without wildcards stands for itself."""
+    """The paths that match a glob pattern, sorted; a path that exists stands for itself."""
     if URL in pattern:
         system, path = _file_system(pattern)
-        with _told(pattern):
+        with _library_errors(pattern):
             return [system.unstrip_protocol(found) for found in sorted(system.glob(path))]
     if Path(pattern).exists():  # a name may hold brackets
         return [pattern]
@@ -229,7 +230,7 @@ def expand(pattern: str) -> list[str]:
 
 
 def join(folder: str, path: str) -> str:
-    """`path` as seen from `folder`; absolute ones and URLs are left alone."""
+    """`path` relative to `folder`; absolute paths and URLs stay as they are."""
     if not folder or URL in path or os.path.isabs(os.path.expanduser(path)):
         return path
     return f"{folder}/{path}" if URL in folder else os.path.join(folder, path)
@@ -239,27 +240,27 @@ def fetch_tree(place: str, folder: Path) -> Path:
     """Copy a file or folder behind a URL into `folder`, under its own name."""
     system, path = _file_system(place)
     target = folder / path.rstrip("/").rpartition("/")[2]
-    with _told(place):
+    with _library_errors(place):
         folder.mkdir(parents=True, exist_ok=True)
         system.get(path.rstrip("/"), str(target), recursive=system.isdir(path))
     return target
 
 
 class Digests:
-    """Hashes of what paths hold; a local file is read again only when its size or time of change is another."""
+    """Content hashes of paths. A local file is read again only if its size or modification time has changed."""
 
     def __init__(self, known: dict[str, list[str]] | None = None):
-        """`known` is what `to_json` of an earlier run gave."""
+        """`known` is the result of `to_json` in an earlier run."""
         self.known = known or {}
 
     def to_json(self) -> dict[str, list[str]]:
-        """Path -> (what its files looked like, hash)."""
+        """Path -> [fingerprint of sizes and modification times, content hash]."""
         return self.known
 
-    def of(self, place: str) -> str:
-        """Hash of the bytes of a file, or of the names and bytes of a folder; of a URL, of what its store tells of the object.
+    def digest(self, place: str) -> str:
+        """Hash of a file's bytes, or of the names and bytes in a folder; for a URL, of the object's metadata in its store.
 
-        Empty where nothing is there: whoever needs it has the better sentence.
+        Empty if nothing is there: the caller reports that with more context.
         """
         if URL in place:
             return _remote_digest(place)
@@ -267,9 +268,9 @@ class Digests:
         files = sorted(file for file in root.rglob("*") if file.is_file()) if root.is_dir() else [root]
         try:
             stats = [(file.relative_to(root).as_posix(), file.stat()) for file in files]
-            looks = _hash(f"{name} {stat.st_size} {stat.st_mtime_ns}".encode() for name, stat in stats)
-            if self.known.get(place, [""])[0] != looks:
-                self.known[place] = [looks, _hash(part for file in files for part in _content(file, root))]
+            fingerprint = _hash(f"{name} {stat.st_size} {stat.st_mtime_ns}".encode() for name, stat in stats)
+            if self.known.get(place, [""])[0] != fingerprint:
+                self.known[place] = [fingerprint, _hash(part for file in files for part in _content(file, root))]
         except OSError:
             return ""
         return self.known[place][1]
@@ -291,11 +292,12 @@ def _content(file: Path, root: Path) -> Iterator[bytes]:
 
 def _remote_digest(place: str) -> str:
     system, path = _file_system(place)
-    with _told(place):
+    with _library_errors(place):
         found = sorted(system.find(path, detail=True).items())
-    told = ("size", "ETag", "etag", "md5Hash", "mtime", "created")
+    identifying = ("size", "ETag", "etag", "md5Hash", "mtime", "created")
     lines = (
-        f"{name[len(path) :]} {[(key, str(entry[key])) for key in told if key in entry]}\n" for name, entry in found
+        f"{name[len(path) :]} {[(key, str(entry[key])) for key in identifying if key in entry]}\n"
+        for name, entry in found
     )
     return _hash(line.encode() for line in lines) if found else ""
 
@@ -324,8 +326,8 @@ def _file_system(url: str) -> tuple[Any, str]:
 
 
 @contextlib.contextmanager
-def _told(place: str) -> Iterator[None]:
-    """Errors of a store's library as one sentence; FileNotFoundError and FileExistsError are answers."""
+def _library_errors(place: str) -> Iterator[None]:
+    """Turn errors of a store's library into F4xError; FileNotFoundError and FileExistsError pass, as callers expect them."""
     try:
         yield
     except (FileNotFoundError, FileExistsError, F4xError):

@@ -1,7 +1,7 @@
-"""Stands in for `f4x` where the batch itself is measured or tested: `python -m f4x_core.batch.stub VERB …` in milliseconds.
+"""A stand-in for `f4x` in tests and benchmarks of the batch: `python -m f4x_core.batch.stub VERB …` takes milliseconds.
 
-It leaves files of the right names, whose content follows from the clip's and from the arguments. A clip is a JSON file that says
-how the verbs behave: `{"steps": 20, "seconds": 0.1, "fail": {"fit": "a sentence"}, "die": {"priors": 9}, "note": {"fit":
+It writes files with the right names, whose content depends on the clip and the arguments. A clip is a JSON file that controls
+the verbs: `{"steps": 20, "seconds": 0.1, "fail": {"fit": "a sentence"}, "die": {"priors": 9}, "note": {"fit":
 "a sentence"}}`.
 """
 
@@ -19,7 +19,7 @@ from ..processes import LineProgress, stop_with_parent
 
 
 def main(arguments: list[str]) -> int:
-    """Run one pretended verb; the exit code."""
+    """Pretend to run one verb and return the exit code."""
     stop_with_parent()
     lines = LineProgress(sys.stdout)
     verb, source = arguments[0], Path(arguments[1])

@@ -1,7 +1,7 @@
 """Long clips: shots, then overlapping windows that are fitted one after the other and joined into one scene.
 
-Memory holds one window at a time. Each window goes on from the one before (`fit.previous_window`): it lives in its world,
-starts with its background and knows its nodes; what it leaves is an ordinary scene in `windows/NNN/scene.f4x`.
+Memory holds one window at a time. Each window continues the one before (`fit.previous_window`): it uses the same world frame,
+starts with its background and knows its nodes. Its result is an ordinary scene in `windows/NNN/scene.f4x`.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from ..scene import Scene, read_scene, write_scene
 from ..scene.join import join_scenes
 
 LENGTH = 60
-"""Frames of a window: two seconds, in which a thing shows enough of itself and few tracks are lost."""
+"""Frames of a window: two seconds, long enough to see an object from several sides, short enough to lose few tracks."""
 OVERLAP = 12
 """Frames that neighbouring windows share."""
-LEAST_OVERLAP = 2
-"""With fewer shared frames nothing can go over from one window to the next."""
+MIN_OVERLAP = 2
+"""Minimum overlap in frames; with less, a window cannot continue the motion of the one before."""
 
 Window = tuple[int, int]
-"""First frame and end, not included."""
+"""(first frame, end); the end is excluded."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """Windows of one shot, in the clip's frames."""
+    """The windows of one shot, in frames of the clip."""
 
     windows: tuple[Window, ...]
     """In order, each sharing frames with the next."""
@@ -64,9 +64,9 @@ def plan_windows(start: int, end: int, length: int = LENGTH, overlap: int = OVER
     All are equally long up to one frame: a short last one would be fitted worse than the others. Raises F4xError for
     lengths that leave a window no frame of its own.
     """
-    if overlap < LEAST_OVERLAP or length <= 2 * overlap:
+    if overlap < MIN_OVERLAP or length <= 2 * overlap:
         raise F4xError(
-            f"windows of {length} frames cannot share {overlap}: let --overlap be {LEAST_OVERLAP} or more and --window more"
+            f"windows of {length} frames cannot share {overlap}: let --overlap be {MIN_OVERLAP} or more and --window more"
             " than twice that."
         )
     count = max(1, math.ceil((end - start - overlap) / (length - overlap)))
@@ -103,8 +103,8 @@ def fit_shot(
         place = folder / "windows" / f"{number:03d}"
         clip = read(start, end)
         require_enough(clip)
-        told = _one_of("window", number, len(shot.windows), progress)
-        scene, next_node = _fit_window(clip, place, config, previous, told, resume)
+        part_progress = _part_progress("window", number, len(shot.windows), progress)
+        scene, next_node = _fit_window(clip, place, config, previous, part_progress, resume)
         paths.append(place / "scene.f4x")
         picked.append(clip.picked.split(":"))
         if number + 1 < len(shot.windows):
@@ -142,8 +142,11 @@ def _fit_window(
                 " folder."
             )
         return scene, int(window["next_node"])
-    options = clip, folder, config, progress, resume
-    result = (ClipFit(*options) if previous is None else WindowFit(*options, previous=previous)).run()
+    if previous is None:
+        fit = ClipFit(clip, folder, config, progress, resume)
+    else:
+        fit = WindowFit(clip, folder, config, progress, resume, previous=previous)
+    result = fit.run()
     from ..fit.diagnostics import draw_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
 
     scene = result.scene
@@ -162,8 +165,8 @@ def _fit_window(
     return scene, next_node
 
 
-def _one_of(what: str, number: int, count: int, progress: Progress) -> Progress:
-    """The progress of one shot or window, told as one of many where there are more."""
+def _part_progress(what: str, number: int, count: int, progress: Progress) -> Progress:
+    """A `Progress` for one of several shots or windows, whose messages name the number of the part."""
     if count == 1:
         return progress
 
@@ -176,7 +179,7 @@ def _one_of(what: str, number: int, count: int, progress: Progress) -> Progress:
 def evaluate_shot(
     scene: Scene, shot: Shot, read: Callable[[int, int], Clip], backend: str = "auto", progress: Progress = silent
 ) -> dict[str, Any]:
-    """What `evaluation.evaluate.evaluate` tells of the joined scene, read a window at a time, and of its seams.
+    """The figures of `evaluation.evaluate.evaluate` for the joined scene, read one window at a time, and those of its seams.
 
     `seam_psnr` and `rest_psnr` (dB) are means over the used frames that two windows share and over the others.
     """
@@ -196,10 +199,13 @@ def evaluate_shot(
         )
         held_out = tuple(frame - first for frame in scene.held_out if first <= frame < past)
         part = replace(scene, cameras=cameras, held_out=held_out)
-        told = evaluate(
-            part, read(start, end), backend=backend, progress=_one_of("window", number, len(shot.windows), progress)
+        metrics = evaluate(
+            part,
+            read(start, end),
+            backend=backend,
+            progress=_part_progress("window", number, len(shot.windows), progress),
         )
-        frames += [row | {"frame": row["frame"] + first} for row in told["frames"]]
+        frames += [row | {"frame": row["frame"] + first} for row in metrics["frames"]]
     figures = {"frames": frames, **summary(frames)}
     if shared.any():
         used = [(row["psnr"], shared[row["frame"]]) for row in frames if not row["held_out"]]
@@ -221,15 +227,15 @@ def fit_long(
 
     Returns for each shot `scene` (path), `frames`, `picked` (those of the source), `windows`, `metrics`.
     """
-    told = []
+    results = []
     for number, shot in enumerate(shots):
         place = folder if len(shots) == 1 else folder / f"shot_{number + 1}"
-        one = _one_of("shot", number, len(shots), progress)
+        one = _part_progress("shot", number, len(shots), progress)
         scene = fit_shot(shot, read, place, config, one, resume)
         metrics = evaluate_shot(scene, shot, read, config.backend, one)
         scene, figures = keep_measured(place, scene, metrics)
         _write_page(place, scene, shot, metrics)
-        told.append(
+        results.append(
             {
                 "scene": str(place / "scene.f4x"),
                 "frames": [shot.start, shot.end],
@@ -242,25 +248,25 @@ def fit_long(
             }
         )
     if len(shots) > 1:
-        _write_contents(folder, scene.name, told)
-    return told
+        _write_contents(folder, scene.name, results)
+    return results
 
 
-def _write_contents(folder: Path, title: str, told: Sequence[dict[str, Any]]) -> None:
-    """`diagnostics.html` of a clip that is cut: where the pages of its shots are."""
+def _write_contents(folder: Path, title: str, results: Sequence[dict[str, Any]]) -> None:
+    """Write `diagnostics.html` of a clip with cuts: links to the pages of its shots."""
     from .. import page
 
     lines = [
         f'<p><a href="shot_{number}/diagnostics.html">shot {number}</a>: frames {shot["picked"]} of the source,'
         f" PSNR {shot['metrics'].get('used_psnr', math.nan):.2f} dB</p>"
-        for number, shot in enumerate(told, 1)
+        for number, shot in enumerate(results, 1)
     ]
     with replace_file(folder / "diagnostics.html") as file:
         file.write(page.document(title, [page.section("Shots, each a scene of its own", "".join(lines))]))
 
 
 def _write_page(folder: Path, scene: Scene, shot: Shot, metrics: dict[str, Any]) -> None:
-    """`diagnostics.html` of a shot: its windows, each with its page, and the PSNR of every frame."""
+    """Write `diagnostics.html` of a shot: links to the pages of its windows, and the PSNR of every frame."""
     from .. import page
     from ..fit.diagnostics import frame_scores
 

@@ -1,8 +1,8 @@
-"""Doing one task: fetch what it takes, run its commands in a child, publish what they left, and record that it is done.
+"""Running one task: fetch its inputs, run its commands in a child process, publish what they left, and record that it is done.
 
 A row's folder holds the ordinary files of its commands, `logs/STAGE.log`, and below `.batch/` a record for each task. A record is
-written last, so that a task is done entirely or not at all. While a long task works, the files from which it can go on are kept
-in `.batch/STAGE/`: another attempt, on this machine or another, starts from them.
+written last, so that a task is done completely or not at all. While a long task runs, the files from which it can resume are
+kept in `.batch/STAGE/`: another attempt, on this machine or another, starts from them.
 """
 
 from __future__ import annotations
@@ -27,59 +27,59 @@ from .graph import CLIP, Task, slug
 from .storage import URL, Store, fetch_tree, open_store
 
 STATE = ".batch"
-"""Folder, in a batch and in each row, of what is the batch's own."""
+"""Folder for files of the batch itself, in the batch and in each row."""
 SAVE_EVERY = 5.0
-"""Seconds between two looks for files that a later attempt could go on from."""
+"""Seconds between two searches for files from which a later attempt could resume."""
 ROOT = Path(__file__).resolve().parents[2]
-"""Where the package lies: a child finds this very code, installed or not."""
+"""Folder of the package, so that a child process runs the same code whether it is installed or not."""
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
-"""Libraries take all cores unless told otherwise; a task has its own and no more."""
+"""Environment variables that limit libraries to the cores of the task; without them they use all cores."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How tasks are worked on, the same for all of a batch."""
+    """Settings for running tasks, equal for all tasks of a batch."""
 
     url: str
-    """Of the store."""
+    """Address of the store."""
     scratch: str | None = None
-    """Folder for work in progress, on the machine that does it; None: inside a local store, else the machine's own."""
+    """Folder for work in progress on the machine that runs the task; None: in a local store, or the machine's temporary folder."""
     program: tuple[str, ...] | None = None
-    """What runs a command; None: the `f4x` of the machine that does it."""
+    """Program that runs a command; None: the `f4x` of the machine that runs the task."""
     save_every: float = SAVE_EVERY
-    """Seconds between two looks for files that a later attempt could go on from."""
+    """Seconds between two searches for files from which a later attempt could resume."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task; also its record."""
+    """The outcome of a task, which is also its record in the store."""
 
     row: str
     """Name of the row."""
     stage: str
-    """Of the task."""
+    """Stage of the task."""
     key: str
-    """Of the task, as it was done."""
+    """Key of the task at the time when it ran."""
     state: Literal["done", "failed", "stopped"]
     """How it ended."""
     error: str = ""
-    """Why it failed: one sentence."""
+    """Why it failed, in one sentence."""
     note: str = ""
-    """What a person should know of a task that is done: that nothing answers to a word."""
+    """What a person should know about a task that succeeded, for example that a query found nothing."""
     host: str = ""
-    """Name of the machine that worked on it."""
+    """Name of the machine that ran it."""
     seconds: float = 0.0
-    """Wall time of its commands, of all attempts that are known of."""
+    """Wall time of its commands, over all recorded attempts."""
     cpu_seconds: float = 0.0
-    """Time of all their cores."""
+    """CPU time of its commands, over all cores."""
     overhead: float = 0.0
-    """Wall seconds beside the commands, of the last attempt: fetching, publishing, records."""
+    """Wall seconds of the last attempt outside the commands: fetching, publishing, records."""
     memory: int = 0
-    """Most bytes that a command held."""
+    """Peak memory of a command in bytes."""
     attempts: int = 1
-    """How often it was begun."""
+    """How often it was started."""
     results: tuple[dict[str, Any], ...] = ()
-    """Numbers and words that each command told, as `f4x VERB --json`."""
+    """Numbers and strings of each command's result, as in `f4x VERB --json`."""
     files: dict[str, int] = field(default_factory=dict)
     """Published file in the row's folder -> bytes."""
 
@@ -87,13 +87,13 @@ class Outcome:
 def run_task(
     task: Task, settings: Settings, progress: Progress = silent, stopped: Callable[[], bool] = lambda: False
 ) -> Outcome:
-    """Work on a task to its end, whatever that is; only KeyboardInterrupt goes through.
+    """Run a task and return its outcome; errors become a failed outcome, only KeyboardInterrupt is raised.
 
     Args:
-        task: whose needed tasks are done.
-        settings: of the batch.
-        progress: told what the commands tell.
-        stopped: looked at often; when it says yes, the commands end as after Ctrl-C.
+        task: a task whose inputs exist.
+        settings: the settings of the batch.
+        progress: receives the progress of the commands.
+        stopped: called often; when it returns True, the commands end as after Ctrl-C.
     """
     try:
         attempt = Attempt(task, settings)
@@ -106,7 +106,7 @@ def run_task(
         outcome = attempt.outcome("failed", str(error))
     except OSError as error:
         where = f"{socket.gethostname()}, {error.filename or 'its disk'}"
-        outcome = attempt.outcome("failed", f"{where}: {error.strerror or error}; make room there, or mend it.")
+        outcome = attempt.outcome("failed", f"{where}: {error.strerror or error}; make room there, or repair it.")
     except (Cancelled, KeyboardInterrupt) as error:
         outcome = attempt.close(attempt.outcome("stopped"))
         if isinstance(error, KeyboardInterrupt):
@@ -119,35 +119,35 @@ class Attempt:
     """One attempt at a task, in a folder of its own."""
 
     def __init__(self, task: Task, settings: Settings):
-        """Nothing is touched yet; F4xError where the store cannot be opened."""
+        """Prepare an attempt without changing any file. Raises F4xError if the store cannot be opened."""
         self.task, self.settings, self.store = task, settings, open_store(settings.url)
         self.start = time.perf_counter()
         self.busy, self.before, self.cpu, self.memory, self.attempts = 0.0, 0.0, 0.0, 0, 1
         self.results: list[dict[str, Any]] = []
         self.notes: list[str] = []
         self.published: dict[str, int] = {}
-        self.rubbish: list[Path] = []
-        self.taken: set[Path] = set()
+        self.temporary_folders: list[Path] = []
+        self.fetched: set[Path] = set()
         self.saved: dict[str, float] = {}
         self.next_save = self.start + settings.save_every
         self.log: Path | None = None
 
     def run(self, progress: Progress, stopped: Callable[[], bool]) -> None:
-        """All of it; raises what went wrong."""
+        """Fetch the inputs, run the commands and publish the results. Raises the error that stopped it."""
         folder = self._make_folder()
         work, self.log = folder / "work", folder / "log"
         work.mkdir()
         with open(self.log, "a", encoding="utf-8") as log:
             print(f"# {socket.gethostname()}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC", file=log, flush=True)
-            self._take(work)
-            self._take_saved(work)
+            self._fetch_inputs(work)
+            self._restore_saved(work)
             clip = self._clip()
             for command in self.task.commands:
-                self._command([word if word != CLIP else clip for word in command], work, log, progress, stopped)
+                self._run_command([word if word != CLIP else clip for word in command], work, log, progress, stopped)
         self._publish(work)
 
     def outcome(self, state: Literal["done", "failed", "stopped"], error: str = "") -> Outcome:
-        """What there is to tell."""
+        """The outcome with everything that was recorded so far."""
         return Outcome(
             row=self.task.row,
             stage=self.task.stage,
@@ -166,57 +166,57 @@ class Attempt:
         )
 
     def close(self, outcome: Outcome) -> Outcome:
-        """Bring the log home, record what became of the task, and leave nothing behind on this machine."""
+        """Publish the log and the record of the task, and delete all temporary folders on this machine."""
         try:
             if self.log is not None and self.log.exists():
                 self.store.publish(self.log, f"{self.task.row}/logs/{self.task.slug}.log")
             if outcome.state != "stopped":
                 self.store.write(record_name(self.task), json.dumps(asdict(outcome)).encode())
             if outcome.state == "done":
-                self._forget_saved()
+                self._delete_saved()
         except (F4xError, OSError) as error:  # a full disk cannot take a record either; then the answer alone has it
-            told = outcome.error or f"its record could not be written: {error}"
-            outcome = replace(outcome, state="failed" if outcome.state == "done" else outcome.state, error=told)
-        for folder in self.rubbish:
+            reason = outcome.error or f"its record could not be written: {error}"
+            outcome = replace(outcome, state="failed" if outcome.state == "done" else outcome.state, error=reason)
+        for folder in self.temporary_folders:
             shutil.rmtree(folder, ignore_errors=True)
         return outcome
 
     def _make_folder(self) -> Path:
-        """An empty folder on the disk of the store, where it is one of this machine's and nothing else was asked for."""
+        """An empty folder: in `scratch` if it is set, else on the disk of a local store, else in the temporary folder."""
         parent = Path(self.settings.scratch) if self.settings.scratch else None
         if parent is None and self.store.local is not None:
             parent = self.store.local / STATE / "work"
         if parent is not None:
             parent.mkdir(parents=True, exist_ok=True)
-        self.rubbish.append(Path(tempfile.mkdtemp(prefix="f4x-", dir=parent)))
-        return self.rubbish[0]
+        self.temporary_folders.append(Path(tempfile.mkdtemp(prefix="f4x-", dir=parent)))
+        return self.temporary_folders[0]
 
     def _clip(self) -> str:
-        """The clip as a path. One behind a URL is fetched to a place that is the same for every attempt: scenes name it."""
+        """The path of the clip. A clip behind a URL is downloaded to the same path in every attempt: scenes store it."""
         if URL not in self.task.clip:
             return self.task.clip
         folder = Path(self.settings.scratch or tempfile.gettempdir()) / f"f4x-clip-{self.task.key[:16]}"
-        self.rubbish.append(folder)
+        self.temporary_folders.append(folder)
         return str(fetch_tree(self.task.clip, folder))
 
-    def _take(self, work: Path) -> None:
-        """Fetch the files of other tasks that this one reads."""
-        for stage, wanted in self.task.takes:
+    def _fetch_inputs(self, work: Path) -> None:
+        """Fetch the results of other tasks that this task reads."""
+        for stage, wanted in self.task.inputs:
             record = read_record_of(self.store, self.task.row, stage)
             names = [name for name in (record.files if record else ()) if name == wanted or name.startswith(wanted)]
             if not names:
                 raise F4xError(f"{self.task.row}: {wanted} of the task '{stage}' is not there; run the batch again.")
             for name in names:
                 self._fetch(f"{self.task.row}/{name}", work / name)
-                self.taken.add(work / name)
+                self.fetched.add(work / name)
 
-    def _take_saved(self, work: Path) -> None:
-        """Begin where an earlier attempt with the same key was."""
-        if not self.task.saves:
+    def _restore_saved(self, work: Path) -> None:
+        """Restore the files of an earlier attempt with the same key."""
+        if not self.task.resume_files:
             return
         head: dict[str, Any] = {}
         with contextlib.suppress(ValueError):  # damaged: begun anew
-            head = json.loads(self.store.read(self._saved_head) or b"{}")
+            head = json.loads(self.store.read(self._saved_index) or b"{}")
         if head.get("key") == self.task.key:
             self.attempts = head["attempts"] + 1
             self.busy = self.before = head["seconds"]
@@ -224,12 +224,12 @@ class Attempt:
             for name in head["files"]:
                 self._fetch(f"{self._saved_folder}/{name}", work / name)
         else:
-            self._forget_saved()
+            self._delete_saved()
 
-    def _command(
+    def _run_command(
         self, words: Sequence[str], work: Path, log: TextIO, progress: Progress, stopped: Callable[[], bool]
     ) -> None:
-        """Run one command in a child; raises its sentence, or Cancelled."""
+        """Run one command in a child process. Raises F4xError with its error message, or Cancelled."""
         print("$ f4x", *words, file=log, flush=True)
         program = self.settings.program or (sys.executable, "-m", __package__.split(".")[0])
         threads = dict.fromkeys(THREAD_VARIABLES, str(self.task.threads))
@@ -259,28 +259,28 @@ class Attempt:
         self.cpu = cpu + ended.cpu_seconds
         self.memory = max(self.memory, ended.memory)
         if "result" in ended.last:
-            self.results.append(_brief(ended.last["result"]))
+            self.results.append(_without_lists(ended.last["result"]))
             self.notes += filter(None, [ended.last["result"].get("note")])
             return
         if ended.code == EXIT_INTERRUPTED:
             raise Cancelled
-        raise F4xError(ended.last.get("error") or _how_it_died(ended))
+        raise F4xError(ended.last.get("error") or _exit_reason(ended))
 
     @property
     def _saved_folder(self) -> str:
         return f"{self.task.row}/{STATE}/{self.task.slug}"
 
     @property
-    def _saved_head(self) -> str:
+    def _saved_index(self) -> str:
         return f"{self._saved_folder}/saved.json"
 
     def _save(self, work: Path) -> None:
-        """Keep what changed since the last look; the head, written last, tells of whole files only."""
+        """Store files that changed since the last call. The index is written last, so it lists complete files only."""
         found = [
             path
-            for pattern in self.task.saves
+            for pattern in self.task.resume_files
             for path in work.glob(pattern)
-            if path.is_file() and path not in self.taken and not path.name.endswith(".part")
+            if path.is_file() and path not in self.fetched and not path.name.endswith(".part")
         ]
         new = {path.relative_to(work).as_posix(): path for path in found}
         for name, path in new.items():
@@ -293,20 +293,20 @@ class Attempt:
         self.saved = {name: changed for name, changed in self.saved.items() if name in new}
         head = {"key": self.task.key, "attempts": self.attempts, "seconds": self.busy, "cpu_seconds": self.cpu}
         if self.saved:
-            self.store.write(self._saved_head, json.dumps(head | {"files": sorted(self.saved)}).encode())
+            self.store.write(self._saved_index, json.dumps(head | {"files": sorted(self.saved)}).encode())
 
-    def _forget_saved(self) -> None:
-        if self.task.saves:
+    def _delete_saved(self) -> None:
+        if self.task.resume_files:
             for name in self.store.sizes(self._saved_folder):
                 self.store.remove(name)
 
     def _publish(self, work: Path) -> None:
-        """Put the results in place, after an old record is gone and before the new one is there."""
+        """Publish the results, after the old record was deleted and before the new one is written."""
         self.store.remove(record_name(self.task))
         unwanted = ("checkpoints/",) if self.task.kind == "fit" else ()
         for path in sorted(work.rglob("*")):
             name = path.relative_to(work).as_posix()
-            if path.is_file() and path not in self.taken and not name.startswith(unwanted):
+            if path.is_file() and path not in self.fetched and not name.startswith(unwanted):
                 self.published[name] = path.stat().st_size
                 self.store.publish(path, f"{self.task.row}/{name}")
 
@@ -318,12 +318,12 @@ class Attempt:
 
 
 def record_name(task: Task) -> str:
-    """The record of a task in the store."""
+    """Name of a task's record in the store."""
     return f"{task.row}/{STATE}/{task.slug}.json"
 
 
 def parse_record(data: bytes | None) -> Outcome | None:
-    """What a record says; None where there is none, or one that nobody can read."""
+    """The outcome in a record; None if there is no record or it is damaged."""
     try:
         return None if data is None else Outcome(**json.loads(data))
     except (ValueError, TypeError):
@@ -331,22 +331,22 @@ def parse_record(data: bytes | None) -> Outcome | None:
 
 
 def read_record_of(store: Store, row: str, stage: str) -> Outcome | None:
-    """The record of a row's stage."""
+    """The record of one stage of a row."""
     return parse_record(store.read(f"{row}/{STATE}/{slug(stage)}.json"))
 
 
-def _brief(result: Any, depth: int = 2) -> Any:
-    """A verb's result without its lists, which may be long: ids of Gaussians, rows for every frame."""
+def _without_lists(result: Any, depth: int = 2) -> Any:
+    """A verb's result without lists, which may be long: ids of Gaussians, rows for every frame."""
     if isinstance(result, dict) and depth:
-        kept = {name: _brief(value, depth - 1) for name, value in result.items()}
+        kept = {name: _without_lists(value, depth - 1) for name, value in result.items()}
         return {name: value for name, value in kept.items() if value is not None}
     return result if isinstance(result, int | float | str) else None
 
 
-def _how_it_died(ended: Ended) -> str:
+def _exit_reason(ended: Ended) -> str:
     if ended.code < 0:
         return (
-            f"it was ended by signal {-ended.code} while it held {ended.memory / 1e9:.1f} GB; most often the memory does not"
-            " suffice: use a smaller width, or fewer tasks at a time."
+            f"it was ended by signal {-ended.code} while it held {ended.memory / 1e9:.1f} GB; the usual reason is too little"
+            " memory: use a smaller width, or fewer tasks at a time."
         )
-    return f"it ended with {ended.code}: {ended.tail.splitlines()[-1] if ended.tail else 'without a word'}"
+    return f"it ended with {ended.code}: {ended.tail.splitlines()[-1] if ended.tail else 'no message'}"

@@ -18,7 +18,7 @@ from rich.live import Live
 from rich.table import Table
 
 from ..batch.checks import require_values
-from ..batch.graph import CLIP, claimed
+from ..batch.graph import CLIP, declared_frames
 from ..batch.index import write_index
 from ..batch.local import LocalEngine
 from ..batch.manifest import PAGE, Row, read_manifest
@@ -46,21 +46,21 @@ from ..errors import F4xError
 from ..progress import Progress
 from .checks import require_folder, why_slow
 
-MOST_FAILED = 100
-"""The exit code is the number of failed rows up to this; higher ones mean other things to shells."""
+MAX_EXIT_CODE = 100
+"""The exit code is the number of failed rows, at most this: shells give higher codes other meanings."""
 INDEX_EVERY = 5.0
-"""Seconds, at least, between two writings of the index …"""
-INDEX_SHARE = 20
-"""… which take no more than one part in so many of the time."""
+"""Minimum seconds between two updates of the index."""
+INDEX_PAUSE_FACTOR = 20
+"""The pause between two updates is at least this many times as long as an update takes."""
 MARKS = {WAITING: "·", READY: "·", RUNNING: "…", DONE: "✓", KEPT: "✓", FAILED: "✗", SKIPPED: "–", STOPPED: "‖"}
 ENDED = (DONE, KEPT, FAILED, SKIPPED)
-"""States of a task with which nothing more is done."""
+"""States of a task that has ended."""
 SHOWN_ROWS = 20
-"""Rows in the table: those at work and those that failed last."""
+"""Maximum number of rows in the table: running ones and those that failed last."""
 
 
 def run_batch(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Work on all rows of a manifest; what is done already is not done again."""
+    """Run all tasks of a manifest except those that are already done."""
     if URL not in args.place:
         require_folder(Path(args.place))
     if args.jobs is not None and args.jobs < 1:
@@ -73,7 +73,7 @@ def run_batch(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         if args.dry_run:
             board = plan(rows, store, screen.read)
             _require_commands(board)
-            return _told_plan(board)
+            return _plan_result(board)
         with locked(store):
             board = plan(rows, store, screen.read, remember=True)
             _require_commands(board)
@@ -85,7 +85,7 @@ def run_batch(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
                     run_board(board, engine, screen.watch(engine, store), screen.tell, partial(clear_old, store))
             finally:
                 write_index(store, board, args.manifest)
-    return _told(board, store, time.monotonic() - start)
+    return _batch_result(board, store, time.monotonic() - start)
 
 
 def _defaults(entries: list[str]) -> dict[str, str]:
@@ -99,7 +99,7 @@ def _defaults(entries: list[str]) -> dict[str, str]:
 
 
 def _require_commands(board: Board) -> None:
-    """Refuse a value that `f4x` would, before the first task."""
+    """Raise F4xError before the first task if `f4x` would refuse an argument of any command."""
     from .parser import build_parser
 
     parser = build_parser()
@@ -119,25 +119,25 @@ def _require_commands(board: Board) -> None:
 @contextmanager
 def _engine(args: argparse.Namespace, settings: Settings, board: Board) -> Iterator[Engine]:
     open_tasks = [task for each in board.rows.values() for task in each.tasks if each.states[task.stage] == WAITING]
-    if args.ray is None or not open_tasks:  # nothing to do is no reason to wait for a cluster
-        most = max(each.row.threads for each in board.rows.values())
-        yield LocalEngine(settings, args.jobs or max(1, (os.cpu_count() or 1) // most))
+    if args.ray is None or not open_tasks:  # without tasks there is no reason to wait for a cluster
+        threads = max(each.row.threads for each in board.rows.values())
+        yield LocalEngine(settings, args.jobs or max(1, (os.cpu_count() or 1) // threads))
         return
     from ..batch.ray_engine import RayEngine
 
-    # Ray prints on standard output, where programs read, what its daemons say of a dead worker; the record tells of it.
+    # When a worker dies, Ray prints messages on standard output, which programs read; the task's record has the reason.
     with RayEngine(settings, args.ray, open_tasks) as engine, redirect_stdout(io.StringIO()):
         yield engine
 
 
 class Screen:
-    """What a person sees while a batch runs: a table on a terminal, in a log a line for every task that ended.
+    """Shows a running batch: a table on a terminal, a line per finished task in a log, JSON lines for programs.
 
-    For programs, the lines of `progress`. A context manager.
+    A context manager.
     """
 
     def __init__(self, args: argparse.Namespace, progress: Progress):
-        """Nothing is drawn yet."""
+        """Prepare without drawing anything."""
         self.title, self.progress = args.manifest, progress
         self.for_programs = args.progress_json or args.json
         self.console = Console(stderr=True, quiet=self.for_programs, markup=False, highlight=False, soft_wrap=True)
@@ -154,7 +154,7 @@ class Screen:
             self.live.stop()
 
     def read(self, done: int, total: int) -> None:
-        """Tell that the clips are being read."""
+        """Show how many clips have been read."""
         if self.for_programs:
             self.progress("reading clips", done, total)
         elif self.live is not None:
@@ -163,18 +163,19 @@ class Screen:
             self._log("reading clips")
 
     def tell(self, board: Board, outcome: Outcome) -> None:
-        """Put what became of a task into the log."""
+        """Log the outcome of a task."""
         if self.live is not None:
             return
-        said = "".join(f": {sentence}" for sentence in (outcome.error or outcome.note,) if sentence)
+        message = outcome.error or outcome.note
         ended = f"{board.number(*ENDED)} of {board.number()}{_time_left(board)}"
-        self._log(f"{outcome.row}, {outcome.stage}: {outcome.state} in {outcome.seconds:.0f} s, {ended}{said}")
+        line = f"{outcome.row}, {outcome.stage}: {outcome.state} in {outcome.seconds:.0f} s, {ended}"
+        self._log(f"{line}: {message}" if message else line)
 
     def _log(self, line: str) -> None:
         self.console.print(f"{datetime.now():%H:%M:%S} {line}")
 
     def watch(self, engine: Engine, store: Store) -> Callable[[Board], None]:
-        """What looks at the board while it is worked on, and writes the index from time to time."""
+        """A function that shows the board's current state and updates the index from time to time."""
         next_index = time.monotonic() + INDEX_EVERY
 
         def watch(board: Board) -> None:
@@ -182,18 +183,18 @@ class Screen:
             if self.for_programs:
                 self.progress("batch", board.number(*ENDED), board.number(), _time_left(board))
             elif self.live is not None:
-                self.live.update(table_of(board, engine), refresh=True)
+                self.live.update(status_table(board, engine), refresh=True)
             if time.monotonic() >= next_index:
                 start = time.monotonic()
                 write_index(store, board, self.title)
                 took = time.monotonic() - start
-                next_index = time.monotonic() + max(INDEX_EVERY, INDEX_SHARE * took)
+                next_index = time.monotonic() + max(INDEX_EVERY, INDEX_PAUSE_FACTOR * took)
 
         return watch
 
 
-def table_of(board: Board, engine: Engine) -> Table:
-    """Rows at work and rows that failed last, a column for each kind of task, and counts of all below."""
+def status_table(board: Board, engine: Engine) -> Table:
+    """Running rows and rows that failed last, a column for each kind of task, and total counts in the footer."""
     table = Table(box=None, pad_edge=False, show_footer=True)
     rows = list(board.rows.values())
     done = sum(each.state == DONE for each in rows)
@@ -234,8 +235,8 @@ def _duration(seconds: float) -> str:
     return f"{seconds:.0f} seconds"
 
 
-def _told_plan(board: Board) -> dict[str, Any]:
-    """What would be done, and nothing else."""
+def _plan_result(board: Board) -> dict[str, Any]:
+    """The result of a dry run: all tasks with their states."""
     rows = [_row_plan(each) for each in board.rows.values()]
     lines = [
         f"{row['name']}: " + ", ".join(f"{task['stage']} [{task['state']}]" for task in row["tasks"]) for row in rows
@@ -258,22 +259,23 @@ def _row_plan(each: RowState) -> dict[str, Any]:
     row: Row = each.row
     states = each.states | dict.fromkeys(each.errors, FAILED)  # of earlier runs: they will be tried again
     tasks = [{"stage": t.stage, "state": states[t.stage], "commands": t.commands} for t in each.tasks]
-    found = {"missing": list(each.missing), "fault": claimed(row)[1]}
+    found = {"missing": list(each.missing), "fault": declared_frames(row)[1]}
     return {"name": row.name, "clip": row.clip, **found, "errors": each.errors, "tasks": tasks}
 
 
 def _exit_code(failed: Sequence[Any]) -> int:
-    return min(len(failed), MOST_FAILED)
+    return min(len(failed), MAX_EXIT_CODE)
 
 
-def _told(board: Board, store: Store, seconds: float) -> dict[str, Any]:
+def _batch_result(board: Board, store: Store, seconds: float) -> dict[str, Any]:
+    """The result of the verb: counts, errors and notes of all rows."""
     rows = list(board.rows.values())
     failed = {each.row.name: each.errors for each in board.failed}
     index = f"{store.url}/{PAGE}"
     done, kept, new = sum(each.state == DONE for each in rows), board.number(KEPT), board.number(DONE)
     notes = {each.row.name: each.notes for each in rows if each.notes}
-    told = [*notes.items(), *failed.items()]
-    lines = [f"{name}, {stage}: {sentence}" for name, said in told for stage, sentence in said.items()]
+    messages = [*notes.items(), *failed.items()]
+    lines = [f"{name}, {stage}: {text}" for name, by_stage in messages for stage, text in by_stage.items()]
     lines.append(
         f"{done} of {len(rows)} clips are done, {len(failed)} failed; {new} tasks in {_duration(seconds)}, {kept} were done before"
     )

@@ -1,4 +1,4 @@
-"""`f4x demo`: a rendered clip, or a person's own, all the way to a Blender file."""
+"""`f4x demo`: from a rendered clip, or your own video, to a Blender file."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from .fitting import clip_of, config_of, fit_to_folder
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 # Size of the new path (degrees): a circle seen that far from the middle camera, and the sheet's step to the side.
 ORBIT_DEGREES = 5.0
-# What the render writes; a new one starts by removing these, and nothing else, from the clip's folder.
+# What the render writes; a new render first removes these, and nothing else, from the clip's folder.
 RENDERED = ("images", "truth", "images_left10", "images_right10", "truth.json")
-# Degrees off the path of its extra cameras, left and right.
+# Degrees of the extra cameras to the left and right of the camera path.
 EXTRA = "10"
-# Its settings; there only when the render was finished, so a call with equal settings can use it again.
+# File with the settings of a finished render, so that a call with equal settings can reuse the clip.
 SETTINGS = "rendered.json"
-# Seconds between two looks at how far a child process is.
-GLANCE = 0.5
+# Seconds between two checks of a child process.
+POLL_SECONDS = 0.5
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class DemoClip:
     """Camera jitter and furniture."""
 
     def arguments(self) -> list[str]:
-        """As the script takes them."""
+        """The settings as command-line arguments of the script."""
         return [text for name, value in asdict(self).items() for text in (f"--{name}", str(value))]
 
 
@@ -89,7 +89,7 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         )
         with replace_file(folder / "scores.json") as file:
             file.write(json_text(scores, indent=1).encode())
-        lines += told(scores)
+        lines += score_lines(scores)
         made.append("scores.json")
     if importlib.util.find_spec("bpy") is None:
         lines.append("scene.blend was left out: this Python has no bpy; Blender opens scene.f4x by its own import.")
@@ -135,10 +135,10 @@ def render_clip(folder: Path, settings: DemoClip, progress: Progress) -> None:
 
 
 def run_script(name: str, *arguments: str, look: Callable[[], None] = lambda: None) -> None:
-    """Run one of the repository's scripts in a Python of its own, calling `look` now and then.
+    """Run one of the repository's scripts in its own Python process, calling `look` now and then.
 
     Raises:
-        F4xError: no scripts here, or the script failed; with the last line it said.
+        F4xError: the scripts are missing, or the script failed (with the last line of its output).
     """
     script = SCRIPTS / name
     if not script.is_file():
@@ -146,22 +146,22 @@ def run_script(name: str, *arguments: str, look: Callable[[], None] = lambda: No
     command = [sys.executable, str(script), *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as child:
         try:
-            said = _listened(child, look)
+            output = _wait_for_output(child, look)
         except BaseException:
             child.terminate()
             raise
     if child.returncode:
-        raise F4xError(f"{name} failed: {said.strip().splitlines()[-1] if said.strip() else 'it said nothing'}")
+        raise F4xError(f"{name} failed: {output.strip().splitlines()[-1] if output.strip() else 'it printed nothing'}")
 
 
-def _listened(child: subprocess.Popen[str], look: Callable[[], None]) -> str:
-    """Everything the child says until it ends."""
-    said = io.StringIO()
+def _wait_for_output(child: subprocess.Popen[str], look: Callable[[], None]) -> str:
+    """Wait until the child ends, calling `look` now and then, and return its whole output."""
+    output = io.StringIO()
     while True:
         look()
         try:
-            said.write(child.communicate(timeout=GLANCE)[0])
-            return said.getvalue()
+            output.write(child.communicate(timeout=POLL_SECONDS)[0])
+            return output.getvalue()
         except subprocess.TimeoutExpired:
             continue
 
@@ -181,8 +181,8 @@ def write_pictures(folder: Path, scene: Scene, clip: Clip, backend: str, progres
     return [*paths, "contact_sheet.png"]
 
 
-def told(scores: dict[str, Any]) -> list[str]:
-    """The scores against the truth in plain words."""
+def score_lines(scores: dict[str, Any]) -> list[str]:
+    """The scores against the truth as lines of text."""
     lines = [
         "against the truth, which the fit never saw:",
         f"  camera path off by {scores['ate_share']:.2%} of its length, {scores['rotation_error']:.2f}° in direction",

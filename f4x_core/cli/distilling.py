@@ -24,14 +24,14 @@ from .checks import listed_teachers
 
 
 def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Add heads to a scene, or words, and write it back or to another file."""
+    """Add heads or words to a scene, in place or in another file."""
     names = listed_teachers(args.teacher, "--teacher") if args.teacher is not None else []
     labels = labels_of(args.vocabulary) if args.vocabulary is not None else []
     if not names and not labels:
         raise F4xError("there is nothing to do; give --teacher NAME, --vocabulary WORDS, or both.")
     config = config_of(args)
     scene = read_scene(args.scene)
-    # Whoever brings words wants these; what is learnt already is learnt anew by --teacher alone.
+    # With --vocabulary only the new words are wanted; --teacher alone learns an existing head again.
     there = [name for name in names if labels and scene.features is not None and name in scene.features.names]
     names = [name for name in names if name not in there]
     if names:
@@ -41,10 +41,10 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         for encoder in {each.spec.text_encoder for each in maps} - {None} if labels else ():
             require_path(find_text_encoder(encoder).weights)  # before the work, not after it
         scene = distil(scene, maps, config, progress)
-    told = finished(scene, args.output or args.scene, names, labels)
+    result = write_distilled(scene, args.output or args.scene, names, labels)
     if there:
-        told["text"] += f"\n  {', '.join(there)}: kept as learnt; --teacher without --vocabulary learns anew"
-    return told
+        result["text"] += f"\n  {', '.join(there)}: kept as learnt; --teacher without --vocabulary learns anew"
+    return result
 
 
 def distill_into(
@@ -54,12 +54,14 @@ def distill_into(
     scene = read_scene(path)
     clip = reel_of_scene(scene, source, scene.provenance.get("frames"))
     maps = [extract(clip, name, folder / name, progress=progress) for name in names]
-    return finished(distil(scene, maps, config, progress), path, names, [])
+    return write_distilled(distil(scene, maps, config, progress), path, names, [])
 
 
-def finished(scene: Scene, path: Path, names: Sequence[str], labels: Sequence[str]) -> dict[str, Any]:
-    """Add the vocabulary, write the scene, and tell what is in it; a head for words brings everyday ones along, where its
-    text encoder is here."""
+def write_distilled(scene: Scene, path: Path, names: Sequence[str], labels: Sequence[str]) -> dict[str, Any]:
+    """Add the vocabulary, write the scene and return the result of the verb.
+
+    A new head with a text encoder also gets a vocabulary of everyday words if that encoder is installed.
+    """
     field = scene.require_field()
     new = sorted({encoder for name in names if (encoder := field.spec(name).text_encoder)} - field.vocabularies.keys())
     here = [name for name in new if name in TEXT_ENCODERS and TEXT_ENCODERS[name].here]
@@ -70,9 +72,9 @@ def finished(scene: Scene, path: Path, names: Sequence[str], labels: Sequence[st
     write_scene(scene, path)
     field, megabytes = scene.features, scene.info()["megabytes"]
     heads = {head.spec.name: dict(head.report) for head in field.heads}
-    share = megabytes["features"] / max(sum(megabytes.values()) - megabytes["features"], 1e-9)
-    lines = [f"{path}: latent of {field.width} channels, +{megabytes['features']:.1f} MB ({share:.0%} of the rest)"]
-    lines += [f"  {name}: {_told(report)}" for name, report in heads.items()]
+    fraction = megabytes["features"] / max(sum(megabytes.values()) - megabytes["features"], 1e-9)
+    lines = [f"{path}: latent of {field.width} channels, +{megabytes['features']:.1f} MB ({fraction:.0%} of the rest)"]
+    lines += [f"  {name}: {_head_line(report)}" for name, report in heads.items()]
     lines += [f"  {encoder}: {len(words.labels)} labels" for encoder, words in field.vocabularies.items()]
     lines += [
         f"  {encoder}: no labels, that text encoder is not here; later `f4x distill {path} --vocabulary WORDS`"
@@ -89,7 +91,7 @@ def finished(scene: Scene, path: Path, names: Sequence[str], labels: Sequence[st
 
 
 def config_of(args: argparse.Namespace) -> DistilConfig:
-    """The settings that the arguments name."""
+    """The settings that the arguments give."""
     width = None
     if args.latent_width != "auto":
         if args.latent_width not in map(str, WIDTHS):
@@ -101,7 +103,7 @@ def config_of(args: argparse.Namespace) -> DistilConfig:
 
 
 def reel_of_scene(scene: Scene, source: Path, frames: str | None) -> Reel:
-    """The pictures that a scene was fitted to, at the scene's size, read when they are asked for."""
+    """The frames that a scene was fitted to, at the scene's size, read on demand."""
     cameras = scene.cameras
     return Reel(source, frames, cameras.width, cameras.height, len(cameras))
 
@@ -119,7 +121,7 @@ def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Prog
 
 
 def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | Reel | None, progress: Progress) -> FeatureMaps:
-    """Maps that lie in `folder`, or extracted from the clip into it; without `clip`, the one the scene names."""
+    """The feature maps in `folder`. Missing ones are extracted from `clip`, or from the clip that the scene names."""
     if clip is None and (folder / "spec.json").is_file():
         return read_maps(folder)
     if clip is None:
@@ -150,7 +152,7 @@ def labels_of(text: str) -> list[str]:
     return found
 
 
-def _told(report: dict[str, Any]) -> str:
+def _head_line(report: dict[str, Any]) -> str:
     parts = [
         f"{title} relative error {report[group]['relative_error']:.1%}, cosine {report[group]['cosine']:.3f}"
         for group, title in (("used", "used frames"), ("held_out", "held-out frames"))

@@ -61,7 +61,7 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _native() -> dict[str, str]:
-    """What the compiled library is built with, what it runs on, and how well it agrees with its stored float64 values."""
+    """The compiler, the instruction set, and the error of the compiled library against its stored float64 values."""
     from ..native import instruction_set
     from ..native import open_library as open_unchecked
     from ..native.build import find_compiler
@@ -80,7 +80,7 @@ def _native() -> dict[str, str]:
 
 
 def _trial(backend: str) -> str:
-    """One sentence on a raster backend: milliseconds for a small picture, or why it does not run."""
+    """Milliseconds of a raster backend for a small image, or the reason why it does not run."""
     from ..errors import F4xError
     from ..geometry.camera import Camera
     from ..geometry.splats import Splats

@@ -14,6 +14,7 @@ from ..edit.operations import Name
 from ..edit.plan import preview, propose
 from ..edit.resolve import Context, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
+from ..edit.words import plural
 from ..errors import F4xError
 from ..files import replace_file
 from ..progress import Progress
@@ -26,11 +27,11 @@ SELECTION = "selection.json"
 
 
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Append what a sentence, or a JSON file, says to the scene's stack, there or in another file; or only look at it."""
+    """Append the edits of a sentence or of a JSON file to the scene's stack, in place or in another file, or only show them."""
     scene = open_scene(args.scene)
     before = len(scene.edits)
     if args.say is not None:
-        scene, found, lines = _said(scene, args, progress)
+        scene, found, lines = _propose(scene, args, progress)
     else:
         found, lines = {}, []
         scene = _with_file(scene, args, progress)
@@ -45,7 +46,7 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         where = str(args.output)
     chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(scene, "steps", ())}
     lines += [
-        f"{number} {told(edit)}" + (f": {chosen[edit.id]:,} Gaussians" if edit.id in chosen else "")
+        f"{number} {edit_line(edit)}" + (f": {chosen[edit.id]:,} Gaussians" if edit.id in chosen else "")
         for number, edit in enumerate(new, before + 1)
     ]
     return {
@@ -58,9 +59,11 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """List the edits of a scene, and those that `redo` would bring back."""
+    """List the edits of a scene, and the undone edits that `redo` would restore."""
     stack = read_stack(args.scene)
-    lines = [told(edit) for edit in stack.edits] + [f"{told(edit)} [undone]" for edit in reversed(stack.undone)]
+    lines = [edit_line(edit) for edit in stack.edits] + [
+        f"{edit_line(edit)} [undone]" for edit in reversed(stack.undone)
+    ]
     lines = [f"{number} {line}" for number, line in enumerate(lines, 1)]
     return {
         "edits": stack.to_json(),
@@ -70,17 +73,17 @@ def run_history(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def run_undo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Take back the last edits."""
+    """Undo the last edits."""
     before = len(read_stack(args.scene))
     stack = undo(args.scene, args.count)
-    return _left(args, stack, before - len(stack), "taken back")
+    return _stack_result(args, stack, before - len(stack), "undone")
 
 
 def run_redo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Bring back what was undone last."""
+    """Redo the edits that were undone last."""
     before = len(read_stack(args.scene))
     stack = redo(args.scene, args.count)
-    return _left(args, stack, len(stack) - before, "brought back")
+    return _stack_result(args, stack, len(stack) - before, "redone")
 
 
 def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -94,17 +97,17 @@ def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(f"{args.scene}: it has no edits to fold in; copy the file.")
     baked = bake(scene)
     write_scene(baked, args.output)
-    left = [edit for edit in of(baked).edits if not isinstance(edit.operation, Name)]
-    names = len(of(baked)) - len(left)
+    unfolded = [edit for edit in of(baked).edits if not isinstance(edit.operation, Name)]
+    names = len(of(baked)) - len(unfolded)
     folded = len(baked.provenance.get("baked", ())) - len(scene.provenance.get("baked", ()))
     rest = ""
-    if left:
-        staying = [edit.operation.TAG for edit in left] + [f"{names} name{'' if names == 1 else 's'}"] * bool(names)
+    if unfolded:
+        staying = [edit.operation.TAG for edit in unfolded] + [f"{names} {plural('name', names)}"] * bool(names)
         rest = f"; these stay in the stack: {', '.join(staying)}: {_why_not_folded(scene)}"
     return {
         "output": str(args.output),
         "folded": folded,
-        "left": len(left),
+        "left": len(unfolded),
         "static": len(baked.static),
         "dynamic": len(baked.dynamic),
         "text": f"{args.output}: {_edits(folded)} folded in{rest}",
@@ -112,7 +115,7 @@ def run_bake(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _why_not_folded(scene: Scene) -> str:
-    """Why a bake goes no further than it did."""
+    """The reason why the first remaining edit cannot be folded in."""
     for number, edit in enumerate(of(scene).edits, 1):
         if edit.enabled and needs_time(edit):
             return f"{edit.titled(number)} changes with time what base arrays hold once, and those after it build on it"
@@ -125,15 +128,15 @@ def _with_file(scene: Scene, args: argparse.Namespace, progress: Progress) -> Sc
     for number, operation in enumerate(read_operations(args.ops), 1):
         progress("edit", number - 1, 0, operation.TAG)
         try:
-            settled = resolve(scene, operation, context, encode_labels)
-            scene = with_operations(scene, settled)
+            resolved = resolve(scene, operation, context, encode_labels)
+            scene = with_operations(scene, resolved)
         except F4xError as error:
             raise F4xError(f"{args.ops}: operation {number} ({operation.TAG}): {error}") from error
     return scene
 
 
-def _said(scene: Scene, args: argparse.Namespace, progress: Progress) -> tuple[Scene, dict[str, Any], list[str]]:
-    """The scene with the best reading of `--say`, what is told of all readings as JSON, and in lines."""
+def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tuple[Scene, dict[str, Any], list[str]]:
+    """(scene with the best reading of `--say`, all readings as JSON, all readings as lines of text)."""
     server = ChatServer.from_environment(args.endpoint)
     context = _context(args)
     options: dict[str, Any] = {"server": server, "encode": encode_labels, "candidates": args.candidates}
@@ -154,13 +157,13 @@ def _said(scene: Scene, args: argparse.Namespace, progress: Progress) -> tuple[S
     }
     lines = list(proposal.notes)
     for number, row in enumerate(rows if len(rows) > 1 else (), 1):
-        told_scores = ", ".join(f"{name} {value:.2f}" for name, value in row["scores"].items())
-        lines.append(f"{'*' if number - 1 == proposal.best else ' '} {number} {row['why']}: {told_scores}")
+        scores = ", ".join(f"{name} {value:.2f}" for name, value in row["scores"].items())
+        lines.append(f"{'*' if number - 1 == proposal.best else ' '} {number} {row['why']}: {scores}")
     return preview(scene, proposal.chosen), found, lines
 
 
 def _context(args: argparse.Namespace) -> Context:
-    """What "it" and "now" mean on the command line."""
+    """The selection and the frame that "it" and "now" in a sentence refer to."""
     if args.select is None:
         return Context(frame=args.frame)
     data = read_json(args.select, f"the {SELECTION} that `f4x query SCENE … -o DIR` leaves")
@@ -170,19 +173,20 @@ def _context(args: argparse.Namespace) -> Context:
         raise F4xError(f"{args.select}: {error}") from error
 
 
-def told(edit: Edit) -> str:
-    """One line: the edit in words, and the sentence that it came from."""
+def edit_line(edit: Edit) -> str:
+    """One line: the edit in words and the sentence that it came from."""
     does = describe(edit.operation)
-    said = f' ("{edit.said}")' if edit.said not in ("", does) else ""
-    return f"{does}{said}{'' if edit.enabled else ' [off]'}"
+    sentence = f' ("{edit.said}")' if edit.said not in ("", does) else ""
+    return f"{does}{sentence}{'' if edit.enabled else ' [off]'}"
 
 
-def _left(args: argparse.Namespace, stack: EditStack, moved: int, how: str) -> dict[str, Any]:
+def _stack_result(args: argparse.Namespace, stack: EditStack, moved: int, verb: str) -> dict[str, Any]:
+    """The result of undo or redo, which moved so many edits; `verb` says what happened to them."""
     done, undone = len(stack), len(stack.undone)
     fewer = f" (there were no more, {args.count} were asked for)" if moved < args.count else ""
-    text = f"{args.scene}: {_edits(moved)} {how}{fewer}; {_edits(done)} in effect, {undone} to redo"
+    text = f"{args.scene}: {_edits(moved)} {verb}{fewer}; {_edits(done)} in effect, {undone} to redo"
     return {"edits": done, "undone": undone, "text": text}
 
 
 def _edits(count: int) -> str:
-    return f"{count} edit{'' if count == 1 else 's'}"
+    return f"{count} {plural('edit', count)}"

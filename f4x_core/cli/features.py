@@ -32,13 +32,13 @@ def run_features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]
         folder = args.output / "features" / name
         rows.append(_row(extract(clip, name, folder, args.model, args.rank, progress)))
     few = [row for row in rows if args.rank is not None and args.rank >= row["spec"]["dim"]]
-    lines = [*map(_told, rows)]
+    lines = [*map(_maps_line, rows)]
     lines += [f"{row['folder']}: --rank {args.rank} keeps all {row['spec']['dim']} channels there are" for row in few]
     return {"features": rows, "text": "\n".join(lines)}
 
 
 def run_models(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """List teachers and weights, fetch weights, or say where they lie."""
+    """List teachers and weights, download weights, or print their paths."""
     if args.what == "list":
         teachers = [
             {"name": entry.name, "purpose": entry.purpose, "weights": list(entry.weights)}
@@ -53,7 +53,7 @@ def run_models(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _weights_of(name: str) -> tuple[str, ...]:
-    """The weights that a name means: itself, or what the teacher of that name needs."""
+    """The weights that a name refers to: weights of that name, or those that the teacher of that name needs."""
     if name in WEIGHTS or name not in TEACHERS:
         return (name,)
     if not TEACHERS[name].weights:
@@ -75,7 +75,7 @@ def _row(maps: FeatureMaps) -> dict[str, Any]:
     }
 
 
-def _told(row: dict[str, Any]) -> str:
+def _maps_line(row: dict[str, Any]) -> str:
     spec = row["spec"]
     height, width = spec["grid"]
     parts = [f"{row['frames']} maps of {width}x{height} cells, {spec['dim']} channels", f"{row['megabytes']:.1f} MB"]

@@ -12,11 +12,11 @@ from ..progress import Progress
 def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Counts, sizes and provenance of a scene file."""
     info = open_scene(args.scene, args.edits).info()
-    return {**info, "text": "\n".join(f"{name + ':':<11}{value}" for name, value in told(info).items())}
+    return {**info, "text": "\n".join(f"{name + ':':<11}{value}" for name, value in summary(info).items())}
 
 
-def told(info: dict[str, Any]) -> dict[str, str]:
-    """What `Scene.info` says in about ten lines, by their titles."""
+def summary(info: dict[str, Any]) -> dict[str, str]:
+    """Title -> text for about ten lines that summarise `Scene.info`."""
     width, height = info["size"]
     parts = info["megabytes"]
     by_part = ", ".join(f"{part} {megabytes:.1f}" for part, megabytes in parts.items() if megabytes)

@@ -1,4 +1,4 @@
-"""`f4x bench` and `f4x report`: doors to the laboratory, which lies beside this package in a checkout and is no part of it."""
+"""`f4x bench` and `f4x report`, which run the package `benchmarks`; only a checkout of the repository contains it."""
 
 from __future__ import annotations
 

@@ -51,17 +51,17 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         "span": selection.span,
     }
     lines = [
-        f"{selection.label}: {result['chosen']} of {result['gaussians']} Gaussians, {result['static']} of them standing"
+        f"{selection.label}: {result['chosen']} of {result['gaussians']} Gaussians, {result['static']} of them static"
     ]
     absent: list[str] = []
     if by_word:
         result["missing"] = [word for word, each in by_word.items() if not each.chosen.any()]
-        absent = [_nobody(by_word[word], []) for word in result["missing"]]
+        absent = [_empty_line(by_word[word], []) for word in result["missing"]]
     if not result["chosen"]:
         given_names = by_names(scene, list(by_word))
         asked = [word for word in by_word if word not in given_names]
         result["there"] = nearest_there(scene, asked, encoder(progress)) if asked else []
-        absent, lines = [_nobody(selection, result["there"])], []
+        absent, lines = [_empty_line(selection, result["there"])], []
     if absent:
         lines += absent
         result["note"] = "; ".join(absent)
@@ -73,27 +73,27 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Answer a question about a scene and name who answered."""
+    """Answer a question about a scene, and say whether a model or a computation answered."""
     scene = open_scene(args.scene, args.edits)
     views = trajectory_of(scene, args.path, args.degrees)
     if args.model is not None:
         from ..features.models.smolvlm import SmolVlm
 
-        said: Answer = ask_features(scene, args.question, views, SmolVlm(args.model), args.backend, progress)
+        found: Answer = ask_features(scene, args.question, views, SmolVlm(args.model), args.backend, progress)
     else:
         server = ChatServer.from_environment(args.endpoint)
         options: dict[str, Any] = {"encode": encoder(progress), "backend": args.backend, "progress": progress}
-        said = answer(scene, args.question, views, server=server, names=named(scene), **options)
+        found = answer(scene, args.question, views, server=server, names=named(scene), **options)
     return {
-        "answer": said.text,
-        "answered_by": said.answered_by,
-        "evidence": said.evidence,
-        "text": f"[{said.answered_by}] {said.text}",
+        "answer": found.text,
+        "answered_by": found.answered_by,
+        "evidence": found.evidence,
+        "text": f"[{found.answered_by}] {found.text}",
     }
 
 
 def encoder(progress: Progress) -> Encode:
-    """`encode_labels` that tells that it starts: reading an encoder takes seconds, and only words that a scene lacks need it."""
+    """`encode_labels` that reports its start: loading an encoder takes seconds, and only words that the scene lacks need it."""
 
     def encode(name: str, labels: list[str]) -> np.ndarray:
         stage = f"reading the text encoder for '{', '.join(labels)}' (once)"
@@ -120,14 +120,14 @@ def mask_of(file: Path, scene: Scene) -> np.ndarray:
     try:
         return at_clip_size(read_mask(file, colours=False), scene.cameras)
     except F4xError as error:
-        told = str(error)
-        raise F4xError(told if told.startswith(str(file)) else f"{file}: {told}") from error
+        message = str(error)
+        raise F4xError(message if message.startswith(str(file)) else f"{file}: {message}") from error
 
 
 def _by_words(
     scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, encode: Encode
 ) -> dict[str, Selection]:
-    """What each word of --text selects."""
+    """Word of --text -> what it selects."""
     if args.frame is not None:
         raise F4xError("--frame goes with --point, --box and --mask; words are asked of the whole clip (--span A:B).")
     negatives = words_of(args.negatives) if args.negatives is not None else None
@@ -154,8 +154,8 @@ def _selection(
     return select_by_mask(scene, mask_of(args.mask, scene), args.frame, **options)
 
 
-def _nobody(selection: Selection, there: list[str]) -> str:
-    """The line about a selection that holds no Gaussian."""
+def _empty_line(selection: Selection, there: list[str]) -> str:
+    """The line that reports an empty selection."""
     best = float(selection.scores.max(initial=0))
     known = f"; it answers to {', '.join(there)}" if there else ""
     return f"{selection.label}: nothing in the scene answers to it with {selection.threshold:g} or more (best: {best:.2f}){known}"
@@ -192,9 +192,9 @@ def _write(scene: Scene, selection: Selection, views, folder: Path, backend: str
         file.write(json_text(selection.to_json()).encode())
 
     def pictures() -> Iterator[np.ndarray]:
-        for index, share in enumerate(mask_video(scene, selection, views, backend, progress=progress)):
+        for index, weights in enumerate(mask_video(scene, selection, views, backend, progress=progress)):
             with replace_file(folder / "mask" / f"{index:05d}.png") as file:
-                Image.fromarray((share > 0.5).astype(np.uint8) * 255).save(file, "PNG")
+                Image.fromarray((weights > 0.5).astype(np.uint8) * 255).save(file, "PNG")
             camera, time = views[index]
             rgb = render(scene, camera, time, ("rgb",), backend)["rgb"]
             yield heat_map(rgb, share_picture(scene, selection, camera, time, backend, soft=True))

@@ -31,8 +31,8 @@ from ..scene.view import COVERED, render
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
 MASK = "mask:"
-"""`mask:LABEL` is the share of each pixel's light that comes from the Gaussians that a word means."""
-# Motion of this share of the picture's width per frame gets the full colour.
+"""Prefix of the channel `mask:LABEL`: the fraction of each pixel's blend weight that comes from the Gaussians of a label."""
+# Motion of this fraction of the image width per frame gets the full colour.
 FULL_MOTION = 0.02
 
 
@@ -74,46 +74,46 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
     views = trajectory_of(scene, args.path, args.degrees)
     chosen = frame_indices(args.frames, len(views), f"--path {args.path}")
-    mine = chosen[part_of(len(chosen), args.part, args.video)]
+    indices = chosen[part_of(len(chosen), args.part, args.video)]
     folders = {name: Path(args.output) / file_name(name) for name in channels}
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
     span = depth_span(scene, args.backend) if "depth" in channels else (0.0, 1.0)
-    largest = FULL_MOTION * scene.cameras.width
+    full_motion = FULL_MOTION * scene.cameras.width
     pictures: dict[str, list[np.ndarray]] = {name: [] for name in channels}
-    for done, index in enumerate(mine):
-        progress("render", done, len(mine))
+    for done, index in enumerate(indices):
+        progress("render", done, len(indices))
         camera, time = views[index]
         plain = [name for name in channels if name in CHANNELS]
         wanted = plain if len(plain) + len(masks) == len(channels) else [*plain, "latent", "alpha"]
         maps = render(scene, camera, time, channels=wanted, backend=args.backend)
-        shown = {
-            name: picture_of(name, maps[name], span, largest)
+        images = {
+            name: channel_image(name, maps[name], span, full_motion)
             if name in plain
-            else picture_of(name, share_picture(scene, masks[name], camera, time, args.backend), span, largest)
+            else channel_image(name, share_picture(scene, masks[name], camera, time, args.backend), span, full_motion)
             if name in masks
-            else feature_picture(scene, name, maps["latent"], maps["alpha"])
+            else feature_image(scene, name, maps["latent"], maps["alpha"])
             for name in channels
         }
         try:
-            write_frame(folders, index, maps, shown)
+            write_frame(folders, index, maps, images)
         except F4xError as error:
-            raise F4xError(f"{error}; {done} of {len(mine)} frames were written whole.") from error
+            raise F4xError(f"{error}; {done} of {len(indices)} frames were written completely.") from error
         if args.video:
-            for name, picture in shown.items():
+            for name, picture in images.items():
                 pictures[name].append(picture)
-    progress("render", len(mine), len(mine))
+    progress("render", len(indices), len(indices))
     for name, frames in pictures.items():
         if frames:
             write_video(Path(args.output) / f"{file_name(name)}.mp4", np.stack(frames), scene.fps)
-    told = f"{args.output}: {len(mine)} frames"
-    if len(mine) == 0:
-        told += f"; {len(chosen)} frames in {args.part.split('/')[1]} parts leave nothing for --part {args.part}"
-    return {"frames": len(mine), "output": str(args.output), "text": told}
+    text = f"{args.output}: {len(indices)} frames"
+    if len(indices) == 0:
+        text += f"; {len(chosen)} frames in {args.part.split('/')[1]} parts leave nothing for --part {args.part}"
+    return {"frames": len(indices), "output": str(args.output), "text": text}
 
 
 def part_of(count: int, part: str | None, video: bool = False) -> range:
-    """Which of `count` views `--part I/N` means: all parts together are every view once, and as even as can be."""
+    """The indices that `--part I/N` selects of `count` views; the parts cover every view once and differ by at most one view."""
     if part is None:
         return range(count)
     if video:
@@ -125,20 +125,20 @@ def part_of(count: int, part: str | None, video: bool = False) -> range:
 
 
 def file_name(channel: str) -> str:
-    """The channel's name with what file systems do not take, as in `mask:polar bear`, replaced by _."""
+    """The channel's name as a file name: characters such as those in `mask:polar bear` become _."""
     return re.sub(r"[^\w.-]", "_", channel)
 
 
 def write_frame(
-    folders: Mapping[str, Path], index: int, maps: Mapping[str, np.ndarray], shown: Mapping[str, np.ndarray]
+    folders: Mapping[str, Path], index: int, maps: Mapping[str, np.ndarray], images: Mapping[str, np.ndarray]
 ) -> None:
-    """Write the pictures, and of depth and motion also the numbers, of one frame: all of them or none."""
+    """Write the images of one frame, and arrays of depth and motion: all of the files or none."""
     written: list[Path] = []
     try:
         for name, folder in folders.items():
             written.append(folder / f"{index:05d}.png")
             with replace_file(written[-1]) as file:
-                Image.fromarray(shown[name]).save(file, "PNG")
+                Image.fromarray(images[name]).save(file, "PNG")
             if name in ("depth", "motion"):
                 written.append(folder / f"{index:05d}.npy")
                 with replace_file(written[-1]) as file:
@@ -150,18 +150,18 @@ def write_frame(
 
 
 def depth_span(scene: Scene, backend: str = "auto") -> tuple[float, float]:
-    """Near and far depth (world units) that the colours of the clip's depth pictures span."""
+    """(near, far) depth in world units for the colours of the depth images; one range for the whole clip."""
     middle = len(scene.cameras) // 2
     depth = render(scene, scene.cameras[middle], float(scene.cameras.times[middle]), ("depth",), backend)["depth"]
     return depth_range([depth])
 
 
-def picture_of(channel: str, values: np.ndarray, span: tuple[float, float], largest: float) -> np.ndarray:
-    """An 8-bit picture (H,W,3) or (H,W) of one rendered channel; depth spans `span`, full motion is `largest` pixels."""
+def channel_image(channel: str, values: np.ndarray, span: tuple[float, float], full_motion: float) -> np.ndarray:
+    """An 8-bit image (H,W,3) or (H,W) of a channel; `span` is the range of depth, `full_motion` the pixels with the full colour."""
     if channel == "depth":
         return colour_depth(values, *span)
     if channel == "motion":
-        return colour_motion(values, largest)
+        return colour_motion(values, full_motion)
     return (np.clip(values, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
@@ -170,8 +170,8 @@ def feature_channels(scene: Scene) -> tuple[str, ...]:
     return () if scene.features is None else ("latent", *scene.features.names)
 
 
-def feature_picture(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """(H,W,3) uint8 of the latent or of what a head decodes from `latent (H,W,D)`; black where nothing is."""
+def feature_image(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """(H,W,3) uint8 image of the latent, or of the features that a head decodes from `latent (H,W,D)`; black in empty pixels."""
     field = scene.require_field()
     if name != "latent":
         picture = field.head(name).picture(latent)
@@ -192,5 +192,5 @@ def run_export(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     else:
         times = scene.cameras.times[frame_indices(args.frames, len(scene.cameras), args.scene)].tolist()
     files = export(scene, args.output, times, name, progress=progress)
-    told = str(args.output) if files == [args.output] else f"{args.output}: {len(files)} files"
-    return {"output": str(args.output), "format": name, "frames": len(times), "files": len(files), "text": told}
+    text = str(args.output) if files == [args.output] else f"{args.output}: {len(files)} files"
+    return {"output": str(args.output), "format": name, "frames": len(times), "files": len(files), "text": text}

@@ -13,18 +13,18 @@ from ..progress import Progress
 
 
 def run_serve(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Let agents look at and edit the scenes of a folder, until the client goes or Ctrl-C."""
+    """Serve the scenes of a folder to agents until the client disconnects or Ctrl-C is pressed."""
     try:
         from ..agent.server import read_token, serve_http, serve_stdio
     except ImportError as error:
         raise F4xError(
             f"f4x serve needs the package mcp from 2.3 on ({error}); install it with `pip install 'mcp>=2.3,<3'`."
         ) from error
-    from ..agent.folder import Folder
+    from ..agent.folder import SceneFolder
     from ..agent.session import Session
 
     logging.basicConfig(level=logging.WARNING, format="%(message)s")  # before the package does it with boxes
-    session = Session(Folder(args.target), args.read_only, args.backend)
+    session = Session(SceneFolder(args.target), args.read_only, args.backend)
     if args.http is None:
         if args.json:
             raise F4xError("--json prints on standard output, which belongs to the client here; leave it out.")

@@ -1,4 +1,4 @@
-"""What a person sees while waiting, on standard error: one bar per stage; in a log, lines now and then."""
+"""Progress on standard error: one bar per stage on a terminal, a line now and then in a log."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from ..processes import LineProgress
 
 # Narrow enough to leave a terminal of 80 columns room for a message.
 BAR_WIDTH = 14
-# In a log a stage that goes on is told of at each tenth, but not more often than this (seconds).
+# In a log, a running stage gets a line at each tenth of its steps, but not more often than this (seconds).
 LOG_EVERY = 10.0
 
 
 class TerminalProgress:
-    """A `Progress` that draws bars; used as a context manager. `quiet` draws nothing; `lines` is told too.
+    """A `Progress` that draws bars, as a context manager. `quiet` draws nothing; `lines` receives every report too.
 
-    Ctrl-C is answered at once before the first report, when there is nothing to save yet. Afterwards it is answered at the
-    next report, so that the work stops between two steps and what it saves is whole; pressed once more, at once.
+    Before the first report Ctrl-C stops at once, because there is nothing to save yet. Afterwards it stops at the next report,
+    so that the work ends between two steps and saves complete files; pressed a second time, it stops at once.
     """
 
     def __init__(self, quiet: bool = False, lines: LineProgress | None = None):
@@ -49,7 +49,7 @@ class TerminalProgress:
         )
         self.tasks: dict[str, TaskID] = {}
         self.logged: dict[str, tuple[int, float]] = {}  # stage -> steps done at its last report, and when it began
-        self.told = 0.0  # when the last line was printed
+        self.last_line_at = 0.0  # monotonic time in seconds
         self.interrupted = False
         self.handler: Any = None
 
@@ -90,17 +90,17 @@ class TerminalProgress:
         self.bars.update(task, completed=done, total=total, message=message)
 
     def _log(self, stage: str, done: int, total: int, message: str) -> None:
-        """Print a line where a stage begins, also anew, and where a long one has come a tenth further."""
+        """Print a line when a stage starts or starts again, and when a long one has done another tenth."""
         now, about = time.monotonic(), f" ({message})" if message else ""
         before, began = self.logged.get(stage, (done + 1, now))
         if done < before:
             began = now
             line = f"{stage}{about}"
-        elif total and 10 * done // total > 10 * before // total and now - self.told >= LOG_EVERY:
+        elif total and 10 * done // total > 10 * before // total and now - self.last_line_at >= LOG_EVERY:
             line = f"{stage}: {done} of {total} after {timedelta(seconds=int(now - began))}{about}"
         else:
             line = ""
         self.logged[stage] = done, began
         if line:
-            self.told = now
+            self.last_line_at = now
             self.console.print(line)

@@ -26,6 +26,7 @@ from .operations import (
 )
 from .phrases import COPY, PLACES
 from .selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
+from .words import plural
 
 _WHICH = {"largest": "biggest"}
 _AXES = (("to the left", "to the right"), ("up", "down"), ("forward", "back"))
@@ -175,7 +176,7 @@ def _(operation: Name) -> str:
 @_told.register
 def _(operation: Rekey) -> str:
     count, first, last = len(operation.nodes), operation.times[0], operation.times[-1]
-    return f"move {count} node{'s' * (count > 1)} of the scaffold, frames {first:g} to {last:g}"
+    return f"move {count} {plural('node', count)} of the scaffold, frames {first:g} to {last:g}"
 
 
 def whom(select: SelectKind) -> str:
@@ -264,7 +265,7 @@ def _way(vector: Vector, unit: str, axes: str) -> str:
     if axes == "world":
         return f"by ({_rounded(vector)}) {measure}s along the scene's own axes"
     steps = [(abs(x), _AXES[axis][x > 0]) for axis, x in enumerate(vector) if x]
-    return " and ".join(f"by {far:g} {measure}{'' if far == 1 else 's'} {way}" for far, way in steps)
+    return " and ".join(f"by {far:g} {plural(measure, far)} {way}" for far, way in steps)
 
 
 def _turn(who: str, rotate: Vector, axes: str) -> str:

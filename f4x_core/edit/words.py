@@ -77,6 +77,11 @@ def singular(word: str) -> str:
     return word[:-1]
 
 
+def plural(noun: str, count: float) -> str:
+    """`noun`, with an s unless `count` is 1: "edit" -> "edits"."""
+    return noun if count == 1 else f"{noun}s"
+
+
 EVERYBODY = ("person", "people", "human")
 """The label that "everyone" means: the first of these that a scene knows."""
 

@@ -14,8 +14,8 @@ from ..scene.moments import ABOVE_DEGREES, RIGHT_DEGREES, draw_moments
 from ..scene.picture import colour_depth, colour_motion, depth_range, labelled_grid
 
 COLUMNS = ("input", "render", "depth", "from the right", "from above", "motion")
-# Motion colours are full at this percentile of the lengths that move at all, but never for less than a pixel.
-FULL_MOTION, LEAST_MOTION = 98, 1.0
+# Full colour is the motion at this percentile of all moving pixels, but at least this many pixels per frame.
+FULL_MOTION, MIN_MOTION = 98, 1.0
 
 
 def contact_sheet(
@@ -59,7 +59,7 @@ def contact_sheet(
 
 
 def _full_motion(motions: list[np.ndarray]) -> float:
-    """The motion in pixels that gets the full colour."""
+    """The motion in pixels per frame that gets the full colour."""
     lengths = np.linalg.norm(np.stack(motions), axis=-1)
-    moving = lengths[lengths > LEAST_MOTION / 10]
-    return max(float(np.percentile(moving, FULL_MOTION)), LEAST_MOTION) if moving.size else LEAST_MOTION
+    moving = lengths[lengths > MIN_MOTION / 10]
+    return max(float(np.percentile(moving, FULL_MOTION)), MIN_MOTION) if moving.size else MIN_MOTION

@@ -25,8 +25,8 @@ from ..scene import Scene, write_scene
 from .perceptual_distance import lpips
 from .registration import halfway_offset, register_camera
 
-# Mean squared error below which a picture is as good as its target.
-LEAST_ERROR = 1e-12
+# Mean squared errors below this count as equal images; keeps the logarithm finite.
+MIN_ERROR = 1e-12
 # Pixels with this much dynamic alpha belong to the moving region.
 MOVING_ALPHA = 0.5
 # Figures that come first where all are listed.
@@ -37,18 +37,18 @@ MIN_MASK = 1e-3
 
 @dataclass(frozen=True)
 class Refinement:
-    """How a camera is moved to match a picture while the scene stays as it is."""
+    """Settings for refining a camera so that the render matches an image; the scene stays fixed."""
 
     steps: int = 60
     """Steps of Adam."""
     rate: float = 1e-3
     """Learning rate at the start: radians, and world units (median depth 1)."""
     last_rate: float = 1e-4
-    """At the last step."""
+    """Learning rate at the last step."""
     hold: int = 0
     """Steps before the rate begins to fall, along a cosine."""
-    least_alpha: float = 0.0
-    """Pixels that the scene covers less than this do not count."""
+    min_alpha: float = 0.0
+    """Pixels with less alpha than this do not count."""
 
 
 class FrozenMoment:
@@ -148,14 +148,14 @@ def summary(frames: list[dict[str, Any]]) -> dict[str, float]:
 
 
 def without_frames(metrics: dict[str, Any]) -> dict[str, Any]:
-    """What `evaluate` returned, less its rows of single frames."""
+    """The result of `evaluate` without its rows for single frames."""
     return {name: value for name, value in metrics.items() if name != "frames"}
 
 
 def keep_measured(folder: Path, scene: Scene, metrics: dict[str, Any], **more: Any) -> tuple[Scene, dict[str, Any]]:
-    """Write `folder/scene.f4x` with what `evaluate` returned of it, and `folder/metrics.json`, also with `more` and frames.
+    """Write `folder/scene.f4x` with the metrics of `evaluate`, and `folder/metrics.json` with the metrics, `more` and all frames.
 
-    Returns the scene with its metrics, and what `metrics.json` has but frames.
+    Returns the scene with its metrics, and the content of `metrics.json` without the frames.
     """
     scene = replace(scene, metrics=without_frames(metrics) | {"gaussians": len(scene.static) + len(scene.dynamic)})
     write_scene(scene, folder / "scene.f4x")
@@ -168,9 +168,9 @@ def keep_measured(folder: Path, scene: Scene, metrics: dict[str, Any], **more: A
 def refine(
     moment: FrozenMoment, rig: CameraRig, target: Tensor, settings: Refinement | None = None
 ) -> tuple[Tensor, Camera]:
-    """The picture (H,W,3), and its camera, after that of a one-frame rig was moved to match `target` (H,W,3) in [0,1].
+    """Refine the camera of a one-frame rig so that the render matches `target` (H,W,3) in [0,1]; the scene stays fixed.
 
-    PSNR over covered pixels is maximised; the best step counts. The scene stays as it is.
+    Returns the image (H,W,3) and the camera of the step with the best PSNR over covered pixels.
     """
     settings = settings or Refinement()
     height, width = target.shape[:2]
@@ -181,13 +181,13 @@ def refine(
     best, best_error = None, math.inf
     for step in range(settings.steps + 1):
         picture, _, alpha = moment.draw(rig.camera(0, width, height))
-        covered = (alpha.detach() >= settings.least_alpha).float()
+        covered = (alpha.detach() >= settings.min_alpha).float()
         error = ((picture - target).square().mean(-1) * covered).sum() / covered.sum().clamp_min(1)
         value = float(error.detach())
         if value < best_error:
             best, best_error = (picture.detach(), rig.refined()[0]), value
         optimiser.zero_grad()
-        error.clamp_min(LEAST_ERROR).log().backward()
+        error.clamp_min(MIN_ERROR).log().backward()
         optimiser.step()
         if step >= settings.hold:
             schedule.step()
@@ -196,7 +196,7 @@ def refine(
 
 
 def mask_scores(picture: Tensor, moving: Tensor, target: Tensor, mask: np.ndarray) -> dict[str, float]:
-    """How well what moves is reproduced, over a mask (H,W) that does not depend on the scene; nothing for a mask too small.
+    """Scores of moving objects over a mask (H,W) that does not depend on the scene; empty if the mask is too small.
 
     `psnr_mask` (dB) compares the pictures (H,W,3), `mover_coverage` is the mean dynamic alpha `moving (H,W)`.
     """

@@ -17,8 +17,8 @@ from torch import nn
 
 WEIGHTS = "alexnet-owt-*.pth"
 """torchvision's file of AlexNet, in `checkpoints` of `torch.hub.get_dir()`; the hash in its name changed, the values did not."""
-LEAST_SIDE = 31
-"""Pixels: AlexNet's strides leave nothing of a smaller picture."""
+MIN_SIDE = 31
+"""Minimum side of an image in pixels; the strides of AlexNet leave nothing of a smaller one."""
 NOT_RUN = "LPIPS: not run; "
 
 
@@ -57,7 +57,7 @@ def lpips_missing() -> list[str]:
 def _distance(picture: np.ndarray, target: np.ndarray, spatial: bool) -> np.ndarray | None:
     """() or, `spatial`, (H,W) of pictures (H,W,3) in [0,1]."""
     network = _load(spatial)
-    if isinstance(network, str) or min(picture.shape[:2]) < LEAST_SIDE:
+    if isinstance(network, str) or min(picture.shape[:2]) < MIN_SIDE:
         return None
     one, other = (
         torch.from_numpy(np.ascontiguousarray(2 * values - 1, np.float32)).permute(2, 0, 1)[None]

@@ -157,8 +157,8 @@ def _smooth(depth: np.ndarray) -> np.ndarray:
     import cv2
 
     filled, window = np.nan_to_num(depth), np.ones((3, 3), np.uint8)
-    least = cv2.erode(filled, window)
-    return (least > 0) & (cv2.dilate(filled, window) <= MAX_DEPTH_STEP * least)
+    lowest = cv2.erode(filled, window)
+    return (lowest > 0) & (cv2.dilate(filled, window) <= MAX_DEPTH_STEP * lowest)
 
 
 def _near_motion(dynamic: np.ndarray) -> np.ndarray:

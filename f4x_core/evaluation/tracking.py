@@ -1,4 +1,4 @@
-"""The fitted scene as a point tracker: where a pixel of one frame goes, read off the moving Gaussians."""
+"""A fitted scene as a point tracker: follows pixels of one frame through the clip by the motion of the Gaussians."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from ..raster import rasterize
 from ..scene import Scene
 
 # Below this alpha nothing moving was seen at the queried pixel; all Gaussians answer then.
-LEAST_ALPHA = 0.05
+MIN_ALPHA = 0.05
 
 
 def track_pixels(scene: Scene, frame: int, pixels: np.ndarray, targets: list[int], backend: str = "auto") -> np.ndarray:
@@ -26,7 +26,7 @@ def track_pixels(scene: Scene, frame: int, pixels: np.ndarray, targets: list[int
         moving = _composited(here, there, here.dynamic, camera, pixels, backend)
         every = _composited(here, there, np.ones(len(here.dynamic), bool), camera, pixels, backend)
         x = np.where(
-            moving[:, 3:] > LEAST_ALPHA,
+            moving[:, 3:] > MIN_ALPHA,
             moving[:, :3] / np.maximum(moving[:, 3:], 1e-6),
             every[:, :3] / np.maximum(every[:, 3:], 1e-6),
         )
@@ -93,13 +93,13 @@ def keypoint_accuracy(
 ) -> dict[str, float]:
     """DyCheck's PCK: keypoints are carried from every annotated frame to every one, and land within `ratio` of the longer side.
 
-    Means over pairs of frames (a frame with itself is one, as in DyCheck's own evaluation) of the share of points that both
-    show; NaN where no two frames share one.
+    Means over pairs of frames (a frame with itself is one, as in DyCheck's own evaluation) of the fraction of points that both
+    show; NaN if no two frames show the same point.
 
     Args:
         keypoints: clip frame -> (J,3) x, y in pixels of the scene's size and 1 where visible.
     """
-    frames, shares = sorted(keypoints), []
+    frames, fractions = sorted(keypoints), []
     reach = ratio * max(scene.cameras.width, scene.cameras.height)
     for start in frames:
         shown = keypoints[start][:, 2] > 0.5
@@ -110,5 +110,5 @@ def keypoint_accuracy(
             truth = keypoints[target][shown]
             both = truth[:, 2] > 0.5
             if both.any():
-                shares.append(float((np.linalg.norm(found - truth[:, :2], axis=1) < reach)[both].mean()))
-    return {"pck": float(np.mean(shares)) if shares else float("nan"), "pairs": len(shares)}
+                fractions.append(float((np.linalg.norm(found - truth[:, :2], axis=1) < reach)[both].mean()))
+    return {"pck": float(np.mean(fractions)) if fractions else float("nan"), "pairs": len(fractions)}

@@ -1,4 +1,4 @@
-"""Scores that only a rendered clip allows: cameras against the true ones, and views that no camera of the clip ever had."""
+"""Scores against the ground truth of a rendered clip: camera errors, and PSNR of views away from the camera path."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from .evaluate import FrozenMoment, path_error, refine
 
 # Rounds of the alternation between scale and rotation, and of the reweighting against wrong cameras.
 ALIGN_ROUNDS = 20
-# A camera this many times further off than the median one has little say in the alignment.
+# A camera whose error is this many times the median one gets little weight in the alignment.
 OUTLIER = 3.0
-# Cameras that stay within this radius (root mean square, in scene units: median depth 1) do not tell the scene's unit.
-SHORTEST_PATH = 1e-3
+# Cameras within this radius (root mean square, in scene units: median depth 1) do not determine the scene's unit.
+MIN_PATH_SPREAD = 1e-3
 
 # Depth of the sky, in median depths of the clip: far enough that only its direction counts.
 SKY = 1e4
@@ -40,7 +40,7 @@ Similarity = tuple[float, np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class ExtraCamera:
-    """A camera that filmed some moments of a rendered clip from elsewhere."""
+    """A camera that rendered some moments of a clip from another place."""
 
     name: str
     cameras: CameraPath
@@ -55,24 +55,24 @@ class ExtraCamera:
 
 @dataclass(frozen=True)
 class TrueClip:
-    """The truth of the rendered clip that a scene was made from, and how the two worlds lie to each other."""
+    """The ground truth of the rendered clip that a scene was fitted to, and the alignment of the two worlds."""
 
     folder: Path
-    """What `scripts/synthetic_clip.py` wrote."""
+    """Output folder of `scripts/synthetic_clip.py`."""
     path: CameraPath
     """True cameras of all frames."""
     moving_index: list[int]
-    """Object indices of what moves."""
+    """Object indices of the moving objects."""
     extras: list[ExtraCamera]
-    """Empty where the fitted camera stands still."""
+    """Extra cameras; empty if the fitted camera is static."""
     used: np.ndarray
     """(F,) supervised frames."""
     similarity: Similarity
     """From the scene's world to the true one."""
-    lens: float
-    """Fitted to true focal length."""
+    focal_ratio: float
+    """Fitted focal length divided by the true one."""
     still: bool
-    """Whether the fitted camera stands still, so that `similarity` does not determine the scene's unit."""
+    """Whether the fitted camera is static, so that `similarity` does not determine the scene's unit."""
 
     @classmethod
     def read(cls, scene: Scene, truth_folder: Path | str) -> TrueClip:
@@ -87,8 +87,8 @@ class TrueClip:
         used = np.setdiff1d(np.arange(len(path)), scene.held_out)
         estimated, true_used = _chosen(scene.cameras, used), _chosen(path, used)
         fitted = estimated.resized(path.width, path.height)
-        lens = float(np.median(fitted.intrinsics[:, 0, 0] / true_used.intrinsics[:, 0, 0]))
-        still = float(np.sqrt(estimated.centers.var(axis=0).sum())) < SHORTEST_PATH
+        focal_ratio = float(np.median(fitted.intrinsics[:, 0, 0] / true_used.intrinsics[:, 0, 0]))
+        still = float(np.sqrt(estimated.centers.var(axis=0).sum())) < MIN_PATH_SPREAD
         extras = [
             ExtraCamera(
                 extra["name"],
@@ -100,11 +100,11 @@ class TrueClip:
             for extra in ([] if still else truth["extra_cameras"])
         ]
         similarity = align_cameras(estimated, true_used)
-        return cls(folder, path, truth["moving_index"], extras, used, similarity, lens, still)
+        return cls(folder, path, truth["moving_index"], extras, used, similarity, focal_ratio, still)
 
     def into_scene(self, camera: Camera, scene: Scene) -> Camera:
         """A camera of the true world as one of the scene's, at the size of the scene's pictures."""
-        return into_scene(camera, self.similarity, self.lens).resized(scene.cameras.width, scene.cameras.height)
+        return into_scene(camera, self.similarity, self.focal_ratio).resized(scene.cameras.width, scene.cameras.height)
 
 
 def score_against_truth(
@@ -141,7 +141,7 @@ def score_against_truth(
     estimated, true_used = _chosen(scene.cameras, clip.used), _chosen(clip.path, clip.used)
     scores: dict[str, Any] = path_error(estimated, true_used)
     scores |= {"scale": clip.similarity[0], "rotation_error": rotation_error(estimated, true_used, clip.similarity)}
-    scores["focal_ratio"] = clip.lens
+    scores["focal_ratio"] = clip.focal_ratio
     if not clip.still:
         scores |= fitted_depth_errors(scene, clip, backend, progress)
     seen = SeenSurface.read(clip.folder, clip.path, clip.used, clip.moving_index) if clip.extras else None
@@ -261,11 +261,11 @@ def rotation_error(estimated: CameraPath, truth: CameraPath, similarity: Similar
     return float(np.degrees(np.sqrt(np.mean(_angles(turns_there, similarity[1] @ turns_here) ** 2))))
 
 
-def into_scene(camera: Camera, similarity: Similarity, lens: float = 1.0) -> Camera:
-    """A camera of the true world as a camera of the scene's world: same picture, other unit and axes.
+def into_scene(camera: Camera, similarity: Similarity, focal_ratio: float = 1.0) -> Camera:
+    """A camera of the true world as a camera of the scene's world: the same image in other units and axes.
 
-    `lens` is how many times longer the fit takes the clip's focal length to be: the extra cameras have the clip's lens, and
-    a scene that was made through a slightly wrong one shows its pictures only through the same.
+    `focal_ratio` is the fitted focal length divided by the true one. The extra cameras have the clip's true focal length, but a
+    scene that was fitted with a slightly wrong one reproduces its images only with the same wrong focal length.
     """
     scale, rotation, shift = similarity
     matrix = np.eye(4)
@@ -273,7 +273,7 @@ def into_scene(camera: Camera, similarity: Similarity, lens: float = 1.0) -> Cam
     matrix[:3, :3] = turn @ rotation
     matrix[:3, 3] = (turn @ shift + camera.world_to_camera[:3, 3]) / scale
     intrinsics = camera.intrinsics.copy()
-    intrinsics[:2, :2] *= lens
+    intrinsics[:2, :2] *= focal_ratio
     return Camera(intrinsics, matrix, camera.width, camera.height)
 
 
@@ -285,18 +285,18 @@ def _chosen(path: CameraPath, frames: Sequence[int] | np.ndarray) -> CameraPath:
 
 @dataclass(frozen=True)
 class SeenSurface:
-    """Where true surfaces lie that the clip's used frames saw: what a scene can know at most."""
+    """True surface points that the used frames of the clip saw: the most that a scene can reproduce."""
 
     still: np.ndarray
-    """(P,3) points of what stands still, true world, from all used frames."""
+    """(P,3) points of static surfaces in the true world, from all used frames."""
     moving: dict[int, np.ndarray]
-    """Frame -> (n,3) points of what moves, as that frame saw it."""
+    """Frame -> (n,3) points of moving surfaces that this frame saw."""
     sky: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    """(S,3) points far away in the directions in which used frames saw nothing."""
+    """(S,3) far points in the directions in which used frames saw the sky."""
 
     @classmethod
     def read(cls, folder: Path, path: CameraPath, used: np.ndarray, moving_index: list[int]) -> SeenSurface | None:
-        """From the passes in `folder/truth`; None when they are not there."""
+        """Read the passes in `folder/truth`; None if there are none."""
         still, moving, sky, depths = [], {}, [], []
         for frame in used:
             file = folder / "truth" / f"{frame:05d}.exr"

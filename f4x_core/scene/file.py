@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
-from ..files import replace_file
+from ..files import json_data, replace_file
 from ..geometry.camera import CameraPath
 from ..scaffold import Scaffold
 from .field import FeatureField
@@ -414,7 +414,7 @@ def _member(name: str, size: int) -> zipfile.ZipInfo:
 
 def _json_bytes(header: Mapping[str, Any], path: Path) -> bytes:
     """The bytes of scene.json, which every reader will accept: checked here, before anything is replaced."""
-    header = _plain(header)
+    header = json_data(header)
     _check_header(header, path)
     try:
         text = json.dumps(header, allow_nan=False, ensure_ascii=False, indent=1).encode("utf-8")
@@ -423,16 +423,3 @@ def _json_bytes(header: Mapping[str, Any], path: Path) -> bytes:
     if len(text) > MAX_HEADER_BYTES:
         raise F4xError(f"{path}: {HEADER} would exceed {MAX_HEADER_BYTES >> 20} MiB; bake or shorten the edits")
     return text
-
-
-def _plain(value: Any) -> Any:
-    """JSON types only: numpy numbers and arrays unwrapped, NaN and infinity (a metric without a value) as null."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

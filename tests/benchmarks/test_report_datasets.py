@@ -336,14 +336,14 @@ def short(monkeypatch):
         monkeypatch.setattr(datasets, names, chosen)
     brief = {"first": replace(NVIDIA.first, steps=3, hold=1), "others": replace(NVIDIA.first, steps=2, hold=1)}
     for name, protocol in (("NVIDIA", NVIDIA), ("DYCHECK", DYCHECK), ("NERFIES", NERFIES)):
-        monkeypatch.setattr(datasets, name, replace(protocol, told_cameras=True, **brief))
+        monkeypatch.setattr(datasets, name, replace(protocol, known_cameras=True, **brief))
 
 
 def test_test_cameras_are_placed_by_the_fit_and_matching_takes_out_a_shift(tmp_path, data, short):
     """The fitted scene's own picture is the target: a camera put aside comes back to where it was drawn from."""
     context = Context(tmp_path, quick=True, data=data, threads=1)
     clip = read_clip(data / "nvidia/Balloon1")
-    scene, _ = protocols.fit_scene(context, clip, protocols.fit_config(context, "quick"), told_cameras=True)
+    scene, _ = protocols.fit_scene(context, clip, protocols.fit_config(context, "quick"), known_cameras=True)
     (novel,) = read_novel_cameras(clip)
     placed = place_cameras(scene, clip, novel)[:3]
     for camera in placed:  # it took a frame of the clip, so it is where the fit put that frame

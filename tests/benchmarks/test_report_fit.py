@@ -34,8 +34,8 @@ def tiny(monkeypatch):
     monkeypatch.setattr(needs_studies, "LADDER", ("static", "rigid"))
     choices = {"static": ("SH degree",), "rigid": ("nodes", "latent width")}
     monkeypatch.setattr(needs_studies, "QUICK_CHOICES", choices)
-    monkeypatch.setattr(fit_studies, "PROFILE_SHARE", 0)
-    monkeypatch.setattr(fit_studies, "LEAST_STEPS", 3)
+    monkeypatch.setattr(fit_studies, "QUICK_FRACTION", 0)
+    monkeypatch.setattr(fit_studies, "MIN_STEPS", 3)
     monkeypatch.setattr(fit_studies, "QUICK_COUNTS", (3, 6))
     monkeypatch.setattr(fit_studies, "QUICK_WIDTHS", (48, 96))
     monkeypatch.setattr(fit_studies, "QUICK_FACTORS", (0.5, 1.0))

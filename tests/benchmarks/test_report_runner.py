@@ -11,7 +11,7 @@ import pytest
 from benchmarks import catalogue, runner
 from benchmarks.halves import RENDERED
 from benchmarks.publication import PAGE, RESULTS, publish, results_page
-from benchmarks.report_page import as_markdown, told, write_page
+from benchmarks.report_page import as_markdown, format_value, write_page
 from benchmarks.runner import run_studies
 from benchmarks.studies import clip_studies
 from benchmarks.study import (
@@ -150,7 +150,7 @@ def test_times_come_with_their_quartiles():
 
 def test_plain_data_survives_json():
     assert as_plain({"a": (1, float("inf")), 2: None}) == {"a": [1, "inf"], "2": None}
-    assert [told(v) for v in (None, True, 0.000123456, 1234567, 123456.7)] == [
+    assert [format_value(v) for v in (None, True, 0.000123456, 1234567, 123456.7)] == [
         "–",
         "yes",
         "0.0001235",
@@ -192,8 +192,8 @@ def test_the_page_of_results_names_the_machine_of_each_study_where_there_were_se
 
 
 def test_clips_are_told_by_a_readers_names_and_goals():
-    told = {"frames": 50, "follow_iou_49": 0.9, "follow_iou_30": 0.8, "psnr_change": 0.0}
-    row = clip_studies._named(told, clip_studies.ASKED_FIGURES)
+    measured = {"frames": 50, "follow_iou_49": 0.9, "follow_iou_30": 0.8, "psnr_change": 0.0}
+    row = clip_studies._named(measured, clip_studies.ASKED_FIGURES)
     assert (
         row["mask: IoU at the end"] == 0.9
         and row["mask: IoU after 30"] == 0.8
@@ -208,8 +208,12 @@ def test_clips_are_told_by_a_readers_names_and_goals():
 
 
 def test_what_blender_measures_is_told_and_what_it_leaves_out(tmp_path, monkeypatch):
-    told = {"blender": "4.5.15 LTS", "import": {"seconds": 0.5, "gaussians": 200000}, "query": {"left_out": "no words"}}
-    monkeypatch.setattr(clip_studies, "_run", lambda _: told)
+    measured = {
+        "blender": "4.5.15 LTS",
+        "import": {"seconds": 0.5, "gaussians": 200000},
+        "query": {"left_out": "no words"},
+    }
+    monkeypatch.setattr(clip_studies, "_run", lambda _: measured)
     monkeypatch.setattr("importlib.util.find_spec", lambda _: True)
     found = clip_studies.measure_blender(Context(tmp_path))
     assert found.tables[0].title == "Blender 4.5.15 LTS as a Python module" and found.skipped == ["query: no words"]

@@ -81,7 +81,7 @@ told["broken frame"] = load("torn_0001.ply")
 for name in ("mesh.ply", "absent.f4x", "film.mp4", "pictures"):
     told[name] = load(name)
 
-sequence.MOST_BYTES = 3000
+sequence.MAX_BYTES = 3000
 told["too large"] = load("walk_0001.ply")
 
 root = load("edited.f4x")
@@ -281,7 +281,7 @@ def test_drops_have_the_properties_that_blender_fills():
 def test_a_scene_file_that_was_moved_with_its_blend_is_found(imported):
     folder, _, told = imported
     assert told["moved"] == [str(folder / "after/scene.f4x"), len(read_scene(folder / "edited.f4x").ids)]
-    assert "holds other Gaussians" in told["other scene"] and told["found"] == str(folder / "edited.f4x")
+    assert "no longer holds the Gaussians" in told["other scene"] and told["found"] == str(folder / "edited.f4x")
 
 
 def test_the_frames_that_a_fit_took_of_its_clip(imported):

@@ -74,9 +74,9 @@ tell.tell(result={"scene": "x.f4x"}, text="one\\ntwo")
 """
     job = worker.Job("test", [sys.executable, "-c", code], seen.append)
     shares = set()
-    job.wait(lambda running: shares.add(running.share))
+    job.wait(lambda running: shares.add(running.fraction))
     assert (job.state, job.result) == (worker.DONE, {"scene": "x.f4x"})
-    assert (job.stage, job.done, job.total, job.message, job.share) == ("fit", 3, 12, "step 3", 0.25)
+    assert (job.stage, job.done, job.total, job.message, job.fraction) == ("fit", 3, 12, "step 3", 0.25)
     assert seen == [{"scene": "x.f4x"}]
     assert {"a library prints", "[1, 2]", "warned", "one", "two"} == set(job.log)
 
@@ -159,8 +159,8 @@ def script(path: Path, text: str) -> str:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("#!/bin/sh\necho this is no Python >&2\nexit 3\n", "is no Python that runs the core (this is no Python)"),
-        ("#!/bin/sh\nexit 0\n", "is no Python that runs the core (it said nothing)"),
+        ("#!/bin/sh\necho this is no Python >&2\nexit 3\n", "is no Python that can run Feature4X (this is no Python)"),
+        ("#!/bin/sh\nexit 0\n", "is no Python that can run Feature4X (it printed nothing)"),
         ("#!/bin/sh\nsleep 60\n", "did not answer within"),
         ("#!/bin/sh\nwhile true; do echo 'chatter'; done\n", "did not answer within"),
         ("#!/absent/interpreter\n", "cannot be run"),
@@ -181,7 +181,7 @@ def test_an_interpreter_that_is_none(tmp_path, text, said):
 
 
 def test_an_interpreter_that_is_not_there(tmp_path):
-    with pytest.raises(errors.F4xError, match="is not there"):
+    with pytest.raises(errors.F4xError, match="is missing or cannot be run"):
         worker.Job("test", worker.core_command(tmp_path / "python", "doctor"))
 
 

@@ -67,7 +67,7 @@ os.environ["F4X_PYTHON"] = "/of/the/environment"
 assert preferences.find_interpreter() == "/of/the/environment"
 settings.interpreter = "/of/the/preferences"
 assert preferences.find_interpreter() == "/of/the/preferences"
-assert "/of/the/preferences is not there" in refused(bpy.ops.f4x.check_worker)
+assert "/of/the/preferences is missing or cannot be run" in refused(bpy.ops.f4x.check_worker)
 """
     blender(code, BLENDER_USER_RESOURCES=str(tmp_path))
 
@@ -142,7 +142,7 @@ jobs.start(job)
 assert time.monotonic() - start < 0.1 and bpy_app.timers.is_registered(jobs.tick)
 while jobs.tick() and job.stage != "a":
     time.sleep(0.02)
-assert job.share == 0.5 and jobs.all_jobs() == (job,)
+assert job.fraction == 0.5 and jobs.all_jobs() == (job,)
 assert bpy.ops.f4x.dismiss_job(number=0) == {"FINISHED"}
 while jobs.tick():
     time.sleep(0.02)
@@ -173,11 +173,11 @@ from feature4x.f4x_core.edit.operations import Recolour
 from feature4x.f4x_core.edit.selects import Moving
 root = session.root_of(None)
 session.append(root, Recolour(Moving(), (0.0, 1.0, 0.0)))
-assert "save them first" in refused(bpy.ops.f4x.export_scene, filepath=folder + "/four.ply", one_frame=True)
+assert "press Save Edits to Scene first" in refused(bpy.ops.f4x.export_scene, filepath=folder + "/four.ply", one_frame=True)
 told = refused(bpy.ops.f4x.query_text, text="unicorn")
 assert "does not know unicorn; save its edits" in told and "Traceback" not in told
-assert "Type what to look for" in refused(bpy.ops.f4x.query_text, text=" ")
-assert "is not there" in refused(bpy.ops.f4x.fit_clip, filepath=folder + "/nowhere.mp4")
+assert "Type what to select" in refused(bpy.ops.f4x.query_text, text=" ")
+assert "does not exist" in refused(bpy.ops.f4x.fit_clip, filepath=folder + "/nowhere.mp4")
 """
     blender(code, str(tmp_path))
     exported, scene = read_ply(tmp_path / "three.ply"), labelled_scene()

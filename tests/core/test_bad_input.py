@@ -487,7 +487,7 @@ def test_a_full_disk_while_rendering_leaves_whole_frames_and_counts_them(tmp_pat
     stopped = run_limited(limit, "render", fitted[1] / "scene.f4x", "-o", out, "--channels", channels, "--json")
     assert stopped.returncode == 2, stopped.stderr
     assert len(stopped.stderr.strip().splitlines()) == 1 and str(out) in stopped.stderr
-    assert "0 of 6 frames were written whole" in stopped.stderr
+    assert "0 of 6 frames were written completely" in stopped.stderr
     assert not [path for path in out.rglob("*") if path.is_file()]
 
 
@@ -501,7 +501,7 @@ def test_a_disk_that_fills_up_while_rendering_leaves_the_frames_before(tmp_path,
 
     monkeypatch.setattr(np, "save", full_at_the_third)
     sentence = refuses(capsys, "render", fitted[1] / "scene.f4x", "-o", tmp_path / "r", "--channels", "rgb,depth")
-    assert "No space left" in sentence and "2 of 6 frames were written whole" in sentence
+    assert "No space left" in sentence and "2 of 6 frames were written completely" in sentence
     names = sorted(path.name for path in (tmp_path / "r").rglob("*") if path.is_file())
     assert names == ["00000.npy", "00000.png", "00000.png", "00001.npy", "00001.png", "00001.png"]
 

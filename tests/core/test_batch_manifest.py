@@ -5,10 +5,10 @@ import json
 import pytest
 
 from f4x_core.batch.checks import require_values
-from f4x_core.batch.graph import CLIP, LONG, claimed, tasks_of
+from f4x_core.batch.graph import CLIP, LONG, declared_frames, tasks_of
 from f4x_core.batch.manifest import Row, read_manifest
 from f4x_core.batch.storage import Digests
-from f4x_core.cli.main import build_parser
+from f4x_core.cli.parser import build_parser
 from f4x_core.cli.rendering import part_of
 from f4x_core.errors import F4xError
 from f4x_core.query import chat
@@ -169,12 +169,12 @@ def test_every_task_is_a_command_that_f4x_takes():
     ]
     stages = set()
     for task in tasks:
-        assert {stage for stage, _ in task.takes} <= stages
+        assert {stage for stage, _ in task.inputs} <= stages
         stages.add(task.stage)
         for command in task.commands:
             args = build_parser().parse_args(["clip.mp4" if word == CLIP else word for word in command])
             assert args.verb == task.kind
-    assert {task.kind: dict(task.takes) for task in tasks} == {
+    assert {task.kind: dict(task.inputs) for task in tasks} == {
         "priors": {},
         "fit": {"priors": "priors/"},
         "distill": {"fit": "scene.f4x"},
@@ -192,7 +192,7 @@ def test_a_key_changes_with_what_decides_a_task_and_with_nothing_else(tmp_path):
     row = replace(FULL, clip=clip, masks=None, prior=(), paths=("original",), edits=("make it red",))
 
     def keys(row):
-        return {task.stage: task.key for task in tasks_of(row, Digests().of)}
+        return {task.stage: task.key for task in tasks_of(row, Digests().digest)}
 
     def changed(other):
         return {stage.split(" ")[0] for stage, key in keys(other).items() if key != keys(row)[stage]}
@@ -217,7 +217,12 @@ def test_a_clip_in_windows_makes_its_priors_by_itself(tmp_path):
         return tasks_of(replace(FULL, **changes), lambda path: "")
 
     first = tasks(window=80, overlap=16)[0]
-    assert (first.stage, first.takes) == ("fit", ()) and first.commands[0][-4:] == ("--window", "80", "--overlap", "16")
+    assert (first.stage, first.inputs) == ("fit", ()) and first.commands[0][-4:] == (
+        "--window",
+        "80",
+        "--overlap",
+        "16",
+    )
     assert [task.stage for task in tasks(window=0)[:2]] == ["priors", "fit"]
     for number in range(LONG + 1):
         (tmp_path / f"{number:05d}.png").touch()
@@ -257,9 +262,11 @@ def test_frames_and_files_are_looked_at_before_any_task(tmp_path):
     for number in range(8):
         write(tmp_path / "clip" / f"{number}.png", "")
     clip, noise = str(tmp_path / "clip"), write(tmp_path / "noise.mp4", "noise")
-    assert claimed(Row(clip, frames="0:8:2")) == (4, "") and claimed(Row(str(tmp_path / "absent.mp4"))) == (0, "")
-    assert "reach beyond" in claimed(Row(clip, frames="0:900"))[1]
-    assert "cannot be read as a video" in claimed(Row(noise))[1]
+    assert declared_frames(Row(clip, frames="0:8:2")) == (4, "") and declared_frames(
+        Row(str(tmp_path / "absent.mp4"))
+    ) == (0, "")
+    assert "reach beyond" in declared_frames(Row(clip, frames="0:900"))[1]
+    assert "cannot be read as a video" in declared_frames(Row(noise))[1]
     require_values(Row(clip, paths=("frozen:7", "absent.json"), edits=("absent.json",)))
     require_values(Row(noise, paths=("frozen:7",)))
     with pytest.raises(F4xError, match=r"paths has frozen:7, .*clip has frames 0 to 3"):
@@ -281,14 +288,14 @@ def test_digests_are_read_again_only_after_a_change(tmp_path, monkeypatch):
     clip = write(tmp_path / "clip" / "0.png", "one")
     folder = str(tmp_path / "clip")
     digests = Digests()
-    first = digests.of(folder)
+    first = digests.digest(folder)
     again = Digests(json.loads(json.dumps(digests.to_json())))
     monkeypatch.setattr("f4x_core.batch.storage._content", None)
-    assert again.of(folder) == first
+    assert again.digest(folder) == first
     monkeypatch.undo()
     write(tmp_path / "clip" / "1.png", "two")
-    assert again.of(folder) != first
-    assert Digests().of(clip) != "" and Digests().of(str(tmp_path / "absent")) == ""
+    assert again.digest(folder) != first
+    assert Digests().digest(clip) != "" and Digests().digest(str(tmp_path / "absent")) == ""
 
 
 @pytest.mark.parametrize(("count", "parts"), [(10, 3), (2, 4), (7, 1)])

@@ -26,7 +26,7 @@ from f4x_core.batch.index import write_index
 from f4x_core.batch.local import LocalEngine
 from f4x_core.batch.manifest import Row, read_manifest
 from f4x_core.batch.run import DIGESTS, LOCK, Board, clear_old, locked, plan, run_board
-from f4x_core.batch.storage import Folder, open_store
+from f4x_core.batch.storage import FolderStore, open_store
 from f4x_core.batch.work import Attempt, Outcome, Settings, run_task
 from f4x_core.cli import batch as cli_batch
 from f4x_core.cli import main
@@ -253,14 +253,14 @@ def test_a_stopped_fit_goes_on_from_its_checkpoint_with_the_same_result(tmp_path
     assert stopped.state == "stopped" and not (out / "a" / "scene.f4x").exists()
     assert [*(out / "a" / ".batch" / "fit").rglob("checkpoints/photometric.pt")]
     spent = json.loads((out / "a" / ".batch" / "fit" / "saved.json").read_text())["cpu_seconds"]
-    publish = Folder.publish
+    publish = FolderStore.publish
 
     def slowly(store, path, name):
         time.sleep(0.01)  # in the stub's own time, about a millisecond, the overhead may round to nothing
         publish(store, path, name)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Folder, "publish", slowly)
+        patch.setattr(FolderStore, "publish", slowly)
         done = run_task(fit, settings)
     assert done.cpu_seconds > spent == stopped.cpu_seconds > 0, "a stopped attempt has cost something, too"
     assert done.overhead >= 0.01
@@ -398,14 +398,14 @@ def test_a_url_of_an_unknown_kind_is_one_sentence():
 
 def test_a_full_disk_fails_the_task_and_loses_nothing(tmp_path, monkeypatch):
     pattern, out = write_clips(tmp_path / "clips", a={}, b={}), tmp_path / "out"
-    publish = Folder.publish
+    publish = FolderStore.publish
 
     def full(self, path, name):
         if name == "a/scene.f4x":
             raise OSError(28, "No space left on device", str(path))
         publish(self, path, name)
 
-    monkeypatch.setattr(Folder, "publish", full)
+    monkeypatch.setattr(FolderStore, "publish", full)
     board = run(pattern, out)
     assert board.rows["b"].state == "done" and board.rows["a"].states["priors"] == "done"
     assert "No space left on device; make room there" in board.rows["a"].errors["fit"]
@@ -447,7 +447,7 @@ def test_the_table_shows_rows_at_work_and_what_failed(tmp_path):
 
     def watch(board):
         console = Console(width=100, record=True, file=io.StringIO())
-        console.print(cli_batch.table_of(board, engine))
+        console.print(cli_batch.status_table(board, engine))
         seen.append(console.export_text())
 
     run_board(board, engine, watch)
@@ -489,7 +489,7 @@ def test_the_page_shows_what_a_clip_became_and_links_what_is_there(tmp_path):
             store.write(f"a/{name}", b"x")
         told = {"host": "h", "results": (results.get(task.stage, {}),), "files": dict.fromkeys(names, 1)}
         note = "nothing answers" if "query" in task.stage else ""
-        board.settle(task, Outcome("a", task.stage, task.key, "done" if names else "failed", note=note, **told))
+        board.finish(task, Outcome("a", task.stage, task.key, "done" if names else "failed", note=note, **told))
         store.write(
             f"other/.batch/{task.slug}.json", json.dumps(asdict(Outcome("other", task.stage, "", "done"))).encode()
         )

@@ -63,7 +63,7 @@ def test_edit_history_undo_redo_and_the_same_bytes_again(scene, operations, caps
 def test_undo_of_more_than_there_are_takes_all_back_and_says_so(scene, operations, capsys):
     f4x(capsys, "edit", scene, "--ops", operations)
     assert main(["undo", str(scene), "--count", "99"]) == 0
-    assert "3 edits taken back (there were no more, 99 were asked for); 0 edits in effect" in capsys.readouterr().out
+    assert "3 edits undone (there were no more, 99 were asked for); 0 edits in effect" in capsys.readouterr().out
     assert main(["undo", str(scene)]) == 2
     assert "nothing to undo" in capsys.readouterr().err
 

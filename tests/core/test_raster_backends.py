@@ -378,7 +378,7 @@ def test_numpy_in_numpy_out(backend):
 def test_light_into_layers_adds_up_to_the_picture(backend):
     scene = make_scene()
     arrays = {n: a.numpy() if isinstance(a, torch.Tensor) else a for n, a in scene.items() if n != "background"}
-    splats, _, camera = view_of(**arrays)
+    splats, _, camera = view_of(arrays)
     layers = np.random.default_rng(0).random((HEIGHT, WIDTH, 3), np.float32)
     layers[..., 2] = 1
     light = blend_weight_sums(splats, camera, layers, backend=backend)
@@ -391,7 +391,7 @@ def test_light_into_layers_adds_up_to_the_picture(backend):
 def test_light_by_numpy_alone_is_the_same():
     scene = make_scene()
     arrays = {n: a.numpy() if isinstance(a, torch.Tensor) else a for n, a in scene.items() if n != "background"}
-    splats, _, camera = view_of(**arrays)
+    splats, _, camera = view_of(arrays)
     layers = np.random.default_rng(0).random((HEIGHT, WIDTH, 2), np.float32)
     light, plain = (blend_weight_sums(splats, camera, layers, backend=backend) for backend in ("torch", "plain"))
     np.testing.assert_allclose(plain, light, atol=1e-4 * light.max())
@@ -468,7 +468,7 @@ def test_gsplat_says_what_it_cannot_do():
     from f4x_core.raster.gsplat import rasterize_gsplat
 
     with pytest.raises(F4xError, match="float32 tensors on a CUDA device"):
-        rasterize_gsplat(RasterInput(*view_of(**make_scene())))
+        rasterize_gsplat(RasterInput(*view_of(make_scene())))
 
 
 @pytest.mark.parametrize("detached_from", [None, 3])

@@ -295,7 +295,7 @@ def test_pairs_are_the_pixels_that_each_splat_reaches():
 
     def count(arrays):
         plain = {n: a.numpy() for n, a in arrays.items() if n != "background"}
-        inputs = RasterInput(*view_of(**plain, width=40, height=30), config=ONE)
+        inputs = RasterInput(*view_of(plain | {"width": 40, "height": 30}), config=ONE)
         return library.count_pairs(loaded, library.forward(loaded, inputs, keep=True))
 
     for arrays in alone:

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.studies.hard_cases import Check, limited, that, told, within
 from f4x_core.errors import F4xError
 from f4x_core.evaluation.evaluate import blend_by_flow, evaluate, path_error
-from f4x_core.evaluation.truth import SHORTEST_PATH, align_cameras, into_scene, rotation_error
+from f4x_core.evaluation.truth import MIN_PATH_SPREAD, align_cameras, into_scene, rotation_error
 from f4x_core.fit.advice import WATCHABLE_PSNR, findings
 from f4x_core.fit.config import FitConfig, profile
 from f4x_core.fit.pipeline import FitResult, fit_clip
@@ -175,7 +175,7 @@ def against_truth(fitted: Fitted) -> Iterator[Check]:
             yield within("focal length, relative", abs(lens - 1), WRONG_LENS)
     if moves:
         errors = {STILL: float("inf")}
-        if _spread(found.centers) >= SHORTEST_PATH:
+        if _spread(found.centers) >= MIN_PATH_SPREAD:
             errors = _aside(fitted, lambda camera: into_scene(camera, similarity, lens))
         for what, error in errors.items():
             yield within(f"{what} {ASIDE:g} degrees aside, squared error in that without 3D", error, 1 / LEAST_GAIN)
