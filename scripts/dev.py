@@ -24,6 +24,8 @@ STAMP = VENV / "installed.sha256"
 PYTHON = (3, 11)
 # The C++ compiler that builds for all platforms from any of them; 100 MB, so it comes only when it is asked for.
 ZIG = "ziglang==0.17.1"
+# Makes pages of docstrings; it comes only when it is asked for.
+PDOC = "pdoc==16.0.0"
 EVERYDAY = ("-m", "not slow and not real")
 VERBS = {
     "demo": "a rendered clip all the way to a Blender file; takes the options of `f4x demo` (demo --help)",
@@ -34,6 +36,7 @@ VERBS = {
     "extension": "feature4x-VERSION.zip for Blender, in -o DIR; with --all with the kernels of every platform",
     "blender": "install, scripts and window in a real Blender, in a Debian of its own; says SKIPPED unless root and network allow",
     "results": "docs/results.md from benchmarks/results/, after taking over what the report in DIR measured, where one is given",
+    "docs": "pages of all public functions and classes, from their docstrings, in build/docs",
     "setup": "only make .venv, install what is pinned, and build the native kernel",
 }
 
@@ -134,6 +137,16 @@ def extension(arguments: list[str]) -> int:
     return code or run([str(ROOT / "scripts" / "build_extension.py"), *rest])
 
 
+def docs() -> int:
+    """HTML pages of every module of the core, by pdoc; a module that cannot be imported fails it."""
+    output = ROOT / "build" / "docs"
+    code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PDOC])
+    code = code or run(["-m", "pdoc", "--docformat", "markdown", "-o", str(output), "f4x_core"])
+    if code == 0:
+        print(f"{output / 'index.html'}")
+    return code
+
+
 def blender(arguments: list[str]) -> int:
     """The tests in a real Blender, in the system of F4X_BLENDER_ROOT or one that is kept for this user."""
     from real_blender import UnavailableError, prepare  # not at the top: only Debian's and Ubuntu's root gets far
@@ -159,7 +172,7 @@ def main() -> int:
     parser.add_argument("verb", choices=VERBS, metavar="VERB", help="one of: " + ", ".join(VERBS))
     parser.add_argument("options", nargs=argparse.REMAINDER, help="what the verb takes, --help too")
     args = parser.parse_args()
-    if args.options and args.verb in ("coverage", "lint", "setup"):
+    if args.options and args.verb in ("coverage", "docs", "lint", "setup"):
         parser.error(f"{args.verb} takes no options")
     ensure_environment()
     if args.verb == "demo":
@@ -174,6 +187,8 @@ def main() -> int:
         return run(["-m", "benchmarks.publication", *args.options])
     if args.verb == "extension":
         return extension(args.options)
+    if args.verb == "docs":
+        return docs()
     if args.verb == "blender":
         return blender(args.options)
     return lint() if args.verb == "lint" else 0

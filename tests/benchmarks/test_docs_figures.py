@@ -51,7 +51,6 @@ MEASURED = re.compile(
 """Words of a measurement: a number beside them is a measured one."""
 
 EXCEPTIONS = {
-    ("contracts.md", "the whole report <= 15 min on two cores"): "the limit that a quick report has to keep",
     ("datasets.md", "SSIM as scikit-image's defaults"): "how a score is defined",
     ("datasets.md", "windows without any such pixel count as 1"): "how a score is defined",
     ("language.md", "20 % bigger, 20 % smaller"): "what words mean",

@@ -266,3 +266,9 @@ def test_readme_names_the_two_commands():
     text = readme.read_text(encoding="utf-8")
     for command in ("demo", "test"):
         assert f"python3 scripts/dev.py {command}" in text
+
+
+@pytest.mark.parametrize("file", CORE, ids=name_of)
+def test_every_module_says_what_it_is(file):
+    """The pages of `scripts/dev.py docs` begin with it."""
+    assert ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or file.name == "__init__.py"
