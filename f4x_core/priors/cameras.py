@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry import quaternion
+from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import CameraPath
 from ..progress import Progress
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
@@ -210,7 +211,7 @@ def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, mo
 
     `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. NaN when no two frames share enough tracks.
     """
-    frames = np.unique(np.linspace(0, len(tracks) - 1, min(most, len(tracks))).round().astype(int))
+    frames = evenly_spaced(len(tracks), most)
     shifts = [np.nan]
     for a, i in enumerate(frames):
         for j in frames[a + 1 :]:
@@ -502,7 +503,7 @@ def _still(frames: int, focal: float, principal: np.ndarray) -> Solution:
 
 def _keyframes(frames: int, most: int) -> np.ndarray:
     """Evenly spaced indices, first and last included, at most `most`."""
-    return np.unique(np.linspace(0, frames - 1, min(most, frames)).round().astype(int))
+    return evenly_spaced(frames, most)
 
 
 def _covered(registered: np.ndarray) -> float:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import spearmanr
 
+from ..geometry.arrays import evenly_spaced
 from .bundle import Bundle, BundleConfig, Observations, resect, total_cost, triangulate
 from .mirror import ERROR_SCALE, FEWEST, mirrored, settle
 from .sfm import sightings, solve_rotations
@@ -82,7 +83,7 @@ def solve(seen: TracksOnObject) -> OwnMotion | None:
     """The rigid body that the tracks lie on; None where they do not tell one."""
     focal = float(np.median(seen.focal))
     tracks = (seen.tracks - seen.principal) * (focal / seen.focal)[:, None, None] + seen.principal  # one lens for all
-    frames = np.unique(np.linspace(0, len(tracks) - 1, min(MAX_FRAMES, len(tracks))).round().astype(int))
+    frames = evenly_spaced(len(tracks), MAX_FRAMES)
     every = np.ones(tracks.shape[1], bool)
     _, order = sightings(tracks[frames], seen.visible[frames], every, MAX_POINTS)
     if len(order) < MIN_POINTS or len(frames) < 3:
