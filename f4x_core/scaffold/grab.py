@@ -7,11 +7,11 @@ from ..geometry import pose, quaternion
 ITERATIONS = 100
 """Local and global steps at most; a pull over a few rings of nodes settles in about twenty."""
 SETTLED = 1e-5
-"""It has settled when no node moves by more than this share of the largest displacement in a step."""
-SMALLEST = 1e-9
-"""World units; added to the diagonal so that nodes without any edge keep a place."""
+"""Iterations end when no node moves by more than this fraction of the largest displacement in a step."""
+DIAGONAL = 1e-9
+"""Added to the diagonal of the linear system, so that nodes without any edge keep their place."""
 UPRIGHT = 1e-6
-"""Share of the bars' moment that speaks for no turn: a row of nodes in a line leaves the turn about the line open."""
+"""Fraction of the edges' moment that is added in favour of no turn: nodes on a line leave the turn about that line open."""
 
 
 def within_reach(xyz: np.ndarray, edges: np.ndarray, grabbed: np.ndarray, reach: float) -> np.ndarray:
@@ -49,10 +49,10 @@ def grab(
     laplacian = np.zeros((len(rest), len(rest)))
     np.add.at(laplacian, (both[:, 0], both[:, 0]), 1.0)
     np.add.at(laplacian, (both[:, 0], both[:, 1]), -1.0)
-    inner = laplacian[np.ix_(moves, moves)] + SMALLEST * np.eye(int(moves.sum()))
+    inner = laplacian[np.ix_(moves, moves)] + DIAGONAL * np.eye(int(moves.sum()))
     solve, held = np.linalg.inv(inner), laplacian[np.ix_(moves, ~moves)]
     # Parts that no edge joins to anything held would have no place: they keep theirs, up to the small diagonal.
-    anchor = SMALLEST * rest[moves]
+    anchor = DIAGONAL * rest[moves]
     # The iteration creeps towards a common turn, so it starts from the one that grabbed and standing nodes speak of.
     common = (
         pose.align_similarity(rest[~moves], placed[~moves], with_scale=False)[1] if (~moves).sum() > 2 else np.eye(3)
