@@ -22,7 +22,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold import Scaffold
 from ..f4x_core.scaffold.deformation import node_poses_at
-from ..f4x_core.scaffold.grab import held
+from ..f4x_core.scaffold.grab import add_offset
 from ..f4x_core.scaffold.groups import group_motion, rigid_groups
 from . import session
 from .animation import ActionWriter, rewrite, sample
@@ -121,7 +121,7 @@ def hold(
     for i, item in enumerate(items):
         keyed = sample(item, frames, (PLACE, TURN))
         one = offset[0][i : i + 1], offset[1][i : i + 1]
-        xyz, quat = held(keyed[PLACE][:, None], quaternion.normalize(keyed[TURN])[:, None], one, fraction)
+        xyz, quat = add_offset(keyed[PLACE][:, None], quaternion.normalize(keyed[TURN])[:, None], one, fraction)
         rewrite(item, frames, {PLACE: xyz[:, 0], TURN: quaternion.align_sequence(quat[:, 0])})
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from f4x_core.evaluation.truth import TrueClip
 from f4x_core.fit.believed import MAX_DEGREES, TOLERANCE, Believed
 from f4x_core.geometry import trajectory
+from f4x_core.geometry.arrays import evenly_spaced
 from f4x_core.geometry.camera import Camera, CameraPath
 from f4x_core.priors.synthetic import BACKGROUND_DEPTH, read_passes
 from f4x_core.scene import Scene
@@ -83,7 +84,7 @@ def read_depths(scene: Scene, truth_folder: Path | str, backend: str = "auto") -
     F4xError: no truth there, or that of another clip.
     """
     clip = TrueClip.read(scene, truth_folder)
-    chosen = clip.used[np.unique(np.linspace(0, len(clip.used) - 1, FRAMES + 2).round().astype(int)[1:-1])]
+    chosen = clip.used[evenly_spaced(len(clip.used), FRAMES + 2)[1:-1]]
     frames = []
     for index in chosen:
         passes = read_passes(clip.folder / "truth" / f"{index:05d}.exr")

@@ -24,6 +24,7 @@ from f4x_core.edit.request import Request
 from f4x_core.edit.resolve import Context
 from f4x_core.edit.selects import All, Ids, Moving, Not
 from f4x_core.errors import F4xError
+from f4x_core.geometry.arrays import evenly_spaced
 from f4x_core.geometry.camera import Camera
 from f4x_core.progress import Progress, silent
 from f4x_core.query.chat import LARGEST, ChatServer
@@ -71,7 +72,7 @@ def benchmark(
         filled = [frame for frame, mask in masks.items() if mask.any()]
         if not filled:
             raise F4xError(EMPTY)
-        shown = {filled[i]: masks[filled[i]] for i in np.linspace(0, len(filled) - 1, MEASURED).round().astype(int)}
+        shown = {filled[i]: masks[filled[i]] for i in evenly_spaced(len(filled), MEASURED)}
         first = filled[0]
         views = [
             (scene.cameras[t], float(scene.cameras.times[t]), mask, np.ones_like(mask)) for t, mask in shown.items()

@@ -16,6 +16,7 @@ import numpy as np
 from ..clip.images import as_bytes
 from ..errors import F4xError
 from ..geometry import trajectory
+from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import View
 from ..progress import Progress, silent
 from ..query.chat import ChatServer, picture_part
@@ -141,7 +142,7 @@ def contact_sheet(
 def views_of(scene: Scene) -> list[View]:
     """`MOMENTS` views of the clip's own camera, and the middle one from aside."""
     cameras = scene.cameras
-    chosen = np.unique(np.linspace(0, len(cameras) - 1, MOMENTS + 2).round().astype(int)[1:-1])
+    chosen = evenly_spaced(len(cameras), MOMENTS + 2)[1:-1]
     views = [View(cameras[int(t)], float(cameras.times[t])) for t in chosen]
     middle = views[len(views) // 2].time
     return [*views, trajectory.orbit(cameras, time=middle, degrees=ASIDE, around=middle, count=1)[0]]

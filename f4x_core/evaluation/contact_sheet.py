@@ -8,6 +8,7 @@ from PIL import Image
 from ..clip import Clip
 from ..clip.images import as_bytes
 from ..errors import F4xError
+from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.moments import ABOVE_DEGREES, RIGHT_DEGREES, draw_moments
@@ -40,7 +41,7 @@ def contact_sheet(
             f"{clip.source}: {len(clip)} frames, but the scene has {len(scene.cameras)}; give the scene's own clip."
         )
     used = clip.supervised
-    chosen = used[np.unique(np.linspace(0, len(used) - 1, frames).round().astype(int))]
+    chosen = used[evenly_spaced(len(used), frames)]
     moments = draw_moments(scene, chosen, right, above, backend, progress)
     near, far = depth_range(moment.depth for moment in moments)
     largest = _full_motion([moment.motion for moment in moments])

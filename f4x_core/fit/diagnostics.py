@@ -16,6 +16,7 @@ from PIL import Image
 from .. import page
 from ..clip import Clip
 from ..files import replace_file
+from ..geometry.arrays import evenly_spaced
 from ..priors import STAGES, Priors
 from ..scaffold import Scaffold
 from ..scene import Scene
@@ -85,7 +86,7 @@ def draw_pictures(scene: Scene, metrics: Mapping[str, Any], backend: str = "auto
         for frame in worst_frames(metrics)
     }
     used = np.setdiff1d(np.arange(len(times)), scene.held_out)
-    chosen = used[np.unique(np.linspace(0, len(used) - 1, MOMENTS + 2).round().astype(int)[1:-1])]
+    chosen = used[evenly_spaced(len(used), MOMENTS + 2)[1:-1]]
     return ScenePictures(worst, draw_moments(scene, chosen, backend=backend))
 
 
@@ -111,7 +112,7 @@ def write_diagnostics(
     priors, scaffold = result.priors, result.scene.scaffold
     profile = str(result.scene.provenance.get("config", {}).get("name", SHORT_PROFILE))
     found = findings(priors, scaffold, metrics, clip.picked, profile)
-    shown = np.unique(np.linspace(0, len(priors.frames) - 1, SHOWN_FRAMES).round().astype(int))
+    shown = evenly_spaced(len(priors.frames), SHOWN_FRAMES)
     sections = [
         ("Why the scene is as it is, and what you can supply", _findings(found)),
         ("Geometry", geometry_section(result, ClipGeometry.of(priors, scaffold), pictures.moments)),

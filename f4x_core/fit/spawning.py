@@ -12,6 +12,7 @@ from scipy.ndimage import binary_dilation
 from ..clip import Clip
 from ..gaussians import DynamicGaussians, SpawnConfig, Spawned, StaticGaussians, spawn_dynamic, spawn_static
 from ..gaussians.spawn import coarse_to_fine, cover, spawn_that_fits
+from ..geometry.arrays import evenly_spaced
 from ..priors import Priors
 from ..progress import Progress
 from .config import FitConfig
@@ -28,7 +29,7 @@ Explained = Mapping[int, np.ndarray]
 def spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:
     """Indices into F of the frames from which the static set is spawned."""
     count = min(config.spawn_static.frames, len(priors.frames))
-    return np.unique(np.linspace(0, len(priors.frames) - 1, count).round().astype(int))
+    return evenly_spaced(len(priors.frames), count)
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Spawner:
         assert self.priors.mask is not None and model.nodes is not None
         with_motion = np.flatnonzero(self.priors.mask.reshape(len(self.priors.mask), -1).any(1))
         count = min(self.config.spawn_dynamic.frames, len(with_motion))
-        chosen = with_motion[np.unique(np.linspace(0, len(with_motion) - 1, count).round().astype(int))]
+        chosen = with_motion[evenly_spaced(len(with_motion), count)]
 
         def cover_all(spawn: SpawnConfig) -> DynamicGaussians:
             rng, parts = np.random.default_rng(self.config.seed), []

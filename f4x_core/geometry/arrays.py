@@ -27,6 +27,14 @@ def like(constant: np.ndarray, reference: Array) -> Array:
     return xp.as_tensor(constant, dtype=dtype, device=reference.device)
 
 
+def evenly_spaced(length: int, count: int) -> np.ndarray:
+    """Return at most `count` distinct indices (K,) int64, ascending and spread evenly over 0..length-1, both ends included.
+
+    All indices when `count` is at least `length`; only index 0 when `count` is 1.
+    """
+    return np.unique(np.linspace(0, length - 1, min(count, length)).round().astype(np.int64))
+
+
 def cross(a: Array, b: Array) -> Array:
     """Cross product over the last axis, `(..., 3)` with broadcasting (the two libraries disagree on theirs)."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]

@@ -28,12 +28,6 @@ def frozen(path: CameraPath, time: float) -> Trajectory:
     return [View(path[i], float(time)) for i in range(len(path))]
 
 
-def freeze_camera(path: CameraPath, time: float) -> Trajectory:
-    """Return a tripod: the camera stands where it was at `time` while the scene plays."""
-    camera = path.at(time)
-    return [View(camera, float(moment)) for moment in path.times]
-
-
 def orbit(
     path: CameraPath,
     time: float | None = None,

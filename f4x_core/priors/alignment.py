@@ -16,12 +16,12 @@ ANCHOR_FRAMES = 16
 """Frames that one anchor serves: over more, views differ too much."""
 ITERATIONS, STEP_PX = 12, 0.005
 """Most Gauss-Newton steps, and the step at which they end."""
-MOST_CORRECTION_PX, CORRECTION_GROWTH = 0.5, 0.1
-"""A correction larger than this, plus so much per frame from the anchor, is another place that looks alike."""
-MOST_DIFFERENCE = 12.0
-"""Mean difference of grey levels (of 255) over the patch above which it is not the same view."""
-LEAST_EIGENVALUE = 2e-4
-"""Of the patch's gradient matrix (OpenCV's unit): with less texture than this nothing is aligned."""
+MAX_CORRECTION_PX, CORRECTION_GROWTH = 0.5, 0.1
+"""Largest correction in pixels, and what it grows by per frame from the anchor; a larger one has matched another, similar place."""
+MAX_DIFFERENCE = 12.0
+"""Largest mean difference of grey levels (of 255) between two patches that show the same place."""
+MIN_EIGENVALUE = 2e-4
+"""Smallest eigenvalue of the patch's gradient matrix (OpenCV's unit); patches with less texture are not aligned."""
 
 
 def align_tracks(tracks: np.ndarray, visible: np.ndarray, pictures: np.ndarray) -> np.ndarray:
@@ -64,9 +64,9 @@ def _aligned(there: np.ndarray, here: np.ndarray, anchor: np.ndarray, guess: np.
         maxLevel=0,
         criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, ITERATIONS, STEP_PX),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        minEigThreshold=LEAST_EIGENVALUE,
+        minEigThreshold=MIN_EIGENVALUE,
     )
     place = found[:, 0] + offset
-    far = np.linalg.norm(place - guess, axis=1) > MOST_CORRECTION_PX + CORRECTION_GROWTH * gap
-    good = (status[:, 0] > 0) & (difference[:, 0] < MOST_DIFFERENCE) & ~far
+    far = np.linalg.norm(place - guess, axis=1) > MAX_CORRECTION_PX + CORRECTION_GROWTH * gap
+    good = (status[:, 0] > 0) & (difference[:, 0] < MAX_DIFFERENCE) & ~far
     return np.where(good[:, None], place, guess)

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry import quaternion
+from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import CameraPath
 from ..progress import Progress
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
@@ -39,7 +40,7 @@ from .sfm import (
     solve_with_tracks,
     subset,
 )
-from .zoom import LARGEST_GAIN, Zoom, find_zoom, mean_cost, zoomed
+from .zoom import MIN_COST_LEFT_BY_MOVING, Zoom, find_zoom, mean_cost, zoomed
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -49,9 +50,9 @@ STATIC_PX = 0.5
 """A clip is static when no pair of frames shifts its static tracks by this much (median over the tracks)."""
 SAMPLED_POINTS, SAMPLED_FRAMES = 500, 24
 """Points and frames on which solutions are compared: 500 x 24 take two seconds, and find what 2,000 x 90 find."""
-FEWEST_SAMPLED, FEWEST_HOLDING, MOST_SAMPLED_FRAMES = 200, 150, 96
-"""Where fewer points than the first are seen in three of the sampled frames, or one of these sees fewer of them than the second,
-as in a sweep (86 to 142 on three real clips, 258 and more on the others), more frames are sampled, up to so many."""
+MIN_SAMPLED_POINTS, MIN_POINTS_PER_FRAME, MAX_SAMPLED_FRAMES = 200, 150, 96
+"""More frames are sampled, up to `MAX_SAMPLED_FRAMES`, where fewer than `MIN_SAMPLED_POINTS` points are seen in three of them or
+one of them sees fewer than `MIN_POINTS_PER_FRAME`, as in a sweep (86 to 142 on three real clips, 258 and more on the others)."""
 TRANSLATION_GAIN = 0.1
 """A camera moves when that lowers the squared error of one that only turns by this fraction, beyond what its unknowns win
 on noise."""
@@ -67,19 +68,19 @@ STATIC_MOTION = 0.5
 
 MIN_REGISTERED = 0.9
 MAX_ERROR_PX = 1.5
-"""A solution is accepted with this share of frames and this reprojection error."""
+"""A solution is accepted with at least this fraction of the frames and at most this reprojection error."""
 ADJUSTED_TRACKS = 2000
 """Most tracks in the final adjustment; more cost time and hold the cameras no better."""
 TRACK_WEIGHT = 0.2
 """Weight of a track's sighting against a matched feature's: chained flow drifts, and its errors are shared over time."""
-LEAST_LINKED = 0.5
+MIN_LINKED = 0.5
 """Neighbouring frames that share a smaller fraction of their static tracks are not linked by them: then pictures are matched.
 Frames of the real clips share .8 and more, those whose flow is lost .08."""
-LEAST_HELD = 0.1
-"""With a smaller fraction of the static tracks on texture that flow can hold on to (`flow.texture` of one half, median over a
-track's sightings), they drift with what moves beside them: 3 % in a sky behind a mover, 56 % and more in the real clips."""
+MIN_TEXTURED = 0.1
+"""With a smaller fraction of the static tracks on enough texture for flow (`flow.texture` of one half, median over a track's
+sightings) the tracks drift with moving objects beside them: 3 % in a sky behind a mover, 56 % and more in the real clips."""
 MIN_TRACKS = 12
-"""With fewer static tracks than this nothing can be said about the camera."""
+"""With fewer static tracks than this the motion of the camera cannot be determined."""
 
 
 def provide(
@@ -152,7 +153,7 @@ def _why_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np
         held[frame, seen] = sample(texture(picture), tracks[frame, static][seen])
     known = visible[:, static].any(0)
     on_texture = np.nanmedian(held[:, known], axis=0) > 0.5
-    if known.any() and on_texture.mean() < LEAST_HELD:
+    if known.any() and on_texture.mean() < MIN_TEXTURED:
         return "what stands still has almost no texture to follow"
     return ""
 
@@ -210,7 +211,7 @@ def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, mo
 
     `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. NaN when no two frames share enough tracks.
     """
-    frames = np.unique(np.linspace(0, len(tracks) - 1, min(most, len(tracks))).round().astype(int))
+    frames = evenly_spaced(len(tracks), most)
     shifts = [np.nan]
     for a, i in enumerate(frames):
         for j in frames[a + 1 :]:
@@ -224,7 +225,7 @@ def linked(visible: np.ndarray) -> bool:
     """Whether all neighbouring frames share enough of the tracks `visible (F, N)` to tell how the camera turned between them."""
     shared = (visible[1:] & visible[:-1]).sum(1)
     fewer = np.minimum(visible[1:].sum(1), visible[:-1].sum(1))
-    return bool((shared >= np.maximum(MIN_TRACKS, LEAST_LINKED * fewer)).all())
+    return bool((shared >= np.maximum(MIN_TRACKS, MIN_LINKED * fewer)).all())
 
 
 def complete(
@@ -336,7 +337,7 @@ def _outdone(zoom: Zoom, moved: Solution) -> bool:
     """Whether a moving camera explains far more than the zoom."""
     sample, _ = _sampled(moved)
     unknowns = 6 * len(sample.bundle.center) + 3 * len(sample.bundle.points)
-    return mean_cost(sample.bundle, sample.observations, unknowns) < LARGEST_GAIN * zoom.cost
+    return mean_cost(sample.bundle, sample.observations, unknowns) < MIN_COST_LEFT_BY_MOVING * zoom.cost
 
 
 def _pan(job: _Job, turning: Solution, focal: float, zoom: Zoom | None = None) -> Solution:
@@ -363,8 +364,8 @@ def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
     while True:
         sample, kept = subset(solution, SAMPLED_POINTS, frames)
         holding = np.bincount(sample.observations.frame, minlength=len(kept))
-        enough = len(sample.bundle.points) >= FEWEST_SAMPLED and (holding >= FEWEST_HOLDING).all()
-        if enough or len(kept) == solution.registered.sum() or frames >= MOST_SAMPLED_FRAMES:
+        enough = len(sample.bundle.points) >= MIN_SAMPLED_POINTS and (holding >= MIN_POINTS_PER_FRAME).all()
+        if enough or len(kept) == solution.registered.sum() or frames >= MAX_SAMPLED_FRAMES:
             return sample, kept
         frames *= 2
 
@@ -502,7 +503,7 @@ def _still(frames: int, focal: float, principal: np.ndarray) -> Solution:
 
 def _keyframes(frames: int, most: int) -> np.ndarray:
     """Evenly spaced indices, first and last included, at most `most`."""
-    return np.unique(np.linspace(0, frames - 1, min(most, frames)).round().astype(int))
+    return evenly_spaced(frames, most)
 
 
 def _covered(registered: np.ndarray) -> float:

@@ -28,10 +28,10 @@ FEATURELESS = 4.0
 """Grey-level gradient (standard deviation over 7 px) at which flow is trusted half."""
 GRAIN = 2.5
 """Pixels over which grey levels change by their standard deviation: what makes of a slope a spread that `FEATURELESS` is about."""
-LEAST_CONSISTENT = 0.85
+MIN_CONSISTENT = 0.85
 """With a smaller consistent fraction of its pixels a pair of pictures is looked at once more. Ordinary pairs of the real clips have
 .88 and more, pairs of fast pans .3 to .8."""
-FEATURES, FEATURE_RATIO, LEAST_MATCHES = 2000, 0.8, 20
+FEATURES, FEATURE_RATIO, MIN_MATCHES = 2000, 0.8, 20
 """SIFT features per picture, Lowe's ratio, and inliers that a homography between two pictures needs."""
 EXPLAINED_WINDOW = 7
 """Side in pixels of the window in which two flows are compared."""
@@ -212,7 +212,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
         pair = pictures[i], pictures[i + 1]
         there, back = flow(*pair), flow(*pair[::-1])
         masks[0, i], masks[1, i] = consistent(there, back), consistent(back, there)
-        if masks[:, i].mean() < LEAST_CONSISTENT:
+        if masks[:, i].mean() < MIN_CONSISTENT:
             there, back = _after_homography(*pair, flow, there, back)
             masks[0, i], masks[1, i] = consistent(there, back), consistent(back, there)
         forward[i], backward[i] = there, back
@@ -240,17 +240,17 @@ def _homography(first: np.ndarray, second: np.ndarray) -> np.ndarray | None:
 
     sift = cv2.SIFT.create(FEATURES)
     (points, words), (others, other_words) = (sift.detectAndCompute(picture, None) for picture in (first, second))
-    if words is None or other_words is None or min(len(words), len(other_words)) < LEAST_MATCHES:
+    if words is None or other_words is None or min(len(words), len(other_words)) < MIN_MATCHES:
         return None
     nearest = cv2.BFMatcher().knnMatch(words, other_words, k=2)
     sure = [two[0] for two in nearest if len(two) == 2 and two[0].distance < FEATURE_RATIO * two[1].distance]
-    if len(sure) < LEAST_MATCHES:
+    if len(sure) < MIN_MATCHES:
         return None
     cv2.setRNGSeed(0)  # the same pictures give the same flow
     here = np.array([points[match.queryIdx].pt for match in sure], np.float32)
     seen = np.array([others[match.trainIdx].pt for match in sure], np.float32)
     homography, inlier = cv2.findHomography(here, seen, cv2.USAC_MAGSAC, 2.0)
-    return None if homography is None or inlier.sum() < LEAST_MATCHES else homography
+    return None if homography is None or inlier.sum() < MIN_MATCHES else homography
 
 
 def _beyond(first: np.ndarray, second: np.ndarray, homography: np.ndarray, flow: Flow) -> np.ndarray:

@@ -53,8 +53,8 @@ NEIGHBOUR_PX, APPROACH_PX = 20.0, 0.1
 """How far away, in a picture 480 wide, a track may be that hides another, and how fast they must approach per frame."""
 RIM_PX = 10.0
 """Tracks that end within so many pixels (480 wide) of the rim or of a mover do so for reasons of their own."""
-FEWEST = 20
-"""Fewer points or events than this say nothing."""
+MIN_SAMPLES = 20
+"""Fewer points or events than this decide nothing."""
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,7 @@ def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
     found = []
     for frame in range(len(bundle.center)):
         seen = (observations.frame == frame) & (z > 0)
-        if seen.sum() >= FEWEST:
+        if seen.sum() >= MIN_SAMPLES:
             found.append(_rank_correlation(observations.uv[seen, 1], 1 / z[seen]))
     order = float(np.mean(found)) if found else np.nan
     return order * (1 + LOWER_CLEAR * order**2)
@@ -277,14 +277,14 @@ def _movers_in_front(dense: _Dense, witnesses: Witnesses) -> float:
 def _tracks_end_behind(first: _Dense, second: _Dense, witnesses: Witnesses) -> list[Evidence]:
     """Tracks that end inside the picture while a neighbour approaches them: the neighbour is nearer."""
     pairs = _endings(witnesses)
-    if len(pairs) < FEWEST:
+    if len(pairs) < MIN_SAMPLES:
         return []
     frame, ending, neighbour = pairs.T
     scores, words = [], []
     for dense in (first, second):
         difference = dense.inverse[frame, neighbour] - dense.inverse[frame, ending]
         votes = np.sign(difference[np.isfinite(difference)])
-        if len(votes) < FEWEST:
+        if len(votes) < MIN_SAMPLES:
             return []
         scores.append(float(votes.sum() / np.sqrt(len(votes) * SHARED_FATE)))
         words.append(f"{np.mean(votes > 0):.0%}")
@@ -352,7 +352,7 @@ def _agrees_with_prior(dense: _Dense, witnesses: Witnesses) -> float:
         column, row = np.clip(witnesses.tracks[frame, known], 0, np.array([width, height]) - 1).astype(int).T
         prior = witnesses.depth[frame, row, column]
         good = prior > 0
-        if good.sum() >= FEWEST:
+        if good.sum() >= MIN_SAMPLES:
             found.append(_rank_correlation(dense.inverse[frame, known][good], 1 / prior[good]))
     return float(np.mean(found)) if found else np.nan
 

@@ -39,9 +39,9 @@ NOISE_SCALE, NOISE_PIXELS = 3.0, (1.0, 3.0)
 DOUBT = 0.05
 """Weight of flow that failed the forward-backward test: it counts only where nothing better is known."""
 BORDER = 0.1
-"""Width of the border used for camera and parallax tests, as a share of the picture's."""
-PARALLAX_SHARE = 0.15
-"""Share of the border that parallax must explain (and the homography not) before parallax is forgiven everywhere."""
+"""Width of the border used for camera and parallax tests, as a fraction of the image width."""
+PARALLAX_FRACTION = 0.15
+"""Fraction of the border that parallax must explain, and the homography not, before parallax counts as static everywhere."""
 PARALLAX_EVERY = 4
 """Every so many-th frame shows whether there is parallax to forgive."""
 PARALLAX_PIXELS, PARALLAX_HYPOTHESES, PARALLAX_ITERATIONS = 0.7, 60, 8
@@ -65,12 +65,12 @@ CUT_SCALE, CUT_ROUNDS, CUT_MARGIN = 2, 2, 12
 """GrabCut works at half size, for two rounds, this many (small) pixels around the region."""
 AGREEMENT = 0.4
 """Weighted share of the masks of five neighbouring frames, carried along the flow, that makes a pixel foreground."""
-SMALLEST_SHARE = 0.001
-"""Regions and whole masks smaller than this share of the picture are noise."""
+MIN_AREA_FRACTION = 0.001
+"""Regions and whole masks smaller than this fraction of the image are noise."""
 STATIC_TRACK = 0.5
 """`tracks_motion` above which a track of the uniform pass is replaced by tracks that know the mask."""
-DYNAMIC_SHARE = 0.6
-"""Most of `TracksConfig.count` that tracks on moving objects may take."""
+MAX_DYNAMIC_FRACTION = 0.6
+"""Largest fraction of `TracksConfig.count` that tracks on moving objects may take."""
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
@@ -156,14 +156,14 @@ def motion_score(
         "border_unexplained": float(unexplained.mean()),
         "border_parallax": 0.0,
     }
-    if not static and statistics["border_unexplained"] > PARALLAX_SHARE:
+    if not static and statistics["border_unexplained"] > PARALLAX_FRACTION:
         some = np.arange(0, frames, PARALLAX_EVERY)
         forgiven = _score(_left_by_parallax(some, residual, trust, points, unit), trust[some], unit)
         statistics["border_parallax"] = float((unexplained[some] & (forgiven[:, edge] < 0.25)).mean())
-        if statistics["border_parallax"] > PARALLAX_SHARE:
+        if statistics["border_parallax"] > PARALLAX_FRACTION:
             every = np.arange(frames)
             score = np.sqrt(score * _score(_left_by_parallax(every, residual, trust, points, unit), trust, unit))
-    statistics["parallax"] = statistics["border_parallax"] > PARALLAX_SHARE
+    statistics["parallax"] = statistics["border_parallax"] > PARALLAX_FRACTION
     contrast = max(float(pictures[:, ::STEP, ::STEP].std((0, 1, 2)).mean()), 1.0)
     score = score.reshape(frames, rows, columns)
     score = score * _evidence(missed.reshape(frames, -1, rows, columns), EVIDENCE_CONTRAST * contrast)
@@ -312,7 +312,7 @@ def cut_out(frames: np.ndarray, score: np.ndarray, threshold: float) -> np.ndarr
     Empty when next to nothing is left. frames: (F,H,W,3) uint8.
     """
     mask = np.stack([_without_specks(one > threshold) for one in score])
-    if mask.mean() < SMALLEST_SHARE:
+    if mask.mean() < MIN_AREA_FRACTION:
         return np.zeros_like(mask)
     return np.stack([_cut(*one, threshold) for one in zip(frames, score, mask, strict=True)])
 
@@ -324,7 +324,7 @@ def _without_specks(mask: np.ndarray) -> np.ndarray:
     ellipse = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     closed = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, ellipse)
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(closed)
-    return (statistics[:, cv2.CC_STAT_AREA] >= SMALLEST_SHARE * mask.size)[labels] & (labels > 0)
+    return (statistics[:, cv2.CC_STAT_AREA] >= MIN_AREA_FRACTION * mask.size)[labels] & (labels > 0)
 
 
 def _cut(frame: np.ndarray, score: np.ndarray, mask: np.ndarray, threshold: float) -> np.ndarray:
@@ -392,7 +392,7 @@ def _densify(
         pictures, gap = grey(clip.frames[clip.supervised]), config.tracks.relink_gap
         dense, seen, joins = relink(dense, seen, pictures, gap)
         dense, seen, continued = continue_lost(dense, seen, pictures, gap)
-    dense, seen = thinned(dense, seen, int(DYNAMIC_SHARE * config.tracks.count))
+    dense, seen = thinned(dense, seen, int(MAX_DYNAMIC_FRACTION * config.tracks.count))
     background = thinned(
         priors.tracks[:, static], priors.tracks_visible[:, static], config.tracks.count - dense.shape[1]
     )

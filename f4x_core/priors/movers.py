@@ -31,7 +31,7 @@ BODY_CONFIDENCE = 0.9
 """Confidence of a rigid body's depth: its shape is measured, its distance hangs on contact."""
 MOSTLY = 0.6
 """A track belongs to the region that holds this fraction of its visible samples."""
-MAX_BODIES, FEWEST_POINTS = 4, 6
+MAX_BODIES, MIN_FRAME_POINTS = 4, 6
 """Rigid bodies looked for in one region, and points that a frame needs to show a body's shape."""
 UNANIMOUS, KNOWN = 0.9, 0.2
 """A piece of the mask belongs to the thing that the first fraction of its known tracks belong to; with fewer known ones
@@ -43,26 +43,28 @@ NEIGHBOURS, APART = 6, 0.8
 SMOOTH_PX, MAX_KNOTS, GRID_PX = 2.0, 200, 4
 """Smoothing of inverse depth between a body's points (that of the linear kernel, pixels), how many of them are used per
 frame, and the grid on which it is evaluated."""
-NO_CONTACT, MOST_FRAMES = 0.05, 0.25
-"""Trust in the surroundings of what touches no ground; with contact in fewer frames than this fraction size decides."""
+NO_CONTACT, MIN_CONTACT_FRAMES = 0.05, 0.25
+"""Weight of the surroundings' depth for a body without ground contact; fraction of frames with contact below which the body's
+size gives its distance."""
 STANDING = 0.7
 """Quantile over the frames of a body's contacts that gives its distance: above the middle, as it may hop, never sink in."""
 TOUCHING = 0.98
 """Quantile of the ratios along the lower edge at which a region touches the ground: columns beyond are noise."""
-GROUND_SHARE, GROUND_NOISE = 0.2, 0.03
-"""How far below a moving region its ground is fitted (picture heights), and how flat ground is (relative inverse depth)."""
+GROUND_FRACTION, GROUND_NOISE = 0.2, 0.03
+"""How far below a moving region the ground is fitted (fraction of the image height), and how uneven ground may be (relative
+inverse depth)."""
 TURN_LIMIT, TURNS, TURN_COST = 1.5, 31, 0.05
 """Largest turn of a region against the view (relative inverse depth over the picture's width), how many are tried, and the
 share of touching columns that a turn of 1 must win."""
 HOVERING = 0.03
 """Say of a contact behind the object's depth: what jumps or flies is seen in front of farther ground, never behind nearer."""
-SMALLEST_CONTACT = 8
+MIN_CONTACT_PIXELS = 8
 """With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
 TILT_FRAMES, TILT_RANGE = 3.0, (0.5, 2.0)
 """Frames over which the turn of a region is smoothed, and the bounds of what it may do to the inverse depth."""
 SIZE_NOISE, CONTACT_NOISE = 0.02, 0.05
 """Relative errors of the frame-to-frame size change and of one contact depth, used to smooth an object's depth."""
-SMALLEST_OBJECT = 30
+MIN_OBJECT_PIXELS = 30
 """Moving regions with fewer pixels per frame than this follow the static depth around them."""
 
 
@@ -111,7 +113,7 @@ def place_objects(
     for number, region in enumerate(ndimage.find_objects(labels), start=1):
         masks = labels[region[0]] == number
         seen = masks.any((1, 2))
-        if masks.sum() < SMALLEST_OBJECT * seen.sum():
+        if masks.sum() < MIN_OBJECT_PIXELS * seen.sum():
             continue
         frames = region[0].start + np.flatnonzero(seen)
         tracks = np.flatnonzero(_mostly(on_mover == number, priors))
@@ -275,7 +277,7 @@ def _place_card(mover: _Mover, maps: _Maps, priors: Priors) -> str:
         maps.inverse[f][y, x] = value * np.clip(1 + slope * (x - x.mean()), *TILT_RANGE)
         maps.confidence[f][y, x] = MOVING_CONFIDENCE * sure if priors.camera_kind == "moving" else GUESS_CONFIDENCE
     stands = (trust > NO_CONTACT).mean()
-    return "surroundings" if stands == 0 else "ground contact" if stands >= MOST_FRAMES else "size"
+    return "surroundings" if stands == 0 else "ground contact" if stands >= MIN_CONTACT_FRAMES else "size"
 
 
 def _place_body(mover: _Mover, maps: _Maps, priors: Priors) -> str:
@@ -303,7 +305,7 @@ def _relative_inverse(mover: _Mover, priors: Priors) -> list[np.ndarray]:
     """Inverse depth of the body's pixels per frame (rows of the mask ascending), from its points seen there, in its unit."""
     assert priors.tracks is not None and priors.tracks_visible is not None and mover.motion is not None
     seen = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)] & np.isfinite(mover.motion.z)
-    known = seen.sum(1) >= FEWEST_POINTS
+    known = seen.sum(1) >= MIN_FRAME_POINTS
     level = np.array([np.median(1 / z[s]) if s.any() else np.nan for z, s in zip(mover.motion.z, seen, strict=True)])
     rows = np.arange(len(level))
     level = np.exp(np.interp(rows, rows[known], np.log(level[known])))
@@ -389,10 +391,10 @@ def _ground_edge(
     columns = np.flatnonzero(own.any(0))
     bottom = height - 1 - np.argmax(own[::-1], axis=0)[columns]
     rows = np.arange(height)[:, None]
-    lowest = int(bottom.max()) + MOVING_MARGIN + round(GROUND_SHARE * height)
+    lowest = int(bottom.max()) + MOVING_MARGIN + round(GROUND_FRACTION * height)
     ground = (rows > bottom + MOVING_MARGIN) & (rows <= lowest) & ~moving[:, columns]
     y, which = np.nonzero(ground)
-    if len(y) < SMALLEST_CONTACT:
+    if len(y) < MIN_CONTACT_PIXELS:
         return None
     run = columns - np.nonzero(own)[1].mean()  # (n,)
     values = inverse[y, columns[which]].astype(np.float64)
@@ -441,7 +443,7 @@ def _growth(priors: Priors, frame: int, own: np.ndarray) -> float:
     if priors.flow_forward is None or priors.flow_forward_mask is None:
         return float("nan")
     y, x = np.nonzero(own & priors.flow_forward_mask[frame])
-    if len(x) < SMALLEST_OBJECT:
+    if len(x) < MIN_OBJECT_PIXELS:
         return float("nan")
     here = np.stack([x + 0.5, y + 0.5], 1)
     there = here + priors.flow_forward[frame][y, x].astype(np.float64)

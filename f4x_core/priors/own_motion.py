@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import spearmanr
 
+from ..geometry.arrays import evenly_spaced
 from .bundle import Bundle, BundleConfig, Observations, resect, total_cost, triangulate
-from .mirror import ERROR_SCALE, FEWEST, mirrored, settle
+from .mirror import ERROR_SCALE, MIN_SAMPLES, mirrored, settle
 from .sfm import sightings, solve_rotations
 
 MAX_POINTS, MAX_FRAMES = 300, 24
@@ -82,7 +83,7 @@ def solve(seen: TracksOnObject) -> OwnMotion | None:
     """The rigid body that the tracks lie on; None where they do not tell one."""
     focal = float(np.median(seen.focal))
     tracks = (seen.tracks - seen.principal) * (focal / seen.focal)[:, None, None] + seen.principal  # one lens for all
-    frames = np.unique(np.linspace(0, len(tracks) - 1, min(MAX_FRAMES, len(tracks))).round().astype(int))
+    frames = evenly_spaced(len(tracks), MAX_FRAMES)
     every = np.ones(tracks.shape[1], bool)
     _, order = sightings(tracks[frames], seen.visible[frames], every, MAX_POINTS)
     if len(order) < MIN_POINTS or len(frames) < 3:
@@ -130,7 +131,7 @@ def _relief(bundle: Bundle, observations: Observations) -> float:
     local, found = bundle.local(observations), []
     for frame in range(len(bundle.center)):
         here = local[observations.frame == frame]
-        if len(here) >= FEWEST // 2:
+        if len(here) >= MIN_SAMPLES // 2:
             width, height = np.subtract(*np.percentile(here[:, :2] / here[:, 2:], (84, 16), axis=0))
             depth = np.subtract(*np.percentile(here[:, 2], (84, 16))) / np.median(here[:, 2])
             found.append(depth / max(np.sqrt(width * height), 1e-9))
@@ -143,7 +144,7 @@ def _bulge(bundle: Bundle, observations: Observations, from_outline: np.ndarray)
     distance = np.minimum(from_outline[observations.frame, observations.point], OUTLINE_PX)
     for frame in range(len(bundle.center)):
         here = (observations.frame == frame) & (z > 0)
-        if here.sum() >= FEWEST and np.ptp(distance[here]) > 0:
+        if here.sum() >= MIN_SAMPLES and np.ptp(distance[here]) > 0:
             found.append(spearmanr(1 / z[here], distance[here])[0])
     return float(np.mean(found)) if found else 0.0
 

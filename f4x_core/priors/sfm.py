@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..geometry import pose, quaternion
+from ..geometry.arrays import evenly_spaced
 from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, rays, resect, triangulate
 from .tracks import best_rank
 
@@ -321,7 +322,7 @@ def _on_sphere(bundle: Bundle, observations: Observations) -> Bundle:
 def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.ndarray]:
     """A smaller problem with the same geometry, and its frames: evenly spaced registered ones, and points that hold them all."""
     registered = np.flatnonzero(solution.registered)
-    kept = registered[np.unique(np.linspace(0, len(registered) - 1, min(frames, len(registered))).round().astype(int))]
+    kept = registered[evenly_spaced(len(registered), frames)]
     finite = np.isfinite(solution.bundle.points).all(1)
     seen = solution.observations.keep(np.isin(solution.observations.frame, kept) & finite[solution.observations.point])
     often = np.bincount(seen.point, minlength=len(finite)) >= 3

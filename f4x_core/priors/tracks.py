@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from ..clip import Clip
     from .folder import Priors
 
-RETURN_PIXELS, RETURN_SHARE = 1.0, 0.05
-"""A step is believed when going there and back ends within max(1 px, 5 % of the step) of the start."""
+RETURN_PIXELS, RETURN_FRACTION = 1.0, 0.05
+"""A step of flow is accepted when going there and back ends within max(1 px, 5 % of the step) of the start."""
 OBJECT_SIGMA = 1.5
 """Gaussian (pixels) that carries an object's flow over its silhouette, where the raw flow mixes with the background."""
 LOST = 1e3
@@ -33,8 +33,8 @@ LOOK_ALIKE = 0.8
 """Normalised cross-correlation that two patches need to be linked."""
 NEIGHBOURS = 8
 """Tracks whose common motion predicts where a hidden point is."""
-FEWEST_GUIDES, ALIKE = 3, 0.25
-"""Guides needed; a guide moved like the lost point when their last steps differ by less than 1 px or a quarter."""
+MIN_GUIDES, ALIKE = 3, 0.25
+"""Guides needed to follow a lost point; a guide moves like it when their last steps differ by less than 1 px or a quarter."""
 LINK_RADIUS = 6.0
 """Distance in pixels between prediction and a later track, plus half a pixel per hidden frame."""
 AWAY = 3
@@ -95,7 +95,7 @@ def track_points(
                 there = here + step
                 error = length(step + sample(used[-sign * gap][t], there))
                 believed = visible[source, points] & inside(there, height, width)
-                believed &= error < np.maximum(RETURN_PIXELS, RETURN_SHARE * length(step))
+                believed &= error < np.maximum(RETURN_PIXELS, RETURN_FRACTION * length(step))
                 total = drift[source, points] + error + np.where(believed, 0, LOST)
                 better = total < best[reach]
                 chosen, points = reach[better], points[better]
@@ -313,7 +313,7 @@ def _seen_again(
     good = np.nonzero(length(returned - start) <= RETURN_RADIUS)[0]
     confirmed = np.full((len(lost), 2), np.nan)
     points = np.concatenate([lost[good], guides])
-    if len(points) <= FEWEST_GUIDES:
+    if len(points) <= MIN_GUIDES:
         return confirmed
     shift = np.concatenate([places[good], tracks[t, guides]]) - tracks[before, points]
     distance, near = cKDTree(tracks[before, points]).query(
@@ -323,7 +323,7 @@ def _seen_again(
     near_shift = shift[np.minimum(near, len(points) - 1)]
     alike = (length(near_shift - shift[: len(good), None]) <= GROUP_PIXELS) & np.isfinite(distance)
     count = np.isfinite(distance).sum(1)
-    kept = good[(count >= FEWEST_GUIDES) & (2 * alike.sum(1) >= count)]
+    kept = good[(count >= MIN_GUIDES) & (2 * alike.sum(1) >= count)]
     confirmed[kept] = places[kept]
     return confirmed
 
@@ -357,13 +357,13 @@ def _expected(
 ) -> np.ndarray:
     """(L,2) where lost points should be at `begin`: moved like the near guides that moved like them so far.
 
-    A point with fewer than `FEWEST_GUIDES` of those goes on at its own speed.
+    A point with fewer than `MIN_GUIDES` of those goes on at its own speed.
     """
     from scipy.spatial import cKDTree
 
     own = tracks[end, lost] - tracks[before, lost]  # (L,2)
     straight = tracks[end, lost] + own * (begin - end) / max(end - before, 1)
-    if len(guides) < FEWEST_GUIDES:
+    if len(guides) < MIN_GUIDES:
         return straight
     near = cKDTree(tracks[end, guides]).query(tracks[end, lost], k=min(3 * NEIGHBOURS, len(guides)))[1]  # (L,n)
     unlike = length((tracks[end, guides] - tracks[before, guides])[near] - own[:, None])
@@ -372,7 +372,7 @@ def _expected(
     shift = (tracks[begin, guides] - tracks[end, guides])[np.take_along_axis(near, order, 1)]  # (L,8,2)
     alike = np.isfinite(np.take_along_axis(unlike, order, 1))  # (L,8)
     shift = np.where(alike[..., None], shift, np.nan)
-    enough = alike.sum(1) >= FEWEST_GUIDES
+    enough = alike.sum(1) >= MIN_GUIDES
     straight[enough] = tracks[end, lost[enough]] + np.nanmedian(shift[enough], axis=1)
     return straight
 

@@ -17,14 +17,14 @@ from .bundle import Bundle, BundleConfig, Observations, adjust
 from .mirror import settle
 from .sfm import Solution, refocused
 
-LARGEST_LEFT = 0.4
-"""A zoom leaves at most this fraction of the cost that turning alone leaves: 0.08 to 0.17 in clips that were made to zoom, 0.82
-to 0.99 in the choosing half of the real clips, none of which does."""
-LARGEST_GAIN = 0.5
-"""... and a moving camera leaves no less than this fraction of what turning and zooming leave: 0.81 and 0.89, against 0.16 to
-0.62."""
-LEAST_FACTOR = 1.05
-"""A lens that changes by less breathes while it focuses, and is taken to be constant."""
+MAX_COST_LEFT_BY_ZOOM = 0.4
+"""A lens zooms when turning and zooming leave at most this fraction of the cost that turning alone leaves: 0.08 to 0.17 in
+clips made to zoom, 0.82 to 0.99 in the choosing half of the real clips, none of which does."""
+MIN_COST_LEFT_BY_MOVING = 0.5
+"""... and when a moving camera leaves at least this fraction of the cost that turning and zooming leave: 0.81 and 0.89, against
+0.16 to 0.62 where the camera moves."""
+MIN_FACTOR = 1.05
+"""Smallest ratio of focal lengths that counts as a zoom: a smaller change comes from focusing, and the lens is held constant."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Zoom:
     @property
     def explains(self) -> bool:
         """Whether it explains most of what turning alone does not."""
-        return self.factor >= LEAST_FACTOR and self.left <= LARGEST_LEFT
+        return self.factor >= MIN_FACTOR and self.left <= MAX_COST_LEFT_BY_ZOOM
 
     def summary(self, bundle: Bundle, width: int) -> dict[str, Any]:
         """Plain values for the statistics of the priors; `bundle` is the solution of all frames."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..scene import Scene
 from .blend_weights import lift_masks
@@ -32,7 +33,7 @@ def leakage(
     times = scene.cameras.times
     if masks is None:
         own: dict[int, np.ndarray] = {}
-        for frame in np.unique(np.linspace(0, len(times) - 1, VIEWS).round().astype(int)):
+        for frame in evenly_spaced(len(times), VIEWS):
             picture = share_picture(scene, selection, scene.cameras[frame], float(times[frame]), backend) > 0.5
             own[int(frame)] = largest_region(picture)
         masks = own

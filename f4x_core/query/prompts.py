@@ -12,6 +12,7 @@ from ..clip.images import resize_nearest
 from ..errors import F4xError
 from ..features.models.prompt import check_frame, check_prompt
 from ..geometry import spherical_harmonics
+from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
 from ..scene import Scene
@@ -168,7 +169,7 @@ def select_by_prompts(
                 f"The prompt on frame {frame} marks nothing that stands out there; give a mask, or another point."
             )
     prompted, followed = dict(masks), {}
-    wanted = set(np.linspace(0, len(cameras) - 1, min(config.lifted, len(cameras))).round().astype(int)) - set(prompts)
+    wanted = set(evenly_spaced(len(cameras), config.lifted)) - set(prompts)
     for done, (frame, logits) in enumerate(decoder.propagate() if wanted else ()):
         progress("follow", done, len(cameras))
         if frame in wanted:

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import F4xError
+from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import Trajectory, original
 from ..progress import Progress, silent
 from ..scene import Scene
@@ -479,8 +480,7 @@ def _spread(trajectory: Trajectory, count: int = VIEWS) -> Trajectory:
     """At most `count` views, evenly over a trajectory."""
     if not trajectory:
         raise F4xError("The camera path has no view; give one with at least one camera.")
-    count = min(count, len(trajectory))
-    return [trajectory[i] for i in np.linspace(0, len(trajectory) - 1, count).round().astype(int)]
+    return [trajectory[i] for i in evenly_spaced(len(trajectory), count)]
 
 
 def _moment(span: tuple[float, float], fps: float) -> str:

@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..geometry.arrays import evenly_spaced
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.field import FeatureField, FieldHead
 from .blend_weights import blend_weight_sums
@@ -162,7 +163,7 @@ def _light(scene: Scene) -> np.ndarray:
     """(N,) float64: pixels of light that each Gaussian sends into `VIEWS` small views."""
     cameras = scene.cameras
     layer = np.ones((max(1, round(COLUMNS * cameras.height / cameras.width)), COLUMNS, 1), np.float32)
-    frames = np.unique(np.linspace(0, len(cameras) - 1, VIEWS).round().astype(int))
+    frames = evenly_spaced(len(cameras), VIEWS)
     light = np.zeros(len(scene.ids))
     for t in frames:
         light += blend_weight_sums(scene, float(cameras.times[t]), int(t), layer)[:, 0]

@@ -6,6 +6,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
 
 MOMENTS = 16
@@ -21,7 +22,7 @@ def standing(scene: Scene) -> np.ndarray:
     if scene not in _STANDING:
         there = np.zeros(len(scene.ids), bool)
         times = scene.cameras.times
-        looked = [times[np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)]]
+        looked = [times[evenly_spaced(len(times), MOMENTS)]]
         # who comes and goes is looked at when it is there in full
         looked += [part.span[:, 1:3].ravel() for part in (scene.static, scene.dynamic) if part.span is not None]
         for time in np.unique(np.clip(np.concatenate(looked), times[0], times[-1])):

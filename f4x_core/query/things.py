@@ -16,6 +16,7 @@ import numpy as np
 
 from ..features.models.prompt import Prompt
 from ..geometry import spherical_harmonics
+from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
 from .blend_weights import blend_weight_sums
 from .smoothing import LOOKS_ALIKE
@@ -184,7 +185,7 @@ def _light(scene: Scene) -> np.ndarray:
     """(N,) float64: pixels of light that each Gaussian sends into `VIEWS` small views."""
     cameras = scene.cameras
     layer = np.ones((max(1, round(COLUMNS * cameras.height / cameras.width)), COLUMNS, 1), np.float32)
-    frames = np.unique(np.linspace(0, len(cameras) - 1, VIEWS).round().astype(int))
+    frames = evenly_spaced(len(cameras), VIEWS)
     return sum(
         (blend_weight_sums(scene, float(cameras.times[t]), int(t), layer)[:, 0] for t in frames),
         np.zeros(len(scene.ids)),

@@ -7,15 +7,15 @@ from ..geometry import pose, quaternion
 ITERATIONS = 100
 """Local and global steps at most; a pull over a few rings of nodes settles in about twenty."""
 SETTLED = 1e-5
-"""It has settled when no node moves by more than this share of the largest displacement in a step."""
-SMALLEST = 1e-9
-"""World units; added to the diagonal so that nodes without any edge keep a place."""
+"""Iterations end when no node moves by more than this fraction of the largest displacement in a step."""
+DIAGONAL = 1e-9
+"""Added to the diagonal of the linear system, so that nodes without any edge keep their place."""
 UPRIGHT = 1e-6
-"""Share of the bars' moment that speaks for no turn: a row of nodes in a line leaves the turn about the line open."""
+"""Fraction of the edges' moment that is added in favour of no turn: nodes on a line leave the turn about that line open."""
 
 
 def within_reach(xyz: np.ndarray, edges: np.ndarray, grabbed: np.ndarray, reach: float) -> np.ndarray:
-    """Return the indices of the nodes that edges lead to from a `grabbed (n,)` node within `reach` world units, them too."""
+    """Return the indices of the `grabbed (n,)` nodes and of all nodes within `reach` world units of one, measured along edges."""
     lengths = np.linalg.norm(xyz[edges[:, 0]] - xyz[edges[:, 1]], axis=1)
     distance = np.full(len(xyz), np.inf)
     distance[grabbed] = 0
@@ -33,9 +33,9 @@ def grab(
     """Return `(positions (M,3), turns (M,4))`, unit wxyz, of nodes at `xyz (M,3)` when the `grabbed (n,)` are at `targets (n,3)`.
 
     Minimises `sum |(x_i - x_j) - R_i (p_i - p_j)|^2` over both directions of `edges (E,2)`, positions x and a rotation R
-    for each node, by turns: the best rotations for the positions, then the best positions for the rotations. `free` are the
-    indices that may follow (all unless told); every other node stays, and holds on to those beside it. `turns` is how each
-    node has turned: its rotation is to be multiplied by it from the left.
+    for each node, alternately: the best rotations for the positions, then the best positions for the rotations. `free` are the
+    indices of the nodes that may follow (default: all); every other node stays where it is. `turns` is how each node has
+    turned: its rotation is to be multiplied by it from the left.
     """
     rest = np.asarray(xyz, np.float64)
     moves = np.zeros(len(rest), bool)
@@ -49,11 +49,11 @@ def grab(
     laplacian = np.zeros((len(rest), len(rest)))
     np.add.at(laplacian, (both[:, 0], both[:, 0]), 1.0)
     np.add.at(laplacian, (both[:, 0], both[:, 1]), -1.0)
-    inner = laplacian[np.ix_(moves, moves)] + SMALLEST * np.eye(int(moves.sum()))
+    inner = laplacian[np.ix_(moves, moves)] + DIAGONAL * np.eye(int(moves.sum()))
     solve, held = np.linalg.inv(inner), laplacian[np.ix_(moves, ~moves)]
-    # Parts that no edge joins to anything held would have no place: they keep theirs, up to the small diagonal.
-    anchor = SMALLEST * rest[moves]
-    # The iteration creeps towards a common turn, so it starts from the one that grabbed and standing nodes speak of.
+    # Parts that no edge joins to a fixed node would be free to drift: the small diagonal keeps them where they are.
+    anchor = DIAGONAL * rest[moves]
+    # The iteration is slow to find a common turn, so it starts from the one that the grabbed and the fixed nodes show.
     common = (
         pose.align_similarity(rest[~moves], placed[~moves], with_scale=False)[1] if (~moves).sum() > 2 else np.eye(3)
     )
@@ -72,24 +72,15 @@ def grab(
     return placed, np.where(turned[:, None], turns, quaternion.IDENTITY)
 
 
-def stiffness(xyz: np.ndarray, edges: np.ndarray, placed: np.ndarray) -> float:
-    """Return the energy that `grab` minimises, of nodes that went from `xyz (M,3)` to `placed (M,3)`, world units squared."""
-    both = np.concatenate([edges, edges[:, ::-1]])
-    bars = xyz[both[:, 1]] - xyz[both[:, 0]]
-    rotations = _best_rotations(placed, both, bars)
-    left = placed[both[:, 1]] - placed[both[:, 0]] - np.einsum("eij,ej->ei", rotations[both[:, 0]], bars)
-    return float((left**2).sum())
-
-
-def held(
-    xyz: np.ndarray, quat: np.ndarray, offset: tuple[np.ndarray, np.ndarray], share: np.ndarray
+def add_offset(
+    xyz: np.ndarray, quat: np.ndarray, offset: tuple[np.ndarray, np.ndarray], fraction: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses `(xyz (F,n,3), quat (F,n,4))` with a `share (F,)` of `offset` = `(quat (n,4), xyz (n,3))` in them.
+    """Return node poses `(xyz (F,n,3), quat (F,n,4))` after adding a `fraction (F,)` of `offset` = `(quat (n,4), xyz (n,3))`.
 
-    The offset is in each node's own frame, so that it turns with the thing that the node belongs to.
+    The offset is in each node's own frame, so that it turns with the object that the node belongs to.
     """
-    turn = quaternion.from_rotation_vector(share[:, None, None] * quaternion.to_rotation_vector(offset[0]))
-    turned, placed = pose.compose(quat, xyz, turn, share[:, None, None] * offset[1])
+    turn = quaternion.from_rotation_vector(fraction[:, None, None] * quaternion.to_rotation_vector(offset[0]))
+    turned, placed = pose.compose(quat, xyz, turn, fraction[:, None, None] * offset[1])
     return placed, turned
 
 

@@ -5,11 +5,11 @@ import numpy as np
 from ..geometry import pose, quaternion
 
 NEARNESS = 0.05
-"""Share of the distance between two nodes that counts against their being one thing: what never moves falls apart in places."""
+"""Fraction of the distance between two nodes that is added to their `rigidity`, so that static nodes are grouped by place."""
 TOLERANCE = 1.0
-"""Of two nodes in one group, the distance may change by about so many node spacings over the clip."""
-MOST_GROUPS = 24
-"""More handles than this help nobody."""
+"""By how much the distance between two nodes of one group may change over the clip, in node spacings (nine pairs in ten)."""
+MAX_GROUPS = 24
+"""Largest number of groups: more handles are of no use to a person."""
 ROUNDS = 20
 """Rounds of choosing medoids; a few hundred nodes settle in less than ten."""
 
@@ -31,10 +31,10 @@ def rigid_groups(xyz: np.ndarray, unit: float, count: int | None = None) -> np.n
     """Return the group `(M,)` int of every node with curve `xyz (F,M,3)`, the largest group 0.
 
     k-medoids on `rigidity` (Kaufman and Rousseeuw 1987), seeded with nodes far apart. Without `count` there are as few groups
-    as leave nine in ten pairs of a group within `TOLERANCE` times `unit`, at most `MOST_GROUPS`.
+    as leave nine in ten pairs of a group within `TOLERANCE` times `unit`, at most `MAX_GROUPS`.
     """
     distance = rigidity(xyz)
-    for number in [count] if count else range(1, min(MOST_GROUPS, len(distance)) + 1):
+    for number in [count] if count else range(1, min(MAX_GROUPS, len(distance)) + 1):
         medoids = _medoids(distance, min(number, len(distance)))
         group = distance[:, medoids].argmin(1)
         together = distance[

@@ -10,7 +10,7 @@ from ..geometry import pose, quaternion
 from ..geometry.camera import CameraPath
 from .deformation import deform, pairs_of
 from .distance import curve_distance, distance_to
-from .graph import GraphConfig, attach_nodes, build_graph, thin
+from .graph import GraphConfig, attach_nodes, build_graph
 from .lifting import LiftedTracks
 from .radius import RadiusConfig, initial_radius
 from .rotation import initial_rotations
@@ -27,10 +27,6 @@ NOISE_MARGIN = 2.0
 class SelectionConfig:
     """How nodes are drawn from lifted tracks."""
 
-    unit: float | None = None
-    """Spacing of `select_nodes` in world units; None measures the tracks (`automatic_unit`)."""
-    unit_factor: float = 3.0
-    """The automatic unit in multiples of the typical distance between neighbouring tracks."""
     maximum: int = 512
     """Never more nodes."""
     counts: tuple[int, ...] = (4, 8, 16, 32, 64, 128, 256, 512)
@@ -89,18 +85,11 @@ class Selection:
         return self.residual <= self.tolerance
 
 
-def select_nodes(lifted: LiftedTracks, config: SelectionConfig | None = None) -> tuple[np.ndarray, float]:
-    """Return `(index (M,), unit)`: tracks more than `unit` apart, the longest observed first, ties by index.
-
-    More than `config.maximum` are cut to the first accepted, which are the best observed.
-    """
-    config = config or SelectionConfig()
-    unit = automatic_unit(lifted.xyz, config.unit_factor) if config.unit is None else config.unit
-    return thin(_distances(lifted), unit, _by_observation(lifted))[: config.maximum], unit
-
-
 def automatic_unit(xyz: np.ndarray, factor: float, neighbours: int = 4, frames: int = 16) -> float:
-    """Return `factor sqrt(median_t median_i |x_i - its neighbours|^2)` of curves `(F, N, 3)`, over some even frames."""
+    """Return a node spacing in world units: `factor` times the typical distance between neighbouring curves `(F, N, 3)`.
+
+    `sqrt(median_t median_i |x_i - its neighbours|^2)` over at most `frames` frames spread over the clip.
+    """
     from scipy.spatial import cKDTree
 
     count = min(neighbours + 1, xyz.shape[1])

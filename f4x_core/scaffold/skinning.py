@@ -10,7 +10,7 @@ Kernel = Literal["sigma", "paper"]
 
 FLOOR = 1e-6
 """Every valid neighbour weighs at least this, so a far point still follows its neighbours in proportion (MoSca v2)."""
-SMALLEST_SPREAD = 1e-12
+MIN_SPREAD = 1e-12
 """Lower bound of sigma^2 or r: a node with radius 0 carries exactly the points that lie on it."""
 
 
@@ -35,7 +35,7 @@ def skinning_weights(
     offset = x[..., None, :] - node_x  # (N, K, 3)
     squared = (offset * offset).sum(axis=-1)
     spread = radius * radius if kernel == "sigma" else radius
-    raw = (xp.exp(-0.5 * squared / xp.clip(spread, SMALLEST_SPREAD, None)) + FLOOR) * mask
+    raw = (xp.exp(-0.5 * squared / xp.clip(spread, MIN_SPREAD, None)) + FLOOR) * mask
     if dw is not None:
         corrected = abs(raw + dw) * mask
         if keep_sum:

@@ -202,15 +202,12 @@ def test_missing_camera_file_is_named(tmp_path):
         CameraPath.read(tmp_path / "nowhere.json")
 
 
-def test_trajectories_freeze_time_or_camera(tmp_path):
+def test_trajectories_play_or_freeze_time(tmp_path):
     path = screw_path(np.arange(6))
     assert [view.time for view in trajectory.original(path)] == list(range(6))
     still = trajectory.frozen(path, 2.5)
     assert {view.time for view in still} == {2.5}
     np.testing.assert_array_equal(still[4].camera.world_to_camera, path[4].world_to_camera)
-    tripod = trajectory.freeze_camera(path, 2.5)
-    assert [view.time for view in tripod] == list(range(6))
-    assert all((view.camera.world_to_camera == path.at(2.5).world_to_camera).all() for view in tripod)
     path.write(tmp_path / "path.json")
     assert [view.time for view in trajectory.read_path(tmp_path / "path.json")] == list(range(6))
 

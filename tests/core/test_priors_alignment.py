@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from f4x_core.priors.alignment import MOST_CORRECTION_PX, align_tracks
+from f4x_core.priors.alignment import MAX_CORRECTION_PX, align_tracks
 
 cv2 = pytest.importorskip("cv2")
 FRAMES, HEIGHT, WIDTH = 20, 96, 128
@@ -44,7 +44,7 @@ def test_what_is_hidden_or_looks_different_stays():
     aligned = align_tracks(true, visible, pictures)
     np.testing.assert_array_equal(aligned[3], true[3])
     np.testing.assert_array_equal(aligned[12:16], true[12:16])
-    assert np.linalg.norm(aligned - true, axis=-1).max() < MOST_CORRECTION_PX
+    assert np.linalg.norm(aligned - true, axis=-1).max() < MAX_CORRECTION_PX
 
 
 @pytest.mark.parametrize("frames", [1, 2, 17])

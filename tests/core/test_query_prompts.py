@@ -5,7 +5,7 @@ import pytest
 from labelled_scene import FRAMES, HEIGHT, LABELS, VECTORS, WIDTH, labelled_scene, square_mask
 
 from f4x_core.errors import F4xError
-from f4x_core.geometry.trajectory import freeze_camera, orbit, original
+from f4x_core.geometry.trajectory import View, orbit, original
 from f4x_core.query.blend_weights import blend_weight_sums, lift_masks
 from f4x_core.query.labels import ask_for
 from f4x_core.query.pixels import head_map, heat_map, mask_video, share_picture, text_picture
@@ -193,6 +193,6 @@ def test_heat_maps(scene):
 
 def test_selections_hold_from_a_standing_camera_too(scene):
     found = select_by_text(scene, ["square"])
-    shares = list(mask_video(scene, found, freeze_camera(scene.cameras, 0.0)))
-    centres = [np.nonzero(share > 0.5)[1].mean() for share in shares]
+    views = [View(scene.cameras.at(0.0), float(time)) for time in scene.cameras.times]
+    centres = [np.nonzero(mask > 0.5)[1].mean() for mask in mask_video(scene, found, views)]
     assert np.diff(centres).min() > 1

@@ -19,9 +19,9 @@ from f4x_core.scaffold.lifting import (
 from f4x_core.scaffold.rotation import initial_rotations
 from f4x_core.scaffold.selection import (
     SelectionConfig,
+    automatic_unit,
     choose_nodes,
     scaffold_of,
-    select_nodes,
     track_noise,
     track_residuals,
 )
@@ -248,30 +248,9 @@ def test_curve_distance_of_one_or_no_curve():
 # ---- selection -------------------------------------------------------------------------------------------------------
 
 
-def test_selected_nodes_are_apart_and_cover_everything():
-    tracks = mover()
-    index, unit = select_nodes(tracks, SelectionConfig(unit=0.08))
-    assert unit == 0.08
-    distance = curve_distance(tracks.xyz)
-    between = distance[np.ix_(index, index)]
-    assert between[~np.eye(len(index), dtype=bool)].min() > unit
-    assert distance[index].min(0).max() <= unit
-    again, _ = select_nodes(tracks, SelectionConfig(unit=0.08))
-    np.testing.assert_array_equal(index, again)
-    assert len(select_nodes(tracks, SelectionConfig(unit=0.08, maximum=7))[0]) == 7
-
-
-def test_the_best_observed_track_is_taken_first():
-    tracks = mover(number=50)
-    tracks.certain[5:, :] = False
-    tracks.certain[:, 17] = True
-    assert select_nodes(tracks, SelectionConfig(unit=0.05))[0][0] == 17
-
-
 def test_automatic_unit_scales_with_the_scene():
     tracks = mover()
-    bigger = LiftedTracks(tracks.xyz * 10, tracks.certain, tracks.index)
-    np.testing.assert_allclose(select_nodes(bigger)[1], 10 * select_nodes(tracks)[1], rtol=1e-5)
+    np.testing.assert_allclose(automatic_unit(tracks.xyz * 10, 3.0), 10 * automatic_unit(tracks.xyz, 3.0), rtol=1e-5)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])

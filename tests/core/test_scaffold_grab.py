@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize
 
 from f4x_core.geometry import pose, quaternion
-from f4x_core.scaffold.grab import grab, held, stiffness, within_reach
+from f4x_core.scaffold.grab import add_offset, grab, within_reach
 from f4x_core.scaffold.groups import group_motion, rigid_groups, rigidity
 
 
@@ -20,6 +20,17 @@ def sheet(rows=5, columns=4) -> tuple[np.ndarray, np.ndarray]:
 
 
 XYZ, EDGES = sheet()
+
+
+def stiffness(xyz: np.ndarray, edges: np.ndarray, placed: np.ndarray) -> float:
+    """The energy that `grab` minimises, of nodes that went from `xyz (M,3)` to `placed (M,3)`."""
+    both = np.concatenate([edges, edges[:, ::-1]])
+    before, after = (points[both[:, 1]] - points[both[:, 0]] for points in (xyz, placed))
+    moments = np.zeros((len(xyz), 3, 3))
+    np.add.at(moments, both[:, 0], after[:, :, None] * before[:, None, :])
+    u, _, vt = np.linalg.svd(moments)
+    u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[:, None]
+    return float(((after - np.einsum("eij,ej->ei", (u @ vt)[both[:, 0]], before)) ** 2).sum())
 
 
 def test_a_rigid_pull_turns_the_whole():
@@ -91,7 +102,7 @@ def test_an_offset_is_held_in_the_nodes_own_frame():
     quat = quaternion.from_rotation_vector(angles[:, None, None] * [[0.0, 0, 1]])
     xyz = quaternion.rotate(quat, np.array([1.0, 0, 0]))
     offset = np.array([quaternion.IDENTITY]), np.array([[0.5, 0, 0]])
-    placed, turned = held(xyz, quat, offset, np.array([1, 1, 0.5, 0, 1.0]))
+    placed, turned = add_offset(xyz, quat, offset, np.array([1, 1, 0.5, 0, 1.0]))
     np.testing.assert_allclose(np.linalg.norm(placed[:, 0], axis=-1), [1.5, 1.5, 1.25, 1, 1.5])
     np.testing.assert_allclose(turned, quat, atol=1e-12)
 

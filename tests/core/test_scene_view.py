@@ -133,7 +133,8 @@ def test_unknown_channel():
 
 def test_trajectory_follows_cameras_and_times():
     scene = random_scene()
-    views = trajectory.freeze_camera(scene.cameras.resized(16, 10), 1.0)
+    cameras = scene.cameras.resized(16, 10)
+    views = [trajectory.View(cameras.at(1.0), float(time)) for time in cameras.times]
     pictures = list(render_trajectory(scene, views, ("rgb",), "torch"))
     assert len(pictures) == 6
     np.testing.assert_array_equal(pictures[4]["rgb"], render(scene, views[4].camera, 4.0, ("rgb",), "torch")["rgb"])

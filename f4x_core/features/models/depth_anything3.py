@@ -43,8 +43,8 @@ LAYERS, ALTERNATING = (5, 7, 9, 11), 4
 """Blocks of the backbone that the heads read, and the one from which on every second block sees all views."""
 LONGER_SIDE, PATCH = 504, 14
 """Pixels of the model's input along the longer side, as it was trained, and the step of its sides."""
-MOST_VIEWS, MOST_PIXELS = 16, 16 * 504 * 294
-"""Most pictures seen at once, and most pixels of them all: 1.4 GB of memory."""
+MAX_VIEWS, MAX_PIXELS = 16, 16 * 504 * 294
+"""Largest number of images in one pass of the model, and of pixels in all of them: 1.4 GB of memory."""
 ZOOM = 1.2
 """Ratio of the longest to the shortest focal length found (9 tenths of the frames) that is told."""
 
@@ -161,7 +161,7 @@ def _views(clip: Clip, priors: Priors, progress: Progress, model: str | Path) ->
     if key not in priors.scratch:
         network = DepthAnything3(model)
         height, width = network.size(priors.width, priors.height)
-        most = int(np.clip(MOST_PIXELS // (height * width), 3, MOST_VIEWS))
+        most = int(np.clip(MAX_PIXELS // (height * width), 3, MAX_VIEWS))
         count, seen = len(priors.frames), 0
 
         def look(chosen: np.ndarray) -> Views:

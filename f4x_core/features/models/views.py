@@ -15,6 +15,7 @@ from math import ceil
 import numpy as np
 
 from ...geometry import pose, quaternion
+from ...geometry.arrays import evenly_spaced
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ def see_all(look: Callable[[np.ndarray], Views], count: int, most: int) -> Views
         return look(frames)
     stretches = ceil((count - 1) / (most - 1))
     inner = max((most - 1) // stretches, 1)  # a clip of few stretches affords more keyframes than their ends
-    keys = np.linspace(0, count - 1, stretches * inner + 1).round().astype(int)
+    keys = evenly_spaced(count, stretches * inner + 1)
     known = see_all(lambda chosen: look(keys[chosen]), len(keys), most)
     parts = []
     for start in range(0, len(keys) - 1, inner):

@@ -9,7 +9,7 @@ from ....errors import F4xError
 from ....geometry import pose
 from ....native import open_library
 from ....native.binder import FLOAT, INT32, INT64, Array, Function, Struct
-from ...skinning import FLOOR, SMALLEST_SPREAD, Kernel
+from ...skinning import FLOOR, MIN_SPREAD, Kernel
 from ..reference import COLLAPSED, SIGN_BAND, blend
 
 _TABLES = ("1+times", "pairs", 8)
@@ -185,7 +185,7 @@ def _call(function: Function, arrays: dict[str, np.ndarray], kernel: Kernel, thr
         sigma=kernel == "sigma",
         threads=threads,
         floor=FLOOR,
-        smallest_spread=SMALLEST_SPREAD,
+        smallest_spread=MIN_SPREAD,
         sign_band=SIGN_BAND,
         collapsed=COLLAPSED,
         **arrays,

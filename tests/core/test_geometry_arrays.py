@@ -1,0 +1,29 @@
+import numpy as np
+import pytest
+
+from f4x_core.geometry.arrays import evenly_spaced
+
+
+@pytest.mark.parametrize(
+    ("length", "count", "expected"),
+    [
+        (10, 4, [0, 3, 6, 9]),
+        (10, 3, [0, 4, 9]),  # 4.5 is rounded to the even neighbour
+        (5, 5, [0, 1, 2, 3, 4]),
+        (3, 8, [0, 1, 2]),
+        (7, 1, [0]),
+        (1, 4, [0]),
+        (0, 4, []),
+        (4, 0, []),
+    ],
+)
+def test_indices_are_spread_evenly_and_the_ends_are_among_them(length, count, expected):
+    indices = evenly_spaced(length, count)
+    assert indices.dtype == np.int64 and indices.tolist() == expected
+
+
+def test_more_indices_than_there_are_give_each_one_once():
+    for length in range(1, 60):
+        for count in range(1, 90):
+            spelled_out = np.unique(np.linspace(0, length - 1, count).round().astype(int))
+            assert np.array_equal(evenly_spaced(length, count), spelled_out)
