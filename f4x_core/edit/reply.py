@@ -1,7 +1,8 @@
 """What a language model may answer: a small closed schema of whole numbers, names and words from the scene.
 
 A model that is held to a grammar loses itself in the digits of a fraction, so there is none here; percentages stand in. Every
-field is required and nothing else is allowed. What an answer can at worst be is a wrong edit, which is undone.
+field is required and nothing else is allowed. At worst an answer is a wrong edit, which can be undone. The docstrings of
+the models are part of the schema that the language model reads, so a change of theirs can change its answers.
 Imports pydantic, so only `endpoint` and `judge` import it, and only once somebody asks a model.
 """
 
@@ -73,9 +74,9 @@ class Target(Strict):
 
     def select(self, request: Request) -> SelectKind:
         """The selection; F4xError for a word that neither scene nor sentence knows."""
-        known, said = {label.lower() for label in request.labels}, request.sentence.lower()
+        known, sentence = {label.lower() for label in request.labels}, request.sentence.lower()
         for word in (*(self.words if self.kind == "words" else ()), *self.except_words):
-            if known and word.lower() not in known and word.lower() not in said:
+            if known and word.lower() not in known and word.lower() not in sentence:
                 raise F4xError(f"'{word}' is no label of the scene and not in the request; use the labels")
         chosen = self._kind(request)
         if self.which != "any":
@@ -140,7 +141,7 @@ class Paint(Timed):
     strength: Percent
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Recolour` towards the colour, over the span."""
         rgb = (self.red / 255, self.green / 255, self.blue / 255)
         mode: Literal["hue", "assign"] = "hue" if self.mode == "hue" else "assign"
         return Recolour(select, rgb, mode, self.strength / 100, self.mode == "paint", self.span)
@@ -153,33 +154,33 @@ class Brightness(Timed):
     percent: Annotated[int, Field(ge=0, le=1000)]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Recolour` that multiplies all channels by the same factor."""
         factor = self.percent / 100
         return Recolour(select, (factor, factor, factor), "multiply", frames=self.span)
 
 
-class See(Timed):
+class OpacityChange(Timed):
     """Transparent: 0 hides, 100 is as before."""
 
     op: Literal["opacity"]
     percent: Percent
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """An `Opacity` of that factor, over the span."""
         return Opacity(select, self.percent / 100, self.span)
 
 
-class Take(Timed):
+class RemovalChange(Timed):
     """Delete it, or leave nothing else."""
 
     op: Literal["delete", "keep_only"]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Delete`, or an `Extract` for `keep_only`, over the span."""
         return Delete(select, self.span) if self.op == "delete" else Extract(select, self.span)
 
 
-class Place(Timed):
+class TransformChange(Timed):
     """Move, turn and resize, in one go or over the span; 0, 0, 0, 0, 0, 100 is as before."""
 
     op: Literal["transform"]
@@ -191,7 +192,7 @@ class Place(Timed):
     size: Annotated[int, Field(ge=1, le=10000)]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said; a moment alone is a jump."""
+        """A `Transform` in units of the target's width and axes of the camera; with a first frame alone it is a jump."""
         jump = self.first_frame >= 0 and self.last_frame < 0
         return Transform(
             select,
@@ -217,7 +218,7 @@ class Copy(Change):
     copies: Annotated[int, Field(ge=1, le=MOST_COPIES)]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Duplicate`, its offset in widths of the target and axes of the camera."""
         offset = (self.right / 100, -self.up / 100, self.away / 100)
         return Duplicate(select, offset, float(self.later_frames), self.copies, "size", "camera")
 
@@ -228,7 +229,7 @@ class Stop(Timed):
     op: Literal["freeze"]
 
     def operation(self, request: Request) -> Operation:
-        """As said."""
+        """A `Freeze`; without a first frame it begins at the present one."""
         at = float(request.frame if self.first_frame < 0 else self.first_frame)
         return Freeze(self.target.select(request), at, None if self.last_frame < 0 else float(self.last_frame))
 
@@ -240,17 +241,17 @@ class Speed(Timed):
     percent: Annotated[int, Field(ge=1, le=10000)]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Retime` over the span."""
         return Retime(select, self.percent / 100, self.span)
 
 
-class Again(Timed):
+class ReverseOrLoop(Timed):
     """Backwards, or again and again."""
 
     op: Literal["reverse", "loop"]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Reverse` or a `Loop`; F4xError for a loop without a span."""
         if self.op == "reverse":
             return Reverse(select, self.span)
         if self.span is None:
@@ -266,33 +267,46 @@ class Look(Timed):
     strength: Percent
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Style` of that name, over the span."""
         return Style(select, self.look, self.strength / 100, self.span)
 
 
-class Borrow(Timed):
+class MatchColors(Timed):
     """The colours of something else."""
 
     op: Literal["match"]
     source: Target
 
     def operation(self, request: Request) -> Operation:
-        """As said."""
+        """A `Match` of the target with the source, over the span."""
         return Match(self.target.select(request), self.source.select(request), frames=self.span)
 
 
-class Call(Change):
+class NameSelection(Change):
     """A name for it."""
 
     op: Literal["name"]
     name: Word
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Name` for the selection."""
         return Name(select, self.name)
 
 
-AnyChange = Paint | Brightness | See | Take | Place | Copy | Stop | Speed | Again | Look | Borrow | Call
+AnyChange = (
+    Paint
+    | Brightness
+    | OpacityChange
+    | RemovalChange
+    | TransformChange
+    | Copy
+    | Stop
+    | Speed
+    | ReverseOrLoop
+    | Look
+    | MatchColors
+    | NameSelection
+)
 
 
 class Reply(Strict):
@@ -311,7 +325,7 @@ Answer = TypeVar("Answer", bound=Strict)
 
 
 def read_answer(kind: type[Answer], data: Any) -> Answer:
-    """The answer that the JSON value `data` is; F4xError tells a model what to mend."""
+    """Validate the JSON value `data` as an answer of type `kind`; the text of the F4xError tells a model what to correct."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
