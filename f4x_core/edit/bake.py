@@ -219,9 +219,9 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         base = _with_knots(base, base.scaffold, times)
     posed, count = scene.posed(float(times[0])), len(base.static)
     opacities, _ = scene.looks(float(times[0]))
-    standing = [group for group in groups if group.lasts and not rows.carried[group.rows[0]]]
-    still = np.sort(np.concatenate([np.zeros(0, int), *(group.rows for group in standing)]))
-    turned = np.isin(still, [row for group in standing if group.turns[0, 1:].any() for row in group.rows])
+    static_groups = [group for group in groups if group.lasts and not rows.carried[group.rows[0]]]
+    still = np.sort(np.concatenate([np.zeros(0, int), *(group.rows for group in static_groups)]))
+    turned = np.isin(still, [row for group in static_groups if group.turns[0, 1:].any() for row in group.rows])
     origin = rows.origin[still]
     static = StaticSet(
         ids=rows.ids[still],

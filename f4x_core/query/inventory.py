@@ -17,7 +17,7 @@ from .pixels import label_scores
 from .prompts import select_by_text
 from .score import THRESHOLD, cosines
 from .selection import Selection
-from .standing import standing
+from .not_deleted import not_deleted
 
 LOOKED_AT = 4096
 """Gaussians, evenly spread, that are asked which word they answer to most."""
@@ -78,7 +78,7 @@ def things_there(scene: Scene) -> dict[str, Selection]:
 
     Words that few Gaussians answer to more than to any other are not asked.
     """
-    labels, there = labels_of(scene), np.flatnonzero(standing(scene))
+    labels, there = labels_of(scene), np.flatnonzero(not_deleted(scene))
     if not labels or not len(there):
         return {}
     query = ask_for(scene, labels, [])

@@ -24,7 +24,7 @@ from .score import THRESHOLD, target_score
 from .segmentation import FeaturePropagation, MaskDecoder
 from .selection import Selection, fingerprint
 from .smoothing import LOOKS_ALIKE
-from .standing import standing
+from .not_deleted import not_deleted
 from .things import point_out
 
 ASPECT_TOLERANCE = 0.01
@@ -65,7 +65,7 @@ def select_by_text(
     """Gaussians whose decoded latent says one of `labels` rather than one of `negatives` (see `labels.ask_for`).
 
     Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. This and every other selection
-    leaves out what edits have deleted (`standing`).
+    leaves out what edits have deleted (`not_deleted`).
     """
     query = ask_for(scene, labels, negatives, head, encode)
     return text_selection(scene, query, threshold, span, calibrated=calibrated)
@@ -251,4 +251,4 @@ def _selection(scene, scores, wins, threshold, span, label) -> Selection:
             raise F4xError(
                 f"The span {span[0]:g}:{span[1]:g} does not lie within the clip's frames, {first:g} to {last:g}."
             )
-    return Selection(scene.ids, scores, wins, threshold, span, label, fingerprint(scene)).among(standing(scene))
+    return Selection(scene.ids, scores, wins, threshold, span, label, fingerprint(scene)).among(not_deleted(scene))

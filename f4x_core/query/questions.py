@@ -21,7 +21,7 @@ from .inventory import find, labels_of, nearest_there, things_there
 from .labels import Encode, spellings, text_head
 from .pixels import head_map
 from .selection import Selection
-from .standing import standing
+from .not_deleted import not_deleted
 from .wording import CAN, Asked, Unanswerable, understand
 
 COMPUTED, SERVER = "computed", "server"
@@ -290,7 +290,7 @@ def _look_for(
         notes = {word: _note(scene, name, word) for name, word in words.items() if word not in names}
     else:
         found = things_there(scene)
-        rest = scene.moving & standing(scene)
+        rest = scene.moving & not_deleted(scene)
         for selection in found.values():
             rest &= ~selection.chosen
         found |= {THING: Selection(scene.ids, rest.astype(float), np.zeros(len(rest), bool))}

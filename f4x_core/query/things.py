@@ -146,7 +146,7 @@ def pieces_of(scene: Scene) -> Pieces:
     """The pieces of what moves in a scene."""
     times = scene.cameras.times[np.linspace(0, len(scene.cameras) - 1, TIMES).round().astype(int)]
     posed = [scene.posed(float(time)) for time in times]
-    moving, standing = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
+    moving, static = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
     place = np.stack([moment.means for moment in posed], 1)  # (N,TIMES,3)
     looks = _looks(scene)
     light = _light(scene) + UNSEEN
@@ -154,9 +154,9 @@ def pieces_of(scene: Scene) -> Pieces:
     tracks = place[moving].reshape(len(moving), 3 * TIMES) / np.sqrt(TIMES)
     index, weight, centres, mine = _group(tracks / max(spread, 1e-9), looks[moving], light[moving], PIECES)
     # What stands far off varies much in place for its looks; angles from the first camera compare better than metres.
-    sight = place[standing, 0] - scene.cameras[0].center
+    sight = place[static, 0] - scene.cameras[0].center
     sight = sight / np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
-    _, backdrop, _, theirs = _group(2 * sight, looks[standing], light[standing], BACKDROP)
+    _, backdrop, _, theirs = _group(2 * sight, looks[static], light[static], BACKDROP)
     bonds, unit = _bonds(centres, mine)
     apart, unlike = _squares(mine, theirs), _squares(mine, mine)
     nearest = np.sort(apart, axis=1)[:, :NEIGHBOURS]
