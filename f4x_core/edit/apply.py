@@ -23,11 +23,11 @@ from ..scene import PosedSplats, Scene, read_scene
 from ..scene.model import faded
 from . import colours
 from .keys import rekeyed
-from .looks import LOOKS
 from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Style, Transform, rotation_of
-from .rows import Rows, Step, steps_of
+from .retiming import AppearanceChange, effect, progress
+from .splat_rows import SplatRows, Step, steps_of
 from .stack import EditStack, of, with_stack
-from .warps import Look, effect, progress
+from .styles import STYLES
 
 MOST_MOMENTS = 512
 """Moments of the base scene that one picture may need: every copy that lags needs its own, and stacks multiply."""
@@ -41,8 +41,8 @@ FADED_DEPTH = 16.0
 """Optical depth, the sum of -log(1 - alpha) along a pixel, of things in fits of real clips: of it fades are even."""
 MOST_ALPHA = 0.99
 """What is opaquer is drawn no more so, and would never fade."""
-LOOKS_OF = get_args(Look)
-"""The operations of `Look`."""
+LOOKS_OF = get_args(AppearanceChange)
+"""The operations of `AppearanceChange`."""
 
 
 class Placement(NamedTuple):
@@ -141,7 +141,7 @@ class EditedScene(Scene):
         return self.rows.origin
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> SplatRows:
         """What there is in the end."""
         return self._program[1]
 
@@ -192,7 +192,7 @@ class EditedScene(Scene):
         return motions_to(node_poses_at(moved.times, moved.xyz, moved.quat, time), base.xyz, base.quat, self._pairs)
 
     @cached_property
-    def _program(self) -> tuple[tuple[Step, ...], Rows]:
+    def _program(self) -> tuple[tuple[Step, ...], SplatRows]:
         return steps_of(self, of(self).edits)
 
     @cached_property
@@ -299,7 +299,7 @@ class EditedScene(Scene):
         place = np.argsort(np.concatenate(members))
         return type(parts[0])(*(np.concatenate(arrays)[place] for arrays in zip(*parts, strict=True))), copy
 
-    def after(self, depth: int) -> Rows:
+    def after(self, depth: int) -> SplatRows:
         """What there is after the first `depth` steps."""
         return self.steps[depth].before if depth < len(self.steps) else self.rows
 
@@ -478,7 +478,7 @@ def dyed_by(operation: Operation, whom: Appearance, tones: Any) -> Appearance:
     # What depends on the direction is a change of colour about the DC's: a new colour is only seen without it.
     faded = rest * np.float32(1 - share)
     if isinstance(operation, Style):
-        look = LOOKS[operation.look]
+        look = STYLES[operation.look]
         goal, rest = colours.styled(rgb, look, *tones), faded
         opacities = opacities * np.float32(1 + share * (look.opacity - 1))
     elif isinstance(operation, Match):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry import spherical_harmonics
-from .looks import Look
+from .styles import StyleColors
 
 CONES_FROM_LINEAR = np.array(
     [
@@ -102,7 +102,7 @@ def lights_of(rgb: np.ndarray) -> tuple[float, float]:
     return (low + high) / 2, max(high - low, LEAST_CONTRAST)
 
 
-def styled(rgb: np.ndarray, look: Look, centre: float, extent: float) -> np.ndarray:
+def styled(rgb: np.ndarray, look: StyleColors, centre: float, extent: float) -> np.ndarray:
     """sRGB (n,3): each of `rgb (n,3)` by its light on the ramp of `look`, which spans `extent` of light about `centre`."""
     ramp = lab_from_rgb(np.array(look.ramp))
     place = np.clip((lab_from_rgb(rgb)[:, 0] - centre) / extent + 0.5, 0, 1) * (len(ramp) - 1)

@@ -8,7 +8,6 @@ from typing import Any
 
 from .colour_names import Colour
 from .grammar import Rule, constant, either, listed, lit, optional, silent, table
-from .looks import LOOKS
 from .operations import (
     Delete,
     Duplicate,
@@ -63,6 +62,7 @@ from .phrases import (
     whose,
 )
 from .selects import All, Not, SelectKind
+from .styles import STYLES
 from .words import inflected
 
 Value = Callable[[SelectKind, When, Context], Operation]
@@ -300,7 +300,7 @@ _transparency = either(
 _opacity_value = ~lit("at|to|with") + _transparency >> _opacity
 _upside_down = lit("upside down|on (its|his|her|their) head|head over heels")
 _look_name = table(
-    {f"{look}|{look}s": look for look in LOOKS} | {"flames": "fire", "the night|night time": "night"}, reserve=False
+    {f"{look}|{look}s": look for look in STYLES} | {"flames": "fire", "the night|night time": "night"}, reserve=False
 )
 _look_adjective = table(
     {

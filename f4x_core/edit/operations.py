@@ -17,9 +17,9 @@ from typing import ClassVar, Literal, Union
 import numpy as np
 
 from ..errors import F4xError
-from .looks import LOOKS
 from .records import Record, near, read_record
 from .selects import Moving, SelectKind
+from .styles import STYLES
 
 Vector = tuple[float, float, float]
 Span = tuple[float, float | None]
@@ -282,7 +282,7 @@ class Style(Change):
     TAG = "style"
     select: SelectKind
     look: str
-    """Name of an entry of `looks.LOOKS`."""
+    """Name of an entry of `styles.STYLES`."""
     strength: float = 1.0
     """0 leaves the old colour, 1 is the new one."""
     frames: Span | None = None
@@ -290,8 +290,8 @@ class Style(Change):
 
     def __post_init__(self) -> None:
         """Validate."""
-        if self.look not in LOOKS:
-            raise F4xError(f"there is no look {self.look!r}{near(self.look, LOOKS)}; known: {', '.join(LOOKS)}.")
+        if self.look not in STYLES:
+            raise F4xError(f"there is no look {self.look!r}{near(self.look, STYLES)}; known: {', '.join(STYLES)}.")
         _check_share("strength", self.strength)
         _check_span(self.frames)
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from ..errors import F4xError
-from .looks import LOOKS
 from .operations import (
     MOST_COPIES,
     Delete,
@@ -34,6 +33,7 @@ from .operations import (
     Transform,
 )
 from .selects import All, And, Current, Instance, Moving, Named, Not, SelectKind, Text
+from .styles import STYLES
 
 if TYPE_CHECKING:
     from .request import Request
@@ -263,7 +263,7 @@ class Look(Timed):
     """A look from the table."""
 
     op: Literal["style"]
-    look: Literal[tuple(LOOKS)]  # type: ignore[valid-type]  # the table says which
+    look: Literal[tuple(STYLES)]  # type: ignore[valid-type]  # the table says which
     strength: Percent
 
     def about(self, select: SelectKind) -> Operation:

@@ -12,16 +12,15 @@ from ..errors import F4xError
 from ..query.compounds import head_of, names_another
 from ..query.inventory import labels_of, nearest_there
 from ..query.labels import Encode, text_head, unknown_label
+from ..query.not_deleted import not_deleted
 from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
 from ..query.selection import Selection, fingerprint
-from ..query.not_deleted import not_deleted
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id, with_operations
+from .connected_objects import pick_object, split_objects, width_along
 from .description import whom
 from .operations import Duplicate, Freeze, Opacity, Operation, Rekey, Transform
-from .pieces import things, which_thing, width_along
-from .rows import Rows
 from .selects import (
     LONGEST_WORDS,
     And,
@@ -38,6 +37,7 @@ from .selects import (
     Text,
     parts_of,
 )
+from .splat_rows import SplatRows
 
 __all__ = ["Absent", "Context", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
 
@@ -160,10 +160,14 @@ class Resolver:
             rows = self._rows_of_words(scene, select)
             if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
                 rows = first
-            if select.number == "both" and len(rows) and not things(scene.posed(self.context.frame), rows)[0].any():
+            if (
+                select.number == "both"
+                and len(rows)
+                and not split_objects(scene.posed(self.context.frame), rows)[0].any()
+            ):
                 raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
             if tidy and len(rows):
-                rows = rows[~things(scene.posed(self.context.frame), rows)[1]]
+                rows = rows[~split_objects(scene.posed(self.context.frame), rows)[1]]
             return Ids.of(scene.ids[rows])
         if isinstance(select, Point):
             return Ids.of(select_by_points(scene, [(select.x, select.y)], select.frame).chosen_ids)
@@ -174,7 +178,7 @@ class Resolver:
             if not len(rows):
                 raise Absent(self._nothing(scene, select.of))
             time = float(select.frame)
-            return Ids.of(scene.ids[which_thing(scene.posed(time), rows, select.which, scene.cameras.at(time))])
+            return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time))])
         if isinstance(select, Current):
             return Ids.of(self._current(scene).chosen_ids)
         return select
@@ -257,8 +261,8 @@ def named(scene: Scene) -> dict[str, Selection]:
     }
 
 
-def _rows(scene: Scene) -> Rows:
-    return scene.rows if isinstance(scene, EditedScene) else Rows.of(scene)
+def _rows(scene: Scene) -> SplatRows:
+    return scene.rows if isinstance(scene, EditedScene) else SplatRows.of(scene)
 
 
 def _vector(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:

@@ -13,11 +13,11 @@ from ..scene import Scene
 from .calibration import evidence
 from .compounds import head_of, names_another
 from .labels import Encode, ask_for, spellings, text_head, unknown_label
+from .not_deleted import not_deleted
 from .pixels import label_scores
 from .prompts import select_by_text
 from .score import THRESHOLD, cosines
 from .selection import Selection
-from .not_deleted import not_deleted
 
 LOOKED_AT = 4096
 """Gaussians, evenly spread, that are asked which word they answer to most."""

@@ -19,13 +19,13 @@ from ..scene.view import render
 from .blend_weights import lift_masks
 from .calibration import word_probabilities
 from .labels import Encode, TextQuery, ask_for
+from .not_deleted import not_deleted
+from .objects import point_out
 from .pixels import head_map, label_scores
 from .score import THRESHOLD, target_score
 from .segmentation import FeaturePropagation, MaskDecoder
 from .selection import Selection, fingerprint
 from .smoothing import LOOKS_ALIKE
-from .not_deleted import not_deleted
-from .things import point_out
 
 ASPECT_TOLERANCE = 0.01
 """Relative difference of aspects up to which a mask is taken for one of the clip: rounding to even sizes changes it so."""
@@ -139,7 +139,7 @@ def select_by_prompts(
 ) -> Selection:
     """Gaussians of one object that is prompted on one frame or several: `{clip frame: arguments of MaskDecoder.prompt}`.
 
-    Points and boxes on what moves mean a moving thing, found in all frames at once (`things.point_out`). For the rest, and with
+    Points and boxes on what moves mean a moving thing, found in all frames at once (`objects.point_out`). For the rest, and with
     a `decoder` always, the decoder (features of the scene when None, see `decoder_of`) carries the prompts to the other frames
     as masks. A Gaussian's score is then the share of its light that falls inside the masks; where it sends none, its
     neighbours' mean; and what moves and what stands still are told apart if the prompt is clearly on one of them.

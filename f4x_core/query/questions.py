@@ -19,9 +19,9 @@ from .chat import ChatServer, picture_part
 from .compounds import ADJECTIVE
 from .inventory import find, labels_of, nearest_there, things_there
 from .labels import Encode, spellings, text_head
+from .not_deleted import not_deleted
 from .pixels import head_map
 from .selection import Selection
-from .not_deleted import not_deleted
 from .wording import CAN, Asked, Unanswerable, understand
 
 COMPUTED, SERVER = "computed", "server"

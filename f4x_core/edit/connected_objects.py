@@ -23,7 +23,7 @@ INNER = (2, 98)
 """Percentiles between which an extent is measured: floaters do not count."""
 
 
-def connected(points: np.ndarray, reach: float) -> np.ndarray:
+def label_components(points: np.ndarray, reach: float) -> np.ndarray:
     """(n,) int piece of each of `points (n,3)`, numbered from 0: linked where their cells of width `reach` touch."""
     reach = max(reach, float(np.ptp(points, axis=0).max()) / MOST_CELLS)
     cells, cell_of = np.unique(np.floor(points / reach).astype(np.int64), axis=0, return_inverse=True)
@@ -46,7 +46,7 @@ def connected(points: np.ndarray, reach: float) -> np.ndarray:
     return np.unique(label, return_inverse=True)[1][cell_of.ravel()]
 
 
-def things(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def split_objects(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Split the Gaussians `rows (n,)` int: (thing (n,) int from 0, the largest first; stray (n,) bool).
 
     A smaller piece belongs to the thing whose centre is nearest. Size is the geometric mean of surface (opacity times the two
@@ -57,7 +57,7 @@ def things(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
     surface = posed.opacities[rows] * sizes[:, 1] * sizes[:, 2] + 1e-12
     low, high = np.percentile(points, INNER, axis=0)
     reach = max(LINK * float(np.median(sizes[:, 2])), FINEST * float(np.linalg.norm(high - low)), 1e-6)
-    piece = connected(points, reach)
+    piece = label_components(points, reach)
     total = np.sqrt(np.bincount(piece, surface) * np.bincount(piece, posed.opacities[rows] + 1e-12))
     order = np.argsort(-total, kind="stable")
     large = order[total[order] >= THING * total.max()]
@@ -71,9 +71,9 @@ def things(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return thing, (total < STRAY * total.max())[piece]
 
 
-def which_thing(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
+def pick_object(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
     """Those of the Gaussians `rows` that make up the thing `which` (see `selects.Instance`), seen through `camera`."""
-    thing, _ = things(posed, rows)
+    thing, _ = split_objects(posed, rows)
     surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
     pixels, depth = camera.project(centres_of(posed.means[rows], thing, surface))
     aside = np.linalg.norm(pixels - np.array([camera.width, camera.height]) / 2, axis=-1)
