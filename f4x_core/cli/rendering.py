@@ -21,7 +21,7 @@ from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress
 from ..query.labels import encode_labels
-from ..query.pixels import share_picture
+from ..query.pixels import coverage_image
 from ..scene import Scene
 from ..scene.foreign import identify, open_any
 from ..scene.formats import choose_format, export
@@ -90,7 +90,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         shown = {
             name: picture_of(name, maps[name], span, largest)
             if name in plain
-            else picture_of(name, share_picture(scene, masks[name], camera, time, args.backend), span, largest)
+            else picture_of(name, coverage_image(scene, masks[name], camera, time, args.backend), span, largest)
             if name in masks
             else feature_picture(scene, name, maps["latent"], maps["alpha"])
             for name in channels

@@ -199,9 +199,9 @@ def _track(scene: EditedScene, row: int, time: float) -> tuple[float, Motion]:
             if isinstance(operation, Duplicate):
                 whole = whole.after(NO_MOTION._replace(translate=copy[0] * np.array(operation.offset)))
         elif isinstance(operation, Transform) and step.chosen[row]:
-            share = progress(operation.frames, operation.ease, time, last)
-            if share:
-                whole = whole.after(motion_of(operation, share, scene.pivot(below, time)))
+            fraction = progress(operation.frames, operation.ease, time, last)
+            if fraction:
+                whole = whole.after(motion_of(operation, fraction, scene.pivot(below, time)))
     return time, whole
 
 

@@ -1,4 +1,4 @@
-"""Separate things among Gaussians: which of a selection hang together, and which one is meant by "the left one"."""
+"""Connected objects in a selection of Gaussians, and the choice of one of them: "the left one"."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from ..geometry.camera import Camera
 from ..scene.model import PosedSplats
 
 LINK = 3.0
-"""Gaussians hang together across so many of their median sizes (largest standard deviation)."""
+"""Gaussians are connected across a gap of so many of their median sizes (largest standard deviation)."""
 FINEST = 1 / 60
-"""… or across this share of the selection's extent, where that is more: sparse Gaussians leave gaps in a thing."""
-THING = 0.1
-"""A piece is a thing of its own when it is at least so large, relative to the largest."""
-STRAY = 0.01
-"""A smaller piece is a stray: a leg or a tail that the reconstruction left apart is larger."""
-MOST_CELLS = 1 << 20
-"""Cells along an axis at most: three of them number a cell within 64 bits, however far a floater is."""
+"""… or across this fraction of the selection's extent, where that is more: sparse Gaussians leave gaps in an object."""
+MIN_OBJECT_SIZE = 0.1
+"""Minimum size of a component, relative to the largest, to be an object of its own."""
+MAX_STRAY_SIZE = 0.01
+"""A smaller component is a stray; a leg or a tail that the reconstruction left apart is larger."""
+MAX_CELLS = 1 << 20
+"""Maximum cells along an axis: three indices fit into 64 bits, however far away a floater is."""
 INNER = (2, 98)
 """Percentiles between which an extent is measured: floaters do not count."""
 
 
 def label_components(points: np.ndarray, reach: float) -> np.ndarray:
-    """(n,) int piece of each of `points (n,3)`, numbered from 0: linked where their cells of width `reach` touch."""
-    reach = max(reach, float(np.ptp(points, axis=0).max()) / MOST_CELLS)
+    """(n,) int connected component of each of `points (n,3)`, numbered from 0: linked where their cells of width `reach` touch."""
+    reach = max(reach, float(np.ptp(points, axis=0).max()) / MAX_CELLS)
     cells, cell_of = np.unique(np.floor(points / reach).astype(np.int64), axis=0, return_inverse=True)
     span = cells.max(0) - (low := cells.min(0)) + 3  # a border of one cell, so that neighbours never wrap around
     strides = np.array([span[1] * span[2], span[2], 1])
@@ -47,37 +47,38 @@ def label_components(points: np.ndarray, reach: float) -> np.ndarray:
 
 
 def split_objects(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Split the Gaussians `rows (n,)` int: (thing (n,) int from 0, the largest first; stray (n,) bool).
+    """Split the Gaussians `rows (n,)` int: (object (n,) int from 0, the largest first; stray (n,) bool).
 
-    A smaller piece belongs to the thing whose centre is nearest. Size is the geometric mean of surface (opacity times the two
-    largest deviations) and of opacity: a few large floaters have surface and no body, a plain thing has surface and few Gaussians.
+    A component below `MIN_OBJECT_SIZE` joins the object whose centre is nearest. Size is the geometric mean of surface (opacity
+    times the two largest deviations) and of opacity: a few large floaters have much surface and little opacity, a plain object
+    has much surface and few Gaussians.
     """
     points = posed.means[rows]
     sizes = np.sort(posed.scales[rows], axis=1)
     surface = posed.opacities[rows] * sizes[:, 1] * sizes[:, 2] + 1e-12
     low, high = np.percentile(points, INNER, axis=0)
     reach = max(LINK * float(np.median(sizes[:, 2])), FINEST * float(np.linalg.norm(high - low)), 1e-6)
-    piece = label_components(points, reach)
-    total = np.sqrt(np.bincount(piece, surface) * np.bincount(piece, posed.opacities[rows] + 1e-12))
+    component = label_components(points, reach)
+    total = np.sqrt(np.bincount(component, surface) * np.bincount(component, posed.opacities[rows] + 1e-12))
     order = np.argsort(-total, kind="stable")
-    large = order[total[order] >= THING * total.max()]
+    large = order[total[order] >= MIN_OBJECT_SIZE * total.max()]
     number = np.full(len(total), -1)
     number[large] = np.arange(len(large))
-    thing = number[piece]
-    small = thing < 0
+    owner = number[component]
+    small = owner < 0
     if small.any():
-        centres = centres_of(points[~small], thing[~small], surface[~small])
-        thing[small] = np.linalg.norm(points[small][:, None] - centres, axis=-1).argmin(1)
-    return thing, (total < STRAY * total.max())[piece]
+        centres = centres_of(points[~small], owner[~small], surface[~small])
+        owner[small] = np.linalg.norm(points[small][:, None] - centres, axis=-1).argmin(1)
+    return owner, (total < MAX_STRAY_SIZE * total.max())[component]
 
 
 def pick_object(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
-    """Those of the Gaussians `rows` that make up the thing `which` (see `selects.Instance`), seen through `camera`."""
-    thing, _ = split_objects(posed, rows)
+    """Those of the Gaussians `rows` that make up the object `which` (see `selects.Instance`), seen through `camera`."""
+    owner, _ = split_objects(posed, rows)
     surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
-    pixels, depth = camera.project(centres_of(posed.means[rows], thing, surface))
+    pixels, depth = camera.project(centres_of(posed.means[rows], owner, surface))
     aside = np.linalg.norm(pixels - np.array([camera.width, camera.height]) / 2, axis=-1)
-    least = {
+    key = {
         "left": pixels[:, 0],
         "right": -pixels[:, 0],
         "top": pixels[:, 1],
@@ -85,17 +86,17 @@ def pick_object(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera
         "middle": aside,
         "nearest": depth,
         "farthest": -depth,
-        "largest": -np.bincount(thing, surface),
-        "smallest": np.bincount(thing, surface),
+        "largest": -np.bincount(owner, surface),
+        "smallest": np.bincount(owner, surface),
     }[which]
     in_front = depth > 0 if (depth > 0).any() else np.ones_like(depth, bool)
-    return rows[thing == np.where(in_front, least, np.inf).argmin()]
+    return rows[owner == np.where(in_front, key, np.inf).argmin()]
 
 
-def centres_of(points: np.ndarray, thing: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """(k,3) float64 weighted means of `points (n,3)` by `thing (n,)`."""
-    total = np.bincount(thing, weights)
-    return np.stack([np.bincount(thing, weights * points[:, axis]) / total for axis in range(3)], 1)
+def centres_of(points: np.ndarray, owner: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(k,3) float64 weighted means of `points (n,3)` by `owner (n,)`."""
+    total = np.bincount(owner, weights)
+    return np.stack([np.bincount(owner, weights * points[:, axis]) / total for axis in range(3)], 1)
 
 
 def width_along(points: np.ndarray, axis: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from ..errors import F4xError
 from .operations import (
-    MOST_COPIES,
+    MAX_COPIES,
     Delete,
     Duplicate,
     Extract,
@@ -40,15 +40,15 @@ if TYPE_CHECKING:
 
 LONGEST_WORD = 40
 """Letters of a label or a name."""
-MOST_WORDS = 8
+MAX_WORDS = 8
 """Labels in one target."""
-MOST_OPERATIONS = 8
+MAX_OPERATIONS = 8
 """Operations in one answer: a sentence holds no more."""
 LAST_FRAME = 1_000_000
 """No clip is longer."""
 
 Word = Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_WORD)]
-Words = Annotated[list[Word], Field(max_length=MOST_WORDS)]
+Words = Annotated[list[Word], Field(max_length=MAX_WORDS)]
 Frame = Annotated[int, Field(ge=-1, le=LAST_FRAME)]
 """Clip frame; -1 = none."""
 Byte = Annotated[int, Field(ge=0, le=255)]
@@ -215,7 +215,7 @@ class Copy(Change):
     up: Offset
     away: Offset
     later_frames: Annotated[int, Field(ge=-LAST_FRAME, le=LAST_FRAME)]
-    copies: Annotated[int, Field(ge=1, le=MOST_COPIES)]
+    copies: Annotated[int, Field(ge=1, le=MAX_COPIES)]
 
     def about(self, select: SelectKind) -> Operation:
         """A `Duplicate`, its offset in widths of the target and axes of the camera."""
@@ -312,7 +312,7 @@ AnyChange = (
 class Reply(Strict):
     """What the request comes to; no operation where it asks for what cannot be done."""
 
-    operations: Annotated[list[Annotated[AnyChange, Field(discriminator="op")]], Field(max_length=MOST_OPERATIONS)]
+    operations: Annotated[list[Annotated[AnyChange, Field(discriminator="op")]], Field(max_length=MAX_OPERATIONS)]
 
 
 class Choice(Strict):

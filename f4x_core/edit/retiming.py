@@ -40,15 +40,15 @@ def progress(frames: Span | None, ease: Ease, time: float, last: float) -> float
     first, end = frames[0], max(last if frames[1] is None else frames[1], frames[0])
     if ease == "step" or first == end:
         return float(time >= first)
-    share = min(max((time - first) / (end - first), 0.0), 1.0)
-    return share * share * (3 - 2 * share) if ease == "smooth" else share
+    fraction = min(max((time - first) / (end - first), 0.0), 1.0)
+    return fraction * fraction * (3 - 2 * fraction) if ease == "smooth" else fraction
 
 
 def effect(operation: AppearanceChange, time: float, last: float) -> float:
     """How much of a change of looks there is at `time`, 0 to 1."""
     if isinstance(operation, Opacity) and operation.ease is not None:
-        share = progress(operation.frames, operation.ease, time, last)
-        return 1 - share if operation.inward else share
+        fraction = progress(operation.frames, operation.ease, time, last)
+        return 1 - fraction if operation.inward else fraction
     return float(holds(operation.frames, time))
 
 

@@ -14,7 +14,7 @@ from .retiming import TimeMap, copy_time_map, time_map_of
 from .selects import All, And, Ids, Moving, Named, Not, Or, SelectKind
 from .stack import Edit
 
-MOST_GAUSSIANS = 10_000_000
+MAX_GAUSSIANS = 10_000_000
 """Gaussians that a stack may come to with its copies: a few gigabytes."""
 
 
@@ -167,8 +167,8 @@ def _named(rows: SplatRows, name: str, chosen: np.ndarray) -> SplatRows:
 def _copied(operation: Duplicate, rows: SplatRows, picked: np.ndarray) -> SplatRows:
     """`rows` with `count` copies of the rows `picked` after them."""
     total = len(rows.ids) + len(picked) * operation.count
-    if total > MOST_GAUSSIANS:
-        raise F4xError(f"the scene would come to {total:,} Gaussians; {MOST_GAUSSIANS:,} are the most, so copy less.")
+    if total > MAX_GAUSSIANS:
+        raise F4xError(f"the scene would come to {total:,} Gaussians; {MAX_GAUSSIANS:,} are the most, so copy less.")
     ids = operation.first_id + np.arange(len(picked) * operation.count)
     if len(ids) and (operation.first_id < 0 or np.isin(ids, rows.ids).any()):
         raise F4xError("ids of its copies are taken or missing; plan the edit, which reserves its first_id.")

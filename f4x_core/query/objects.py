@@ -156,7 +156,7 @@ def superpoints_of(scene: Scene) -> Superpoints:
     spread = np.sqrt(place[moving].var(0).sum() / TIMES) if len(moving) else 1.0
     tracks = place[moving].reshape(len(moving), 3 * TIMES) / np.sqrt(TIMES)
     index, weight, centres, mine = _group(tracks / max(spread, 1e-9), looks[moving], weights[moving], SUPERPOINTS)
-    # Positions of far static Gaussians vary much among those that look alike; angles from the first camera compare better than metres.
+    # Far static Gaussians that look alike can be far apart; angles from the first camera compare better than metres.
     sight = place[static, 0] - scene.cameras[0].center
     sight = sight / np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
     _, backdrop, _, theirs = _group(2 * sight, looks[static], weights[static], BACKDROP)
@@ -248,7 +248,7 @@ def _bonds(place: np.ndarray, looks: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _sweep(bonds: np.ndarray, out: np.ndarray, random_walk_score: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(P,) bool: of the sets of superpoints with the highest `random_walk_score (P,)`, the one with the smallest fraction of bonds cut.
+    """(P,) bool: of the sets of superpoints with the highest `random_walk_score (P,)`, the one with the lowest conductance.
 
     Bonds `out (P,)` are cut for every superpoint in the set, `bonds (P,P)` where only one of the two is.
     """

@@ -31,7 +31,7 @@ VIEWS = 8
 COLUMNS = 96
 """Width in pixels of the pictures on which things are found."""
 SEEN = 0.5
-"""Share of a pixel's light that a thing must send for the pixel to be its own."""
+"""Minimum blend weight of an object in a pixel for the pixel to be its own."""
 PRESENT = 0.005
 """Share of the picture that a thing must fill in a view to be seen there."""
 MOMENTS = 24
@@ -204,8 +204,8 @@ def look(
     for done, (camera, time) in enumerate(views):
         progress("looking at the scene", done, len(views))
         small = camera.resized(COLUMNS, max(1, round(COLUMNS * camera.height / camera.width)))
-        drawn = render(scene, small, time, ("depth",), backend, values={"share": chosen.astype(np.float32)})
-        masks.append(np.moveaxis(drawn["share"], -1, 0) > SEEN)
+        drawn = render(scene, small, time, ("depth",), backend, values={"chosen": chosen.astype(np.float32)})
+        masks.append(np.moveaxis(drawn["chosen"], -1, 0) > SEEN)
         depths.append(drawn["depth"])
     progress("looking at the scene", len(views), len(views))
     moving = chosen & scene.moving[:, None]
