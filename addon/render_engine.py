@@ -141,9 +141,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             clouds,
             surfaces,
             seen.camera,
-            near=seen.near,
-            far=seen.far,
-            background=background,
+            stage.DrawSettings(seen.near, seen.far, background),
             passes=passes,
             region=(rows, columns),
             progress=progress,
@@ -187,7 +185,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         size = (-(-width // coarse), -(-height // coarse))
         seen = eye(projection, world_to_view, *size)
         clouds, surfaces, background = self._stage
-        pictures = stage.draw(clouds, surfaces, seen.camera, near=seen.near, far=seen.far, background=background)
+        pictures = stage.draw(clouds, surfaces, seen.camera, stage.DrawSettings(seen.near, seen.far, background))
         flat = np.ascontiguousarray(_combined(pictures, transparent=False)[::-1], np.float32).ravel()
         return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
 

@@ -320,8 +320,8 @@ class _Nodes:
             return
         carried = self.base.dynamic.take(origin - len(self.base.static))
         if group.is_nothing(self.times):
-            told = (carried.reference, carried.node, carried.weight, carried.strength)
-            self.followers.append(_Followers(group.rows, *told, kept=True))
+            reference, node, weight, strength = carried.reference, carried.node, carried.weight, carried.strength
+            self.followers.append(_Followers(group.rows, reference, node, weight, strength, kept=True))
             return
         cloned, local = np.unique(carried.node, return_inverse=True)
         node, weight, strength = self.count + local.reshape(carried.node.shape), carried.weight, carried.strength
@@ -366,8 +366,8 @@ class _Nodes:
         weight = np.zeros((len(origin), slots), np.float32)
         weight[:, 0] = 1
         node = np.tile(self.count + kinds[:, None], (1, slots))
-        told = (np.zeros(len(origin), int), node, weight, np.ones(len(origin), np.float32))
-        self.followers.append(_Followers(group.rows, *told))
+        reference, strength = np.zeros(len(origin), int), np.ones(len(origin), np.float32)
+        self.followers.append(_Followers(group.rows, reference, node, weight, strength))
         self._add_bare(group, np.tile(np.median(static.means, 0), (len(latents), 1)), latents, static.means.std())
 
     def _add_bare(self, group: _Group, points: np.ndarray, latents: np.ndarray, radius: float = 0.0) -> None:
