@@ -18,7 +18,6 @@ from bpy.props import (
 from mathutils import Euler
 
 from ..f4x_core.edit.description import describe
-from ..f4x_core.edit.looks import LOOKS
 from ..f4x_core.edit.operations import (
     Delete,
     Duplicate,
@@ -36,6 +35,7 @@ from ..f4x_core.edit.operations import (
     Vector,
 )
 from ..f4x_core.edit.plan import propose
+from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.edit.words import plural
 from ..f4x_core.errors import F4xError
 from . import display, session
@@ -111,7 +111,7 @@ class F4X_OT_style(_Edit, bpy.types.Operator):  # noqa: N801
 
     bl_idname, bl_label = "f4x.style", "Look"
 
-    look: EnumProperty(name="Look", items=[(name, name.capitalize(), "") for name in LOOKS])  # type: ignore[valid-type]
+    look: EnumProperty(name="Look", items=[(name, name.capitalize(), "") for name in STYLES])  # type: ignore[valid-type]
     strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
 
     def operation(self, root):

@@ -143,9 +143,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             _as_seen(clouds, seen),
             surfaces,
             seen.camera,
-            near=seen.near,
-            far=seen.far,
-            background=background,
+            stage.DrawSettings(seen.near, seen.far, background),
             passes=passes,
             region=(rows, columns),
             progress=progress,
@@ -189,8 +187,8 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         size = (-(-width // coarse), -(-height // coarse))
         seen = eye(projection, world_to_view, *size)
         clouds, surfaces, background = self._stage
-        clouds = _as_seen(clouds, seen)
-        pictures = stage.draw(clouds, surfaces, seen.camera, near=seen.near, far=seen.far, background=background)
+        settings = stage.DrawSettings(seen.near, seen.far, background)
+        pictures = stage.draw(_as_seen(clouds, seen), surfaces, seen.camera, settings)
         flat = np.ascontiguousarray(_combined(pictures, transparent=False)[::-1], np.float32).ravel()
         return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
 

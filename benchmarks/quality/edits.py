@@ -27,7 +27,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.arrays import evenly_spaced
 from f4x_core.geometry.camera import Camera
 from f4x_core.progress import Progress, silent
-from f4x_core.query.chat import LARGEST, ChatServer
+from f4x_core.query.chat import MAX_ANSWER_BYTES, ChatServer
 from f4x_core.query.labels import Encode
 from f4x_core.query.prompts import select_by_mask, select_by_points, select_by_text
 from f4x_core.query.score import overlap
@@ -228,7 +228,7 @@ _FAULTS: dict[str, tuple[int, bytes, float]] = {
     "prose": (200, _chat("I would love to!"), 0),
     "another schema": (200, _chat('{"action": "delete"}'), 0),
     "asks for files": (200, _chat('{"operations": [{"op": "read_file", "path": "/etc/passwd"}]}'), 0),
-    "larger than any chat": (200, b" " * (LARGEST + 1), 0),
+    "larger than any chat": (200, b" " * (MAX_ANSWER_BYTES + 1), 0),
     "silence": (200, _chat("{}"), 2 * PATIENCE),
 }
 """Status, body and seconds of silence before them."""

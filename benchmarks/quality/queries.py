@@ -12,7 +12,7 @@ import numpy as np
 
 from f4x_core.progress import Progress, silent
 from f4x_core.query.labels import Encode, ask_for
-from f4x_core.query.pixels import head_map, share_picture, text_picture
+from f4x_core.query.pixels import coverage_image, head_map, text_picture
 from f4x_core.query.prompts import LOOKS_ALIKE, select_by_mask, text_selection
 from f4x_core.query.score import average_precision, overlap, select
 from f4x_core.scene import Scene
@@ -44,8 +44,8 @@ def score_text(
             continue
         camera, time = scene.cameras[frame], float(scene.cameras.times[frame])
         scores = text_picture(scene, query, camera, time, backend)
-        soft = share_picture(scene, single, camera, time, backend, soft=True)
-        chosen = share_picture(scene, single, camera, time, backend) > 0.5
+        soft = coverage_image(scene, single, camera, time, backend, soft=True)
+        chosen = coverage_image(scene, single, camera, time, backend) > 0.5
         ruled = select(scores, 0) & (scores[..., 0] > 0)  # 0 where nothing is drawn
         rows.append(
             (
@@ -68,7 +68,7 @@ def score_following(
     selection = select_by_mask(scene, masks[first], first, backend=backend, progress=progress)
     result = {}
     for frame in sorted({*(t for t in FOLLOWED if t in masks), max(masks)}):
-        weights = share_picture(scene, selection, scene.cameras[frame], float(scene.cameras.times[frame]), backend)
+        weights = coverage_image(scene, selection, scene.cameras[frame], float(scene.cameras.times[frame]), backend)
         result[f"follow_iou_{frame}"] = overlap(weights > 0.5, masks[frame])
     return result
 

@@ -160,7 +160,7 @@ MUTATIONS = (
     Mutation(
         "retimed clip: begin + speed (t - begin)",
         "without begin",
-        "edit/warps.py",
+        "edit/retiming.py",
         "return min(begin + speed * (min(time, stop) - begin)",
         "return min(speed * (min(time, stop) - begin)",
         ("test_edit_apply.py",),

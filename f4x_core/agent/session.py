@@ -21,7 +21,7 @@ from ..edit.apply import open_scene, with_operations
 from ..edit.description import describe
 from ..edit.naming import by_words, together
 from ..edit.operations import Operation, read_operation
-from ..edit.plan import MOST_CANDIDATES
+from ..edit.plan import MAX_CANDIDATES
 from ..edit.records import read_record
 from ..edit.resolve import Context, Resolver, labels_of, named, resolve, rows_of
 from ..edit.selects import All, Ids, SelectKind
@@ -33,7 +33,7 @@ from ..geometry.camera import CameraPath
 from ..geometry.trajectory import View
 from ..progress import Progress, silent
 from ..query.labels import encode_labels
-from ..query.pixels import heat_map, share_picture
+from ..query.pixels import coverage_image, heat_map
 from ..query.prompts import select_by_box, select_by_points
 from ..query.questions import answer
 from ..query.score import THRESHOLD
@@ -161,7 +161,7 @@ class Session:
         if selection:
             if channel != "rgb":
                 raise F4xError("A selection is shown over the picture itself; leave channel out.")
-            weights = share_picture(opened, self._selection(path, opened, selection), *view, self.backend)
+            weights = coverage_image(opened, self._selection(path, opened, selection), *view, self.backend)
             picture = heat_map(maps["rgb"], weights)
         elif channel == "depth":
             data["near"], data["far"] = depth_range([maps["depth"]])
@@ -216,7 +216,7 @@ class Session:
             scores = np.isin(np.arange(len(opened.ids)), rows_of(opened, resolved))
             found = Selection(opened.ids, scores.astype(float), np.zeros(len(scores), bool))
         rows = rows_of(opened, Ids.of(found.chosen_ids))
-        inside = share_picture(opened, found, *view, self.backend) > MIN_COVERAGE
+        inside = coverage_image(opened, found, *view, self.backend) > MIN_COVERAGE
         name = plain(name) or self._name("selection")
         _keep(self._found, name, StoredSelection(path, found), KEPT_SELECTIONS)
         return ToolResult(
@@ -243,7 +243,7 @@ class Session:
         operations: Annotated[list[dict[str, Any]] | None, Field(description=OPERATIONS)] = None,
         frame: Frame = 0.0,
         selection: Annotated[SelectionName, Field(description='what \'it\' and {"by": "current"} mean')] = "",
-        candidates: Annotated[int, Field(ge=1, le=MOST_CANDIDATES, description="readings of sentence to compare")] = 1,
+        candidates: Annotated[int, Field(ge=1, le=MAX_CANDIDATES, description="readings of sentence to compare")] = 1,
     ) -> ToolResult:
         """What a sentence, or a list of operations, would do. Writes nothing: look at preview, then call apply_edit."""
         if bool(sentence.strip()) == bool(operations):

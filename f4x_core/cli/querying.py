@@ -20,7 +20,7 @@ from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.inventory import nearest_there
 from ..query.labels import Encode, encode_labels, words_of
-from ..query.pixels import heat_map, mask_video, share_picture
+from ..query.pixels import coverage_image, heat_map, mask_video
 from ..query.prompts import at_clip_size, select_by_box, select_by_mask, select_by_points
 from ..query.questions import Answer, answer, ask_features
 from ..query.selection import Selection
@@ -197,6 +197,6 @@ def _write(scene: Scene, selection: Selection, views, folder: Path, backend: str
                 Image.fromarray((weights > 0.5).astype(np.uint8) * 255).save(file, "PNG")
             camera, time = views[index]
             rgb = render(scene, camera, time, ("rgb",), backend)["rgb"]
-            yield heat_map(rgb, share_picture(scene, selection, camera, time, backend, soft=True))
+            yield heat_map(rgb, coverage_image(scene, selection, camera, time, backend, soft=True))
 
     write_video(folder / "heat.mp4", pictures(), scene.fps)

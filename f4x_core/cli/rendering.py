@@ -21,7 +21,7 @@ from ..geometry import trajectory
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress
 from ..query.labels import encode_labels
-from ..query.pixels import share_picture
+from ..query.pixels import coverage_image
 from ..scene import Scene
 from ..scene.foreign import identify, open_any
 from ..scene.formats import choose_format, export
@@ -90,7 +90,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         images = {
             name: channel_image(name, maps[name], span, full_motion)
             if name in plain
-            else channel_image(name, share_picture(scene, masks[name], camera, time, args.backend), span, full_motion)
+            else channel_image(name, coverage_image(scene, masks[name], camera, time, args.backend), span, full_motion)
             if name in masks
             else feature_image(scene, name, maps["latent"], maps["alpha"])
             for name in channels

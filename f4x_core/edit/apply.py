@@ -23,13 +23,13 @@ from ..scene import PosedSplats, Scene, read_scene
 from ..scene.model import faded
 from . import colours
 from .keys import rekeyed
-from .looks import LOOKS
 from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Style, Transform, rotation_of
-from .rows import Rows, Step, steps_of
+from .retiming import AppearanceChange, effect, progress
+from .splat_rows import SplatRows, Step, steps_of
 from .stack import EditStack, of, with_stack
-from .warps import Look, effect, progress
+from .styles import STYLES
 
-MOST_MOMENTS = 512
+MAX_MOMENTS = 512
 """Moments of the base scene that one picture may need: every copy that lags needs its own, and stacks multiply."""
 KEPT_MOMENTS = 8
 """Posed base scenes kept: what a freeze holds on to is read at every frame."""
@@ -39,10 +39,10 @@ BASE_PERCENTILE = 98
 """The base of a thing is this percentile of its heights: a stray Gaussian below it does not count."""
 FADED_DEPTH = 16.0
 """Optical depth, the sum of -log(1 - alpha) along a pixel, of things in fits of real clips: of it fades are even."""
-MOST_ALPHA = 0.99
+MAX_ALPHA = 0.99
 """What is opaquer is drawn no more so, and would never fade."""
-LOOKS_OF = get_args(Look)
-"""The operations of `Look`."""
+LOOKS_OF = get_args(AppearanceChange)
+"""The operations of `AppearanceChange`."""
 
 
 class Placement(NamedTuple):
@@ -141,7 +141,7 @@ class EditedScene(Scene):
         return self.rows.origin
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> SplatRows:
         """What there is in the end."""
         return self._program[1]
 
@@ -192,7 +192,7 @@ class EditedScene(Scene):
         return motions_to(node_poses_at(moved.times, moved.xyz, moved.quat, time), base.xyz, base.quat, self._pairs)
 
     @cached_property
-    def _program(self) -> tuple[tuple[Step, ...], Rows]:
+    def _program(self) -> tuple[tuple[Step, ...], SplatRows]:
         return steps_of(self, of(self).edits)
 
     @cached_property
@@ -225,9 +225,9 @@ class EditedScene(Scene):
 
     def _base(self, time: float) -> PosedSplats:
         self._moments.add(time)
-        if len(self._moments) > MOST_MOMENTS:
+        if len(self._moments) > MAX_MOMENTS:
             raise F4xError(
-                f"{self.name}: its edits show more than {MOST_MOMENTS} moments in one picture; take some back or"
+                f"{self.name}: its edits show more than {MAX_MOMENTS} moments in one picture; take some back or"
                 " `f4x bake` the scene."
             )
         kept = self._posed_base
@@ -299,7 +299,7 @@ class EditedScene(Scene):
         place = np.argsort(np.concatenate(members))
         return type(parts[0])(*(np.concatenate(arrays)[place] for arrays in zip(*parts, strict=True))), copy
 
-    def after(self, depth: int) -> Rows:
+    def after(self, depth: int) -> SplatRows:
         """What there is after the first `depth` steps."""
         return self.steps[depth].before if depth < len(self.steps) else self.rows
 
@@ -308,10 +308,10 @@ class EditedScene(Scene):
         moved = step.chosen[rows]
         operation = step.edit.operation
         assert isinstance(operation, Transform)
-        share = progress(operation.frames, operation.ease, time, self._last)
-        if share == 0 or not moved.any():
+        fraction = progress(operation.frames, operation.ease, time, self._last)
+        if fraction == 0 or not moved.any():
             return state
-        motion = motion_of(operation, share, self.pivot(below, time, state if isinstance(rows, slice) else None))
+        motion = motion_of(operation, fraction, self.pivot(below, time, state if isinstance(rows, slice) else None))
         return _put(state, moved, motion(Placement(*(part[moved] for part in state))))
 
     def pivot(self, below: int, time: float, state: Placement | None = None) -> np.ndarray:
@@ -332,22 +332,22 @@ class EditedScene(Scene):
         step = self.steps[below]
         operation, dyed = step.edit.operation, step.chosen[rows]
         assert isinstance(operation, LOOKS_OF)
-        share = effect(operation, time, self._last)
-        if not share or not dyed.any():
+        fraction = effect(operation, time, self._last)
+        if not fraction or not dyed.any():
             return state
         if isinstance(operation, Delete | Extract):
             return state._replace(opacities=np.where(dyed, np.float32(0), state.opacities))
         if isinstance(operation, Opacity):
-            factor = np.float32(1 + share * (operation.factor - 1))
-            if operation.factor < 1 and 0 < share < 1:  # on the way from all to the factor
+            factor = np.float32(1 + fraction * (operation.factor - 1))
+            if operation.factor < 1 and 0 < fraction < 1:  # on the way from all to the factor
                 gone = np.float32(1 - operation.factor)
-                fainter = state.opacities * (1 - gone) + gone * thinned(state.opacities, 1 - share)
+                fainter = state.opacities * (1 - gone) + gone * thinned(state.opacities, 1 - fraction)
             else:
                 fainter = np.clip(state.opacities * factor, 0, 1)
             if operation.factor > 1:  # nothing times a factor is nothing: what was hidden comes back as it was
                 hidden = (state.opacities == 0) & ~step.before.gone[rows]
                 there = self._constant["opacities"][step.before.origin[rows]]
-                fainter = np.where(hidden, np.float32(share) * there, fainter)
+                fainter = np.where(hidden, np.float32(fraction) * there, fainter)
             return state._replace(opacities=np.where(dyed, fainter, state.opacities))
 
         known = None
@@ -368,7 +368,7 @@ class EditedScene(Scene):
         known = self._known
         if (below, time) not in known:
             value = work()
-            if len(known) > MOST_MOMENTS:
+            if len(known) > MAX_MOMENTS:
                 known.clear()
             known[below, time] = value
         return known[below, time]
@@ -423,13 +423,13 @@ def stack_of(scene: Scene, *operations: Operation, said: str = "") -> EditStack:
     return of(with_operations(scene, *operations, said=said))
 
 
-def motion_of(operation: Transform, share: float, pivot: np.ndarray) -> Motion:
-    """The similarity that a transform is when `share` of it has come, about `pivot (3,)`."""
+def motion_of(operation: Transform, fraction: float, pivot: np.ndarray) -> Motion:
+    """The similarity that a transform at `fraction` in [0, 1] of its way, about `pivot (3,)`."""
     return Motion(
-        quaternion.from_rotation_vector(share * rotation_of(operation.rotate)),
-        operation.scale**share,
+        quaternion.from_rotation_vector(fraction * rotation_of(operation.rotate)),
+        operation.scale**fraction,
         pivot,
-        share * np.array(operation.translate),
+        fraction * np.array(operation.translate),
     )
 
 
@@ -442,13 +442,13 @@ def pivot_of(kind: str, means: np.ndarray) -> np.ndarray:
 
 
 def thinned(opacities: np.ndarray, left: float) -> np.ndarray:
-    """Opacities (n,) of which a picture shows the share `left` in [0, 1] of its alpha, where splats stand behind one another.
+    """Opacities (n,) of which a picture shows the fraction `left` in [0, 1] of its alpha, where splats stand behind one another.
 
     `1 - (1 - o)^k` scales the optical depth D of a pixel by k; its alpha 1 - exp(-k D) is to be `left` (1 - exp(-D)). Scaling
     the opacities themselves would leave a stack of many nearly opaque half-way.
     """
     depth = -np.log1p(-left * -np.expm1(-FADED_DEPTH)) / FADED_DEPTH
-    return (1 - (1 - np.minimum(opacities, MOST_ALPHA)) ** depth).astype(np.float32)
+    return (1 - (1 - np.minimum(opacities, MAX_ALPHA)) ** depth).astype(np.float32)
 
 
 def has_tones(operation: Operation) -> bool:
@@ -471,21 +471,21 @@ def tones_of(operation: Operation, whom: Appearance, other: Appearance | None) -
 def dyed_by(operation: Operation, whom: Appearance, tones: Any) -> Appearance:
     """The Gaussians with the colours that the operation gives them; `tones` of `tones_of`."""
     assert isinstance(operation, Recolour | Style | Match)
-    rgb, share = colours.colours_of(whom.sh), operation.strength
-    if share == 0:
+    rgb, strength = colours.colours_of(whom.sh), operation.strength
+    if strength == 0:
         return whom
     opacities, rest = whom.opacities, whom.sh[:, 1:]
     # What depends on the direction is a change of colour about the DC's: a new colour is only seen without it.
-    faded = rest * np.float32(1 - share)
+    faded = rest * np.float32(1 - strength)
     if isinstance(operation, Style):
-        look = LOOKS[operation.look]
+        look = STYLES[operation.look]
         goal, rest = colours.styled(rgb, look, *tones), faded
-        opacities = opacities * np.float32(1 + share * (look.opacity - 1))
+        opacities = opacities * np.float32(1 + strength * (look.opacity - 1))
     elif isinstance(operation, Match):
         goal = colours.matched(rgb, *tones)
     elif operation.mode == "multiply":
         goal = rgb * operation.rgb
-        rest = (rest * (1 + share * (np.array(operation.rgb) - 1))).astype(np.float32)
+        rest = (rest * (1 + strength * (np.array(operation.rgb) - 1))).astype(np.float32)
     elif operation.mode == "add":
         goal = rgb + operation.rgb
     else:
@@ -496,7 +496,7 @@ def dyed_by(operation: Operation, whom: Appearance, tones: Any) -> Appearance:
             goal = colours.painted(rgb, target, tones)
         else:
             goal = np.broadcast_to(target, rgb.shape)
-    dc = spherical_harmonics.dc_from_rgb(rgb + share * (goal - rgb)).astype(np.float32)
+    dc = spherical_harmonics.dc_from_rgb(rgb + strength * (goal - rgb)).astype(np.float32)
     return Appearance(opacities, np.concatenate([dc[:, None], rest], axis=1))
 
 

@@ -25,10 +25,10 @@ from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
 from .apply import LOOKS_OF, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
 from .keys import with_keys_folded
 from .operations import Delete, Duplicate, Name, Opacity, Transform
-from .rows import Rows
+from .retiming import progress
 from .selects import Ids, Moving, Select
+from .splat_rows import SplatRows
 from .stack import Edit, EditStack, of, with_stack
-from .warps import progress
 
 TOLERANCE = 0.02
 """Pixels that a folded Gaussian may lie off at any clip frame; edits that would need more stay in the stack."""
@@ -84,7 +84,7 @@ def needs_time(edit: Edit) -> bool:
     return isinstance(operation, LOOKS_OF) and operation.frames is not None
 
 
-def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: Rows, folded: Scene) -> EditStack:
+def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: SplatRows, folded: Scene) -> EditStack:
     """The stack behind the folded edits: names as they were given, then the other edits."""
     stack = EditStack()
     if count < len(active) and rows.gone.any():
@@ -98,7 +98,7 @@ def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: Rows, folded
     return EditStack((*stack.edits, *(replace(edit, id=taken + i) for i, edit in enumerate(later, 1))))
 
 
-def _spelt(edit: Edit, rows: Rows) -> Any:
+def _spelt(edit: Edit, rows: SplatRows) -> Any:
     """The operation with `moving` as ids: edits that are folded in make Gaussians move that did not."""
 
     def spell(value: Any) -> Any:
@@ -162,7 +162,7 @@ class _Group:
 
 def _histories(scene: EditedScene, there: np.ndarray) -> list[np.ndarray]:
     """The rows `there (N,) bool` by what moves them: those of one group were chosen by the same steps, as the same copies."""
-    code = Rows.of(base_of(scene)).carried.astype(np.int64)
+    code = SplatRows.of(base_of(scene)).carried.astype(np.int64)
     for depth, step in enumerate(scene.steps, 1):
         part: np.ndarray = step.chosen.astype(np.int64)
         if step.copied is not None:
@@ -199,9 +199,9 @@ def _track(scene: EditedScene, row: int, time: float) -> tuple[float, Motion]:
             if isinstance(operation, Duplicate):
                 whole = whole.after(NO_MOTION._replace(translate=copy[0] * np.array(operation.offset)))
         elif isinstance(operation, Transform) and step.chosen[row]:
-            share = progress(operation.frames, operation.ease, time, last)
-            if share:
-                whole = whole.after(motion_of(operation, share, scene.pivot(below, time)))
+            fraction = progress(operation.frames, operation.ease, time, last)
+            if fraction:
+                whole = whole.after(motion_of(operation, fraction, scene.pivot(below, time)))
     return time, whole
 
 
@@ -219,17 +219,17 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         base = _with_knots(base, base.scaffold, times)
     posed, count = scene.posed(float(times[0])), len(base.static)
     opacities, _ = scene.looks(float(times[0]))
-    standing = [group for group in groups if group.lasts and not rows.carried[group.rows[0]]]
-    still = np.sort(np.concatenate([np.zeros(0, int), *(group.rows for group in standing)]))
-    turned = np.isin(still, [row for group in standing if group.turns[0, 1:].any() for row in group.rows])
-    origin = rows.origin[still]
+    static_groups = [group for group in groups if group.lasts and not rows.carried[group.rows[0]]]
+    static_rows = np.sort(np.concatenate([np.zeros(0, int), *(group.rows for group in static_groups)]))
+    turned = np.isin(static_rows, [row for group in static_groups if group.turns[0, 1:].any() for row in group.rows])
+    origin = rows.origin[static_rows]
     static = StaticSet(
-        ids=rows.ids[still],
-        means=posed.means[still],
-        quats=np.where(turned[:, None], posed.quats[still], base.static.quats[origin]),
-        scales=posed.scales[still],
-        opacities=opacities[still],
-        sh=posed.sh[still, : base.static.sh.shape[1]],
+        ids=rows.ids[static_rows],
+        means=posed.means[static_rows],
+        quats=np.where(turned[:, None], posed.quats[static_rows], base.static.quats[origin]),
+        scales=posed.scales[static_rows],
+        opacities=opacities[static_rows],
+        sh=posed.sh[static_rows, : base.static.sh.shape[1]],
         span=_spans(base, origin),
     )
     build = _Nodes(base, times, scene.scaffold)
@@ -312,16 +312,16 @@ class _Nodes:
         """Nodes so far."""
         return len(self.old) + sum(len(new.radius) for new in self.added)
 
-    def add(self, group: _Group, rows: Rows) -> None:
+    def add(self, group: _Group, rows: SplatRows) -> None:
         """Let the Gaussians of `group` follow nodes that move as they do."""
         origin = rows.origin[group.rows]
         if not rows.carried[group.rows[0]]:
-            self._add_standing(group, origin)
+            self._add_static_group(group, origin)
             return
         carried = self.base.dynamic.take(origin - len(self.base.static))
         if group.is_nothing(self.times):
-            told = (carried.reference, carried.node, carried.weight, carried.strength)
-            self.followers.append(_Followers(group.rows, *told, kept=True))
+            reference, node, weight, strength = carried.reference, carried.node, carried.weight, carried.strength
+            self.followers.append(_Followers(group.rows, reference, node, weight, strength, kept=True))
             return
         cloned, local = np.unique(carried.node, return_inverse=True)
         node, weight, strength = self.count + local.reshape(carried.node.shape), carried.weight, carried.strength
@@ -356,7 +356,7 @@ class _Nodes:
             )
         )
 
-    def _add_standing(self, group: _Group, origin: np.ndarray) -> None:
+    def _add_static_group(self, group: _Group, origin: np.ndarray) -> None:
         static, field = self.base.static.take(origin), self.base.features
         kinds = np.zeros(len(origin), int)
         latents = np.zeros((1, self.latents.shape[1]), np.uint8)
@@ -366,8 +366,8 @@ class _Nodes:
         weight = np.zeros((len(origin), slots), np.float32)
         weight[:, 0] = 1
         node = np.tile(self.count + kinds[:, None], (1, slots))
-        told = (np.zeros(len(origin), int), node, weight, np.ones(len(origin), np.float32))
-        self.followers.append(_Followers(group.rows, *told))
+        reference, strength = np.zeros(len(origin), int), np.ones(len(origin), np.float32)
+        self.followers.append(_Followers(group.rows, reference, node, weight, strength))
         self._add_bare(group, np.tile(np.median(static.means, 0), (len(latents), 1)), latents, static.means.std())
 
     def _add_bare(self, group: _Group, points: np.ndarray, latents: np.ndarray, radius: float = 0.0) -> None:

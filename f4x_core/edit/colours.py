@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry import spherical_harmonics
-from .looks import Look
+from .styles import StyleColors
 
 CONES_FROM_LINEAR = np.array(
     [
@@ -33,13 +33,13 @@ SLACK = 1e-4
 """By so much a linear colour may leave [0, 1] before it counts as one that no screen shows: rounding, invisible."""
 HALVINGS = 8
 """Steps of the search for the strongest tint that is shown: to 0.4 %, half a step of a byte."""
-LEAST_CONTRAST = 0.3
+MIN_CONTRAST = 0.3
 """A look is spread over the lights of a selection, but over no less than this, or noise would get all its colours."""
 TAILS = (2, 98)
 """Percentiles between which the lights of a selection lie; a few odd Gaussians do not count."""
 WIDEST = 3.0
 """A spread of colours is carried over by no larger factor, or the few tints of a grey thing would glare."""
-LEAST_SPREAD = 1e-3
+MIN_SPREAD = 1e-3
 """OKLab; a selection of one colour has no spread to be scaled."""
 
 
@@ -99,10 +99,10 @@ def with_hue(rgb: np.ndarray, target: np.ndarray) -> np.ndarray:
 def lights_of(rgb: np.ndarray) -> tuple[float, float]:
     """Centre and range of the OKLab lights of `rgb (n,3)`, without their `TAILS`."""
     low, high = np.percentile(lab_from_rgb(rgb)[:, 0], TAILS)
-    return (low + high) / 2, max(high - low, LEAST_CONTRAST)
+    return (low + high) / 2, max(high - low, MIN_CONTRAST)
 
 
-def styled(rgb: np.ndarray, look: Look, centre: float, extent: float) -> np.ndarray:
+def styled(rgb: np.ndarray, look: StyleColors, centre: float, extent: float) -> np.ndarray:
     """sRGB (n,3): each of `rgb (n,3)` by its light on the ramp of `look`, which spans `extent` of light about `centre`."""
     ramp = lab_from_rgb(np.array(look.ramp))
     place = np.clip((lab_from_rgb(rgb)[:, 0] - centre) / extent + 0.5, 0, 1) * (len(ramp) - 1)
@@ -118,5 +118,5 @@ def moments_of(rgb: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def matched(rgb: np.ndarray, own: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """sRGB (n,3): `rgb (n,3)` with moments `own` carried to those of `other`, channel by channel (Reinhard et al. 2001)."""
-    factor = np.where(own[1] < LEAST_SPREAD, 1, np.minimum(other[1] / np.maximum(own[1], LEAST_SPREAD), WIDEST))
+    factor = np.where(own[1] < MIN_SPREAD, 1, np.minimum(other[1] / np.maximum(own[1], MIN_SPREAD), WIDEST))
     return rgb_from_lab((lab_from_rgb(rgb) - own[0]) * factor + other[0])

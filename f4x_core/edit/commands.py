@@ -8,7 +8,6 @@ from typing import Any
 
 from .colour_names import Colour
 from .grammar import Rule, constant, either, listed, lit, optional, silent, table
-from .looks import LOOKS
 from .operations import (
     Delete,
     Duplicate,
@@ -49,6 +48,7 @@ from .phrases import (
     everything_else,
     factor,
     fraction,
+    fraction_of,
     known_thing,
     means_something,
     more_colour,
@@ -56,13 +56,13 @@ from .phrases import (
     name,
     number,
     percent,
-    share_of,
     signed,
     steps,
     thing,
     whose,
 )
 from .selects import All, Not, SelectKind
+from .styles import STYLES
 from .words import inflected
 
 Value = Callable[[SelectKind, When, Context], Operation]
@@ -258,16 +258,16 @@ _without_colour = lit(
 _LIGHT = ("brighter|lighter", "darker|dimmer", "bright|light", "dark|dim")
 _SIZE = ("bigger|larger", "smaller|tinier", "big|large|huge", "small|tiny|little")
 _SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speedy", "slow|slowly")
-_light_value = either(comparison(*_LIGHT), share_of("brightness|light|luminance") | share_of("as bright")) >> _lit
-_size_value = either(comparison(*_SIZE), share_of("size|sizes|dimensions|scale")) >> _scaled
+_light_value = either(comparison(*_LIGHT), fraction_of("brightness|light|luminance") | fraction_of("as bright")) >> _lit
+_size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale")) >> _scaled
 _slow_motion = lit("(in) (a) slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
 _paced = either(
-    share_of("speed|pace|tempo|rate|velocity"),
+    fraction_of("speed|pace|tempo|rate|velocity"),
     lit("(a) speed of") + (multiple | percent | number),
     ~lit("a") + multiple,
 )
 _pace_value = (
-    either(comparison(*_SPEED), ~lit("with") + _slow_motion, ~lit("at|to|with") + share_of("speed|pace|tempo|rate"))
+    either(comparison(*_SPEED), ~lit("with") + _slow_motion, ~lit("at|to|with") + fraction_of("speed|pace|tempo|rate"))
     >> _retimed
 )
 _pace = either(_pace_value, lit("at|in|to") + _paced >> _retimed)
@@ -300,7 +300,7 @@ _transparency = either(
 _opacity_value = ~lit("at|to|with") + _transparency >> _opacity
 _upside_down = lit("upside down|on (its|his|her|their) head|head over heels")
 _look_name = table(
-    {f"{look}|{look}s": look for look in LOOKS} | {"flames": "fire", "the night|night time": "night"}, reserve=False
+    {f"{look}|{look}s": look for look in STYLES} | {"flames": "fire", "the night|night time": "night"}, reserve=False
 )
 _look_adjective = table(
     {
@@ -491,7 +491,7 @@ def _more_or_less(
     who: Rule = thing,
     itself: str = "",
 ) -> None:
-    to = share_of(quality) | lit("to") + either(multiple, percent) | lit("in half|by a half") >> (lambda: 0.5)
+    to = fraction_of(quality) | lit("to") + either(multiple, percent) | lit("in half|by a half") >> (lambda: 0.5)
     how = either(
         ~lit("to") + to >> (lambda x: Amount("to", x)), amount, lit("by") + number >> (lambda x: Amount("times", x))
     )
@@ -517,7 +517,7 @@ def _quality(kind: str, words: str, made: Making) -> None:
     for verb, times in (("double", 2.0), ("halve", 0.5), ("triple|treble", 3.0), ("quadruple", 4.0)):
         _command(f"double the {kind} of the dog", verb, _always(made(times)), who=its)
         _command(f"double the {kind} of the dog", verb, _always(made(times)), "its", its=lit("in") + lit(words))
-    to = ~lit("to|at|equal to") + either(percent, multiple, share_of(words), number)
+    to = ~lit("to|at|equal to") + either(percent, multiple, fraction_of(words), number)
     _command(f"set the {kind} of the dog to 50 %", _SETTING, made, "by", who=its, by=to)
 
 
@@ -572,7 +572,7 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
     ("scale the dog down", "scale|size|shrink", _scaled, "size", False, "down", ""),
 ):
     _more_or_less(_example, _verbs, _making, _noun, _upward, _particle, itself=_itself)
-_scale = ~lit("by|to") + ~lit("a factor of|factor") + either(share_of("size"), percent, multiple, number)
+_scale = ~lit("by|to") + ~lit("a factor of|factor") + either(fraction_of("size"), percent, multiple, number)
 _command("scale the dog by 2", "scale|resize|rescale", _scaled, "by", by=_scale)
 
 # Opacity
@@ -586,7 +586,9 @@ _command(
     itself="reappear",
 )
 _command("bring the dog back", "bring", _always(_opacity(SHOWN)), "back", back=lit("back|back again|back in"))
-_to_share = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (lambda x: 1 - x)
+_to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (
+    lambda x: 1 - x
+)
 _outward = lit("out|away|out completely|to nothing|to invisible")
 _slowly = table({"slowly|gradually|little by little|bit by bit|smoothly": True})
 _command(
@@ -594,7 +596,7 @@ _command(
     "fade|dissolve",
     lambda by=0.5, slowly=False: _faded(by, slowly),
     itself="fade",
-    by=_to_share,
+    by=_to_fraction,
     slowly=_slowly,
 )
 _command(

@@ -242,8 +242,8 @@ def _times(factor: float, plain: str, more: str, less: str) -> str:
     return f"{_percent(factor - 1)} {more}" if factor >= 1 else f"{_percent(1 - factor)} {less}"
 
 
-def _percent(share: float) -> str:
-    return f"{round(100 * share, PLACES):g} %"
+def _percent(fraction: float) -> str:
+    return f"{round(100 * fraction, PLACES):g} %"
 
 
 def _slightly(strength: float) -> str:

@@ -17,7 +17,7 @@ from ..query.selection import Selection
 from ..scene import PosedSplats, Scene
 from .apply import EVERY, LOOKS_OF, Appearance, EditedScene
 from .operations import Transform
-from .warps import effect
+from .retiming import effect
 
 GREY = 0.5
 """What stands for the picture under a heat map: scores are to be read, not textures."""

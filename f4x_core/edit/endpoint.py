@@ -19,15 +19,15 @@ from .request import Request
 
 STEP_DOWN = (400, 404, 422, 501)
 """Statuses by which servers refuse a way to ask that they do not know."""
-MOST_LABELS = 200
+MAX_LABELS = 200
 """Labels sent along; a prompt with more is slow and no clearer."""
-LONGEST_LABEL, MOST_WORDS = 40, 4
+LONGEST_LABEL, MAX_WORDS = 40, 4
 """Letters and words of a label that is one: a longer text is somebody's message to the model."""
 LONGEST_SENTENCE = 2000
 """Letters of a request that are sent."""
 QUOTED = 4000
 """Letters of a wrong answer that are shown to the model again."""
-MOST_BRACES = 50
+MAX_BRACES = 50
 """Opening braces at which JSON is looked for in an answer that talks around it."""
 
 SYSTEM = """You turn one request about editing a filmed 4D scene into operations. Answer with one JSON object that follows \
@@ -106,7 +106,7 @@ def ask_json(
 def first_object(text: str) -> dict[str, Any]:
     """The first JSON object in a text; F4xError when there is none."""
     decoder, start = json.JSONDecoder(), -1
-    for _ in range(MOST_BRACES):
+    for _ in range(MAX_BRACES):
         start = text.find("{", start + 1)
         if start < 0:
             break
@@ -118,14 +118,14 @@ def first_object(text: str) -> dict[str, Any]:
 
 
 def plain_words(labels: Sequence[str]) -> list[str]:
-    """Those of `labels` that are words and no messages, at most `MOST_LABELS`."""
+    """Those of `labels` that are words and no messages, at most `MAX_LABELS`."""
     return [
         label
         for label in labels
         if len(label) <= LONGEST_LABEL
-        and len(label.split()) <= MOST_WORDS
+        and len(label.split()) <= MAX_WORDS
         and all(letter.isalnum() or letter in " -_'" for letter in label)
-    ][:MOST_LABELS]
+    ][:MAX_LABELS]
 
 
 def _ways(

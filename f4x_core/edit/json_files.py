@@ -9,7 +9,7 @@ from typing import Any
 from ..errors import F4xError
 from .operations import Operation, read_operation
 
-MOST_BYTES = 64 << 20
+MAX_BYTES = 64 << 20
 """Of a file of operations or a selection: those of millions of Gaussians take less."""
 
 
@@ -25,8 +25,8 @@ def read_operations(path: Path) -> list[Operation]:
 def read_json(path: Path, wanted: str) -> Any:
     """What the JSON file `path` holds; F4xError says that it is no `wanted`."""
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise F4xError(f"{path}: it is larger than {MOST_BYTES >> 20} MiB; give {wanted}.")
+        if path.stat().st_size > MAX_BYTES:
+            raise F4xError(f"{path}: it is larger than {MAX_BYTES >> 20} MiB; give {wanted}.")
         return json.loads(path.read_text(encoding="utf-8"))
     except RecursionError as error:
         raise F4xError(f"{path}: its brackets are nested too deep to be read; give {wanted}.") from error

@@ -1,6 +1,6 @@
 """Which of several candidates does what was asked, by small pictures of the scene before and after.
 
-Measured: what share of the thing changed, less what of it is left as it was (coverage), what share of the change lies beside
+Measured: what fraction of the thing changed, less what of it is left as it was (coverage), what fraction of the change lies beside
 it (leakage), whether words answer as they should once something is gone or alone, and whether the region flickers more than
 before. A model that sees pictures may choose instead; without one, or when it fails, the numbers do.
 """
@@ -47,7 +47,7 @@ ASIDE = 8.0
 CHANGED = 0.02
 """Difference of a colour in [0, 1] from which a pixel has changed: about what an eye begins to see."""
 OURS = 0.5
-"""Share of a pixel's light from which it belongs to the target."""
+"""Minimum blend weight of the target in a pixel for the pixel to belong to it."""
 FLICKER_FRAMES = 4
 """Neighbouring frames over which flicker is measured."""
 STILL = 1 / 255
@@ -151,7 +151,7 @@ def views_of(scene: Scene) -> list[View]:
 def compare(before: np.ndarray, after: np.ndarray, target: np.ndarray) -> tuple[float, float]:
     """(coverage, leakage) of pictures (H,W,3) in [0, 1] for the bool mask `target (H,W)` of what should change.
 
-    Coverage: share of the target that changed visibly. Leakage: share of all change that lies beyond the target and the
+    Coverage: fraction of the target that changed visibly. Leakage: fraction of all change that lies beyond the target and the
     pixels that touch it, in which blending mixes both sides. Both 0 where their base is empty.
     """
     change = difference(before, after)
@@ -183,7 +183,7 @@ def grown(mask: np.ndarray) -> np.ndarray:
 def _weights(scene, asked, candidates, resolver) -> np.ndarray:
     """(N,n) float32: how surely each Gaussian is meant by each operation asked for, whichever candidate is right.
 
-    The probability of its words, else the share of the candidates that have it.
+    The probability of its words, else the fraction of the candidates that have it.
     """
     columns = []
     for n, operation in enumerate(asked):
@@ -254,7 +254,7 @@ class _Eye:
         return target
 
     def _look(self, scene: Scene, view: View, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(picture (H,W,3), bool (H,W,n): most of its light is that of the Gaussians with `weights`)."""
+        """(picture (H,W,3), bool (H,W,n): most of its blend weights are those of the Gaussians with `weights`)."""
         drawn = render(scene, *view, ("rgb",), self.backend, values={"weights": weights})
         return drawn["rgb"], drawn["weights"] > OURS
 

@@ -37,7 +37,7 @@ from .words import FUNCTION_WORDS, inflected, singular, word_set
 
 __all__ = ["Refusal", "describe", "parse"]
 
-LONGEST, MOST_WORDS = 1500, 120
+LONGEST, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
 
 
@@ -187,8 +187,8 @@ def parse(
     if len(sentence) > LONGEST:
         raise Refusal(f"The sentence has {len(sentence)} characters, more than {LONGEST}; say fewer commands at once.")
     tokens = [token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED]
-    if len(tokens) > MOST_WORDS:
-        raise Refusal(f"The sentence has {len(tokens)} words, more than {MOST_WORDS}; say fewer commands at once.")
+    if len(tokens) > MAX_WORDS:
+        raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
     if not any(token.is_word for token in tokens):
         raise Refusal("Nothing is said that could be done.", _nearest(tokens))
     reading = Reading.of(sentence, tokens, _known((*labels, *names)))
@@ -397,7 +397,7 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
 
 
 def _nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
-    said = [token.text for token in tokens[:MOST_WORDS]]
+    said = [token.text for token in tokens[:MAX_WORDS]]
 
     def likeness(example: str) -> float:
         words = example.split()

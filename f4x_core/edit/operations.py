@@ -17,20 +17,20 @@ from typing import ClassVar, Literal, Union
 import numpy as np
 
 from ..errors import F4xError
-from .looks import LOOKS
 from .records import Record, near, read_record
 from .selects import Moving, SelectKind
+from .styles import STYLES
 
 Vector = tuple[float, float, float]
 Span = tuple[float, float | None]
 """First and last clip frame, both included; None = to the end of the clip."""
 Ease = Literal["linear", "smooth", "step"]
 
-LARGEST_NUMBER = 1e6
+MAX_NUMBER = 1e6
 """World units, degrees or clip frames; nothing in a clip is farther, and float32 stays exact enough."""
-LARGEST_SCALE = 1e3
+MAX_SCALE = 1e3
 """A size, speed or factor beyond it, or below its inverse, is a slip of the pen."""
-MOST_COPIES = 100
+MAX_COPIES = 100
 """Copies one operation makes at most: memory grows with every one."""
 
 
@@ -49,18 +49,18 @@ def _check_span(frames: Span | None) -> None:
 
 def _check_numbers(name: str, values: Iterable[float]) -> None:
     for value in values:
-        if not abs(value) <= LARGEST_NUMBER:
-            raise F4xError(f"{name} holds {value:g}; give numbers up to {LARGEST_NUMBER:g}.")
+        if not abs(value) <= MAX_NUMBER:
+            raise F4xError(f"{name} holds {value:g}; give numbers up to {MAX_NUMBER:g}.")
 
 
-def _check_share(name: str, value: float, most: float = 1.0) -> None:
-    if not 0 <= value <= most:
-        raise F4xError(f"{name} is {value:g}; give a number from 0 to {most:g}.")
+def _check_range(name: str, value: float, maximum: float = 1.0) -> None:
+    if not 0 <= value <= maximum:
+        raise F4xError(f"{name} is {value:g}; give a number from 0 to {maximum:g}.")
 
 
 def _check_scale(name: str, value: float) -> None:
-    if not 1 / LARGEST_SCALE <= value <= LARGEST_SCALE:
-        raise F4xError(f"{name} is {value:g}; give a number from {1 / LARGEST_SCALE:g} to {LARGEST_SCALE:g}.")
+    if not 1 / MAX_SCALE <= value <= MAX_SCALE:
+        raise F4xError(f"{name} is {value:g}; give a number from {1 / MAX_SCALE:g} to {MAX_SCALE:g}.")
 
 
 def _check_name(name: str) -> None:
@@ -90,7 +90,7 @@ class Recolour(Change):
         low, high = {"add": (-1, 1), "multiply": (0, 10)}.get(self.mode, (0, 1))
         if not all(low <= value <= high for value in self.rgb):
             raise F4xError(f"rgb is {list(self.rgb)}; for {self.mode} give three numbers from {low} to {high}.")
-        _check_share("strength", self.strength)
+        _check_range("strength", self.strength)
         _check_span(self.frames)
 
 
@@ -111,7 +111,7 @@ class Opacity(Change):
 
     def __post_init__(self) -> None:
         """Validate."""
-        _check_share("factor", self.factor, 10)
+        _check_range("factor", self.factor, 10)
         _check_span(self.frames)
         if self.inward and self.ease is None:
             raise F4xError("inward needs an ease; give one, or leave inward out.")
@@ -200,8 +200,8 @@ class Duplicate(Change):
 
     def __post_init__(self) -> None:
         """Validate."""
-        if not 1 <= self.count <= MOST_COPIES:
-            raise F4xError(f"count is {self.count}; give 1 to {MOST_COPIES} copies.")
+        if not 1 <= self.count <= MAX_COPIES:
+            raise F4xError(f"count is {self.count}; give 1 to {MAX_COPIES} copies.")
         if not -1 <= self.first_id < 1 << 62:
             raise F4xError(f"first_id is {self.first_id}; give a free id of the scene, or leave it out.")
         _check_numbers("offset", self.offset)
@@ -282,7 +282,7 @@ class Style(Change):
     TAG = "style"
     select: SelectKind
     look: str
-    """Name of an entry of `looks.LOOKS`."""
+    """Name of an entry of `styles.STYLES`."""
     strength: float = 1.0
     """0 leaves the old colour, 1 is the new one."""
     frames: Span | None = None
@@ -290,9 +290,9 @@ class Style(Change):
 
     def __post_init__(self) -> None:
         """Validate."""
-        if self.look not in LOOKS:
-            raise F4xError(f"there is no look {self.look!r}{near(self.look, LOOKS)}; known: {', '.join(LOOKS)}.")
-        _check_share("strength", self.strength)
+        if self.look not in STYLES:
+            raise F4xError(f"there is no look {self.look!r}{near(self.look, STYLES)}; known: {', '.join(STYLES)}.")
+        _check_range("strength", self.strength)
         _check_span(self.frames)
 
 
@@ -311,7 +311,7 @@ class Match(Change):
 
     def __post_init__(self) -> None:
         """Validate."""
-        _check_share("strength", self.strength)
+        _check_range("strength", self.strength)
         _check_span(self.frames)
 
 

@@ -154,10 +154,10 @@ multiple = either(
 
 
 class Amount(NamedTuple):
-    """How much: a little, much, times, a share more or less, or to a share."""
+    """How much: a little, much, times, a fraction more or less, or to a fraction."""
 
     kind: str
-    """`small`, `large`, `times`, `share`, `to`."""
+    """`small`, `large`, `times`, `fraction`, `to`."""
     value: float = 1.0
     """Of the last three."""
 
@@ -176,8 +176,8 @@ _by_factor = lit("by") + ~lit("a") + lit("factor") + ~lit("of")
 amount = either(
     degree,
     _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
-    ~lit("by") + percent >> (lambda x: Amount("share", x)),
-    lit("by") + fraction >> (lambda x: Amount("share", x)),
+    ~lit("by") + percent >> (lambda x: Amount("fraction", x)),
+    lit("by") + fraction >> (lambda x: Amount("fraction", x)),
     ~lit("by") + multiple >> (lambda x: Amount("times", x)),
 )
 SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
@@ -191,7 +191,7 @@ def factor(how: Amount | None, upward: bool) -> float:
         return up if upward else down
     if how.kind == "to":
         return how.value
-    if how.kind == "share":
+    if how.kind == "fraction":
         return round(1 + how.value if upward else 1 - how.value, PLACES)
     if how.value <= 0:
         raise Mismatch
@@ -221,7 +221,7 @@ def _inverse(x: float) -> float:
 ITS = "its|their|his|her|the|the original|its own|their own|its original|its current|the current|the normal|normal|the original"
 
 
-def share_of(quality: str) -> Rule:
+def fraction_of(quality: str) -> Rule:
     """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
     noun = ~lit("of") + ~lit(ITS) + lit(quality)
     return either(multiple, percent) + noun

@@ -31,7 +31,7 @@ from .stack import undo as undo
 
 GRAMMAR = "grammar"
 """`Proposal.understood_by` where no model was asked."""
-MOST_CANDIDATES = 10
+MAX_CANDIDATES = 10
 """As many as the paper's; each costs a look-up and a few small pictures."""
 THRESHOLDS = (0.35, 0.65, 0.2, 0.8)
 """Probabilities tried besides the one that was asked for, the likeliest to help first."""
@@ -92,8 +92,8 @@ def propose(
     With `server` its model reads the sentence (and, where it sees pictures, chooses), and the grammar does where it fails.
     Raises F4xError (`language.Refusal` with the nearest commands): not understood, nobody there to edit, a time outside.
     """
-    if not 1 <= candidates <= MOST_CANDIDATES:
-        raise F4xError(f"{candidates} candidates are asked for; give 1 to {MOST_CANDIDATES}.")
+    if not 1 <= candidates <= MAX_CANDIDATES:
+        raise F4xError(f"{candidates} candidates are asked for; give 1 to {MAX_CANDIDATES}.")
     scene, context = edited(scene), context or Context()
     progress("understand", 0, 0)
     try:

@@ -1,7 +1,8 @@
 """What a language model may answer: a small closed schema of whole numbers, names and words from the scene.
 
 A model that is held to a grammar loses itself in the digits of a fraction, so there is none here; percentages stand in. Every
-field is required and nothing else is allowed. What an answer can at worst be is a wrong edit, which is undone.
+field is required and nothing else is allowed. At worst an answer is a wrong edit, which can be undone. The docstrings of
+the models are part of the schema that the language model reads, so a change of theirs can change its answers.
 Imports pydantic, so only `endpoint` and `judge` import it, and only once somebody asks a model.
 """
 
@@ -13,9 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from ..errors import F4xError
-from .looks import LOOKS
 from .operations import (
-    MOST_COPIES,
+    MAX_COPIES,
     Delete,
     Duplicate,
     Extract,
@@ -33,21 +33,22 @@ from .operations import (
     Transform,
 )
 from .selects import All, And, Current, Instance, Moving, Named, Not, SelectKind, Text
+from .styles import STYLES
 
 if TYPE_CHECKING:
     from .request import Request
 
 LONGEST_WORD = 40
 """Letters of a label or a name."""
-MOST_WORDS = 8
+MAX_WORDS = 8
 """Labels in one target."""
-MOST_OPERATIONS = 8
+MAX_OPERATIONS = 8
 """Operations in one answer: a sentence holds no more."""
 LAST_FRAME = 1_000_000
 """No clip is longer."""
 
 Word = Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_WORD)]
-Words = Annotated[list[Word], Field(max_length=MOST_WORDS)]
+Words = Annotated[list[Word], Field(max_length=MAX_WORDS)]
 Frame = Annotated[int, Field(ge=-1, le=LAST_FRAME)]
 """Clip frame; -1 = none."""
 Byte = Annotated[int, Field(ge=0, le=255)]
@@ -73,9 +74,9 @@ class Target(Strict):
 
     def select(self, request: Request) -> SelectKind:
         """The selection; F4xError for a word that neither scene nor sentence knows."""
-        known, said = {label.lower() for label in request.labels}, request.sentence.lower()
+        known, sentence = {label.lower() for label in request.labels}, request.sentence.lower()
         for word in (*(self.words if self.kind == "words" else ()), *self.except_words):
-            if known and word.lower() not in known and word.lower() not in said:
+            if known and word.lower() not in known and word.lower() not in sentence:
                 raise F4xError(f"'{word}' is no label of the scene and not in the request; use the labels")
         chosen = self._kind(request)
         if self.which != "any":
@@ -140,7 +141,7 @@ class Paint(Timed):
     strength: Percent
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Recolour` towards the colour, over the span."""
         rgb = (self.red / 255, self.green / 255, self.blue / 255)
         mode: Literal["hue", "assign"] = "hue" if self.mode == "hue" else "assign"
         return Recolour(select, rgb, mode, self.strength / 100, self.mode == "paint", self.span)
@@ -153,33 +154,33 @@ class Brightness(Timed):
     percent: Annotated[int, Field(ge=0, le=1000)]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Recolour` that multiplies all channels by the same factor."""
         factor = self.percent / 100
         return Recolour(select, (factor, factor, factor), "multiply", frames=self.span)
 
 
-class See(Timed):
+class OpacityChange(Timed):
     """Transparent: 0 hides, 100 is as before."""
 
     op: Literal["opacity"]
     percent: Percent
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """An `Opacity` of that factor, over the span."""
         return Opacity(select, self.percent / 100, self.span)
 
 
-class Take(Timed):
+class RemovalChange(Timed):
     """Delete it, or leave nothing else."""
 
     op: Literal["delete", "keep_only"]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Delete`, or an `Extract` for `keep_only`, over the span."""
         return Delete(select, self.span) if self.op == "delete" else Extract(select, self.span)
 
 
-class Place(Timed):
+class TransformChange(Timed):
     """Move, turn and resize, in one go or over the span; 0, 0, 0, 0, 0, 100 is as before."""
 
     op: Literal["transform"]
@@ -191,7 +192,7 @@ class Place(Timed):
     size: Annotated[int, Field(ge=1, le=10000)]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said; a moment alone is a jump."""
+        """A `Transform` in units of the target's width and axes of the camera; with a first frame alone it is a jump."""
         jump = self.first_frame >= 0 and self.last_frame < 0
         return Transform(
             select,
@@ -214,10 +215,10 @@ class Copy(Change):
     up: Offset
     away: Offset
     later_frames: Annotated[int, Field(ge=-LAST_FRAME, le=LAST_FRAME)]
-    copies: Annotated[int, Field(ge=1, le=MOST_COPIES)]
+    copies: Annotated[int, Field(ge=1, le=MAX_COPIES)]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Duplicate`, its offset in widths of the target and axes of the camera."""
         offset = (self.right / 100, -self.up / 100, self.away / 100)
         return Duplicate(select, offset, float(self.later_frames), self.copies, "size", "camera")
 
@@ -228,7 +229,7 @@ class Stop(Timed):
     op: Literal["freeze"]
 
     def operation(self, request: Request) -> Operation:
-        """As said."""
+        """A `Freeze`; without a first frame it begins at the present one."""
         at = float(request.frame if self.first_frame < 0 else self.first_frame)
         return Freeze(self.target.select(request), at, None if self.last_frame < 0 else float(self.last_frame))
 
@@ -240,17 +241,17 @@ class Speed(Timed):
     percent: Annotated[int, Field(ge=1, le=10000)]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Retime` over the span."""
         return Retime(select, self.percent / 100, self.span)
 
 
-class Again(Timed):
+class ReverseOrLoop(Timed):
     """Backwards, or again and again."""
 
     op: Literal["reverse", "loop"]
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Reverse` or a `Loop`; F4xError for a loop without a span."""
         if self.op == "reverse":
             return Reverse(select, self.span)
         if self.span is None:
@@ -262,43 +263,56 @@ class Look(Timed):
     """A look from the table."""
 
     op: Literal["style"]
-    look: Literal[tuple(LOOKS)]  # type: ignore[valid-type]  # the table says which
+    look: Literal[tuple(STYLES)]  # type: ignore[valid-type]  # the table says which
     strength: Percent
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Style` of that name, over the span."""
         return Style(select, self.look, self.strength / 100, self.span)
 
 
-class Borrow(Timed):
+class MatchColors(Timed):
     """The colours of something else."""
 
     op: Literal["match"]
     source: Target
 
     def operation(self, request: Request) -> Operation:
-        """As said."""
+        """A `Match` of the target with the source, over the span."""
         return Match(self.target.select(request), self.source.select(request), frames=self.span)
 
 
-class Call(Change):
+class NameSelection(Change):
     """A name for it."""
 
     op: Literal["name"]
     name: Word
 
     def about(self, select: SelectKind) -> Operation:
-        """As said."""
+        """A `Name` for the selection."""
         return Name(select, self.name)
 
 
-AnyChange = Paint | Brightness | See | Take | Place | Copy | Stop | Speed | Again | Look | Borrow | Call
+AnyChange = (
+    Paint
+    | Brightness
+    | OpacityChange
+    | RemovalChange
+    | TransformChange
+    | Copy
+    | Stop
+    | Speed
+    | ReverseOrLoop
+    | Look
+    | MatchColors
+    | NameSelection
+)
 
 
 class Reply(Strict):
     """What the request comes to; no operation where it asks for what cannot be done."""
 
-    operations: Annotated[list[Annotated[AnyChange, Field(discriminator="op")]], Field(max_length=MOST_OPERATIONS)]
+    operations: Annotated[list[Annotated[AnyChange, Field(discriminator="op")]], Field(max_length=MAX_OPERATIONS)]
 
 
 class Choice(Strict):
@@ -311,7 +325,7 @@ Answer = TypeVar("Answer", bound=Strict)
 
 
 def read_answer(kind: type[Answer], data: Any) -> Answer:
-    """The answer that the JSON value `data` is; F4xError tells a model what to mend."""
+    """Validate the JSON value `data` as an answer of type `kind`; the text of the F4xError tells a model what to correct."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:

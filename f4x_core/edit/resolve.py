@@ -12,16 +12,15 @@ from ..errors import F4xError
 from ..query.compounds import head_of, names_another
 from ..query.inventory import labels_of, nearest_there
 from ..query.labels import Encode, text_head, unknown_label
+from ..query.not_deleted import not_deleted
 from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
 from ..query.selection import Selection, fingerprint
-from ..query.standing import standing
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id, with_operations
+from .connected_objects import pick_object, split_objects, width_along
 from .description import whom
 from .operations import Duplicate, Freeze, Opacity, Operation, Rekey, Transform
-from .pieces import things, which_thing, width_along
-from .rows import Rows
 from .selects import (
     LONGEST_WORDS,
     And,
@@ -38,6 +37,7 @@ from .selects import (
     Text,
     parts_of,
 )
+from .splat_rows import SplatRows
 
 __all__ = ["Absent", "Context", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
 
@@ -112,7 +112,7 @@ class Resolver:
 
     def select(self, scene: Scene, select: SelectKind, tidy: bool = False) -> SelectKind:
         """The selection in ids, names, `all` and `moving`; F4xError where it is empty."""
-        found = self._rewrite(scene, select, tidy)
+        found = self._cached(scene, select, tidy)
         if not len(rows_of(scene, found)):
             if chosen(scene, found).any():
                 raise Absent(
@@ -123,30 +123,30 @@ class Resolver:
 
     def selection(self, scene: Scene, text: Text) -> Selection:
         """The scored selection of words, at their threshold."""
-        key = (standing(scene).tobytes(), replace(text, threshold=THRESHOLD))
+        key = (not_deleted(scene).tobytes(), replace(text, threshold=THRESHOLD))
         if key not in self._found:
             self._found[key] = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
         # Being the best label says no more than a majority would, so it is not enough where more is asked for.
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)
 
-    def _rewrite(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
+    def _cached(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         if self._before is None:
-            return self._looked_up(scene, select, tidy)
+            return self._with_description(scene, select, tidy)
         if select not in self._said:
-            self._said[select] = self._looked_up(scene, select, tidy)
+            self._said[select] = self._with_description(scene, select, tidy)
         return self._said[select]
 
-    def _looked_up(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
-        found = self._settled(scene, select, tidy)
+    def _with_description(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
+        found = self._resolve_node(scene, select, tidy)
         if isinstance(found, Ids) and found is not select:
             return replace(found, words="".join(filter(str.isprintable, whom(select)))[:LONGEST_WORDS])
         return found
 
-    def _settled(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
+    def _resolve_node(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         if isinstance(select, And | Or):
-            return replace(select, of=tuple(self._rewrite(scene, part, tidy) for part in select.of))
+            return replace(select, of=tuple(self._cached(scene, part, tidy) for part in select.of))
         if isinstance(select, Not):
-            return Not(self._rewrite(scene, select.of, tidy))
+            return Not(self._cached(scene, select.of, tidy))
         if isinstance(select, Ids):
             strange = np.setdiff1d(select.array, scene.ids)
             if len(strange):
@@ -160,21 +160,25 @@ class Resolver:
             rows = self._rows_of_words(scene, select)
             if select.number == "one" and (first := rows[rows < len(scene.base.ids)]).size:
                 rows = first
-            if select.number == "both" and len(rows) and not things(scene.posed(self.context.frame), rows)[0].any():
+            if (
+                select.number == "both"
+                and len(rows)
+                and not split_objects(scene.posed(self.context.frame), rows)[0].any()
+            ):
                 raise Absent(f"In the scene '{scene.name}' there is only one of {whom(select)}, not both.")
             if tidy and len(rows):
-                rows = rows[~things(scene.posed(self.context.frame), rows)[1]]
+                rows = rows[~split_objects(scene.posed(self.context.frame), rows)[1]]
             return Ids.of(scene.ids[rows])
         if isinstance(select, Point):
             return Ids.of(select_by_points(scene, [(select.x, select.y)], select.frame).chosen_ids)
         if isinstance(select, Box):
             return Ids.of(select_by_box(scene, select.box, select.frame).chosen_ids)
         if isinstance(select, Instance):
-            rows = rows_of(scene, self._rewrite(scene, select.of, tidy))
+            rows = rows_of(scene, self._cached(scene, select.of, tidy))
             if not len(rows):
                 raise Absent(self._nothing(scene, select.of))
             time = float(select.frame)
-            return Ids.of(scene.ids[which_thing(scene.posed(time), rows, select.which, scene.cameras.at(time))])
+            return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time))])
         if isinstance(select, Current):
             return Ids.of(self._current(scene).chosen_ids)
         return select
@@ -250,15 +254,15 @@ def named(scene: Scene) -> dict[str, Selection]:
     found = {name: chosen(scene, Named(name)).astype(float) for name in _rows(scene).names}
     if not found:
         return {}
-    nobody, there, mark = np.zeros(len(scene.ids), bool), standing(scene), fingerprint(scene)
+    nobody, there, mark = np.zeros(len(scene.ids), bool), not_deleted(scene), fingerprint(scene)
     return {
         name: Selection(scene.ids, scores, nobody, label=name, scene=mark).among(there)
         for name, scores in found.items()
     }
 
 
-def _rows(scene: Scene) -> Rows:
-    return scene.rows if isinstance(scene, EditedScene) else Rows.of(scene)
+def _rows(scene: Scene) -> SplatRows:
+    return scene.rows if isinstance(scene, EditedScene) else SplatRows.of(scene)
 
 
 def _vector(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:

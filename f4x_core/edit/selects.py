@@ -125,7 +125,7 @@ class Text(Select):
         if not self.labels:
             raise F4xError("labels is empty; give at least one word.")
         if not 0 <= self.threshold <= 1:
-            raise F4xError(f"threshold is {self.threshold:g}; give a share from 0 to 1.")
+            raise F4xError(f"threshold is {self.threshold:g}; give a fraction from 0 to 1.")
 
 
 @dataclass(frozen=True)

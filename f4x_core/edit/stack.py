@@ -18,7 +18,7 @@ from .operations import Operation, read_operation
 
 UNDONE = "undone"
 """The field of scene.json with the undone edits, the one undone last at the end."""
-MOST_EDITS = 200
+MAX_EDITS = 200
 """Edits of one stack: each may read the one before it, so that they nest as deep as there are edits."""
 LONGEST_SAID = 2000
 """Letters kept of what somebody said."""
@@ -80,8 +80,8 @@ class EditStack:
 
     def __post_init__(self) -> None:
         """Refuse too many edits, and ids that occur twice."""
-        if len(self.edits) > MOST_EDITS:
-            raise F4xError(f"there are {len(self.edits)} edits; {MOST_EDITS} are the most, so `f4x bake` them first.")
+        if len(self.edits) > MAX_EDITS:
+            raise F4xError(f"there are {len(self.edits)} edits; {MAX_EDITS} are the most, so `f4x bake` them first.")
         ids = [edit.id for edit in (*self.edits, *self.undone)]
         twice = next((id for id in ids if ids.count(id) > 1), None)
         if twice is not None:

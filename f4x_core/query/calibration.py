@@ -1,9 +1,9 @@
-"""From cosines to probabilities: is a word's thing in this scene at all, and where does it end. Needs numpy alone.
+"""From cosines to probabilities: whether a word's object is in this scene at all, and where it ends. Needs numpy alone.
 
 A teacher ranks the parts of a scene well, but the level of its scores differs by word and by scene. Three steps make a
-probability of them. Votes of neighbours smooth the log-odds (`smoothing`). A mixture of two normal distributions over the
-scene's light splits them at the scene's own gap. What either half shows, on a scale common to all words and scenes
-(`evidence`), says whether the word is there: both halves where it fills the scene, none where it is absent.
+probability of them. Votes of neighbours smooth the log-odds (`smoothing`). A mixture of two normal distributions,
+weighted by blend weights, splits them at the scene's own gap. The `evidence` in either half, on a scale common to all words
+and scenes, decides whether the word is present in it: in both where it fills the scene, in none where it is absent.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from .score import TEMPERATURE, cosines
 from .smoothing import Patches, group_of
 
 PRESENT, DOUBT = 0.26, 0.03
-"""Evidence at which a thing is as likely there as not, and the step that makes the odds e times better."""
+"""Evidence at which an object is present with probability 0.5, and the step of evidence that multiplies the odds by e."""
 CANDIDATE = 0.01
-"""Share of the light that a word of the vocabulary must win for its thing to be looked for, where a surface is asked."""
+"""Fraction of the blend weights that a word of the vocabulary must win to be looked for when the query is a surface."""
 ROUNDS, SETTLED = 100, 1e-9
-"""Of expectation and maximisation at most, and the change of the share after which nothing more comes of it."""
-LEAST_SPREAD = 0.01
-"""Standard deviation of a half, at least: bytes of latents are no finer."""
+"""Maximum rounds of expectation-maximisation, and the change of the fraction below which it has converged."""
+MIN_SPREAD = 0.01
+"""Minimum standard deviation of a half: latents stored in bytes are no finer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +36,12 @@ class Split:
     """(P,) in [0, 1]: probability of the high half."""
     means: tuple[float, float]
     """Of the low and the high half."""
-    share: float
-    """Of the weight that is high."""
+    fraction: float
+    """Fraction of the weight in the high half."""
 
 
 def evidence(features: np.ndarray, labels: np.ndarray, null: np.ndarray) -> np.ndarray:
-    """(…,L): how far unit `features (…,C)` lie from the `null (C,)` in the direction of `labels (L,C)`; 0 = says nothing."""
+    """(…,L): how far unit `features (…,C)` lie from the `null (C,)` in the direction of `labels (L,C)`; 0 = no evidence."""
     units = features / np.maximum(np.linalg.norm(features, axis=-1, keepdims=True), 1e-12)
     towards = labels / np.maximum(np.linalg.norm(labels, axis=-1, keepdims=True), 1e-12) - null
     return (units - null) @ (towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-12)).T
@@ -56,25 +56,27 @@ def split(values: np.ndarray, weights: np.ndarray) -> Split:
     weights = weights / weights.sum()
     high = (values > _otsu(values, weights)).astype(float)
     means = np.full(2, weights @ values)
-    share = 0.0
+    fraction = 0.0
     for _ in range(ROUNDS):
-        before, share = share, float(weights @ high)
-        if not 1e-6 < share < 1 - 1e-6 or abs(share - before) < SETTLED:
+        before, fraction = fraction, float(weights @ high)
+        if not 1e-6 < fraction < 1 - 1e-6 or abs(fraction - before) < SETTLED:
             break
-        parts = np.stack([weights * (1 - high), weights * high]) / [[1 - share], [share]]
+        parts = np.stack([weights * (1 - high), weights * high]) / [[1 - fraction], [fraction]]
         means = parts @ values
-        variances = (parts * (values - means[:, None]) ** 2).sum(1) + LEAST_SPREAD**2
+        variances = (parts * (values - means[:, None]) ** 2).sum(1) + MIN_SPREAD**2
         distance = (values - means[:, None]) ** 2 / variances[:, None]
-        odds = np.log(share / (1 - share)) + 0.5 * (np.log(variances[0] / variances[1]) + distance[0] - distance[1])
+        odds = np.log(fraction / (1 - fraction)) + 0.5 * (
+            np.log(variances[0] / variances[1]) + distance[0] - distance[1]
+        )
         odds = np.where(
             values >= means[1], np.maximum(odds, 0), np.where(values <= means[0], np.minimum(odds, 0), odds)
         )
         high = _probability(odds)
-    return Split(high, (float(means[0]), float(means[1])), share)
+    return Split(high, (float(means[0]), float(means[1])), fraction)
 
 
 def prepare(scene: Scene) -> None:
-    """Work out what words of every text encoder need of a scene, so that the first one is answered as quickly as the next."""
+    """Decode the features that words of every text encoder need, so that the first query is as fast as later ones."""
     patches = group_of(scene)
     for head in scene.require_field().heads:
         if head.spec.text_encoder is not None:
@@ -128,15 +130,15 @@ def _thing(space: _Space, vector: np.ndarray) -> np.ndarray:
     seen = evidence(space.features, vector[None], space.null)[:, 0]
 
     def there(half: np.ndarray) -> float:
-        light = half * weight
-        return float(_probability((light @ seen / max(light.sum(), 1e-12) - PRESENT) / DOUBT))
+        mass = half * weight
+        return float(_probability((mass @ seen / max(mass.sum(), 1e-12) - PRESENT) / DOUBT))
 
     low, high = there(1 - parts.high), there(parts.high)
     return np.minimum(low, high) + (high - min(low, high)) * parts.high
 
 
 def _surface(space: _Space, vector: np.ndarray) -> np.ndarray:
-    """(P,): probability that the label `vector (C,)` is rather there than the best of the query's other words."""
+    """(P,): probability of the label `vector (C,)` against the best of the query's other words."""
     return _probability(space.patches.smooth(space.logits(vector) - space.rivals.max(1)))
 
 
@@ -144,10 +146,10 @@ def _no_thing(space: _Space, scene: Scene) -> np.ndarray:
     """(P,): probability that none of the vocabulary's things is there."""
     labels, vectors = scene.require_field().vocabulary(space.encoder)
     best = evidence(space.features, vectors, space.null).argmax(1)
-    light = np.bincount(best, space.patches.weight, len(labels)) / space.patches.weight.sum()
+    won = np.bincount(best, space.patches.weight, len(labels)) / space.patches.weight.sum()
     free = np.ones(len(best))
-    for label, vector, share in zip(labels, vectors, light, strict=True):
-        if share >= CANDIDATE and label.lower() not in BACKGROUND:
+    for label, vector, fraction in zip(labels, vectors, won, strict=True):
+        if fraction >= CANDIDATE and label.lower() not in BACKGROUND:
             free = np.minimum(free, 1 - _thing(space, vector))
     return free
 

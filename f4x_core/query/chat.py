@@ -21,7 +21,7 @@ from ..errors import F4xError
 
 URL, KEY, MODEL = "F4X_CHAT_URL", "F4X_CHAT_KEY", "F4X_CHAT_MODEL"
 """Environment variables: base URL up to and with `/v1`, key, name of the model."""
-LARGEST = 1 << 20
+MAX_ANSWER_BYTES = 1 << 20
 """Bytes of an answer that are read; more is no chat."""
 
 
@@ -81,9 +81,9 @@ class ChatServer:
                 read = bytearray()
                 while part := reply.read1(1 << 16):  # piece by piece: a server that drips would never time out
                     read += part
-                    if len(read) > LARGEST:
+                    if len(read) > MAX_ANSWER_BYTES:
                         raise ChatError(
-                            f"{self.url}: the server's answer is larger than {LARGEST >> 20} MB; is it a chat?"
+                            f"{self.url}: the server's answer is larger than {MAX_ANSWER_BYTES >> 20} MB; is it a chat?"
                         )
                     if time.monotonic() > end:
                         raise ChatError(late)
@@ -113,7 +113,7 @@ class ChatServer:
 def _complaint(error: urllib.error.HTTPError) -> str:
     """What a server wrote about its refusal, on one line; nothing when that cannot be read either."""
     try:
-        return " ".join(error.read(LARGEST).decode(errors="replace").split())
+        return " ".join(error.read(MAX_ANSWER_BYTES).decode(errors="replace").split())
     except (OSError, http.client.HTTPException):
         return ""
 

@@ -12,8 +12,8 @@ RANGE = 2
 """Cells are bound to others up to this many rows and columns away."""
 RESTART, STEPS = 0.002, 300
 """Share of the walkers that start anew in each step, and the number of steps."""
-SMALLEST, LARGEST = 0.004, 0.6
-"""Bounds of a region grown from points, in shares of the frame."""
+MIN_AREA, MAX_AREA = 0.004, 0.6
+"""Bounds of a region grown from points, as fractions of the frame."""
 AS_GOOD = 1e-4
 """Of regions whose conductance is this near to the least one, the smallest is meant."""
 TYPICAL = 0.4
@@ -52,14 +52,14 @@ def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.
         likeness = _likeness(alike, ~possible)
         chosen = possible & (likeness <= np.quantile(likeness[possible], TYPICAL))
         rest = ~possible
-    share = chosen.astype(np.float32)
+    probability = chosen.astype(np.float32)
     for _ in range(ROUNDS):
         if not chosen.any() or not rest.any():
             break
         difference = _likeness(alike, chosen) - _likeness(alike, rest)
-        share = random_walk(cells, 1 / (1 + np.exp(np.clip(-difference / LIKENESS, -30, 30))), fixed)
-        chosen, rest = share > 0.5, share <= 0.5
-    return share
+        probability = random_walk(cells, 1 / (1 + np.exp(np.clip(-difference / LIKENESS, -30, 30))), fixed)
+        chosen, rest = probability > 0.5, probability <= 0.5
+    return probability
 
 
 def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) -> np.ndarray:
@@ -104,8 +104,8 @@ def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) ->
         np.add.at(change, np.maximum(rank, other).ravel(), -bond.ravel() / 2)
     cut, volume = np.cumsum(change)[:-1], np.cumsum(degree.ravel()[order])
     conductance = cut / np.maximum(np.minimum(volume, volume[-1] - volume), 1e-9)
-    least = min(max(9, int(SMALLEST * order.size)), order.size - 1)
-    most = max(least + 1, min(int(LARGEST * order.size), int(possible.sum())))
+    least = min(max(9, int(MIN_AREA * order.size)), order.size - 1)
+    most = max(least + 1, min(int(MAX_AREA * order.size), int(possible.sum())))
     good = conductance[least:most] <= conductance[least:most].min() + AS_GOOD
     return (rank <= least + int(np.argmax(good))) & possible
 

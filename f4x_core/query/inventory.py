@@ -13,16 +13,16 @@ from ..scene import Scene
 from .calibration import evidence
 from .compounds import head_of, names_another
 from .labels import Encode, ask_for, spellings, text_head, unknown_label
+from .not_deleted import not_deleted
 from .pixels import label_scores
 from .prompts import select_by_text
 from .score import THRESHOLD, cosines
 from .selection import Selection
-from .standing import standing
 
 LOOKED_AT = 4096
-"""Gaussians, evenly spread, that are asked which word they answer to most."""
-LEAST = 0.01
-"""Share of them that a word must win to be asked of the whole scene."""
+"""Number of Gaussians, evenly spread, that are classified by their best word."""
+MIN_FRACTION = 0.01
+"""Minimum fraction of them that a word must win to be searched in the whole scene."""
 SAME = 0.5
 """Two words mean the same thing where their Gaussians overlap by more (intersection over union)."""
 NEAREST = 4
@@ -78,7 +78,7 @@ def things_there(scene: Scene) -> dict[str, Selection]:
 
     Words that few Gaussians answer to more than to any other are not asked.
     """
-    labels, there = labels_of(scene), np.flatnonzero(standing(scene))
+    labels, there = labels_of(scene), np.flatnonzero(not_deleted(scene))
     if not labels or not len(there):
         return {}
     query = ask_for(scene, labels, [])
@@ -86,7 +86,7 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     null = null_vector(query.head.spec.text_encoder or "")
     scores = label_scores(query, latents) if null is None else evidence(query.head(latents), query.vectors, null)
     counts = np.bincount(scores.argmax(1), minlength=len(labels))
-    candidates = [query.labels[i] for i in np.flatnonzero(counts >= LEAST * len(latents))]
+    candidates = [query.labels[i] for i in np.flatnonzero(counts >= MIN_FRACTION * len(latents))]
     asked = {label: find(scene, label) for label in candidates}
     found = {label: selection for label, selection in asked.items() if selection.chosen.any()}
     kept: dict[str, Selection] = {}

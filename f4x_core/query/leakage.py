@@ -1,4 +1,4 @@
-"""How much of a selection lies where it should not. Needs numpy alone."""
+"""Leakage: how much of a selection lies outside the object. Needs numpy alone."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..scene import Scene
 from .blend_weights import lift_masks
-from .pixels import share_picture
+from .pixels import coverage_image
 from .segmentation import connected_regions
 from .selection import Selection
 
 VIEWS = 5
-"""Original views, evenly over the clip, that are looked at when no masks are given."""
+"""Original views, evenly over the clip, that are measured when no masks are given."""
 
 
 def leakage(
@@ -25,7 +25,7 @@ def leakage(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> float:
-    """Share of the selection's light, 0..1, that falls outside `masks` (clip frame -> (H,W) bool); 0 where nothing is chosen.
+    """Fraction, 0..1, of the selection's blend weights outside `masks` (clip frame -> (H,W) bool); 0 where nothing is chosen.
 
     Without masks: outside the largest connected region of the selection's own picture, in `VIEWS` views. Frames outside the
     selection's span do not count.
@@ -34,12 +34,12 @@ def leakage(
     if masks is None:
         own: dict[int, np.ndarray] = {}
         for frame in evenly_spaced(len(times), VIEWS):
-            picture = share_picture(scene, selection, scene.cameras[frame], float(times[frame]), backend) > 0.5
+            picture = coverage_image(scene, selection, scene.cameras[frame], float(times[frame]), backend) > 0.5
             own[int(frame)] = largest_region(picture)
         masks = own
     held = {frame: mask for frame, mask in masks.items() if selection.holds_at(float(times[frame]))}
-    inside, light = lift_masks(scene, held, progress)
-    chosen = light * selection.chosen
+    inside, weights = lift_masks(scene, held, progress)
+    chosen = weights * selection.chosen
     return float(((1 - inside) * chosen).sum() / max(chosen.sum(), 1e-12))
 
 

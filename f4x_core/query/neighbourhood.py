@@ -11,7 +11,7 @@ from ..scene.model import PosedSplats
 
 FINE = 2
 """Cells that make up a step: what is nearer than a step is found to half of one."""
-MOST_CELLS = 1 << 20
+MAX_CELLS = 1 << 20
 """Cells along an axis at most: three of them number a cell within 64 bits, however far a floater is."""
 SOLID = 0.5
 """Light that a ray has lost where it meets a surface."""
@@ -21,7 +21,7 @@ def grown(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.ndarray:
     """(N,) bool: `chosen (N,)` and the `points (N,3)` within `reach` of one of them, measured in cells of `reach / FINE`."""
     if not chosen.any():
         return chosen.copy()
-    width = max(reach / FINE, float(np.ptp(points, axis=0).max()) / MOST_CELLS, 1e-9)
+    width = max(reach / FINE, float(np.ptp(points, axis=0).max()) / MAX_CELLS, 1e-9)
     cells = np.floor(points / width).astype(np.int64)
     cells -= cells.min(0) - FINE  # room for neighbours on all sides
     size = cells.max(0) + FINE + 1

@@ -1,4 +1,4 @@
-"""Queries seen as pictures, from any camera at any time: text scores, shares of a selection, heat maps."""
+"""Queries rendered as images, from any camera at any time: text scores, coverage by a selection, heat maps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROWS = 1 << 14
 PER_CELL = 4
 """Pixels along each side of a head's cell that are drawn and averaged; with 2, followed masks lose 0.02 of IoU."""
 HEAT = 0.6
-"""Share of the heat map's colour over the picture."""
+"""Opacity of the heat map over the picture."""
 
 
 def label_scores(query: TextQuery, latents: np.ndarray) -> np.ndarray:
@@ -57,18 +57,18 @@ def text_picture(
     return label_scores(query, drawn["latent"]) * (drawn["alpha"] >= COVERED)[..., None]
 
 
-def share_picture(
+def coverage_image(
     scene: Scene, selection: Selection, camera: Camera, time: float, backend: str = "auto", soft: bool = False
 ) -> np.ndarray:
-    """(H,W) float32 in [0, 1]: share of each pixel's light that comes from the chosen Gaussians at clip time `time`.
+    """(H,W) float32 in [0, 1]: how much of each pixel the chosen Gaussians cover at clip time `time` (sum of blend weights).
 
     With `soft` the Gaussians count with their scores. 0 everywhere outside the selection's span.
     """
     if not selection.holds_at(time):
         return np.zeros((camera.height, camera.width), np.float32)
     chosen = selection.scores if soft else selection.chosen
-    drawn = render(scene, camera, time, (), backend, values={"share": chosen[:, None].astype(np.float32)})
-    return np.clip(drawn["share"][..., 0], 0, 1)
+    drawn = render(scene, camera, time, (), backend, values={"chosen": chosen[:, None].astype(np.float32)})
+    return np.clip(drawn["chosen"][..., 0], 0, 1)
 
 
 def mask_video(
@@ -79,11 +79,11 @@ def mask_video(
     soft: bool = False,
     progress: Progress = silent,
 ) -> Iterator[np.ndarray]:
-    """Yield `share_picture` of every view; above 0.5 is the mask."""
+    """Yield `coverage_image` of every view; above 0.5 is the mask."""
     selection = selection.for_ids(scene.posed(0.0).ids)
     for done, (camera, time) in enumerate(trajectory):
         progress("mask", done, len(trajectory))
-        yield share_picture(scene, selection, camera, time, backend, soft)
+        yield coverage_image(scene, selection, camera, time, backend, soft)
     progress("mask", len(trajectory), len(trajectory))
 
 

@@ -20,13 +20,13 @@ from ..scene.view import render
 from .blend_weights import lift_masks
 from .calibration import word_probabilities
 from .labels import Encode, TextQuery, ask_for
+from .not_deleted import not_deleted
+from .objects import point_out
 from .pixels import head_map, label_scores
 from .score import THRESHOLD, target_score
 from .segmentation import FeaturePropagation, MaskDecoder
 from .selection import Selection, fingerprint
 from .smoothing import LOOKS_ALIKE
-from .standing import standing
-from .things import point_out
 
 ASPECT_TOLERANCE = 0.01
 """Relative difference of aspects up to which a mask is taken for one of the clip: rounding to even sizes changes it so."""
@@ -42,12 +42,13 @@ class FollowConfig:
     """Frames, evenly over the clip, whose masks are lifted to Gaussians; 0 = the prompted ones alone, which is quick."""
     prompted_weight: float = 3.0
     """A prompted frame counts as so many others: its mask is the user's."""
-    least_light: float = 0.05
-    """Pixels of light in all lifted frames below which a Gaussian's score comes from its neighbours."""
+    min_blend_weight: float = 0.05
+    """Blend weight in pixels, summed over all lifted frames, below which a Gaussian's score comes from its neighbours."""
     neighbours: int = 8
     """Number of those neighbours."""
     one_kind: float = 0.9
-    """A prompt of whose light so much moves means something that moves, and nothing that stands; and the other way about."""
+    """A prompt means moving Gaussians alone if they hold at least this fraction of its blend weights, and static ones alone if
+those do."""
     colour_weight: float = 4.0
     """World units (1 = median depth) that a colour difference of 1 is worth when neighbours are looked for."""
 
@@ -63,10 +64,10 @@ def select_by_text(
     span: tuple[float, float] | None = None,
     calibrated: bool = True,
 ) -> Selection:
-    """Gaussians whose decoded latent says one of `labels` rather than one of `negatives` (see `labels.ask_for`).
+    """Gaussians whose decoded latent matches one of `labels` better than any of `negatives` (see `labels.ask_for`).
 
     Scores are probabilities for which 0.5 is the natural threshold; see `text_selection`. This and every other selection
-    leaves out what edits have deleted (`standing`).
+    leaves out what edits have deleted (`not_deleted`).
     """
     query = ask_for(scene, labels, negatives, head, encode)
     return text_selection(scene, query, threshold, span, calibrated=calibrated)
@@ -140,10 +141,10 @@ def select_by_prompts(
 ) -> Selection:
     """Gaussians of one object that is prompted on one frame or several: `{clip frame: arguments of MaskDecoder.prompt}`.
 
-    Points and boxes on what moves mean a moving thing, found in all frames at once (`things.point_out`). For the rest, and with
+    Points and boxes on moving Gaussians select a moving object in all frames at once (`objects.point_out`). Otherwise, and with
     a `decoder` always, the decoder (features of the scene when None, see `decoder_of`) carries the prompts to the other frames
-    as masks. A Gaussian's score is then the share of its light that falls inside the masks; where it sends none, its
-    neighbours' mean; and what moves and what stands still are told apart if the prompt is clearly on one of them.
+    as masks. A Gaussian's score is then the fraction of its blend weights inside the masks, or its neighbours' mean score where it
+    has none. If the prompt is clearly on moving or on static Gaussians, only those are selected.
 
     Raises F4xError: no prompt, an empty or contradictory one, a point outside the picture, a frame outside the clip.
     """
@@ -174,13 +175,13 @@ def select_by_prompts(
         progress("follow", done, len(cameras))
         if frame in wanted:
             followed[frame] = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
-    share, light = lift_masks(scene, prompted, progress)
-    later, dim = lift_masks(scene, followed, progress)
-    weight = config.prompted_weight * light
-    total = weight + dim
-    scores = (weight * share + dim * later) / np.maximum(total, 1e-12)
-    scores = _from_neighbours(scene, scores, total > config.least_light, config)
-    marked = share * light
+    inside, sums = lift_masks(scene, prompted, progress)
+    inside_followed, followed_sums = lift_masks(scene, followed, progress)
+    weight = config.prompted_weight * sums
+    total = weight + followed_sums
+    scores = (weight * inside + followed_sums * inside_followed) / np.maximum(total, 1e-12)
+    scores = _from_neighbours(scene, scores, total > config.min_blend_weight, config)
+    marked = inside * sums
     moves = marked[scene.moving].sum() / max(marked.sum(), 1e-12)
     if not 1 - config.one_kind < moves < config.one_kind:
         scores = scores * (scene.moving == (moves >= config.one_kind))
@@ -252,4 +253,4 @@ def _selection(scene, scores, wins, threshold, span, label) -> Selection:
             raise F4xError(
                 f"The span {span[0]:g}:{span[1]:g} does not lie within the clip's frames, {first:g} to {last:g}."
             )
-    return Selection(scene.ids, scores, wins, threshold, span, label, fingerprint(scene)).among(standing(scene))
+    return Selection(scene.ids, scores, wins, threshold, span, label, fingerprint(scene)).among(not_deleted(scene))

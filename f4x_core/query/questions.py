@@ -20,9 +20,9 @@ from .chat import ChatServer, picture_part
 from .compounds import ADJECTIVE
 from .inventory import find, labels_of, nearest_there, things_there
 from .labels import Encode, spellings, text_head
+from .not_deleted import not_deleted
 from .pixels import head_map
 from .selection import Selection
-from .standing import standing
 from .wording import CAN, Asked, Unanswerable, understand
 
 COMPUTED, SERVER = "computed", "server"
@@ -32,7 +32,7 @@ VIEWS = 8
 COLUMNS = 96
 """Width in pixels of the pictures on which things are found."""
 SEEN = 0.5
-"""Share of a pixel's light that a thing must send for the pixel to be its own."""
+"""Minimum blend weight of an object in a pixel for the pixel to be its own."""
 PRESENT = 0.005
 """Share of the picture that a thing must fill in a view to be seen there."""
 MOMENTS = 24
@@ -205,8 +205,8 @@ def look(
     for done, (camera, time) in enumerate(views):
         progress("looking at the scene", done, len(views))
         small = camera.resized(COLUMNS, max(1, round(COLUMNS * camera.height / camera.width)))
-        drawn = render(scene, small, time, ("depth",), backend, values={"share": chosen.astype(np.float32)})
-        masks.append(np.moveaxis(drawn["share"], -1, 0) > SEEN)
+        drawn = render(scene, small, time, ("depth",), backend, values={"chosen": chosen.astype(np.float32)})
+        masks.append(np.moveaxis(drawn["chosen"], -1, 0) > SEEN)
         depths.append(drawn["depth"])
     progress("looking at the scene", len(views), len(views))
     moving = chosen & scene.moving[:, None]
@@ -291,7 +291,7 @@ def _look_for(
         notes = {word: _note(scene, name, word) for name, word in words.items() if word not in names}
     else:
         found = things_there(scene)
-        rest = scene.moving & standing(scene)
+        rest = scene.moving & not_deleted(scene)
         for selection in found.values():
             rest &= ~selection.chosen
         found |= {THING: Selection(scene.ids, rest.astype(float), np.zeros(len(rest), bool))}

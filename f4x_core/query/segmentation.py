@@ -21,9 +21,9 @@ from .growing import grow_prompt
 BLOCK = 8
 """Cells are compared in square blocks of this side, so that the work is matrix products."""
 NOBODY = 0.02
-"""Where no cell in reach was the object by more than this share, it is not."""
+"""A cell is background where no cell in reach was covered by the object by more than this fraction."""
 UNCERTAIN = 1e-4
-"""Least distance of a probability from 0 and 1: logits stay finite."""
+"""Minimum distance of a probability from 0 and 1, so that logits stay finite."""
 
 
 class MaskDecoder(Protocol):
@@ -78,7 +78,7 @@ class PropagationConfig:
     """Numbers of looks that `everything` tells apart on a frame, one after the other."""
     overlap: float = 0.7
     """Of two of its regions that overlap more (intersection over union), the larger stays."""
-    least_cells: int = 6
+    min_cells: int = 6
     """Smaller regions are dropped by `everything`."""
 
 
@@ -97,7 +97,7 @@ class FeaturePropagation:
     ) -> None:
         self.count, self.size, self.config = count, size, config or PropagationConfig()
         self._features = features
-        self._shares: dict[int, np.ndarray] = {}  # prompted frame -> (h,w) share of each cell that is the object
+        self._masks: dict[int, np.ndarray] = {}  # prompted frame -> (h,w) fraction of each cell that is the object
 
     def prompt(
         self,
@@ -111,19 +111,19 @@ class FeaturePropagation:
         prompt = check_prompt(t, self.count, self.size, points, labels, box, mask)
         cells = self._cells(t)
         if prompt.mask is not None:
-            share = shrink(prompt.mask.astype(np.float32), (cells.shape[0], cells.shape[1]))
+            fraction = shrink(prompt.mask.astype(np.float32), (cells.shape[0], cells.shape[1]))
         else:
-            share = grow_prompt(cells, prompt, self.size)
-        self._shares[t] = share
-        return self._logits(share)
+            fraction = grow_prompt(cells, prompt, self.size)
+        self._masks[t] = fraction
+        return self._logits(fraction)
 
     def propagate(self) -> Iterator[tuple[int, np.ndarray]]:
         """Every frame once with its logits (H,W): from the first prompted one to the end, then back to frame 0."""
-        if not self._shares:
+        if not self._masks:
             raise F4xError("Nothing is prompted yet: give points, a box or a mask on some frame first.")
-        start = min(self._shares)
-        known = {t: _Masked(self._cells(t), share, self.config.reach) for t, share in self._shares.items()}
-        yield start, self._logits(self._shares[start])
+        start = min(self._masks)
+        known = {t: _Masked(self._cells(t), fraction, self.config.reach) for t, fraction in self._masks.items()}
+        yield start, self._logits(self._masks[start])
         for order in (range(start + 1, self.count), range(start - 1, -1, -1)):
             recent = [known[start]]
             for t in order:
@@ -132,7 +132,7 @@ class FeaturePropagation:
                     cells = self._cells(t)
                     frame = _Masked(cells, self._vote(cells, known.values(), recent), self.config.reach)
                 recent = [*recent, frame][-self.config.memory :]
-                yield t, self._logits(frame.share)
+                yield t, self._logits(frame.fraction)
 
     def everything(self, t: int) -> np.ndarray:
         """Masks (n,H,W) bool of connected regions of one look on frame `t`, told apart finely and coarsely; largest first."""
@@ -142,7 +142,7 @@ class FeaturePropagation:
         for parts in self.config.parts:
             numbers = connected_regions(kinds_of(cells, parts))
             names, areas = np.unique(numbers, return_counts=True)
-            regions += [numbers == name for name in names[areas >= self.config.least_cells]]
+            regions += [numbers == name for name in names[areas >= self.config.min_cells]]
         chosen: list[np.ndarray] = []
         for region in sorted(regions, key=np.count_nonzero, reverse=True):
             shared = (np.count_nonzero(region & other) / np.count_nonzero(region | other) for other in chosen)
@@ -153,17 +153,17 @@ class FeaturePropagation:
 
     def reset(self) -> None:
         """Forget all prompts."""
-        self._shares = {}
+        self._masks = {}
 
     def _vote(self, cells: np.ndarray, known: Collection[_Masked], recent: list[_Masked]) -> np.ndarray:
         """Share of the object (h,w) in the cells (h,w,C) of a frame, by the frames it can ask."""
         height, width = cells.shape[:2]
-        here = _centre(recent[-1].share)
+        here = _centre(recent[-1].fraction)
         asked = [frame.windows((0, 0)) for frame in recent]
         for frame in known:
             if all(frame is not other for other in recent):
                 # The window into a prompted frame, perhaps long ago, goes along with the object.
-                row, column = np.round(here - _centre(frame.share)).astype(int)
+                row, column = np.round(here - _centre(frame.fraction)).astype(int)
                 asked.append(frame.windows((int(row), int(column))))
         votes = np.concatenate([vote for _, vote in asked], 1)  # (blocks,n)
         possible = votes.max(1) > NOBODY
@@ -183,23 +183,23 @@ class FeaturePropagation:
         cells = np.asarray(self._features(t), np.float32)
         return cells / np.maximum(np.linalg.norm(cells, axis=-1, keepdims=True), 1e-12)
 
-    def _logits(self, share: np.ndarray) -> np.ndarray:
-        probability = np.clip(enlarge(share, self.size), UNCERTAIN, 1 - UNCERTAIN)
+    def _logits(self, fraction: np.ndarray) -> np.ndarray:
+        probability = np.clip(enlarge(fraction, self.size), UNCERTAIN, 1 - UNCERTAIN)
         return np.log(probability / (1 - probability))
 
 
 class _Masked:
     """A frame whose mask is known."""
 
-    def __init__(self, cells: np.ndarray, share: np.ndarray, reach: int) -> None:
-        self.cells, self.share, self.reach = cells, share, reach
+    def __init__(self, cells: np.ndarray, fraction: np.ndarray, reach: int) -> None:
+        self.cells, self.fraction, self.reach = cells, fraction, reach
         self._made: tuple[tuple[int, int], tuple[np.ndarray, np.ndarray]] | None = None
 
     def windows(self, move: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Features (blocks,n,C) and shares (blocks,n) of its cells after a move by (rows, columns)."""
+        """Features (blocks,n,C) and fractions (blocks,n) of its cells after a move by (rows, columns)."""
         if self._made is None or self._made[0] != move:
             features = windows(shifted(self.cells, move), self.reach)
-            self._made = move, (features, windows(shifted(self.share, move)[..., None], self.reach)[..., 0])
+            self._made = move, (features, windows(shifted(self.fraction, move)[..., None], self.reach)[..., 0])
         return self._made[1]
 
 
@@ -277,7 +277,7 @@ def enlarge(values: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 
 
 def _area_matrix(new: int, old: int) -> np.ndarray:
-    """(new,old): share of each old cell in the mean over a new one."""
+    """(new,old): fraction of each old cell in the mean over a new one."""
     edges, low = np.arange(new + 1) * old / new, np.arange(old)
     covered = np.minimum(edges[1:, None], low + 1) - np.maximum(edges[:-1, None], low)
     return (np.clip(covered, 0, 1) * new / old).astype(np.float32)
@@ -289,10 +289,10 @@ def _linear_matrix(new: int, old: int) -> np.ndarray:
     return np.maximum(0, 1 - abs(place[:, None] - np.arange(old))).astype(np.float32)
 
 
-def _centre(share: np.ndarray) -> np.ndarray:
-    """(row, column) of the centre of mass of `share (h,w)`."""
-    total = max(float(share.sum()), 1e-12)
-    rows, columns = share.sum(1), share.sum(0)
+def _centre(fraction: np.ndarray) -> np.ndarray:
+    """(row, column) of the centre of mass of `fraction (h,w)`."""
+    total = max(float(fraction.sum()), 1e-12)
+    rows, columns = fraction.sum(1), fraction.sum(0)
     return np.array([rows @ np.arange(len(rows)), columns @ np.arange(len(columns))]) / total
 
 

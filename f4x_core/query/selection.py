@@ -13,8 +13,8 @@ from ..scene import Scene
 from .score import THRESHOLD
 
 FORMAT = "f4x-selection"
-LEAST = 1e-6
-"""Threshold of a combination, at least: 0 would choose everything."""
+MIN_THRESHOLD = 1e-6
+"""Minimum threshold of a combination: 0 would choose everything."""
 DECIMALS = 4
 """Of the scores in JSON; rounding never moves a Gaussian across the threshold."""
 
@@ -41,7 +41,7 @@ class Selection:
     def __post_init__(self) -> None:
         """Validate."""
         if not 0 <= self.threshold <= 1:
-            raise F4xError(f"A threshold of {self.threshold:g} is no share; give a number from 0 to 1.")
+            raise F4xError(f"A threshold of {self.threshold:g} is no fraction; give a number from 0 to 1.")
         if self.span is not None and not self.span[0] <= self.span[1]:
             raise F4xError(f"The span {self.span[0]:g} to {self.span[1]:g} ends before it starts.")
         if not len(self.ids) == len(self.scores) == len(self.wins):
@@ -112,7 +112,7 @@ class Selection:
 
     def __invert__(self) -> Selection:
         """Everything that is not chosen."""
-        threshold = max(1 - self.threshold, LEAST)
+        threshold = max(1 - self.threshold, MIN_THRESHOLD)
         scores = _agree(1 - self.scores, ~self.chosen, threshold)
         return replace(
             self, scores=scores, wins=np.zeros_like(self.wins), threshold=threshold, label=f"not {self.label}"
@@ -133,7 +133,7 @@ class Selection:
             first, last = spans
             span = None if first is None or last is None else (min(first[0], last[0]), max(first[1], last[1]))
         label = f"({self.label} {word} {other.label})"
-        threshold = max(self.threshold, LEAST)
+        threshold = max(self.threshold, MIN_THRESHOLD)
         scores, wins = _agree(scores, chosen, threshold), np.zeros_like(self.wins)
         return replace(self, scores=scores, wins=wins, threshold=threshold, span=span, label=label)
 

@@ -1,7 +1,7 @@
 """Neighbourhoods: Gaussians that lie and look alike are grouped, and groups vote. Needs numpy alone.
 
-Text features are coarse (a cell knows its surroundings), `visual` features and places know where things end. What one
-says of a Gaussian is therefore spread along the other: a random walker with priors (Grady 2005) on a graph of patches.
+Text features are coarse (a feature-map pixel sees its surroundings); `visual` features and positions show where an object
+ends. Text scores are therefore smoothed along those: a random walker with priors (Grady 2005) on a graph of patches.
 A few thousand patches carry a scene of any size, and heads decode their mean latents, which is what heads were trained on.
 """
 
@@ -36,12 +36,12 @@ ALIKE = 0.1
 """Difference of cosines at which a bond is weaker by 1/e."""
 TRUST = 0.04
 """Weight of a patch's own value against one bond of full strength."""
-LARGEST = 0.95
-"""Share of the patches that count with their own weight; heavier ones count no more than that."""
+MAX_WEIGHT_QUANTILE = 0.95
+"""Quantile of the weights of patches above which they are clipped."""
 VIEWS, COLUMNS = 3, 120
-"""Views, evenly over the clip, whose light counts, and the width of their pictures."""
+"""Views, evenly over the clip, in which blend weights are summed, and their width in pixels."""
 UNSEEN = 1e-3
-"""Light, in pixels of such a view, that a Gaussian counts with at least."""
+"""Minimum blend weight of a Gaussian, in pixels of such a view."""
 STEPS, TOLERANCE = 200, 1e-4
 """Bounds of the conjugate gradients: steps, and the residual relative to the start."""
 
@@ -56,7 +56,7 @@ class Patches:
     index: np.ndarray
     """(N,) int64: the patch of each Gaussian, static first."""
     weight: np.ndarray
-    """(P,) float64: light that a patch sends into views of the clip, mean 1."""
+    """(P,) float64: blend weights of a patch, summed over views of the clip; mean 1."""
     latents: np.ndarray
     """(P,D) float32: mean latents."""
     first: np.ndarray
@@ -68,7 +68,7 @@ class Patches:
     _decoded: dict[FieldHead, np.ndarray] = field(default_factory=dict)
 
     def features(self, head: FieldHead) -> np.ndarray:
-        """(P,C) float32, read-only: what `head` sees in each patch. Decoded once, most of what a word costs."""
+        """(P,C) float32, read-only: what `head` sees in each patch. Decoded once, which is most of the cost of a word."""
         if head not in self._decoded:
             self._decoded[head] = head(self.latents)
             self._decoded[head].setflags(write=False)
@@ -79,8 +79,8 @@ class Patches:
 
         Solved by conjugate gradients with the diagonal as preconditioner.
         """
-        own = trust * np.minimum(self.weight, np.quantile(self.weight, LARGEST))
-        own += 1e-6 * own.mean()  # a patch without light and bonds keeps its value
+        own = trust * np.minimum(self.weight, np.quantile(self.weight, MAX_WEIGHT_QUANTILE))
+        own += 1e-6 * own.mean()  # a patch without weight and bonds keeps its value
         diagonal = own + np.add.reduceat(self.bond, self.first)
         x = np.array(values, np.float64)
         residual = own * values - self._apply(x, diagonal)
@@ -104,7 +104,7 @@ class Patches:
 
 
 def group_of(scene: Scene) -> Patches:
-    """`group`, made once for as long as the scene's features live: every further word is asked of the same patches.
+    """`group`, cached as long as the scene's features live: all words are scored on the same patches.
 
     An edited scene has those of its base, a copy that of its original: edits do not change what a thing is.
     """
@@ -116,7 +116,7 @@ def group_of(scene: Scene) -> Patches:
 
 
 def group(scene: Scene) -> Patches:
-    """The patches of a scene, as seen from the middle of the clip; what moves and what stands still are never mixed.
+    """The patches of a scene, as seen from the middle of the clip; moving and static Gaussians are never mixed.
 
     Raises F4xError: a scene without a feature field.
     """
@@ -131,7 +131,7 @@ def group(scene: Scene) -> Patches:
     place = np.concatenate(
         [x / distance[:, None] * camera.intrinsics[0, 0] / camera.width, np.log(distance)[:, None]], 1
     )
-    weight = _light(scene) + UNSEEN
+    weight = _blend_weights(scene) + UNSEEN
     cell = np.floor(place[:, [0, 1, 3]] / (CELL, CELL, LAYER)).astype(np.int64)
     cell -= cell.min(0) - REACH  # room for neighbours on all sides
     size = cell.max(0) + REACH + 1
@@ -159,15 +159,15 @@ def group(scene: Scene) -> Patches:
     return Patches(index, total / total.mean(), latents, first, others[order], bond)
 
 
-def _light(scene: Scene) -> np.ndarray:
-    """(N,) float64: pixels of light that each Gaussian sends into `VIEWS` small views."""
+def _blend_weights(scene: Scene) -> np.ndarray:
+    """(N,) float64: blend weights of each Gaussian in pixels, summed over `VIEWS` small views."""
     cameras = scene.cameras
     layer = np.ones((max(1, round(COLUMNS * cameras.height / cameras.width)), COLUMNS, 1), np.float32)
     frames = evenly_spaced(len(cameras), VIEWS)
-    light = np.zeros(len(scene.ids))
+    sums = np.zeros(len(scene.ids))
     for t in frames:
-        light += blend_weight_sums(scene, float(cameras.times[t]), int(t), layer)[:, 0]
-    return light
+        sums += blend_weight_sums(scene, float(cameras.times[t]), int(t), layer)[:, 0]
+    return sums
 
 
 def _neighbours(keys: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -265,7 +265,7 @@ _S = r"(?:s|secs?|seconds?)"
 _IN = r"(?:at|in|on|during|around|over|by)?"
 _TO = r"(?:and|to|until|till|-|through)"
 Read = Callable[[re.Match[str]], tuple[tuple[str, float], tuple[str, float]]]
-"""From a match to (unit, number) of the first and the last moment; units: second, frame, share of the clip."""
+"""From a match to (unit, number) of the first and the last moment; units: second, frame, fraction of the clip."""
 
 
 def _unit(text: str) -> str:
@@ -284,17 +284,17 @@ _TIMES: tuple[tuple[str, Read], ...] = (
     (
         rf"(after|since|before|until|till) (?:the )?(second|frame|time) {_N}",
         lambda m: (
-            ((_unit(m[2]), float(m[3])), ("share", 1))
+            ((_unit(m[2]), float(m[3])), ("fraction", 1))
             if m[1] in ("after", "since")
-            else (("share", 0), (_unit(m[2]), float(m[3])))
+            else (("fraction", 0), (_unit(m[2]), float(m[3])))
         ),
     ),
     (
         rf"(?:in|during|over) the (first|last) {_N} ({_S}|frames)",
         lambda m: (
-            (("share", 0), (_unit(m[3]), float(m[2])))
+            (("fraction", 0), (_unit(m[3]), float(m[2])))
             if m[1] == "first"
-            else ((f"last {_unit(m[3])}", float(m[2])), ("share", 1))
+            else ((f"last {_unit(m[3])}", float(m[2])), ("fraction", 1))
         ),
     ),
     (rf"{_IN} ?(?:the )?(\d+):(\d\d)(?: minutes)?", lambda m: (("second", 60 * float(m[1]) + float(m[2])),) * 2),
@@ -305,9 +305,12 @@ _TIMES: tuple[tuple[str, Read], ...] = (
     (rf"(?:{_IN}|after) ?{_N} ?{_S}(?: (?:in|into))?(?: {_CLIP})?", lambda m: (("second", float(m[1])),) * 2),
     (
         rf"(?:at|in|near) the (?:very )?(start|beginning|end|first frame|last frame)(?: of {_CLIP})?",
-        lambda m: (("share", float(m[1] in ("end", "last frame"))),) * 2,
+        lambda m: (("fraction", float(m[1] in ("end", "last frame"))),) * 2,
     ),
-    (rf"half ?way(?: (?:through|into))?(?: {_CLIP})?|(?:at|in) the middle of {_CLIP}", lambda m: (("share", 0.5),) * 2),
+    (
+        rf"half ?way(?: (?:through|into))?(?: {_CLIP})?|(?:at|in) the middle of {_CLIP}",
+        lambda m: (("fraction", 0.5),) * 2,
+    ),
 )
 _NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 _DIGITS = {word: str(n) for n, word in enumerate(_NUMBERS)}
@@ -330,7 +333,7 @@ def _without_times(text: str, fps: float, frames: int) -> tuple[str, tuple[float
 def _frame(unit: str, value: float, fps: float, frames: int) -> float:
     """The clip frame of a moment."""
     last, seconds = frames - 1, frames / fps
-    if unit == "share":
+    if unit == "fraction":
         return value * last
     within = value <= (last if unit == "frame" else frames if unit == "last frame" else seconds)
     if not within:

@@ -169,7 +169,7 @@ def _arrays_of(gaussians: StaticSet) -> list[np.ndarray]:
 
 
 def faded(opacity: np.ndarray, presence: np.ndarray) -> np.ndarray:
-    """Return the opacity (N,) of Gaussians of which a share (N,) is there: `1 - (1 - opacity)^presence`.
+    """Return the opacity (N,) of Gaussians that are present in part (`presence (N,)` in [0, 1]): `1 - (1 - opacity)^presence`.
 
     Optical depth fades, not alpha: one surface that goes while its like comes, their shares summing to 1, stays as opaque as
     either (in alpha it would turn glassy half-way).
@@ -327,14 +327,14 @@ class Scene:
     def _carried(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Centres and rotations of the dynamic set at `time`; who is absent then stays at its reference."""
         dynamic, index, table = self.dynamic, self._pairs.index, self._motions(time)
-        held = index, dynamic.weight, dynamic.strength, dynamic.means, dynamic.quats
+        weight, strength, means, quats = dynamic.weight, dynamic.strength, dynamic.means, dynamic.quats
         if dynamic.span is None:
-            return carry(table, *held)
+            return carry(table, index, weight, strength, means, quats)
         rows = np.flatnonzero(dynamic.presence(time))
-        moved = dynamic.means.copy(), dynamic.quats.copy()
-        for whole, part in zip(moved, carry(table, *(array[rows] for array in held)), strict=True):
-            whole[rows] = part
-        return moved
+        moved = carry(table, index[rows], weight[rows], strength[rows], means[rows], quats[rows])
+        means, quats = means.copy(), quats.copy()
+        means[rows], quats[rows] = moved
+        return means, quats
 
     def footprint(self, time: float) -> float | None:
         """Variance that the fit added to every projected Gaussian at clip time `time`, as a squared tangent: pixels^2 / focal^2.

@@ -39,7 +39,7 @@ DC = ("f_dc_0", "f_dc_1", "f_dc_2")
 SCALE = ("scale_0", "scale_1", "scale_2")
 ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
 REQUIRED = (*POSITION, *DC, "opacity", *SCALE, *ROTATION)
-SMALLEST_SCALE = 1e-12
+MIN_SCALE = 1e-12
 """World units; a scale of 0 has no logarithm."""
 OPACITY_MARGIN = 1e-6
 """Opacities 0 and 1 have no finite logit; a change of this size is invisible in 8 and 16 bits."""
@@ -62,7 +62,7 @@ def write_ply(path: Path | str, splats: Splats) -> None:
         **dict(zip(DC, world_sh[:, 0].T, strict=True)),
         **{f"f_rest_{i}": column for i, column in enumerate(rest.T)},
         "opacity": np.log(opacity / (1 - opacity)),
-        **dict(zip(SCALE, np.log(np.maximum(splats.scales, SMALLEST_SCALE)).T, strict=True)),
+        **dict(zip(SCALE, np.log(np.maximum(splats.scales, MIN_SCALE)).T, strict=True)),
         **dict(zip(ROTATION, quats.T, strict=True)),
     }
     vertices = np.empty(len(means), [(name, "<f4") for name in columns])

@@ -1,7 +1,7 @@
-"""A stage: clouds of Gaussians that each stand somewhere in a world, opaque surfaces between them, one camera, many passes.
+"""A stage: clouds of Gaussians placed in a world, opaque surfaces between them, one camera, many render passes.
 
-What `view.render` is to one scene file, `draw` is to what an artist made of several. A cloud that nobody touched gives the
-same picture, because all is projected from the frame of the first cloud: its arrays reach the rasteriser as they are.
+`view.render` renders one scene file; `draw` renders what an artist composed of several. All is projected from the frame of
+the first cloud, whose arrays reach the rasteriser unchanged: a single cloud looks the same as through `view.render`.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 PASSES = ("alpha", "depth", "latent", "selection", "score", "index")
 """What `draw` gives besides `rgb`."""
 BAND = 1 << 17
-"""Pixels of the first band of rows; how long it took says how many the next one has."""
+"""Pixels of the first band of rows; the time it took sets the size of the next one."""
 PAUSE, GROWTH = 0.3, 8.0
 """Seconds between two calls of `progress`, about; and how many times taller than the last a band may be."""
 NOTHING = 1e10
 """Depth where nothing is seen, Blender's own."""
 AMBIENT = 0.4
-"""Share of a surface's colour that it keeps where it is seen edge-on; the rest goes by the cosine to the view."""
+"""Fraction of a surface's colour that it keeps where it is seen edge-on; the rest is shaded by the cosine to the view."""
 _WIDTHS = {"latent": 3, "selection": 1, "score": 1}
 
 
@@ -102,43 +102,51 @@ class Surface:
     """Cut a hole into the picture instead of showing a colour."""
 
 
+@dataclass(frozen=True)
+class DrawSettings:
+    """How a stage is drawn, apart from what is on it."""
+
+    near: float = 0.01
+    """Minimum camera z that is drawn, above 0."""
+    far: float = np.inf
+    """Camera z from which on nothing is drawn."""
+    background: Sequence[float] | None = (0.0, 0.0, 0.0)
+    """sRGB colour behind everything; None = nothing (premultiplied alpha)."""
+    config: RasterConfig | None = None
+    """Constants of the rasteriser; its `near` is not used. None = those with which the largest cloud was fitted."""
+    backend: str = "auto"
+    """As in `raster.rasterize`."""
+
+
 def draw(
     clouds: Sequence[Cloud],
     surfaces: Sequence[Surface],
     camera: Camera,
+    settings: DrawSettings | None = None,
     *,
-    near: float = 0.01,
-    far: float = np.inf,
-    background: Sequence[float] | None = (0.0, 0.0, 0.0),
     passes: Collection[str] = (),
     region: tuple[slice, slice] | None = None,
-    config: RasterConfig | None = None,
-    backend: str = "auto",
     progress: Progress = silent,
     finish: Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]] | None = None,
 ) -> dict[str, np.ndarray]:
     """Draw everything through `camera` in the world; float32 pictures by name, `rgb`, `alpha` and those of `passes`.
 
-    * `rgb (H,W,3)` sRGB over `background` (sRGB), over nothing (premultiplied) where that is None.
+    * `rgb (H,W,3)` sRGB over the background, over nothing (premultiplied) where that is None.
     * `alpha (H,W)` of Gaussians and surfaces.
     * `depth (H,W)` expected z depth in world units, 1e10 where alpha < 0.1.
     * `latent (H,W,3)`, `score (H,W)`: mean of the Gaussians' layers, 0 where their alpha < 0.1.
-    * `selection (H,W)`: share of the pixel that selected Gaussians cover.
+    * `selection (H,W)`: fraction of the pixel that selected Gaussians cover.
     * `index (H,W)` number of the object that covers most of the pixel, 0 for nothing.
 
     Args:
         clouds: Gaussians; one whose centre lies behind a surface is hidden by it as a whole.
         surfaces: opaque triangles, without antialiasing.
         camera: pinhole camera in the world.
-        near: least camera z that is drawn, above 0.
-        far: camera z from which on nothing is drawn.
-        background: sRGB colour behind everything, or None.
+        settings: clipping planes, background and rasteriser; the defaults of `DrawSettings` when None.
         passes: any of `PASSES`.
         region: (rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit.
-        config: constants of the rasteriser; its `near` is not used. None: those with which the largest cloud was fitted.
-        backend: as in `raster.rasterize`.
         progress: called between bands of rows, a few times a second; cancelling passes through. Without it there is one band.
-        finish: makes what is wanted of the pictures, pixel by pixel; called with those of each band.
+        finish: converts the pictures, pixel by pixel; called with those of each band.
 
     Raises:
         F4xError: a camera that is not finite, or a backend that cannot run here.
@@ -146,7 +154,8 @@ def draw(
     from ..raster import rasterize
 
     rows, columns = region or (slice(0, camera.height), slice(0, camera.width))
-    ground = _Ground.seen(surfaces, camera, near, far, background)
+    settings = settings or DrawSettings()
+    ground = _Ground.seen(surfaces, camera, settings)
     frame = clouds[0].to_world if clouds else np.eye(4)
     numbers = sorted({cloud.index for cloud in clouds}) if "index" in passes else []
     widths = {"rgb": 3} | {name: w for name, w in _WIDTHS.items() if name in passes} | {"index": len(numbers)}
@@ -160,7 +169,7 @@ def draw(
     )
     colors = _joined(features, sum(widths.values()))
     view = replace(camera, world_to_camera=camera.world_to_camera @ frame)
-    config = replace(config or _fitted_config(clouds, camera), near=near)
+    config = replace(settings.config or _fitted_config(clouds, camera), near=settings.near)
 
     pictures: dict[str, np.ndarray] = {}
     for band in [rows] if progress is silent else _bands(rows, camera.width):
@@ -168,7 +177,7 @@ def draw(
         # Pixels beside the region keep the limit 0 and are not drawn.
         limit = np.zeros((band.stop - band.start, camera.width), np.float32)
         limit[:, columns] = ground.limit[band, columns]
-        out = rasterize(splats, colors, view, config=config, backend=backend, limit=limit, rows=band)
+        out = rasterize(splats, colors, view, config=config, backend=settings.backend, limit=limit, rows=band)
         channels, alpha, depth = (
             np.asarray(part[:, columns], np.float32) for part in (out.channels, out.alpha, out.depth)
         )
@@ -216,7 +225,7 @@ def _features(cloud: Cloud, camera: Camera, widths: Mapping[str, int], numbers: 
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """What stands behind the Gaussians at every pixel."""
+    """What lies behind the Gaussians at every pixel."""
 
     rgb: np.ndarray
     """(H,W,3) sRGB."""
@@ -230,17 +239,19 @@ class _Ground:
     """(H,W) float32 depth from which on Gaussians are hidden."""
 
     @classmethod
-    def seen(cls, surfaces: Sequence[Surface], camera: Camera, near: float, far: float, background) -> _Ground:
+    def seen(cls, surfaces: Sequence[Surface], camera: Camera, settings: DrawSettings) -> _Ground:
         """Draw surfaces over the background."""
         from ..raster.triangles import draw_triangles
 
         triangles = np.concatenate([np.zeros((0, 3, 3)), *(surface.triangles for surface in surfaces)])
         size = (camera.width, camera.height)
-        behind = np.asarray((0, 0, 0) if background is None else background, np.float32)
+        behind = np.asarray((0, 0, 0) if settings.background is None else settings.background, np.float32)
         if not len(triangles):  # one value each, however large the picture is
-            flat = (behind, np.zeros(()), np.array(np.inf), np.zeros(()), np.array(far, np.float32))
+            flat = (behind, np.zeros(()), np.array(np.inf), np.zeros(()), np.array(settings.far, np.float32))
             return cls(*(np.broadcast_to(value, (camera.height, camera.width, *value.shape)) for value in flat))
-        depth, hit = draw_triangles(triangles, camera.world_to_camera, camera.intrinsics, *size, near=near, far=far)
+        depth, hit = draw_triangles(
+            triangles, camera.world_to_camera, camera.intrinsics, *size, near=settings.near, far=settings.far
+        )
         there = hit >= 0
         rgb = np.zeros((*depth.shape, 3), np.float32) + behind
         index, shows = np.zeros(depth.shape), np.zeros(depth.shape)
@@ -261,9 +272,9 @@ class _Ground:
             pixels = camera.pixel_grid()[there]
             ray = camera.unproject(pixels, np.ones(len(pixels))) - camera.center
             cosine = np.abs((normal * ray).sum(1)) / (np.linalg.norm(normal, axis=1) * np.linalg.norm(ray, axis=1))
-            light = (AMBIENT + (1 - AMBIENT) * cosine) * shows[there]
-            rgb[there] = of_triangles([s.colors for s in surfaces]) * light[:, None]
-        return cls(rgb, shows, depth, index, np.minimum(depth, far).astype(np.float32))
+            shading = (AMBIENT + (1 - AMBIENT) * cosine) * shows[there]
+            rgb[there] = of_triangles([s.colors for s in surfaces]) * shading[:, None]
+        return cls(rgb, shows, depth, index, np.minimum(depth, settings.far).astype(np.float32))
 
     def cut(self, region: tuple[slice, slice]) -> _Ground:
         """The part inside a region."""
@@ -281,17 +292,17 @@ def _pictures(
     """Gaussians over the ground: composited `layers`, `alpha` and `depth` (sum of z alpha T) become the passes."""
     left = 1 - alpha
     covered = alpha >= COVERED
-    share = np.where(covered, alpha, 1)
+    divisor = np.where(covered, alpha, 1)
     pictures = {"rgb": layers["rgb"] + left[..., None] * ground.rgb, "alpha": alpha + left * ground.alpha}
     if "depth" in passes:
         solid = np.isfinite(ground.depth)
-        total = np.where(solid, 1, share)
+        total = np.where(solid, 1, divisor)
         summed = depth + np.where(solid, left * np.where(solid, ground.depth, 0), 0)
         pictures["depth"] = np.where(covered | solid, summed / total, NOTHING)
     if "latent" in passes:
-        pictures["latent"] = np.where(covered[..., None], layers["latent"] / share[..., None], 0)
+        pictures["latent"] = np.where(covered[..., None], layers["latent"] / divisor[..., None], 0)
     if "score" in passes:
-        pictures["score"] = np.where(covered, layers["score"][..., 0] / share, 0)
+        pictures["score"] = np.where(covered, layers["score"][..., 0] / divisor, 0)
     if "selection" in passes:
         pictures["selection"] = layers["selection"][..., 0]
     if "index" in passes:

@@ -81,15 +81,15 @@ def render(
     pictures = dict(zip(layers, np.split(composited, ends, axis=-1), strict=True)) if layers else {}
     alpha = np.asarray(out.alpha, np.float32)
     covered = alpha >= COVERED
-    share = np.where(covered, alpha, 1)
+    divisor = np.where(covered, alpha, 1)
     if "alpha" in channels:
         pictures["alpha"] = alpha
     if "depth" in channels:
-        pictures["depth"] = np.where(covered, np.asarray(out.depth, np.float32) / share, np.float32(np.nan))
+        pictures["depth"] = np.where(covered, np.asarray(out.depth, np.float32) / divisor, np.float32(np.nan))
     if "motion" in channels:
-        pictures["motion"] = np.where(covered[..., None], pictures["motion"] / share[..., None], 0)
+        pictures["motion"] = np.where(covered[..., None], pictures["motion"] / divisor[..., None], 0)
     if features is not None:
-        pictures["latent"] = np.where(covered[..., None], pictures["latent"] / share[..., None], 0)
+        pictures["latent"] = np.where(covered[..., None], pictures["latent"] / divisor[..., None], 0)
         for name in heads:
             pictures[name] = covered[..., None] * features.decode(name.removeprefix(HEAD), pictures["latent"])
     return pictures

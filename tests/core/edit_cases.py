@@ -3,7 +3,6 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from f4x_core.edit.looks import LOOKS
 from f4x_core.edit.operations import (
     Delete,
     Duplicate,
@@ -20,6 +19,7 @@ from f4x_core.edit.operations import (
     Transform,
 )
 from f4x_core.edit.selects import All, Ids, Moving, Named, Not, Or
+from f4x_core.edit.styles import STYLES
 
 THINGS = 50
 """Gaussians of `random_scene`."""
@@ -40,7 +40,7 @@ looks_operations = st.one_of(
     st.builds(Opacity, selects, shares.map(lambda s: 2 * s), spans),
     st.builds(Delete, selects, spans),
     st.builds(Extract, selects, spans),
-    st.builds(Style, selects, st.sampled_from(sorted(LOOKS)), shares, spans),
+    st.builds(Style, selects, st.sampled_from(sorted(STYLES)), shares, spans),
     st.builds(Match, selects, selects, shares, spans),
 )  # fmt: skip
 transforms = st.builds(

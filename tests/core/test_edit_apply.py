@@ -22,7 +22,6 @@ from f4x_core.edit.apply import (
     with_operations,
 )
 from f4x_core.edit.colours import colours_of, lab_from_rgb, rgb_from_lab
-from f4x_core.edit.looks import LOOKS
 from f4x_core.edit.operations import (
     Delete,
     Duplicate,
@@ -41,6 +40,7 @@ from f4x_core.edit.operations import (
 )
 from f4x_core.edit.selects import All, Ids, Moving, Named, Not, Point, Text
 from f4x_core.edit.stack import EditStack, of, with_stack
+from f4x_core.edit.styles import STYLES
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.query.prompts import select_by_text
@@ -268,7 +268,7 @@ def test_shading_stays_when_light_is_kept():
     assert abs(new[:, 0].mean() - goal[0]) < 0.1
 
 
-@pytest.mark.parametrize("name", LOOKS)
+@pytest.mark.parametrize("name", STYLES)
 def test_looks_are_ramps_of_light(name):
     base = with_colours(np.random.default_rng(0).normal(size=(300, 1, 3)))
     old = lab_from_rgb(colours_of(base.static.sh))[:, 0]
@@ -276,9 +276,9 @@ def test_looks_are_ramps_of_light(name):
     new = colours_of(posed.sh)
     order = np.argsort(old)
     assert (np.diff(lab_from_rgb(new)[order, 0]) > -1e-6).all()  # brighter stays brighter
-    low, high = np.array(LOOKS[name].ramp)[[0, -1]]
+    low, high = np.array(STYLES[name].ramp)[[0, -1]]
     np.testing.assert_allclose(new[order[[0, -1]]], [low, high], atol=1e-3)
-    np.testing.assert_allclose(posed.opacities, base.static.opacities * LOOKS[name].opacity, rtol=1e-6)
+    np.testing.assert_allclose(posed.opacities, base.static.opacities * STYLES[name].opacity, rtol=1e-6)
 
 
 def test_match_carries_mean_and_spread():

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from f4x_core.edit import looks
+from f4x_core.edit import styles
 from f4x_core.edit.colour_names import COLOURS
 from f4x_core.edit.commands import COMMANDS, SHOWN
 from f4x_core.edit.grammar import VOCABULARY
@@ -213,7 +213,7 @@ def test_labels_are_found_as_they_are_spelled():
 def test_lexicons_agree_with_the_other_rooms():
     assert COLOURS["rebeccapurple"] == (0.4, 0.2, 0.6)
     assert len(COLOURS) > 148
-    for look in looks.LOOKS:
+    for look in styles.STYLES:
         assert say(f"make the dog look like {look}")[0].look == look
     assert say("show the dog again")[0].factor == SHOWN
 

@@ -14,10 +14,10 @@ from stub_server import client, saying, stub_server
 from f4x_core.cli import main
 from f4x_core.edit import plan
 from f4x_core.edit.apply import edited, with_operations
+from f4x_core.edit.connected_objects import label_components, pick_object, split_objects
 from f4x_core.edit.display import Display
 from f4x_core.edit.language import Refusal, describe
 from f4x_core.edit.operations import Delete, Duplicate, Freeze, Match, Name, Opacity, Recolour, Transform
-from f4x_core.edit.pieces import connected, things, which_thing
 from f4x_core.edit.resolve import Context, labels_of, resolve, rows_of
 from f4x_core.edit.selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, Text
 from f4x_core.edit.stack import of
@@ -167,10 +167,10 @@ def test_connected_pieces_agree_with_a_graph():
         cells = np.floor(points / reach)
         touch = np.abs(cells[:, None] - cells[None]).max(-1) <= 1
         pieces, truth = connected_components(coo_matrix(touch))
-        found = connected(points, reach)
+        found = label_components(points, reach)
         assert len({*zip(found.tolist(), truth.tolist(), strict=True)}) == pieces == found.max() + 1
     far = np.array([[0, 0, 0], [1e30, 0, 0], [0, 1e-30, 0]])
-    assert connected(far, 1e-9).tolist() == [0, 1, 0]
+    assert label_components(far, 1e-9).tolist() == [0, 1, 0]
 
 
 @pytest.fixture(scope="module")
@@ -204,8 +204,8 @@ def test_which_of_several(three, which, thing):
     assert set(found.tolist()) == set(groups[thing].tolist())
     posed = three.posed(1.0)
     rows = rows_of(three, everyone)
-    assert len(np.unique(things(posed, rows)[0])) == 3 and not things(posed, rows)[1].any()
-    assert set(three.ids[which_thing(posed, rows, which, three.cameras[1])]) == set(groups[thing].tolist())
+    assert len(np.unique(split_objects(posed, rows)[0])) == 3 and not split_objects(posed, rows)[1].any()
+    assert set(three.ids[pick_object(posed, rows, which, three.cameras[1])]) == set(groups[thing].tolist())
 
 
 def test_it_is_chosen_where_it_is_at_that_frame(three):
@@ -221,7 +221,7 @@ def test_strays_are_small_pieces(scene):
     far = np.flatnonzero(posed.means[:, 0] > 0.98)[:1]
     rows = np.concatenate([np.flatnonzero(scene.moving), far])
     posed.opacities[far] = 0.2
-    thing, stray = things(posed, rows)
+    thing, stray = split_objects(posed, rows)
     assert stray.tolist() == [False] * 81 + [True] and (thing == 0).all()
 
 
@@ -456,7 +456,7 @@ def test_a_stray_of_few_large_gaussians_is_no_thing_of_its_own(scene):
     surface = posed.opacities * posed.scales[:, 0] * posed.scales[:, 1]
     assert surface[stray].sum() > 0.2 * surface[square].sum()
     rows = np.concatenate([square, stray])
-    assert set(which_thing(posed, rows, "right", scene.cameras[0])) == set(rows)
+    assert set(pick_object(posed, rows, "right", scene.cameras[0])) == set(rows)
 
 
 def test_a_copy_of_an_earlier_command_is_found_and_the_thing_alone_is_the_original(path):

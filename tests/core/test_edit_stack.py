@@ -14,7 +14,7 @@ from random_scene import random_scene
 from f4x_core.edit.operations import Delete, Freeze, Name, Opacity, Recolour, Style, Transform
 from f4x_core.edit.selects import All, Ids, Moving, Not
 from f4x_core.edit.stack import (
-    MOST_EDITS,
+    MAX_EDITS,
     UNDONE,
     Edit,
     EditStack,
@@ -127,8 +127,8 @@ def test_what_is_not_there_is_told():
     for change in (lambda: stack.remove(7), lambda: EditStack().undo(), lambda: stack.redo(), lambda: stack.move(1, 9)):
         with pytest.raises(F4xError, match=r"no edit 7|nothing to|no place"):
             change()
-    with pytest.raises(F4xError, match=f"{MOST_EDITS} are the most"):
-        EditStack(tuple(Edit(OPERATIONS[0], i + 1) for i in range(MOST_EDITS + 1)))
+    with pytest.raises(F4xError, match=f"{MAX_EDITS} are the most"):
+        EditStack(tuple(Edit(OPERATIONS[0], i + 1) for i in range(MAX_EDITS + 1)))
     with pytest.raises(F4xError, match="id 1 occurs twice"):
         EditStack((stack.edits[0], stack.edits[0]))
 

@@ -55,7 +55,7 @@ def test_smoothing_solves_its_linear_system(monkeypatch):
     bonds = np.zeros((len(values), len(values)))
     np.add.at(bonds, (rows, patches.other), patches.bond.astype(float))
     np.testing.assert_array_equal(bonds, bonds.T)
-    own = 0.04 * np.minimum(patches.weight, np.quantile(patches.weight, smoothing.LARGEST))
+    own = 0.04 * np.minimum(patches.weight, np.quantile(patches.weight, smoothing.MAX_WEIGHT_QUANTILE))
     own += 1e-6 * own.mean()
     expected = np.linalg.solve(np.diag(own + bonds.sum(1)) - bonds, own * values)
     np.testing.assert_allclose(patches.smooth(values, 0.04), expected, atol=1e-5)
@@ -97,7 +97,7 @@ def test_the_split_finds_two_normal_distributions(share):
     values = np.where(high, rng.normal(1.5, 0.5, 4000), rng.normal(-1, 0.3, 4000))
     found = split(values, np.ones(4000))
     assert found.means == (pytest.approx(-1, abs=0.1), pytest.approx(1.5, abs=0.1))
-    assert found.share == pytest.approx(share, abs=0.02)
+    assert found.fraction == pytest.approx(share, abs=0.02)
     assert ((found.high > 0.5) == high).mean() > 0.98
     steps = np.diff(found.high[np.argsort(values)])
     assert steps.min() > -1e-9  # a higher score is never less probable
@@ -118,7 +118,7 @@ def test_the_split_ends_where_more_rounds_change_nothing(monkeypatch):
 
 def test_the_split_weighs_and_survives_a_constant():
     values, weights = np.array([0.0, 0.1, 5.0, 5.1]), np.array([1.0, 1, 3, 3])
-    assert split(values, weights).share == pytest.approx(0.75)
+    assert split(values, weights).fraction == pytest.approx(0.75)
     assert np.isfinite(split(np.ones(5), np.ones(5)).high).all()
     assert np.isfinite(split(np.ones(1), np.ones(1)).high).all()
 

@@ -8,7 +8,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import View, orbit, original
 from f4x_core.query.blend_weights import blend_weight_sums, lift_masks
 from f4x_core.query.labels import ask_for
-from f4x_core.query.pixels import head_map, heat_map, mask_video, share_picture, text_picture
+from f4x_core.query.pixels import coverage_image, head_map, heat_map, mask_video, text_picture
 from f4x_core.query.prompts import (
     select_by_box,
     select_by_mask,
@@ -108,7 +108,7 @@ def test_text_pictures_are_probabilities_from_any_view(scene):
     query = ask_for(scene, ["square"], ["wall"])
     for camera, time in (*original(scene.cameras)[::3], *orbit(scene.cameras, degrees=4, count=3)):
         picture = text_picture(scene, query, camera, time)
-        mask = share_picture(scene, select_by_text(scene, ["square"]), camera, time) > 0.5
+        mask = coverage_image(scene, select_by_text(scene, ["square"]), camera, time) > 0.5
         assert overlap(picture[..., 0] > 0.5, mask) > 0.9
         np.testing.assert_allclose(picture[mask].sum(-1), 1, atol=1e-5)
 
@@ -128,7 +128,7 @@ def test_points_and_boxes_find_the_square(scene):
     middle = (columns.mean() + 0.5, rows.mean() + 0.5)
     box = (columns.min() - 2, rows.min() - 2, columns.max() + 3, rows.max() + 3)
     for found in (select_by_points(scene, [middle], 3), select_by_box(scene, box, 3)):
-        share = share_picture(scene, found, scene.cameras[0], 0.0)
+        share = coverage_image(scene, found, scene.cameras[0], 0.0)
         assert overlap(share > 0.5, square_mask(0)) > 0.7
 
 
@@ -147,7 +147,7 @@ def test_several_frames_add_up(scene):
     found = select_by_prompts(scene, prompts, span=(1, 4))
     assert (found.chosen == is_square(scene)).mean() > 0.99
     camera = scene.cameras[0]
-    assert not share_picture(scene, found, camera, 0.0).any() and share_picture(scene, found, camera, 1.0).any()
+    assert not coverage_image(scene, found, camera, 0.0).any() and coverage_image(scene, found, camera, 1.0).any()
 
 
 def test_masks_of_another_size_are_scaled(scene):

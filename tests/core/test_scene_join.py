@@ -13,7 +13,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.geometry.interpolation import presence
-from f4x_core.query.standing import standing
+from f4x_core.query.not_deleted import not_deleted
 from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.joining import continue_nodes, join_scaffolds
 from f4x_core.scene import DynamicSet, Scene, StaticSet, read_scene, write_scene
@@ -233,7 +233,7 @@ def test_edits_keep_when_gaussians_are_there(joined):
         assert np.allclose(fainter.posed(time).opacities, faded(np.float32(0.4) + 0 * share, share), atol=1e-6)
     frozen = with_operations(joined, Freeze(Moving(), 2))
     assert np.allclose(frozen.posed(14.0).opacities[frozen.moving], joined.posed(2.0).opacities[joined.moving])
-    assert standing(fainter).all()
+    assert not_deleted(fainter).all()
 
 
 def test_baking_keeps_when_gaussians_are_there(joined):

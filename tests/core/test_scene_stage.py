@@ -10,10 +10,11 @@ from f4x_core.errors import Cancelled
 from f4x_core.geometry import pose, quaternion, spherical_harmonics
 from f4x_core.geometry.camera import Camera
 from f4x_core.raster import choose_backend
-from f4x_core.scene.stage import NOTHING, PASSES, Cloud, Surface, _bands, draw
+from f4x_core.scene.stage import NOTHING, PASSES, Cloud, DrawSettings, Surface, _bands, draw
 from f4x_core.scene.view import render
 
 BACKEND = "plain"  # in float64: equal geometry said differently must give equal pictures
+SETTINGS = DrawSettings(backend=BACKEND)
 SIMILAR = pose.to_matrix(np.array([0.8, 0.2, -0.5, 0.27]), np.array([0.4, -1.0, 2.0])) @ np.diag([1.7, 1.7, 1.7, 1])
 SHEARED = np.array([[1.2, 0.3, 0, 0.1], [0, 0.8, 0.2, -0.3], [0.1, 0, 1.5, 0.5], [0, 0, 0, 1]])
 MIRROR = np.diag([-1.0, 1, 1, 1]) @ SIMILAR
@@ -67,10 +68,8 @@ def test_untouched_it_is_the_scenes_own_picture(scene, backend, world):
         clouds_of(scene, 3.0, to_world=world),
         [],
         camera,
-        near=0.01 * size,
-        background=(0.2, 0.4, 0.6),
+        DrawSettings(near=0.01 * size, background=(0.2, 0.4, 0.6), backend=backend),
         passes=("depth",),
-        backend=backend,
     )
     tolerance = 1e-6 if world is SIMILAR else 5e-7
     assert np.abs(out["rgb"] - expected["rgb"]).max() < tolerance
@@ -101,18 +100,18 @@ def test_no_cloud_is_special(scene, world):
     home = np.linalg.inv(world)
     second = replace(second, to_world=world @ pose.to_matrix(np.array([1.0, 0, 0, 0.1]), np.array([0, 0, 0.2])) @ home)
     first = replace(first, to_world=world @ home)
-    one = draw([first, second], [], scene.cameras[0], backend=BACKEND)
-    other = draw([second, first], [], scene.cameras[0], backend=BACKEND)
+    one = draw([first, second], [], scene.cameras[0], settings=SETTINGS)
+    other = draw([second, first], [], scene.cameras[0], settings=SETTINGS)
     assert np.abs(one["rgb"] - other["rgb"]).max() < 1e-5 and one["rgb"].max() > 0.3
 
 
 def test_a_wall_hides_what_is_behind_it(scene):
     clouds, camera = clouds_of(scene, 0.0), scene.cameras[0]
     middle = float(np.median(np.concatenate([c.means[:, 2] for c in clouds])))
-    out = draw(clouds, [wall(middle, left=0.0, index=7)], camera, passes=("depth", "index"), backend=BACKEND)
+    out = draw(clouds, [wall(middle, left=0.0, index=7)], camera, passes=("depth", "index"), settings=SETTINGS)
     front = [replace(c, opacities=np.where(c.means[:, 2] < middle, c.opacities, 0)) for c in clouds]
-    alone = draw(front, [], camera, backend=BACKEND)
-    free = draw(clouds, [], camera, passes=("depth",), backend=BACKEND)
+    alone = draw(front, [], camera, settings=SETTINGS)
+    free = draw(clouds, [], camera, passes=("depth",), settings=SETTINGS)
     right = np.arange(WIDTH) + 0.5 > camera.intrinsics[0, 2]
     left = 1 - alone["alpha"][:, right, None]
     ray = camera.unproject(camera.pixel_grid(), np.ones((HEIGHT, WIDTH)))[:, right] - camera.center
@@ -129,7 +128,10 @@ def test_a_wall_hides_what_is_behind_it(scene):
 
 def test_a_holdout_cuts_a_hole(scene):
     out = draw(
-        clouds_of(scene, 0.0), [wall(0.5, holdout=True)], scene.cameras[0], background=(1, 1, 1), backend=BACKEND
+        clouds_of(scene, 0.0),
+        [wall(0.5, holdout=True)],
+        scene.cameras[0],
+        DrawSettings(background=(1, 1, 1), backend=BACKEND),
     )
     assert out["rgb"].max() == 0 and out["alpha"].max() == 0
 
@@ -141,7 +143,7 @@ def test_layers_become_passes(scene):
     latent, chosen = random.random((count, 3)).astype(np.float32), (random.random((count, 1)) > 0.5).astype(np.float32)
     clouds[0] = replace(clouds[0], index=3, layers={"latent": latent, "selection": chosen, "score": latent[:, :1]})
     clouds[1] = replace(clouds[1], index=5)
-    out = draw(clouds, [], scene.cameras[1], passes=PASSES, backend=BACKEND)
+    out = draw(clouds, [], scene.cameras[1], passes=PASSES, settings=SETTINGS)
     total = count + len(clouds[1].means)
     padding = ((0, total - count), (0, 0))
     values = {"latent_": np.pad(latent, padding), "chosen": np.pad(chosen, padding)}
@@ -179,16 +181,16 @@ def test_near_and_far(scene):
         replace(c, opacities=c.opacities * ((d > near) & (d < far)))
         for c, d in zip(clouds, np.split(depth, [len(clouds[0].means)]), strict=True)
     ]
-    out = draw(clouds, [], camera, near=near, far=far, backend=BACKEND)
-    expected = draw(kept, [], camera, backend=BACKEND)
+    out = draw(clouds, [], camera, settings=DrawSettings(near, far, backend=BACKEND))
+    expected = draw(kept, [], camera, settings=SETTINGS)
     assert np.abs(out["rgb"] - expected["rgb"]).max() < 1e-6 and expected["rgb"].max() > 0.1
 
 
 def test_nothing_at_all():
     camera = Camera(np.array([[10.0, 0, 4], [0, 10, 3], [0, 0, 1]]), np.eye(4), 8, 6)
-    out = draw([], [], camera, background=(0.1, 0.2, 0.3), passes=PASSES)
+    out = draw([], [], camera, settings=DrawSettings(background=(0.1, 0.2, 0.3)), passes=PASSES)
     assert np.allclose(out["rgb"], [0.1, 0.2, 0.3]) and out["alpha"].max() == 0 and (out["index"] == 0).all()
-    assert draw([], [], camera, background=None)["rgb"].max() == 0
+    assert draw([], [], camera, DrawSettings(background=None))["rgb"].max() == 0
 
 
 def test_cancelling_stops_between_bands(scene, monkeypatch):

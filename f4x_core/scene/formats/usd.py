@@ -21,7 +21,7 @@ from ...geometry import quaternion, spherical_harmonics
 from ...progress import Progress, silent
 from ..color import linear_from_srgb
 from ..model import PosedSplats
-from ..ply import SMALLEST_SCALE
+from ..ply import MIN_SCALE
 from ..posing import Y_UP, Posable, plain_color, take, transformed, world_harmonics
 
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
@@ -78,7 +78,7 @@ SPLATS = Kind(
     (
         Column("point3f[] positions", ("means",), lambda posed: posed.means),
         Column("quatf[] orientations", ("quats",), lambda posed: posed.quats),
-        Column("float3[] scales", ("scales",), lambda posed: np.maximum(posed.scales, SMALLEST_SCALE)),
+        Column("float3[] scales", ("scales",), lambda posed: np.maximum(posed.scales, MIN_SCALE)),
         Column("float[] opacities", ("opacities",), lambda posed: posed.opacities),
         Column(
             "float3[] radiance:sphericalHarmonicsCoefficients",

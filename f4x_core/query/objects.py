@@ -1,10 +1,10 @@
-"""What moves, cut into things: the one that a user points at, over all times at once. Needs numpy alone.
+"""The moving object that a user points at, in all frames at once. Needs numpy alone.
 
-Moving Gaussians are grouped into pieces that lie, look and move alike. Walkers who start where the user pointed go from piece
-to piece as these look alike, wherever they are, and get lost to what stands still where a piece looks like that: a shadow like
-the ground, ripples like the water (random walker; Grady 2005). The thing is a set of pieces that were walked on most, namely
-the one with fewest bonds to its neighbours and to what stands still for all its bonds (least conductance along a walk's
-order; Andersen, Chung and Lang 2006).
+Moving Gaussians are grouped into superpoints whose members are close, look alike and move alike. A random walk starts at the
+superpoints under the prompt and steps between superpoints by appearance, wherever they are; it is absorbed by the static
+background where a superpoint looks like that: a shadow like the ground, ripples like the water (Grady 2005). The object is a
+set of the superpoints with the highest random-walk scores: the set with the lowest conductance, which is the fraction of its
+bonds that lead to its neighbours and to the background (sweep cut; Andersen, Chung and Lang 2006).
 """
 
 from __future__ import annotations
@@ -21,74 +21,75 @@ from ..scene import Scene
 from .blend_weights import blend_weight_sums
 from .smoothing import LOOKS_ALIKE
 
-PIECES, BACKDROP = 1000, 600
-"""Pieces of what moves and of what stands still: with these many, true labels of pieces cost 0.02 of IoU against labels of
-Gaussians, and matrices of all pairs stay small."""
+SUPERPOINTS, BACKDROP = 1000, 600
+"""Superpoints of moving and of static Gaussians. With so many, labelling superpoints rather than Gaussians costs 0.02 of IoU, and
+matrices of all pairs stay small."""
 ROUNDS = 5
-"""Rounds of k-means; pieces need not settle, they only have to be compact."""
+"""Rounds of k-means; superpoints need not converge, they only have to be compact."""
 TIMES, VIEWS, COLUMNS = 3, 5, 120
-"""Times at which places are compared; views, evenly over the clip, whose light counts, and the width of their pictures."""
+"""Times at which places are compared; views, evenly over the clip, in which blend weights are summed, and their width in pixels."""
 DIRECTIONS = 16
 """Principal directions of the features that tell looks apart; the others are noise and cost time."""
 COLOUR = 0.7
 """Weight of colour (sRGB, 1 = black to white) beside unit features in the distance of two looks."""
 PLACED, SEEN = 1.0, 0.5
-"""Weights of place (in its standard deviations) and of features when pieces are made; colour counts 1."""
+"""Weights of place (in its standard deviations) and of features when superpoints are made; colour counts 1."""
 NEIGHBOURS = 12
-"""Pieces that a piece is bonded to at least, and groups of what stands still that say how well it blends in."""
+"""Minimum number of superpoints that one is bonded to, and number of static groups that decide how well it blends in."""
 BLENDING = 4.0
-"""Bonds of full strength that a piece which looks like what stands still has to that. Four filmed and three rendered clips,
+"""Bonds of full strength from a superpoint to the static background that looks like it. Four filmed and three rendered clips,
 four clicks on each: IoU is the same within 0.01 from 3 to 6; at 1 the water around a swan is the swan, at 10 a thing with
 dark parts falls apart."""
 SHARP = 8.0
 """Walkers step along exp(-SHARP x squared distance of looks / its median): at 4 a swan's walkers end in the water."""
 ESCAPE = 1e-3
-"""Share of the walkers that get lost at every piece: with none and no backdrop, all places would be reached alike."""
+"""Fraction of the walkers that is lost at every superpoint: without any loss, all superpoints would score alike."""
 HEAVY = 0.95
-"""Share of the pieces, or of the groups that stand still, that count with their own light; heavier ones count no more."""
-SMALLEST = 0.02
-"""Least share of the moving light that a thing has: the outline of a few pieces can be short by chance."""
+"""Quantile of the weights of superpoints, or of static groups, above which they are clipped."""
+MIN_FRACTION = 0.02
+"""Minimum fraction of the moving blend weights that an object has: the outline of a few superpoints can be short by chance."""
 DOT = 0.006
 """Radius of a point, in widths of the picture: what a hand with a mouse means."""
 MOVING_POINT, MOVING_BOX = 0.5, 0.25
-"""Share of the light at the points, or in a box, that comes from what moves if a moving thing is meant: boxes hold more."""
+"""Minimum fraction of the blend weights at the points, or in a box, that belongs to moving Gaussians if a moving object is
+meant; a box holds more background."""
 MARKED = 0.3
-"""Of points beside the thing, a piece with this share of the light of the most marked one is marked too."""
+"""A superpoint is marked by the negative points when it has this fraction of the blend weights of the most marked one."""
 UNSEEN = 1e-4
-"""Light, in pixels, that every Gaussian counts with at least."""
+"""Minimum blend weight of a Gaussian, in pixels."""
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
-    """Groups of moving Gaussians of a scene; P pieces, Q groups of what stands still."""
+class Superpoints:
+    """Superpoints: groups of the moving Gaussians of a scene; P of them."""
 
     rows: np.ndarray
     """(n,) int64: the rows of the moving Gaussians in `scene.posed`."""
     index: np.ndarray
-    """(n,) int64: the piece of each of them."""
+    """(n,) int64: the superpoint of each of them."""
     weight: np.ndarray
-    """(P,) float64: light that a piece sends into views of the clip."""
+    """(P,) float64: blend weights of a superpoint, summed over views of the clip."""
     bonds: np.ndarray
     """(P,P) float64 in [0, 1] between neighbours, symmetric, 0 with itself."""
     blend: np.ndarray
-    """(P,) float64 in [0, BLENDING]: bonds to what stands still, by looks alone."""
+    """(P,) float64 in [0, BLENDING]: bonds to the static background, by appearance alone."""
     steps: np.ndarray
-    """(P,P) float64: how many walkers step from one piece to another, by looks alone; symmetric, 0 with itself."""
+    """(P,P) float64: rate of the random walk from one superpoint to another, by appearance alone; symmetric, 0 with itself."""
     lost: np.ndarray
-    """(P,) float64: how many step to what stands still."""
+    """(P,) float64: rate of the random walk to the static background, which absorbs it."""
 
-    def gather(self, light: np.ndarray) -> np.ndarray:
-        """(P,): sums over pieces of `light (N,)` of all Gaussians of the scene."""
-        return np.bincount(self.index, light[self.rows], len(self.weight))
+    def gather(self, weights: np.ndarray) -> np.ndarray:
+        """(P,): sums over superpoints of the blend `weights (N,)` of all Gaussians of the scene."""
+        return np.bincount(self.index, weights[self.rows], len(self.weight))
 
     def spread(self, values: np.ndarray, count: int) -> np.ndarray:
-        """(N,) float64: `values (P,)` given to the Gaussians of the pieces; 0 for what stands still."""
+        """(N,) float64: `values (P,)` given to the Gaussians of the superpoints; 0 for static ones."""
         result = np.zeros(count)
         result[self.rows] = values[self.index]
         return result
 
     def grow(self, marked: np.ndarray, against: np.ndarray) -> np.ndarray:
-        """(P,) bool: the thing that walkers find who start by the light `marked (P,)`; nothing of `against (P,)` bool."""
+        """(P,) bool: the object that a random walk from the blend weights `marked (P,)` finds; never `against (P,)` bool."""
         free = ~against
         chosen = np.zeros(len(marked), bool)
         if not marked[free].any():
@@ -97,38 +98,40 @@ class Pieces:
             (between[free][:, free], out[free] + between[free][:, against].sum(1))
             for between, out in ((self.steps, self.lost), (self.bonds, self.blend))
         )
-        # Scaled by what leaves a piece: light differs by orders of magnitude, and the matrix would be near singular.
+        # Scaled by what leaves a superpoint: blend weights differ by orders of magnitude, and the matrix would be near singular.
         total = (1 + ESCAPE) * (steps.sum(1) + leaving) + np.finfo(float).tiny
         scale = np.sqrt(total)
-        walked = np.linalg.solve(np.eye(len(steps)) - steps / scale[:, None] / scale, marked[free] / scale) / scale
-        chosen[free] = _sweep(bonds, cut, walked, self.weight[free])
+        random_walk_score = (
+            np.linalg.solve(np.eye(len(steps)) - steps / scale[:, None] / scale, marked[free] / scale) / scale
+        )
+        chosen[free] = _sweep(bonds, cut, random_walk_score, self.weight[free])
         return chosen
 
 
 def point_out(scene: Scene, prompts: Mapping[int, Prompt]) -> np.ndarray | None:
-    """(N,) float64, 1 for the Gaussians of the moving thing at points or in a box (clip frame -> prompt), else 0.
+    """(N,) float64: 1 for the Gaussians of the moving object at points or in a box (clip frame -> prompt), else 0.
 
-    None where the light at the points, or most of it in the boxes, comes from what stands still, or nothing is left to mean.
+    None where most blend weights at the points, or in the boxes, belong to static Gaussians, or where no superpoint is left.
     """
     starts, rest = [], np.zeros((3, len(scene.ids)))
     for frame, prompt in prompts.items():
         layers = _marks(prompt, (scene.cameras.height, scene.cameras.width))
-        light = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, layers).T
-        starts += [*light[3:]]
-        rest += light[:3]
+        sums = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, layers).T
+        starts += [*sums[3:]]
+        rest += sums[:3]
     toward = np.sum(starts, 0)
-    least = MOVING_POINT if any(prompt.labels.any() for prompt in prompts.values()) else MOVING_BOX
-    if toward[scene.moving].sum() < least * toward.sum() or not toward[scene.moving].any():
+    minimum = MOVING_POINT if any(prompt.labels.any() for prompt in prompts.values()) else MOVING_BOX
+    if toward[scene.moving].sum() < minimum * toward.sum() or not toward[scene.moving].any():
         return None
-    pieces = pieces_of(scene)
-    beside, outside, inside = map(pieces.gather, rest)
+    superpoints = superpoints_of(scene)
+    beside, outside, inside = map(superpoints.gather, rest)
     against = (beside > MARKED * beside.max()) | (outside > inside)
-    chosen = np.any([pieces.grow(pieces.gather(start), against) for start in starts], 0)
-    return pieces.spread(chosen, len(scene.ids)) if chosen.any() else None
+    chosen = np.any([superpoints.grow(superpoints.gather(start), against) for start in starts], 0)
+    return superpoints.spread(chosen, len(scene.ids)) if chosen.any() else None
 
 
 def _marks(prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
-    """(H,W,3+n) float32 in {0, 1}: at points beside the thing, outside the box, inside, at each of n points on it (else inside)."""
+    """(H,W,3+n) float32 in {0, 1}: at negative points, outside the box, inside, and at each of n positive points (else inside)."""
     rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
 
     def around(points: np.ndarray) -> np.ndarray:
@@ -143,21 +146,21 @@ def _marks(prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
     return np.stack([around(prompt.points[~prompt.labels]), ~inside, inside, *on], -1).astype(np.float32)
 
 
-def pieces_of(scene: Scene) -> Pieces:
-    """The pieces of what moves in a scene."""
+def superpoints_of(scene: Scene) -> Superpoints:
+    """The superpoints of the moving Gaussians of a scene."""
     times = scene.cameras.times[np.linspace(0, len(scene.cameras) - 1, TIMES).round().astype(int)]
     posed = [scene.posed(float(time)) for time in times]
-    moving, standing = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
+    moving, static = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
     place = np.stack([moment.means for moment in posed], 1)  # (N,TIMES,3)
     looks = _looks(scene)
-    light = _light(scene) + UNSEEN
+    weights = _blend_weights(scene) + UNSEEN
     spread = np.sqrt(place[moving].var(0).sum() / TIMES) if len(moving) else 1.0
     tracks = place[moving].reshape(len(moving), 3 * TIMES) / np.sqrt(TIMES)
-    index, weight, centres, mine = _group(tracks / max(spread, 1e-9), looks[moving], light[moving], PIECES)
-    # What stands far off varies much in place for its looks; angles from the first camera compare better than metres.
-    sight = place[standing, 0] - scene.cameras[0].center
+    index, weight, centres, mine = _group(tracks / max(spread, 1e-9), looks[moving], weights[moving], SUPERPOINTS)
+    # Far static Gaussians that look alike can be far apart; angles from the first camera compare better than metres.
+    sight = place[static, 0] - scene.cameras[0].center
     sight = sight / np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
-    _, backdrop, _, theirs = _group(2 * sight, looks[standing], light[standing], BACKDROP)
+    _, backdrop, _, theirs = _group(2 * sight, looks[static], weights[static], BACKDROP)
     bonds, unit = _bonds(centres, mine)
     apart, unlike = _squares(mine, theirs), _squares(mine, mine)
     nearest = np.sort(apart, axis=1)[:, :NEIGHBOURS]
@@ -166,7 +169,7 @@ def pieces_of(scene: Scene) -> Pieces:
     mass, other = _mass(weight), _mass(backdrop)
     steps = np.exp(-unlike / reach) * np.sqrt(mass[:, None] * mass)
     np.fill_diagonal(steps, 0)
-    return Pieces(moving, index, weight, bonds, blend, steps, mass * (np.exp(-apart / reach) @ other))
+    return Superpoints(moving, index, weight, bonds, blend, steps, mass * (np.exp(-apart / reach) @ other))
 
 
 def _looks(scene: Scene) -> np.ndarray:
@@ -181,8 +184,8 @@ def _looks(scene: Scene) -> np.ndarray:
     return np.concatenate([features @ directions, colour], 1, dtype=np.float32)
 
 
-def _light(scene: Scene) -> np.ndarray:
-    """(N,) float64: pixels of light that each Gaussian sends into `VIEWS` small views."""
+def _blend_weights(scene: Scene) -> np.ndarray:
+    """(N,) float64: blend weights of each Gaussian in pixels, summed over `VIEWS` small views."""
     cameras = scene.cameras
     layer = np.ones((max(1, round(COLUMNS * cameras.height / cameras.width)), COLUMNS, 1), np.float32)
     frames = evenly_spaced(len(cameras), VIEWS)
@@ -193,9 +196,9 @@ def _light(scene: Scene) -> np.ndarray:
 
 
 def _group(
-    place: np.ndarray, looks: np.ndarray, light: np.ndarray, count: int
+    place: np.ndarray, looks: np.ndarray, weights: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """k-means of n rows: index (n,), light (k,), mean place (k,…) and looks (k,C) of at most `count` groups, none empty."""
+    """k-means of n rows: index (n,), weight (k,), mean place (k,…) and looks (k,C) of at most `count` groups, none empty."""
     joint = np.concatenate([PLACED * place, SEEN * looks[:, :-3], looks[:, -3:] / COLOUR], 1, dtype=np.float32)
     centres = joint[np.random.default_rng(0).permutation(len(joint))[:count]]
     for _ in range(ROUNDS if len(joint) else 0):
@@ -203,8 +206,8 @@ def _group(
         centres = _means(index, np.ones(len(joint)), joint, len(centres)).astype(np.float32)
     index = np.unique(_nearest(joint, centres), return_inverse=True)[1] if len(joint) else np.zeros(0, int)
     groups = int(index.max(initial=-1)) + 1
-    weight = np.bincount(index, light, groups)
-    return index, weight, _means(index, light, place, groups), _means(index, light, looks, groups)
+    weight = np.bincount(index, weights, groups)
+    return index, weight, _means(index, weights, place, groups), _means(index, weights, looks, groups)
 
 
 def _nearest(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
@@ -220,9 +223,9 @@ def _means(index: np.ndarray, weight: np.ndarray, values: np.ndarray, groups: in
     return sums / np.maximum(np.bincount(index, weight, groups), 1e-12)[:, None]
 
 
-def _mass(light: np.ndarray) -> np.ndarray:
-    """`light (n,)`, at most that of the `HEAVY` ones, as shares of all."""
-    mass = np.minimum(light, np.quantile(light, HEAVY)) if len(light) else light
+def _mass(weights: np.ndarray) -> np.ndarray:
+    """`weights (n,)`, clipped at their quantile `HEAVY`, as fractions of the sum."""
+    mass = np.minimum(weights, np.quantile(weights, HEAVY)) if len(weights) else weights
     return mass / max(mass.sum(), 1e-12)
 
 
@@ -245,16 +248,16 @@ def _bonds(place: np.ndarray, looks: np.ndarray) -> tuple[np.ndarray, float]:
     return np.where(near, np.exp(-np.where(near, far, 0) / max(np.median(reach), 1e-12) - unlike / unit), 0), unit
 
 
-def _sweep(bonds: np.ndarray, out: np.ndarray, walked: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(P,) bool: of the sets of pieces that were `walked (P,)` on most, the one with the least share of its bonds cut.
+def _sweep(bonds: np.ndarray, out: np.ndarray, random_walk_score: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(P,) bool: of the sets of superpoints with the highest `random_walk_score (P,)`, the one with the lowest conductance.
 
-    Bonds `out (P,)` are cut for every piece that is taken up, `bonds (P,P)` where only one of two is.
+    Bonds `out (P,)` are cut for every superpoint in the set, `bonds (P,P)` where only one of the two is.
     """
     degree = bonds.sum(1) + out
-    order = np.argsort(-walked, kind="stable")
-    inner = np.tril(bonds[order][:, order], -1).sum(1)  # bonds to pieces before it in the order
+    order = np.argsort(-random_walk_score, kind="stable")
+    inner = np.tril(bonds[order][:, order], -1).sum(1)  # bonds to superpoints before it in the order
     cut = np.cumsum(degree[order] - 2 * inner) / np.cumsum(degree[order])
-    cut[np.cumsum(weight[order]) < SMALLEST * weight.sum()] = np.inf
+    cut[np.cumsum(weight[order]) < MIN_FRACTION * weight.sum()] = np.inf
     chosen = np.zeros(len(order), bool)
     chosen[order[: int(np.argmin(cut)) + 1]] = True
     return chosen

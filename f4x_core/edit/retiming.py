@@ -22,9 +22,9 @@ from .operations import (
     Style,
 )
 
-Look = Recolour | Opacity | Delete | Extract | Style | Match
+AppearanceChange = Recolour | Opacity | Delete | Extract | Style | Match
 """Operations that change what Gaussians look like; the others change where they are, or when."""
-Warp = Callable[[float], float]
+TimeMap = Callable[[float], float]
 """Clip frame shown -> clip frame read."""
 
 
@@ -40,19 +40,19 @@ def progress(frames: Span | None, ease: Ease, time: float, last: float) -> float
     first, end = frames[0], max(last if frames[1] is None else frames[1], frames[0])
     if ease == "step" or first == end:
         return float(time >= first)
-    share = min(max((time - first) / (end - first), 0.0), 1.0)
-    return share * share * (3 - 2 * share) if ease == "smooth" else share
+    fraction = min(max((time - first) / (end - first), 0.0), 1.0)
+    return fraction * fraction * (3 - 2 * fraction) if ease == "smooth" else fraction
 
 
-def effect(operation: Look, time: float, last: float) -> float:
+def effect(operation: AppearanceChange, time: float, last: float) -> float:
     """How much of a change of looks there is at `time`, 0 to 1."""
     if isinstance(operation, Opacity) and operation.ease is not None:
-        share = progress(operation.frames, operation.ease, time, last)
-        return 1 - share if operation.inward else share
+        fraction = progress(operation.frames, operation.ease, time, last)
+        return 1 - fraction if operation.inward else fraction
     return float(holds(operation.frames, time))
 
 
-def warp_of(operation: Operation, clip: tuple[float, float]) -> Warp | None:
+def time_map_of(operation: Operation, clip: tuple[float, float]) -> TimeMap | None:
     """The time map of a retiming operation, None of any other; `clip` is its first and last frame."""
     if isinstance(operation, Freeze):
         return _freeze(operation)
@@ -63,18 +63,18 @@ def warp_of(operation: Operation, clip: tuple[float, float]) -> Warp | None:
     return _loop(operation) if isinstance(operation, Loop) else None
 
 
-def lag_of(operation: Duplicate, copy: int, clip: tuple[float, float]) -> Warp:
+def copy_time_map(operation: Duplicate, copy: int, clip: tuple[float, float]) -> TimeMap:
     """The time map of copy number `copy` (from 1): late by its shift, standing where it would leave the clip."""
     shift, (first, last) = copy * operation.time_shift, clip
     return (lambda time: min(max(time - shift, first), last)) if shift else (lambda time: time)
 
 
-def _freeze(operation: Freeze) -> Warp:
+def _freeze(operation: Freeze) -> TimeMap:
     at, end = operation.at, math.inf if operation.until is None else operation.until
     return lambda time: time if time <= at else at if time <= end else time - (end - at)
 
 
-def _retime(operation: Retime, clip: tuple[float, float]) -> Warp:
+def _retime(operation: Retime, clip: tuple[float, float]) -> TimeMap:
     (first, last), speed = clip, operation.speed
     begin, end = operation.frames or (first, None)
     stop = math.inf if end is None else end
@@ -87,7 +87,7 @@ def _retime(operation: Retime, clip: tuple[float, float]) -> Warp:
     return warp
 
 
-def _reverse(operation: Reverse, clip: tuple[float, float]) -> Warp:
+def _reverse(operation: Reverse, clip: tuple[float, float]) -> TimeMap:
     begin, end = operation.frames or clip
     end = clip[1] if end is None else end
     # At the clip's end it goes on backwards, as every motion there goes on.
@@ -96,7 +96,7 @@ def _reverse(operation: Reverse, clip: tuple[float, float]) -> Warp:
     return lambda time: begin + end - time if since <= time <= until else time
 
 
-def _loop(operation: Loop) -> Warp:
+def _loop(operation: Loop) -> TimeMap:
     begin, end = operation.frames
     if end is None:
         return lambda time: time

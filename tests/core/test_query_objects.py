@@ -7,8 +7,8 @@ import pytest
 from labelled_scene import HALF, SQUARE, labelled_scene, sheet, square_mask
 
 from f4x_core.features.models.prompt import check_prompt
+from f4x_core.query.objects import Superpoints, point_out, superpoints_of
 from f4x_core.query.prompts import select_by_box, select_by_points, select_by_prompts
-from f4x_core.query.things import Pieces, pieces_of, point_out
 from f4x_core.scene import DynamicSet
 
 
@@ -80,17 +80,17 @@ def test_a_box_too_small_for_any_piece_means_no_moving_thing():
 
 def test_nothing_moves():
     scene = labelled_scene(features=False)
-    pieces = pieces_of(replace(scene, dynamic=DynamicSet.empty(), scaffold=None))
-    assert len(pieces.weight) == len(pieces.index) == 0
+    superpoints = superpoints_of(replace(scene, dynamic=DynamicSet.empty(), scaffold=None))
+    assert len(superpoints.weight) == len(superpoints.index) == 0
 
 
 def test_pieces_hold_every_moving_gaussian_once():
     scene = labelled_scene()
-    pieces = pieces_of(scene)
-    np.testing.assert_array_equal(pieces.rows, np.flatnonzero(scene.moving))
+    superpoints = superpoints_of(scene)
+    np.testing.assert_array_equal(superpoints.rows, np.flatnonzero(scene.moving))
     light = np.random.default_rng(0).random(len(scene.ids))
-    assert pieces.gather(light).sum() == pytest.approx(light[scene.moving].sum())
-    np.testing.assert_array_equal(pieces.spread(np.ones(len(pieces.weight)), len(light)) > 0, scene.moving)
+    assert superpoints.gather(light).sum() == pytest.approx(light[scene.moving].sum())
+    np.testing.assert_array_equal(superpoints.spread(np.ones(len(superpoints.weight)), len(light)) > 0, scene.moving)
 
 
 def test_a_thing_grows_by_the_walk_and_stops_at_the_least_cut():
@@ -100,10 +100,10 @@ def test_a_thing_grows_by_the_walk_and_stops_at_the_least_cut():
     bonds = (bonds + bonds.T) / 2 + 0.02
     np.fill_diagonal(bonds, 0)
     blend = np.repeat([0.05, 0.8], 4) * rng.uniform(0.8, 1, count)
-    pieces = Pieces(np.arange(count), np.arange(count), np.ones(count), bonds, blend, bonds, blend)
+    superpoints = Superpoints(np.arange(count), np.arange(count), np.ones(count), bonds, blend, bonds, blend)
     marked = np.eye(count)[1]
-    np.testing.assert_array_equal(pieces.grow(marked, np.zeros(count, bool)), np.arange(count) < 4)
-    step = bonds / (1.001 * (bonds.sum(1) + blend))  # column j: where the walkers of piece j go
+    np.testing.assert_array_equal(superpoints.grow(marked, np.zeros(count, bool)), np.arange(count) < 4)
+    step = bonds / (1.001 * (bonds.sum(1) + blend))  # column j: where the walkers of superpoint j go
     visits = np.linalg.inv(np.eye(count) - step) @ marked
     order = np.argsort(-visits / (bonds.sum(1) + blend))
     cuts = []
@@ -113,6 +113,6 @@ def test_a_thing_grows_by_the_walk_and_stops_at_the_least_cut():
         cuts.append(cut / (bonds[inside].sum() + blend[inside].sum()))
     assert int(np.argmin(cuts)) + 1 == 4
     against = np.arange(count) == 3
-    found = pieces.grow(marked, against)
+    found = superpoints.grow(marked, against)
     assert found[:3].all() and not found[3]
-    assert not pieces.grow(marked, np.ones(count, bool)).any()
+    assert not superpoints.grow(marked, np.ones(count, bool)).any()

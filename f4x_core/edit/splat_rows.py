@@ -10,16 +10,16 @@ import numpy as np
 from ..errors import F4xError
 from ..scene import Scene
 from .operations import Delete, Duplicate, Extract, Match, Name, Rekey, Transform
+from .retiming import TimeMap, copy_time_map, time_map_of
 from .selects import All, And, Ids, Moving, Named, Not, Or, SelectKind
 from .stack import Edit
-from .warps import Warp, lag_of, warp_of
 
-MOST_GAUSSIANS = 10_000_000
+MAX_GAUSSIANS = 10_000_000
 """Gaussians that a stack may come to with its copies: a few gigabytes."""
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class SplatRows:
     """The N Gaussians that there are after some edits. None ever goes: what is deleted has opacity 0."""
 
     ids: np.ndarray
@@ -36,7 +36,7 @@ class Rows:
     """Name -> (n,) rows."""
 
     @classmethod
-    def of(cls, scene: Scene) -> Rows:
+    def of(cls, scene: Scene) -> SplatRows:
         """Those of a scene without edits."""
         moving = np.arange(len(scene.static) + len(scene.dynamic)) >= len(scene.static)
         ids = np.concatenate([scene.static.ids, scene.dynamic.ids])
@@ -70,17 +70,17 @@ class Step:
     """One edit that is in effect, with everything about it that is the same at every time."""
 
     edit: Edit
-    before: Rows
+    before: SplatRows
     """What it finds."""
     chosen: np.ndarray
     """(N,) bool over `before`: whom it changes."""
     source: np.ndarray | None = None
     """(N,) bool over `before`: whose colours `match` takes."""
-    warp: Warp | None = None
+    warp: TimeMap | None = None
     """The time map of a retiming edit."""
     copied: np.ndarray | None = None
     """(n,) rows of `before` that `duplicate` copies, in the order of their ids."""
-    lags: tuple[Warp, ...] = ()
+    lags: tuple[TimeMap, ...] = ()
     """The time map of each copy."""
 
     @property
@@ -103,9 +103,9 @@ class Step:
         return when, np.where(is_copy, self.copied[added % len(self.copied)], rows), copy
 
 
-def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], Rows]:
+def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], SplatRows]:
     """The edits that do something, in order, and the Gaussians in the end. Raises F4xError that names the edit."""
-    rows, clip = Rows.of(scene), (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
+    rows, clip = SplatRows.of(scene), (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
     steps = []
     for number, edit in enumerate(edits, 1):
         try:
@@ -117,7 +117,7 @@ def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], R
     return tuple(steps), rows
 
 
-def _step(edit: Edit, rows: Rows, clip: tuple[float, float]) -> tuple[Step | None, Rows]:
+def _step(edit: Edit, rows: SplatRows, clip: tuple[float, float]) -> tuple[Step | None, SplatRows]:
     operation = edit.operation
     if isinstance(operation, Rekey):  # a part of the motion that all steps find
         return None, rows
@@ -133,7 +133,7 @@ def _step(edit: Edit, rows: Rows, clip: tuple[float, float]) -> tuple[Step | Non
     source = rows.chosen(operation.source) if isinstance(operation, Match) else None
     if not chosen.any() or (source is not None and not source.any()):
         return None, _copied(operation, rows, np.zeros(0, int)) if isinstance(operation, Duplicate) else rows
-    step = Step(edit, rows, chosen, source, warp_of(operation, clip))
+    step = Step(edit, rows, chosen, source, time_map_of(operation, clip))
     if isinstance(operation, Delete | Extract) and operation.frames is None:
         return step, replace(rows, gone=rows.gone | chosen)
     if isinstance(operation, Transform):
@@ -146,7 +146,7 @@ def _step(edit: Edit, rows: Rows, clip: tuple[float, float]) -> tuple[Step | Non
         _require_world(operation)
         picked = np.flatnonzero(chosen)
         picked = picked[np.argsort(rows.ids[picked])]
-        lags = tuple(lag_of(operation, copy, clip) for copy in range(1, operation.count + 1))
+        lags = tuple(copy_time_map(operation, copy, clip) for copy in range(1, operation.count + 1))
         return replace(step, copied=picked, lags=lags), _copied(operation, rows, picked)
     return step, rows
 
@@ -160,20 +160,20 @@ def _require_world(operation: Transform | Duplicate) -> None:
         raise F4xError("its distances are not in world units along world axes yet; plan the edit, which settles them.")
 
 
-def _named(rows: Rows, name: str, chosen: np.ndarray) -> Rows:
+def _named(rows: SplatRows, name: str, chosen: np.ndarray) -> SplatRows:
     return replace(rows, names={**rows.names, name: chosen})
 
 
-def _copied(operation: Duplicate, rows: Rows, picked: np.ndarray) -> Rows:
+def _copied(operation: Duplicate, rows: SplatRows, picked: np.ndarray) -> SplatRows:
     """`rows` with `count` copies of the rows `picked` after them."""
     total = len(rows.ids) + len(picked) * operation.count
-    if total > MOST_GAUSSIANS:
-        raise F4xError(f"the scene would come to {total:,} Gaussians; {MOST_GAUSSIANS:,} are the most, so copy less.")
+    if total > MAX_GAUSSIANS:
+        raise F4xError(f"the scene would come to {total:,} Gaussians; {MAX_GAUSSIANS:,} are the most, so copy less.")
     ids = operation.first_id + np.arange(len(picked) * operation.count)
     if len(ids) and (operation.first_id < 0 or np.isin(ids, rows.ids).any()):
         raise F4xError("ids of its copies are taken or missing; plan the edit, which reserves its first_id.")
     again = np.concatenate([np.arange(len(rows.ids)), np.tile(picked, operation.count)])
-    many = Rows(
+    many = SplatRows(
         np.append(rows.ids, ids),
         rows.origin[again],
         rows.carried[again],

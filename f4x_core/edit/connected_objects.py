@@ -1,0 +1,105 @@
+"""Connected objects in a selection of Gaussians, and the choice of one of them: "the left one"."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from ..geometry.camera import Camera
+from ..scene.model import PosedSplats
+
+LINK = 3.0
+"""Gaussians are connected across a gap of so many of their median sizes (largest standard deviation)."""
+FINEST = 1 / 60
+"""… or across this fraction of the selection's extent, where that is more: sparse Gaussians leave gaps in an object."""
+MIN_OBJECT_SIZE = 0.1
+"""Minimum size of a component, relative to the largest, to be an object of its own."""
+MAX_STRAY_SIZE = 0.01
+"""A smaller component is a stray; a leg or a tail that the reconstruction left apart is larger."""
+MAX_CELLS = 1 << 20
+"""Maximum cells along an axis: three indices fit into 64 bits, however far away a floater is."""
+INNER = (2, 98)
+"""Percentiles between which an extent is measured: floaters do not count."""
+
+
+def label_components(points: np.ndarray, reach: float) -> np.ndarray:
+    """(n,) int connected component of each of `points (n,3)`, numbered from 0: linked where their cells of width `reach` touch."""
+    reach = max(reach, float(np.ptp(points, axis=0).max()) / MAX_CELLS)
+    cells, cell_of = np.unique(np.floor(points / reach).astype(np.int64), axis=0, return_inverse=True)
+    span = cells.max(0) - (low := cells.min(0)) + 3  # a border of one cell, so that neighbours never wrap around
+    strides = np.array([span[1] * span[2], span[2], 1])
+    keys = (cells - low + 1) @ strides  # in increasing order, as `unique` sorts rows
+    label = np.arange(len(cells))
+    edges = []
+    for step in product((-1, 0, 1), repeat=3):
+        if step > (0, 0, 0):  # the other half are the same pairs
+            beside = keys + np.array(step) @ strides
+            place = np.minimum(np.searchsorted(keys, beside), len(keys) - 1)
+            edges.append(np.stack([label, place])[:, keys[place] == beside])
+    a, b = np.concatenate(edges, 1)
+    while (label[a] != label[b]).any():  # each root hooks onto a smaller one beside it, then paths are cut short
+        roots = np.sort(np.stack([label[a], label[b]]), axis=0)
+        np.minimum.at(label, roots[1], roots[0])
+        while (label[label] != label).any():
+            label = label[label]
+    return np.unique(label, return_inverse=True)[1][cell_of.ravel()]
+
+
+def split_objects(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Split the Gaussians `rows (n,)` int: (object (n,) int from 0, the largest first; stray (n,) bool).
+
+    A component below `MIN_OBJECT_SIZE` joins the object whose centre is nearest. Size is the geometric mean of surface (opacity
+    times the two largest deviations) and of opacity: a few large floaters have much surface and little opacity, a plain object
+    has much surface and few Gaussians.
+    """
+    points = posed.means[rows]
+    sizes = np.sort(posed.scales[rows], axis=1)
+    surface = posed.opacities[rows] * sizes[:, 1] * sizes[:, 2] + 1e-12
+    low, high = np.percentile(points, INNER, axis=0)
+    reach = max(LINK * float(np.median(sizes[:, 2])), FINEST * float(np.linalg.norm(high - low)), 1e-6)
+    component = label_components(points, reach)
+    total = np.sqrt(np.bincount(component, surface) * np.bincount(component, posed.opacities[rows] + 1e-12))
+    order = np.argsort(-total, kind="stable")
+    large = order[total[order] >= MIN_OBJECT_SIZE * total.max()]
+    number = np.full(len(total), -1)
+    number[large] = np.arange(len(large))
+    owner = number[component]
+    small = owner < 0
+    if small.any():
+        centres = centres_of(points[~small], owner[~small], surface[~small])
+        owner[small] = np.linalg.norm(points[small][:, None] - centres, axis=-1).argmin(1)
+    return owner, (total < MAX_STRAY_SIZE * total.max())[component]
+
+
+def pick_object(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
+    """Those of the Gaussians `rows` that make up the object `which` (see `selects.Instance`), seen through `camera`."""
+    owner, _ = split_objects(posed, rows)
+    surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
+    pixels, depth = camera.project(centres_of(posed.means[rows], owner, surface))
+    aside = np.linalg.norm(pixels - np.array([camera.width, camera.height]) / 2, axis=-1)
+    key = {
+        "left": pixels[:, 0],
+        "right": -pixels[:, 0],
+        "top": pixels[:, 1],
+        "bottom": -pixels[:, 1],
+        "middle": aside,
+        "nearest": depth,
+        "farthest": -depth,
+        "largest": -np.bincount(owner, surface),
+        "smallest": np.bincount(owner, surface),
+    }[which]
+    in_front = depth > 0 if (depth > 0).any() else np.ones_like(depth, bool)
+    return rows[owner == np.where(in_front, key, np.inf).argmin()]
+
+
+def centres_of(points: np.ndarray, owner: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(k,3) float64 weighted means of `points (n,3)` by `owner (n,)`."""
+    total = np.bincount(owner, weights)
+    return np.stack([np.bincount(owner, weights * points[:, axis]) / total for axis in range(3)], 1)
+
+
+def width_along(points: np.ndarray, axis: np.ndarray) -> float:
+    """World units that `points (n,3)` extend along the unit vector `axis (3,)`, outliers left out."""
+    low, high = np.percentile(points @ axis, INNER)
+    return float(high - low)
