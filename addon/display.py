@@ -113,9 +113,9 @@ def _set_up_apart(root: bpy.types.Object, display: Display) -> None:
 def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
     """Write the present frame's attributes; without `everything` those alone that are not as they were drawn last."""
     frame = session.frame_of(root)
-    looks = display.looks(frame)
+    looks = display.appearance(frame)
     gone = looks.opacities == 0
-    key = repr(display.looks_key(frame))
+    key = repr(display.appearance_key(frame))
     everything = everything or root.get(LOOKS) != key
     root[LOOKS] = key
     elsewhere = gone.copy()
