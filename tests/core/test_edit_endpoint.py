@@ -32,7 +32,7 @@ from f4x_core.edit.reply import Choice, Reply, read_answer, schema_of
 from f4x_core.edit.request import Request
 from f4x_core.edit.selects import All, And, Current, Instance, Moving, Named, Not, Text
 from f4x_core.errors import F4xError
-from f4x_core.query.chat import LARGEST, ChatServer
+from f4x_core.query.chat import MAX_ANSWER_BYTES, ChatServer
 
 REQUEST = Request("make the dog red", ("dog", "car", "grass"), ("rex",), 10.0, 60, True, 12.0)
 DOG = {"kind": "words", "words": ["dog"], "which": "any", "except_words": []}
@@ -129,7 +129,7 @@ def test_an_answer_that_cannot_be_used_is_one_sentence(server, answer, words):
 @pytest.mark.parametrize(
     ("reply", "words"),
     [
-        ((200, saying("x" * (10 << 20)), 0), f"larger than {LARGEST >> 20} MB"),
+        ((200, saying("x" * (10 << 20)), 0), f"larger than {MAX_ANSWER_BYTES >> 20} MB"),
         ((200, b"\xff\xfe\x00", 0), "not the JSON"),
         ((200, b"[" * 100_000, 0), "not the JSON"),
         ((200, {"choices": [{"message": {"content": None}}]}, 0), "empty"),
