@@ -113,9 +113,9 @@ def _set_up_separate_cloud(root: bpy.types.Object, display: Display) -> None:
 def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
     """Write the point attributes of the current frame; without `everything`, only those that have changed."""
     frame = session.frame_of(root)
-    looks = display.looks(frame)
+    looks = display.appearance(frame)
     gone = looks.opacities == 0
-    key = repr(display.looks_key(frame))
+    key = repr(display.appearance_key(frame))
     everything = everything or root.get(LOOKS) != key
     root[LOOKS] = key
     elsewhere = gone.copy()

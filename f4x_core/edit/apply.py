@@ -1,8 +1,8 @@
-"""A scene as its edits leave it, at any time, its base arrays untouched.
+"""An edited scene at any time: edits are evaluated when asked, the base arrays stay untouched.
 
-`state(k, t)`, the Gaussians after k edits at time t, is made from `state(k-1, …)`: an edit alters rows, reads some of them at
+`state(k, t)`, the Gaussians after k edits at time t, is computed from `state(k-1, …)`: an edit alters rows, reads some of them at
 another moment (retiming) or appends copies of them. So edits compose in any order, without special cases. Rows never
-disappear. Where Gaussians are and what they look like are worked out apart: the latter mostly does not depend on time.
+disappear. Placement and appearance are computed separately, for appearance mostly does not depend on time.
 """
 
 from __future__ import annotations
@@ -30,19 +30,20 @@ from .stack import EditStack, of, with_stack
 from .styles import STYLES
 
 MAX_MOMENTS = 512
-"""Moments of the base scene that one picture may need: every copy that lags needs its own, and stacks multiply."""
+"""Maximum number of clip times at which one frame may pose the base: every time-shifted copy needs its own, and stacked edits
+multiply them."""
 KEPT_MOMENTS = 8
-"""Posed base scenes kept: what a freeze holds on to is read at every frame."""
+"""Posed base scenes in the cache: the frame that a freeze holds is read at every frame."""
 FARTHEST = 1e12
-"""World units; sizes and distances stay within float32 however often they are scaled."""
+"""Maximum distance and size in world units, so that repeated scaling stays within float32."""
 BASE_PERCENTILE = 98
-"""The base of a thing is this percentile of its heights: a stray Gaussian below it does not count."""
+"""The base of an object is this percentile of its heights, so that stray Gaussians below it do not count."""
 FADED_DEPTH = 16.0
-"""Optical depth, the sum of -log(1 - alpha) along a pixel, of things in fits of real clips: of it fades are even."""
+"""Optical depth, the sum of -log(1 - alpha) along a pixel, of objects in fits of real clips: at this depth a fade is linear."""
 MAX_ALPHA = 0.99
-"""What is opaquer is drawn no more so, and would never fade."""
-LOOKS_OF = get_args(AppearanceChange)
-"""The operations of `AppearanceChange`."""
+"""Maximum opacity that `thinned` reads: an opacity of 1 would never fade."""
+APPEARANCE_OPERATIONS = get_args(AppearanceChange)
+"""The operation classes of `AppearanceChange`."""
 
 
 class Placement(NamedTuple):
@@ -55,7 +56,7 @@ class Placement(NamedTuple):
     scales: np.ndarray
     """(n,3) float32."""
     presence: np.ndarray
-    """(n,) float32 how much of them is there at the moment that is shown, 0 to 1."""
+    """(n,) float32 presence at the time that is shown, 0 to 1."""
 
 
 class Appearance(NamedTuple):
@@ -80,11 +81,11 @@ class Motion(NamedTuple):
 
     @property
     def shift(self) -> np.ndarray:
-        """(3,) where it takes the origin: x' = scale R x + shift."""
+        """(3,) image of the origin: x' = scale R x + shift."""
         return self.pivot + self.translate - self.scale * quaternion.rotate(self.rotation, self.pivot)
 
     def after(self, other: Motion) -> Motion:
-        """This motion of what `other` leaves."""
+        """The composition: `other` first, then this motion."""
         shift = self.scale * quaternion.rotate(self.rotation, other.shift) + self.shift
         rotation = quaternion.multiply(self.rotation, other.rotation)
         return Motion(rotation, self.scale * other.scale, np.zeros(3), shift)
@@ -114,7 +115,7 @@ EVERY = slice(None)
 
 
 class EditedScene(Scene):
-    """A scene as its enabled edits leave it. Whoever draws or asks takes it as any other scene.
+    """A scene with its enabled edits applied. Renderers and queries use it like any other scene.
 
     `posed`, `ids`, `colors` and `latents` include copies; `static`, `dynamic` and `scaffold` are the base's, `curves` are the
     scaffold's as `rekey` leaves them. `PosedSplats.dynamic` says what moves by the scaffold or by an edit.
@@ -142,7 +143,7 @@ class EditedScene(Scene):
 
     @property
     def rows(self) -> SplatRows:
-        """What there is in the end."""
+        """The Gaussians after the last edit."""
         return self._program[1]
 
     def posed(self, time: float) -> PosedSplats:
@@ -150,39 +151,39 @@ class EditedScene(Scene):
         return self.part(time, EVERY)
 
     def part(self, time: float, rows: Wanted) -> PosedSplats:
-        """Only the Gaussians `rows` of `posed(time)`, without working out where the others are."""
+        """Only the Gaussians `rows` of `posed(time)`, without computing the placement of the others."""
         self._moments.clear()
-        means, quats, scales, presence = self._placed(len(self.steps), time, rows)
-        opacities, sh = self.looks(time, rows)
+        means, quats, scales, presence = self._placement(len(self.steps), time, rows)
+        opacities, sh = self.appearance(time, rows)
         opacities = faded(opacities, presence) if self.fades else opacities
         return PosedSplats(means, quats, scales, opacities, sh, ids=self.rows.ids[rows], dynamic=self.rows.moves[rows])
 
-    def looks(self, time: float, rows: Wanted = EVERY) -> Appearance:
-        """What the Gaussians `rows` look like at `time`, wherever they are and were they there."""
-        return self._seen(len(self.steps), time, rows)
+    def appearance(self, time: float, rows: Wanted = EVERY) -> Appearance:
+        """Appearance of the Gaussians `rows` at `time`, whatever their placement and presence."""
+        return self._appearance(len(self.steps), time, rows)
 
     def latents(self) -> np.ndarray:
         """(N,D) float32 latents of the feature field, in the order of `posed`; a copy has those of its original."""
         return super().latents()[self.rows.origin]
 
     def info(self) -> dict[str, Any]:
-        """As of the base, and under `edited` what the edits make of it."""
+        """The summary of the base, with counts after the edits under `edited`."""
         there = len(super().ids)
-        told = {
+        counts = {
             "gaussians": int((~self.rows.gone).sum()),
             "copies": len(self.ids) - there,
             "gone": int(self.rows.gone.sum()),
         }
-        return {**super().info(), "edited": told}
+        return {**super().info(), "edited": counts}
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The edits that do something."""
+        """The edits that have an effect, in order."""
         return self._program[0]
 
     @cached_property
     def curves(self) -> Scaffold | None:
-        """The scaffold with the poses that `rekey` gave it; Gaussians are posed by it from their rest in the base's."""
+        """The scaffold with the poses of `rekey`; Gaussians move with it from their rest on the base scaffold."""
         return rekeyed(self, of(self).edits)
 
     def _motions(self, time: float) -> np.ndarray:
@@ -200,18 +201,21 @@ class EditedScene(Scene):
         return float(self.cameras.times[-1])
 
     @cached_property
-    def _steady(self) -> int:
-        """So many edits from the first on leave looks that do not depend on time."""
-        timed = (isinstance(s.edit.operation, LOOKS_OF) and s.edit.operation.frames is not None for s in self.steps)
+    def _static_depth(self) -> int:
+        """Number of edits, from the first on, after which appearance does not depend on time."""
+        timed = (
+            isinstance(s.edit.operation, APPEARANCE_OPERATIONS) and s.edit.operation.frames is not None
+            for s in self.steps
+        )
         return next((depth for depth, is_timed in enumerate(timed) if is_timed), len(self.steps))
 
     @cached_property
-    def _steady_looks(self) -> Appearance:
-        return self._worked_out(self._steady, 0.0, EVERY)
+    def _static_appearance(self) -> Appearance:
+        return self._compute_appearance(self._static_depth, 0.0, EVERY)
 
     @cached_property
     def _moments(self) -> set[float]:
-        """Moments that were looked at for the present picture."""
+        """Clip times at which the base was posed for the present frame."""
         return set()
 
     @cached_property
@@ -220,7 +224,7 @@ class EditedScene(Scene):
 
     @cached_property
     def _known(self) -> dict[tuple[int, float], Any]:
-        """Pivots and tones by edit and time."""
+        """Cache of pivots and tones by edit and time."""
         return {}
 
     def _base(self, time: float) -> PosedSplats:
@@ -237,11 +241,11 @@ class EditedScene(Scene):
             kept[time] = super().posed(time)
         return kept[time]
 
-    def _placed(self, depth: int, time: float, rows: Wanted) -> Placement:
-        """Where `rows` are after `depth` edits at `time`."""
+    def _placement(self, depth: int, time: float, rows: Wanted) -> Placement:
+        """Placement of `rows` after `depth` edits at `time`."""
         start = self._last_reader(depth)
         if start:
-            state, copy = self._read(self._placed, start, time, rows)
+            state, copy = self._read(self._placement, start, time, rows)
             operation = self.steps[start - 1].edit.operation
             if isinstance(operation, Duplicate) and any(operation.offset):
                 shift = copy[:, None] * np.array(operation.offset)
@@ -252,39 +256,39 @@ class EditedScene(Scene):
             state = Placement(posed.means[rows], posed.quats[rows], posed.scales[rows], presence)
         for below in range(start, depth):
             if isinstance(self.steps[below].edit.operation, Transform):
-                state = self._moved(below, time, rows, state)
+                state = self._apply_transform(below, time, rows, state)
         return state
 
-    def _seen(self, depth: int, time: float, rows: Wanted) -> Appearance:
-        """What `rows` look like after `depth` edits at `time`."""
-        if depth == self._steady:
-            return Appearance(*(part[rows] for part in self._steady_looks))
-        return self._worked_out(depth, time, rows)
+    def _appearance(self, depth: int, time: float, rows: Wanted) -> Appearance:
+        """Appearance of `rows` after `depth` edits at `time`."""
+        if depth == self._static_depth:
+            return Appearance(*(part[rows] for part in self._static_appearance))
+        return self._compute_appearance(depth, time, rows)
 
-    def _worked_out(self, depth: int, time: float, rows: Wanted) -> Appearance:
-        start = max(self._last_reader(depth), self._steady if depth > self._steady else 0)
-        if depth > start == self._steady:
-            state = self._seen(start, time, rows)
+    def _compute_appearance(self, depth: int, time: float, rows: Wanted) -> Appearance:
+        start = max(self._last_reader(depth), self._static_depth if depth > self._static_depth else 0)
+        if depth > start == self._static_depth:
+            state = self._appearance(start, time, rows)
         elif start:
-            state, _ = self._read(self._seen, start, time, rows, still=start <= self._steady)
+            state, _ = self._read(self._appearance, start, time, rows, still=start <= self._static_depth)
         else:
             posed = self._constant
             state = Appearance(posed["opacities"][rows], posed["sh"][rows])
         for below in range(start, depth):
-            if isinstance(self.steps[below].edit.operation, LOOKS_OF):
-                state = self._dyed(below, time, rows, state)
+            if isinstance(self.steps[below].edit.operation, APPEARANCE_OPERATIONS):
+                state = self._apply_appearance(below, time, rows, state)
         return state
 
     def _last_reader(self, depth: int) -> int:
-        """How many edits there are up to and with the last of the first `depth` that reads other rows or moments."""
+        """Number (from 1) of the last of the first `depth` edits that reads other rows or times; 0 for none."""
         return next((k for k in range(depth, 0, -1) if self.steps[k - 1].reads), 0)
 
     def _read(
         self, fetch: Callable[[int, float, Wanted], State], depth: int, time: float, rows: Wanted, still: bool = False
     ) -> tuple[State, np.ndarray]:
-        """(What edit number `depth` reads for `rows`, put into their order; the number of each one's copy).
+        """(State that edit number `depth` reads for `rows`, in their order; the number of each row's copy).
 
-        `still`: what is read is the same at all times.
+        `still`: the state is the same at all times.
         """
         step = self.steps[depth - 1]
         own = np.arange(len(self.after(depth).ids))[rows]
@@ -300,10 +304,10 @@ class EditedScene(Scene):
         return type(parts[0])(*(np.concatenate(arrays)[place] for arrays in zip(*parts, strict=True))), copy
 
     def after(self, depth: int) -> SplatRows:
-        """What there is after the first `depth` steps."""
+        """The Gaussians after the first `depth` steps."""
         return self.steps[depth].before if depth < len(self.steps) else self.rows
 
-    def _moved(self, below: int, time: float, rows: Wanted, state: Placement) -> Placement:
+    def _apply_transform(self, below: int, time: float, rows: Wanted, state: Placement) -> Placement:
         step = self.steps[below]
         moved = step.chosen[rows]
         operation = step.edit.operation
@@ -326,12 +330,12 @@ class EditedScene(Scene):
         about = np.flatnonzero(whom if whom.any() else step.chosen)
         if state is not None:
             return pivot_of(kind, state.means[about])
-        return self._remember(below, time, lambda: pivot_of(kind, self._placed(below, time, about).means))
+        return self._remember(below, time, lambda: pivot_of(kind, self._placement(below, time, about).means))
 
-    def _dyed(self, below: int, time: float, rows: Wanted, state: Appearance) -> Appearance:
+    def _apply_appearance(self, below: int, time: float, rows: Wanted, state: Appearance) -> Appearance:
         step = self.steps[below]
         operation, dyed = step.edit.operation, step.chosen[rows]
-        assert isinstance(operation, LOOKS_OF)
+        assert isinstance(operation, APPEARANCE_OPERATIONS)
         fraction = effect(operation, time, self._last)
         if not fraction or not dyed.any():
             return state
@@ -352,11 +356,13 @@ class EditedScene(Scene):
 
         known = None
         if has_tones(operation):
-            moment = time if below >= self._steady else 0.0
+            moment = time if below >= self._static_depth else 0.0
             known = (
                 self._tones(step, lambda index: Appearance(*(part[index] for part in state)))
                 if isinstance(rows, slice)
-                else self._remember(below, moment, lambda: self._tones(step, lambda i: self._seen(below, time, i)))
+                else self._remember(
+                    below, moment, lambda: self._tones(step, lambda i: self._appearance(below, time, i))
+                )
             )
         return _put(state, dyed, dyed_by(operation, Appearance(*(part[dyed] for part in state)), known))
 
@@ -379,19 +385,19 @@ def edited(scene: Scene) -> Scene:
     if isinstance(scene, EditedScene) or not scene.edits:
         return scene
     whole = EditedScene(**{entry.name: getattr(scene, entry.name) for entry in fields(scene)})
-    _ = whole.rows, whole.curves  # a wrong edit is told here and not at the first picture
+    _ = whole.rows, whole.curves  # a wrong edit is reported here and not at the first rendered frame
     return whole
 
 
 def base_of(scene: Scene) -> Scene:
-    """The scene with the same stack, of which nothing is applied: what `edited` took."""
+    """The scene with the same stack and no edit applied: the argument of `edited`."""
     if not isinstance(scene, EditedScene):
         return scene
     return Scene(**{entry.name: getattr(scene, entry.name) for entry in fields(scene)})
 
 
 def open_scene(path: Path | str, edits: bool = True) -> Scene:
-    """Read a scene file, with its edits unless told otherwise; F4xError says what is wrong and that it opens without."""
+    """Read a scene file, by default with its edits; F4xError names what is wrong and how to open the scene without edits."""
     scene = read_scene(path)
     if not edits:
         return replace(scene, edits=())
@@ -424,7 +430,7 @@ def stack_of(scene: Scene, *operations: Operation, said: str = "") -> EditStack:
 
 
 def motion_of(operation: Transform, fraction: float, pivot: np.ndarray) -> Motion:
-    """The similarity that a transform at `fraction` in [0, 1] of its way, about `pivot (3,)`."""
+    """The similarity of a transform that is `fraction` in [0, 1] complete, about `pivot (3,)`."""
     return Motion(
         quaternion.from_rotation_vector(fraction * rotation_of(operation.rotate)),
         operation.scale**fraction,
@@ -457,7 +463,7 @@ def has_tones(operation: Operation) -> bool:
 
 
 def tones_of(operation: Operation, whom: Appearance, other: Appearance | None) -> Any:
-    """What an operation has to know of all the Gaussians it colours, and of those (`other`) that it takes colours from."""
+    """Colour statistics that an operation needs of all Gaussians it colours, and of those (`other`) that it takes colours from."""
     rgb = colours.colours_of(whom.sh)
     if other is not None:
         theirs = colours.colours_of(other.sh)

@@ -22,7 +22,7 @@ from ..scaffold.control import prune_nodes, resample_in_time
 from ..scaffold.deformation import node_poses_at
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
-from .apply import LOOKS_OF, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
+from .apply import APPEARANCE_OPERATIONS, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
 from .keys import with_keys_folded
 from .operations import Delete, Duplicate, Name, Opacity, Transform
 from .retiming import progress
@@ -31,13 +31,13 @@ from .splat_rows import SplatRows
 from .stack import Edit, EditStack, of, with_stack
 
 TOLERANCE = 0.02
-"""Pixels that a folded Gaussian may lie off at any clip frame; edits that would need more stay in the stack."""
+"""Maximum error of a folded Gaussian in pixels at any clip frame; edits with a larger error stay in the stack."""
 ANCHORS = 32
-"""Nodes a group gets whose Gaussians stood still: one for each kind of features in it, for features live on nodes."""
+"""Maximum number of nodes for a group of static Gaussians: one for each kind of features in it, as features live on nodes."""
 LONE_UNIT = 0.1
 """World units between nodes of a scene that had none; new nodes are bare and need no neighbours."""
 NEAR = 0.05
-"""World units in front of the camera from which a pixel of error is told."""
+"""Minimum distance in front of the camera, in world units, at which the error in pixels is measured."""
 
 
 def bake(scene: Scene) -> Scene:
@@ -77,11 +77,11 @@ def _foldable(scene: Scene, active: tuple[Edit, ...]) -> Iterator[int]:
 
 
 def needs_time(edit: Edit) -> bool:
-    """Whether an edit changes looks or sizes over time, which base arrays hold once."""
+    """Whether an edit changes appearance or sizes over time, which base arrays cannot hold."""
     operation = edit.operation
     if isinstance(operation, Transform):
         return operation.frames is not None and operation.scale != 1
-    return isinstance(operation, LOOKS_OF) and operation.frames is not None
+    return isinstance(operation, APPEARANCE_OPERATIONS) and operation.frames is not None
 
 
 def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: SplatRows, folded: Scene) -> EditStack:
@@ -117,7 +117,7 @@ def _spelt(edit: Edit, rows: SplatRows) -> Any:
 
 
 def _off(scene: Scene, baked: Scene) -> float:
-    """Pixels by which Gaussians of the baked scene lie off at clip frames, the worst of them all."""
+    """Maximum error, in pixels, of the Gaussians of the baked scene at clip frames."""
     place = np.argsort(scene.ids)
     row = place[np.searchsorted(scene.ids[place], baked.ids)]
     worst = 0.0
@@ -168,7 +168,7 @@ def _histories(scene: EditedScene, there: np.ndarray) -> list[np.ndarray]:
         if step.copied is not None:
             _, below, part = step.read(0.0, np.arange(len(scene.after(depth).ids)))
             code = code[below]
-        elif isinstance(step.edit.operation, LOOKS_OF):
+        elif isinstance(step.edit.operation, APPEARANCE_OPERATIONS):
             continue
         code = np.unique(code * (part.max() + 1) + part, return_inverse=True)[1]
     index = np.flatnonzero(there)
@@ -218,7 +218,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
     if base.scaffold is not None and not all(group.is_nothing(times) for group in moving):
         base = _with_knots(base, base.scaffold, times)
     posed, count = scene.posed(float(times[0])), len(base.static)
-    opacities, _ = scene.looks(float(times[0]))
+    opacities, _ = scene.appearance(float(times[0]))
     static_groups = [group for group in groups if group.lasts and not rows.carried[group.rows[0]]]
     static_rows = np.sort(np.concatenate([np.zeros(0, int), *(group.rows for group in static_groups)]))
     turned = np.isin(static_rows, [row for group in static_groups if group.turns[0, 1:].any() for row in group.rows])
@@ -242,7 +242,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         part = name.split("/")[0]
         index = origin if part == "static" else rows.origin[followers] - count
         extra[name] = _taken(array, index) if part in ("static", "dynamic") else array
-    told = [
+    folded_edits = [
         {"op": edit.operation.TAG, "said": edit.said}
         for edit in of(scene).edits
         if not isinstance(edit.operation, Name)
@@ -256,7 +256,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         extra=extra,
         edits=(),
         next_id=next_id(base),
-        provenance={**base.provenance, "baked": [*base.provenance.get("baked", []), *told]},
+        provenance={**base.provenance, "baked": [*base.provenance.get("baked", []), *folded_edits]},
     )
 
 
@@ -292,7 +292,7 @@ class _Followers(NamedTuple):
     strength: np.ndarray
     """(n,)"""
     kept: bool = False
-    """Whether they stand in the base as they are here, at the same reference time."""
+    """Whether the base has them in the same place at the same reference time."""
 
 
 class _Nodes:
@@ -422,7 +422,7 @@ class _Nodes:
             "means": means,
             "quats": quats,
             "scales": scales,
-            "opacities": scene.looks(float(self.times[0])).opacities[rows],
+            "opacities": scene.appearance(float(self.times[0])).opacities[rows],
             "sh": posed.sh[rows, :size],
             "reference": reference.astype(np.int32),
             "node": place[node].astype(np.int32),

@@ -1,7 +1,7 @@
-"""An edited scene for a viewer that plays the base scene by itself: what it has to draw otherwise, and when.
+"""An edited scene for a viewer that poses the base scene by itself: what it has to draw differently, and at which frames.
 
-A viewer such as Blender poses the base's Gaussians on its own and keeps their looks as attributes. New looks only replace
-attributes; Gaussians that an edit puts elsewhere, shows at another moment or copies are drawn apart, from their places here.
+A viewer such as Blender poses the base's Gaussians and keeps their appearance as attributes. An edit of appearance only
+replaces attributes. Gaussians that an edit moves, retimes or copies are drawn separately, at the positions given here.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from ..geometry import quaternion, spherical_harmonics
 from ..query.pixels import heat_map
 from ..query.selection import Selection
 from ..scene import PosedSplats, Scene
-from .apply import EVERY, LOOKS_OF, Appearance, EditedScene
+from .apply import APPEARANCE_OPERATIONS, EVERY, Appearance, EditedScene
 from .operations import Transform
 from .retiming import effect
 
 GREY = 0.5
-"""What stands for the picture under a heat map: scores are to be read, not textures."""
+"""Grey level under a heat map, in place of the image, so that scores are easy to read."""
 
 
 class Display:
-    """What there is to draw of a scene, edited or not. N Gaussians in the order of `posed`."""
+    """What to draw of a scene, edited or not. N Gaussians in the order of `posed`."""
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -32,7 +32,7 @@ class Display:
 
     @cached_property
     def apart(self) -> np.ndarray:
-        """(n,) int rows that are drawn apart, copies included, in increasing order."""
+        """(n,) int rows that are drawn separately, copies included, in increasing order."""
         apart = np.zeros(len(self.scene.ids), bool)
         for step in self._steps:
             if step.reads or isinstance(step.edit.operation, Transform):
@@ -42,33 +42,35 @@ class Display:
 
     @cached_property
     def there(self) -> np.ndarray:
-        """(N,) bool: not removed for good."""
+        """(N,) bool: not deleted at all times."""
         if isinstance(self.scene, EditedScene):
             return ~self.scene.rows.gone
         return np.ones(len(self.scene.ids), bool)
 
     @cached_property
-    def looks_change(self) -> bool:
-        """Whether looks depend on time."""
-        timed = (s for s in self._steps if isinstance(s.edit.operation, LOOKS_OF))
+    def appearance_changes(self) -> bool:
+        """Whether appearance depends on time."""
+        timed = (s for s in self._steps if isinstance(s.edit.operation, APPEARANCE_OPERATIONS))
         return any(step.edit.operation.frames is not None for step in timed)  # type: ignore[union-attr]
 
     @cached_property
     def changes(self) -> bool:
-        """Whether another frame shows anything that the base's own motion does not."""
-        return self.looks_change or bool(len(self.apart) and (self.scene.fades or self.scene.moving[self.apart].any()))
+        """Whether frames differ in more than the motion of the base."""
+        return self.appearance_changes or bool(
+            len(self.apart) and (self.scene.fades or self.scene.moving[self.apart].any())
+        )
 
     @cached_property
     def rest_rotation(self) -> np.ndarray:
         """(M,4) unit wxyz of the base's M Gaussians, static first, as the file has them: before any motion."""
         return quaternion.normalize(np.concatenate([self.scene.static.quats, self.scene.dynamic.quats]))
 
-    def looks_key(self, frame: float) -> object:
-        """Frames with equal keys show the base's Gaussians, those drawn apart left out, in the same looks."""
+    def appearance_key(self, frame: float) -> object:
+        """Key of the appearance at `frame`: equal keys, equal appearance of all Gaussians that are not drawn separately."""
         time, timed = self.time(frame), []
         for depth, step in enumerate(self._steps):
             operation = step.edit.operation
-            if isinstance(operation, LOOKS_OF) and operation.frames is not None:
+            if isinstance(operation, APPEARANCE_OPERATIONS) and operation.frames is not None:
                 if any(other.reads for other in self._steps[:depth]):
                     return time  # its tones may be those of Gaussians at other moments
                 timed.append(effect(operation, time, float(self.scene.cameras.times[-1])))
@@ -93,23 +95,23 @@ class Display:
         return np.argsort(self.scene.ids, kind="stable")
 
     def time(self, frame: float) -> float:
-        """The moment of the clip that a viewer shows at `frame`: before and after the clip it stands still."""
+        """Clip time that a viewer shows at `frame`, clamped to the clip."""
         first, last = self.scene.cameras.times[[0, -1]]
         return float(min(max(frame, first), last))
 
-    def looks(self, frame: float) -> Appearance:
-        """Of all Gaussians, were they there: opacities (N,), harmonics (N,S,3) in their own frames."""
+    def appearance(self, frame: float) -> Appearance:
+        """Opacities (N,) and harmonics (N,S,3) of all Gaussians, as if all were present, in their own frames."""
         if isinstance(self.scene, EditedScene):
-            return self.scene.looks(self.time(frame), EVERY)
-        return Appearance(*self.scene.looks_of_all)
+            return self.scene.appearance(self.time(frame), EVERY)
+        return Appearance(*self.scene.full_appearance)
 
     def of_base(self, found: Selection) -> Selection:
-        """A selection of the base scene in the order of `posed`: a copy is what its original is."""
+        """A selection of the base scene in the order of `posed`; a copy is selected as its original is."""
         origin = self.scene.origin
         return replace(found, ids=self.scene.ids, scores=found.scores[origin], wins=found.wins[origin])
 
     def moment(self, frame: float) -> PosedSplats:
-        """The Gaussians that are drawn apart."""
+        """The Gaussians that are drawn separately."""
         assert isinstance(self.scene, EditedScene)
         return self.scene.part(self.time(frame), self.apart)
 

@@ -1,4 +1,4 @@
-"""From what an operation says to what a stack holds: ids in place of words and prompts, world units in place of widths."""
+"""Resolves an operation for the edit stack: ids replace words and prompts, world units replace widths."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ __all__ = ["Absent", "Context", "Resolver", "chosen", "labels_of", "named", "res
 
 
 class Absent(F4xError):  # noqa: N818  # nothing went wrong
-    """Nobody in the scene answers to what was said."""
+    """No Gaussian of the scene matches the words."""
 
 
 @dataclass(frozen=True, eq=False)
 class Context:
-    """What "it" and "now" mean."""
+    """The selection and frame that "it" and "now" refer to."""
 
     selection: Selection | None = None
-    """What the caller has selected at present."""
+    """The caller's current selection."""
     frame: float = 0.0
-    """Clip frame that the caller looks at."""
+    """The caller's current clip frame."""
 
 
 def resolve(scene: Scene, operation: Operation, context: Context, encode: Encode | None = None) -> Operation:
@@ -69,13 +69,13 @@ def resolve(scene: Scene, operation: Operation, context: Context, encode: Encode
 
 
 class Resolver:
-    """`resolve` for several operations and candidates: what words mean is looked up once."""
+    """`resolve` for several operations and candidates: the selection of each word is computed once."""
 
     def __init__(self, context: Context, encode: Encode | None = None):
         self.context, self.encode = context, encode
         self._found: dict[tuple[bytes, Select], Selection] = {}
         self._before: Scene | None = None
-        self._said: dict[SelectKind, SelectKind] = {}
+        self._resolved: dict[SelectKind, SelectKind] = {}
         self._hidden_too = False
 
     def resolve_sentence(
@@ -86,7 +86,7 @@ class Resolver:
         Words mean what answers to them before the sentence, and the same thing each time they are said: a copy is no second dog.
         Every single one has to be answered; `Absent` names the one that is not.
         """
-        self._before, self._said = scene, {}
+        self._before, self._resolved = scene, {}
         settled: list[Operation] = []
         for operation in operations:
             scene = with_operations(scene, settled[-1]) if settled else scene
@@ -95,7 +95,7 @@ class Resolver:
         return tuple(settled)
 
     def resolve(self, scene: Scene, operation: Operation, tidy: bool = False) -> Operation:
-        """As the function of this name; `tidy` leaves out pieces of what words mean that lie apart and are small."""
+        """As the function of this name; `tidy` leaves out small stray components of what words select."""
         _check_times(scene, operation, self.context.frame)
         if isinstance(operation, Rekey):
             return operation
@@ -132,9 +132,9 @@ class Resolver:
     def _cached(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         if self._before is None:
             return self._with_description(scene, select, tidy)
-        if select not in self._said:
-            self._said[select] = self._with_description(scene, select, tidy)
-        return self._said[select]
+        if select not in self._resolved:
+            self._resolved[select] = self._with_description(scene, select, tidy)
+        return self._resolved[select]
 
     def _with_description(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         found = self._resolve_node(scene, select, tidy)
@@ -215,11 +215,11 @@ class Resolver:
         move = np.array(operation.translate if isinstance(operation, Transform) else operation.offset)
         if operation.unit == "size" and move.any():
             move = move * width_along(scene.posed(time).means[rows], axes[:, 0])
-        told: dict[str, Any] = {"unit": "world", "axes": "world"}
+        resolved: dict[str, Any] = {"unit": "world", "axes": "world"}
         turn = axes if operation.axes == "camera" else np.eye(3)
         if isinstance(operation, Duplicate):
-            return told | {"offset": _vector(turn @ move)}
-        return told | {"translate": _vector(turn @ move), "rotate": _vector(turn @ np.array(operation.rotate))}
+            return resolved | {"offset": _vector(turn @ move)}
+        return resolved | {"translate": _vector(turn @ move), "rotate": _vector(turn @ np.array(operation.rotate))}
 
     def _nothing(self, scene: Scene, select: SelectKind) -> str:
         """The sentence about a selection that holds no Gaussian."""
@@ -240,23 +240,23 @@ class Resolver:
 
 
 def rows_of(scene: Scene, select: SelectKind) -> np.ndarray:
-    """(n,) int rows of `scene.posed` that a resolved selection means, without those that are deleted for good."""
+    """(n,) int rows of `scene.posed` in a resolved selection, without those that are deleted at all times."""
     return np.flatnonzero(chosen(scene, select) & ~_rows(scene).gone)
 
 
 def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
-    """(N,) bool over `scene.posed`: whom a resolved selection means."""
+    """(N,) bool over `scene.posed`: the rows of a resolved selection."""
     return _rows(scene).chosen(select)
 
 
 def named(scene: Scene) -> dict[str, Selection]:
-    """Name that an edit gave -> whom it means and nobody deleted: things that queries and questions may speak of."""
+    """Name that an edit gave -> its selection without deleted Gaussians, for queries and questions."""
     found = {name: chosen(scene, Named(name)).astype(float) for name in _rows(scene).names}
     if not found:
         return {}
-    nobody, there, mark = np.zeros(len(scene.ids), bool), not_deleted(scene), fingerprint(scene)
+    no_wins, present, mark = np.zeros(len(scene.ids), bool), not_deleted(scene), fingerprint(scene)
     return {
-        name: Selection(scene.ids, scores, nobody, label=name, scene=mark).among(there)
+        name: Selection(scene.ids, scores, no_wins, label=name, scene=mark).among(present)
         for name, scores in found.items()
     }
 

@@ -1,4 +1,4 @@
-"""Which moment an edit shows at a clip frame: the time maps of retiming operations, and how far a change has come."""
+"""Time maps of retiming operations, from the clip frame shown to the clip frame read, and how complete a change is at a time."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .operations import (
 )
 
 AppearanceChange = Recolour | Opacity | Delete | Extract | Style | Match
-"""Operations that change what Gaussians look like; the others change where they are, or when."""
+"""Operations that change appearance; the others change placement or timing."""
 TimeMap = Callable[[float], float]
 """Clip frame shown -> clip frame read."""
 
@@ -34,7 +34,7 @@ def holds(frames: Span | None, time: float) -> bool:
 
 
 def progress(frames: Span | None, ease: Ease, time: float, last: float) -> float:
-    """How much of a transform there is at `time`, 0 to 1; a span without an end goes to `last`, the clip's last frame."""
+    """Completed fraction of a transform at `time`, 0 to 1; a span without an end goes to `last`, the clip's last frame."""
     if frames is None:
         return 1.0
     first, end = frames[0], max(last if frames[1] is None else frames[1], frames[0])
@@ -45,7 +45,7 @@ def progress(frames: Span | None, ease: Ease, time: float, last: float) -> float
 
 
 def effect(operation: AppearanceChange, time: float, last: float) -> float:
-    """How much of a change of looks there is at `time`, 0 to 1."""
+    """Completed fraction of a change of appearance at `time`, 0 to 1."""
     if isinstance(operation, Opacity) and operation.ease is not None:
         fraction = progress(operation.frames, operation.ease, time, last)
         return 1 - fraction if operation.inward else fraction
@@ -64,7 +64,7 @@ def time_map_of(operation: Operation, clip: tuple[float, float]) -> TimeMap | No
 
 
 def copy_time_map(operation: Duplicate, copy: int, clip: tuple[float, float]) -> TimeMap:
-    """The time map of copy number `copy` (from 1): late by its shift, standing where it would leave the clip."""
+    """The time map of copy number `copy` (from 1): delayed by its shift, clamped to the clip."""
     shift, (first, last) = copy * operation.time_shift, clip
     return (lambda time: min(max(time - shift, first), last)) if shift else (lambda time: time)
 
@@ -79,12 +79,12 @@ def _retime(operation: Retime, clip: tuple[float, float]) -> TimeMap:
     begin, end = operation.frames or (first, None)
     stop = math.inf if end is None else end
 
-    def warp(time: float) -> float:
+    def time_map(time: float) -> float:
         if time <= begin:
             return time
         return min(begin + speed * (min(time, stop) - begin) + max(time - stop, 0.0), last)
 
-    return warp
+    return time_map
 
 
 def _reverse(operation: Reverse, clip: tuple[float, float]) -> TimeMap:

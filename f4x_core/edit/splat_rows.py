@@ -1,4 +1,4 @@
-"""Which Gaussians a stack leaves, and whom each edit is about: all that is the same at every time."""
+"""The Gaussians after an edit stack and the rows that each edit selects: everything that does not depend on time."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .selects import All, And, Ids, Moving, Named, Not, Or, SelectKind
 from .stack import Edit
 
 MAX_GAUSSIANS = 10_000_000
-"""Gaussians that a stack may come to with its copies: a few gigabytes."""
+"""Maximum number of Gaussians of an edited scene, copies included: a few gigabytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class SplatRows:
-    """The N Gaussians that there are after some edits. None ever goes: what is deleted has opacity 0."""
+    """The N Gaussians after some edits. Rows never disappear: a deleted Gaussian has opacity 0."""
 
     ids: np.ndarray
     """(N,) int64."""
@@ -37,13 +37,13 @@ class SplatRows:
 
     @classmethod
     def of(cls, scene: Scene) -> SplatRows:
-        """Those of a scene without edits."""
+        """The rows of a scene without edits."""
         moving = np.arange(len(scene.static) + len(scene.dynamic)) >= len(scene.static)
         ids = np.concatenate([scene.static.ids, scene.dynamic.ids])
         return cls(ids, np.arange(len(ids)), moving, moving, np.zeros(len(ids), bool), {})
 
     def chosen(self, select: SelectKind) -> np.ndarray:
-        """(N,) bool: whom `select` means. Ids that are not there, those of copies of a disabled edit, are passed over."""
+        """(N,) bool: the rows that `select` selects. Unknown ids, such as those of copies of a disabled edit, are ignored."""
         if isinstance(select, All):
             return np.ones(len(self.ids), bool)
         if isinstance(select, Moving):
@@ -67,44 +67,44 @@ class SplatRows:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One edit that is in effect, with everything about it that is the same at every time."""
+    """One edit that is in effect, with everything about it that does not depend on time."""
 
     edit: Edit
     before: SplatRows
-    """What it finds."""
+    """The Gaussians before the edit."""
     chosen: np.ndarray
-    """(N,) bool over `before`: whom it changes."""
+    """(N,) bool over `before`: the rows it changes."""
     source: np.ndarray | None = None
-    """(N,) bool over `before`: whose colours `match` takes."""
-    warp: TimeMap | None = None
+    """(N,) bool over `before`: the rows whose colours `match` takes."""
+    time_map: TimeMap | None = None
     """The time map of a retiming edit."""
     copied: np.ndarray | None = None
     """(n,) rows of `before` that `duplicate` copies, in the order of their ids."""
-    lags: tuple[TimeMap, ...] = ()
+    copy_time_maps: tuple[TimeMap, ...] = ()
     """The time map of each copy."""
 
     @property
     def reads(self) -> bool:
-        """Whether it shows rows or moments other than its own."""
-        return self.warp is not None or self.copied is not None
+        """Whether it reads rows other than its own, or other times."""
+        return self.time_map is not None or self.copied is not None
 
     def read(self, time: float, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """For its own `rows (n,)` at `time`: (time (n,), row of `before` (n,), number of the copy (n,), 0 = none)."""
         when, copy = np.full(len(rows), float(time)), np.zeros(len(rows), int)
-        if self.warp is not None:
-            when[self.chosen[rows]] = self.warp(time)
+        if self.time_map is not None:
+            when[self.chosen[rows]] = self.time_map(time)
         if self.copied is None:
             return when, rows, copy
         added = rows - len(self.before.ids)
         is_copy = added >= 0
         copy[is_copy] = added[is_copy] // len(self.copied) + 1
         for number in np.unique(copy[is_copy]):
-            when[copy == number] = self.lags[number - 1](time)
+            when[copy == number] = self.copy_time_maps[number - 1](time)
         return when, np.where(is_copy, self.copied[added % len(self.copied)], rows), copy
 
 
 def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], SplatRows]:
-    """The edits that do something, in order, and the Gaussians in the end. Raises F4xError that names the edit."""
+    """The edits that have an effect, in order, and the Gaussians after them. Raises F4xError that names the edit."""
     rows, clip = SplatRows.of(scene), (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
     steps = []
     for number, edit in enumerate(edits, 1):
@@ -119,7 +119,7 @@ def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], S
 
 def _step(edit: Edit, rows: SplatRows, clip: tuple[float, float]) -> tuple[Step | None, SplatRows]:
     operation = edit.operation
-    if isinstance(operation, Rekey):  # a part of the motion that all steps find
+    if isinstance(operation, Rekey):  # changes the motion that all steps read
         return None, rows
     if isinstance(operation, Name):  # what was named once stays named, or edits after it would mean nobody
         return None, _named(rows, operation.name, np.flatnonzero(rows.chosen(operation.select)))
@@ -146,8 +146,8 @@ def _step(edit: Edit, rows: SplatRows, clip: tuple[float, float]) -> tuple[Step 
         _require_world(operation)
         picked = np.flatnonzero(chosen)
         picked = picked[np.argsort(rows.ids[picked])]
-        lags = tuple(copy_time_map(operation, copy, clip) for copy in range(1, operation.count + 1))
-        return replace(step, copied=picked, lags=lags), _copied(operation, rows, picked)
+        copy_time_maps = tuple(copy_time_map(operation, copy, clip) for copy in range(1, operation.count + 1))
+        return replace(step, copied=picked, copy_time_maps=copy_time_maps), _copied(operation, rows, picked)
     return step, rows
 
 

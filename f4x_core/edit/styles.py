@@ -1,4 +1,4 @@
-"""Looks: light and dark become a ramp of colours. A table, so that "make it gold" needs no model and cannot fail."""
+"""Styles: lightness is mapped to a ramp of colours. A table, so that "make it gold" needs no model and cannot fail."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class StyleColors:
-    """What a thing of some material or in some light looks like."""
+    """The colours of a material or of a lighting."""
 
     ramp: tuple[tuple[float, float, float], ...]
     """sRGB in [0, 1] from the darkest parts to the brightest, evenly spaced."""
     opacity: float = 1.0
-    """Factor of the opacity; below 1 one sees through."""
+    """Factor of the opacity; below 1 is translucent."""
 
 
 def _ramp(*colours: str) -> tuple[tuple[float, float, float], ...]:
@@ -38,4 +38,4 @@ STYLES = {
     "marble": StyleColors(_ramp("6a6c70", "a9abad", "d9dad9", "f1f1ee", "ffffff")),
     "ghost": StyleColors(_ramp("6f86a0", "a3b8cc", "ccdbe8", "e9f2f8", "ffffff"), opacity=0.35),
 }
-"""By name."""
+"""Style name -> its colours."""

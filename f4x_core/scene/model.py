@@ -57,14 +57,14 @@ CAMERA_ARRAYS = {
 KEYS = {"means": "xyz", "quats": "rotation", "scales": "scale", "opacities": "opacity"}
 """What the file calls arrays of Gaussians that have another name here."""
 SPAN = "span"
-"""The one array that a set may lack: then all its Gaussians are always there."""
+"""The one array that a set may lack: then all its Gaussians are always present."""
 
 WEIGHT_SUM_TOLERANCE = 1e-3
 """How far the skinning weights of one Gaussian may sum from 1: float32 rounding of 16 weights, with a wide margin."""
 
 
 def empty_arrays(layout: Mapping[str, tuple[str, tuple]], **lengths: int) -> dict[str, np.ndarray]:
-    """Arrays of `layout` with the given axis lengths (N = 0 unless told), for sets that hold nothing."""
+    """Arrays of `layout` with the given axis lengths (N = 0 by default), for empty sets."""
     return {
         name: np.zeros([axis if isinstance(axis, int) else lengths.get(axis, 0) for axis in axes], dtype)
         for name, (dtype, axes) in layout.items()
@@ -132,7 +132,7 @@ class StaticSet(Splats):
         return cls(**empty_arrays(layout, S=(degree + 1) ** 2, K=neighbours))
 
     def presence(self, time: float) -> np.ndarray:
-        """(N,) float32 how much of each Gaussian is there at clip time `time`, 0 to 1."""
+        """(N,) float32 presence of each Gaussian at clip time `time`, 0 to 1."""
         if self.span is None:
             return np.ones(len(self), np.float32)
         return presence(self.span, time)
@@ -171,8 +171,8 @@ def _arrays_of(gaussians: StaticSet) -> list[np.ndarray]:
 def faded(opacity: np.ndarray, presence: np.ndarray) -> np.ndarray:
     """Return the opacity (N,) of Gaussians that are present in part (`presence (N,)` in [0, 1]): `1 - (1 - opacity)^presence`.
 
-    Optical depth fades, not alpha: one surface that goes while its like comes, their shares summing to 1, stays as opaque as
-    either (in alpha it would turn glassy half-way).
+    Optical depth fades, not alpha: a cross-fade of two equal surfaces, their presences summing to 1, stays as opaque as either
+    (a fade of alpha would be translucent half-way).
     """
     partly = (presence > 0) & (presence < 1)
     shown = np.where(presence > 0, opacity, np.float32(0))
@@ -212,7 +212,7 @@ class Scene:
     held_out: tuple[int, ...] = ()
     """Clip frames that the fit did not see."""
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    """Who made what with which settings (JSON)."""
+    """Program versions and settings that made the scene (JSON)."""
     needs: tuple[Mapping[str, Any], ...] = ()
     """What the scene was found to need: rows such as {"what": "nodes", "chosen": 120, "evidence": "..."} (JSON)."""
     metrics: Mapping[str, Any] = field(default_factory=dict)
@@ -222,7 +222,7 @@ class Scene:
     next_id: int = 0
     """The first Gaussian id never used; raised to one past the largest id on construction."""
     features: FeatureField | None = None
-    """What foundation models see in the scene; None until something is distilled into it."""
+    """Features distilled from foundation models; None before distillation."""
     extra: Mapping[str, np.ndarray] = field(default_factory=dict)
     """More arrays of the file by member name; those under static/ and dynamic/ have one row per Gaussian. Kept as they
     are."""
@@ -294,24 +294,24 @@ class Scene:
         return self._constant["dynamic"]
 
     @property
-    def looks_of_all(self) -> tuple[np.ndarray, np.ndarray]:
-        """Opacities (N,) and harmonics (N,S,3) in the order of `posed`, as if all Gaussians were always there."""
+    def full_appearance(self) -> tuple[np.ndarray, np.ndarray]:
+        """Opacities (N,) and harmonics (N,S,3) in the order of `posed`, as if all Gaussians were always present."""
         return self._constant["opacities"], self._constant["sh"]
 
     @property
     def fades(self) -> bool:
-        """Whether some Gaussians are not always there."""
+        """Whether some Gaussians are present for a part of the clip only."""
         return self.static.span is not None or self.dynamic.span is not None
 
     def presence(self, time: float) -> np.ndarray:
-        """(N,) float32 in the order of `base.posed`: how much of each Gaussian is there at `time`, 0 to 1."""
+        """(N,) float32 in the order of `base.posed`: presence of each Gaussian at `time`, 0 to 1."""
         return np.concatenate([self.static.presence(time), self.dynamic.presence(time)])
 
     def posed(self, time: float) -> PosedSplats:
         """Return all Gaussians at clip time `time` (frame index, float allowed).
 
         Dynamic ones follow the dual-quaternion blend of their nodes' motion from their own reference time to `time`:
-        x' = R x + t, R_g' = R R_g; scale and SH stay, opacity is `faded` where there is a span. Who is absent has opacity 0.
+        x' = R x + t, R_g' = R R_g; scale and SH stay, opacity is `faded` where there is a span. An absent Gaussian has opacity 0.
         """
         means, quats = self.static.means, self.static.quats
         if len(self.dynamic):
@@ -325,7 +325,7 @@ class Scene:
         )
 
     def _carried(self, time: float) -> tuple[np.ndarray, np.ndarray]:
-        """Centres and rotations of the dynamic set at `time`; who is absent then stays at its reference."""
+        """Centres and rotations of the dynamic set at `time`; Gaussians absent then stay at their reference."""
         dynamic, index, table = self.dynamic, self._pairs.index, self._motions(time)
         weight, strength, means, quats = dynamic.weight, dynamic.strength, dynamic.means, dynamic.quats
         if dynamic.span is None:
@@ -372,7 +372,7 @@ class Scene:
         return spherical_harmonics.evaluate(posed.sh, own)
 
     def info(self) -> dict[str, Any]:
-        """Return what is worth telling about the scene, as JSON: counts, megabytes by part, provenance, needs."""
+        """Return a summary of the scene as JSON: counts, megabytes by part, provenance, needs."""
         scaffold = [] if self.scaffold is None else [getattr(self.scaffold, name) for name in SCAFFOLD_ARRAYS]
         parts = {
             "static": _arrays_of(self.static),

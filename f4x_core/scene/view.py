@@ -1,4 +1,4 @@
-"""Pictures of a scene from any camera at any time, through whichever raster backend is there."""
+"""Renders a scene from any camera at any time with any available raster backend."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CHANNELS = ("rgb", "depth", "alpha", "motion")
 HEAD = "head:"
 """`head:NAME` is the channel of decoded features."""
 COVERED = 0.1
-"""A pixel whose alpha is less has too little in it to speak of its depth or motion."""
+"""Minimum alpha of a pixel that has a depth and a motion."""
 NEAR = 0.01
 """World units; a Gaussian that comes nearer to the camera plane by the next frame has no meaningful screen motion."""
 

@@ -36,14 +36,14 @@ def test_what_is_drawn_apart_and_when(operations, apart, changes):
         whole, part = scene.posed(2.5), display.moment(2.5)
         for name, array in whole.arrays().items():
             np.testing.assert_array_equal(array[display.apart], getattr(part, name))
-    np.testing.assert_array_equal(display.looks(2.5).sh, scene.posed(2.5).sh)
+    np.testing.assert_array_equal(display.appearance(2.5).sh, scene.posed(2.5).sh)
 
 
 def test_equal_keys_mean_equal_looks():
     display = Display(with_operations(SCENE, Recolour(Moving(), **RED, frames=(1, 3))))
-    assert display.looks_key(0) == display.looks_key(5) != display.looks_key(2)
-    np.testing.assert_array_equal(display.looks(0).sh, display.looks(5).sh)
-    assert np.abs(display.looks(0).sh - display.looks(2).sh).max() > 0.1
+    assert display.appearance_key(0) == display.appearance_key(5) != display.appearance_key(2)
+    np.testing.assert_array_equal(display.appearance(0).sh, display.appearance(5).sh)
+    assert np.abs(display.appearance(0).sh - display.appearance(2).sh).max() > 0.1
 
 
 def test_a_copy_is_asked_as_its_original():
@@ -55,7 +55,7 @@ def test_a_copy_is_asked_as_its_original():
 
 
 def test_scores_become_colours_alone():
-    looks = Display(SCENE).looks(0)
+    looks = Display(SCENE).appearance(0)
     shown = by_score(looks, np.linspace(0, 1, len(looks.sh)))
     assert shown.opacities is looks.opacities and shown.sh.shape == looks.sh.shape
     assert np.abs(np.diff(shown.sh[:, 0], axis=0)).max() < 0.1 and np.ptp(shown.sh[:, 0], axis=0).min() > 0.5

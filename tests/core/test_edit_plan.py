@@ -321,7 +321,7 @@ def test_fading_out_over_a_span_comes_little_by_little_and_stays(scene):
     np.testing.assert_allclose(
         [shares[0], shares[1], shares[4], shares[5]], np.array([1, 1, 0, 0])[:, None] + 0 * shares[0]
     )
-    keys = [Display(faded).looks_key(frame) for frame in (2, 3, 5, 6)]
+    keys = [Display(faded).appearance_key(frame) for frame in (2, 3, 5, 6)]
     assert keys[0] != keys[1] != keys[2] == keys[3]
 
 
