@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from .. import __version__
-from ..clip.stream import claimed_frames
+from ..clip.stream import reported_frame_count
 from ..errors import F4xError
 from ..scene.formats import FORMATS
 from .manifest import Row
@@ -166,7 +166,7 @@ def claimed(row: Row) -> tuple[int, str]:
     """Frames that the row uses as far as its clip tells without being decoded, else 0; and why it cannot be read."""
     if URL not in row.clip and Path(row.clip).expanduser().exists():
         try:
-            return claimed_frames(row.clip, row.frames), ""
+            return reported_frame_count(row.clip, row.frames), ""
         except F4xError as error:
             return 0, str(error)
     return 0, ""

@@ -40,7 +40,7 @@ class Survey:
 
 
 @dataclass(frozen=True)
-class Reel:
+class ClipStream:
     """A clip whose pictures are read whenever someone goes through them, one in memory at a time.
 
     It stands for a `Clip` where `frames` are looked at one after the other.
@@ -58,7 +58,7 @@ class Reel:
     """Frames, as many as there must be."""
 
     @property
-    def frames(self) -> Reel:
+    def frames(self) -> ClipStream:
         """What goes through the pictures (H,W,3) uint8, in order; F4xError where they are not of that size and number."""
         return self
 
@@ -86,7 +86,7 @@ class Reel:
         return (self.width, self.height) if abs(found[1] - self.height) <= 2 else found
 
 
-def claimed_frames(source: str | Path, frames: str | None = None) -> int:
+def reported_frame_count(source: str | Path, frames: str | None = None) -> int:
     """How many frames `read_clip` would read, as far as the source tells without being decoded; 0 = it does not."""
     source = Path(source).expanduser()
     total = describe(source)[1] if source.is_file() else len(find_layout(source.absolute()).images)
@@ -110,7 +110,7 @@ def survey(
             seen += 1
             yield picture
 
-    expected = claimed_frames(source, frames)
+    expected = reported_frame_count(source, frames)
     first, stride, pictures = _opened(source, frames, partial(even_size, new_width=width))
     changes = find_changes(counted(pictures))
     progress(STAGE, seen, seen)

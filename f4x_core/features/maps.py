@@ -165,10 +165,10 @@ def read_maps(folder: Path | str) -> FeatureMaps:
                 f"{folder / name} is {array.dtype} of shape {array.shape}, the spec wants floats of shape {shape};"
                 " make the maps again."
             )
-    return FeatureMaps(folder, spec, stored, basis, mean, glob, float(stored_facts(folder).get("lost", 0.0)))
+    return FeatureMaps(folder, spec, stored, basis, mean, glob, float(read_stored(folder).get("lost", 0.0)))
 
 
-def stored_facts(folder: Path) -> dict[str, Any]:
+def read_stored(folder: Path) -> dict[str, Any]:
     """`stored.json` of a folder, empty where a foreign tool wrote none."""
     path = folder / STORED
     return _read_json(path) if path.is_file() else {}

@@ -25,12 +25,12 @@ from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangul
 from .config import CamerasConfig, PriorsConfig
 from .flow import grey, sample, texture
 from .folder import SEEN_DEPTH
-from .mirror import Witnesses, decide, lowest_is_nearest
+from .mirror import DepthCues, choose_orientation, guess_inverse_distance
 from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
     Solution,
-    hold_every_frame,
+    choose_covering_points,
     refocused,
     search_focal,
     sightings,
@@ -102,7 +102,7 @@ def provide(
 
     shift = static_shift(tracks, visible, static)
     statistics: dict[str, Any] = {"static_tracks": int(static.sum()), "static_shift_px": _json(shift)}
-    unknown = "" if first is not None else _why_unknown(clip, tracks, visible, static)
+    unknown = "" if first is not None else _why_motion_is_unknown(clip, tracks, visible, static)
     if first is not None and settings.kind in (None, "moving") and static.sum() < MIN_TRACKS:
         solution, kind = first, "moving"
         statistics["solver"] = settings.provider
@@ -113,9 +113,9 @@ def provide(
         if settings.kind is None and unknown and len(times) > 1:
             statistics["assumed"] = unknown
             priors.warn(f"How the camera moved is not known, because {unknown}; it is taken to stand still.")
-        solution, kind = _still(len(times), focal, principal), "static"
+        solution, kind = _static_camera(len(times), focal, principal), "static"
     else:
-        job = _Job(clip, priors, settings, tracks, visible, static, focal, first, statistics, progress)
+        job = _CameraProblem(clip, priors, settings, tracks, visible, static, focal, first, statistics, progress)
         solution, kind = _solve(job)
         progress("cameras", 3, 4, "refine the path")
         if kind == "moving":
@@ -142,7 +142,7 @@ def provide(
     progress("cameras", 4, 4, f"{kind}, focal length {statistics['focal_over_width']:.2f} of the width")
 
 
-def _why_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray) -> str:
+def _why_motion_is_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray) -> str:
     """Why the static tracks cannot tell how the camera moved; empty where they can."""
     if static.sum() < MIN_TRACKS:
         return "too few points stand still"
@@ -159,7 +159,7 @@ def _why_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np
 
 
 @dataclass(frozen=True)
-class _Job:
+class _CameraProblem:
     """The clip whose cameras are looked for, and what is known of it."""
 
     clip: Clip
@@ -190,10 +190,10 @@ class _Job:
         """(2,) pixels."""
         return np.array([self.priors.width, self.priors.height]) / 2
 
-    def witnesses(self, frames: np.ndarray) -> Witnesses:
+    def cues(self, frames: np.ndarray) -> DepthCues:
         """What tells near from far, for cameras of the supervised frames `frames`."""
         depth = self.priors.scratch.get(SEEN_DEPTH) if self.priors.depth is None else self.priors.depth
-        return Witnesses(frames, self.tracks, self.visible, self.static, self.priors.mask, depth)
+        return DepthCues(frames, self.tracks, self.visible, self.static, self.priors.mask, depth)
 
 
 def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -243,7 +243,7 @@ def complete(
     """
     lens = lens or BundleConfig(refine_focal=False)
     extra, order = sightings(tracks, visible, static, ADJUSTED_TRACKS)
-    bundle, own = solution.bundle, _held(solution, ADJUSTED_TRACKS)
+    bundle, own = solution.bundle, _limited_observations(solution, ADJUSTED_TRACKS)
     offset = len(bundle.points)
     registered = solution.registered.copy()
     observations = Observations(
@@ -292,7 +292,7 @@ def interpolation_error(bundle: Bundle, observations: Observations, times: np.nd
     return {"mean": round(float(np.mean(errors)), 3), "p90": round(float(np.percentile(errors, 90)), 3)}
 
 
-def _solve(job: _Job) -> tuple[Solution, str]:
+def _solve(job: _CameraProblem) -> tuple[Solution, str]:
     """A solution for a camera that does not stand still, right way round, and its kind (`pan` or `moving`)."""
     turning = solve_rotations(job.tracks, job.visible, job.static, job.focal, job.principal, 4 * SAMPLED_POINTS)
     candidates = FOCALS if job.lens.refine_focal else [job.focal / job.priors.width]
@@ -313,7 +313,7 @@ def _solve(job: _Job) -> tuple[Solution, str]:
             " the background becomes flat. Give cameras of another program if you have them."
         )
         return _adjusted_pan(turning, sample.bundle.focal), "pan"
-    if zoom is not None and _outdone(zoom, moved):
+    if zoom is not None and _moving_explains_more(zoom, moved):
         zoom = None
     if job.settings.kind is None and (zoom is not None or not _translates(job, moved)):
         return _pan(job, turning, sample.bundle.focal, zoom), "pan"
@@ -324,7 +324,7 @@ def _solve(job: _Job) -> tuple[Solution, str]:
     return moved, "moving"
 
 
-def _zoom(job: _Job, turning: Solution) -> Zoom | None:
+def _zoom(job: _CameraProblem, turning: Solution) -> Zoom | None:
     """What a lens that zooms explains, where that is most of what turning does not; None where another provider knows the lens."""
     sample, frames = _sampled(turning)
     if job.first is not None or not len(sample.observations.frame):
@@ -333,14 +333,14 @@ def _zoom(job: _Job, turning: Solution) -> Zoom | None:
     return zoom if zoom.explains else None
 
 
-def _outdone(zoom: Zoom, moved: Solution) -> bool:
+def _moving_explains_more(zoom: Zoom, moved: Solution) -> bool:
     """Whether a moving camera explains far more than the zoom."""
     sample, _ = _sampled(moved)
     unknowns = 6 * len(sample.bundle.center) + 3 * len(sample.bundle.points)
     return mean_cost(sample.bundle, sample.observations, unknowns) < MIN_COST_LEFT_BY_MOVING * zoom.cost
 
 
-def _pan(job: _Job, turning: Solution, focal: float, zoom: Zoom | None = None) -> Solution:
+def _pan(job: _CameraProblem, turning: Solution, focal: float, zoom: Zoom | None = None) -> Solution:
     job.statistics.pop("mirror", None)
     if zoom is not None:
         found = zoomed(turning, zoom, None if job.lens.refine_focal else job.focal)
@@ -370,7 +370,7 @@ def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
         frames *= 2
 
 
-def _right_way_round(job: _Job, start: Solution) -> Solution | None:
+def _resolve_mirror(job: _CameraProblem, start: Solution) -> Solution | None:
     """The solution, or its mirror image, adjusted on a sample of frames; None where no sample can be taken."""
     sample, frames = _sampled(start)
     if not len(sample.observations.frame):
@@ -378,9 +378,9 @@ def _right_way_round(job: _Job, start: Solution) -> Solution | None:
     starts = [sample.bundle]
     if not start.bundle.center.any():  # it only turns yet: a world that is nearer below, and one that is nearer above
         directions = sample.bundle.points / np.linalg.norm(sample.bundle.points, axis=1, keepdims=True)
-        below = lowest_is_nearest(directions, sample.bundle.rotation)
+        below = guess_inverse_distance(directions, sample.bundle.rotation)
         starts = [replace(sample.bundle, points=directions / inverse[:, None]) for inverse in (below, 1 / below)]
-    decision = decide(starts, sample.observations, job.lens, job.witnesses(frames))
+    decision = choose_orientation(starts, sample.observations, job.lens, job.cues(frames))
     job.statistics["mirror"] = decision.summary()
     registered = np.zeros(len(job.tracks), bool)
     registered[frames] = np.bincount(sample.observations.frame, minlength=len(frames)) >= MIN_TRACKS
@@ -389,7 +389,7 @@ def _right_way_round(job: _Job, start: Solution) -> Solution | None:
     return Solution(bundle, observations, registered)
 
 
-def _with_sightings(job: _Job, solution: Solution) -> Solution:
+def _with_sightings(job: _CameraProblem, solution: Solution) -> Solution:
     """Cameras without points of their own get those of the static tracks, triangulated."""
     if len(solution.observations.frame):
         return solution
@@ -398,7 +398,7 @@ def _with_sightings(job: _Job, solution: Solution) -> Solution:
     return replace(solution, bundle=replace(solution.bundle, points=points), observations=seen)
 
 
-def _translates(job: _Job, moved: Solution) -> bool:
+def _translates(job: _CameraProblem, moved: Solution) -> bool:
     """Whether the camera's path explains what turning does not; fills `statistics["cameras"]["translation"]`."""
     sample, _ = subset(moved, len(moved.bundle.points), int(moved.registered.sum()))
     bundle, seen = sample.bundle, sample.observations
@@ -423,35 +423,35 @@ def _translates(job: _Job, moved: Solution) -> bool:
     return real
 
 
-def _moving(job: _Job, turning: Solution) -> tuple[Solution | None, str]:
+def _moving(job: _CameraProblem, turning: Solution) -> tuple[Solution | None, str]:
     """A solution that translates, right way round, by the first solver that serves, and the solver's name."""
     settings, priors = job.settings, job.priors
     job.progress("cameras", 1, 4, "first cameras")
     if job.first is not None:
-        return _right_way_round(job, _with_sightings(job, job.first)) or job.first, settings.provider
+        return _resolve_mirror(job, _with_sightings(job, job.first)) or job.first, settings.provider
     if priors.depth is not None and settings.solver in ("auto", "depth"):
         known = job.focal if settings.focal else None
         solution, job.statistics["focal_search"] = solve_with_depth(
             job.tracks, job.visible, job.static, priors.depth, known, priors.width
         )
         if solution.error < 4 * MAX_ERROR_PX:  # the final adjustment no longer leans on the depth and comes below
-            return _right_way_round(job, solution), "depth"
+            return _resolve_mirror(job, solution), "depth"
     direct = None
     if settings.solver in ("auto", "direct"):
-        direct = _right_way_round(job, turning)
+        direct = _resolve_mirror(job, turning)
         good = direct is not None and direct.error < 2 * MAX_ERROR_PX and linked(job.visible & job.static)
         if direct is not None and (good or settings.solver == "direct"):
             return direct, "direct"
     mirror = job.statistics.get("mirror")
-    start, solver = _from_parts(job)
+    start, solver = _solve_incrementally(job)
     if start is not None:
-        return _right_way_round(job, start), solver
+        return _resolve_mirror(job, start), solver
     if mirror is not None:
         job.statistics["mirror"] = mirror
     return direct, "direct"
 
 
-def _from_parts(job: _Job) -> tuple[Solution | None, str]:
+def _solve_incrementally(job: _CameraProblem) -> tuple[Solution | None, str]:
     """What pycolmap finds on keyframes, or own incremental structure from motion, whichever serves better; None if neither."""
     settings = job.settings
     tried: list[tuple[Solution, str]] = []
@@ -476,11 +476,11 @@ def _from_parts(job: _Job) -> tuple[Solution | None, str]:
     return best
 
 
-def _solve_keyframes(job: _Job, keyframes: np.ndarray) -> Solution | None:
+def _solve_keyframes(job: _CameraProblem, keyframes: np.ndarray) -> Solution | None:
     """What pycolmap finds on the keyframes, as a solution of all frames."""
     settings, priors = job.settings, job.priors
     pictures = [job.clip.frames[frame] for frame in np.asarray(job.clip.supervised)[keyframes]]
-    masks = None if priors.mask is None else _grown(priors.mask[keyframes])
+    masks = None if priors.mask is None else _dilated(priors.mask[keyframes])
     found = solve_with_colmap(
         pictures, masks, job.focal, settings.focal is not None, settings.features, settings.threads, settings.seed
     )
@@ -494,7 +494,7 @@ def _adjusted_pan(turning: Solution, focal: float) -> Solution:
     return replace(turning, bundle=adjust(turning.bundle, turning.observations, settings))
 
 
-def _still(frames: int, focal: float, principal: np.ndarray) -> Solution:
+def _static_camera(frames: int, focal: float, principal: np.ndarray) -> Solution:
     """The camera that stands still at the origin."""
     bundle = Bundle(focal, principal, np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3)), np.zeros((0, 3)))
     nothing = Observations(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
@@ -512,7 +512,7 @@ def _covered(registered: np.ndarray) -> float:
     return (known[-1] - known[0] + 1) / len(registered) if len(known) else 0.0
 
 
-def _grown(masks: np.ndarray) -> np.ndarray:
+def _dilated(masks: np.ndarray) -> np.ndarray:
     """Masks dilated by 1 % of the picture: features on the rim of a mover belong to it."""
     import cv2
 
@@ -530,13 +530,13 @@ def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:
     return Solution(replace(solution.bundle, rotation=rotation, center=center), observations, registered)
 
 
-def _held(solution: Solution, most: int) -> Observations:
+def _limited_observations(solution: Solution, most: int) -> Observations:
     """The solution's observations of at most `most` finite points that hold all its frames."""
     seen = solution.observations
     visible = seen.visible(len(solution.registered), len(solution.bundle.points))
     visible &= np.isfinite(solution.bundle.points).all(1) & (visible.sum(0) > 2)
     chosen = np.zeros(visible.shape[1], bool)
-    chosen[hold_every_frame(visible, most)] = True
+    chosen[choose_covering_points(visible, most)] = True
     return seen.keep(chosen[seen.point])
 
 

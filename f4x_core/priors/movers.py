@@ -29,16 +29,16 @@ MOVING_CONFIDENCE = 0.2
 """Most confidence of the plausible depth of moving pixels in a clip with parallax."""
 BODY_CONFIDENCE = 0.9
 """Confidence of a rigid body's depth: its shape is measured, its distance hangs on contact."""
-MOSTLY = 0.6
+MIN_INSIDE = 0.6
 """A track belongs to the region that holds this fraction of its visible samples."""
 MAX_BODIES, MIN_FRAME_POINTS = 4, 6
 """Rigid bodies looked for in one region, and points that a frame needs to show a body's shape."""
-UNANIMOUS, KNOWN = 0.9, 0.2
+MIN_AGREEMENT, MIN_KNOWN = 0.9, 0.2
 """A piece of the mask belongs to the thing that the first fraction of its known tracks belong to; with fewer known ones
 than the second it is a new thing."""
-TOGETHER = 0.75
+MIN_TOGETHER = 0.75
 """Tracks that lie in one piece in this fraction of the frames are one thing: a pole before it may part its mask."""
-NEIGHBOURS, APART = 6, 0.8
+NEIGHBOURS, MIN_APART = 6, 0.8
 """Tracks that follow no body are a thing of their own when this fraction of their nearest tracks follows none either."""
 SMOOTH_PX, MAX_KNOTS, GRID_PX = 2.0, 200, 4
 """Smoothing of inverse depth between a body's points (that of the linear kernel, pixels), how many of them are used per
@@ -46,9 +46,9 @@ frame, and the grid on which it is evaluated."""
 NO_CONTACT, MIN_CONTACT_FRAMES = 0.05, 0.25
 """Weight of the surroundings' depth for a body without ground contact; fraction of frames with contact below which the body's
 size gives its distance."""
-STANDING = 0.7
+CONTACT_QUANTILE = 0.7
 """Quantile over the frames of a body's contacts that gives its distance: above the middle, as it may hop, never sink in."""
-TOUCHING = 0.98
+TOUCH_QUANTILE = 0.98
 """Quantile of the ratios along the lower edge at which a region touches the ground: columns beyond are noise."""
 GROUND_FRACTION, GROUND_NOISE = 0.2, 0.03
 """How far below a moving region the ground is fitted (fraction of the image height), and how uneven ground may be (relative
@@ -56,7 +56,7 @@ inverse depth)."""
 TURN_LIMIT, TURNS, TURN_COST = 1.5, 31, 0.05
 """Largest turn of a region against the view (relative inverse depth over the picture's width), how many are tried, and the
 share of touching columns that a turn of 1 must win."""
-HOVERING = 0.03
+BEHIND_WEIGHT = 0.03
 """Say of a contact behind the object's depth: what jumps or flies is seen in front of farther ground, never behind nearer."""
 MIN_CONTACT_PIXELS = 8
 """With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
@@ -69,7 +69,7 @@ MIN_OBJECT_PIXELS = 30
 
 
 @dataclass(frozen=True)
-class _Mover:
+class _MovingObject:
     """One object: a connected region of the mask in space and time, or the part of it that one rigid body covers."""
 
     frames: np.ndarray
@@ -116,10 +116,10 @@ def place_objects(
         if masks.sum() < MIN_OBJECT_PIXELS * seen.sum():
             continue
         frames = region[0].start + np.flatnonzero(seen)
-        tracks = np.flatnonzero(_mostly(on_mover == number, priors))
-        whole = _Mover(frames, masks[seen], tracks)
-        for mover in (body for thing in _things(whole, priors) for body in _bodies(thing, priors)):
-            place = _place_card if mover.motion is None else _place_body
+        tracks = np.flatnonzero(_tracks_mostly_inside(on_mover == number, priors))
+        whole = _MovingObject(frames, masks[seen], tracks)
+        for mover in (body for thing in _objects(whole, priors) for body in _rigid_bodies(thing, priors)):
+            place = _place_upright_plane if mover.motion is None else _place_rigid_body
             decided = place(mover, maps, priors)
             rows.append(
                 {
@@ -143,15 +143,15 @@ def _labels_of_tracks(labels: np.ndarray, priors: Priors) -> np.ndarray:
     return found
 
 
-def _mostly(inside: np.ndarray, priors: Priors) -> np.ndarray:
+def _tracks_mostly_inside(inside: np.ndarray, priors: Priors) -> np.ndarray:
     """(N,) bool: tracks whose visible samples mostly lie `inside (F, N)`."""
     if priors.tracks_visible is None:
         return np.zeros(0, bool)
     hits = inside.sum(0)
-    return (hits > 2) & (hits > MOSTLY * priors.tracks_visible.sum(0))
+    return (hits > 2) & (hits > MIN_INSIDE * priors.tracks_visible.sum(0))
 
 
-def _things(region: _Mover, priors: Priors) -> list[_Mover]:
+def _objects(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
     """A region as the things that only meet in it: parts of it that are apart in most frames in which both are seen."""
     if len(region.tracks) < 2 * MIN_POINTS:
         return [region]
@@ -165,43 +165,43 @@ def _things(region: _Mover, priors: Priors) -> list[_Mover]:
         for number in crowded if len(crowded) > 1 else ():  # a frame that shows one piece tells nothing apart
             here = row == number
             votes = np.bincount(owner[here])[1:]
-            if votes.sum() < KNOWN * here.sum():
+            if votes.sum() < MIN_KNOWN * here.sum():
                 owner[here] = owner.max() + 1
-            elif votes.max() >= UNANIMOUS * votes.sum():
+            elif votes.max() >= MIN_AGREEMENT * votes.sum():
                 owner[here & (owner == 0)] = votes.argmax() + 1
     groups = [np.flatnonzero(owner == number) for number in np.unique(owner[owner > 0])]
     groups = [group for group in groups if len(group) >= MIN_POINTS]
-    if len(groups) < 2 or any(_together(piece[:, a], piece[:, b]) for a, b in combinations(groups, 2)):
+    if len(groups) < 2 or any(_in_one_component(piece[:, a], piece[:, b]) for a, b in combinations(groups, 2)):
         return [region]
     parts = [replace(region, tracks=region.tracks[group]) for group in groups]
     return _split(region, parts, priors)
 
 
-def _together(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether tracks `(f, n)`, `(f, m)` mostly lie in one piece of the mask (`TOGETHER`)."""
+def _in_one_component(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether tracks `(f, n)`, `(f, m)` mostly lie in one piece of the mask (`MIN_TOGETHER`)."""
     shared = []
     for a, b in zip(one, other, strict=True):
         if (a > 0).any() and (b > 0).any():
             shared.append(np.bincount(a[a > 0]).argmax() == np.bincount(b[b > 0]).argmax())
-    return not shared or float(np.mean(shared)) >= TOGETHER
+    return not shared or float(np.mean(shared)) >= MIN_TOGETHER
 
 
-def _bodies(region: _Mover, priors: Priors) -> list[_Mover]:
+def _rigid_bodies(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
     """The rigid bodies of a region, the one with most tracks first; the region itself where none is found."""
-    found: list[_Mover] = []
+    found: list[_MovingObject] = []
     left = region.tracks
     while len(found) < MAX_BODIES and len(left) >= MIN_POINTS:
         motion = solve(_tracks_on(replace(region, tracks=left), priors))
         if motion is None:
             break
-        found.append(replace(region, tracks=left[motion.inliers], motion=_only(motion)))
+        found.append(replace(region, tracks=left[motion.inliers], motion=_inliers_only(motion)))
         left = left[~motion.inliers]
-    if found and _lie_apart(left, np.concatenate([body.tracks for body in found]), region.frames, priors):
+    if found and _is_separate_object(left, np.concatenate([body.tracks for body in found]), region.frames, priors):
         found.append(replace(region, tracks=left))
     return _split(region, found, priors) if len(found) > 1 else found or [region]
 
 
-def _lie_apart(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors: Priors) -> bool:
+def _is_separate_object(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors: Priors) -> bool:
     """Whether enough tracks of the first kind have mostly their own kind around them: a thing of its own, not limbs."""
     assert priors.tracks is not None and priors.tracks_visible is not None
     if len(some) < MIN_POINTS:
@@ -214,15 +214,15 @@ def _lie_apart(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors:
         tree = cKDTree(priors.tracks[frame, np.concatenate([near, far])])
         found = tree.query(priors.tracks[frame, near], NEIGHBOURS + 1)[1][:, 1:]
         alike.append((found < len(near)).mean())
-    return bool(alike and np.mean(alike) >= APART)
+    return bool(alike and np.mean(alike) >= MIN_APART)
 
 
-def _only(motion: OwnMotion) -> OwnMotion:
+def _inliers_only(motion: OwnMotion) -> OwnMotion:
     """The tracks that follow the body, alone."""
     return replace(motion, z=motion.z[:, motion.inliers], inliers=motion.inliers[motion.inliers])
 
 
-def _tracks_on(mover: _Mover, priors: Priors) -> TracksOnObject:
+def _tracks_on(mover: _MovingObject, priors: Priors) -> TracksOnObject:
     """The tracks of a mover with what is known of the camera."""
     assert priors.tracks is not None and priors.tracks_visible is not None and priors.cameras is not None
     tracks = priors.tracks[np.ix_(mover.frames, mover.tracks)].astype(np.float64)
@@ -237,7 +237,7 @@ def _tracks_on(mover: _Mover, priors: Priors) -> TracksOnObject:
     return TracksOnObject(tracks, visible, outline, intrinsics[:, 0, 0], intrinsics[:, :2, 2].mean(0), poses)
 
 
-def _split(region: _Mover, bodies: list[_Mover], priors: Priors) -> list[_Mover]:
+def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -> list[_MovingObject]:
     """Every pixel of the region goes to the body whose track is nearest; frames without any keep the first body's."""
     assert priors.tracks is not None and priors.tracks_visible is not None
     owner = np.concatenate([np.full(len(body.tracks), which) for which, body in enumerate(bodies)])
@@ -259,7 +259,7 @@ def _split(region: _Mover, bodies: list[_Mover], priors: Priors) -> list[_Mover]
     return [body for body in found if len(body.frames)]
 
 
-def _place_card(mover: _Mover, maps: _Maps, priors: Priors) -> str:
+def _place_upright_plane(mover: _MovingObject, maps: _Maps, priors: Priors) -> str:
     """The last resort, one upright plane per frame, written in place; returns what decided its depth."""
     contacts = np.array(
         [
@@ -280,7 +280,7 @@ def _place_card(mover: _Mover, maps: _Maps, priors: Priors) -> str:
     return "surroundings" if stands == 0 else "ground contact" if stands >= MIN_CONTACT_FRAMES else "size"
 
 
-def _place_body(mover: _Mover, maps: _Maps, priors: Priors) -> str:
+def _place_rigid_body(mover: _MovingObject, maps: _Maps, priors: Priors) -> str:
     """A rigid body at one scale for all frames, written in place; returns what decided its depth."""
     shapes = _relative_inverse(mover, priors)
     ratio, trust = np.zeros((2, len(shapes)))
@@ -293,7 +293,7 @@ def _place_body(mover: _Mover, maps: _Maps, priors: Priors) -> str:
             continue
         lowest = np.zeros(mask.shape[1])
         lowest[np.nonzero(mask)[1]] = shape  # rows ascend, so the last one written is the lowest
-        ratio[i], trust[i] = float(np.quantile(edge.ground / lowest[edge.columns], TOUCHING)), edge.trust
+        ratio[i], trust[i] = float(np.quantile(edge.ground / lowest[edge.columns], TOUCH_QUANTILE)), edge.trust
     scale = one_scale(np.maximum(ratio, 1e-9), trust)
     for f, mask, shape in zip(mover.frames, mover.masks, shapes, strict=True):
         maps.inverse[f][mask] = scale * shape
@@ -301,7 +301,7 @@ def _place_body(mover: _Mover, maps: _Maps, priors: Priors) -> str:
     return "its own motion"
 
 
-def _relative_inverse(mover: _Mover, priors: Priors) -> list[np.ndarray]:
+def _relative_inverse(mover: _MovingObject, priors: Priors) -> list[np.ndarray]:
     """Inverse depth of the body's pixels per frame (rows of the mask ascending), from its points seen there, in its unit."""
     assert priors.tracks is not None and priors.tracks_visible is not None and mover.motion is not None
     seen = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)] & np.isfinite(mover.motion.z)
@@ -334,11 +334,11 @@ def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray
 def one_scale(ratio: np.ndarray, trust: np.ndarray) -> float:
     """The factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
 
-    The weighted quantile `STANDING` of what frames ask for: ground behind a body that is in the air asks for less.
+    The weighted quantile `CONTACT_QUANTILE` of what frames ask for: ground behind a body that is in the air asks for less.
     """
     order = np.argsort(ratio)
     weight = np.cumsum((trust + 1e-3)[order])
-    return float(ratio[order][np.searchsorted(weight, STANDING * weight[-1])])
+    return float(ratio[order][np.searchsorted(weight, CONTACT_QUANTILE * weight[-1])])
 
 
 def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -347,7 +347,7 @@ def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarr
     `contact (f,)` inverse depths where it touches the ground with `trust (f,)` 0..1, `growth (f - 1,)` logarithm of its
     change of picture size to the next frame (NaN = unknown). Size is inverse depth times a constant, so
     `argmin sum trust (x - log contact)^2 / c^2 + sum (x' - x - growth)^2 / s^2`, x = log inverse depth; Cauchy weights
-    on the contacts, and little weight where the ground is seen behind the object (`HOVERING`).
+    on the contacts, and little weight where the ground is seen behind the object (`BEHIND_WEIGHT`).
     """
     count, measured = len(contact), np.log(contact)
     known = np.isfinite(growth)
@@ -361,7 +361,7 @@ def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarr
     solution = np.full(count, np.average(measured, weights=trust + 1e-6))
     for _ in range(5):
         weight = (trust + 1e-3) / CONTACT_NOISE**2 / (1 + ((measured - solution) / (2 * CONTACT_NOISE)) ** 2)
-        weight *= np.where(measured < solution, HOVERING, 1.0)
+        weight *= np.where(measured < solution, BEHIND_WEIGHT, 1.0)
         solution = np.linalg.solve(laplacian + np.diag(weight), right + weight * measured)
     return np.exp(solution), np.clip(trust, 0.25, 1.0)
 
@@ -430,7 +430,7 @@ def _contact(
     usual = max(float(edge.max()), 1e-6)
     best, a, b = -np.inf, usual, 0.0
     for turn in np.linspace(-TURN_LIMIT, TURN_LIMIT, TURNS) / width:  # relative change per column
-        touching = float(np.quantile(edge / (1 + turn * run), TOUCHING))
+        touching = float(np.quantile(edge / (1 + turn * run), TOUCH_QUANTILE))
         gap = 1 - edge / (touching * (1 + turn * run))
         score = float(np.exp(-((gap / GROUND_NOISE) ** 2)).mean()) - TURN_COST * (turn * width) ** 2
         if score > best:

@@ -16,7 +16,7 @@ from scipy.stats import spearmanr
 
 from ..geometry.arrays import evenly_spaced
 from .bundle import Bundle, BundleConfig, Observations, resect, total_cost, triangulate
-from .mirror import ERROR_SCALE, MIN_SAMPLES, mirrored, settle
+from .mirror import ERROR_SCALE, MIN_SAMPLES, adjust_coarse_to_fine, mirrored
 from .sfm import sightings, solve_rotations
 
 MAX_POINTS, MAX_FRAMES = 300, 24
@@ -91,7 +91,7 @@ def solve(seen: TracksOnObject) -> OwnMotion | None:
     start = solve_rotations(tracks[frames], seen.visible[frames], every, focal, seen.principal, MAX_POINTS)
     observed, unit = start.observations, seen.unit
     config = BundleConfig(refine_focal=False, robust_px=1.0, relief=_extent(observed, len(frames)) / focal)
-    body, bulge = _right_way_round(start.bundle, observed, config, seen.from_outline[frames][:, order] / unit)
+    body, bulge = _resolve_mirror(start.bundle, observed, config, seen.from_outline[frames][:, order] / unit)
     errors = body.errors(observed)
     usual = float(np.median(errors))
     follows = _median_by(observed.point, errors, len(order)) < INLIER_PX
@@ -103,12 +103,12 @@ def solve(seen: TracksOnObject) -> OwnMotion | None:
     return _in_every_frame(_at_all_frames(body, frames, order[follows], follows, tracks, seen), tracks, seen, usual)
 
 
-def _right_way_round(
+def _resolve_mirror(
     start: Bundle, observations: Observations, config: BundleConfig, from_outline: np.ndarray
 ) -> tuple[Bundle, float]:
     """The solution or its mirror image, whichever errors and its bulge speak for, and that bulge."""
-    first = settle(start, observations, config)
-    pair = [first, settle(mirrored(first), observations, config, first=1)]
+    first = adjust_coarse_to_fine(start, observations, config)
+    pair = [first, adjust_coarse_to_fine(mirrored(first), observations, config, first=1)]
     bulges = [_bulge(one, observations, from_outline) for one in pair]
     costs = [total_cost(one, observations, config) for one in pair]
     odds = np.log(costs[1] / costs[0]) / ERROR_SCALE + BULGE_WEIGHT * (bulges[0] - bulges[1]) / 2

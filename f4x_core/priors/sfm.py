@@ -58,18 +58,18 @@ class Solution:
 def sightings(
     tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, most: int
 ) -> tuple[Observations, np.ndarray]:
-    """Observations of at most `most` of the `chosen (N,)` tracks, those that `hold_every_frame`, and their indices `(P,)`.
+    """Observations of at most `most` of the `chosen (N,)` tracks, those that `choose_covering_points`, and their indices `(P,)`.
 
     `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times (or in every frame) count.
     """
     enough = chosen & (visible.sum(0) >= min(3, len(tracks)))
-    order = hold_every_frame(visible & enough, most)
+    order = choose_covering_points(visible & enough, most)
     frame, point = np.nonzero(visible[:, order])
     uv = tracks[:, order][frame, point].astype(np.float64)
     return Observations(frame, point, uv, np.ones(len(frame))), order
 
 
-def hold_every_frame(visible: np.ndarray, most: int) -> np.ndarray:
+def choose_covering_points(visible: np.ndarray, most: int) -> np.ndarray:
     """Indices `(P,)`, ascending, of at most `most` of the points `visible (F, N)`: the q longest seen ones of every frame, q as
     large as fits.
 
@@ -326,7 +326,7 @@ def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.n
     finite = np.isfinite(solution.bundle.points).all(1)
     seen = solution.observations.keep(np.isin(solution.observations.frame, kept) & finite[solution.observations.point])
     often = np.bincount(seen.point, minlength=len(finite)) >= 3
-    chosen = hold_every_frame(seen.visible(len(solution.registered), len(finite))[kept] & often, points)
+    chosen = choose_covering_points(seen.visible(len(solution.registered), len(finite))[kept] & often, points)
     seen = seen.keep(np.isin(seen.point, chosen))
     bundle = replace(solution.bundle.of_frames(kept), points=solution.bundle.points[chosen])
     seen = replace(seen, frame=np.searchsorted(kept, seen.frame), point=np.searchsorted(chosen, seen.point))

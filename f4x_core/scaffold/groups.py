@@ -5,7 +5,7 @@ import numpy as np
 from ..geometry import pose, quaternion
 
 NEARNESS = 0.05
-"""Fraction of the distance between two nodes that is added to their `rigidity`, so that static nodes are grouped by place."""
+"""Fraction of the distance between two nodes that is added to their `nonrigidity`, so that static nodes are grouped by place."""
 TOLERANCE = 1.0
 """By how much the distance between two nodes of one group may change over the clip, in node spacings (nine pairs in ten)."""
 MAX_GROUPS = 24
@@ -14,7 +14,7 @@ ROUNDS = 20
 """Rounds of choosing medoids; a few hundred nodes settle in less than ten."""
 
 
-def rigidity(xyz: np.ndarray) -> np.ndarray:
+def nonrigidity(xyz: np.ndarray) -> np.ndarray:
     """Return the symmetric `(M,M)` float64 measure of how little two of the curves `xyz (F,M,3)` are one rigid thing.
 
     How much their distance changes over time, largest less smallest, plus `NEARNESS` times its mean, in world units.
@@ -30,10 +30,10 @@ def rigidity(xyz: np.ndarray) -> np.ndarray:
 def rigid_groups(xyz: np.ndarray, unit: float, count: int | None = None) -> np.ndarray:
     """Return the group `(M,)` int of every node with curve `xyz (F,M,3)`, the largest group 0.
 
-    k-medoids on `rigidity` (Kaufman and Rousseeuw 1987), seeded with nodes far apart. Without `count` there are as few groups
+    k-medoids on `nonrigidity` (Kaufman and Rousseeuw 1987), seeded with nodes far apart. Without `count` there are as few groups
     as leave nine in ten pairs of a group within `TOLERANCE` times `unit`, at most `MAX_GROUPS`.
     """
-    distance = rigidity(xyz)
+    distance = nonrigidity(xyz)
     for number in [count] if count else range(1, min(MAX_GROUPS, len(distance)) + 1):
         medoids = _medoids(distance, min(number, len(distance)))
         group = distance[:, medoids].argmin(1)

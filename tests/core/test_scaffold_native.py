@@ -7,7 +7,7 @@ import torch
 from f4x_core.geometry import dual_quaternion, pose, quaternion
 from f4x_core.scaffold.deformation import SIGN_BAND, blend, pairs_of, relative_motions
 from f4x_core.scaffold.deformation.native import library
-from f4x_core.scaffold.deformation.native.autograd import Carriers, NativeDeformer, carry
+from f4x_core.scaffold.deformation.native.autograd import NativeDeformer, SkinningData, carry
 from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.skinning import skinning_weights
 
@@ -63,7 +63,7 @@ def plain(leaves, carried, kernel):
 
 def native(leaves, carried, kernel, threads=1):
     deformer = Deformer(np.arange(FRAMES), carried["reference"], carried["neighbours"], NODES)
-    carriers = Carriers.of(deformer, torch.as_tensor(carried["mask"]), kernel, threads)
+    carriers = SkinningData.of(deformer, torch.as_tensor(carried["mask"]), kernel, threads)
     return carry(carriers, **leaves | {"now_quat": quaternion.normalize(leaves["now_quat"])})
 
 

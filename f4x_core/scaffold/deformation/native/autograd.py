@@ -20,7 +20,7 @@ NAMES = ("xyz", "quat", "dw", "node_xyz", "node_quat", "radius", "now_xyz", "now
 
 
 @dataclass(frozen=True, eq=False)
-class Carriers:
+class SkinningData:
     """Who carries whom, and how: what stays the same from step to step."""
 
     arrays: Mapping[str, np.ndarray]
@@ -29,7 +29,7 @@ class Carriers:
     threads: int
 
     @classmethod
-    def of(cls, deformer: Deformer, mask: Tensor, kernel: Kernel, threads: int) -> Carriers:
+    def of(cls, deformer: Deformer, mask: Tensor, kernel: Kernel, threads: int) -> SkinningData:
         """The same as in `deformer`; `mask (N, K)` bool are its valid neighbours."""
         fixed = {"node": deformer.node.numpy(), "then": deformer.then.numpy(), "mask": mask.numpy()}
         return cls(fixed | {"index": deformer.pairs.index}, kernel, threads)
@@ -37,7 +37,7 @@ class Carriers:
 
 class _Carry(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, carriers: Carriers, *tensors: Tensor | None) -> Any:
+    def forward(ctx, carriers: SkinningData, *tensors: Tensor | None) -> Any:
         arrays = _arrays(carriers, tensors)
         tables = library.relate(arrays)
         means, quats = library.forward(
@@ -59,13 +59,13 @@ class _Carry(torch.autograd.Function):
         return None, *(torch.from_numpy(got[name]) if need else None for name, need in needed)
 
 
-def _arrays(carriers: Carriers, tensors: Sequence[Tensor | None]) -> dict[str, Any]:
+def _arrays(carriers: SkinningData, tensors: Sequence[Tensor | None]) -> dict[str, Any]:
     named = zip(NAMES, tensors, strict=True)
     return {**carriers.arrays, **{name: None if tensor is None else tensor.detach().numpy() for name, tensor in named}}
 
 
 def carry(
-    carriers: Carriers,
+    carriers: SkinningData,
     xyz: Tensor,
     quat: Tensor,
     dw: Tensor | None,
@@ -92,7 +92,7 @@ class NativeDeformer:
 
     def __init__(self, deformer: Deformer, mask: Tensor, kernel: Kernel, threads: int):
         """`mask (N, K)` bool are the valid neighbours of the Gaussians of `deformer`."""
-        self.carriers = Carriers.of(deformer, mask, kernel, threads)
+        self.carriers = SkinningData.of(deformer, mask, kernel, threads)
         self.times = deformer.times
 
     def __call__(
