@@ -6,7 +6,7 @@
 | `maps.npy` | (T,h,w,C) or (T,h,w,k) float16 | one row per clip frame, held-out ones too |
 | `basis.npy`, `mean.npy` | (k,C), (C,) float32 | only where projected: feature = `maps @ basis + mean` |
 | `global.npy` | (C,) float32 | where the spec says so: one vector for the whole clip |
-| `stored.json` | | `lost` (share of the variance that the projection dropped), `settings` (what the maps were made from) |
+| `stored.json` | | `lost` (fraction of the variance that the projection dropped), `settings` (what the maps were made from) |
 
 A folder appears under its name only when it is complete; until then it is called `.NAME.unfinished`. Torch-free.
 """
@@ -55,7 +55,7 @@ class FeatureMaps:
     glob: np.ndarray | None = None
     """(C,) float32, the clip's own vector."""
     lost: float = 0.0
-    """Share of the variance that the projection dropped, 0..1."""
+    """Fraction of the variance that the projection dropped, 0..1."""
 
     def __len__(self) -> int:
         return len(self.stored)
@@ -232,7 +232,7 @@ class _Moments:
         self.square += cells.T @ cells
 
     def project(self, rank: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """(basis (k,C), mean (C,), share of the variance that is lost)."""
+        """(basis (k,C), mean (C,), fraction of the variance that is lost)."""
         mean = self.sum / self.count
         values, vectors = np.linalg.eigh(self.square / self.count - np.outer(mean, mean))  # ascending
         values = np.maximum(values, 0)

@@ -62,15 +62,15 @@ gives 0.4 px, the least of the real clips that step as well 0.7 px (blackswan)."
 TURNED_PX = 1.0
 """Nine in ten tracks of a camera that only turned are met within this; rendered turns on the spot give 0.4 px."""
 LARGE_TRANSLATION_PX = 8.0
-"""From here on a translation is `large`: depth is measured, not hinted at."""
+"""Translation in pixels from which it is `large`: enough to measure depth."""
 STATIC_MOTION = 0.5
-"""Tracks with a motion score below this hold the cameras."""
+"""Tracks with a motion score below this are static: cameras are solved from them."""
 
 MIN_REGISTERED = 0.9
 MAX_ERROR_PX = 1.5
 """A solution is accepted with at least this fraction of the frames and at most this reprojection error."""
 ADJUSTED_TRACKS = 2000
-"""Most tracks in the final adjustment; more cost time and hold the cameras no better."""
+"""Largest number of tracks in the final adjustment; more cost time and do not improve the cameras."""
 TRACK_WEIGHT = 0.2
 """Weight of a track's sighting against a matched feature's: chained flow drifts, and its errors are shared over time."""
 MIN_LINKED = 0.5
@@ -143,7 +143,7 @@ def provide(
 
 
 def _why_motion_is_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray) -> str:
-    """Why the static tracks cannot tell how the camera moved; empty where they can."""
+    """Return why the motion of the camera cannot be found from the static tracks; empty where it can."""
     if static.sum() < MIN_TRACKS:
         return "too few points stand still"
     pictures = grey(clip.frames[clip.supervised])
@@ -160,7 +160,7 @@ def _why_motion_is_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, 
 
 @dataclass(frozen=True)
 class _CameraProblem:
-    """The clip whose cameras are looked for, and what is known of it."""
+    """Inputs of the camera solver for one clip."""
 
     clip: Clip
     priors: Priors
@@ -172,16 +172,16 @@ class _CameraProblem:
     static: np.ndarray
     """(N,) bool."""
     focal: float
-    """Pixels: given, or the first guess."""
+    """Focal length in pixels: given by the user, or the first guess."""
     first: Solution | None
-    """What another provider found."""
+    """The solution of another provider, to start from."""
     statistics: dict[str, Any]
-    """Filled on the way."""
+    """`statistics["cameras"]`, filled while solving."""
     progress: Progress
 
     @property
     def lens(self) -> BundleConfig:
-        """How the focal length is treated: held where it is given, else free around what is expected."""
+        """Adjustment of the focal length: fixed where it is given, else free with a prior around the expected one."""
         known = self.settings.focal is not None or self.first is not None
         return BundleConfig(refine_focal=not known, expected_focal=self.focal)
 
@@ -191,7 +191,7 @@ class _CameraProblem:
         return np.array([self.priors.width, self.priors.height]) / 2
 
     def cues(self, frames: np.ndarray) -> DepthCues:
-        """What tells near from far, for cameras of the supervised frames `frames`."""
+        """Depth cues for the cameras of the supervised frames `frames`."""
         depth = self.priors.scratch.get(SEEN_DEPTH) if self.priors.depth is None else self.priors.depth
         return DepthCues(frames, self.tracks, self.visible, self.static, self.priors.mask, depth)
 
@@ -206,12 +206,12 @@ def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return priors.tracks, priors.tracks_visible, static
 
 
-def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, most: int = 24) -> float:
-    """Largest median displacement in pixels of static tracks between any two of `most` evenly spaced frames.
+def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, max_frames: int = 24) -> float:
+    """Largest median displacement in pixels of static tracks between any two of at most `max_frames` evenly spaced frames.
 
     `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. NaN when no two frames share enough tracks.
     """
-    frames = evenly_spaced(len(tracks), most)
+    frames = evenly_spaced(len(tracks), max_frames)
     shifts = [np.nan]
     for a, i in enumerate(frames):
         for j in frames[a + 1 :]:
@@ -293,7 +293,7 @@ def interpolation_error(bundle: Bundle, observations: Observations, times: np.nd
 
 
 def _solve(job: _CameraProblem) -> tuple[Solution, str]:
-    """A solution for a camera that does not stand still, right way round, and its kind (`pan` or `moving`)."""
+    """Return a solution for a camera that is not static, its depth not mirrored, and its kind (`pan` or `moving`)."""
     turning = solve_rotations(job.tracks, job.visible, job.static, job.focal, job.principal, 4 * SAMPLED_POINTS)
     candidates = FOCALS if job.lens.refine_focal else [job.focal / job.priors.width]
     sample, search = search_focal(turning, job.priors.width, candidates, translating=False)
@@ -325,7 +325,7 @@ def _solve(job: _CameraProblem) -> tuple[Solution, str]:
 
 
 def _zoom(job: _CameraProblem, turning: Solution) -> Zoom | None:
-    """What a lens that zooms explains, where that is most of what turning does not; None where another provider knows the lens."""
+    """Return the zoom of a turning camera that explains most of the remaining error; None where another provider gave the lens."""
     sample, frames = _sampled(turning)
     if job.first is not None or not len(sample.observations.frame):
         return None
@@ -334,7 +334,7 @@ def _zoom(job: _CameraProblem, turning: Solution) -> Zoom | None:
 
 
 def _moving_explains_more(zoom: Zoom, moved: Solution) -> bool:
-    """Whether a moving camera explains far more than the zoom."""
+    """Whether a moving camera leaves far less error than the zoom."""
     sample, _ = _sampled(moved)
     unknowns = 6 * len(sample.bundle.center) + 3 * len(sample.bundle.points)
     return mean_cost(sample.bundle, sample.observations, unknowns) < MIN_COST_LEFT_BY_MOVING * zoom.cost
@@ -359,7 +359,7 @@ def _pan(job: _CameraProblem, turning: Solution, focal: float, zoom: Zoom | None
 
 
 def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
-    """A sample of a solution and its frames: more frames where tracks are too short to be seen in three of a few of them."""
+    """Return a smaller solution and its frames; more frames are sampled where tracks are too short to be seen in three of them."""
     frames = SAMPLED_FRAMES
     while True:
         sample, kept = subset(solution, SAMPLED_POINTS, frames)
@@ -399,7 +399,7 @@ def _with_sightings(job: _CameraProblem, solution: Solution) -> Solution:
 
 
 def _translates(job: _CameraProblem, moved: Solution) -> bool:
-    """Whether the camera's path explains what turning does not; fills `statistics["cameras"]["translation"]`."""
+    """Whether translating explains the tracks better than turning alone; fills `statistics["cameras"]["translation"]`."""
     sample, _ = subset(moved, len(moved.bundle.points), int(moved.registered.sum()))
     bundle, seen = sample.bundle, sample.observations
     still = refocused(Solution(bundle, seen, sample.registered), bundle.focal, translating=False).bundle
@@ -424,7 +424,7 @@ def _translates(job: _CameraProblem, moved: Solution) -> bool:
 
 
 def _moving(job: _CameraProblem, turning: Solution) -> tuple[Solution | None, str]:
-    """A solution that translates, right way round, by the first solver that serves, and the solver's name."""
+    """Return a solution that translates, its depth not mirrored, by the first solver that succeeds, and the solver's name."""
     settings, priors = job.settings, job.priors
     job.progress("cameras", 1, 4, "first cameras")
     if job.first is not None:
@@ -452,7 +452,7 @@ def _moving(job: _CameraProblem, turning: Solution) -> tuple[Solution | None, st
 
 
 def _solve_incrementally(job: _CameraProblem) -> tuple[Solution | None, str]:
-    """What pycolmap finds on keyframes, or own incremental structure from motion, whichever serves better; None if neither."""
+    """Return the better of pycolmap on keyframes and the own incremental structure from motion; None if both fail."""
     settings = job.settings
     tried: list[tuple[Solution, str]] = []
     keyframes = _keyframes(len(job.tracks), settings.keyframes)
@@ -477,7 +477,7 @@ def _solve_incrementally(job: _CameraProblem) -> tuple[Solution | None, str]:
 
 
 def _solve_keyframes(job: _CameraProblem, keyframes: np.ndarray) -> Solution | None:
-    """What pycolmap finds on the keyframes, as a solution of all frames."""
+    """Return the solution of pycolmap on the keyframes as one of all frames."""
     settings, priors = job.settings, job.priors
     pictures = [job.clip.frames[frame] for frame in np.asarray(job.clip.supervised)[keyframes]]
     masks = None if priors.mask is None else _dilated(priors.mask[keyframes])
@@ -501,13 +501,13 @@ def _static_camera(frames: int, focal: float, principal: np.ndarray) -> Solution
     return Solution(bundle, nothing, np.ones(frames, bool))
 
 
-def _keyframes(frames: int, most: int) -> np.ndarray:
-    """Evenly spaced indices, first and last included, at most `most`."""
-    return evenly_spaced(frames, most)
+def _keyframes(frames: int, max_count: int) -> np.ndarray:
+    """Evenly spaced indices, first and last included, at most `max_count`."""
+    return evenly_spaced(frames, max_count)
 
 
 def _covered(registered: np.ndarray) -> float:
-    """Share of the clip between the first and the last registered frame."""
+    """Fraction of the clip between the first and the last registered frame."""
     known = np.flatnonzero(registered)
     return (known[-1] - known[0] + 1) / len(registered) if len(known) else 0.0
 
@@ -530,13 +530,13 @@ def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:
     return Solution(replace(solution.bundle, rotation=rotation, center=center), observations, registered)
 
 
-def _limited_observations(solution: Solution, most: int) -> Observations:
-    """The solution's observations of at most `most` finite points that hold all its frames."""
+def _limited_observations(solution: Solution, max_points: int) -> Observations:
+    """The solution's observations of at most `max_points` finite points that hold all its frames."""
     seen = solution.observations
     visible = seen.visible(len(solution.registered), len(solution.bundle.points))
     visible &= np.isfinite(solution.bundle.points).all(1) & (visible.sum(0) > 2)
     chosen = np.zeros(visible.shape[1], bool)
-    chosen[choose_covering_points(visible, most)] = True
+    chosen[choose_covering_points(visible, max_points)] = True
     return seen.keep(chosen[seen.point])
 
 

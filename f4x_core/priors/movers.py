@@ -1,8 +1,8 @@
-"""Depth of what moves: from its own motion where it is rigid and turns, else plausible.
+"""Depth of moving objects: from their own motion where they are rigid and turn, else a plausible guess.
 
 Moving pixels carry no depth signal against the static world. A rigid body that turns has a structure of its own
-(`own_motion`), known up to one scale, which the ground that it touches gives over all frames. Everything else takes contact
-with the ground below and the change of size over time: one upright plane per object and frame, with low confidence.
+(`own_motion`), known up to one scale, which the ground that it touches gives over all frames. Every other object becomes one
+upright plane per frame, placed by its contact with the ground and its change of size over time, with low confidence.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
     from .folder import Priors
 
 GUESS_CONFIDENCE = 0.05
-"""Most confidence of the plausible depth of moving pixels, and of everything in a clip without parallax."""
+"""Largest confidence of the guessed depth of moving pixels, and of all depth in a clip without parallax."""
 MOVING_MARGIN = 6
 """Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of what moves."""
 MOVING_CONFIDENCE = 0.2
-"""Most confidence of the plausible depth of moving pixels in a clip with parallax."""
+"""Largest confidence of the guessed depth of moving pixels in a clip with parallax."""
 BODY_CONFIDENCE = 0.9
-"""Confidence of a rigid body's depth: its shape is measured, its distance hangs on contact."""
+"""Confidence of a rigid body's depth: its shape is measured, its distance depends on ground contact."""
 MIN_INSIDE = 0.6
 """A track belongs to the region that holds this fraction of its visible samples."""
 MAX_BODIES, MIN_FRAME_POINTS = 4, 6
 """Rigid bodies looked for in one region, and points that a frame needs to show a body's shape."""
 MIN_AGREEMENT, MIN_KNOWN = 0.9, 0.2
-"""A piece of the mask belongs to the thing that the first fraction of its known tracks belong to; with fewer known ones
-than the second it is a new thing."""
+"""A connected piece of the mask belongs to an object when at least the first fraction of its assigned tracks belong to it; when
+less than the second fraction of its tracks are assigned yet, the piece is a new object."""
 MIN_TOGETHER = 0.75
-"""Tracks that lie in one piece in this fraction of the frames are one thing: a pole before it may part its mask."""
+"""Tracks that lie in one piece of the mask in this fraction of the frames are one object: a pole in front may split its mask."""
 NEIGHBOURS, MIN_APART = 6, 0.8
-"""Tracks that follow no body are a thing of their own when this fraction of their nearest tracks follows none either."""
+"""Tracks that follow no rigid body are a separate object when this fraction of their nearest tracks follows none either."""
 SMOOTH_PX, MAX_KNOTS, GRID_PX = 2.0, 200, 4
 """Smoothing of inverse depth between a body's points (that of the linear kernel, pixels), how many of them are used per
 frame, and the grid on which it is evaluated."""
@@ -55,9 +55,10 @@ GROUND_FRACTION, GROUND_NOISE = 0.2, 0.03
 inverse depth)."""
 TURN_LIMIT, TURNS, TURN_COST = 1.5, 31, 0.05
 """Largest turn of a region against the view (relative inverse depth over the picture's width), how many are tried, and the
-share of touching columns that a turn of 1 must win."""
+fraction of touching columns that a turn of 1 must win."""
 BEHIND_WEIGHT = 0.03
-"""Say of a contact behind the object's depth: what jumps or flies is seen in front of farther ground, never behind nearer."""
+"""Weight of a ground contact behind the object's depth: an object in the air is seen in front of farther ground, never behind
+nearer ground."""
 MIN_CONTACT_PIXELS = 8
 """With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
 TILT_FRAMES, TILT_RANGE = 3.0, (0.5, 2.0)
@@ -84,14 +85,14 @@ class _MovingObject:
 
 @dataclass(frozen=True)
 class _Maps:
-    """What is known of every pixel, each (F, H, W)."""
+    """Depth, its confidence and the moving mask of every pixel, each (F, H, W)."""
 
     inverse: np.ndarray
-    """Inverse depth; that of what moves is written."""
+    """Inverse depth; written where objects move."""
     confidence: np.ndarray
-    """0..1; that of what moves is written."""
+    """0..1; written where objects move."""
     static_confidence: np.ndarray
-    """The same as it was before."""
+    """`confidence` before anything was written."""
     moving: np.ndarray
     """bool."""
 
@@ -99,7 +100,7 @@ class _Maps:
 def place_objects(
     inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, priors: Priors
 ) -> list[dict[str, Any]]:
-    """Write inverse depth of moving pixels into `inverse (F, H, W)` in place, and what it is worth into `confidence`.
+    """Write the inverse depth of moving pixels into `inverse (F, H, W)` and its confidence into `confidence`, both in place.
 
     Returns one row per object: `group`, its first and last clip frame `frames`, what its depth was `decided_by` ("its own
     motion", "ground contact", "size" or "surroundings"), and `emf_degrees`, the angle of the rays its points were seen from
@@ -118,7 +119,7 @@ def place_objects(
         frames = region[0].start + np.flatnonzero(seen)
         tracks = np.flatnonzero(_tracks_mostly_inside(on_mover == number, priors))
         whole = _MovingObject(frames, masks[seen], tracks)
-        for mover in (body for thing in _objects(whole, priors) for body in _rigid_bodies(thing, priors)):
+        for mover in (body for one in _objects(whole, priors) for body in _rigid_bodies(one, priors)):
             place = _place_upright_plane if mover.motion is None else _place_rigid_body
             decided = place(mover, maps, priors)
             rows.append(
@@ -152,7 +153,7 @@ def _tracks_mostly_inside(inside: np.ndarray, priors: Priors) -> np.ndarray:
 
 
 def _objects(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
-    """A region as the things that only meet in it: parts of it that are apart in most frames in which both are seen."""
+    """Split a region into objects that only touch in it: parts that are separate in most frames in which both are visible."""
     if len(region.tracks) < 2 * MIN_POINTS:
         return [region]
     pieces = np.stack([ndimage.label(mask)[0] for mask in region.masks])
@@ -162,7 +163,7 @@ def _objects(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
     owner = np.zeros(len(region.tracks), int)
     for row in piece:
         crowded = np.flatnonzero(np.bincount(row[row > 0], minlength=1) >= MIN_POINTS)
-        for number in crowded if len(crowded) > 1 else ():  # a frame that shows one piece tells nothing apart
+        for number in crowded if len(crowded) > 1 else ():  # a frame with a single piece separates nothing
             here = row == number
             votes = np.bincount(owner[here])[1:]
             if votes.sum() < MIN_KNOWN * here.sum():
@@ -202,7 +203,7 @@ def _rigid_bodies(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
 
 
 def _is_separate_object(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors: Priors) -> bool:
-    """Whether enough tracks of the first kind have mostly their own kind around them: a thing of its own, not limbs."""
+    """Whether tracks `some` mostly have each other as neighbours rather than `others`: a separate object, not limbs of one."""
     assert priors.tracks is not None and priors.tracks_visible is not None
     if len(some) < MIN_POINTS:
         return False
@@ -218,12 +219,12 @@ def _is_separate_object(some: np.ndarray, others: np.ndarray, frames: np.ndarray
 
 
 def _inliers_only(motion: OwnMotion) -> OwnMotion:
-    """The tracks that follow the body, alone."""
+    """The motion restricted to the tracks that follow the body."""
     return replace(motion, z=motion.z[:, motion.inliers], inliers=motion.inliers[motion.inliers])
 
 
 def _tracks_on(mover: _MovingObject, priors: Priors) -> TracksOnObject:
-    """The tracks of a mover with what is known of the camera."""
+    """The tracks of a moving object with the cameras of its frames."""
     assert priors.tracks is not None and priors.tracks_visible is not None and priors.cameras is not None
     tracks = priors.tracks[np.ix_(mover.frames, mover.tracks)].astype(np.float64)
     visible = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)].copy()
@@ -238,7 +239,7 @@ def _tracks_on(mover: _MovingObject, priors: Priors) -> TracksOnObject:
 
 
 def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -> list[_MovingObject]:
-    """Every pixel of the region goes to the body whose track is nearest; frames without any keep the first body's."""
+    """Assign every pixel of the region to the body with the nearest track; in frames without tracks, to the first body."""
     assert priors.tracks is not None and priors.tracks_visible is not None
     owner = np.concatenate([np.full(len(body.tracks), which) for which, body in enumerate(bodies)])
     tracks = np.concatenate([body.tracks for body in bodies])
@@ -260,7 +261,7 @@ def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -
 
 
 def _place_upright_plane(mover: _MovingObject, maps: _Maps, priors: Priors) -> str:
-    """The last resort, one upright plane per frame, written in place; returns what decided its depth."""
+    """Write an object without a structure of its own as one upright plane per frame; returns what decided its depth."""
     contacts = np.array(
         [
             _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
@@ -281,7 +282,7 @@ def _place_upright_plane(mover: _MovingObject, maps: _Maps, priors: Priors) -> s
 
 
 def _place_rigid_body(mover: _MovingObject, maps: _Maps, priors: Priors) -> str:
-    """A rigid body at one scale for all frames, written in place; returns what decided its depth."""
+    """Write a rigid body at one scale for all frames; returns what decided its depth."""
     shapes = _relative_inverse(mover, priors)
     ratio, trust = np.zeros((2, len(shapes)))
     for i, (f, mask, shape) in enumerate(zip(mover.frames, mover.masks, shapes, strict=True)):

@@ -20,7 +20,7 @@ from ..geometry.camera import Camera, CameraPath
 from ..geometry.interpolation import presence
 from ..geometry.splats import Splats
 from ..scaffold import Scaffold
-from ..scaffold.deformation import Pairs, carry, pairs_of, relative_motions
+from ..scaffold.deformation import Pairs, move_gaussians, pairs_of, relative_motions
 from .field import FeatureField
 
 GAUSSIAN_ARRAYS = {
@@ -328,10 +328,10 @@ class Scene:
         dynamic, index, table = self.dynamic, self._pairs.index, self._motions(time)
         held = index, dynamic.weight, dynamic.strength, dynamic.means, dynamic.quats
         if dynamic.span is None:
-            return carry(table, *held)
+            return move_gaussians(table, *held)
         rows = np.flatnonzero(dynamic.presence(time))
         moved = dynamic.means.copy(), dynamic.quats.copy()
-        for whole, part in zip(moved, carry(table, *(array[rows] for array in held)), strict=True):
+        for whole, part in zip(moved, move_gaussians(table, *(array[rows] for array in held)), strict=True):
             whole[rows] = part
         return moved
 

@@ -40,7 +40,7 @@ class Views:
 
 
 def predict_in_one_world(predict: Callable[[np.ndarray], Views], count: int, max_views: int) -> Views:
-    """Return the views of frames 0..count-1 in one world; `predict(indices) -> Views` takes at most `max_views >= 3` frames at once."""
+    """Views of frames 0..count-1 in one world; `predict(indices) -> Views` takes at most `max_views >= 3` frames at once."""
     frames = np.arange(count)
     if count <= max_views:
         return predict(frames)
@@ -73,9 +73,9 @@ def align_to_keyframes(views: Views, frames: np.ndarray, known: Views, keys: np.
         offset = np.exp(ratios.mean()) * quaternion.rotate(turn, center - center[rows[side]])
         sides.append((quaternion.multiply(turn, q), known_center[side] + offset))
     (q_before, center_before), (q_after, center_after) = sides
-    share = (place - before)[:, None]
-    turned = quaternion.slerp(q_before, q_after, share)
-    centers = (1 - share) * center_before + share * center_after
+    fraction = (place - before)[:, None]
+    turned = quaternion.slerp(q_before, q_after, fraction)
+    centers = (1 - fraction) * center_before + fraction * center_after
     scale = np.exp(np.interp(frames, keys, ratios))[:, None, None]
     return Views(
         views.intrinsics,
