@@ -39,7 +39,7 @@ class Teacher(Protocol):
 
 @dataclass(frozen=True)
 class TeacherEntry:
-    """What a person should know about a teacher before using it, and how to get it."""
+    """Registry entry of a teacher: its purpose, its weights and how to load it."""
 
     name: str
     """What --teacher takes, and the name of its head."""
