@@ -174,7 +174,9 @@ def _latent_colors(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
     if scene.features is None or scene.features.pca is None:
         return None, None
     count = len(scene.static)
-    shares = scene.features.pca.shares(scene.latents()[: count + len(scene.dynamic)])  # copies of edits come after them
+    shares = scene.features.pca.to_unit_range(
+        scene.latents()[: count + len(scene.dynamic)]
+    )  # copies of edits come after them
     return shares[:count], shares[count:]
 
 

@@ -11,7 +11,7 @@ import torch
 from f4x_core.geometry import pose, quaternion
 from f4x_core.native import open_library
 from f4x_core.progress import Progress, silent
-from f4x_core.scaffold.deformation import blend, blend_reference, carry, relative_motions
+from f4x_core.scaffold.deformation import blend, blend_reference, move_gaussians, relative_motions
 from f4x_core.scaffold.deformation.sparse import Deformer
 
 from ..timing import measure_in_turn
@@ -86,7 +86,7 @@ def _forms(count: int) -> tuple[dict[str, Any], dict[str, float]]:
         return xyz, rotation
 
     def through_library() -> tuple[np.ndarray, np.ndarray]:
-        return carry(table, pairs.index, weights, strength, means, quats)
+        return move_gaussians(table, pairs.index, weights, strength, means, quats)
 
     wide = relative_motions(times, xyz.astype(float), quat.astype(float), pairs, last)
     moved = blend_reference(wide[pairs.index], weights.astype(float), strength.astype(float))

@@ -11,7 +11,7 @@ import numpy as np
 
 from f4x_core.geometry import dual_quaternion, pose, quaternion
 from f4x_core.native import open_library
-from f4x_core.scaffold.deformation import blend, carry
+from f4x_core.scaffold.deformation import blend, move_gaussians
 
 from ..speed.deformation import benchmark
 from ..study import Context, Figure, Findings, Row, Table, time_columns, time_rows
@@ -85,7 +85,7 @@ def blend_aligned(c: Carried) -> Poses:
 
 def blend_natively(c: Carried) -> Poses:
     """`blend_aligned` by the compiled library."""
-    means, quats = carry(c.table, c.index, c.weights, np.ones(len(c.means), np.float32), c.means, c.quats)
+    means, quats = move_gaussians(c.table, c.index, c.weights, np.ones(len(c.means), np.float32), c.means, c.quats)
     return quats, means
 
 

@@ -184,7 +184,7 @@ def _deformation_kernels(count: int, seed: int, pairs: int = 1000, slots: int = 
     yield Kernel(
         "poses of a frame",
         size,
-        partial(deformation.carry, table, index, weights, strength, means, arrays["quat"]),
+        partial(deformation.move_gaussians, table, index, weights, strength, means, arrays["quat"]),
         count * (slots * SLOT_BLEND + DECODE),
         2 * pose_bytes + 2 * FLOAT * count * slots + table.nbytes,
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from .. import __version__
-from ..clip.stream import claimed_frames
+from ..clip.stream import reported_frame_count
 from ..errors import F4xError
 from ..scene.formats import FORMATS
 from .manifest import Row
@@ -167,7 +167,7 @@ def declared_frames(row: Row) -> tuple[int, str]:
     """(number of frames that the row uses, why the clip cannot be read). Uses the file header only; 0 frames if unknown."""
     if URL not in row.clip and Path(row.clip).expanduser().exists():
         try:
-            return claimed_frames(row.clip, row.frames), ""
+            return reported_frame_count(row.clip, row.frames), ""
         except F4xError as error:
             return 0, str(error)
     return 0, ""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..clip import Clip, read_clip
-from ..clip.stream import Reel
+from ..clip.stream import ClipStream
 from ..errors import F4xError
 from ..features.maps import FeatureMaps, read_maps
 from ..features.spectrum import WIDTHS
@@ -102,10 +102,10 @@ def config_of(args: argparse.Namespace) -> DistilConfig:
     return DistilConfig(width=width, steps=args.steps, seed=args.seed, threads=args.threads, backend=args.backend)
 
 
-def reel_of_scene(scene: Scene, source: Path, frames: str | None) -> Reel:
+def reel_of_scene(scene: Scene, source: Path, frames: str | None) -> ClipStream:
     """The frames that a scene was fitted to, at the scene's size, read on demand."""
     cameras = scene.cameras
-    return Reel(source, frames, cameras.width, cameras.height, len(cameras))
+    return ClipStream(source, frames, cameras.width, cameras.height, len(cameras))
 
 
 def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Progress) -> Clip:
@@ -120,7 +120,7 @@ def clip_of_scene(scene: Scene, source: Path, frames: str | None, progress: Prog
     return clip
 
 
-def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | Reel | None, progress: Progress) -> FeatureMaps:
+def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | ClipStream | None, progress: Progress) -> FeatureMaps:
     """The feature maps in `folder`. Missing ones are extracted from `clip`, or from the clip that the scene names."""
     if clip is None and (folder / "spec.json").is_file():
         return read_maps(folder)

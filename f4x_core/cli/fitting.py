@@ -14,7 +14,7 @@ from ..batch.graph import LONG
 from ..batch.run import INPUT
 from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows
 from ..clip import Clip, read_clip
-from ..clip.stream import Survey, claimed_frames, survey
+from ..clip.stream import Survey, reported_frame_count, survey
 from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured
 from ..features.models.providers import offer_models, require_provider
@@ -132,7 +132,7 @@ def show_config(config: FitConfig) -> dict[str, Any]:
 def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tuple[Shot, ...]] | None:
     """What is known of a clip that is fitted in windows, and its shots; None for one that is fitted at once."""
     length = LENGTH if args.window is None else args.window
-    if length == 0 or (args.window is None and claimed_frames(args.clip, args.frames) <= LONG):
+    if length == 0 or (args.window is None and reported_frame_count(args.clip, args.frames) <= LONG):
         return None
     plan_windows(0, length, length, args.overlap)  # a wrong pair is told before the clip is read
     if args.prior:

@@ -1,4 +1,4 @@
-"""One video as arrays: its frames, times, and what its folder knows of cameras, masks and depth."""
+"""One video as arrays: its frames and times, and the cameras, masks and depth that its folder comes with."""
 
 from .images import write_images
 from .model import Clip

@@ -1,4 +1,4 @@
-"""Where a clip breaks off and how its exposure changes: hard cuts and brightness, from small pictures."""
+"""Finds hard cuts and changes of brightness in a clip, from its frames at low resolution."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ COLUMNS = 48
 SHIFT = 4
 """Cells by which the picture may move from one frame to the next, in any direction."""
 DIFFERENT = 0.7
-"""Pictures whose cells correlate less than this, however shifted, show different things. Measured on six clips: neighbours
-correlate by 0.95 or more, pictures of different places by 0.66 or less."""
+"""Thumbnails that correlate less than this at every shift show different scenes. Measured on six clips: neighbouring frames
+correlate by 0.95 or more, frames of different places by 0.66 or less."""
 AROUND = 3
-"""Frames on either side of a cut that are looked at: the next to it may be smeared by a jerk."""
+"""Frames compared on either side of a cut: the one next to it may be blurred by a jerk of the camera."""
 FLAT = 0.5
 """Standard deviation of the cells (of 255) below which a picture shows nothing to compare."""
 DARK = 4.0
-"""Brightness (of 255) added before a ratio is taken, so that black cells say nothing."""
+"""Brightness (of 255) added before a ratio is taken, so that black cells have no influence."""
 
 FEATURE_WIDTH = 320
 """Pixels across of the pictures whose SIFT features confirm or refute a suspected cut."""
@@ -45,7 +45,7 @@ different places have at most 4, sharp pictures of one clip up to 16 frames apar
 
 @dataclass(frozen=True, eq=False)
 class Changes:
-    """What changes all at once in a clip of T frames."""
+    """Cuts and brightness of a clip of T frames."""
 
     cuts: np.ndarray
     """(C,) int64 first frames of the shots after the first."""
@@ -62,11 +62,11 @@ class Changes:
 def find_changes(frames: Iterable[np.ndarray]) -> Changes:
     """Return cuts and brightness of `frames (T, H, W, 3)` uint8, or of frames that come one at a time.
 
-    Small pictures of neighbouring frames are laid over each other, shifted as they fit best. Frames that look alike then
-    (correlation knows no exposure), or that show one place, are of one shot. A cut lies between t - 1 and t when none of the
-    frames shortly before is of one shot with one shortly after, but t - 1 and t are with others on their own side: what is
-    smeared, flashes or is spoilt is of one shot with nothing. Brightness is the median ratio of the cells.
-    One frame is in memory at a time, and small pictures of a few more.
+    Thumbnails of neighbouring frames are compared at the shift at which they fit best. Two frames belong to one shot when
+    their thumbnails correlate (whatever the exposure) or when matched features show the same place. A cut lies between t - 1
+    and t when no frame shortly before belongs to one shot with any frame shortly after, while t - 1 and t each belong to one
+    shot with another frame on their own side; a blurred, flashing or damaged frame belongs to no shot and makes no cut.
+    Brightness is the median ratio of the thumbnails' cells. Only one frame and a few thumbnails are in memory at a time.
     """
     cuts: list[int] = []
     ratios = [0.0]  # [t] = t - 1 against t
@@ -87,7 +87,7 @@ def find_changes(frames: Iterable[np.ndarray]) -> Changes:
 
 
 class _View:
-    """What is compared of one frame (H, W, 3) uint8, and kept of it."""
+    """Thumbnail and features of one frame (H, W, 3) uint8; the frame itself is not kept."""
 
     def __init__(self, frame: np.ndarray) -> None:
         import cv2
@@ -119,7 +119,7 @@ def _surroundings(views: Iterable[_View]) -> Iterator[tuple[list[_View], list[_V
 
 
 def _known(side: list[_View]) -> bool:
-    """Whether the first view is of one shot with another one of its side, or alone."""
+    """Whether the first view belongs to one shot with another view of the list, or is the only one."""
     return len(side) == 1 or any(_one_shot(side[0], other) for other in side[1:])
 
 
@@ -131,7 +131,7 @@ def _one_shot(a: _View, b: _View) -> bool:
 def _same_place(
     points: np.ndarray, descriptors: np.ndarray, other_points: np.ndarray, other_descriptors: np.ndarray
 ) -> bool:
-    """Whether features match over much of the picture by one shift, turn and zoom."""
+    """Whether features over much of the image match under one similarity (shift, rotation and zoom)."""
     import cv2
 
     if min(len(points), len(other_points)) < MIN_BLOCKS:

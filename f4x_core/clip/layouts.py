@@ -71,7 +71,7 @@ class Item(NamedTuple):
 
 
 def find_layout(folder: Path) -> Layout:
-    """Return what lies in `folder`; raises F4xError when there is no picture in any known place."""
+    """Return the layout of the clip in `folder`, of whatever data set; raises F4xError when no images are found."""
     for layout in (davis, dycheck, nvidia, plain):
         found = layout(folder)
         if found is not None:
@@ -204,7 +204,7 @@ def plain(folder: Path) -> Layout | None:
 
 
 def find_novel(folder: Path) -> list[Layout]:
-    """Cameras that a data set keeps back for measuring, in the folder of `find_layout`; none in other folders."""
+    """Cameras that a data set reserves for evaluation, in the folder of `find_layout`; none in other folders."""
     return dycheck_novel(folder) or nvidia_novel(folder)
 
 

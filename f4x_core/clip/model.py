@@ -22,7 +22,7 @@ class Clip:
     fps: float
     """Frames per second of these frames (a stride divides the rate of the source)."""
     held_out: np.ndarray
-    """(T,) bool: kept back from the fit, for measuring it."""
+    """(T,) bool: frames that the fit may not see, kept for evaluation."""
     source: str
     """The path it was read from."""
     picked: str = ""
@@ -30,7 +30,7 @@ class Clip:
     cameras: CameraPath | None = None
     """Cameras of all T frames at `times`, in the units of the source, where the source knows them."""
     masks: np.ndarray | None = None
-    """(T, H, W) bool: what moves by itself, where a person or the source says so."""
+    """(T, H, W) bool: moving objects, where the user or the source gives them."""
     depth: np.ndarray | None = None
     """(T, H, W) float32, z depth in the units of `cameras`, NaN = unknown."""
 

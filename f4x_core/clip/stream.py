@@ -1,4 +1,4 @@
-"""Clips that no memory should hold at once: surveyed in one pass, then read a window at a time, or gone through."""
+"""Clips too long for memory: surveyed in one pass, then read window by window or streamed frame by frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STAGE = "surveying clip"
 
 @dataclass(frozen=True)
 class Survey:
-    """What is known of a clip before its frames are looked at closely."""
+    """Frame range and cuts of a clip, found in one pass over its frames."""
 
     first: int
     """Frame of the source that is clip frame 0."""
@@ -40,10 +40,10 @@ class Survey:
 
 
 @dataclass(frozen=True)
-class Reel:
-    """A clip whose pictures are read whenever someone goes through them, one in memory at a time.
+class ClipStream:
+    """A clip whose frames are read from disk on each iteration, one in memory at a time.
 
-    It stands for a `Clip` where `frames` are looked at one after the other.
+    It can be passed instead of a `Clip` where `frames` is only iterated over.
     """
 
     source: Path
@@ -58,8 +58,8 @@ class Reel:
     """Frames, as many as there must be."""
 
     @property
-    def frames(self) -> Reel:
-        """What goes through the pictures (H,W,3) uint8, in order; F4xError where they are not of that size and number."""
+    def frames(self) -> ClipStream:
+        """An iterable of the frames (H,W,3) uint8 in order; F4xError where the source has another size or number of frames."""
         return self
 
     def __len__(self) -> int:
@@ -81,13 +81,13 @@ class Reel:
             )
 
     def _size(self, width: int, height: int) -> tuple[int, int]:
-        """What pictures of the source become: the wanted size where an odd `--width` was rounded on the way to it."""
+        """Size that a frame of the source is resized to: exactly the wanted one where rounding alone makes a difference."""
         found = even_size(width, height, self.width)
         return (self.width, self.height) if abs(found[1] - self.height) <= 2 else found
 
 
-def claimed_frames(source: str | Path, frames: str | None = None) -> int:
-    """How many frames `read_clip` would read, as far as the source tells without being decoded; 0 = it does not."""
+def reported_frame_count(source: str | Path, frames: str | None = None) -> int:
+    """Number of frames that `read_clip` would read, from the metadata of the source; 0 where those do not give it."""
     source = Path(source).expanduser()
     total = describe(source)[1] if source.is_file() else len(find_layout(source.absolute()).images)
     return len(frame_indices(frames, total, source)) if total else 0
@@ -110,7 +110,7 @@ def survey(
             seen += 1
             yield picture
 
-    expected = claimed_frames(source, frames)
+    expected = reported_frame_count(source, frames)
     first, stride, pictures = _opened(source, frames, partial(even_size, new_width=width))
     changes = find_changes(counted(pictures))
     progress(STAGE, seen, seen)

@@ -6,7 +6,7 @@
 | `maps.npy` | (T,h,w,C) or (T,h,w,k) float16 | one row per clip frame, held-out ones too |
 | `basis.npy`, `mean.npy` | (k,C), (C,) float32 | only where projected: feature = `maps @ basis + mean` |
 | `global.npy` | (C,) float32 | where the spec says so: one vector for the whole clip |
-| `stored.json` | | `lost` (share of the variance that the projection dropped), `settings` (what the maps were made from) |
+| `stored.json` | | `lost` (fraction of the variance that the projection dropped), `settings` (what the maps were made from) |
 
 A folder appears under its name only when it is complete; until then it is called `.NAME.unfinished`. Torch-free.
 """
@@ -55,7 +55,7 @@ class FeatureMaps:
     glob: np.ndarray | None = None
     """(C,) float32, the clip's own vector."""
     lost: float = 0.0
-    """Share of the variance that the projection dropped, 0..1."""
+    """Fraction of the variance that the projection dropped, 0..1."""
 
     def __len__(self) -> int:
         return len(self.stored)
@@ -165,10 +165,10 @@ def read_maps(folder: Path | str) -> FeatureMaps:
                 f"{folder / name} is {array.dtype} of shape {array.shape}, the spec wants floats of shape {shape};"
                 " make the maps again."
             )
-    return FeatureMaps(folder, spec, stored, basis, mean, glob, float(stored_facts(folder).get("lost", 0.0)))
+    return FeatureMaps(folder, spec, stored, basis, mean, glob, float(read_stored(folder).get("lost", 0.0)))
 
 
-def stored_facts(folder: Path) -> dict[str, Any]:
+def read_stored(folder: Path) -> dict[str, Any]:
     """`stored.json` of a folder, empty where a foreign tool wrote none."""
     path = folder / STORED
     return _read_json(path) if path.is_file() else {}
@@ -232,7 +232,7 @@ class _Moments:
         self.square += cells.T @ cells
 
     def project(self, rank: int) -> tuple[np.ndarray, np.ndarray, float]:
-        """(basis (k,C), mean (C,), share of the variance that is lost)."""
+        """(basis (k,C), mean (C,), fraction of the variance that is lost)."""
         mean = self.sum / self.count
         values, vectors = np.linalg.eigh(self.square / self.count - np.outer(mean, mean))  # ascending
         values = np.maximum(values, 0)

@@ -1,4 +1,4 @@
-"""Running out of memory, told in one sentence. Torch-free."""
+"""Turns running out of memory into one clear error message. Torch-free."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from ..errors import F4xError
 
 TORCH_WORDS = ("alloc", "memory", "overflow")
-"""What torch's RuntimeErrors about memory say, whichever device and size they are about."""
+"""Words in the messages of torch's RuntimeErrors about memory, on any device."""
 
 
 @contextmanager
 def memory_guard(what: str) -> Iterator[None]:
-    """Turn running out of memory into one sentence: `what` is being computed at which size."""
+    """Raise F4xError where the block runs out of memory; `what` names the computation and its size in the message."""
     try:
         yield
     except (MemoryError, RuntimeError) as error:

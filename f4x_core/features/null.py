@@ -1,7 +1,7 @@
-"""What a teacher of words says when it sees nothing: the vector that every one of its features leans to.
+"""Null vectors of text encoders: the bias that all features of the `text` teacher have in common.
 
-The classes of ImageNet are no fair sample of things: a tenth are dogs, a sixteenth birds. A `text` feature is a mean of
-class names, so that any cell is a little like "dog"; taken off, "dog" on a lawn and "camel" on a camel can be compared.
+The classes of ImageNet are no fair sample of objects: a tenth are dogs, a sixteenth birds. A `text` feature is a weighted mean
+of class names, so every feature is a little like "dog". With this bias removed, the scores of different words are comparable.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ TOKENS = 16
 
 @dataclass(frozen=True)
 class Layout:
-    """What is known about the files of one model before they are opened."""
+    """Width, resizing and text encoder that the files of one model are expected to have."""
 
     name: str
     """Head name where the source does not say another."""

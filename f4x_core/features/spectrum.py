@@ -13,7 +13,7 @@ from .maps import FeatureMaps
 WIDTHS = (8, 16, 32, 64)
 """What the raster and the scene file are made for."""
 KEPT = 0.6
-"""Share of the variance of the stacked features that so many components must hold. Not more: the same surface has a cosine
+"""Fraction of the variance of the stacked features that so many components must hold. Not more: the same surface has a cosine
 of about 0.7 with itself from frame to frame (MobileNetV2, blackswan), so half of the variance is in no scene at all. A toy
 world of 18 unrelated things gets 8: after the 600 steps of a distillation half of it loses 4.4 points of mIoU and twice as
 much gains 0.7; wider latents only learn sooner (after 60 steps 16 are 35 points ahead)."""
@@ -36,7 +36,7 @@ class Spectrum:
 
     @cached_property
     def kept(self) -> np.ndarray:
-        """(S,) share of the variance that the first 1, 2, … components hold."""
+        """(S,) fraction of the variance that the first 1, 2, … components hold."""
         total = self.values.sum()
         return np.cumsum(self.values) / total if total > 0 else np.ones(len(self.values))
 
@@ -48,15 +48,15 @@ class Spectrum:
         found = stacked @ self.vectors[:width].T.astype(np.float32)
         return np.pad(found, [(0, 0)] * (found.ndim - 1) + [(0, width - found.shape[-1])])
 
-    def width(self, least: float = KEPT) -> int:
-        """The smallest width that keeps `least` of the variance; the largest there is where none does."""
-        enough = [width for width in WIDTHS if self.kept[min(width, len(self.kept)) - 1] >= least]
+    def width(self, min_kept: float = KEPT) -> int:
+        """The smallest width that keeps at least `min_kept` of the variance; the largest there is where none does."""
+        enough = [width for width in WIDTHS if self.kept[min(width, len(self.kept)) - 1] >= min_kept]
         return enough[0] if enough else WIDTHS[-1]
 
     def evidence(self) -> str:
         """One line for the needs table."""
-        shares = ", ".join(f"{width}: {self.kept[min(width, len(self.kept)) - 1]:.1%}" for width in WIDTHS)
-        return f"variance of all teachers' features that so many components hold: {shares}"
+        fractions = ", ".join(f"{width}: {self.kept[min(width, len(self.kept)) - 1]:.1%}" for width in WIDTHS)
+        return f"variance of all teachers' features that so many components hold: {fractions}"
 
 
 def measure_spectrum(maps: Sequence[FeatureMaps], frames: Sequence[int], seed: int = 0) -> Spectrum:

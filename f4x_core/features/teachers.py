@@ -11,10 +11,10 @@ from typing import Any, Protocol, cast
 import numpy as np
 
 from ..clip import Clip
-from ..clip.stream import Reel
+from ..clip.stream import ClipStream
 from ..errors import F4xError
 from ..progress import Progress, silent
-from .maps import FeatureMaps, read_maps, stored_facts, write_maps
+from .maps import FeatureMaps, read_maps, read_stored, write_maps
 from .spec import FeatureSpec
 from .text import factory_of
 from .weights import describe, require_path
@@ -39,7 +39,7 @@ class Teacher(Protocol):
 
 @dataclass(frozen=True)
 class TeacherEntry:
-    """What a person should know about a teacher before using it, and how to get it."""
+    """Registry entry of a teacher: its purpose, its weights and how to load it."""
 
     name: str
     """What --teacher takes, and the name of its head."""
@@ -132,7 +132,7 @@ def require_ready(name: str) -> None:
 
 
 def extract(
-    clip: Clip | Reel,
+    clip: Clip | ClipStream,
     name: str,
     folder: Path | str,
     model: Path | str | None = None,
@@ -160,7 +160,7 @@ def extract(
         "rank": rank,
         "frames": seen.hexdigest(),
     }
-    if (folder / "spec.json").is_file() and stored_facts(folder).get("settings") == settings:
+    if (folder / "spec.json").is_file() and read_stored(folder).get("settings") == settings:
         return read_maps(folder)
     teacher = entry.load(model)
     with torch.inference_mode():

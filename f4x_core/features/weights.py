@@ -151,8 +151,8 @@ def fetch(name: str) -> Path:
                 break
         return folder
     except Exception as error:  # whatever the client of the day raises: no network, no such id, a gate, a full disk
-        told = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
-        raise F4xError(f"The model '{name}' ({entry.hub}) could not be fetched ({told}); try again later.") from error
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0].rstrip(".")
+        raise F4xError(f"The model '{name}' ({entry.hub}) could not be fetched ({reason}); try again later.") from error
 
 
 def _own_folder(entry: Checkpoint) -> Path | None:

@@ -29,7 +29,7 @@ from ..features.footprint import cell_weights
 from ..features.heads import Head, head_widths
 from ..features.maps import FeatureMaps
 from ..features.memory import memory_guard
-from ..features.pictures import fit_pca
+from ..features.pca import fit_pca
 from ..features.spec import FeatureSpec
 from ..features.spectrum import WIDTHS, measure_spectrum
 from ..progress import Progress, silent

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..gaussians import SetOptimiser
 from ..gaussians.optimiser import replace_parameter
-from ..scaffold.control import densify_nodes, greatest_weights, prune_nodes, rebase_local
+from ..scaffold.control import densify_nodes, largest_weights, prune_nodes, rebase_local
 from ..scaffold.graph import attach_nodes
 from ..scaffold.radius import RadiusConfig, initial_radius
 from .config import NodeConfig
@@ -88,7 +88,7 @@ def drop_nodes(model: SceneModel, shared: torch.optim.Adam, config: NodeConfig) 
         x, _ = dynamic.at_reference(nodes.parameters["node_xyz"], nodes.quat)
         weights, _ = model.skinning(x)
     attach = dynamic.labels["attach"].numpy()
-    greatest = greatest_weights(nodes.scaffold.neighbours[attach], weights.numpy(), len(nodes.scaffold))
+    greatest = largest_weights(nodes.scaffold.neighbours[attach], weights.numpy(), len(nodes.scaffold))
     pruned, new_index = prune_nodes(nodes.snapshot(), greatest, attach, config.prune_weight)
     if len(pruned) == len(nodes.scaffold):
         return 0

@@ -45,7 +45,7 @@ def build_priors(
         raise F4xError(f"{clip.source}: every frame is held out; supervise at least one.")
     if seen_depth is not None:
         priors.scratch[SEEN_DEPTH] = seen_depth
-    own = _read_own(folder, priors)
+    own = _read_user_files(folder, priors)
     fixed = files.take(priors, clip, config, own, folder)
     priors.write(folder, [name for name in fixed if name not in own])
     picture = clip.digest
@@ -61,7 +61,7 @@ def build_priors(
     return priors
 
 
-def _read_own(folder: Path, priors: Priors) -> list[str]:
+def _read_user_files(folder: Path, priors: Priors) -> list[str]:
     """Load what `priors.json` remembers and the files that a user put into `folder`; return the names of those."""
     if (folder / "priors.json").exists():
         head = read_head(folder)

@@ -25,12 +25,12 @@ from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangul
 from .config import CamerasConfig, PriorsConfig
 from .flow import grey, sample, texture
 from .folder import SEEN_DEPTH
-from .mirror import Witnesses, decide, lowest_is_nearest
+from .mirror import DepthCues, choose_orientation, guess_inverse_distance
 from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
     Solution,
-    hold_every_frame,
+    choose_covering_points,
     refocused,
     search_focal,
     sightings,
@@ -62,15 +62,15 @@ gives 0.4 px, the least of the real clips that step as well 0.7 px (blackswan)."
 TURNED_PX = 1.0
 """Nine in ten tracks of a camera that only turned are met within this; rendered turns on the spot give 0.4 px."""
 LARGE_TRANSLATION_PX = 8.0
-"""From here on a translation is `large`: depth is measured, not hinted at."""
+"""Translation in pixels from which it is `large`: enough to measure depth."""
 STATIC_MOTION = 0.5
-"""Tracks with a motion score below this hold the cameras."""
+"""Tracks with a motion score below this are static: cameras are solved from them."""
 
 MIN_REGISTERED = 0.9
 MAX_ERROR_PX = 1.5
 """A solution is accepted with at least this fraction of the frames and at most this reprojection error."""
 ADJUSTED_TRACKS = 2000
-"""Most tracks in the final adjustment; more cost time and hold the cameras no better."""
+"""Largest number of tracks in the final adjustment; more cost time and do not improve the cameras."""
 TRACK_WEIGHT = 0.2
 """Weight of a track's sighting against a matched feature's: chained flow drifts, and its errors are shared over time."""
 MIN_LINKED = 0.5
@@ -102,7 +102,7 @@ def provide(
 
     shift = static_shift(tracks, visible, static)
     statistics: dict[str, Any] = {"static_tracks": int(static.sum()), "static_shift_px": _json(shift)}
-    unknown = "" if first is not None else _why_unknown(clip, tracks, visible, static)
+    unknown = "" if first is not None else _why_motion_is_unknown(clip, tracks, visible, static)
     if first is not None and settings.kind in (None, "moving") and static.sum() < MIN_TRACKS:
         solution, kind = first, "moving"
         statistics["solver"] = settings.provider
@@ -113,9 +113,9 @@ def provide(
         if settings.kind is None and unknown and len(times) > 1:
             statistics["assumed"] = unknown
             priors.warn(f"How the camera moved is not known, because {unknown}; it is taken to stand still.")
-        solution, kind = _still(len(times), focal, principal), "static"
+        solution, kind = _static_camera(len(times), focal, principal), "static"
     else:
-        job = _Job(clip, priors, settings, tracks, visible, static, focal, first, statistics, progress)
+        job = _CameraProblem(clip, priors, settings, tracks, visible, static, focal, first, statistics, progress)
         solution, kind = _solve(job)
         progress("cameras", 3, 4, "refine the path")
         if kind == "moving":
@@ -142,8 +142,8 @@ def provide(
     progress("cameras", 4, 4, f"{kind}, focal length {statistics['focal_over_width']:.2f} of the width")
 
 
-def _why_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray) -> str:
-    """Why the static tracks cannot tell how the camera moved; empty where they can."""
+def _why_motion_is_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np.ndarray) -> str:
+    """Return why the motion of the camera cannot be found from the static tracks; empty where it can."""
     if static.sum() < MIN_TRACKS:
         return "too few points stand still"
     pictures = grey(clip.frames[clip.supervised])
@@ -159,8 +159,8 @@ def _why_unknown(clip: Clip, tracks: np.ndarray, visible: np.ndarray, static: np
 
 
 @dataclass(frozen=True)
-class _Job:
-    """The clip whose cameras are looked for, and what is known of it."""
+class _CameraProblem:
+    """Inputs of the camera solver for one clip."""
 
     clip: Clip
     priors: Priors
@@ -172,16 +172,16 @@ class _Job:
     static: np.ndarray
     """(N,) bool."""
     focal: float
-    """Pixels: given, or the first guess."""
+    """Focal length in pixels: given by the user, or the first guess."""
     first: Solution | None
-    """What another provider found."""
+    """The solution of another provider, to start from."""
     statistics: dict[str, Any]
-    """Filled on the way."""
+    """`statistics["cameras"]`, filled while solving."""
     progress: Progress
 
     @property
     def lens(self) -> BundleConfig:
-        """How the focal length is treated: held where it is given, else free around what is expected."""
+        """Adjustment of the focal length: fixed where it is given, else free with a prior around the expected one."""
         known = self.settings.focal is not None or self.first is not None
         return BundleConfig(refine_focal=not known, expected_focal=self.focal)
 
@@ -190,10 +190,10 @@ class _Job:
         """(2,) pixels."""
         return np.array([self.priors.width, self.priors.height]) / 2
 
-    def witnesses(self, frames: np.ndarray) -> Witnesses:
-        """What tells near from far, for cameras of the supervised frames `frames`."""
+    def cues(self, frames: np.ndarray) -> DepthCues:
+        """Depth cues for the cameras of the supervised frames `frames`."""
         depth = self.priors.scratch.get(SEEN_DEPTH) if self.priors.depth is None else self.priors.depth
-        return Witnesses(frames, self.tracks, self.visible, self.static, self.priors.mask, depth)
+        return DepthCues(frames, self.tracks, self.visible, self.static, self.priors.mask, depth)
 
 
 def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -206,12 +206,12 @@ def static_tracks(priors: Priors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return priors.tracks, priors.tracks_visible, static
 
 
-def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, most: int = 24) -> float:
-    """Largest median displacement in pixels of static tracks between any two of `most` evenly spaced frames.
+def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, max_frames: int = 24) -> float:
+    """Largest median displacement in pixels of static tracks between any two of at most `max_frames` evenly spaced frames.
 
     `tracks (F, N, 2)`, `visible (F, N)`, `static (N,)`. NaN when no two frames share enough tracks.
     """
-    frames = evenly_spaced(len(tracks), most)
+    frames = evenly_spaced(len(tracks), max_frames)
     shifts = [np.nan]
     for a, i in enumerate(frames):
         for j in frames[a + 1 :]:
@@ -243,7 +243,7 @@ def complete(
     """
     lens = lens or BundleConfig(refine_focal=False)
     extra, order = sightings(tracks, visible, static, ADJUSTED_TRACKS)
-    bundle, own = solution.bundle, _held(solution, ADJUSTED_TRACKS)
+    bundle, own = solution.bundle, _limited_observations(solution, ADJUSTED_TRACKS)
     offset = len(bundle.points)
     registered = solution.registered.copy()
     observations = Observations(
@@ -292,8 +292,8 @@ def interpolation_error(bundle: Bundle, observations: Observations, times: np.nd
     return {"mean": round(float(np.mean(errors)), 3), "p90": round(float(np.percentile(errors, 90)), 3)}
 
 
-def _solve(job: _Job) -> tuple[Solution, str]:
-    """A solution for a camera that does not stand still, right way round, and its kind (`pan` or `moving`)."""
+def _solve(job: _CameraProblem) -> tuple[Solution, str]:
+    """Return a solution for a camera that is not static, its depth not mirrored, and its kind (`pan` or `moving`)."""
     turning = solve_rotations(job.tracks, job.visible, job.static, job.focal, job.principal, 4 * SAMPLED_POINTS)
     candidates = FOCALS if job.lens.refine_focal else [job.focal / job.priors.width]
     sample, search = search_focal(turning, job.priors.width, candidates, translating=False)
@@ -313,7 +313,7 @@ def _solve(job: _Job) -> tuple[Solution, str]:
             " the background becomes flat. Give cameras of another program if you have them."
         )
         return _adjusted_pan(turning, sample.bundle.focal), "pan"
-    if zoom is not None and _outdone(zoom, moved):
+    if zoom is not None and _moving_explains_more(zoom, moved):
         zoom = None
     if job.settings.kind is None and (zoom is not None or not _translates(job, moved)):
         return _pan(job, turning, sample.bundle.focal, zoom), "pan"
@@ -324,8 +324,8 @@ def _solve(job: _Job) -> tuple[Solution, str]:
     return moved, "moving"
 
 
-def _zoom(job: _Job, turning: Solution) -> Zoom | None:
-    """What a lens that zooms explains, where that is most of what turning does not; None where another provider knows the lens."""
+def _zoom(job: _CameraProblem, turning: Solution) -> Zoom | None:
+    """Return the zoom of a turning camera that explains most of the remaining error; None where another provider gave the lens."""
     sample, frames = _sampled(turning)
     if job.first is not None or not len(sample.observations.frame):
         return None
@@ -333,14 +333,14 @@ def _zoom(job: _Job, turning: Solution) -> Zoom | None:
     return zoom if zoom.explains else None
 
 
-def _outdone(zoom: Zoom, moved: Solution) -> bool:
-    """Whether a moving camera explains far more than the zoom."""
+def _moving_explains_more(zoom: Zoom, moved: Solution) -> bool:
+    """Whether a moving camera leaves far less error than the zoom."""
     sample, _ = _sampled(moved)
     unknowns = 6 * len(sample.bundle.center) + 3 * len(sample.bundle.points)
     return mean_cost(sample.bundle, sample.observations, unknowns) < MIN_COST_LEFT_BY_MOVING * zoom.cost
 
 
-def _pan(job: _Job, turning: Solution, focal: float, zoom: Zoom | None = None) -> Solution:
+def _pan(job: _CameraProblem, turning: Solution, focal: float, zoom: Zoom | None = None) -> Solution:
     job.statistics.pop("mirror", None)
     if zoom is not None:
         found = zoomed(turning, zoom, None if job.lens.refine_focal else job.focal)
@@ -359,7 +359,7 @@ def _pan(job: _Job, turning: Solution, focal: float, zoom: Zoom | None = None) -
 
 
 def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
-    """A sample of a solution and its frames: more frames where tracks are too short to be seen in three of a few of them."""
+    """Return a smaller solution and its frames; more frames are sampled where tracks are too short to be seen in three of them."""
     frames = SAMPLED_FRAMES
     while True:
         sample, kept = subset(solution, SAMPLED_POINTS, frames)
@@ -370,7 +370,7 @@ def _sampled(solution: Solution) -> tuple[Solution, np.ndarray]:
         frames *= 2
 
 
-def _right_way_round(job: _Job, start: Solution) -> Solution | None:
+def _resolve_mirror(job: _CameraProblem, start: Solution) -> Solution | None:
     """The solution, or its mirror image, adjusted on a sample of frames; None where no sample can be taken."""
     sample, frames = _sampled(start)
     if not len(sample.observations.frame):
@@ -378,9 +378,9 @@ def _right_way_round(job: _Job, start: Solution) -> Solution | None:
     starts = [sample.bundle]
     if not start.bundle.center.any():  # it only turns yet: a world that is nearer below, and one that is nearer above
         directions = sample.bundle.points / np.linalg.norm(sample.bundle.points, axis=1, keepdims=True)
-        below = lowest_is_nearest(directions, sample.bundle.rotation)
+        below = guess_inverse_distance(directions, sample.bundle.rotation)
         starts = [replace(sample.bundle, points=directions / inverse[:, None]) for inverse in (below, 1 / below)]
-    decision = decide(starts, sample.observations, job.lens, job.witnesses(frames))
+    decision = choose_orientation(starts, sample.observations, job.lens, job.cues(frames))
     job.statistics["mirror"] = decision.summary()
     registered = np.zeros(len(job.tracks), bool)
     registered[frames] = np.bincount(sample.observations.frame, minlength=len(frames)) >= MIN_TRACKS
@@ -389,7 +389,7 @@ def _right_way_round(job: _Job, start: Solution) -> Solution | None:
     return Solution(bundle, observations, registered)
 
 
-def _with_sightings(job: _Job, solution: Solution) -> Solution:
+def _with_sightings(job: _CameraProblem, solution: Solution) -> Solution:
     """Cameras without points of their own get those of the static tracks, triangulated."""
     if len(solution.observations.frame):
         return solution
@@ -398,8 +398,8 @@ def _with_sightings(job: _Job, solution: Solution) -> Solution:
     return replace(solution, bundle=replace(solution.bundle, points=points), observations=seen)
 
 
-def _translates(job: _Job, moved: Solution) -> bool:
-    """Whether the camera's path explains what turning does not; fills `statistics["cameras"]["translation"]`."""
+def _translates(job: _CameraProblem, moved: Solution) -> bool:
+    """Whether translating explains the tracks better than turning alone; fills `statistics["cameras"]["translation"]`."""
     sample, _ = subset(moved, len(moved.bundle.points), int(moved.registered.sum()))
     bundle, seen = sample.bundle, sample.observations
     still = refocused(Solution(bundle, seen, sample.registered), bundle.focal, translating=False).bundle
@@ -423,36 +423,36 @@ def _translates(job: _Job, moved: Solution) -> bool:
     return real
 
 
-def _moving(job: _Job, turning: Solution) -> tuple[Solution | None, str]:
-    """A solution that translates, right way round, by the first solver that serves, and the solver's name."""
+def _moving(job: _CameraProblem, turning: Solution) -> tuple[Solution | None, str]:
+    """Return a solution that translates, its depth not mirrored, by the first solver that succeeds, and the solver's name."""
     settings, priors = job.settings, job.priors
     job.progress("cameras", 1, 4, "first cameras")
     if job.first is not None:
-        return _right_way_round(job, _with_sightings(job, job.first)) or job.first, settings.provider
+        return _resolve_mirror(job, _with_sightings(job, job.first)) or job.first, settings.provider
     if priors.depth is not None and settings.solver in ("auto", "depth"):
         known = job.focal if settings.focal else None
         solution, job.statistics["focal_search"] = solve_with_depth(
             job.tracks, job.visible, job.static, priors.depth, known, priors.width
         )
         if solution.error < 4 * MAX_ERROR_PX:  # the final adjustment no longer leans on the depth and comes below
-            return _right_way_round(job, solution), "depth"
+            return _resolve_mirror(job, solution), "depth"
     direct = None
     if settings.solver in ("auto", "direct"):
-        direct = _right_way_round(job, turning)
+        direct = _resolve_mirror(job, turning)
         good = direct is not None and direct.error < 2 * MAX_ERROR_PX and linked(job.visible & job.static)
         if direct is not None and (good or settings.solver == "direct"):
             return direct, "direct"
     mirror = job.statistics.get("mirror")
-    start, solver = _from_parts(job)
+    start, solver = _solve_incrementally(job)
     if start is not None:
-        return _right_way_round(job, start), solver
+        return _resolve_mirror(job, start), solver
     if mirror is not None:
         job.statistics["mirror"] = mirror
     return direct, "direct"
 
 
-def _from_parts(job: _Job) -> tuple[Solution | None, str]:
-    """What pycolmap finds on keyframes, or own incremental structure from motion, whichever serves better; None if neither."""
+def _solve_incrementally(job: _CameraProblem) -> tuple[Solution | None, str]:
+    """Return the better of pycolmap on keyframes and the own incremental structure from motion; None if both fail."""
     settings = job.settings
     tried: list[tuple[Solution, str]] = []
     keyframes = _keyframes(len(job.tracks), settings.keyframes)
@@ -476,11 +476,11 @@ def _from_parts(job: _Job) -> tuple[Solution | None, str]:
     return best
 
 
-def _solve_keyframes(job: _Job, keyframes: np.ndarray) -> Solution | None:
-    """What pycolmap finds on the keyframes, as a solution of all frames."""
+def _solve_keyframes(job: _CameraProblem, keyframes: np.ndarray) -> Solution | None:
+    """Return the solution of pycolmap on the keyframes as one of all frames."""
     settings, priors = job.settings, job.priors
     pictures = [job.clip.frames[frame] for frame in np.asarray(job.clip.supervised)[keyframes]]
-    masks = None if priors.mask is None else _grown(priors.mask[keyframes])
+    masks = None if priors.mask is None else _dilated(priors.mask[keyframes])
     found = solve_with_colmap(
         pictures, masks, job.focal, settings.focal is not None, settings.features, settings.threads, settings.seed
     )
@@ -494,25 +494,25 @@ def _adjusted_pan(turning: Solution, focal: float) -> Solution:
     return replace(turning, bundle=adjust(turning.bundle, turning.observations, settings))
 
 
-def _still(frames: int, focal: float, principal: np.ndarray) -> Solution:
+def _static_camera(frames: int, focal: float, principal: np.ndarray) -> Solution:
     """The camera that stands still at the origin."""
     bundle = Bundle(focal, principal, np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3)), np.zeros((0, 3)))
     nothing = Observations(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)), np.zeros(0))
     return Solution(bundle, nothing, np.ones(frames, bool))
 
 
-def _keyframes(frames: int, most: int) -> np.ndarray:
-    """Evenly spaced indices, first and last included, at most `most`."""
-    return evenly_spaced(frames, most)
+def _keyframes(frames: int, max_count: int) -> np.ndarray:
+    """Evenly spaced indices, first and last included, at most `max_count`."""
+    return evenly_spaced(frames, max_count)
 
 
 def _covered(registered: np.ndarray) -> float:
-    """Share of the clip between the first and the last registered frame."""
+    """Fraction of the clip between the first and the last registered frame."""
     known = np.flatnonzero(registered)
     return (known[-1] - known[0] + 1) / len(registered) if len(known) else 0.0
 
 
-def _grown(masks: np.ndarray) -> np.ndarray:
+def _dilated(masks: np.ndarray) -> np.ndarray:
     """Masks dilated by 1 % of the picture: features on the rim of a mover belong to it."""
     import cv2
 
@@ -530,13 +530,13 @@ def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:
     return Solution(replace(solution.bundle, rotation=rotation, center=center), observations, registered)
 
 
-def _held(solution: Solution, most: int) -> Observations:
-    """The solution's observations of at most `most` finite points that hold all its frames."""
+def _limited_observations(solution: Solution, max_points: int) -> Observations:
+    """The solution's observations of at most `max_points` finite points that hold all its frames."""
     seen = solution.observations
     visible = seen.visible(len(solution.registered), len(solution.bundle.points))
     visible &= np.isfinite(solution.bundle.points).all(1) & (visible.sum(0) > 2)
     chosen = np.zeros(visible.shape[1], bool)
-    chosen[hold_every_frame(visible, most)] = True
+    chosen[choose_covering_points(visible, max_points)] = True
     return seen.keep(chosen[seen.point])
 
 

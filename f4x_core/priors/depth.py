@@ -51,7 +51,7 @@ SLOPE, CURVATURE = 0.03, 0.01
 COARSEST_SIDE = 16
 """Samples along the shorter side of the coarsest grid that depth is filled on."""
 EDGE_GREY, EDGE_SLACK = 10.0, 0.003
-"""Grey step that weakens smoothness by 1/e, and the share of smoothness that survives the strongest step."""
+"""Grey step that weakens smoothness by 1/e, and the fraction of smoothness that survives the strongest step."""
 
 
 def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:

@@ -61,7 +61,7 @@ UNIT_INTERVAL = ("depth_confidence", "motion", "tracks_motion")
 UNREADABLE = (ValueError, OSError, EOFError, MemoryError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)
 """What numpy raises on damaged `.npy` and `.npz` files."""
 OUTSIDE_TOLERANCE = 0.5
-"""Share of visible track samples that may lie outside before the tracks are taken for another picture size."""
+"""Fraction of visible track samples that may lie outside before the tracks are taken for another picture size."""
 
 
 @dataclass

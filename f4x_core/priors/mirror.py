@@ -1,9 +1,9 @@
-"""Which way round the world is: a solution for the cameras against its mirror image in depth (Necker reversal).
+"""Chooses between a solution for the cameras and its mirror image in depth (Necker reversal).
 
 With little translation `u ~ R + t / z`, so `(t, 1/z)` and `(-t, c - 1/z)` explain tracks alike but for perspective, and
-an adjustment keeps the one that it fell into: sky in front, foreground behind. Here both are adjusted, and compared by
-their errors and by what is known of the world: what lies lower in a picture is nearer, what hides another thing is
-nearer, movers stand in front of what is behind them, and a depth prior, where there is one, is believed. The margin of
+an adjustment stays with the one it started near: perhaps sky in front and foreground behind. Here both are adjusted and
+compared by their errors and by depth cues: what is lower in the image is nearer, what occludes is nearer, moving objects
+are in front of their background, and the depth agrees with a depth prior where there is one. The margin of
 the decision is the sum of log-odds; the scales of its terms were chosen on bedroom, blackswan, camel, car-shadow, dog and
 train (DAVIS and SAM 2 clips), not on the clips that they are judged on.
 Source: Szeliski and Kang, "Shape ambiguities in structure from motion", 1997 (bas-relief, Necker reversal).
@@ -45,8 +45,8 @@ DEPTH_PRIOR_WEIGHT = 8.0
 """Log-odds where a depth prior agrees with one solution (rank correlation +1) and contradicts the other."""
 ANOTHER_WORLD = 0.5
 """Rank correlation of two solutions' distances below which they are two worlds and not one."""
-SHARED_FATE = 10.0
-"""Tracks that end at the same edge are no independent witnesses: so many count as one."""
+DEPENDENT_TRACKS = 10.0
+"""Tracks that end at the same edge are not independent: so many count as one."""
 SURE, LIKELY = 4.6, 1.1
 """Log-odds of 99 : 1 and of 3 : 1."""
 NEIGHBOUR_PX, APPROACH_PX = 20.0, 0.1
@@ -54,12 +54,12 @@ NEIGHBOUR_PX, APPROACH_PX = 20.0, 0.1
 RIM_PX = 10.0
 """Tracks that end within so many pixels (480 wide) of the rim or of a mover do so for reasons of their own."""
 MIN_SAMPLES = 20
-"""Fewer points or events than this decide nothing."""
+"""Smallest number of points or events that counts as evidence."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one observation says about which of two solutions is right."""
+    """One kind of evidence for which of two solutions is the right way round."""
 
     what: str
     """Its name."""
@@ -70,8 +70,8 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class Witnesses:
-    """What besides the sampled observations can tell near from far. F frames, N tracks."""
+class DepthCues:
+    """Inputs besides the sampled observations that show what is near and what is far. F frames, N tracks."""
 
     frames: np.ndarray
     """(S,) which of the F frames the sampled cameras belong to."""
@@ -82,24 +82,24 @@ class Witnesses:
     static: np.ndarray
     """(N,) bool."""
     mask: np.ndarray | None = None
-    """(F, H, W) bool, what moves."""
+    """(F, H, W) bool, moving objects."""
     depth: np.ndarray | None = None
     """(F, H, W) a depth prior in any unit."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """The solution that was taken, and how surely it is the right way round."""
+    """The solution that was chosen, and the evidence that it is the right way round."""
 
     bundle: Bundle
     mirrored: bool
-    """It is not the solution with the least error, but the mirror image of that."""
+    """True when the mirror image of the solution with the least error was chosen."""
     evidence: tuple[Evidence, ...]
-    """In favour of the solution taken."""
+    """Positive log-odds speak for the chosen solution."""
 
     @property
     def margin(self) -> float:
-        """Log-odds in favour of the solution taken."""
+        """Total log-odds in favour of the chosen solution."""
         return sum(item.log_odds for item in self.evidence)
 
     @property
@@ -119,8 +119,8 @@ class Decision:
         }
 
 
-def settle(bundle: Bundle, observations: Observations, config: BundleConfig, first: int = 0) -> Bundle:
-    """Adjust from a rough start: the robust scale falls along `GRADUAL_PX`, from its `first` value to the last."""
+def adjust_coarse_to_fine(bundle: Bundle, observations: Observations, config: BundleConfig, first: int = 0) -> Bundle:
+    """Adjust a rough start with a robust scale that falls along `GRADUAL_PX`, from entry `first` to the last."""
     for scale, steps in zip(GRADUAL_PX[first:], GRADUAL_STEPS[first:], strict=True):
         bundle = adjust(bundle, observations, replace(config, robust_px=scale, iterations=steps))
     return bundle
@@ -150,17 +150,17 @@ def mirrored(bundle: Bundle) -> Bundle:
     return replace(bundle, rotation=rotations, center=centers, points=points)
 
 
-def decide(
-    starts: Sequence[Bundle], observations: Observations, config: BundleConfig, witnesses: Witnesses
+def choose_orientation(
+    starts: Sequence[Bundle], observations: Observations, config: BundleConfig, cues: DepthCues
 ) -> Decision:
-    """Adjust `starts` and their mirror images, and take the one that errors and the witnesses speak for.
+    """Adjust `starts` and their mirror images, and choose between the two orientations by their errors and the depth cues.
 
-    Of all that are the same way round the one with the least cost counts: an adjustment may stop early.
+    Each orientation is represented by its solution with the least cost, because an adjustment may stop early.
     """
     config = replace(config, robust_px=GRADUAL_PX[-1])
-    found = [settle(start, observations, config) for start in starts]
+    found = [adjust_coarse_to_fine(start, observations, config) for start in starts]
     # At the coarsest scale a mirror image slips back to where it came from.
-    found += [settle(mirrored(bundle), observations, config, first=1) for bundle in found]
+    found += [adjust_coarse_to_fine(mirrored(bundle), observations, config, first=1) for bundle in found]
     found.sort(key=lambda bundle: total_cost(bundle, observations, config))
     first = found[0]
     agreement = [_agreement(first, bundle) for bundle in found]
@@ -170,14 +170,14 @@ def decide(
     if second is None:
         alone = Evidence("reprojection", ERROR_LIMIT, "the mirrored solution turns back into this one by itself")
         return Decision(first, False, (alone,))
-    evidence = compare(first, second, observations, config, witnesses)
+    evidence = compare_orientations(first, second, observations, config, cues)
     if sum(item.log_odds for item in evidence) >= 0:
         return Decision(first, False, tuple(evidence))
     return Decision(second, True, tuple(replace(item, log_odds=-item.log_odds) for item in evidence))
 
 
-def compare(
-    first: Bundle, second: Bundle, observations: Observations, config: BundleConfig, witnesses: Witnesses
+def compare_orientations(
+    first: Bundle, second: Bundle, observations: Observations, config: BundleConfig, cues: DepthCues
 ) -> list[Evidence]:
     """All evidence about two solutions of the same observations, positive in favour of `first`."""
     costs = [total_cost(bundle, observations, config) for bundle in (first, second)]
@@ -190,38 +190,40 @@ def compare(
             f"{errors[0]:.3f} px against {errors[1]:.3f} px (median), cost {costs[0]:.4f} against {costs[1]:.4f}",
         )
     ]
-    found += _rated("lower is nearer", LOWER_WEIGHT, _lower_is_nearer, first, second, observations)
-    dense, other = (_dense(bundle, witnesses) for bundle in (first, second))
-    if witnesses.mask is not None and witnesses.mask.any():
-        found += _rated("movers stand in front", MOVER_WEIGHT, _movers_in_front, dense, other, witnesses)
-    found += _tracks_end_behind(dense, other, witnesses)
-    if witnesses.depth is not None:
-        found += _rated("depth prior", DEPTH_PRIOR_WEIGHT, _agrees_with_prior, dense, other, witnesses)
+    found += _rating_evidence("lower is nearer", LOWER_WEIGHT, _lower_is_nearer, first, second, observations)
+    dense, other = (_track_depths(bundle, cues) for bundle in (first, second))
+    if cues.mask is not None and cues.mask.any():
+        found += _rating_evidence("movers stand in front", MOVER_WEIGHT, _movers_in_front, dense, other, cues)
+    found += _tracks_end_behind(dense, other, cues)
+    if cues.depth is not None:
+        found += _rating_evidence("depth prior", DEPTH_PRIOR_WEIGHT, _agrees_with_prior, dense, other, cues)
     return found
 
 
 @dataclass(frozen=True)
-class _Dense:
+class _TrackDepths:
     """Inverse depth of all static tracks in one solution."""
 
     inverse: np.ndarray
     """(F, N) in the camera of each sampled frame, NaN where unknown."""
 
 
-def _dense(bundle: Bundle, witnesses: Witnesses) -> _Dense:
+def _track_depths(bundle: Bundle, cues: DepthCues) -> _TrackDepths:
     """Static tracks triangulated from the sampled cameras, and their inverse depth there."""
-    frames, kept = witnesses.frames, np.flatnonzero(witnesses.static & (witnesses.visible[witnesses.frames].sum(0) > 2))
-    frame, point = np.nonzero(witnesses.visible[frames][:, kept])
-    uv = witnesses.tracks[frames][:, kept][frame, point].astype(np.float64)
+    frames, kept = cues.frames, np.flatnonzero(cues.static & (cues.visible[cues.frames].sum(0) > 2))
+    frame, point = np.nonzero(cues.visible[frames][:, kept])
+    uv = cues.tracks[frames][:, kept][frame, point].astype(np.float64)
     points, _ = triangulate(bundle, Observations(frame, point, uv, np.ones(len(frame))), len(kept))
     z = np.einsum("fj,fnj->fn", bundle.rotation[:, 2], points[None] - bundle.center[:, None])
-    inverse = np.full(witnesses.visible.shape, np.nan)
+    inverse = np.full(cues.visible.shape, np.nan)
     inverse[frames[:, None], kept] = np.where(z > 0, 1 / np.where(z > 0, z, 1), np.nan)
-    return _Dense(inverse)
+    return _TrackDepths(inverse)
 
 
-def _rated(what: str, weight: float, rate: Callable[..., float], first: Any, second: Any, *more: Any) -> list[Evidence]:
-    """Evidence of a rating of both solutions, negative for wrong, positive for right; none where it cannot be made."""
+def _rating_evidence(
+    what: str, weight: float, rate: Callable[..., float], first: Any, second: Any, *more: Any
+) -> list[Evidence]:
+    """Evidence from `rate`, which rates one solution from -1 (wrong) to 1 (right); empty where either cannot be rated."""
     ratings = rate(first, *more), rate(second, *more)
     if not np.isfinite(ratings).all():
         return []
@@ -253,18 +255,18 @@ def _lower_is_nearer(bundle: Bundle, observations: Observations) -> float:
     return order * (1 + LOWER_CLEAR * order**2)
 
 
-def _movers_in_front(dense: _Dense, witnesses: Witnesses) -> float:
-    """Mean sign of (what is below a mover is nearer than what is beside its upper half) over the frames."""
-    assert witnesses.mask is not None
+def _movers_in_front(dense: _TrackDepths, cues: DepthCues) -> float:
+    """Mean over the frames of +1 where the ground below a mover is nearer than what is beside its upper half, else -1."""
+    assert cues.mask is not None
     signs = []
-    for frame in witnesses.frames:
-        rows, columns = np.nonzero(witnesses.mask[frame])
+    for frame in cues.frames:
+        rows, columns = np.nonzero(cues.mask[frame])
         known = np.isfinite(dense.inverse[frame])
         if not len(rows) or not known.any():
             continue
         top, bottom, left, right = rows.min(), rows.max(), columns.min(), columns.max()
         half = max((right - left) / 2, 2 * RIM_PX)
-        x, y = witnesses.tracks[frame, known].T
+        x, y = cues.tracks[frame, known].T
         near_x = (x > left - half) & (x < right + half)
         below = near_x & (y > bottom - 0.1 * (bottom - top)) & (y < bottom + half)
         beside = near_x & (y < (top + bottom) / 2) & (y > top - half)
@@ -274,9 +276,9 @@ def _movers_in_front(dense: _Dense, witnesses: Witnesses) -> float:
     return float(np.mean(signs)) if signs else np.nan
 
 
-def _tracks_end_behind(first: _Dense, second: _Dense, witnesses: Witnesses) -> list[Evidence]:
+def _tracks_end_behind(first: _TrackDepths, second: _TrackDepths, cues: DepthCues) -> list[Evidence]:
     """Tracks that end inside the picture while a neighbour approaches them: the neighbour is nearer."""
-    pairs = _endings(witnesses)
+    pairs = _endings(cues)
     if len(pairs) < MIN_SAMPLES:
         return []
     frame, ending, neighbour = pairs.T
@@ -286,7 +288,7 @@ def _tracks_end_behind(first: _Dense, second: _Dense, witnesses: Witnesses) -> l
         votes = np.sign(difference[np.isfinite(difference)])
         if len(votes) < MIN_SAMPLES:
             return []
-        scores.append(float(votes.sum() / np.sqrt(len(votes) * SHARED_FATE)))
+        scores.append(float(votes.sum() / np.sqrt(len(votes) * DEPENDENT_TRACKS)))
         words.append(f"{np.mean(votes > 0):.0%}")
     worth = OCCLUSION_WEIGHT * (scores[0] - scores[1]) / 2
     worth = float(np.clip(worth, -OCCLUSION_LIMIT, OCCLUSION_LIMIT))
@@ -294,14 +296,14 @@ def _tracks_end_behind(first: _Dense, second: _Dense, witnesses: Witnesses) -> l
     return [Evidence("tracks end behind", worth, detail)]
 
 
-def _endings(witnesses: Witnesses) -> np.ndarray:
+def _endings(cues: DepthCues) -> np.ndarray:
     """(E, 3) int: sampled frame before a static track ends, the track, and the neighbour that comes nearest to it."""
-    tracks, visible, static = witnesses.tracks, witnesses.visible & witnesses.static, witnesses.static
-    count, unit = len(tracks), _unit(witnesses)
+    tracks, visible, static = cues.tracks, cues.visible & cues.static, cues.static
+    count, unit = len(tracks), _unit(cues)
     found = []
-    for before, after in zip(witnesses.frames[:-1], witnesses.frames[1:], strict=True):
+    for before, after in zip(cues.frames[:-1], cues.frames[1:], strict=True):
         there = visible[before] & static
-        ends = np.flatnonzero(there & ~visible[after : min(after + 3, count)].any(0) & _inside(witnesses, before))
+        ends = np.flatnonzero(there & ~visible[after : min(after + 3, count)].any(0) & _inside(cues, before))
         lives = np.flatnonzero(there & visible[after])
         past = max(before - 3, 0)
         if not len(ends) or not len(lives) or past == before:
@@ -319,48 +321,48 @@ def _endings(witnesses: Witnesses) -> np.ndarray:
     return np.concatenate(found) if found else np.zeros((0, 3), int)
 
 
-def _inside(witnesses: Witnesses, frame: int) -> np.ndarray:
+def _inside(cues: DepthCues, frame: int) -> np.ndarray:
     """(N,) bool: tracks away from the rim of the picture and from what moves."""
     from scipy.ndimage import binary_dilation
 
-    margin = RIM_PX * _unit(witnesses)
-    uv = np.nan_to_num(witnesses.tracks[frame], nan=-1.0)
-    if witnesses.mask is None:
-        low, high = np.nanmin(witnesses.tracks, (0, 1)), np.nanmax(witnesses.tracks, (0, 1))
+    margin = RIM_PX * _unit(cues)
+    uv = np.nan_to_num(cues.tracks[frame], nan=-1.0)
+    if cues.mask is None:
+        low, high = np.nanmin(cues.tracks, (0, 1)), np.nanmax(cues.tracks, (0, 1))
         return ((uv > low + margin) & (uv < high - margin)).all(1)
-    height, width = witnesses.mask.shape[1:]
+    height, width = cues.mask.shape[1:]
     inside = ((uv > margin) & (uv < np.array([width, height]) - margin)).all(1)
-    blocked = binary_dilation(witnesses.mask[frame], iterations=max(round(margin), 1))
+    blocked = binary_dilation(cues.mask[frame], iterations=max(round(margin), 1))
     column, row = np.clip(uv, 0, np.array([width, height]) - 1).astype(int).T
     return inside & ~blocked[row, column]
 
 
-def _unit(witnesses: Witnesses) -> float:
+def _unit(cues: DepthCues) -> float:
     """Pixels of this clip per pixel of a picture 480 wide."""
-    if witnesses.mask is not None:
-        return max(witnesses.mask.shape[1:]) / 480
-    return max(float(np.nanmax(witnesses.tracks, initial=1.0)), 1.0) / 480
+    if cues.mask is not None:
+        return max(cues.mask.shape[1:]) / 480
+    return max(float(np.nanmax(cues.tracks, initial=1.0)), 1.0) / 480
 
 
-def _agrees_with_prior(dense: _Dense, witnesses: Witnesses) -> float:
+def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:
     """Mean rank correlation of inverse depth with a depth prior over the frames."""
-    assert witnesses.depth is not None
+    assert cues.depth is not None
     found = []
-    height, width = witnesses.depth.shape[1:]
-    for frame in witnesses.frames:
+    height, width = cues.depth.shape[1:]
+    for frame in cues.frames:
         known = np.isfinite(dense.inverse[frame])
-        column, row = np.clip(witnesses.tracks[frame, known], 0, np.array([width, height]) - 1).astype(int).T
-        prior = witnesses.depth[frame, row, column]
+        column, row = np.clip(cues.tracks[frame, known], 0, np.array([width, height]) - 1).astype(int).T
+        prior = cues.depth[frame, row, column]
         good = prior > 0
         if good.sum() >= MIN_SAMPLES:
             found.append(_rank_correlation(dense.inverse[frame, known][good], 1 / prior[good]))
     return float(np.mean(found)) if found else np.nan
 
 
-def lowest_is_nearest(directions: np.ndarray, rotations: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
-    """Inverse distances `(P,)` of a world that is nearer below, for unit `directions (P, 3)`: 1 at the horizon of the cameras.
+def guess_inverse_distance(directions: np.ndarray, rotations: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    """Initial inverse distances `(P,)` where no depth is known: nearer below, for unit `directions (P, 3)`; 1 at the horizon.
 
-    `rotations (F, 3, 3)` world to camera. What a start without any knowledge of depth begins with.
+    `rotations (F, 3, 3)` world to camera: their mean defines which way is down.
     """
     down = np.asarray(rotations)[:, 1].mean(0)
     down /= max(float(np.linalg.norm(down)), 1e-9)

@@ -64,7 +64,7 @@ SURE = 0.15
 CUT_SCALE, CUT_ROUNDS, CUT_MARGIN = 2, 2, 12
 """GrabCut works at half size, for two rounds, this many (small) pixels around the region."""
 AGREEMENT = 0.4
-"""Weighted share of the masks of five neighbouring frames, carried along the flow, that makes a pixel foreground."""
+"""Weighted fraction of the masks of five neighbouring frames, carried along the flow, that makes a pixel foreground."""
 MIN_AREA_FRACTION = 0.001
 """Regions and whole masks smaller than this fraction of the image are noise."""
 STATIC_TRACK = 0.5
@@ -103,8 +103,8 @@ def motion_score(
     """(F,H,W) float32 in 0..1, how surely each pixel of `pictures (F,H,W,3)` uint8 moves by itself, and the evidence (JSON values).
 
     Evidence: `static_camera`, `border_flow` (px, median, gap 1), `homography_residual` (px, median over the border at the
-    longest gap), `homography_inliers` (share per gap), `border_unexplained` (share of border the homography misses),
-    `border_parallax` (share of border that only parallax explains), `parallax` (whether it was forgiven).
+    longest gap), `homography_inliers` (fraction per gap), `border_unexplained` (fraction of border the homography misses),
+    `border_parallax` (fraction of border that only parallax explains), `parallax` (whether it was forgiven).
     """
     import cv2
 
@@ -134,8 +134,8 @@ def motion_score(
                 continue
             flow = samples[gap][t].reshape(-1, 2).astype(np.float64)
             good = consistent_at(points, flow, flows[-gap][t + gap])
-            residual[t, j], share = (flow, 1.0) if static else _off_homography(points, flow, good, unit)
-            inliers[gap].append(share)
+            residual[t, j], fraction = (flow, 1.0) if static else _off_homography(points, flow, good, unit)
+            inliers[gap].append(fraction)
             trust[t, j] = np.where(good, 1.0, DOUBT)
             by_flow, by_background = points + flow, points + flow - residual[t, j]
             there = soft[t + gap].astype(np.float32)
@@ -152,7 +152,7 @@ def motion_score(
         "static_camera": bool(static),
         "border_flow": border_flow,
         "homography_residual": _median(length(residual[:, last][:, :, edge])[trust[:, last][..., edge] == 1]),
-        "homography_inliers": {str(gap): float(np.mean(shares)) for gap, shares in inliers.items() if shares},
+        "homography_inliers": {str(gap): float(np.mean(fractions)) for gap, fractions in inliers.items() if fractions},
         "border_unexplained": float(unexplained.mean()),
         "border_parallax": 0.0,
     }
@@ -183,7 +183,7 @@ def _median(values: np.ndarray) -> float:
 
 
 def _off_homography(points: np.ndarray, flow: np.ndarray, good: np.ndarray, unit: float) -> tuple[np.ndarray, float]:
-    """(P,2) flow beyond the homography of the background, in pixels, and the share of inliers."""
+    """(P,2) flow beyond the homography of the background, in pixels, and the fraction of inliers."""
     import cv2
 
     fitted = np.nonzero(good)[0][::FITTED_EVERY]
@@ -300,8 +300,8 @@ def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarr
 def find_threshold(score: np.ndarray) -> float:
     """Otsu's threshold of a score in 0..1, lifted by `THRESHOLD_LIFT` and kept within `THRESHOLD_RANGE`."""
     count, edges = np.histogram(score, 256, (0, 1))
-    share, centre = count / max(count.sum(), 1), (edges[1:] + edges[:-1]) / 2
-    below, mean = np.cumsum(share), np.cumsum(share * centre)
+    fraction, centre = count / max(count.sum(), 1), (edges[1:] + edges[:-1]) / 2
+    below, mean = np.cumsum(fraction), np.cumsum(fraction * centre)
     between = (mean[-1] * below - mean) ** 2 / np.maximum(below * (1 - below), 1e-9)
     return float(np.clip(centre[between.argmax()] + THRESHOLD_LIFT, *THRESHOLD_RANGE))
 

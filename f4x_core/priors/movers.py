@@ -1,8 +1,8 @@
-"""Depth of what moves: from its own motion where it is rigid and turns, else plausible.
+"""Depth of moving objects: from their own motion where they are rigid and turn, else a plausible guess.
 
 Moving pixels carry no depth signal against the static world. A rigid body that turns has a structure of its own
-(`own_motion`), known up to one scale, which the ground that it touches gives over all frames. Everything else takes contact
-with the ground below and the change of size over time: one upright plane per object and frame, with low confidence.
+(`own_motion`), known up to one scale, which the ground that it touches gives over all frames. Every other object becomes one
+upright plane per frame, placed by its contact with the ground and its change of size over time, with low confidence.
 """
 
 from __future__ import annotations
@@ -22,42 +22,43 @@ if TYPE_CHECKING:
     from .folder import Priors
 
 GUESS_CONFIDENCE = 0.05
-"""Most confidence of the plausible depth of moving pixels, and of everything in a clip without parallax."""
+"""Largest confidence of the guessed depth of moving pixels, and of all depth in a clip without parallax."""
 MOVING_MARGIN = 6
 """Pixels around moving regions whose flow is not trusted as static: flow bleeds over the outline of what moves."""
 MOVING_CONFIDENCE = 0.2
-"""Most confidence of the plausible depth of moving pixels in a clip with parallax."""
+"""Largest confidence of the guessed depth of moving pixels in a clip with parallax."""
 BODY_CONFIDENCE = 0.9
-"""Confidence of a rigid body's depth: its shape is measured, its distance hangs on contact."""
-MOSTLY = 0.6
+"""Confidence of a rigid body's depth: its shape is measured, its distance depends on ground contact."""
+MIN_INSIDE = 0.6
 """A track belongs to the region that holds this fraction of its visible samples."""
 MAX_BODIES, MIN_FRAME_POINTS = 4, 6
 """Rigid bodies looked for in one region, and points that a frame needs to show a body's shape."""
-UNANIMOUS, KNOWN = 0.9, 0.2
-"""A piece of the mask belongs to the thing that the first fraction of its known tracks belong to; with fewer known ones
-than the second it is a new thing."""
-TOGETHER = 0.75
-"""Tracks that lie in one piece in this fraction of the frames are one thing: a pole before it may part its mask."""
-NEIGHBOURS, APART = 6, 0.8
-"""Tracks that follow no body are a thing of their own when this fraction of their nearest tracks follows none either."""
+MIN_AGREEMENT, MIN_KNOWN = 0.9, 0.2
+"""A connected piece of the mask belongs to an object when at least the first fraction of its assigned tracks belong to it; when
+less than the second fraction of its tracks are assigned yet, the piece is a new object."""
+MIN_TOGETHER = 0.75
+"""Tracks that lie in one piece of the mask in this fraction of the frames are one object: a pole in front may split its mask."""
+NEIGHBOURS, MIN_APART = 6, 0.8
+"""Tracks that follow no rigid body are a separate object when this fraction of their nearest tracks follows none either."""
 SMOOTH_PX, MAX_KNOTS, GRID_PX = 2.0, 200, 4
 """Smoothing of inverse depth between a body's points (that of the linear kernel, pixels), how many of them are used per
 frame, and the grid on which it is evaluated."""
 NO_CONTACT, MIN_CONTACT_FRAMES = 0.05, 0.25
 """Weight of the surroundings' depth for a body without ground contact; fraction of frames with contact below which the body's
 size gives its distance."""
-STANDING = 0.7
+CONTACT_QUANTILE = 0.7
 """Quantile over the frames of a body's contacts that gives its distance: above the middle, as it may hop, never sink in."""
-TOUCHING = 0.98
+TOUCH_QUANTILE = 0.98
 """Quantile of the ratios along the lower edge at which a region touches the ground: columns beyond are noise."""
 GROUND_FRACTION, GROUND_NOISE = 0.2, 0.03
 """How far below a moving region the ground is fitted (fraction of the image height), and how uneven ground may be (relative
 inverse depth)."""
 TURN_LIMIT, TURNS, TURN_COST = 1.5, 31, 0.05
 """Largest turn of a region against the view (relative inverse depth over the picture's width), how many are tried, and the
-share of touching columns that a turn of 1 must win."""
-HOVERING = 0.03
-"""Say of a contact behind the object's depth: what jumps or flies is seen in front of farther ground, never behind nearer."""
+fraction of touching columns that a turn of 1 must win."""
+BEHIND_WEIGHT = 0.03
+"""Weight of a ground contact behind the object's depth: an object in the air is seen in front of farther ground, never behind
+nearer ground."""
 MIN_CONTACT_PIXELS = 8
 """With fewer free pixels below a moving region than this, it takes the depth of its surroundings."""
 TILT_FRAMES, TILT_RANGE = 3.0, (0.5, 2.0)
@@ -69,7 +70,7 @@ MIN_OBJECT_PIXELS = 30
 
 
 @dataclass(frozen=True)
-class _Mover:
+class _MovingObject:
     """One object: a connected region of the mask in space and time, or the part of it that one rigid body covers."""
 
     frames: np.ndarray
@@ -84,14 +85,14 @@ class _Mover:
 
 @dataclass(frozen=True)
 class _Maps:
-    """What is known of every pixel, each (F, H, W)."""
+    """Depth, its confidence and the moving mask of every pixel, each (F, H, W)."""
 
     inverse: np.ndarray
-    """Inverse depth; that of what moves is written."""
+    """Inverse depth; written where objects move."""
     confidence: np.ndarray
-    """0..1; that of what moves is written."""
+    """0..1; written where objects move."""
     static_confidence: np.ndarray
-    """The same as it was before."""
+    """`confidence` before anything was written."""
     moving: np.ndarray
     """bool."""
 
@@ -99,7 +100,7 @@ class _Maps:
 def place_objects(
     inverse: np.ndarray, confidence: np.ndarray, moving: np.ndarray, priors: Priors
 ) -> list[dict[str, Any]]:
-    """Write inverse depth of moving pixels into `inverse (F, H, W)` in place, and what it is worth into `confidence`.
+    """Write the inverse depth of moving pixels into `inverse (F, H, W)` and its confidence into `confidence`, both in place.
 
     Returns one row per object: `group`, its first and last clip frame `frames`, what its depth was `decided_by` ("its own
     motion", "ground contact", "size" or "surroundings"), and `emf_degrees`, the angle of the rays its points were seen from
@@ -116,10 +117,10 @@ def place_objects(
         if masks.sum() < MIN_OBJECT_PIXELS * seen.sum():
             continue
         frames = region[0].start + np.flatnonzero(seen)
-        tracks = np.flatnonzero(_mostly(on_mover == number, priors))
-        whole = _Mover(frames, masks[seen], tracks)
-        for mover in (body for thing in _things(whole, priors) for body in _bodies(thing, priors)):
-            place = _place_card if mover.motion is None else _place_body
+        tracks = np.flatnonzero(_tracks_mostly_inside(on_mover == number, priors))
+        whole = _MovingObject(frames, masks[seen], tracks)
+        for mover in (body for one in _objects(whole, priors) for body in _rigid_bodies(one, priors)):
+            place = _place_upright_plane if mover.motion is None else _place_rigid_body
             decided = place(mover, maps, priors)
             rows.append(
                 {
@@ -143,16 +144,16 @@ def _labels_of_tracks(labels: np.ndarray, priors: Priors) -> np.ndarray:
     return found
 
 
-def _mostly(inside: np.ndarray, priors: Priors) -> np.ndarray:
+def _tracks_mostly_inside(inside: np.ndarray, priors: Priors) -> np.ndarray:
     """(N,) bool: tracks whose visible samples mostly lie `inside (F, N)`."""
     if priors.tracks_visible is None:
         return np.zeros(0, bool)
     hits = inside.sum(0)
-    return (hits > 2) & (hits > MOSTLY * priors.tracks_visible.sum(0))
+    return (hits > 2) & (hits > MIN_INSIDE * priors.tracks_visible.sum(0))
 
 
-def _things(region: _Mover, priors: Priors) -> list[_Mover]:
-    """A region as the things that only meet in it: parts of it that are apart in most frames in which both are seen."""
+def _objects(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
+    """Split a region into objects that only touch in it: parts that are separate in most frames in which both are visible."""
     if len(region.tracks) < 2 * MIN_POINTS:
         return [region]
     pieces = np.stack([ndimage.label(mask)[0] for mask in region.masks])
@@ -162,47 +163,47 @@ def _things(region: _Mover, priors: Priors) -> list[_Mover]:
     owner = np.zeros(len(region.tracks), int)
     for row in piece:
         crowded = np.flatnonzero(np.bincount(row[row > 0], minlength=1) >= MIN_POINTS)
-        for number in crowded if len(crowded) > 1 else ():  # a frame that shows one piece tells nothing apart
+        for number in crowded if len(crowded) > 1 else ():  # a frame with a single piece separates nothing
             here = row == number
             votes = np.bincount(owner[here])[1:]
-            if votes.sum() < KNOWN * here.sum():
+            if votes.sum() < MIN_KNOWN * here.sum():
                 owner[here] = owner.max() + 1
-            elif votes.max() >= UNANIMOUS * votes.sum():
+            elif votes.max() >= MIN_AGREEMENT * votes.sum():
                 owner[here & (owner == 0)] = votes.argmax() + 1
     groups = [np.flatnonzero(owner == number) for number in np.unique(owner[owner > 0])]
     groups = [group for group in groups if len(group) >= MIN_POINTS]
-    if len(groups) < 2 or any(_together(piece[:, a], piece[:, b]) for a, b in combinations(groups, 2)):
+    if len(groups) < 2 or any(_in_one_component(piece[:, a], piece[:, b]) for a, b in combinations(groups, 2)):
         return [region]
     parts = [replace(region, tracks=region.tracks[group]) for group in groups]
     return _split(region, parts, priors)
 
 
-def _together(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether tracks `(f, n)`, `(f, m)` mostly lie in one piece of the mask (`TOGETHER`)."""
+def _in_one_component(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether tracks `(f, n)`, `(f, m)` mostly lie in one piece of the mask (`MIN_TOGETHER`)."""
     shared = []
     for a, b in zip(one, other, strict=True):
         if (a > 0).any() and (b > 0).any():
             shared.append(np.bincount(a[a > 0]).argmax() == np.bincount(b[b > 0]).argmax())
-    return not shared or float(np.mean(shared)) >= TOGETHER
+    return not shared or float(np.mean(shared)) >= MIN_TOGETHER
 
 
-def _bodies(region: _Mover, priors: Priors) -> list[_Mover]:
+def _rigid_bodies(region: _MovingObject, priors: Priors) -> list[_MovingObject]:
     """The rigid bodies of a region, the one with most tracks first; the region itself where none is found."""
-    found: list[_Mover] = []
+    found: list[_MovingObject] = []
     left = region.tracks
     while len(found) < MAX_BODIES and len(left) >= MIN_POINTS:
         motion = solve(_tracks_on(replace(region, tracks=left), priors))
         if motion is None:
             break
-        found.append(replace(region, tracks=left[motion.inliers], motion=_only(motion)))
+        found.append(replace(region, tracks=left[motion.inliers], motion=_inliers_only(motion)))
         left = left[~motion.inliers]
-    if found and _lie_apart(left, np.concatenate([body.tracks for body in found]), region.frames, priors):
+    if found and _is_separate_object(left, np.concatenate([body.tracks for body in found]), region.frames, priors):
         found.append(replace(region, tracks=left))
     return _split(region, found, priors) if len(found) > 1 else found or [region]
 
 
-def _lie_apart(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors: Priors) -> bool:
-    """Whether enough tracks of the first kind have mostly their own kind around them: a thing of its own, not limbs."""
+def _is_separate_object(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors: Priors) -> bool:
+    """Whether tracks `some` mostly have each other as neighbours rather than `others`: a separate object, not limbs of one."""
     assert priors.tracks is not None and priors.tracks_visible is not None
     if len(some) < MIN_POINTS:
         return False
@@ -214,16 +215,16 @@ def _lie_apart(some: np.ndarray, others: np.ndarray, frames: np.ndarray, priors:
         tree = cKDTree(priors.tracks[frame, np.concatenate([near, far])])
         found = tree.query(priors.tracks[frame, near], NEIGHBOURS + 1)[1][:, 1:]
         alike.append((found < len(near)).mean())
-    return bool(alike and np.mean(alike) >= APART)
+    return bool(alike and np.mean(alike) >= MIN_APART)
 
 
-def _only(motion: OwnMotion) -> OwnMotion:
-    """The tracks that follow the body, alone."""
+def _inliers_only(motion: OwnMotion) -> OwnMotion:
+    """The motion restricted to the tracks that follow the body."""
     return replace(motion, z=motion.z[:, motion.inliers], inliers=motion.inliers[motion.inliers])
 
 
-def _tracks_on(mover: _Mover, priors: Priors) -> TracksOnObject:
-    """The tracks of a mover with what is known of the camera."""
+def _tracks_on(mover: _MovingObject, priors: Priors) -> TracksOnObject:
+    """The tracks of a moving object with the cameras of its frames."""
     assert priors.tracks is not None and priors.tracks_visible is not None and priors.cameras is not None
     tracks = priors.tracks[np.ix_(mover.frames, mover.tracks)].astype(np.float64)
     visible = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)].copy()
@@ -237,8 +238,8 @@ def _tracks_on(mover: _Mover, priors: Priors) -> TracksOnObject:
     return TracksOnObject(tracks, visible, outline, intrinsics[:, 0, 0], intrinsics[:, :2, 2].mean(0), poses)
 
 
-def _split(region: _Mover, bodies: list[_Mover], priors: Priors) -> list[_Mover]:
-    """Every pixel of the region goes to the body whose track is nearest; frames without any keep the first body's."""
+def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -> list[_MovingObject]:
+    """Assign every pixel of the region to the body with the nearest track; in frames without tracks, to the first body."""
     assert priors.tracks is not None and priors.tracks_visible is not None
     owner = np.concatenate([np.full(len(body.tracks), which) for which, body in enumerate(bodies)])
     tracks = np.concatenate([body.tracks for body in bodies])
@@ -259,8 +260,8 @@ def _split(region: _Mover, bodies: list[_Mover], priors: Priors) -> list[_Mover]
     return [body for body in found if len(body.frames)]
 
 
-def _place_card(mover: _Mover, maps: _Maps, priors: Priors) -> str:
-    """The last resort, one upright plane per frame, written in place; returns what decided its depth."""
+def _place_upright_plane(mover: _MovingObject, maps: _Maps, priors: Priors) -> str:
+    """Write an object without a structure of its own as one upright plane per frame; returns what decided its depth."""
     contacts = np.array(
         [
             _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
@@ -280,8 +281,8 @@ def _place_card(mover: _Mover, maps: _Maps, priors: Priors) -> str:
     return "surroundings" if stands == 0 else "ground contact" if stands >= MIN_CONTACT_FRAMES else "size"
 
 
-def _place_body(mover: _Mover, maps: _Maps, priors: Priors) -> str:
-    """A rigid body at one scale for all frames, written in place; returns what decided its depth."""
+def _place_rigid_body(mover: _MovingObject, maps: _Maps, priors: Priors) -> str:
+    """Write a rigid body at one scale for all frames; returns what decided its depth."""
     shapes = _relative_inverse(mover, priors)
     ratio, trust = np.zeros((2, len(shapes)))
     for i, (f, mask, shape) in enumerate(zip(mover.frames, mover.masks, shapes, strict=True)):
@@ -293,7 +294,7 @@ def _place_body(mover: _Mover, maps: _Maps, priors: Priors) -> str:
             continue
         lowest = np.zeros(mask.shape[1])
         lowest[np.nonzero(mask)[1]] = shape  # rows ascend, so the last one written is the lowest
-        ratio[i], trust[i] = float(np.quantile(edge.ground / lowest[edge.columns], TOUCHING)), edge.trust
+        ratio[i], trust[i] = float(np.quantile(edge.ground / lowest[edge.columns], TOUCH_QUANTILE)), edge.trust
     scale = one_scale(np.maximum(ratio, 1e-9), trust)
     for f, mask, shape in zip(mover.frames, mover.masks, shapes, strict=True):
         maps.inverse[f][mask] = scale * shape
@@ -301,7 +302,7 @@ def _place_body(mover: _Mover, maps: _Maps, priors: Priors) -> str:
     return "its own motion"
 
 
-def _relative_inverse(mover: _Mover, priors: Priors) -> list[np.ndarray]:
+def _relative_inverse(mover: _MovingObject, priors: Priors) -> list[np.ndarray]:
     """Inverse depth of the body's pixels per frame (rows of the mask ascending), from its points seen there, in its unit."""
     assert priors.tracks is not None and priors.tracks_visible is not None and mover.motion is not None
     seen = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)] & np.isfinite(mover.motion.z)
@@ -334,11 +335,11 @@ def _smooth(points: np.ndarray, values: np.ndarray, y: np.ndarray, x: np.ndarray
 def one_scale(ratio: np.ndarray, trust: np.ndarray) -> float:
     """The factor of a body's inverse depth, from what every frame's ground asks for `(f,)`, with `trust (f,)` 0..1.
 
-    The weighted quantile `STANDING` of what frames ask for: ground behind a body that is in the air asks for less.
+    The weighted quantile `CONTACT_QUANTILE` of what frames ask for: ground behind a body that is in the air asks for less.
     """
     order = np.argsort(ratio)
     weight = np.cumsum((trust + 1e-3)[order])
-    return float(ratio[order][np.searchsorted(weight, STANDING * weight[-1])])
+    return float(ratio[order][np.searchsorted(weight, CONTACT_QUANTILE * weight[-1])])
 
 
 def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -347,7 +348,7 @@ def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarr
     `contact (f,)` inverse depths where it touches the ground with `trust (f,)` 0..1, `growth (f - 1,)` logarithm of its
     change of picture size to the next frame (NaN = unknown). Size is inverse depth times a constant, so
     `argmin sum trust (x - log contact)^2 / c^2 + sum (x' - x - growth)^2 / s^2`, x = log inverse depth; Cauchy weights
-    on the contacts, and little weight where the ground is seen behind the object (`HOVERING`).
+    on the contacts, and little weight where the ground is seen behind the object (`BEHIND_WEIGHT`).
     """
     count, measured = len(contact), np.log(contact)
     known = np.isfinite(growth)
@@ -361,7 +362,7 @@ def smooth_object_depth(contact: np.ndarray, trust: np.ndarray, growth: np.ndarr
     solution = np.full(count, np.average(measured, weights=trust + 1e-6))
     for _ in range(5):
         weight = (trust + 1e-3) / CONTACT_NOISE**2 / (1 + ((measured - solution) / (2 * CONTACT_NOISE)) ** 2)
-        weight *= np.where(measured < solution, HOVERING, 1.0)
+        weight *= np.where(measured < solution, BEHIND_WEIGHT, 1.0)
         solution = np.linalg.solve(laplacian + np.diag(weight), right + weight * measured)
     return np.exp(solution), np.clip(trust, 0.25, 1.0)
 
@@ -430,7 +431,7 @@ def _contact(
     usual = max(float(edge.max()), 1e-6)
     best, a, b = -np.inf, usual, 0.0
     for turn in np.linspace(-TURN_LIMIT, TURN_LIMIT, TURNS) / width:  # relative change per column
-        touching = float(np.quantile(edge / (1 + turn * run), TOUCHING))
+        touching = float(np.quantile(edge / (1 + turn * run), TOUCH_QUANTILE))
         gap = 1 - edge / (touching * (1 + turn * run))
         score = float(np.exp(-((gap / GROUND_NOISE) ** 2)).mean()) - TURN_COST * (turn * width) ** 2
         if score > best:

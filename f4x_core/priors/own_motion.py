@@ -1,10 +1,10 @@
-"""Structure of a rigid mover from its own motion: a camera that moves around an object that stands still.
+"""Structure of a rigid moving object from its own motion, as if a camera moved around an object at rest.
 
-What matters is the motion between camera and object, so the tracks on one object are a clip of a static world with a virtual
-camera, and its structure follows up to one scale as that of the background does: all frames at once, from a camera that only
-turns (`cameras`). Its own extent is expected to be as deep as it is wide and high (`BundleConfig.relief`): without that a
-body that bends is explained by a needle along the view. Seen from afar the mirror image in depth explains tracks as well;
-what sticks out towards the camera is farther from the outline than the rim is, which tells the two apart.
+Only the motion between camera and object matters, so the tracks on one object are a clip of a static world with a virtual
+camera. Its structure follows up to one scale, as that of the background does: all frames at once, from a camera that only
+turns (`cameras`). An object is expected to be as deep as it is wide and high (`BundleConfig.relief`); without this prior a
+body that bends is explained by a needle along the view. Seen from afar, the mirror image in depth explains the tracks as
+well. Parts that stick out towards the camera are farther from the outline than the rim is, which decides between the two.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from scipy.stats import spearmanr
 
 from ..geometry.arrays import evenly_spaced
 from .bundle import Bundle, BundleConfig, Observations, resect, total_cost, triangulate
-from .mirror import ERROR_SCALE, MIN_SAMPLES, mirrored, settle
+from .mirror import ERROR_SCALE, MIN_SAMPLES, adjust_coarse_to_fine, mirrored
 from .sfm import sightings, solve_rotations
 
 MAX_POINTS, MAX_FRAMES = 300, 24
 """Points and frames that a structure is solved from: two seconds; other frames are resected."""
 MIN_POINTS = 30
-"""With fewer tracks in the sampled frames nothing is solved."""
+"""Smallest number of tracks in the sampled frames that a structure is solved from."""
 INLIER_PX, MAX_ERROR_PX, MIN_INLIERS = 1.5, 1.0, 0.75
 """A point follows the body when its median error is below the first; a body is rigid when the median of all errors is below
 the second and so many of its points follow: pixels as they are, for what tracks err by does not grow with the picture."""
 MAX_RELIEF = 1.5
-"""Depth over width and height of a body beyond which its structure is not believed."""
+"""Largest ratio of depth to width and height with which the structure of a body is accepted."""
 MIN_DEGREES = 10.0
 """Angle of the rays (median over its points) that structure from motion needs."""
 NARROW = 0.35
 """Points seen from less than this fraction of the usual angle are left out: their depth is noise."""
 MIN_BULGE = 0.15
-"""Rank correlation of nearness and distance from the outline that the believed one of two mirror images must have."""
+"""Rank correlation of nearness and distance from the outline that the chosen one of two mirror images must have."""
 BULGE_WEIGHT = 6.0
 """Log-odds where nearness grows from the outline to the middle in one solution and falls in the other."""
 LITTLE_TURN, STEADY = np.deg2rad(20.0), 0.8
@@ -80,7 +80,7 @@ class OwnMotion:
 
 
 def solve(seen: TracksOnObject) -> OwnMotion | None:
-    """The rigid body that the tracks lie on; None where they do not tell one."""
+    """Return the rigid body that the tracks lie on; None where they show no rigid body that turns."""
     focal = float(np.median(seen.focal))
     tracks = (seen.tracks - seen.principal) * (focal / seen.focal)[:, None, None] + seen.principal  # one lens for all
     frames = evenly_spaced(len(tracks), MAX_FRAMES)
@@ -91,7 +91,7 @@ def solve(seen: TracksOnObject) -> OwnMotion | None:
     start = solve_rotations(tracks[frames], seen.visible[frames], every, focal, seen.principal, MAX_POINTS)
     observed, unit = start.observations, seen.unit
     config = BundleConfig(refine_focal=False, robust_px=1.0, relief=_extent(observed, len(frames)) / focal)
-    body, bulge = _right_way_round(start.bundle, observed, config, seen.from_outline[frames][:, order] / unit)
+    body, bulge = _resolve_mirror(start.bundle, observed, config, seen.from_outline[frames][:, order] / unit)
     errors = body.errors(observed)
     usual = float(np.median(errors))
     follows = _median_by(observed.point, errors, len(order)) < INLIER_PX
@@ -103,12 +103,12 @@ def solve(seen: TracksOnObject) -> OwnMotion | None:
     return _in_every_frame(_at_all_frames(body, frames, order[follows], follows, tracks, seen), tracks, seen, usual)
 
 
-def _right_way_round(
+def _resolve_mirror(
     start: Bundle, observations: Observations, config: BundleConfig, from_outline: np.ndarray
 ) -> tuple[Bundle, float]:
-    """The solution or its mirror image, whichever errors and its bulge speak for, and that bulge."""
-    first = settle(start, observations, config)
-    pair = [first, settle(mirrored(first), observations, config, first=1)]
+    """Return the solution or its mirror image, chosen by their errors and by which one bulges towards the camera, and its bulge."""
+    first = adjust_coarse_to_fine(start, observations, config)
+    pair = [first, adjust_coarse_to_fine(mirrored(first), observations, config, first=1)]
     bulges = [_bulge(one, observations, from_outline) for one in pair]
     costs = [total_cost(one, observations, config) for one in pair]
     odds = np.log(costs[1] / costs[0]) / ERROR_SCALE + BULGE_WEIGHT * (bulges[0] - bulges[1]) / 2

@@ -56,31 +56,31 @@ class Solution:
 
 
 def sightings(
-    tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, most: int
+    tracks: np.ndarray, visible: np.ndarray, chosen: np.ndarray, max_count: int
 ) -> tuple[Observations, np.ndarray]:
-    """Observations of at most `most` of the `chosen (N,)` tracks, those that `hold_every_frame`, and their indices `(P,)`.
+    """Observations of at most `max_count` of the `chosen (N,)` tracks (`choose_covering_points`), and their indices `(P,)`.
 
     `tracks (F, N, 2)` pixels, `visible (F, N)`. Only tracks seen at least three times (or in every frame) count.
     """
     enough = chosen & (visible.sum(0) >= min(3, len(tracks)))
-    order = hold_every_frame(visible & enough, most)
+    order = choose_covering_points(visible & enough, max_count)
     frame, point = np.nonzero(visible[:, order])
     uv = tracks[:, order][frame, point].astype(np.float64)
     return Observations(frame, point, uv, np.ones(len(frame))), order
 
 
-def hold_every_frame(visible: np.ndarray, most: int) -> np.ndarray:
-    """Indices `(P,)`, ascending, of at most `most` of the points `visible (F, N)`: the q longest seen ones of every frame, q as
-    large as fits.
+def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:
+    """Indices `(P,)`, ascending, of at most `max_count` of the points `visible (F, N)`, such that every frame sees some of them.
 
-    The longest of all would leave the frames unheld in which none of them is seen: those of a fast pan, where tracks are short.
+    They are the q longest seen points of every frame, q as large as fits. The longest of all would leave frames without any
+    point where tracks are short, as in a fast pan.
     """
     length = visible.sum(0)
     order = np.argsort(-length, kind="stable")
     order = order[length[order] > 0]
     frame, point = np.nonzero(visible[:, order])
     best = best_rank(frame, point, len(order))
-    return np.sort(order[np.argsort(best, kind="stable")[:most]])
+    return np.sort(order[np.argsort(best, kind="stable")[:max_count]])
 
 
 def bearings(uv: np.ndarray, focal: float, principal: np.ndarray) -> np.ndarray:
@@ -104,7 +104,12 @@ def rotation_between(a: np.ndarray, b: np.ndarray, focal: float, rounds: int = 8
 
 
 def solve_rotations(
-    tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, focal: float, principal: np.ndarray, most: int = 1000
+    tracks: np.ndarray,
+    visible: np.ndarray,
+    static: np.ndarray,
+    focal: float,
+    principal: np.ndarray,
+    max_count: int = 1000,
 ) -> Solution:
     """A camera that only turns: rotations chained over neighbouring frames, to be adjusted by the caller.
 
@@ -118,7 +123,7 @@ def solve_rotations(
             a, b = (bearings(tracks[k, shared].astype(np.float64), focal, principal) for k in (i, i + 1))
             turn, _ = rotation_between(a, b, focal)
         rotation.append(turn @ rotation[-1])
-    observations, chosen = sightings(tracks, visible, static, most)
+    observations, chosen = sightings(tracks, visible, static, max_count)
     bundle = Bundle(focal, principal, np.array(rotation), np.zeros((len(rotation), 3)), np.zeros((len(chosen), 3)))
     return Solution(_on_sphere(bundle, observations), observations, np.ones(len(rotation), bool))
 
@@ -326,7 +331,7 @@ def subset(solution: Solution, points: int, frames: int) -> tuple[Solution, np.n
     finite = np.isfinite(solution.bundle.points).all(1)
     seen = solution.observations.keep(np.isin(solution.observations.frame, kept) & finite[solution.observations.point])
     often = np.bincount(seen.point, minlength=len(finite)) >= 3
-    chosen = hold_every_frame(seen.visible(len(solution.registered), len(finite))[kept] & often, points)
+    chosen = choose_covering_points(seen.visible(len(solution.registered), len(finite))[kept] & often, points)
     seen = seen.keep(np.isin(seen.point, chosen))
     bundle = replace(solution.bundle.of_frames(kept), points=solution.bundle.points[chosen])
     seen = replace(seen, frame=np.searchsorted(kept, seen.frame), point=np.searchsorted(chosen, seen.point))

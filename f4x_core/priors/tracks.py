@@ -18,36 +18,38 @@ RETURN_PIXELS, RETURN_FRACTION = 1.0, 0.05
 """A step of flow is accepted when going there and back ends within max(1 px, 5 % of the step) of the start."""
 OBJECT_SIGMA = 1.5
 """Gaussian (pixels) that carries an object's flow over its silhouette, where the raw flow mixes with the background."""
-LOST = 1e3
-"""Added to the accumulated error of a point whose every step failed: any later believed path is preferred."""
+LOST_ERROR = 1e3
+"""Added to the accumulated error of a point for which every step failed, so that any valid path is preferred later."""
 MIN_SAMPLES = 4
 """Tracks seen in fewer frames are dropped (MoSca keeps 2 to 4)."""
 PLACE = 32
 """Side in pixels of the squares of the picture that all keep tracks."""
-PLACED = 0.5
+PLACED_FRACTION = 0.5
 """Fraction of the tracks that is kept for their place. All for their place: parkour's scene gains 1.4 dB, dog loses .3 dB of
 what moves, camel .7 dB."""
 PATCH = 7
 """Half size in pixels of the patches compared when a lost track is linked to a later one."""
-LOOK_ALIKE = 0.8
+MIN_CORRELATION = 0.8
 """Normalised cross-correlation that two patches need to be linked."""
 NEIGHBOURS = 8
 """Tracks whose common motion predicts where a hidden point is."""
-MIN_GUIDES, ALIKE = 3, 0.25
+MIN_GUIDES, STEP_TOLERANCE = 3, 0.25
 """Guides needed to follow a lost point; a guide moves like it when their last steps differ by less than 1 px or a quarter."""
 LINK_RADIUS = 6.0
 """Distance in pixels between prediction and a later track, plus half a pixel per hidden frame."""
-AWAY = 3
+GAP_MARGIN = 3
 """Frames beside a gap in which a track is not trusted: an occluder drags points along, by 5 px (median) where bars were laid
 over four clips, and is part of their patches."""
-LOOK_AFTER = (3, 6, 9, 12, 16, 20, 24, 32, 48)
-"""Frames after which a lost point is looked for. Every one finds little more, at four times the time, and more often wrongly."""
+SEARCH_AFTER = (3, 6, 9, 12, 16, 20, 24, 32, 48)
+"""Frames after its loss in which a point is searched for. Searching every frame finds few more points, takes four times as long
+and errs more often."""
 RETURN_RADIUS = 2.0
-"""Looked for in the other direction, a point is found again within so many pixels of where it was."""
+"""Searched for backwards, a point that is found must end up within so many pixels of where it was lost."""
 GROUP_RADIUS, GROUP_PIXELS = 30.0, 2.0
-"""Half of the neighbours within this distance have shifted like a point that is found, to within so many pixels."""
-CARRY_RADIUS, SAME_POINT = 3.0, 1.0
-"""A point that is found goes on with a track this near, at its own distance from it; nearer than `SAME_POINT` it is the same."""
+"""Half of the neighbours within the first distance must have moved like a point that is found, to within the second (pixels)."""
+FOLLOW_RADIUS, SAME_POINT_RADIUS = 3.0, 1.0
+"""A point found again follows a track within this many pixels, at a constant offset; within `SAME_POINT_RADIUS` it takes the
+track over."""
 
 
 def track_points(
@@ -96,7 +98,7 @@ def track_points(
                 error = length(step + sample(used[-sign * gap][t], there))
                 believed = visible[source, points] & inside(there, height, width)
                 believed &= error < np.maximum(RETURN_PIXELS, RETURN_FRACTION * length(step))
-                total = drift[source, points] + error + np.where(believed, 0, LOST)
+                total = drift[source, points] + error + np.where(believed, 0, LOST_ERROR)
                 better = total < best[reach]
                 chosen, points = reach[better], points[better]
                 best[chosen] = total[better]
@@ -196,7 +198,7 @@ def relink(
     """Join tracks that end inside the picture with ones that begin later, when place and look agree.
 
     tracks (F,N,2), visible (F,N), pictures (F,H,W) uint8. The hidden point is expected where the neighbours went that moved
-    like it before it was lost; candidates near there must correlate (`LOOK_ALIKE`) and the best pair is joined first.
+    like it before it was lost; candidates near there must correlate (`MIN_CORRELATION`) and the best pair is joined first.
     Returns joined tracks, their visibility and the number of joins. Nothing is invented between the two ends.
     """
     from scipy.spatial import cKDTree
@@ -235,7 +237,7 @@ def relink(
     tracks, visible = tracks.copy(), visible.copy()
     ended, begun, owner, joins = set(), set(), np.arange(count), 0
     for look, track, other in sorted(proposals, key=lambda proposal: -proposal[0]):
-        if look < LOOK_ALIKE or track in ended or other in begun:
+        if look < MIN_CORRELATION or track in ended or other in begun:
             continue
         ended.add(track)
         begun.add(other)
@@ -268,21 +270,24 @@ def continue_lost(
     first, last, known = visible.argmax(0), frames - 1 - visible[::-1].argmax(0), visible.any(0)
     joined, seen = tracks.copy(), visible.copy()
     holder, joins = np.arange(tracks.shape[1]), 0  # the column that holds what was a track
-    for end in range(frames - 2, AWAY - 1, -1):  # the latest first: what a track goes on with is then complete
-        lost = np.nonzero(known & (last == end) & visible[end - AWAY])[0]
+    for end in range(frames - 2, GAP_MARGIN - 1, -1):  # the latest first: what a track goes on with is then complete
+        lost = np.nonzero(known & (last == end) & visible[end - GAP_MARGIN])[0]
         here = tracks[end, lost]
         lost = lost[((here > PATCH) & (here < (width - PATCH, height - PATCH))).all(-1)]
-        for t in [end + gap for gap in LOOK_AFTER if gap <= longest_gap and end + gap < frames]:
-            settled = np.nonzero(visible[t - AWAY : t + 1].all(0) & visible[min(t + AWAY, frames - 1)])[0]
+        for t in [end + gap for gap in SEARCH_AFTER if gap <= longest_gap and end + gap < frames]:
+            settled = np.nonzero(visible[t - GAP_MARGIN : t + 1].all(0) & visible[min(t + GAP_MARGIN, frames - 1)])[0]
             if len(lost) == 0 or len(settled) == 0:
                 continue
             places = _seen_again(tracks, visible, pictures, lost, end, t)
             found = np.isfinite(places[:, 0])
             distance, nearest = cKDTree(tracks[t, settled]).query(np.where(found[:, None], places, -width))
-            found &= distance <= CARRY_RADIUS
+            found &= distance <= FOLLOW_RADIUS
             for point, place, other in zip(lost[found], places[found], settled[nearest[found]], strict=True):
-                same, source = length(place - tracks[t, other]) <= SAME_POINT, holder[other]
-                joined[end - AWAY + 1 : end + 1, point], seen[end - AWAY + 1 : end + 1, point] = np.nan, False
+                same, source = length(place - tracks[t, other]) <= SAME_POINT_RADIUS, holder[other]
+                joined[end - GAP_MARGIN + 1 : end + 1, point], seen[end - GAP_MARGIN + 1 : end + 1, point] = (
+                    np.nan,
+                    False,
+                )
                 joined[t:, point] = joined[t:, source] + (0 if same else place - tracks[t, other])
                 seen[t:, point] = seen[t:, source]
                 if same and source == other and first[other] > end:
@@ -303,7 +308,7 @@ def _seen_again(
     """(L,2) where the points `lost` after frame `end` are seen in frame `t`, NaN where they are not."""
     from scipy.spatial import cKDTree
 
-    before = end - AWAY
+    before = end - GAP_MARGIN
     guides = np.nonzero(visible[before] & visible[end] & visible[t])[0]
     expected = _expected(tracks, lost, guides, before, end, t)
     radius = int(LINK_RADIUS + 0.5 * (t - end))
@@ -332,7 +337,7 @@ def _find_patches(
     picture: np.ndarray, other: np.ndarray, points: np.ndarray, near: np.ndarray, radius: int
 ) -> np.ndarray:
     """(L,2) where the patches around `points (L,2)` of a picture (H,W) are found in another one, at most `radius` pixels from
-    `near (L,2)`; NaN where nothing there is `LOOK_ALIKE`."""
+    `near (L,2)`; NaN where nothing there is `MIN_CORRELATION`."""
     import cv2
 
     height, width = picture.shape
@@ -344,7 +349,7 @@ def _find_patches(
         window = cv2.getRectSubPix(other, reach, (near[row] - 0.5).tolist())
         score = cv2.matchTemplate(window, patch, cv2.TM_CCOEFF_NORMED)
         _, best, _, (column, line) = cv2.minMaxLoc(score)
-        if best < LOOK_ALIKE or not (0 < column < 2 * radius and 0 < line < 2 * radius):
+        if best < MIN_CORRELATION or not (0 < column < 2 * radius and 0 < line < 2 * radius):
             continue
         cross = score[line, column - 1 : column + 2], score[line - 1 : line + 2, column]
         top = [(after - ahead) / max(2 * (2 * middle - ahead - after), 1e-6) for ahead, middle, after in cross]
@@ -367,7 +372,7 @@ def _expected(
         return straight
     near = cKDTree(tracks[end, guides]).query(tracks[end, lost], k=min(3 * NEIGHBOURS, len(guides)))[1]  # (L,n)
     unlike = length((tracks[end, guides] - tracks[before, guides])[near] - own[:, None])
-    unlike[unlike > np.maximum(1.0, ALIKE * length(own))[:, None]] = np.inf
+    unlike[unlike > np.maximum(1.0, STEP_TOLERANCE * length(own))[:, None]] = np.inf
     order = np.argsort(unlike, axis=1, kind="stable")[:, :NEIGHBOURS]
     shift = (tracks[begin, guides] - tracks[end, guides])[np.take_along_axis(near, order, 1)]  # (L,8,2)
     alike = np.isfinite(np.take_along_axis(unlike, order, 1))  # (L,8)
@@ -403,10 +408,11 @@ def best_rank(group: np.ndarray, item: np.ndarray, count: int) -> np.ndarray:
 
 
 def thinned(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most `count` tracks, none with fewer samples than `MIN_SAMPLES` (or F, in shorter clips): up to `PLACED` of them the q
-    longest of every place (`PLACE` squares) in every frame, q as large as fits, then the longest.
+    """Return at most `count` tracks, none with fewer samples than `MIN_SAMPLES` (or F, in shorter clips).
 
-    The longest alone would leave what turns or hurries without any, and places alone would spend on noise.
+    A `PLACED_FRACTION` of them are the q longest in every square of `PLACE` pixels of every frame, q as large as fits; the rest
+    are the longest of all. The longest alone would leave turning or fast objects without tracks, and squares alone would
+    spend tracks on noise.
     """
     samples = visible.sum(0)
     keep = np.nonzero(samples >= min(MIN_SAMPLES, len(visible)))[0]
@@ -415,7 +421,7 @@ def thinned(tracks: np.ndarray, visible: np.ndarray, count: int) -> tuple[np.nda
         frame, track = np.nonzero(visible[:, order])
         square = np.floor(tracks[:, order][frame, track] / PLACE).astype(np.int64)
         best = best_rank(frame * 2**20 + square[:, 1] * 2**10 + square[:, 0], track, len(order))
-        chosen = np.argsort(best, kind="stable")[: round(PLACED * count)]
+        chosen = np.argsort(best, kind="stable")[: round(PLACED_FRACTION * count)]
         others = np.setdiff1d(np.arange(len(order)), chosen)[: count - len(chosen)]
         keep = np.sort(order[np.concatenate([chosen, others])])
     return tracks[:, keep], visible[:, keep]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .bundle import Bundle, BundleConfig, Observations, adjust
-from .mirror import settle
+from .mirror import adjust_coarse_to_fine
 from .sfm import Solution, refocused
 
 MAX_COST_LEFT_BY_ZOOM = 0.4
@@ -67,8 +67,8 @@ def find_zoom(sample: Solution, frames: np.ndarray, lens: BundleConfig) -> Zoom:
     `frames` are those that were sampled.
     """
     seen, (count, points) = sample.observations, (len(sample.bundle.center), len(sample.bundle.points))
-    turning = settle(sample.bundle, seen, replace(lens, refine_centers=False))
-    zooming = settle(turning, seen, replace(lens, refine_centers=False, refine_zoom=True))
+    turning = adjust_coarse_to_fine(sample.bundle, seen, replace(lens, refine_centers=False))
+    zooming = adjust_coarse_to_fine(turning, seen, replace(lens, refine_centers=False, refine_zoom=True))
     costs = [mean_cost(one, seen, own * count + 2 * points) for one, own in ((turning, 3), (zooming, 4))]
     logarithm = np.log(zooming.focals)
     return Zoom(float(np.exp(np.ptp(logarithm))), costs[1] / max(costs[0], 1e-12), costs[1], logarithm, frames)
@@ -81,7 +81,7 @@ def zoomed(turning: Solution, zoom: Zoom, known: float | None) -> Solution:
     start = refocused(turning, usual, translating=False)
     start = replace(start, bundle=replace(start.bundle, zoom=np.exp(logarithm) / usual))
     settings = BundleConfig(refine_focal=False, refine_zoom=True, refine_centers=False)
-    bundle = settle(start.bundle, turning.observations, settings)
+    bundle = adjust_coarse_to_fine(start.bundle, turning.observations, settings)
     if known is not None:
         found = refocused(replace(turning, bundle=bundle), bundle.focal * known / bundle.focals[0], translating=False)
         bundle = adjust(found.bundle, turning.observations, replace(settings, refine_zoom=False))

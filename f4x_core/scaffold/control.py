@@ -72,7 +72,7 @@ def rebase_local(
     return t, q
 
 
-def greatest_weights(neighbours: np.ndarray, weights: np.ndarray, nodes: int) -> np.ndarray:
+def largest_weights(neighbours: np.ndarray, weights: np.ndarray, nodes: int) -> np.ndarray:
     """Return for each node `(M,)` its largest skinning weight over all Gaussians, `neighbours`, `weights (N, K)`."""
     greatest = np.zeros(nodes, weights.dtype)
     np.maximum.at(greatest, neighbours, weights)

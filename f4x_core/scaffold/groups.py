@@ -1,11 +1,11 @@
-"""Groups of nodes that move as one rigid thing, and the motion of such a thing. numpy."""
+"""Groups of nodes that move as one rigid object, and the motion of such a group. numpy."""
 
 import numpy as np
 
 from ..geometry import pose, quaternion
 
 NEARNESS = 0.05
-"""Fraction of the distance between two nodes that is added to their `rigidity`, so that static nodes are grouped by place."""
+"""Fraction of the distance between two nodes that is added to their `nonrigidity`, so that static nodes are grouped by place."""
 TOLERANCE = 1.0
 """By how much the distance between two nodes of one group may change over the clip, in node spacings (nine pairs in ten)."""
 MAX_GROUPS = 24
@@ -14,10 +14,10 @@ ROUNDS = 20
 """Rounds of choosing medoids; a few hundred nodes settle in less than ten."""
 
 
-def rigidity(xyz: np.ndarray) -> np.ndarray:
-    """Return the symmetric `(M,M)` float64 measure of how little two of the curves `xyz (F,M,3)` are one rigid thing.
+def nonrigidity(xyz: np.ndarray) -> np.ndarray:
+    """Return, for each pair of curves `xyz (F,M,3)`, how far they are from one rigid object: `(M,M)` float64, symmetric.
 
-    How much their distance changes over time, largest less smallest, plus `NEARNESS` times its mean, in world units.
+    The range of their distance over time (largest minus smallest) plus `NEARNESS` times its mean, in world units.
     """
     nodes = xyz.shape[1]
     least, most, total = np.full((nodes, nodes), np.inf), np.zeros((nodes, nodes)), np.zeros((nodes, nodes))
@@ -30,10 +30,10 @@ def rigidity(xyz: np.ndarray) -> np.ndarray:
 def rigid_groups(xyz: np.ndarray, unit: float, count: int | None = None) -> np.ndarray:
     """Return the group `(M,)` int of every node with curve `xyz (F,M,3)`, the largest group 0.
 
-    k-medoids on `rigidity` (Kaufman and Rousseeuw 1987), seeded with nodes far apart. Without `count` there are as few groups
+    k-medoids on `nonrigidity` (Kaufman and Rousseeuw 1987), seeded with nodes far apart. Without `count` there are as few groups
     as leave nine in ten pairs of a group within `TOLERANCE` times `unit`, at most `MAX_GROUPS`.
     """
-    distance = rigidity(xyz)
+    distance = nonrigidity(xyz)
     for number in [count] if count else range(1, min(MAX_GROUPS, len(distance)) + 1):
         medoids = _medoids(distance, min(number, len(distance)))
         group = distance[:, medoids].argmin(1)
@@ -58,10 +58,10 @@ def connected_groups(edges: np.ndarray, nodes: int) -> np.ndarray:
 
 
 def group_motion(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses `(quat (F,4), xyz (F,3))` of the rigid thing that nodes with curves `xyz (F,n,3)` are.
+    """Return the poses `(quat (F,4), xyz (F,3))` of a rigid frame that moves with nodes of curves `xyz (F,n,3)`.
 
-    It stands upright in their middle at the first time and follows them by the best rigid motion (Kabsch 1976); a thing of
-    fewer than three nodes does not turn.
+    At the first time it is in their middle, without rotation; then it follows them by the best rigid motion (Kabsch 1976).
+    For fewer than three nodes it does not turn.
     """
     centres = xyz.mean(1, dtype=np.float64)
     if xyz.shape[1] < 3:
@@ -73,8 +73,8 @@ def group_motion(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def shape_change(xyz: np.ndarray) -> np.ndarray:
     """Return how much `(F,)` of the shape of nodes with curves `xyz (F,n,3)` their best rigid motion leaves unexplained.
 
-    Root mean square distance from the shape of the first time, over the geometric mean of both extents: 0 for a rigid thing,
-    about 1 where a shape is not that of the first time at all.
+    Root mean square distance from the shape of the first time, over the geometric mean of both extents: 0 for a rigid object,
+    about 1 where the shape has nothing in common with that of the first time.
     """
     turn, middle = group_motion(xyz)
     shape = xyz - middle[:, None]

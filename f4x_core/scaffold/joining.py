@@ -69,11 +69,11 @@ def join_scaffolds(parts: Sequence[Scaffold], spans: np.ndarray) -> tuple[Scaffo
     for part, row, span in zip(parts, rows, spans, strict=True):
         at = np.ix_(np.searchsorted(times, part.times), row)
         # a part at whose very ends nothing is left of it still says where its nodes are then
-        share = np.maximum([presence(span[None], time)[0] for time in part.times], 1e-6)[:, None].astype(np.float32)
+        weight = np.maximum([presence(span[None], time)[0] for time in part.times], 1e-6)[:, None].astype(np.float32)
         sign = np.where((quat[at] * part.quat).sum(-1, keepdims=True) < 0, np.float32(-1), np.float32(1))
-        xyz[at] += share[..., None] * part.xyz
-        quat[at] += share[..., None] * sign * part.quat
-        total[at] += share
+        xyz[at] += weight[..., None] * part.xyz
+        quat[at] += weight[..., None] * sign * part.quat
+        total[at] += weight
         certain[at] |= part.certain
         padding = slots - part.neighbours.shape[1]
         graph.append(np.concatenate([row[part.neighbours], np.repeat(row[:, None], padding, 1)], 1))
@@ -84,8 +84,8 @@ def join_scaffolds(parts: Sequence[Scaffold], spans: np.ndarray) -> tuple[Scaffo
     for first_of in range(0, len(ids), BLOCK):
         block = slice(first_of, first_of + BLOCK)
         nearest = np.clip(np.arange(len(times))[:, None], start[block], end[block])[..., None]  # (F,B,1)
-        shares = np.take_along_axis(total[:, block, None], nearest, 0)
-        xyz[:, block] = np.take_along_axis(xyz[:, block], nearest, 0) / shares
+        weights = np.take_along_axis(total[:, block, None], nearest, 0)
+        xyz[:, block] = np.take_along_axis(xyz[:, block], nearest, 0) / weights
         turned = quaternion.normalize(np.take_along_axis(quat[:, block], nearest, 0))
         quat[:, block] = quaternion.align_sequence(turned)
     neighbours, edge_mask = np.concatenate(graph)[first], np.concatenate(mask)[first]

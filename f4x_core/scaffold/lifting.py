@@ -22,9 +22,9 @@ class LiftingConfig:
     """A sample farther than this from the straight line between its neighbours in time is dropped."""
     drop_shaking_curves: bool = False
     """True removes the whole curve of a shaking sample, not only the sample."""
-    minimal_samples: int = 2
+    min_samples: int = 2
     """Curves with fewer believed samples are removed (in clips of fewer frames: with fewer than the frames)."""
-    minimal_fraction: float = 0.1
+    min_fraction: float = 0.1
     """Curves believed in a smaller fraction of the frames are removed."""
     carriers: int = 8
     """So many nearest seen curves carry a curve through frames in which it was not seen."""
@@ -83,7 +83,7 @@ def lift_tracks(
         certain[f] = seen
     shaking = _shaking(fill_gaps(xyz, certain, times), times, config.shaking) & certain
     certain &= ~(shaking.any(axis=0) if config.drop_shaking_curves else shaking)
-    least = max(min(config.minimal_samples, frames), int(np.ceil(config.minimal_fraction * frames)))
+    least = max(min(config.min_samples, frames), int(np.ceil(config.min_fraction * frames)))
     kept = np.flatnonzero(certain.sum(axis=0) >= least)
     certain = certain[:, kept]
     xyz = complete_curves(xyz[:, kept], certain, times, config.carriers)

@@ -52,7 +52,7 @@ class SelectionConfig:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class NodeCountTrial:
     """One tried node count."""
 
     nodes: int
@@ -77,7 +77,7 @@ class Selection:
     """What the tracks' own jitter alone would leave as residual (`track_noise`)."""
     pixels: bool
     """True when residual, tolerance and noise are in pixels, False for world units."""
-    table: tuple[Evidence, ...]
+    table: tuple[NodeCountTrial, ...]
 
     @property
     def met(self) -> bool:
@@ -133,7 +133,7 @@ def choose_nodes(
         residual = track_residuals(scaffold, lifted.subset(held_out), cameras)
         value = float(np.quantile(residual, config.quantile)) if len(residual) else 0.0
         median = float(np.median(residual)) if len(residual) else 0.0
-        table.append(Evidence(len(pick), scaffold.unit, value, median))
+        table.append(NodeCountTrial(len(pick), scaffold.unit, value, median))
         picks.append(candidates[pick])
         if value <= enough:
             break

@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..errors import F4xError
-from ..features.pictures import Pca
+from ..features.pca import Pca
 from ..features.spec import FeatureSpec
 
 BITS = (4, 8)

@@ -21,7 +21,7 @@ from ..geometry.interpolation import presence
 from ..geometry.splats import Splats
 from ..raster.contract import RasterConfig
 from ..scaffold import Scaffold
-from ..scaffold.deformation import Pairs, carry, pairs_of, relative_motions
+from ..scaffold.deformation import Pairs, move_gaussians, pairs_of, relative_motions
 from .field import FeatureField
 
 GAUSSIAN_ARRAYS = {
@@ -329,9 +329,9 @@ class Scene:
         dynamic, index, table = self.dynamic, self._pairs.index, self._motions(time)
         weight, strength, means, quats = dynamic.weight, dynamic.strength, dynamic.means, dynamic.quats
         if dynamic.span is None:
-            return carry(table, index, weight, strength, means, quats)
+            return move_gaussians(table, index, weight, strength, means, quats)
         rows = np.flatnonzero(dynamic.presence(time))
-        moved = carry(table, index[rows], weight[rows], strength[rows], means[rows], quats[rows])
+        moved = move_gaussians(table, index[rows], weight[rows], strength[rows], means[rows], quats[rows])
         means, quats = means.copy(), quats.copy()
         means[rows], quats[rows] = moved
         return means, quats

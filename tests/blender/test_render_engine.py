@@ -16,7 +16,7 @@ import pytest
 from labelled_scene import labelled_scene
 from random_scene import HEIGHT, WIDTH, random_scene
 
-from f4x_core.features.pictures import fit_pca
+from f4x_core.features.pca import fit_pca
 from f4x_core.geometry.camera import Camera
 from f4x_core.raster import RasterConfig
 from f4x_core.scene import read_scene, write_scene

@@ -20,7 +20,7 @@ from f4x_core.batch import windows
 from f4x_core.batch.windows import LENGTH, OVERLAP, plan_shots, plan_windows
 from f4x_core.cli.fitting import fit_windows, windows_of
 from f4x_core.clip import read_clip, write_images
-from f4x_core.clip.stream import Reel, Survey, survey
+from f4x_core.clip.stream import ClipStream, Survey, survey
 from f4x_core.errors import F4xError
 from f4x_core.features.maps import FeatureMaps
 from f4x_core.features.spec import FeatureSpec
@@ -70,7 +70,7 @@ def test_a_reel_is_the_clip_read_picture_by_picture(tmp_path):
     clip, _ = clip_and_priors(9)
     write_images(tmp_path / "images", clip.frames)
     wanted = read_clip(tmp_path, "2:9:3", 33)  # odd: rounded to 32
-    reel = Reel(tmp_path, "2:9:3", wanted.width, wanted.height, len(wanted))
+    reel = ClipStream(tmp_path, "2:9:3", wanted.width, wanted.height, len(wanted))
     for _ in range(2):
         assert np.array_equal(np.stack(list(reel.frames)), wanted.frames)
     for wrong in ({"count": 2}, {"count": 4}, {"height": 40}):

@@ -14,7 +14,7 @@ from f4x_core.clip import Clip  # noqa: E402
 from f4x_core.errors import F4xError  # noqa: E402
 from f4x_core.features.models import depth_anything3, providers  # noqa: E402
 from f4x_core.features.models.depth import GUESS, TRUST  # noqa: E402
-from f4x_core.features.models.views import Views, see_all  # noqa: E402
+from f4x_core.features.models.views import Views, predict_in_one_world  # noqa: E402
 from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor  # noqa: E402
 from f4x_core.geometry import pose, quaternion  # noqa: E402
 from f4x_core.geometry.camera import CameraPath  # noqa: E402
@@ -66,7 +66,7 @@ class Teller:
     def size(self, width, height):
         return self.views.depth.shape[1:]
 
-    def look(self, frames):
+    def predict(self, frames):
         return self.see(frames[:, 0, 0, 0])  # pictures carry their number
 
 
@@ -76,12 +76,12 @@ def aligned(found, true):
     return scale * found @ rotation.T + shift, scale
 
 
-@pytest.mark.parametrize(("count", "most"), [(1, 16), (16, 16), (17, 16), (40, 5), (100, 16)])
-def test_pieces_join_to_one_world_and_scale(count, most):
+@pytest.mark.parametrize(("count", "max_views"), [(1, 16), (16, 16), (17, 16), (40, 5), (100, 16)])
+def test_pieces_join_to_one_world_and_scale(count, max_views):
     views, _ = room(count, width=32, height=18)
     teller = Teller(views)
-    joined = see_all(teller.see, count, most)
-    assert max(len(asked) for asked in teller.asked) <= most
+    joined = predict_in_one_world(teller.see, count, max_views)
+    assert max(len(asked) for asked in teller.asked) <= max_views
     assert len(joined) == count
     (q, center), (true_q, true_center) = joined.poses(), views.poses()
     if count > 1:
@@ -95,7 +95,7 @@ def test_pieces_join_to_one_world_and_scale(count, most):
 def test_errors_of_pieces_do_not_add_up_along_the_clip():
     views, _ = room(120, width=32, height=18)
     _, true = views.poses()
-    _, center = see_all(Teller(views, wobble=0.01).see, 120, 16).poses()
+    _, center = predict_in_one_world(Teller(views, wobble=0.01).see, 120, 16).poses()
     placed, _ = aligned(center, true)
     assert np.sqrt(((placed - true) ** 2).sum(1).mean()) < 0.05  # a single piece errs by 0.02
 
@@ -291,7 +291,7 @@ def test_checkpoint_opens_and_its_answer_is_the_networks(tiny, capsys):
     folder, made = tiny
     model = depth_anything3.DepthAnything3(folder)
     frames = np.random.default_rng(0).integers(0, 255, (4, 90, 160, 3), dtype=np.uint8)
-    views = model.look(frames)
+    views = model.predict(frames)
     h, w = model.size(160, 90)
     assert (h, w) == (280, 504)
     assert views.depth.shape == views.confidence.shape == (4, h, w)

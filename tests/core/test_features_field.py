@@ -17,7 +17,7 @@ from f4x_core.errors import Cancelled, F4xError
 from f4x_core.features.footprint import cell_weights
 from f4x_core.features.heads import Head, head_widths
 from f4x_core.features.maps import FeatureMaps
-from f4x_core.features.pictures import fit_pca
+from f4x_core.features.pca import fit_pca
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.features.spectrum import measure_spectrum
 from f4x_core.fit.distil import distil, to_grid

@@ -12,7 +12,14 @@ from f4x_core.geometry.pose import align_similarity
 from f4x_core.priors import CamerasConfig, Priors, PriorsConfig
 from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
 from f4x_core.priors.cameras import complete, interpolation_error, linked, provide, static_shift
-from f4x_core.priors.sfm import FOCALS, hold_every_frame, refocused, search_focal, solve_with_depth, solve_with_tracks
+from f4x_core.priors.sfm import (
+    FOCALS,
+    choose_covering_points,
+    refocused,
+    search_focal,
+    solve_with_depth,
+    solve_with_tracks,
+)
 from f4x_core.progress import silent
 
 WIDTH, HEIGHT, FOCAL = 320, 180, 260.0
@@ -326,7 +333,7 @@ def test_chosen_points_hold_every_frame():
     for i in range(200, 500):
         first = 20 + (i - 200) % 20
         visible[first : first + 5, i] = True
-    chosen = hold_every_frame(visible, 100)
+    chosen = choose_covering_points(visible, 100)
     assert len(chosen) == 100
     assert (np.diff(chosen) > 0).all()
     seen = visible[:, chosen].sum(1)
@@ -344,8 +351,8 @@ def test_chosen_points_hold_every_frame():
 def test_all_points_are_chosen_where_there_is_room_and_unseen_ones_never():
     visible = np.zeros((3, 6), bool)
     visible[:, [0, 2, 5]] = True
-    np.testing.assert_array_equal(hold_every_frame(visible, 10), [0, 2, 5])
-    assert len(hold_every_frame(np.zeros((3, 0), bool), 10)) == 0
+    np.testing.assert_array_equal(choose_covering_points(visible, 10), [0, 2, 5])
+    assert len(choose_covering_points(np.zeros((3, 0), bool), 10)) == 0
 
 
 def test_a_fast_pan_in_mid_clip_keeps_its_cameras():

@@ -11,7 +11,7 @@ from f4x_core.geometry import quaternion
 from f4x_core.priors import CamerasConfig, PriorsConfig, mirror
 from f4x_core.priors.bundle import Bundle, BundleConfig, adjust, total_cost
 from f4x_core.priors.cameras import provide
-from f4x_core.priors.mirror import Decision, Evidence, Witnesses, decide, mirrored
+from f4x_core.priors.mirror import Decision, DepthCues, Evidence, choose_orientation, mirrored
 from f4x_core.progress import silent
 
 
@@ -34,8 +34,8 @@ def ceiling(**changes):
     return replace(upright, points=upright.points @ flip, rotation=rotation, center=upright.center @ flip)
 
 
-def witnesses(tracks, visible, **more):
-    return Witnesses(np.arange(len(tracks)), tracks, visible, np.ones(tracks.shape[1], bool), **more)
+def cues(tracks, visible, **more):
+    return DepthCues(np.arange(len(tracks)), tracks, visible, np.ones(tracks.shape[1], bool), **more)
 
 
 def way_round(bundle, true):
@@ -58,7 +58,7 @@ def test_the_right_way_round_is_found_from_either_side(start):
     tracks, visible = project(true, noise=0.2)
     observations = observe(true, noise=0.2)
     begun = true if start == "right" else adjust(mirrored(true), observations)
-    decision = decide([begun], observations, BundleConfig(expected_focal=FOCAL), witnesses(tracks, visible))
+    decision = choose_orientation([begun], observations, BundleConfig(expected_focal=FOCAL), cues(tracks, visible))
     assert way_round(decision.bundle, true) > 0.8
     assert decision.verdict in ("likely", "sure")
     assert {item.what for item in decision.evidence} >= {"reprojection", "lower is nearer"}
@@ -72,8 +72,8 @@ def test_a_depth_prior_overrules_what_is_usual():
     for frame in range(len(tracks)):
         column, row = tracks[frame, visible[frame]].astype(int).T
         depth[frame, row, column] = (true.rotation[frame] @ (true.points - true.center[frame]).T)[2, visible[frame]]
-    known = witnesses(tracks, visible, depth=depth)
-    decision = decide([mirrored(true)], observe(true, noise=0.2), BundleConfig(expected_focal=FOCAL), known)
+    known = cues(tracks, visible, depth=depth)
+    decision = choose_orientation([mirrored(true)], observe(true, noise=0.2), BundleConfig(expected_focal=FOCAL), known)
     assert way_round(decision.bundle, true) > 0.8
     assert next(item for item in decision.evidence if item.what == "depth prior").log_odds > 4
 
@@ -83,8 +83,8 @@ def test_a_mover_stands_on_what_is_near():
     tracks, visible = project(true, noise=0.2)
     mask = np.zeros((len(tracks), HEIGHT, WIDTH), bool)
     mask[:, 60:120, 140:180] = True
-    known = witnesses(tracks, visible, mask=mask)
-    decision = decide([true], observe(true, noise=0.2), BundleConfig(expected_focal=FOCAL), known)
+    known = cues(tracks, visible, mask=mask)
+    decision = choose_orientation([true], observe(true, noise=0.2), BundleConfig(expected_focal=FOCAL), known)
     assert next(item for item in decision.evidence if item.what == "movers stand in front").log_odds > 0.5
 
 

@@ -189,7 +189,7 @@ def test_lost_points_go_on_with_what_is_nearest_where_they_are_seen_again(behind
     assert continued >= len(again) > 0.7 * len(long_enough) > 5
     for point in again:
         last = np.flatnonzero(before[:, point])[-1]
-        assert not seen[last - tracks.AWAY + 1 : last + 1, point].any()  # the post may have dragged it
+        assert not seen[last - tracks.GAP_MARGIN + 1 : last + 1, point].any()  # the post may have dragged it
         assert not (seen[:, point] & ~before[:, point] & ~after[:, point]).any()  # nothing is invented
         np.testing.assert_allclose(joined[seen[:, point], point], path[seen[:, point], point], atol=0.7)
     assert tracks.continue_lost(points, visible, pictures, 3)[2] == 0  # hidden for longer than allowed

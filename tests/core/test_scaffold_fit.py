@@ -11,7 +11,7 @@ from f4x_core.geometry import pose, quaternion
 from f4x_core.scaffold import Scaffold
 from f4x_core.scaffold.control import (
     densify_nodes,
-    greatest_weights,
+    largest_weights,
     prune_nodes,
     rebase_local,
     resample_in_time,
@@ -285,7 +285,7 @@ def test_pruning_a_weightless_node_changes_nothing():
     assert useless.any()
     dw = np.where(useless, -(raw + 1e-6), 0.01)
     before, weights = carried(scaffold, attach, reference, points, dw, 7.3)
-    greatest = greatest_weights(neighbours, weights, len(scaffold))
+    greatest = largest_weights(neighbours, weights, len(scaffold))
     pruned, new_index = prune_nodes(scaffold, greatest, attach, 1e-5)
     assert len(pruned) == 12 and (new_index[12:] == -1).all()
     assert pruned.ids.tolist() == list(range(12))
@@ -297,7 +297,7 @@ def test_pruning_keeps_attached_nodes_and_bounds_the_change():
     scaffold = bending()
     attach, reference, points = gaussians(scaffold, attach_below=12)
     before, weights = carried(scaffold, attach, reference, points, None, 5.0)
-    greatest = greatest_weights(scaffold.neighbours[attach], weights, len(scaffold))
+    greatest = largest_weights(scaffold.neighbours[attach], weights, len(scaffold))
     everything, _ = prune_nodes(scaffold, np.zeros_like(greatest), attach, 0.5)
     assert set(np.unique(attach)) == set(everything.ids)
     threshold = np.sort(greatest)[1] * 1.01

@@ -6,7 +6,7 @@ from scipy.optimize import minimize
 
 from f4x_core.geometry import pose, quaternion
 from f4x_core.scaffold.grab import add_offset, grab, within_reach
-from f4x_core.scaffold.groups import group_motion, rigid_groups, rigidity
+from f4x_core.scaffold.groups import group_motion, nonrigidity, rigid_groups
 
 
 def sheet(rows=5, columns=4) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +127,7 @@ def test_boards_of_a_hinge_are_two_groups():
 
 def test_rigidity_of_one_thing_is_its_nearness_alone():
     xyz, board = hinge()
-    distance = rigidity(xyz)
+    distance = nonrigidity(xyz)
     same = board[:, None] == board
     mean = np.linalg.norm(xyz[:, :, None] - xyz[:, None], axis=-1).mean(0)
     np.testing.assert_allclose(distance[same], 0.05 * mean[same], atol=1e-12)

@@ -7,7 +7,7 @@ import torch
 from f4x_core.geometry import dual_quaternion, pose, quaternion
 from f4x_core.scaffold.deformation import SIGN_BAND, blend, pairs_of, relative_motions
 from f4x_core.scaffold.deformation.native import library
-from f4x_core.scaffold.deformation.native.autograd import Carriers, NativeDeformer, carry
+from f4x_core.scaffold.deformation.native.autograd import NativeDeformer, SkinningData
 from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.skinning import skinning_weights
 
@@ -63,8 +63,8 @@ def plain(leaves, carried, kernel):
 
 def native(leaves, carried, kernel, threads=1):
     deformer = Deformer(np.arange(FRAMES), carried["reference"], carried["neighbours"], NODES)
-    carriers = Carriers.of(deformer, torch.as_tensor(carried["mask"]), kernel, threads)
-    return carry(carriers, **leaves | {"now_quat": quaternion.normalize(leaves["now_quat"])})
+    skinning = SkinningData.of(deformer, torch.as_tensor(carried["mask"]), kernel, threads)
+    return skinning.deform(**leaves | {"now_quat": quaternion.normalize(leaves["now_quat"])})
 
 
 def run(function, arrays, *arguments, dtype, seeds=None):
@@ -251,9 +251,9 @@ def make_playback(number=1003, slots=8, dtype=np.float32):
 def test_playback_equals_numpy(slots, fades, monkeypatch):
     *blended, means, quats = make_playback(slots=slots)
     strength = np.random.default_rng(1).choice([0, 0.3, 1] if fades else [1], len(means)).astype(np.float32)
-    fast = library.carry(*blended, strength, means, quats)
+    fast = library.move_gaussians(*blended, strength, means, quats)
     monkeypatch.setattr(library, "open_library", lambda: (None, "left out"))
-    slow = library.carry(*blended, strength, means, quats)
+    slow = library.move_gaussians(*blended, strength, means, quats)
     for a, b in zip(fast, slow, strict=True):
         assert a.dtype == b.dtype == np.float32
         np.testing.assert_allclose(a, b, atol=1e-5)
@@ -261,6 +261,6 @@ def test_playback_equals_numpy(slots, fades, monkeypatch):
 
 def test_playback_of_other_dtypes_stays_in_numpy():
     *blended, means, quats = make_playback(number=5, dtype=np.float64)
-    moved, _ = library.carry(*blended, np.ones(5), means, quats)
+    moved, _ = library.move_gaussians(*blended, np.ones(5), means, quats)
     q, t = blend(*blended, np.ones(5))
     np.testing.assert_array_equal(moved, quaternion.rotate(q, means) + t)

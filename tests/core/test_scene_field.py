@@ -16,7 +16,7 @@ from random_scene import random_scene
 from test_scene_file import JSON, rewritten
 
 from f4x_core.errors import F4xError
-from f4x_core.features.pictures import fit_pca
+from f4x_core.features.pca import fit_pca
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.scene import FeatureField, FieldHead, Vocabulary, append_edit, read_header, read_scene, write_scene
 from f4x_core.scene.field import quantise

@@ -30,7 +30,7 @@ from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor
 from .depth import AGREEMENT, FARTHEST, GUESS, TRUST, weighted_median
 from .loading import Located, find
 from .providers import INSTALL
-from .views import Views, see_all
+from .views import Views, predict_in_one_world
 
 if TYPE_CHECKING:
     from ...clip import Clip
@@ -46,29 +46,29 @@ LONGER_SIDE, PATCH = 504, 14
 MAX_VIEWS, MAX_PIXELS = 16, 16 * 504 * 294
 """Largest number of images in one pass of the model, and of pixels in all of them: 1.4 GB of memory."""
 ZOOM = 1.2
-"""Ratio of the longest to the shortest focal length found (9 tenths of the frames) that is told."""
+"""A warning is given when the focal lengths found (5th to 95th percentile over the frames) differ by more than this ratio."""
 
 
 class DepthAnything3:
-    """A few pictures to their cameras and depth."""
+    """Depth Anything 3: predicts the cameras and depth of a few images at once."""
 
     def __init__(self, model: str | Path | None = None) -> None:
         self.weights = find("depth-anything-3", model)
         self.network: Any = _load(self.weights)
 
-    def look(self, frames: np.ndarray) -> Views:
+    def predict(self, frames: np.ndarray) -> Views:
         """Views of pictures (N,H,W,3) uint8; depth and intrinsics are those of the model's own picture size (h, w)."""
         size = self.size(frames.shape[2], frames.shape[1])
         with torch.inference_mode(), memory_guard(f"Depth Anything 3 on {len(frames)} pictures of {size[1]}x{size[0]}"):
             pictures = [picture_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic") for rgb in frames]
-            told = self.network(torch.cat(pictures)[None])  # (1,N,3,h,w)
+            predicted = self.network(torch.cat(pictures)[None])  # (1,N,3,h,w)
         matrices = np.tile(np.eye(4), (len(frames), 1, 1))
-        matrices[:, :3] = told["extrinsics"][0].double().numpy()
+        matrices[:, :3] = predicted["extrinsics"][0].double().numpy()
         return Views(
-            told["intrinsics"][0].double().numpy(),
+            predicted["intrinsics"][0].double().numpy(),
             matrices,
-            told["depth"][0].numpy(),
-            (1 - 1 / told["depth_conf"][0]).numpy(),  # the head's 1 + exp(x) as sigmoid(x)
+            predicted["depth"][0].numpy(),
+            (1 - 1 / predicted["depth_conf"][0]).numpy(),  # the head's 1 + exp(x) as sigmoid(x)
         )
 
     def size(self, width: int, height: int) -> tuple[int, int]:
@@ -156,21 +156,21 @@ def scale_to_tracks(inverse: np.ndarray, priors: Priors) -> tuple[np.ndarray, np
 
 
 def _views(clip: Clip, priors: Priors, progress: Progress, model: str | Path) -> tuple[str, Views]:
-    """Name of the weights, and views of the supervised frames, seen once in a run: cameras and depth share them."""
+    """Return the name of the weights and the views of the supervised frames, predicted once per run for cameras and depth."""
     key = f"views of {model}"
     if key not in priors.scratch:
         network = DepthAnything3(model)
         height, width = network.size(priors.width, priors.height)
-        most = int(np.clip(MAX_PIXELS // (height * width), 3, MAX_VIEWS))
+        max_views = int(np.clip(MAX_PIXELS // (height * width), 3, MAX_VIEWS))
         count, seen = len(priors.frames), 0
 
-        def look(chosen: np.ndarray) -> Views:
+        def predict(chosen: np.ndarray) -> Views:
             nonlocal seen
             progress("model", min(seen, count), count, "Depth Anything 3")
             seen += len(chosen)
-            return network.look(np.stack([clip.frames[frame] for frame in priors.frames[chosen]]))
+            return network.predict(np.stack([clip.frames[frame] for frame in priors.frames[chosen]]))
 
-        views = see_all(look, count, most)
+        views = predict_in_one_world(predict, count, max_views)
         progress("model", count, count, "Depth Anything 3")
         priors.scratch[key] = network.weights.name, views
     return priors.scratch[key]

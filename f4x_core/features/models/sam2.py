@@ -140,7 +140,7 @@ class EverythingConfig:
     """Shift of the cut by which stability is measured."""
     overlap: float = 0.7
     """Of two masks that overlap more (intersection over union), the better one stays."""
-    least_pixels: int = 25
+    min_pixels: int = 25
     """Smaller masks (pixels of the picture) are dropped."""
 
 
@@ -228,7 +228,7 @@ class Sam2MaskDecoder:
                 kept.append(masks[good])
                 scores.append(quality[good])
             masks, quality = torch.cat(kept), torch.cat(scores)
-            smallest = config.least_pixels / (self.size[0] * self.size[1])
+            smallest = config.min_pixels / (self.size[0] * self.size[1])
             large = (masks > 0).float().mean((1, 2)) >= smallest
             masks, quality = masks[large], quality[large]
             chosen = suppress(masks > 0, quality, config.overlap)

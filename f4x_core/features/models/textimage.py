@@ -25,7 +25,7 @@ from .loading import find, load, load_tokenizer, transformers
 
 CLIP_MEAN, CLIP_STD = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 OVERLAP = {"tipsv2": 0.25, "clip": 0.5}
-"""Share of a window that the next one sees again (TIPSv2: 448 px windows 336 px apart, as in its own code)."""
+"""Fraction of a window that overlaps the next one (TIPSv2: 448 px windows 336 px apart, as in its own code)."""
 MAGNIFICATION = {"tipsv2": 1, "clip": 2}
 """Shorter side of the picture in windows: CLIP's 14 x 14 patches of one window are too few for a whole picture."""
 TEMPLATES = (

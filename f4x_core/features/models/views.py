@@ -1,8 +1,8 @@
-"""Cameras and depth of a whole clip from a model that sees a few views at once, each time in a world of its own.
+"""Cameras and depth of a whole clip from a model that takes a few frames at once and predicts each batch in its own world.
 
-A first pass sees evenly spaced keyframes of the whole clip, so that nothing can drift; then every stretch between
-keyframes is seen, and hung between them: each camera is placed relative to the keyframe before and the one after it, in
-the keyframes' scale, and the two are blended. A clip too long for one pass of keyframes is solved in the same way, level
+The first pass predicts evenly spaced keyframes of the whole clip, so that nothing can drift. Then every stretch between
+keyframes is predicted and aligned to them: each camera is placed relative to the keyframe before and to the one after it,
+in the keyframes' scale, and the two poses are blended. A clip too long for one pass of keyframes is solved in the same way, level
 by level.
 """
 
@@ -20,7 +20,7 @@ from ...geometry.arrays import evenly_spaced
 
 @dataclass(frozen=True)
 class Views:
-    """What a model tells of N pictures of h x w pixels; cameras and depth share one world of arbitrary place and scale."""
+    """Cameras and depth that a model predicts for N images of h x w pixels, all in one world of arbitrary place and scale."""
 
     intrinsics: np.ndarray
     """(N, 3, 3) float64 pixels."""
@@ -39,28 +39,28 @@ class Views:
         return pose.invert(*pose.from_matrix(self.world_to_camera))
 
 
-def see_all(look: Callable[[np.ndarray], Views], count: int, most: int) -> Views:
-    """Views of frames 0..count-1 in one world, `look(indices) -> Views` being asked for at most `most >= 3` at a time."""
+def predict_in_one_world(predict: Callable[[np.ndarray], Views], count: int, max_views: int) -> Views:
+    """Views of frames 0..count-1 in one world; `predict(indices) -> Views` takes at most `max_views >= 3` frames at once."""
     frames = np.arange(count)
-    if count <= most:
-        return look(frames)
-    stretches = ceil((count - 1) / (most - 1))
-    inner = max((most - 1) // stretches, 1)  # a clip of few stretches affords more keyframes than their ends
+    if count <= max_views:
+        return predict(frames)
+    stretches = ceil((count - 1) / (max_views - 1))
+    inner = max((max_views - 1) // stretches, 1)  # a clip of few stretches affords more keyframes than their ends
     keys = evenly_spaced(count, stretches * inner + 1)
-    known = see_all(lambda chosen: look(keys[chosen]), len(keys), most)
+    known = predict_in_one_world(lambda chosen: predict(keys[chosen]), len(keys), max_views)
     parts = []
     for start in range(0, len(keys) - 1, inner):
         held = slice(start, start + inner + 1)
         inside = frames[keys[held][0] : keys[held][-1] + 1]
-        part = hang(look(inside), inside, _take(known, held), keys[held])
+        part = align_to_keyframes(predict(inside), inside, _take(known, held), keys[held])
         parts.append(part if start == 0 else _take(part, slice(1, None)))
     return Views(*(np.concatenate(arrays) for arrays in zip(*(vars(part).values() for part in parts), strict=True)))
 
 
-def hang(views: Views, frames: np.ndarray, known: Views, keys: np.ndarray) -> Views:
-    """`views` of `frames` moved into the world of `known`, which holds the `keys` among them, the first and last included.
+def align_to_keyframes(views: Views, frames: np.ndarray, known: Views, keys: np.ndarray) -> Views:
+    """Return `views` of `frames` in the world of `known`, the views of the keyframes `keys` (the first and last frame included).
 
-    At the keys the cameras become the known ones, and the median depth too.
+    At the keyframes cameras and median depth become those of `known`.
     """
     rows = np.searchsorted(frames, keys)
     ratios = np.array([_scale(views.depth[row], views.confidence[row], known, i) for i, row in enumerate(rows)])
@@ -73,9 +73,9 @@ def hang(views: Views, frames: np.ndarray, known: Views, keys: np.ndarray) -> Vi
         offset = np.exp(ratios.mean()) * quaternion.rotate(turn, center - center[rows[side]])
         sides.append((quaternion.multiply(turn, q), known_center[side] + offset))
     (q_before, center_before), (q_after, center_after) = sides
-    share = (place - before)[:, None]
-    turned = quaternion.slerp(q_before, q_after, share)
-    centers = (1 - share) * center_before + share * center_after
+    fraction = (place - before)[:, None]
+    turned = quaternion.slerp(q_before, q_after, fraction)
+    centers = (1 - fraction) * center_before + fraction * center_after
     scale = np.exp(np.interp(frames, keys, ratios))[:, None, None]
     return Views(
         views.intrinsics,

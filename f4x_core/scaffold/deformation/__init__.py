@@ -4,7 +4,7 @@
 for numpy arrays (`native.library`) and for tensors (`native.autograd`). What is exported here needs numpy alone.
 """
 
-from .native.library import carry
+from .native.library import move_gaussians
 from .reference import (
     COLLAPSED,
     SIGN_BAND,
@@ -27,10 +27,10 @@ __all__ = [
     "align_signs",
     "blend",
     "blend_reference",
-    "carry",
     "deform",
     "interpolation_stencil",
     "motions_to",
+    "move_gaussians",
     "node_poses_at",
     "pairs_of",
     "relative_motions",

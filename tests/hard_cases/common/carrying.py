@@ -12,7 +12,15 @@ import torch
 from benchmarks.studies.hard_cases import Check, within
 from f4x_core.geometry import dual_quaternion, pose, quaternion
 from f4x_core.native import open_library
-from f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND, carry, deform, node_poses_at, pairs_of, relative_motions
+from f4x_core.scaffold.deformation import (
+    COLLAPSED,
+    SIGN_BAND,
+    deform,
+    move_gaussians,
+    node_poses_at,
+    pairs_of,
+    relative_motions,
+)
 from f4x_core.scaffold.deformation.native.autograd import NativeDeformer
 from f4x_core.scaffold.deformation.sparse import Deformer
 from f4x_core.scaffold.skinning import skinning_weights
@@ -111,7 +119,7 @@ def _played(carried: Carried, time: float, compiled: bool) -> tuple[np.ndarray, 
     strength, pairs = np.ones(len(x), np.float32), pairs_of(carried.neighbours, carried.reference)
     if compiled:
         table = relative_motions(carried.times, a["node_xyz"], a["node_quat"], pairs, time)
-        return carry(table, pairs.index, weights, strength, x, q)
+        return move_gaussians(table, pairs.index, weights, strength, x, q)
     moved = deform(carried.times, a["node_xyz"], a["node_quat"], pairs, weights, strength, time)
     rotation, means = pose.compose(*moved, q, x)
     return means, rotation

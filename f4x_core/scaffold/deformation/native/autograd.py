@@ -20,8 +20,8 @@ NAMES = ("xyz", "quat", "dw", "node_xyz", "node_quat", "radius", "now_xyz", "now
 
 
 @dataclass(frozen=True, eq=False)
-class Carriers:
-    """Who carries whom, and how: what stays the same from step to step."""
+class SkinningData:
+    """Which nodes move which Gaussians, and by which kernel: what is constant during optimisation."""
 
     arrays: Mapping[str, np.ndarray]
     """`index (N, K)` int32, `mask (N, K)` bool, `node (P,)` and `then (P,)` int64 of `library`."""
@@ -29,62 +29,61 @@ class Carriers:
     threads: int
 
     @classmethod
-    def of(cls, deformer: Deformer, mask: Tensor, kernel: Kernel, threads: int) -> Carriers:
+    def of(cls, deformer: Deformer, mask: Tensor, kernel: Kernel, threads: int) -> SkinningData:
         """The same as in `deformer`; `mask (N, K)` bool are its valid neighbours."""
         fixed = {"node": deformer.node.numpy(), "then": deformer.then.numpy(), "mask": mask.numpy()}
         return cls(fixed | {"index": deformer.pairs.index}, kernel, threads)
 
+    def deform(
+        self,
+        xyz: Tensor,
+        quat: Tensor,
+        dw: Tensor | None,
+        node_xyz: Tensor,
+        node_quat: Tensor,
+        radius: Tensor,
+        now_xyz: Tensor,
+        now_quat: Tensor,
+    ) -> list[tuple[Tensor, Tensor]]:
+        """Return `(means (N, 3), quats (N, 4))` at each of T times, differentiable once; float32 on the CPU.
 
-class _Carry(torch.autograd.Function):
+        `xyz (N, 3)`, `quat (N, 4)` of any length and `dw (N, K)` or None are the Gaussians' parameters; `node_xyz (F, M, 3)`,
+        `node_quat (F, M, 4)` of any length and `radius (M,)` those of the nodes; `now_xyz (T, M, 3)`, `now_quat (T, M, 4)`
+        their poses at the T times. Strength is 1. The gradient of `now_quat` is right only across the quaternions, so they
+        must come from a normalisation. Gradients are bit-equal for an equal number of threads.
+        """
+        times = len(now_xyz)
+        moved = _Deformation.apply(self, xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)
+        return list(zip(moved[:times], moved[times:], strict=True))
+
+
+class _Deformation(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, carriers: Carriers, *tensors: Tensor | None) -> Any:
-        arrays = _arrays(carriers, tensors)
+    def forward(ctx, skinning: SkinningData, *tensors: Tensor | None) -> Any:
+        arrays = _arrays(skinning, tensors)
         tables = library.relate(arrays)
         means, quats = library.forward(
-            arrays | {"nodes": tables[0], "motions": tables[1:]}, carriers.kernel, carriers.threads
+            arrays | {"nodes": tables[0], "motions": tables[1:]}, skinning.kernel, skinning.threads
         )
-        ctx.carriers, ctx.tables = carriers, tables
+        ctx.skinning, ctx.tables = skinning, tables
         ctx.save_for_backward(*tensors)
         return *map(torch.from_numpy, means), *map(torch.from_numpy, quats)
 
     @staticmethod
     @once_differentiable
     def backward(ctx, *sent: Tensor) -> Any:
-        carriers, tables, times = ctx.carriers, ctx.tables, len(sent) // 2
+        skinning, tables, times = ctx.skinning, ctx.tables, len(sent) // 2
         means, quats = (torch.stack(part).numpy() for part in (sent[:times], sent[times:]))
-        arrays = _arrays(carriers, ctx.saved_tensors) | {"nodes": tables[0], "motions": tables[1:]}
-        got = library.backward(arrays, carriers.kernel, carriers.threads, means, quats)
+        arrays = _arrays(skinning, ctx.saved_tensors) | {"nodes": tables[0], "motions": tables[1:]}
+        got = library.backward(arrays, skinning.kernel, skinning.threads, means, quats)
         got |= library.relate_backward(arrays, got["tables"])
         needed = zip(NAMES, ctx.needs_input_grad[1:], strict=True)
         return None, *(torch.from_numpy(got[name]) if need else None for name, need in needed)
 
 
-def _arrays(carriers: Carriers, tensors: Sequence[Tensor | None]) -> dict[str, Any]:
+def _arrays(skinning: SkinningData, tensors: Sequence[Tensor | None]) -> dict[str, Any]:
     named = zip(NAMES, tensors, strict=True)
-    return {**carriers.arrays, **{name: None if tensor is None else tensor.detach().numpy() for name, tensor in named}}
-
-
-def carry(
-    carriers: Carriers,
-    xyz: Tensor,
-    quat: Tensor,
-    dw: Tensor | None,
-    node_xyz: Tensor,
-    node_quat: Tensor,
-    radius: Tensor,
-    now_xyz: Tensor,
-    now_quat: Tensor,
-) -> list[tuple[Tensor, Tensor]]:
-    """Return `(means (N, 3), quats (N, 4))` at each of T times, differentiable once; float32 on the CPU.
-
-    `xyz (N, 3)`, `quat (N, 4)` of any length and `dw (N, K)` or None are the Gaussians' parameters; `node_xyz (F, M, 3)`,
-    `node_quat (F, M, 4)` of any length and `radius (M,)` those of the nodes; `now_xyz (T, M, 3)`, `now_quat (T, M, 4)` their
-    poses at the T times. Strength is 1. The gradient of `now_quat` means nothing along the quaternions: they have to come
-    from a normalisation. It is bit-equal for an equal number of threads, as are all.
-    """
-    times = len(now_xyz)
-    moved = _Carry.apply(carriers, xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)
-    return list(zip(moved[:times], moved[times:], strict=True))
+    return {**skinning.arrays, **{name: None if tensor is None else tensor.detach().numpy() for name, tensor in named}}
 
 
 class NativeDeformer:
@@ -92,7 +91,7 @@ class NativeDeformer:
 
     def __init__(self, deformer: Deformer, mask: Tensor, kernel: Kernel, threads: int):
         """`mask (N, K)` bool are the valid neighbours of the Gaussians of `deformer`."""
-        self.carriers = Carriers.of(deformer, mask, kernel, threads)
+        self.skinning = SkinningData.of(deformer, mask, kernel, threads)
         self.times = deformer.times
 
     def __call__(
@@ -105,7 +104,7 @@ class NativeDeformer:
         radius: Tensor,
         times: Sequence[float],
     ) -> list[tuple[Tensor, Tensor]]:
-        """Return `(means (N, 3), quats (N, 4))` at each of `times`; the tensors are those of `carry`."""
+        """Return `(means (N, 3), quats (N, 4))` at each of `times`; the tensors are those of `SkinningData.deform`."""
         poses = [node_poses_at(self.times, node_xyz, node_quat, time) for time in times]
         now_xyz, now_quat = (torch.stack(part) for part in zip(*poses, strict=True))
-        return carry(self.carriers, xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)
+        return self.skinning.deform(xyz, quat, dw, node_xyz, node_quat, radius, now_xyz, now_quat)

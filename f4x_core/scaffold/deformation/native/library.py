@@ -72,7 +72,7 @@ _RELATED = (*_POSES, "node", "then")
 _INPUTS = ("xyz", "quat", "index", "motions", "nodes", "mask", "dw", "weights", "strength")
 
 
-def carry(
+def move_gaussians(
     dq_table: np.ndarray,
     index: np.ndarray,
     weights: np.ndarray,
@@ -136,7 +136,7 @@ def forward(
     `arrays` by name, any strides: `xyz (N, 3)`, `quat (N, 4)` of any length, in the frame of the attach node at the
     reference time; `index (N, K)` rows of the P pairs; `motions (T, P, 8)` relative motions; `nodes (P, 8)` position,
     radius and unit quaternion at the reference time; `mask (N, K)` bool; `dw (N, K)` or None. Or, in place of the last
-    three, `weights (N, K)` and `strength (N,)` or None for 1: then xyz and quat are in the world, as in `carry`.
+    three, `weights (N, K)` and `strength (N,)` or None for 1: then xyz and quat are in the world, as in `move_gaussians`.
 
     Raises:
         F4xError: memory ran out.

@@ -1,4 +1,4 @@
-"""Pictures of what has more channels than three: principal components as red, green and blue. numpy alone.
+"""Principal components of features as red, green and blue, so that maps of many channels can be shown. numpy alone.
 
 Basis and ranges are fitted once over all frames, so that equal features have equal colours in every view and session.
 """
@@ -15,7 +15,7 @@ OUTLIERS = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Pca:
-    """Three directions of features (…,C) and what is black and full in each of them."""
+    """Three directions in the space of features (…,C), and the range of values along each that is shown as 0..255."""
 
     mean: np.ndarray
     """(C,) float32."""
@@ -30,8 +30,8 @@ class Pca:
         """(…,3) of features (…,C)."""
         return (features - self.mean) @ self.basis.T
 
-    def shares(self, features: np.ndarray) -> np.ndarray:
-        """(…,3) of features (…,C): their place between black, 0, and full, 1; linear, and not cut there."""
+    def to_unit_range(self, features: np.ndarray) -> np.ndarray:
+        """(…,3) of features (…,C): linear, 0 where `colours` gives 0 and 1 where it gives 255; not clipped."""
         return self._between(self.coordinates(features))
 
     def colours(self, coordinates: np.ndarray) -> np.ndarray:
