@@ -23,6 +23,8 @@ def like(constant: np.ndarray, reference: Array) -> Array:
     xp = namespace(reference)
     if xp is np:
         return constant
+    if isinstance(constant, np.ndarray) and not constant.flags.writeable:
+        constant = constant.copy()  # torch would warn of memory that it must not write to
     dtype = reference.dtype if reference.dtype.is_floating_point else xp.float64
     return xp.as_tensor(constant, dtype=dtype, device=reference.device)
 
