@@ -1,7 +1,7 @@
 """The scene file `name.f4x`, identity of every Gaussian, posing, export formats and views. Needs numpy alone."""
 
 from .field import FeatureField, FieldHead, Vocabulary
-from .file import append_edit, read_header, read_scene, write_edits, write_scene
+from .file import read_header, read_scene, write_edits, write_scene
 from .model import DynamicSet, PosedSplats, Scene, StaticSet
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "Scene",
     "StaticSet",
     "Vocabulary",
-    "append_edit",
     "read_header",
     "read_scene",
     "write_edits",

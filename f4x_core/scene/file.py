@@ -153,16 +153,6 @@ def write_scene(scene: Scene, path: Path | str) -> None:
                 stream.write(_bytes_of(array))
 
 
-def append_edit(path: Path | str, record: Mapping[str, Any], next_id: int | None = None) -> int:
-    """Append one edit to the stack of the file at `path`, atomically; returns the number of edits now in it.
-
-    Every other member is copied byte for byte, unknown ones too. `next_id` reserves the ids the edit creates.
-    """
-    edits = [*read_header(path)["edits"], record]
-    write_edits(path, edits, next_id)
-    return len(edits)
-
-
 def write_edits(
     path: Path | str,
     edits: Sequence[Mapping[str, Any]],
@@ -170,6 +160,8 @@ def write_edits(
     fields: Mapping[str, Any] | None = None,
 ) -> None:
     """Replace the edit stack of the file at `path`, atomically (undo, reorder); `next_id` can only grow.
+
+    Every other member is copied byte for byte, unknown ones too.
 
     `fields` are further fields of scene.json to be set, None takes one out. The last of two simultaneous writers wins.
     Raises F4xError and leaves the file as it was when anything is wrong.

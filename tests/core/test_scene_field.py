@@ -18,7 +18,7 @@ from test_scene_file import JSON, rewritten
 from f4x_core.errors import F4xError
 from f4x_core.features.pca import fit_pca
 from f4x_core.features.spec import FeatureSpec
-from f4x_core.scene import FeatureField, FieldHead, Vocabulary, append_edit, read_header, read_scene, write_scene
+from f4x_core.scene import FeatureField, FieldHead, Vocabulary, read_header, read_scene, write_edits, write_scene
 from f4x_core.scene.field import quantise
 from f4x_core.scene.view import render
 
@@ -71,7 +71,7 @@ def test_round_trip_is_exact_and_bytes_repeat(tmp_path, dynamic, bits):
     assert read.features.to_json() == scene.features.to_json()
     write_scene(read, tmp_path / "b.f4x")
     assert (tmp_path / "a.f4x").read_bytes() == (tmp_path / "b.f4x").read_bytes()
-    append_edit(tmp_path / "a.f4x", {"op": "hide"})
+    write_edits(tmp_path / "a.f4x", [{"op": "hide"}])
     assert read_scene(tmp_path / "a.f4x").features.to_json() == scene.features.to_json()
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from random_scene import arrays_of, assert_same, random_scene
 
 from f4x_core.errors import F4xError
-from f4x_core.scene import append_edit, read_header, read_scene, write_edits, write_scene
+from f4x_core.scene import read_header, read_scene, write_edits, write_scene
 from f4x_core.scene.file import VERSION
 from f4x_core.scene.model import KEYS
 
@@ -89,11 +89,12 @@ def test_unwritable_field_leaves_the_old_file(path):
 
 def test_append_edit_keeps_every_other_member_byte_for_byte(path):
     with zipfile.ZipFile(path, "a") as archive:
-        archive.writestr("notes/readme.txt", "kept by append_edit")
+        archive.writestr("notes/readme.txt", "kept by write_edits")
     with zipfile.ZipFile(path) as archive:
         before = {info.filename: archive.read(info) for info in archive.infolist()}
-    assert append_edit(path, {"op": "hide", "ids": [3]}) == 1
-    assert append_edit(path, {"op": "copy", "ids": [3]}, next_id=77) == 2
+    first = {"op": "hide", "ids": [3]}
+    write_edits(path, [first])
+    write_edits(path, [first, {"op": "copy", "ids": [3]}], next_id=77)
     with zipfile.ZipFile(path) as archive:
         after = {info.filename: archive.read(info) for info in archive.infolist()}
     assert before.keys() == after.keys()
@@ -110,7 +111,7 @@ def test_append_edit_keeps_every_other_member_byte_for_byte(path):
 def test_an_edit_that_could_not_be_read_back_is_refused(path, record, next_id):
     before = path.read_bytes()
     with pytest.raises(F4xError, match=r"scene\.f4x"):
-        append_edit(path, record, next_id)
+        write_edits(path, [record], next_id)
     assert path.read_bytes() == before
 
 
@@ -139,7 +140,7 @@ class FullDisk:
 
 
 @pytest.mark.parametrize("where", ["os.fsync", "os.replace"])
-@pytest.mark.parametrize("action", [lambda p: write_scene(BASE, p), lambda p: append_edit(p, {"op": "hide"})])
+@pytest.mark.parametrize("action", [lambda p: write_scene(BASE, p), lambda p: write_edits(p, [{"op": "hide"}])])
 def test_full_disk_leaves_the_old_file_and_nothing_else(path, monkeypatch, where, action):
     before = path.read_bytes()
     with monkeypatch.context() as patch:
