@@ -75,7 +75,7 @@ class Task:
 def tasks_of(row: Row, digest: Callable[[str], str]) -> tuple[Task, ...]:
     """The tasks of a row, each after the tasks whose results it reads.
 
-    `digest(path)` returns a content hash. A task's key covers the hashes of all files that it reads, so the manifest in_windows
+    `digest(path)` returns a content hash. A task's key covers the hashes of all files that it reads, so the manifest alone
     decides whether a task is done.
     """
     tasks: dict[str, Task] = {}
