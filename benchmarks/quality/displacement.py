@@ -84,7 +84,7 @@ def read_depths(scene: Scene, truth_folder: Path | str, backend: str = "auto") -
     F4xError: no truth there, or that of another clip.
     """
     clip = TrueClip.read(scene, truth_folder)
-    chosen = clip.used[evenly_spaced(len(clip.used), FRAMES + 2)[1:-1]]
+    chosen = clip.used[evenly_spaced(len(clip.used), FRAMES, ends=False)]
     frames = []
     for index in chosen:
         passes = read_passes(clip.folder / "truth" / f"{index:05d}.exr")

@@ -142,7 +142,7 @@ def contact_sheet(
 def views_of(scene: Scene) -> list[View]:
     """`MOMENTS` views of the clip's own camera, and the middle one from aside."""
     cameras = scene.cameras
-    chosen = evenly_spaced(len(cameras), MOMENTS + 2)[1:-1]
+    chosen = evenly_spaced(len(cameras), MOMENTS, ends=False)
     views = [View(cameras[int(t)], float(cameras.times[t])) for t in chosen]
     middle = views[len(views) // 2].time
     return [*views, trajectory.orbit(cameras, time=middle, degrees=ASIDE, around=middle, count=1)[0]]

@@ -86,7 +86,7 @@ def draw_pictures(scene: Scene, metrics: Mapping[str, Any], backend: str = "auto
         for frame in worst_frames(metrics)
     }
     used = np.setdiff1d(np.arange(len(times)), scene.held_out)
-    chosen = used[evenly_spaced(len(used), MOMENTS + 2)[1:-1]]
+    chosen = used[evenly_spaced(len(used), MOMENTS, ends=False)]
     return ScenePictures(worst, draw_moments(scene, chosen, backend=backend))
 
 

@@ -29,12 +29,16 @@ def like(constant: np.ndarray, reference: Array) -> Array:
     return xp.as_tensor(constant, dtype=dtype, device=reference.device)
 
 
-def evenly_spaced(length: int, count: int) -> np.ndarray:
+def evenly_spaced(length: int, count: int, ends: bool = True) -> np.ndarray:
     """Return at most `count` distinct indices (K,) int64, ascending and spread evenly over 0..length-1, both ends included.
 
-    All indices when `count` is at least `length`; only index 0 when `count` is 1.
+    All indices when `count` is at least `length`; only index 0 when `count` is 1. Without `ends` the first and the last are
+    left out where the length allows it.
     """
-    return np.unique(np.linspace(0, length - 1, min(count, length)).round().astype(np.int64))
+    if length < 1:
+        return np.zeros(0, np.int64)
+    positions = np.linspace(0, length - 1, min(count, length) if ends else count + 2).round().astype(np.int64)
+    return np.unique(positions if ends else positions[1:-1])
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -27,3 +27,9 @@ def test_more_indices_than_there_are_give_each_one_once():
         for count in range(1, 90):
             spelled_out = np.unique(np.linspace(0, length - 1, count).round().astype(int))
             assert np.array_equal(evenly_spaced(length, count), spelled_out)
+
+
+def test_without_ends_short_lengths_keep_what_there_is():
+    wanted = {(9, 3): [2, 4, 6], (3, 3): [0, 1, 2], (1, 2): [0], (0, 2): []}
+    for arguments, indices in wanted.items():
+        assert evenly_spaced(*arguments, ends=False).tolist() == indices
