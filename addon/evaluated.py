@@ -5,7 +5,7 @@ import numpy as np
 
 from ..f4x_core.scene.color import srgb_from_linear
 from ..f4x_core.scene.stage import Cloud, Surface
-from .gaussian_attributes import FOOTPRINT
+from .gaussian_attributes import FITTED_FOCAL
 from .point_cloud import read_attribute
 
 HIDDEN = "f4x_hidden"
@@ -79,7 +79,7 @@ def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Clou
         turn=read_attribute(data, "turn"),
         to_world=to_world,
         index=index,
-        footprint=data.get(FOOTPRINT),
+        fitted_focal=data.get(FITTED_FOCAL),
         layers={name: values.reshape(len(base), -1) for name, values in layers.items() if values is not None},
     )
 

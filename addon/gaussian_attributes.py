@@ -7,8 +7,8 @@ from ..f4x_core.geometry import spherical_harmonics
 from ..f4x_core.scene.color import linear_from_srgb
 from .point_cloud import FLOAT4, write_attribute
 
-FOOTPRINT = "f4x_footprint"
-"""Custom property of a point cloud: `Scene.footprint` of the scene that it shows. The render engine draws by it."""
+FITTED_FOCAL = "f4x_fitted_focal"
+"""Custom property of a point cloud: `Scene.fitted_focal` of the scene that it shows. The render engine draws by it."""
 
 
 def write_places(cloud: bpy.types.PointCloud, means: np.ndarray, rotation: np.ndarray, scale: np.ndarray) -> None:

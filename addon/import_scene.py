@@ -36,7 +36,7 @@ from . import display, session
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, show_clip
-from .gaussian_attributes import FOOTPRINT, write_looks, write_places
+from .gaussian_attributes import FITTED_FOCAL, write_looks, write_places
 from .motion_edits import mark_keyed
 from .motion_nodes import build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
@@ -118,9 +118,9 @@ def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy
     if len(scene.dynamic):
         clouds.append(_add_gaussians(f"{name} dynamic", scene.dynamic, dynamic, collection, material))
         _add_motion(name, scene, clouds[-1], collection, root)
-    footprint = scene.footprint(float(scene.cameras.times[0]))
-    for cloud in clouds if footprint is not None else ():
-        cloud.data[FOOTPRINT] = footprint
+    focal = scene.fitted_focal(float(scene.cameras.times[0]))
+    for cloud in clouds if focal is not None else ():
+        cloud.data[FITTED_FOCAL] = focal
     return clouds
 
 

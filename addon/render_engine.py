@@ -194,8 +194,8 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
 
 
 def _as_seen(clouds: list[stage.Cloud], seen: Eye) -> list[stage.Cloud]:
-    """The clouds without the footprints of their fits, which are angles, where the view has no perspective."""
-    return [replace(cloud, footprint=None) for cloud in clouds] if seen.back else clouds
+    """The clouds without the focal lengths of their fits where the view has no perspective, and so no angles."""
+    return [replace(cloud, fitted_focal=None) for cloud in clouds] if seen.back else clouds
 
 
 def _wanted(layer: bpy.types.ViewLayer) -> list[str]:

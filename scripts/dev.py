@@ -140,8 +140,12 @@ def extension(arguments: list[str]) -> int:
 def docs() -> int:
     """HTML pages of every module of the core, by pdoc; a module that cannot be imported fails it."""
     output = ROOT / "build" / "docs"
+    files = (file.relative_to(ROOT).with_suffix("") for file in (ROOT / "f4x_core").rglob("*.py"))
+    # By name: below a package that lists its names, pdoc would look for nothing else, and of what it cannot import it only warns.
+    modules = sorted(".".join(file.parts).removesuffix(".__init__") for file in files if file.name != "__main__")
     code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PDOC])
-    code = code or run(["-m", "pdoc", "--docformat", "markdown", "-o", str(output), "f4x_core"])
+    code = code or run(["-c", "import importlib, sys; [*map(importlib.import_module, sys.argv[1:])]", *modules])
+    code = code or run(["-m", "pdoc", "--docformat", "markdown", "-o", str(output), *modules])
     if code == 0:
         print(f"{output / 'index.html'}")
     return code

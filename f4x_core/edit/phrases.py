@@ -875,7 +875,6 @@ distance = either(
     lit("by") + number >> (lambda x: Distance(x, "world")),
 )
 _step = optional(distance) + direction + optional(distance)
-_steps = listed(_step, lit("and|,|, and|and then|and also"))
 
 
 steps = either(

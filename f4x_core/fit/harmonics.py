@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from ..geometry import quaternion, spherical_harmonics
+from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..raster import RasterConfig, rasterize
@@ -69,8 +70,7 @@ def next_band(model: SceneModel, pictures: Tensor, config: RasterConfig, backend
     weights (`raster.blend_weights`), and the normal equations are small: a constant and the band, by Gaussian, ridge on the
     band. N counts all Gaussians drawn, in the order of `SceneModel.posed`.
     """
-    count = len(pictures)
-    chosen = sorted({round(i * (count - 1) / (FRAMES - 1)) for i in range(FRAMES)})
+    chosen = evenly_spaced(len(pictures), FRAMES).tolist()
     end = max(len(chosen) // 4, 1)
     left_out = chosen[:end] + chosen[-end:]
     with torch.no_grad():

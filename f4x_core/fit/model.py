@@ -192,6 +192,13 @@ class SceneModel:
         if self.dynamic is not None:
             yield "dynamic", self.dynamic
 
+    def rows(self) -> Iterator[tuple[str, slice]]:
+        """The rows of each optimised set, by name, among all Gaussians drawn."""
+        first = 0
+        for name, gaussians in self.sets():
+            yield name, slice(first, first + len(gaussians))
+            first += len(gaussians)
+
     @property
     def attachment(self) -> Attachment:
         """Made again whenever Gaussians or the graph were replaced."""
@@ -238,12 +245,9 @@ class SceneModel:
 
     def posed(self, moved: tuple[Tensor, Tensor] | None) -> Splats:
         """All Gaussians, static first, the frozen ones last; `moved` is one entry of `dynamic_at`, None where nothing moves."""
-        static = self.static
-        parts = [
-            Splats(static.parameters["means"], static.parameters["quats"], static.scales, static.opacities, static.sh)
-        ]
+        parts = [self.static.splats(self.static.parameters["means"], self.static.parameters["quats"])]
         if moved is not None and self.dynamic is not None:
-            parts.append(Splats(*moved, self.dynamic.scales, self.dynamic.opacities, self.dynamic.sh))
+            parts.append(self.dynamic.splats(*moved))
         if self.frozen is not None:
             parts.append(self.frozen)
         if len(parts) == 1:

@@ -110,9 +110,13 @@ class ClipFit:
         settings = {name: value for name, value in resolved(self.config).items() if name not in NOT_DECIDING}
         return config_hash(settings, self.clip.digest, self.clip.width, self.clip.height)
 
-    def make_priors(self, known_depth: np.ndarray | None = None) -> Priors:
-        """The priors of the clip; `known_depth` (F,H,W) is a witness of which way round they are, NaN where nothing is known."""
-        return build_priors(self.clip, self.folder / "priors", self.config.priors, self.progress, known_depth)
+    def known_depth(self) -> np.ndarray | None:
+        """(F,H,W) depth known from elsewhere, NaN where it is not: a witness of which way round the priors are."""
+        return None
+
+    def make_priors(self) -> Priors:
+        """The priors of the clip."""
+        return build_priors(self.clip, self.folder / "priors", self.config.priors, self.progress, self.known_depth())
 
     def start(self, priors: Priors) -> Trainer:
         """The trainer before its first step."""
@@ -262,7 +266,7 @@ def _static_set(model: SceneModel) -> StaticSet:
     with torch.no_grad():
         own = model.static
         quats = quaternion.normalize(own.parameters["quats"])
-        splats = Splats(own.parameters["means"], quats, own.scales, own.opacities, own.sh).map(_numpy)
+        splats = own.splats(own.parameters["means"], quats).map(_numpy)
     return StaticSet(**splats.arrays(), ids=_numpy(own.labels["ids"]))
 
 
@@ -273,7 +277,7 @@ def _dynamic_set(model: SceneModel) -> DynamicSet:
     with torch.no_grad():
         x, q = own.at_reference(nodes.parameters["node_xyz"], nodes.quat)
         weights, strength = model.skinning(x)
-        splats = Splats(x, quaternion.normalize(q), own.scales, own.opacities, own.sh).map(_numpy)
+        splats = own.splats(x, quaternion.normalize(q)).map(_numpy)
     return DynamicSet(
         **splats.arrays(),
         ids=_numpy(own.labels["ids"]),

@@ -280,11 +280,14 @@ class WindowFit(ClipFit):
         """Depends on the window before, too."""
         return config_hash(super().settings_hash(), self.previous.digest)
 
-    def make_priors(self, known_depth: np.ndarray | None = None) -> Priors:
+    def known_depth(self) -> np.ndarray:
+        """What the scene before shows."""
+        return self.previous.depth(self.clip, self.config.backend)
+
+    def make_priors(self) -> Priors:
         """The priors of the window, in the world of the one before and seen from cameras that agree with its background."""
-        backend, previous, clip = self.config.backend, self.previous, self.clip
-        priors = super().make_priors(previous.depth(clip, backend) if known_depth is None else known_depth)
-        return previous.track(clip, previous.place(priors, backend), MASK_MARGIN, backend)
+        backend, previous = self.config.backend, self.previous
+        return previous.track(self.clip, previous.place(super().make_priors(), backend), MASK_MARGIN, backend)
 
     def start(self, priors: Priors) -> Trainer:
         """The trainer, in front of the background that stays."""

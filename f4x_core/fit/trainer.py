@@ -17,6 +17,7 @@ from torch import Tensor
 from ..clip import Clip
 from ..errors import Cancelled
 from ..gaussians import DensityControl, SetOptimiser
+from ..geometry.arrays import evenly_spaced
 from ..geometry.spherical_harmonics import degree_of
 from ..priors import Priors
 from ..progress import Progress, silent
@@ -234,12 +235,9 @@ class Trainer:
         """Hand the screen-space gradients to density control."""
         if offset.grad is None:
             return
-        first = 0
-        for name, gaussians in self.model.sets():
-            rows = slice(first, first + len(gaussians))
-            size = rendered.data.width, rendered.data.height
+        size = rendered.data.width, rendered.data.height
+        for name, rows in self.model.rows():
             self.controls[name].record(offset.grad[rows], rendered.output.visible[rows], *size)
-            first = rows.stop
 
     def _rates(self, name: str) -> dict[str, float]:
         """Learning rates of the tensors of the set called `name` at the present step."""
@@ -276,11 +274,8 @@ class Trainer:
         band = next_band(self.model, self.levels[0].rgb, self.raster, config.backend)
         self.band_gains.append(band.gain)
         if band.gain >= GAIN_DB or config.sh_degree is not None:
-            first = 0
-            for name, gaussians in self.model.sets():
-                rows = slice(first, first + len(gaussians))
+            for name, rows in self.model.rows():
                 self.optimisers[name].add_band(band.plain[rows], band.more[rows])
-                first = rows.stop
 
     def _add_nodes(self) -> None:
         control = self.controls["dynamic"]
@@ -297,8 +292,7 @@ class Trainer:
 
     def measure(self) -> None:
         """Add one point to the quality curve: PSNR of a few supervised frames at full size."""
-        count = len(self.model.times)
-        frames = sorted({round(i * (count - 1) / max(MEASURED_FRAMES - 1, 1)) for i in range(MEASURED_FRAMES)})
+        frames = evenly_spaced(len(self.model.times), MEASURED_FRAMES).tolist()
         scores = [psnr(self.picture(frame), self.levels[0].rgb[frame].float() / 255) for frame in frames]
         point = {"step": self.step, "loss": self.loss, "psnr": float(np.mean(scores))}
         self.history.append({**point, "gaussians": float(len(self.model))})

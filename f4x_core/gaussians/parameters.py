@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..geometry import pose, quaternion, spherical_harmonics
+from ..geometry.splats import Splats
 from ..native.kernels import TORCH, Kernels
 from .appearance_native import COEFFICIENTS, NativeAppearance
 
@@ -48,6 +49,10 @@ class GaussianSet:
     def sh(self) -> Tensor:
         """(N,S,3) spherical-harmonic coefficients, DC first."""
         return torch.cat([self.parameters["sh0"], self.parameters["shN"]], 1)
+
+    def splats(self, means: Tensor, quats: Tensor) -> Splats:
+        """The Gaussians, activated, at `means` (N,3) and `quats` (N,4) in the world."""
+        return Splats(means, quats, self.scales, self.opacities, self.sh)
 
 
 class StaticGaussians(GaussianSet):

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..raster import blend_weights
 from ..scene import Scene
@@ -20,6 +21,16 @@ def blend_weight_sums(scene: Scene, time: float, index: int | None, layers: np.n
     height, width = layers.shape[:2]
     camera = (path.at(time) if index is None else path[index]).resized(width, height)
     return blend_weights.blend_weight_sums(scene.posed(time), camera, layers)
+
+
+def total_blend_weights(scene: Scene, views: int, columns: int) -> np.ndarray:
+    """(N,) float64: blend weights of each Gaussian in pixels, summed over at most `views` views of the clip, `columns` wide."""
+    cameras = scene.cameras
+    layer = np.ones((max(1, round(columns * cameras.height / cameras.width)), columns, 1), np.float32)
+    total = np.zeros(len(scene.ids))
+    for frame in evenly_spaced(len(cameras), views):
+        total += blend_weight_sums(scene, float(cameras.times[frame]), int(frame), layer)[:, 0]
+    return total
 
 
 def lift_masks(

@@ -6,6 +6,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
 
 CHECKED_FRAMES = 16
@@ -21,7 +22,7 @@ def not_deleted(scene: Scene) -> np.ndarray:
     if scene not in _NOT_DELETED:
         visible = np.zeros(len(scene.ids), bool)
         times = scene.cameras.times
-        checked = [times[np.linspace(0, len(times) - 1, CHECKED_FRAMES).round().astype(int)]]
+        checked = [times[evenly_spaced(len(times), CHECKED_FRAMES)]]
         # Gaussians with a limited life span are checked while they are fully visible
         checked += [part.span[:, 1:3].ravel() for part in (scene.static, scene.dynamic) if part.span is not None]
         for time in np.unique(np.clip(np.concatenate(checked), times[0], times[-1])):

@@ -16,9 +16,8 @@ import numpy as np
 
 from ..features.models.prompt import Prompt
 from ..geometry import spherical_harmonics
-from ..geometry.arrays import evenly_spaced
 from ..scene import Scene
-from .blend_weights import blend_weight_sums
+from .blend_weights import blend_weight_sums, total_blend_weights
 from .smoothing import LOOKS_ALIKE
 
 SUPERPOINTS, BACKDROP = 1000, 600
@@ -153,7 +152,7 @@ def superpoints_of(scene: Scene) -> Superpoints:
     moving, static = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
     place = np.stack([moment.means for moment in posed], 1)  # (N,TIMES,3)
     looks = _looks(scene)
-    weights = _blend_weights(scene) + UNSEEN
+    weights = total_blend_weights(scene, VIEWS, COLUMNS) + UNSEEN
     spread = np.sqrt(place[moving].var(0).sum() / TIMES) if len(moving) else 1.0
     tracks = place[moving].reshape(len(moving), 3 * TIMES) / np.sqrt(TIMES)
     index, weight, centres, mine = _group(tracks / max(spread, 1e-9), looks[moving], weights[moving], SUPERPOINTS)
@@ -182,17 +181,6 @@ def _looks(scene: Scene) -> np.ndarray:
     features /= np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-9)
     directions = np.linalg.eigh(features.T @ features)[1][:, -DIRECTIONS:]
     return np.concatenate([features @ directions, colour], 1, dtype=np.float32)
-
-
-def _blend_weights(scene: Scene) -> np.ndarray:
-    """(N,) float64: blend weights of each Gaussian in pixels, summed over `VIEWS` small views."""
-    cameras = scene.cameras
-    layer = np.ones((max(1, round(COLUMNS * cameras.height / cameras.width)), COLUMNS, 1), np.float32)
-    frames = evenly_spaced(len(cameras), VIEWS)
-    return sum(
-        (blend_weight_sums(scene, float(cameras.times[t]), int(t), layer)[:, 0] for t in frames),
-        np.zeros(len(scene.ids)),
-    )
 
 
 def _group(

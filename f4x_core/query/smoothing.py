@@ -12,10 +12,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..geometry.arrays import evenly_spaced
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.field import FeatureField, FieldHead
-from .blend_weights import blend_weight_sums
+from .blend_weights import total_blend_weights
 
 LOOKS_ALIKE = "visual"
 """The head whose features say what looks alike: they carry masks through the clip, and words to neighbours (a scene without
@@ -131,7 +130,7 @@ def group(scene: Scene) -> Patches:
     place = np.concatenate(
         [x / distance[:, None] * camera.intrinsics[0, 0] / camera.width, np.log(distance)[:, None]], 1
     )
-    weight = _blend_weights(scene) + UNSEEN
+    weight = total_blend_weights(scene, VIEWS, COLUMNS) + UNSEEN
     cell = np.floor(place[:, [0, 1, 3]] / (CELL, CELL, LAYER)).astype(np.int64)
     cell -= cell.min(0) - REACH  # room for neighbours on all sides
     size = cell.max(0) + REACH + 1
@@ -157,17 +156,6 @@ def group(scene: Scene) -> Patches:
     bond = np.concatenate([np.exp(-steps), np.exp(-steps), np.ones(len(keys))]).astype(np.float32)[order]
     first = np.searchsorted(ends[order], itself)
     return Patches(index, total / total.mean(), latents, first, others[order], bond)
-
-
-def _blend_weights(scene: Scene) -> np.ndarray:
-    """(N,) float64: blend weights of each Gaussian in pixels, summed over `VIEWS` small views."""
-    cameras = scene.cameras
-    layer = np.ones((max(1, round(COLUMNS * cameras.height / cameras.width)), COLUMNS, 1), np.float32)
-    frames = evenly_spaced(len(cameras), VIEWS)
-    sums = np.zeros(len(scene.ids))
-    for t in frames:
-        sums += blend_weight_sums(scene, float(cameras.times[t]), int(t), layer)[:, 0]
-    return sums
 
 
 def _neighbours(keys: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

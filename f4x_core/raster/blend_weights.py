@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from . import as_tensors, backend_function, choose_backend
@@ -27,6 +28,10 @@ def blend_weight_sums(
     Raises:
         F4xError: layers of another size than the camera's, an unknown backend, or one that is not installed.
     """
+    if layers.shape[:2] != (camera.height, camera.width):
+        raise F4xError(
+            f"layers have the shape {layers.shape}, the camera's image has {camera.height} x {camera.width} pixels."
+        )
     layers = np.ascontiguousarray(layers, np.float32)
     shape = splats.shape.map(lambda array: np.ascontiguousarray(array, np.float32))
     colors = np.zeros((len(splats), layers.shape[2]), np.float32)

@@ -38,6 +38,15 @@ class RasterConfig:
     debug: bool = False
     """Raise an error where a Gaussian's values are not finite, instead of leaving it out."""
 
+    @classmethod
+    def as_fitted(cls, focal: float | None, camera: Camera) -> RasterConfig:
+        """The constants that show in `camera` what was fitted at a focal length of `focal` pixels (None = not known).
+
+        The fit widened every projected Gaussian by `blur` in pixels of its own camera. The same angle is added here; with the
+        same number of pixels for every size, Gaussians swell in small images and come apart in large ones.
+        """
+        return cls() if focal is None else cls(blur=cls.blur * (camera.focal / focal) ** 2)
+
 
 @dataclass(frozen=True)
 class RasterInput:

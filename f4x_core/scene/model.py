@@ -19,7 +19,6 @@ from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera, CameraPath
 from ..geometry.interpolation import presence
 from ..geometry.splats import Splats
-from ..raster.contract import RasterConfig
 from ..scaffold import Scaffold
 from ..scaffold.deformation import Pairs, move_gaussians, pairs_of, relative_motions
 from .field import FeatureField
@@ -162,10 +161,6 @@ class DynamicSet(StaticSet):
         follows = self.strength > WEIGHT_SUM_TOLERANCE
         if (np.abs(self.weight.sum(axis=1, dtype=np.float64) - 1)[follows] > WEIGHT_SUM_TOLERANCE).any():
             raise F4xError("dynamic/weight does not sum to 1 for every Gaussian")
-
-
-def _arrays_of(gaussians: StaticSet) -> list[np.ndarray]:
-    return [value for value in vars(gaussians).values() if value is not None]
 
 
 def faded(opacity: np.ndarray, presence: np.ndarray) -> np.ndarray:
@@ -336,15 +331,12 @@ class Scene:
         means[rows], quats[rows] = moved
         return means, quats
 
-    def footprint(self, time: float) -> float | None:
-        """Variance that the fit added to every projected Gaussian at clip time `time`, as a squared tangent: pixels^2 / focal^2.
+    def fitted_focal(self, time: float) -> float | None:
+        """Focal length in pixels of the images that were fitted, at clip time `time` (`RasterConfig.as_fitted`).
 
-        The fit added `RasterConfig.blur` in pixels of its own camera. An image of another size shows what was fitted when the
-        same angle is added there. None for a scene that was imported from a splat file: how that was fitted is not known.
+        None for a scene that was imported from a splat file: how that was fitted is not known.
         """
-        if "import" in self.provenance:
-            return None
-        return RasterConfig.blur / self.cameras.at(time).focal ** 2
+        return None if "import" in self.provenance else self.cameras.at(time).focal
 
     def latents(self) -> np.ndarray:
         """(N,D) float32 latents of the feature field, in the order of `posed`; F4xError where there is no field."""
@@ -375,8 +367,8 @@ class Scene:
         """Return a summary of the scene as JSON: counts, megabytes by part, provenance, needs."""
         scaffold = [] if self.scaffold is None else [getattr(self.scaffold, name) for name in SCAFFOLD_ARRAYS]
         parts = {
-            "static": _arrays_of(self.static),
-            "dynamic": _arrays_of(self.dynamic),
+            "static": self.static.arrays().values(),
+            "dynamic": self.dynamic.arrays().values(),
             "scaffold": scaffold,
             "cameras": [getattr(self.cameras, name) for name in CAMERA_ARRAYS],
             "features": [] if self.features is None else self.features.to_arrays().values(),

@@ -76,11 +76,6 @@ def transformed(posed: PosedSplats, matrix: np.ndarray | None) -> PosedSplats:
     )
 
 
-def take(posed: PosedSplats, index: np.ndarray) -> PosedSplats:
-    """The Gaussians at `index` ((n,) int or (N,) bool)."""
-    return posed.take(index)
-
-
 def require_time(scene: Posable, time: float, flag: str) -> None:
     """Raise F4xError when `time`, named by `flag`, lies outside the clip of `scene`."""
     first, last = scene.cameras.times[[0, -1]]
@@ -91,7 +86,7 @@ def require_time(scene: Posable, time: float, flag: str) -> None:
 def moment(scene: Posable, time: float, transform: np.ndarray | None = None) -> PosedSplats:
     """All that is visible at clip time `time`, moved by `transform`; deleted Gaussians (opacity 0) are left out."""
     posed = scene.posed(time)
-    return transformed(take(posed, posed.opacities > 0), transform)
+    return transformed(posed.take(posed.opacities > 0), transform)
 
 
 def world_harmonics(posed: PosedSplats, degree: int = spherical_harmonics.MAX_DEGREE) -> np.ndarray:

@@ -55,8 +55,8 @@ class Cloud:
     """(4,4) any affine matrix."""
     index: int = 0
     """Number of its object in the pass `index`."""
-    footprint: float | None = None
-    """Variance that its fit added to projected Gaussians, pixels^2 / focal^2 (`Scene.footprint`); None = not known."""
+    fitted_focal: float | None = None
+    """Focal length in pixels of the images that it was fitted to (`Scene.fitted_focal`); None = not known."""
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Numbers of the passes `latent (N,3)`, `selection (N,1)`, `score (N,1)`, where it has them."""
 
@@ -195,8 +195,9 @@ def _fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
     """The rasteriser's constants with which the largest cloud whose fit is known looks as it was fitted."""
     from ..raster import RasterConfig
 
-    known = [(len(cloud.means), cloud.footprint) for cloud in clouds if cloud.footprint is not None]
-    return RasterConfig(blur=max(known)[1] * camera.focal**2) if known else RasterConfig()
+    known = [cloud for cloud in clouds if cloud.fitted_focal is not None]
+    largest = max(known, key=lambda cloud: len(cloud.means), default=None)
+    return RasterConfig.as_fitted(None if largest is None else largest.fitted_focal, camera)
 
 
 def _bands(rows: slice, width: int) -> Iterator[slice]:

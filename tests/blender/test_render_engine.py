@@ -324,7 +324,7 @@ def test_a_node_moved(folder, scene):
     class Moved:
         posed = staticmethod(lambda time: scene_posed)
         colors = staticmethod(scene.colors)
-        footprint, cameras = scene.footprint, scene.cameras
+        fitted_focal = staticmethod(scene.fitted_focal)
 
     scene_posed = replace(posed, means=means, quats=quats)
     expected = render(Moved, scene.cameras[FRAME], FRAME, ("rgb",))
@@ -371,7 +371,7 @@ def test_a_mesh_hides_what_is_behind_it(folder, scene):
     class Cut:
         posed = staticmethod(lambda time: near)
         colors = staticmethod(scene.colors)
-        footprint, cameras = scene.footprint, scene.cameras
+        fitted_focal = staticmethod(scene.fitted_focal)
 
     expected = render(Cut, scene.cameras[FRAME], FRAME, ("rgb", "alpha"))
     hole = passes(folder, "holdout")

@@ -12,7 +12,7 @@ from ...scaffold import Scaffold
 from ...scaffold.deformation import node_poses_at
 from ..color import linear_from_srgb
 from ..model import PosedSplats
-from ..posing import Y_UP, Posable, moment, plain_color, take
+from ..posing import Y_UP, Posable, moment, plain_color
 
 NODE_COLOR = (255, 160, 20, 255)
 GRAPH_COLOR = (255, 160, 20, 90)
@@ -30,7 +30,7 @@ def write_points(scene: Posable, time: float, path: Path | str, transform: np.nd
     path = Path(path)
     matrix = Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64)
     posed = moment(scene, time, matrix)
-    parts = {"static": take(posed, ~posed.dynamic), "dynamic": take(posed, posed.dynamic)}
+    parts = {"static": posed.take(~posed.dynamic), "dynamic": posed.take(posed.dynamic)}
     model = trimesh.Scene()
     for name, part in parts.items():
         if len(part.ids):

@@ -22,7 +22,7 @@ from ...progress import Progress, silent
 from ..color import linear_from_srgb
 from ..model import PosedSplats
 from ..ply import MIN_SCALE
-from ..posing import Y_UP, Posable, plain_color, take, transformed, world_harmonics
+from ..posing import Y_UP, Posable, plain_color, transformed, world_harmonics
 
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
 """What of a `PosedSplats` may change with time."""
@@ -159,7 +159,7 @@ class Part:
 
     def of(self, posed: PosedSplats) -> PosedSplats:
         """Its Gaussians."""
-        return take(posed, posed.opacities > 0 if self.index is None else self.index)
+        return posed.take(posed.opacities > 0 if self.index is None else self.index)
 
 
 def _write_stage(
