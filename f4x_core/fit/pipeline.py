@@ -108,6 +108,7 @@ class ClipFit:
     def settings_hash(self) -> str:
         """Hash of everything but the priors that decides what this fit finds."""
         settings = {name: value for name, value in resolved(self.config).items() if name not in NOT_DECIDING}
+        settings["priors"].pop("threads")  # no prior depends on them
         return config_hash(settings, self.clip.digest, self.clip.width, self.clip.height)
 
     def known_depth(self) -> np.ndarray | None:
@@ -116,7 +117,8 @@ class ClipFit:
 
     def make_priors(self) -> Priors:
         """The priors of the clip."""
-        return build_priors(self.clip, self.folder / "priors", self.config.priors, self.progress, self.known_depth())
+        config = replace(self.config.priors, threads=self.config.priors.threads or self.config.threads)
+        return build_priors(self.clip, self.folder / "priors", config, self.progress, self.known_depth())
 
     def start(self, priors: Priors) -> Trainer:
         """The trainer before its first step."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..clip.changes import find_changes
 from ..errors import F4xError
+from ..parallel import side_by_side
 from ..progress import Progress, silent
 from . import files
 from .config import PriorsConfig, config_hash
@@ -52,11 +53,12 @@ def build_priors(
     changes = find_changes(clip.frames[priors.frames])
     cuts = [int(priors.frames[cut]) for cut in changes.cuts]
     priors.statistics["changes"] = {"cuts": cuts, "exposure": round(changes.exposure, 3)}
-    for index, (stage, fields) in enumerate(STAGES.items()):
-        progress("priors", index, len(STAGES), stage)
-        wanted = [name for name in fields if name not in fixed]
-        if wanted and not _resume(stage, wanted, folder, priors, config, picture):
-            _run(stage, wanted, folder, priors, config, picture, clip, progress)
+    with side_by_side(config.workers):
+        for index, (stage, fields) in enumerate(STAGES.items()):
+            progress("priors", index, len(STAGES), stage)
+            wanted = [name for name in fields if name not in fixed]
+            if wanted and not _resume(stage, wanted, folder, priors, config, picture):
+                _run(stage, wanted, folder, priors, config, picture, clip, progress)
     progress("priors", len(STAGES), len(STAGES), "done")
     return priors
 

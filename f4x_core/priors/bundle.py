@@ -343,10 +343,10 @@ class _Problem:
         return reflection[:, :, :3]
 
     def local(self, observations: Observations) -> np.ndarray:
-        """Observed points in the axes of their camera, `(O, 3)`, scaled by the length of the homogeneous vector."""
-        seen = self.points[observations.point]
-        offset = seen[:, :3] - seen[:, 3:] * self.center[observations.frame]
-        return np.einsum("oij,oj->oi", self.rotation[observations.frame], offset)
+        """Observed points in the axes of their camera, `(3, O)`, scaled by the length of the homogeneous vector."""
+        seen = self.points.T[:, observations.point]
+        offset = seen[:3] - seen[3] * self.center.T[:, observations.frame]
+        return np.einsum("ijo,jo->io", self.rotation.transpose(1, 2, 0)[:, :, observations.frame], offset)
 
     def moved(self, cameras: np.ndarray, focal: float, points: np.ndarray, config: BundleConfig) -> _Problem:
         """After a step of the cameras `(F, 6)`, or `(F, 7)` with the logarithm of their zoom, of the logarithm of the focal
@@ -391,10 +391,9 @@ def _robust(squared: np.ndarray, config: BundleConfig) -> np.ndarray:
 
 def _cost(problem: _Problem, observations: Observations, config: BundleConfig) -> float:
     local = problem.local(observations)
-    ahead = local[:, 2:] > MIN_DEPTH
-    focal = problem.focals(observations)[:, None]
-    projected = focal * local[:, :2] / np.where(ahead, local[:, 2:], 1.0) + problem.principal
-    squared = (np.where(ahead, projected - observations.uv, np.inf) ** 2).sum(1)
+    ahead = local[2] > MIN_DEPTH
+    plane = problem.focals(observations) * local[:2] / np.where(ahead, local[2], 1.0) + problem.principal[:, None]
+    squared = np.where(ahead, ((plane - observations.uv.T) ** 2).sum(0), np.inf)
     return float((observations.weight * _robust(squared, config)).sum())
 
 
@@ -446,20 +445,32 @@ def _projection(local: np.ndarray, focal: np.ndarray) -> tuple[np.ndarray, np.nd
 def _linearise(
     problem: _Problem, observations: Observations, config: BundleConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals `(O, 2)`, Jacobians to (rotation, centre, log focal) `(O, 2, 7)` and point `(O, 2, 3)`, weights `(O,)`."""
-    local = problem.local(observations)
-    focal = problem.focals(observations)
-    project, plane, ahead = _projection(local, focal)
-    seen = focal[:, None] * plane
-    residual = np.where(ahead[:, None], seen + problem.principal - observations.uv, 0.0)
-    turned = project @ problem.rotation[observations.frame]
-    tangents, scale = problem.tangents[observations.point], problem.points[observations.point, 3]
-    to_scale = -np.einsum("oij,oj->oi", turned, problem.center[observations.frame])
-    to_point = turned @ tangents[:, :3] + to_scale[:, :, None] * tangents[:, 3][:, None, :]
-    to_rotation = np.cross(local[:, None, :], project)  # d local / d omega = -[local]x for R <- exp(omega) R
-    to_camera = np.concatenate([to_rotation, -turned * scale[:, None, None], seen[:, :, None]], axis=2)
-    weight = observations.weight / (1 + (residual**2).sum(1) / config.robust_px**2) * ahead
+    """Residuals `(2, O)`, Jacobians to (rotation, centre, log focal) `(2, 7, O)` and point `(2, 3, O)`, weights `(O,)`.
+
+    Observations are the last axis: numpy is several times faster over long rows than over many small matrices.
+    """
+    frame, point, focal = observations.frame, observations.point, problem.focals(observations)
+    rotation, center = problem.rotation.transpose(1, 2, 0)[:, :, frame], problem.center.T[:, frame]  # (3, 3, O)
+    local, length = problem.local(observations), problem.points[point, 3]
+    ahead = local[2] > MIN_DEPTH
+    z = np.where(ahead, local[2], 1.0)
+    x, y = plane = local[:2] / z
+    projected = focal * plane
+    residual = np.where(ahead, projected + problem.principal[:, None] - observations.uv.T, 0.0)
+    to_rotation = focal * np.stack([[-x * y, 1 + x * x, -y], [-1 - y * y, x * y, x]])  # for R <- exp(omega) R
+    turned = focal / z * (rotation[:2] - plane[:, None] * rotation[2])  # (2, 3, O), to the point in world axes
+    to_camera = np.concatenate([to_rotation, -turned * length, projected[:, None]], axis=1)
+    tangents = problem.tangents.transpose(1, 2, 0)[:, :, point]  # (4, 3, O)
+    to_scale = -np.einsum("ajo,jo->ao", turned, center)
+    to_point = np.einsum("ajo,jko->ako", turned, tangents[:3]) + to_scale[:, None] * tangents[3]
+    weight = observations.weight / (1 + (residual**2).sum(0) / config.robust_px**2) * ahead
     return residual, to_camera, to_point, weight
+
+
+def _sums(rows: np.ndarray, index: np.ndarray, count: int) -> np.ndarray:
+    """(..., count) sums of the entries of `rows (..., O)` with equal index."""
+    flat = [np.bincount(index, row, count) for row in rows.reshape(-1, len(index))]
+    return np.reshape(flat, (*rows.shape[:-1], count))
 
 
 def _normal_equations(
@@ -472,14 +483,17 @@ def _normal_equations(
     frames, count = len(problem.center), len(problem.points)
     residual, to_camera, to_point, weight = _linearise(problem, observations, config)
     if not config.refine_centers:
-        to_camera[:, :, 3:6] = 0
+        to_camera[:, 3:6] = 0
     own_count = 7 if config.refine_zoom else 6
     if not config.refine_focal and not config.refine_zoom:
-        to_camera[:, :, 6] = 0
-    weighted = (to_camera * weight[:, None, None]).transpose(0, 2, 1)  # (O, 7, 2)
-    by_frame, by_point = _incidence(observations.frame, frames), _incidence(observations.point, count)
-    blocks = (by_frame @ np.matmul(weighted, to_camera).reshape(-1, 49)).reshape(-1, 7, 7)
-    camera_gradient = by_frame @ np.einsum("oik,ok->oi", weighted, residual)  # (F, 7)
+        to_camera[:, 6] = 0
+    weighted = to_camera * weight  # (2, 7, O)
+    blocks = np.empty((frames, 7, 7))
+    for row in range(7):
+        products = np.einsum("ao,ajo->jo", weighted[:, row], to_camera[:, row:])
+        blocks[:, row, row:] = _sums(products, observations.frame, frames).T
+        blocks[:, row:, row] = blocks[:, row, row:]
+    camera_gradient = _sums(np.einsum("aio,ao->io", weighted, residual), observations.frame, frames).T  # (F, 7)
     size = own_count * frames
     camera, gradient = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
     for f in range(frames):
@@ -490,15 +504,18 @@ def _normal_equations(
         camera[:size, size] = camera[size, :size] = blocks[:, :own_count, 6].ravel()
         camera[size, size], gradient[size] = blocks[:, 6, 6].sum(), camera_gradient[:, 6].sum()
 
-    coupling_rows = np.matmul(weighted, to_point).transpose(0, 2, 1)  # (O, 3, 7)
-    coupling = np.zeros((3, frames, own_count, count))
+    coupling = np.zeros((3, size + 1, count))
     # A point is sighted once per frame, so plain assignment adds nothing up twice.
-    coupling[:, observations.frame, :, observations.point] = coupling_rows[:, :, :own_count]
-    focal_row = (by_point @ coupling_rows[:, :, 6]).T.reshape(3, 1, count) * config.refine_focal
-    coupling = np.concatenate([coupling.reshape(3, size, count), focal_row], axis=1)
-    scaled = (to_point * weight[:, None, None]).transpose(0, 2, 1)
-    points = (by_point @ np.matmul(scaled, to_point).reshape(-1, 9)).reshape(-1, 3, 3)
-    point_gradient = by_point @ np.einsum("oik,ok->oi", scaled, residual)
+    first = observations.frame * (own_count * count) + observations.point
+    for which, entries in enumerate(coupling.reshape(3, -1)):
+        products = np.einsum("aio,ao->io", weighted, to_point[:, which])
+        for row in range(own_count):
+            entries[first + row * count] = products[row]
+        if config.refine_focal:
+            coupling[which, size] = np.bincount(observations.point, products[6], count)
+    scaled = to_point * weight
+    points = _sums(np.einsum("aio,ajo->ijo", scaled, to_point), observations.point, count).transpose(2, 0, 1).copy()
+    point_gradient = _sums(np.einsum("aio,ao->io", scaled, residual), observations.point, count).T.copy()
     _add_priors(problem, config, belief, camera, gradient, points, point_gradient)
     return camera, gradient, coupling, points, point_gradient
 
@@ -551,15 +568,15 @@ def _solve(
     """Steps of the cameras `(F, 6)` or `(F, 7)`, the log focal length and the points `(P, 3)`; `cameras` is F."""
     floor = 1e-9 * max(float(np.einsum("pii->pi", points).mean()), 1e-12)
     diagonal = np.einsum("pii->pi", points)
-    inverse = np.linalg.inv(points + (damping * diagonal + floor)[:, :, None] * np.eye(3))
-    eliminated = [sum(coupling[i] * inverse[:, i, j] for i in range(3)) for j in range(3)]
+    lower = np.linalg.cholesky(points + (damping * diagonal + floor)[:, :, None] * np.eye(3))
+    root = np.linalg.inv(lower).transpose(0, 2, 1)  # inverse = root root^T, so C inverse C^T takes half the products
+    inverse = root @ root.transpose(0, 2, 1)
+    eliminated = np.concatenate([sum(coupling[i] * root[:, i, j] for i in range(j + 1)) for j in range(3)], axis=1)
     own = np.diag(camera)
     # Unknowns that are held fixed have empty rows: a unit pivot keeps them at zero.
     system = camera + np.diag(damping * own + np.where(own > 0, 1e-9 * own.mean(), 1.0))
-    reduced = gradient.copy()
-    for part, whole, slope in zip(eliminated, coupling, point_gradient.T, strict=True):
-        system -= part @ whole.T
-        reduced -= part @ slope
+    system -= eliminated @ eliminated.T
+    reduced = gradient - eliminated @ np.einsum("pij,pi->jp", root, point_gradient).ravel()
     step = -np.linalg.solve(system, reduced)
     moved = -np.einsum("pij,pj->pi", inverse, point_gradient + (step @ coupling).T)
     return step[:-1].reshape(cameras, -1), float(step[-1]), moved

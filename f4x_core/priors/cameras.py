@@ -20,6 +20,7 @@ import numpy as np
 from ..geometry import quaternion
 from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import CameraPath
+from ..parallel import thread_count
 from ..progress import Progress
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
 from .config import CamerasConfig, PriorsConfig
@@ -482,7 +483,7 @@ def _solve_keyframes(job: _CameraProblem, keyframes: np.ndarray) -> Solution | N
     pictures = [job.clip.frames[frame] for frame in np.asarray(job.clip.supervised)[keyframes]]
     masks = None if priors.mask is None else _dilated(priors.mask[keyframes])
     found = solve_with_colmap(
-        pictures, masks, job.focal, settings.focal is not None, settings.features, settings.threads, settings.seed
+        pictures, masks, job.focal, settings.focal is not None, settings.features, thread_count(), settings.seed
     )
     return None if found is None else _spread(found, keyframes, len(job.tracks))
 

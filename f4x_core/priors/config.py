@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
@@ -70,8 +71,6 @@ class CamerasConfig:
     """Most frames given to pycolmap; the others are resected."""
     features: int = 2500
     """Most SIFT features per keyframe."""
-    threads: int = 2
-    """Threads in which pycolmap finds and matches features; the cameras do not depend on them."""
     seed: int = 0
     """Seed of every random draw."""
 
@@ -95,6 +94,13 @@ class PriorsConfig:
     depth: DepthConfig = field(default_factory=DepthConfig)
     files: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """The user's own: name of a prior (`depth`, `mask`, `cameras`, ...) -> file or folder; wins over providers."""
+    threads: int | None = None
+    """Threads that work side by side; None = all cores. No prior depends on it."""
+
+    @property
+    def workers(self) -> int:
+        """The number of threads."""
+        return self.threads or os.cpu_count() or 1
 
     @classmethod
     def of(cls, provider: str, **stages: Any) -> PriorsConfig:

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import csr_matrix, diags
+from scipy.sparse import dia_array, diags_array
 from scipy.sparse.linalg import cg
 
-from ..geometry.camera import CameraPath
+from ..geometry.camera import Camera, CameraPath
+from ..parallel import in_threads
 from ..progress import Progress
 from .bundle import Observations, from_matrices, triangulate
 from .cameras import static_tracks
 from .config import PriorsConfig
-from .flow import consistent, grey, long_flows, texture_along
+from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import GUESS_CONFIDENCE, MOVING_MARGIN, place_objects
 
 if TYPE_CHECKING:
@@ -100,35 +101,35 @@ def inverse_depth_from_flow(
     in rho; all gaps are combined by least squares with Cauchy weights on the residual in pixels.
     """
     here = cameras[frame]
-    rays = (pixels - here.intrinsics[:2, 2]) / here.intrinsics[[0, 1], [0, 1]]
-    rays = np.concatenate([rays, np.ones_like(rays[:, :1])], axis=1)
-    gains, offsets, weights = [], [], []
-    for other, seen, weight in targets:
+    rays = np.ones((3, len(pixels)))
+    rays[:2] = ((pixels - here.intrinsics[:2, 2]) / here.intrinsics[[0, 1], [0, 1]]).T
+    gain, offset = np.empty((2, 2, len(targets), len(pixels)), np.float64)  # (x and y, g, n)
+    for row, (other, seen, _) in enumerate(targets):
         there = cameras[other]
         relative = there.world_to_camera @ here.camera_to_world
-        ahead = rays @ relative[:3, :3].T  # (n, 3)
-        plane = (seen - there.intrinsics[:2, 2]) / there.intrinsics[[0, 1], [0, 1]]
-        gains.append((relative[:2, 3] - plane * relative[2, 3]) / ahead[:, 2:])
-        offsets.append((plane * ahead[:, 2:] - ahead[:, :2]) / ahead[:, 2:])
-        weights.append(weight)
-    gain, offset = np.stack(gains), np.stack(offsets)  # (g, n, 2)
-    given, focal = np.stack(weights), here.intrinsics[0, 0]  # (g, n)
-    square = (gain**2).sum(-1)
+        ahead = relative[:3, :3] @ rays  # (3, n)
+        ahead[:2] /= ahead[2]
+        plane = ((seen - there.intrinsics[:2, 2]) / there.intrinsics[[0, 1], [0, 1]]).T
+        gain[:, row] = (relative[:2, 3:] - plane * relative[2, 3]) / ahead[2]
+        offset[:, row] = plane - ahead[:2]
+    given, focal = np.stack([weight for _, _, weight in targets]), here.intrinsics[0, 0]  # (g, n)
+    square, along = (gain**2).sum(0), (gain * offset).sum(0)
     # Least absolute deviations to start with, a weighted median over the gaps: the longest gap alone could pull squares away.
-    each = (gain * offset).sum(-1) / np.maximum(square, 1e-20)
+    each = along / np.maximum(square, 1e-20)
     order = np.argsort(each, axis=0)
     half = np.cumsum(np.take_along_axis(given * np.sqrt(square), order, axis=0), axis=0)
     middle = np.argmax(half >= half[-1] / 2, axis=0)
     inverse = np.take_along_axis(each, np.take_along_axis(order, middle[None], axis=0), axis=0)[0]
     for _ in range(4):
-        residual = focal * np.linalg.norm(gain * inverse[:, None] - offset, axis=-1)
-        weight = given / (1 + (residual / FLOW_OUTLIER_PX) ** 2)
-        inverse = (weight * (gain * offset).sum(-1)).sum(0) / np.maximum((weight * square).sum(0), 1e-20)
+        squared = focal**2 * ((gain * inverse - offset) ** 2).sum(0)  # of the miss in pixels
+        weight = given / (1 + squared / FLOW_OUTLIER_PX**2)
+        inverse = (weight * along).sum(0) / np.maximum((weight * square).sum(0), 1e-20)
     # What moves a little by itself meets no epipolar line at all gaps: the misses beyond noise tell how wrong the depth may be.
-    missed = (given * np.minimum(residual, MISS_LIMIT_PX) ** 2).sum(0) / np.maximum(given.sum(0), 1e-20)
+    missed = (given * np.minimum(squared, MISS_LIMIT_PX**2)).sum(0) / np.maximum(given.sum(0), 1e-20)
     doubt = np.maximum(missed / FLOW_NOISE_PX**2, 1)
     # Errors of flow are shared by its gaps: the best gap tells the precision, more gaps only help against outliers.
-    return inverse, (weight * square).max(0) * (focal / FLOW_NOISE_PX) ** 2 / doubt
+    precision = (weight * square).max(0) * (focal / FLOW_NOISE_PX) ** 2 / doubt
+    return inverse, precision
 
 
 def epipolar_direction(cameras: CameraPath, frame: int, pixels: np.ndarray, others: list[int]) -> np.ndarray:
@@ -180,35 +181,45 @@ def fill_inverse_depth(
     for _ in range(3):
         miss = (inverse.ravel() - solution) * np.sqrt(np.minimum(data, 6 * limit))
         weight = trusted / (1 + (miss / 3) ** 2)
-        scale = diags(1 / (stiff + weight))
-        solution, _ = cg(system + diags(weight), weight * inverse.ravel(), solution, maxiter=iterations // 3, M=scale)
+        scale = diags_array(1 / (stiff + weight))
+        solution, _ = cg(
+            system + diags_array(weight), weight * inverse.ravel(), solution, maxiter=iterations // 3, M=scale
+        )
     return solution.reshape(height, width)
 
 
-def _roughness(guide: np.ndarray, smooth: float, flat: float) -> csr_matrix:
+def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dia_array:
     """Normal matrix `(hw, hw)` of the smoothness terms: differences of neighbours and of those differences along lines."""
-    height, width = guide.shape
-    number = np.arange(height * width).reshape(height, width)
-    step = guide.ravel().astype(np.float64)
-    total = csr_matrix((number.size, number.size))
-    for lines in (number, number.T):
-        a, b = lines[:, :-1].ravel(), lines[:, 1:].ravel()
-        same = np.exp(-abs(step[a] - step[b]) / EDGE_GREY)
-        first = _differences([a, b], [-1.0, 1.0], number.size)
-        total = total + first.T @ diags(smooth * (EDGE_SLACK + (1 - EDGE_SLACK) * same)) @ first
-        links = same.reshape(len(lines), -1)
-        second = _differences(
-            [lines[:, k : k + lines.shape[1] - 2].ravel() for k in range(3)], [1.0, -2.0, 1.0], number.size
-        )
-        total = total + second.T @ diags(flat * np.minimum(links[:, :-1], links[:, 1:]).ravel()) @ second
+    count, width = guide.size, guide.shape[1]
+    grey = guide.astype(np.float64)
+    along, down = (_line_roughness(image, smooth, flat) for image in (grey, grey.T))
+    diagonal = along[0] + down[0].T
+    bands = [(1, along[1]), (2, along[2]), (width, down[1].T), (2 * width, down[2].T)]
+    total = dia_array((diagonal.reshape(1, -1), [0]), shape=(count, count))
+    for step, band in bands:  # band[p] links the pixel p with p + step
+        lower = band.ravel()
+        upper = np.concatenate([np.zeros(step), lower])[:count]
+        total = total + dia_array((np.stack([lower, upper]), [-step, step]), shape=(count, count))
     return total
 
 
-def _differences(columns: list[np.ndarray], factors: list[float], size: int) -> csr_matrix:
-    """Sparse rows `sum factor * value[column]`, one per entry of the columns."""
-    count = len(columns[0])
-    rows = np.tile(np.arange(count), len(columns))
-    return csr_matrix((np.repeat(factors, count), (rows, np.concatenate(columns))), shape=(count, size))
+def _line_roughness(grey: np.ndarray, smooth: float, flat: float) -> np.ndarray:
+    """(3,h,w) entries of the normal matrix along rows: of a pixel with itself, with the next one, with the one after that."""
+    same = np.exp(-abs(np.diff(grey, axis=1)) / EDGE_GREY)  # (h, w-1)
+    bend = flat * np.minimum(same[:, :-1], same[:, 1:])  # (h, w-2), weight of (1, -2, 1)
+    link = smooth * (EDGE_SLACK + (1 - EDGE_SLACK) * same)  # weight of (-1, 1)
+    entries = np.zeros((3, *grey.shape))
+    itself, following, second = entries
+    itself[:, :-1] += link
+    itself[:, 1:] += link
+    itself[:, :-2] += bend
+    itself[:, 1:-1] += 4 * bend
+    itself[:, 2:] += bend
+    following[:, :-1] -= link
+    following[:, :-2] -= 2 * bend
+    following[:, 1:-1] -= 2 * bend
+    second[:, :-2] += bend
+    return entries
 
 
 def ground_prior(cameras: CameraPath) -> np.ndarray:
@@ -216,26 +227,30 @@ def ground_prior(cameras: CameraPath) -> np.ndarray:
 
     Inverse distance is `0.7 + s`, s that of `below_horizon`.
     """
-    below = below_horizon(cameras)
-    return (0.7 * below[..., 1] + below[..., 0]).astype(np.float32)
+    down, every = mean_down(cameras), pixel_grid(cameras.height, cameras.width)
+
+    def plain(frame: int) -> np.ndarray:
+        below = below_horizon(cameras[frame], every, down)
+        return (0.7 * below[..., 1] + below[..., 0]).astype(np.float32)
+
+    return np.stack(in_threads(plain, range(len(cameras))))
 
 
-def below_horizon(cameras: CameraPath) -> np.ndarray:
-    """(F, H, W, 2) float32: sine of the direction below the mean camera's horizon, 0 above it, and 1, times the ray's length.
-
-    An inverse depth that is linear in them is that of a ground plane below and of a sphere above.
-    """
+def mean_down(cameras: CameraPath) -> np.ndarray:
+    """(3,) unit vector in the world: down in the mean camera."""
     down = cameras.world_to_camera[:, 1, :3].mean(0)
-    down /= max(float(np.linalg.norm(down)), 1e-9)
-    found = np.empty((len(cameras), cameras.height, cameras.width, 2), np.float32)
-    for i in range(len(cameras)):
-        camera = cameras[i]
-        local = (camera.pixel_grid() - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]]
-        local = np.concatenate([local, np.ones_like(local[..., :1])], axis=-1)  # z = 1
-        length = np.linalg.norm(local, axis=-1)
-        sine = local @ (camera.world_to_camera[:3, :3] @ down) / length
-        found[i] = np.stack([np.maximum(sine, 0), np.ones_like(sine)], -1) * length[..., None]
-    return found
+    return down / max(float(np.linalg.norm(down)), 1e-9)
+
+
+def below_horizon(camera: Camera, pixels: np.ndarray, down: np.ndarray) -> np.ndarray:
+    """(..., 2): sine of the direction of `pixels (..., 2)` below the horizon, 0 above it, and 1, times the length of the ray z = 1.
+
+    An inverse depth that is linear in them is that of a ground plane below and of a sphere above. `down (3,)` in the world.
+    """
+    local = (pixels - camera.intrinsics[:2, 2]) / camera.intrinsics[[0, 1], [0, 1]]
+    x, y, z = camera.world_to_camera[:3, :3] @ down
+    height = local[..., 0] * x + local[..., 1] * y + z
+    return np.stack([np.maximum(height, 0), np.sqrt(1 + (local**2).sum(-1))], -1)
 
 
 def plain_world(inverse: np.ndarray, precision: np.ndarray, below: np.ndarray, usual: float) -> np.ndarray:
@@ -273,15 +288,17 @@ def _static_depth(
     tracks = track_samples(priors)
     frames, height, width = moving.shape
     size = 2 * MOVING_MARGIN + 1
-    blocked = np.stack([cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0 for mask in moving])
+    margin = np.ones((size, size), np.uint8)
+    blocked = np.stack(in_threads(lambda mask: cv2.dilate(mask.astype(np.uint8), margin) > 0, moving))
     rows, columns = np.arange(STRIDE // 2, height, STRIDE), np.arange(STRIDE // 2, width, STRIDE)
     grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1)  # (h, w, 2)
     inverse, confidence = np.empty((2, frames, height, width), np.float32)
-    measured = 0.0
-    below = below_horizon(priors.cameras)
-    for i in range(frames):
-        progress("depth", i, frames + 1)
-        targets = _targets(i, flows, blocked, rows, columns, grid)
+    down = mean_down(priors.cameras)
+
+    def solve(i: int) -> float:
+        """Write inverse depth and confidence of a frame; returns the fraction of it that is known to better than 10 %."""
+        assert priors.cameras is not None
+        targets = _targets(i, flows, blocked, grid)
         rho, precision = np.zeros(grid.shape[:2]), np.zeros(grid.shape[:2])
         if targets:
             rho, precision = (
@@ -298,16 +315,18 @@ def _static_depth(
         )
         least = usual / FARTHEST
         rho = np.clip(rho, least, 1e3 * usual)
-        plain = np.maximum(plain_world(rho, precision, below[i][rows[:, None], columns], usual), least)
+        plain = np.maximum(plain_world(rho, precision, below_horizon(priors.cameras[i], grid, down), usual), least)
         known, belief = precision, 1 / (PLAIN_NOISE * usual) ** 2
         rho, precision = (precision * rho + belief * plain) / (precision + belief), precision + belief
         guide = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
         filled = np.maximum(fill_inverse_depth(rho, precision, guide), least)
         trust = _confidence(filled, rho, known)
-        measured += float((known * filled**2 > 100).mean()) / frames
         inverse[i] = _enlarged(filled, width, height)
         confidence[i] = _enlarged(trust, width, height)
-    statistics["measured_share"] = round(measured, 3)  # static depth known to better than 10 %
+        return float((known * filled**2 > 100).mean())
+
+    measured = float(np.mean(in_threads(solve, range(frames), lambda done: progress("depth", done, frames + 1))))
+    statistics["measured_share"] = round(measured, 3)
     if measured < 0.2:
         priors.warn(
             f"Depth could be measured on only {100 * measured:.0f} % of the picture (little parallax or texture);"
@@ -317,23 +336,19 @@ def _static_depth(
 
 
 def _targets(
-    frame: int,
-    flows: dict[int, np.ndarray],
-    blocked: np.ndarray,
-    rows: np.ndarray,
-    columns: np.ndarray,
-    grid: np.ndarray,
+    frame: int, flows: dict[int, np.ndarray], blocked: np.ndarray, grid: np.ndarray
 ) -> list[tuple[int, np.ndarray, np.ndarray]]:
     """Where the grid's pixels are seen in other frames, with weight 0 where flow is inconsistent or lands on a mover."""
     _, height, width = blocked.shape
+    some = np.s_[STRIDE // 2 :: STRIDE, STRIDE // 2 :: STRIDE]
     targets = []
     for gap, flow in flows.items():
         other = frame + gap
         if not 0 <= other < len(blocked):
             continue
-        there, back = flow[frame].astype(np.float32), flows[-gap][other].astype(np.float32)
-        good = consistent(there, back)[rows[:, None], columns]
-        seen = grid + there[rows[:, None], columns]
+        there, back = flow[frame][some].astype(np.float32), flows[-gap][other].astype(np.float32)
+        seen = grid + there
+        good = agree(grid, there, look_up(back, seen), height, width)
         x, y = np.clip(seen[..., 0].astype(int), 0, width - 1), np.clip(seen[..., 1].astype(int), 0, height - 1)
         # Flow over a long gap is refined on the pictures but errs more; trust falls with the distance it had to bridge.
         weight = good * ~blocked[other][y, x] / (1 + (abs(gap) / 16) ** 2)

@@ -10,13 +10,16 @@ from __future__ import annotations
 import math
 import os
 import tempfile
+import threading
 from collections.abc import Callable
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import ndimage
 
 from ..errors import F4xError
+from ..parallel import in_threads
 from ..progress import Progress
 from .config import PriorsConfig
 
@@ -50,12 +53,18 @@ def dis(preset: str, refine_iterations: int) -> Flow:
     }
     if preset not in presets:
         raise F4xError(f"There is no flow preset '{preset}'; choose one of: {', '.join(presets)}.")
-    engine = cv2.DISOpticalFlow.create(presets[preset])
-    if preset == "fine":  # the presets stop at half resolution
-        engine.setFinestScale(0)
-        engine.setPatchStride(4)
-    engine.setVariationalRefinementIterations(refine_iterations)
-    return lambda first, second: engine.calc(first, second, None)  # type: ignore[call-overload]
+    engines = threading.local()  # an engine keeps buffers of the pair that it works on
+
+    def flow(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        if not hasattr(engines, "own"):
+            engines.own = cv2.DISOpticalFlow.create(presets[preset])
+            if preset == "fine":  # the presets stop at half resolution
+                engines.own.setFinestScale(0)
+                engines.own.setPatchStride(4)
+            engines.own.setVariationalRefinementIterations(refine_iterations)
+        return engines.own.calc(first, second, None)
+
+    return flow
 
 
 def grey(frames: np.ndarray) -> np.ndarray:
@@ -80,10 +89,13 @@ def sample(image: np.ndarray, points: np.ndarray) -> np.ndarray:
     return top * (1 - v) + bottom * v
 
 
+@lru_cache(4)
 def pixel_grid(height: int, width: int) -> np.ndarray:
-    """(H,W,2) float32 pixel centres (x, y)."""
+    """(H,W,2) float32 pixel centres (x, y), not to be written to."""
     columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    return np.stack([columns, rows], -1).astype(np.float32)
+    grid = np.stack([columns, rows], -1).astype(np.float32)
+    grid.setflags(write=False)
+    return grid
 
 
 def look_up(image: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -112,15 +124,16 @@ def inside(points: np.ndarray, height: int, width: int) -> np.ndarray:
 
 def consistent(there: np.ndarray, back: np.ndarray) -> np.ndarray:
     """(H,W) bool: |f(p) + b(p+f)| < 0.5 (|f| + |b|) + 0.5 px (MoSca's test), and p + f inside the picture."""
-    return _agree(pixel_grid(*there.shape[:2]), there, warp(back, there), *there.shape[:2])
+    return agree(pixel_grid(*there.shape[:2]), there, warp(back, there), *there.shape[:2])
 
 
 def consistent_at(points: np.ndarray, there: np.ndarray, back: np.ndarray) -> np.ndarray:
     """The same test at `points` (...,2) with flow `there` (...,2), against the dense flow `back` (H,W,2)."""
-    return _agree(points, there, sample(back, points + there), *back.shape[:2])
+    return agree(points, there, sample(back, points + there), *back.shape[:2])
 
 
-def _agree(points: np.ndarray, there: np.ndarray, returned: np.ndarray, height: int, width: int) -> np.ndarray:
+def agree(points: np.ndarray, there: np.ndarray, returned: np.ndarray, height: int, width: int) -> np.ndarray:
+    """(...) bool: the same test of flow `there` (...,2) at `points` (...,2) and the flow back from there, `returned` (...,2)."""
     close = length(there + returned) < 0.5 * (length(there) + length(returned)) + 0.5
     return close & inside(points + there, height, width)
 
@@ -177,12 +190,16 @@ def long_flows(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progr
                     priors.flow_forward if signed > 0 else priors.flow_backward
                 )
                 continue
-            half = signed // 2  # exact: a power of two, either sign
-            for t in range(max(0, -signed), min(frames, frames - signed)):
-                out[t] = compose(flows[half][t].astype(np.float32), flows[half][t + half].astype(np.float32))
+            chain = partial(_chain, flows[signed // 2], signed // 2, out)  # exact: a power of two, either sign
+            in_threads(chain, range(max(0, -signed), min(frames, frames - signed)))
     progress("long flows", len(gaps), len(gaps))
     priors.scratch["long_flows"] = flows
     return flows
+
+
+def _chain(flows: np.ndarray, gap: int, out: np.ndarray, frame: int) -> None:
+    """Write the flow of a frame over twice the `gap` of `flows` into `out`, both (F,H,W,2)."""
+    out[frame] = compose(flows[frame].astype(np.float32), flows[frame + gap].astype(np.float32))
 
 
 def scratch_array(shape: tuple[int, ...]) -> np.ndarray:
@@ -207,8 +224,8 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     forward = np.zeros((pairs, height, width, 2), np.float16)
     backward = np.zeros_like(forward)
     masks = np.zeros((2, pairs, height, width), bool)
-    for i in range(pairs):
-        progress("flow", i, pairs)
+
+    def between(i: int) -> None:
         pair = pictures[i], pictures[i + 1]
         there, back = flow(*pair), flow(*pair[::-1])
         masks[0, i], masks[1, i] = consistent(there, back), consistent(back, there)
@@ -216,7 +233,8 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
             there, back = _after_homography(*pair, flow, there, back)
             masks[0, i], masks[1, i] = consistent(there, back), consistent(back, there)
         forward[i], backward[i] = there, back
-    progress("flow", pairs, pairs)
+
+    in_threads(between, range(pairs), lambda done: progress("flow", done, pairs))
     priors.flow_forward, priors.flow_backward = forward, backward
     priors.flow_forward_mask, priors.flow_backward_mask = masks
 

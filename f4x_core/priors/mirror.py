@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..parallel import in_threads
 from .bundle import Bundle, BundleConfig, Observations, adjust, total_cost, triangulate
 
 GRADUAL_PX, GRADUAL_STEPS = (16.0, 4.0, 1.0), (12, 12, 25)
@@ -158,9 +159,14 @@ def choose_orientation(
     Each orientation is represented by its solution with the least cost, because an adjustment may stop early.
     """
     config = replace(config, robust_px=GRADUAL_PX[-1])
-    found = [adjust_coarse_to_fine(start, observations, config) for start in starts]
-    # At the coarsest scale a mirror image slips back to where it came from.
-    found += [adjust_coarse_to_fine(mirrored(bundle), observations, config, first=1) for bundle in found]
+
+    def both(start: Bundle) -> tuple[Bundle, Bundle]:
+        """A start adjusted, and its mirror image."""
+        own = adjust_coarse_to_fine(start, observations, config)
+        # At the coarsest scale a mirror image slips back to where it came from.
+        return own, adjust_coarse_to_fine(mirrored(own), observations, config, first=1)
+
+    found = [bundle for pair in zip(*in_threads(both, starts), strict=True) for bundle in pair]
     found.sort(key=lambda bundle: total_cost(bundle, observations, config))
     first = found[0]
     agreement = [_agreement(first, bundle) for bundle in found]

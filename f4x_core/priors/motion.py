@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import ndimage
 
+from ..parallel import in_threads
 from ..progress import Progress
 from .alignment import align_tracks
 from .config import PriorsConfig
@@ -124,18 +125,17 @@ def motion_score(
     residual = np.zeros((frames, len(gaps), rows * columns, 2), np.float32)
     trust = np.zeros((frames, len(gaps), rows * columns), np.float32)
     missed = np.full((frames, len(gaps), rows * columns), np.nan, np.float32)
-    soft = np.stack([cv2.GaussianBlur(picture, (0, 0), EVIDENCE_BLUR) for picture in pictures])
-    inliers: dict[int, list[float]] = {gap: [] for gap in gaps}
-    for t in range(frames):
-        progress("motion", t, frames)
+    soft = np.stack(in_threads(lambda picture: cv2.GaussianBlur(picture, (0, 0), EVIDENCE_BLUR), pictures))
+    inliers = np.full((frames, len(gaps)), np.nan)
+
+    def compare(t: int) -> None:
         own = look_up(soft[t].astype(np.float32), grid)
         for j, gap in enumerate(gaps):
             if not 0 <= t + gap < frames:
                 continue
             flow = samples[gap][t].reshape(-1, 2).astype(np.float64)
             good = consistent_at(points, flow, flows[-gap][t + gap])
-            residual[t, j], fraction = (flow, 1.0) if static else _off_homography(points, flow, good, unit)
-            inliers[gap].append(fraction)
+            residual[t, j], inliers[t, j] = (flow, 1.0) if static else _off_homography(points, flow, good, unit)
             trust[t, j] = np.where(good, 1.0, DOUBT)
             by_flow, by_background = points + flow, points + flow - residual[t, j]
             there = soft[t + gap].astype(np.float32)
@@ -143,7 +143,8 @@ def motion_score(
                 abs(look_up(there, seen.reshape(grid.shape)) - own).mean(-1) for seen in (by_background, by_flow)
             )
             missed[t, j] = np.where(good & inside(by_background, height, width), (more - less).ravel(), np.nan)
-    progress("motion", frames, frames)
+
+    in_threads(compare, range(frames), lambda done: progress("motion", done, frames))
     score = _score(length(residual), trust, unit)  # (F,P)
     edge = border.ravel()
     unexplained = score[:, edge] > 0.5
@@ -152,7 +153,11 @@ def motion_score(
         "static_camera": bool(static),
         "border_flow": border_flow,
         "homography_residual": _median(length(residual[:, last][:, :, edge])[trust[:, last][..., edge] == 1]),
-        "homography_inliers": {str(gap): float(np.mean(fractions)) for gap, fractions in inliers.items() if fractions},
+        "homography_inliers": {
+            str(gap): float(np.nanmean(found))
+            for gap, found in zip(gaps, inliers.T, strict=True)
+            if np.isfinite(found).any()
+        },
         "border_unexplained": float(unexplained.mean()),
         "border_parallax": 0.0,
     }
@@ -167,7 +172,7 @@ def motion_score(
     contrast = max(float(pictures[:, ::STEP, ::STEP].std((0, 1, 2)).mean()), 1.0)
     score = score.reshape(frames, rows, columns)
     score = score * _evidence(missed.reshape(frames, -1, rows, columns), EVIDENCE_CONTRAST * contrast)
-    return _smooth_in_time(np.stack([_enlarge(one, height, width) for one in score]), flows), statistics
+    return _smooth_in_time(np.stack(in_threads(lambda one: _enlarge(one, height, width), score)), flows), statistics
 
 
 def _border(rows: int, columns: int) -> np.ndarray:
@@ -203,7 +208,7 @@ def _left_by_parallax(
     frames: np.ndarray, residual: np.ndarray, trust: np.ndarray, points: np.ndarray, unit: float
 ) -> np.ndarray:
     """(f,K,P) what `_off_parallax` leaves of `residual (F,K,P,2)` in the frames `(f,)`."""
-    return np.stack([_off_parallax(residual[t], trust[t], points, unit, int(t)) for t in frames])
+    return np.stack(in_threads(lambda t: _off_parallax(residual[t], trust[t], points, unit, int(t)), frames))
 
 
 def _off_parallax(residual: np.ndarray, trust: np.ndarray, points: np.ndarray, unit: float, seed: int) -> np.ndarray:
@@ -269,15 +274,14 @@ def _enlarge(coarse: np.ndarray, height: int, width: int) -> np.ndarray:
 
 def _smooth_in_time(score: np.ndarray, flows: dict[int, np.ndarray]) -> np.ndarray:
     """Mean of each frame's score with its neighbours' (half the weight), carried along the flow."""
-    frames, smooth = len(score), score.copy()
-    for t in range(frames):
-        total = 1.0
-        for gap in (-2, -1, 1, 2):
-            if gap in flows and 0 <= t + gap < frames:
-                smooth[t] += 0.5 * warp(score[t + gap], flows[gap][t].astype(np.float32))
-                total += 0.5
-        smooth[t] /= total
-    return smooth
+    frames = len(score)
+
+    def mean(t: int) -> np.ndarray:
+        there = [gap for gap in (-2, -1, 1, 2) if gap in flows and 0 <= t + gap < frames]
+        carried = [0.5 * warp(score[t + gap], flows[gap][t].astype(np.float32)) for gap in there]
+        return sum(carried, score[t]) / (1 + 0.5 * len(there))
+
+    return np.stack(in_threads(mean, range(frames)))
 
 
 def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarray:
@@ -285,16 +289,18 @@ def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarr
     import cv2
 
     frames, height, width = score.shape
-    motion, result = tracks_motion(tracks, visible, score), np.empty_like(score)
+    motion = tracks_motion(tracks, visible, score)
     least = 0.1 / (2 * np.pi * VOTE_SIGMA**2)  # a tenth of one track at its own place
-    for t in range(frames):
+
+    def around(t: int) -> np.ndarray:
         column, row = np.clip(np.floor(tracks[t, visible[t]]), 0, (width - 1, height - 1)).astype(int).T
         count, total = np.zeros((2, height, width), np.float32)
         np.add.at(count, (row, column), 1)
         np.add.at(total, (row, column), motion[visible[t]])
         count, total = (cv2.GaussianBlur(one, (0, 0), VOTE_SIGMA) for one in (count, total))
-        result[t] = np.where(count > least, total / np.maximum(count, least), score[t])
-    return result
+        return np.where(count > least, total / np.maximum(count, least), score[t])
+
+    return np.stack(in_threads(around, range(frames)))
 
 
 def find_threshold(score: np.ndarray) -> float:
@@ -311,10 +317,10 @@ def cut_out(frames: np.ndarray, score: np.ndarray, threshold: float) -> np.ndarr
 
     Empty when next to nothing is left. frames: (F,H,W,3) uint8.
     """
-    mask = np.stack([_without_specks(one > threshold) for one in score])
+    mask = np.stack(in_threads(lambda one: _without_specks(one > threshold), score))
     if mask.mean() < MIN_AREA_FRACTION:
         return np.zeros_like(mask)
-    return np.stack([_cut(*one, threshold) for one in zip(frames, score, mask, strict=True)])
+    return np.stack(in_threads(lambda t: _cut(frames[t], score[t], mask[t], threshold), range(len(frames))))
 
 
 def _without_specks(mask: np.ndarray) -> np.ndarray:
@@ -346,6 +352,7 @@ def _cut(frame: np.ndarray, score: np.ndarray, mask: np.ndarray, threshold: floa
     foreground = (inside == cv2.GC_FGD) | (inside == cv2.GC_PR_FGD)
     if not foreground.any() or foreground.all():
         return mask
+    cv2.setRNGSeed(0)  # of this thread: colour models begin with random means
     try:
         cv2.grabCut(np.ascontiguousarray(picture[box]), inside, None, *models, CUT_ROUNDS, cv2.GC_INIT_WITH_MASK)  # type: ignore[call-overload]
     except cv2.error:  # too few pixels for its colour models
@@ -359,7 +366,7 @@ def _softened(mask: np.ndarray) -> np.ndarray:
     """(F,H,W) float32: the mask with edges two pixels wide."""
     import cv2
 
-    return np.stack([cv2.GaussianBlur(one.astype(np.float32), (0, 0), 2) for one in mask])
+    return np.stack(in_threads(lambda one: cv2.GaussianBlur(one.astype(np.float32), (0, 0), 2), mask))
 
 
 def tracks_motion(tracks: np.ndarray, visible: np.ndarray, motion: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from scipy import ndimage
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
+from ..parallel import in_threads
 from .own_motion import MIN_POINTS, OwnMotion, TracksOnObject, solve
 
 if TYPE_CHECKING:
@@ -110,26 +111,30 @@ def place_objects(
     confidence[moving] = np.minimum(confidence[moving], GUESS_CONFIDENCE)
     labels, _ = ndimage.label(moving)
     on_mover = _labels_of_tracks(labels, priors)
-    rows: list[dict[str, Any]] = []
-    for number, region in enumerate(ndimage.find_objects(labels), start=1):
-        masks = labels[region[0]] == number
+
+    def bodies(number: int) -> list[_MovingObject]:
+        span = found[number - 1][0]
+        masks = labels[span] == number
         seen = masks.any((1, 2))
         if masks.sum() < MIN_OBJECT_PIXELS * seen.sum():
-            continue
-        frames = region[0].start + np.flatnonzero(seen)
+            return []
         tracks = np.flatnonzero(_tracks_mostly_inside(on_mover == number, priors))
-        whole = _MovingObject(frames, masks[seen], tracks)
-        for mover in (body for one in _objects(whole, priors) for body in _rigid_bodies(one, priors)):
-            place = _place_upright_plane if mover.motion is None else _place_rigid_body
-            decided = place(mover, maps, priors)
-            rows.append(
-                {
-                    "group": len(rows),
-                    "frames": [int(priors.frames[mover.frames[0]]), int(priors.frames[mover.frames[-1]])],
-                    "decided_by": decided,
-                    "emf_degrees": round(mover.motion.degrees, 1) if mover.motion else 0.0,
-                }
-            )
+        whole = _MovingObject(span.start + np.flatnonzero(seen), masks[seen], tracks)
+        return [body for one in _objects(whole, priors) for body in _rigid_bodies(one, priors)]
+
+    found = ndimage.find_objects(labels)
+    rows: list[dict[str, Any]] = []
+    for mover in (body for region in in_threads(bodies, range(1, len(found) + 1)) for body in region):
+        place = _place_upright_plane if mover.motion is None else _place_rigid_body
+        decided = place(mover, maps, priors)
+        rows.append(
+            {
+                "group": len(rows),
+                "frames": [int(priors.frames[mover.frames[0]]), int(priors.frames[mover.frames[-1]])],
+                "decided_by": decided,
+                "emf_degrees": round(mover.motion.degrees, 1) if mover.motion else 0.0,
+            }
+        )
     return rows
 
 
@@ -225,14 +230,21 @@ def _inliers_only(motion: OwnMotion) -> OwnMotion:
 
 def _tracks_on(mover: _MovingObject, priors: Priors) -> TracksOnObject:
     """The tracks of a moving object with the cameras of its frames."""
+    import cv2
+
     assert priors.tracks is not None and priors.tracks_visible is not None and priors.cameras is not None
     tracks = priors.tracks[np.ix_(mover.frames, mover.tracks)].astype(np.float64)
     visible = priors.tracks_visible[np.ix_(mover.frames, mover.tracks)].copy()
     outline = np.zeros(visible.shape)
-    for i, mask in enumerate(mover.masks):
+
+    def measure(i: int) -> None:
         column, row = np.floor(tracks[i, visible[i]]).astype(int).T
-        distance = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
-        outline[i, visible[i]] = distance[np.clip(row, 0, priors.height - 1), np.clip(column, 0, priors.width - 1)]
+        distance = cv2.distanceTransform(np.pad(mover.masks[i], 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        outline[i, visible[i]] = distance[
+            1 + np.clip(row, 0, priors.height - 1), 1 + np.clip(column, 0, priors.width - 1)
+        ]
+
+    in_threads(measure, range(len(tracks)))
     visible &= outline > 0
     intrinsics, poses = priors.cameras.intrinsics[mover.frames], priors.cameras.world_to_camera[mover.frames]
     return TracksOnObject(tracks, visible, outline, intrinsics[:, 0, 0], intrinsics[:, :2, 2].mean(0), poses)
@@ -243,15 +255,19 @@ def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -
     assert priors.tracks is not None and priors.tracks_visible is not None
     owner = np.concatenate([np.full(len(body.tracks), which) for which, body in enumerate(bodies)])
     tracks = np.concatenate([body.tracks for body in bodies])
+    places, visible = priors.tracks, priors.tracks_visible
     parts = np.zeros((len(bodies), *region.masks.shape), bool)
-    for i, frame in enumerate(region.frames):
-        y, x = np.nonzero(region.masks[i])
-        seen = priors.tracks_visible[frame, tracks]
+
+    def assign(i: int) -> None:
+        frame, (y, x) = region.frames[i], np.nonzero(region.masks[i])
+        seen = visible[frame, tracks]
         nearest = np.zeros(len(y), int)
         if seen.any():
             pixels = np.column_stack([x + 0.5, y + 0.5])
-            nearest = owner[seen][cKDTree(priors.tracks[frame, tracks[seen]]).query(pixels)[1]]
+            nearest = owner[seen][cKDTree(places[frame, tracks[seen]]).query(pixels)[1]]
         parts[nearest, i, y, x] = True
+
+    in_threads(assign, range(len(region.frames)))
     found = []
     for body, masks in zip(bodies, parts, strict=True):
         there = masks.any((1, 2))
@@ -268,7 +284,9 @@ def _place_upright_plane(mover: _MovingObject, maps: _Maps, priors: Priors) -> s
             for f, mask in zip(mover.frames, mover.masks, strict=True)
         ]
     )
-    size = np.array([_growth(priors, f, mask) for f, mask in zip(mover.frames[:-1], mover.masks, strict=False)])
+    size = np.array(
+        in_threads(lambda i: _growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1))
+    )
     middle, tilt, trust = contacts.T
     solved, certain = smooth_object_depth(middle, trust, size)
     norm = ndimage.gaussian_filter1d(trust + 1e-3, TILT_FRAMES)

@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry import pose, quaternion
 from ..geometry.arrays import evenly_spaced
+from ..parallel import in_threads
 from .bundle import Bundle, BundleConfig, Observations, adjust, from_matrices, rays, resect, triangulate
 from .tracks import best_rank
 
@@ -273,10 +274,12 @@ def search_focal(
     if not len(sample.observations.frame):
         return sample, {}
     settings = BundleConfig(iterations=8, refine_focal=False, refine_centers=translating)
-    found = []
-    for factor in candidates:
+
+    def held(factor: float) -> Solution:
         start = refocused(sample, factor * width, translating)
-        found.append(replace(start, bundle=adjust(start.bundle, start.observations, settings)))
+        return replace(start, bundle=adjust(start.bundle, start.observations, settings))
+
+    found = in_threads(held, candidates)
     errors = np.array([solution.error for solution in found])
     penalised = errors * (1 + FOCAL_PRIOR * np.log(np.array(candidates) / DEFAULT_FOCAL) ** 2)
     curve = {"focal_over_width": list(candidates), "error_px": errors.round(4).tolist()}

@@ -26,7 +26,7 @@ ROOMS = (
     *("api", "batch", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
-SHARED = ("errors", "files", "page", "progress", "processes", "installation", "__init__", "__main__")
+SHARED = ("errors", "files", "page", "progress", "processes", "parallel", "installation", "__init__", "__main__")
 """Common ground below all rooms, and the two doors."""
 DOORS = ("f4x_core/__init__.py", "f4x_core/__main__.py")
 """They name rooms: the first one to type checkers alone, to programs lazily."""
@@ -45,6 +45,7 @@ TORCH_FREE = (
     "files",
     "progress",
     "processes",
+    "parallel",
     "installation",
 )
 NUMPY_ONLY = (
