@@ -56,7 +56,7 @@ LIMITS: Mapping[str, Limits] = {
     **dict.fromkeys(("checkpoint_every", "measure_every", "priors.*.gaps", "scaffold.*_nodes"), AT_LEAST_ONE),
     **dict.fromkeys(("scaffold.neighbours", "scaffold.distance_rank", "spawn_*.frames"), AT_LEAST_ONE),
     **dict.fromkeys(("*.max_count", "density_*.min_count", "priors.tracks.count"), AT_LEAST_ONE),
-    **dict.fromkeys(("priors.tracks.reseed_every", "priors.threads"), AT_LEAST_ONE),
+    **dict.fromkeys(("priors.tracks.reseed_every", "priors.threads", "priors.longer_side"), AT_LEAST_ONE),
     **dict.fromkeys(("priors.cameras.keyframes", "priors.cameras.features"), AT_LEAST_ONE),
     # Fractions of the steps, of the clip or of a number.
     **dict.fromkeys(("coarse", "*_from", "harmonics_at", "min_moving_fraction", "nodes.*_at"), FRACTION),

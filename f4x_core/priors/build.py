@@ -16,11 +16,15 @@ from . import files
 from .config import PriorsConfig, config_hash
 from .folder import FIELDS, SEEN_DEPTH, Priors, digest, file_of, read_field, read_head, sources_in
 from .providers import STAGES, find
+from .sizes import enlarged, shrunk, shrunk_maps
 
 if TYPE_CHECKING:
     import numpy as np
 
     from ..clip import Clip
+
+NOT_RESIZABLE = frozenset(FIELDS) - {*files.RESIZABLE, "cameras"}
+"""Priors in pixels of one size: where they are given, all are made at the clip's own."""
 
 
 def build_priors(
@@ -38,9 +42,21 @@ def build_priors(
     A stage is skipped when its settings, the clip and every other prior it can see are what they were when it last ran.
     What the user gives replaces what a provider makes, and every stage sees it from the start: files put or changed in
     `folder`, entries of `config.files`, and the clip's own cameras, masks and depth. A cancel keeps finished stages.
+    The pictures of a clip larger than `config.longer_side` are reduced for all of this: what `folder` holds is of that size,
+    what is returned of the clip's.
     Errors: F4xError for an unknown provider, an unreadable or ill-shaped file, or a provider that leaves a field empty.
     """
-    config, folder = config or PriorsConfig(), Path(folder)
+    config = config or PriorsConfig()
+    with side_by_side(config.workers):
+        small = clip if NOT_RESIZABLE & set(config.files) else shrunk(clip, config.longer_side)
+        if seen_depth is not None and small is not clip:
+            seen_depth = shrunk_maps(seen_depth, small.width, small.height)
+        priors = _build(small, Path(folder), config, progress, seen_depth)
+        return priors if small is clip else enlarged(priors, clip.width, clip.height)
+
+
+def _build(clip: Clip, folder: Path, config: PriorsConfig, progress: Progress, seen_depth: np.ndarray | None) -> Priors:
+    """The priors at the size of `clip`."""
     priors = Priors.empty(clip)
     if len(priors.frames) == 0:
         raise F4xError(f"{clip.source}: every frame is held out; supervise at least one.")
@@ -53,12 +69,11 @@ def build_priors(
     changes = find_changes(clip.frames[priors.frames])
     cuts = [int(priors.frames[cut]) for cut in changes.cuts]
     priors.statistics["changes"] = {"cuts": cuts, "exposure": round(changes.exposure, 3)}
-    with side_by_side(config.workers):
-        for index, (stage, fields) in enumerate(STAGES.items()):
-            progress("priors", index, len(STAGES), stage)
-            wanted = [name for name in fields if name not in fixed]
-            if wanted and not _resume(stage, wanted, folder, priors, config, picture):
-                _run(stage, wanted, folder, priors, config, picture, clip, progress)
+    for index, (stage, fields) in enumerate(STAGES.items()):
+        progress("priors", index, len(STAGES), stage)
+        wanted = [name for name in fields if name not in fixed]
+        if wanted and not _resume(stage, wanted, folder, priors, config, picture):
+            _run(stage, wanted, folder, priors, config, picture, clip, progress)
     progress("priors", len(STAGES), len(STAGES), "done")
     return priors
 

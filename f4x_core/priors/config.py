@@ -94,6 +94,8 @@ class PriorsConfig:
     depth: DepthConfig = field(default_factory=DepthConfig)
     files: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """The user's own: name of a prior (`depth`, `mask`, `cameras`, ...) -> file or folder; wins over providers."""
+    longer_side: int = 480
+    """Pixels of the pictures that priors are made from, along their longer side. Those of larger clips are enlarged."""
     threads: int | None = None
     """Threads that work side by side; None = all cores. No prior depends on it."""
 

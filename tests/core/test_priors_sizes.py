@@ -1,0 +1,108 @@
+"""Priors of large pictures, made from smaller ones."""
+
+import numpy as np
+import pytest
+
+from f4x_core.clip import Clip
+from f4x_core.geometry.camera import CameraPath
+from f4x_core.parallel import side_by_side
+from f4x_core.priors import Priors, PriorsConfig, build_priors
+from f4x_core.priors.sizes import enlarged, shrunk
+
+FRAMES, WIDTH, HEIGHT = 3, 96, 64
+
+
+def cameras(width=WIDTH, height=HEIGHT):
+    lens = np.tile(np.array([[80.0, 0, width / 2], [0, 80.0, height / 2], [0, 0, 1]]), (FRAMES, 1, 1))
+    return CameraPath(lens, np.tile(np.eye(4), (FRAMES, 1, 1)), np.arange(FRAMES, dtype=float), width, height)
+
+
+def large_clip(**more):
+    rng = np.random.default_rng(0)
+    frames = rng.integers(0, 255, (FRAMES, HEIGHT, WIDTH, 3), np.uint8)
+    return Clip("toy", frames, np.arange(FRAMES, dtype=float), 24.0, np.zeros(FRAMES, bool), "toy.mp4", **more)
+
+
+def test_a_small_clip_stays_itself():
+    clip = large_clip()
+    assert shrunk(clip, WIDTH) is clip
+
+
+@pytest.mark.parametrize("portrait", [False, True])
+def test_the_longer_side_is_reduced_and_what_belongs_to_it_follows(portrait):
+    clip = large_clip(cameras=cameras(), masks=np.zeros((FRAMES, HEIGHT, WIDTH), bool))
+    if portrait:
+        clip = large_clip()
+        clip = Clip("toy", clip.frames.transpose(0, 2, 1, 3), clip.times, 24.0, clip.held_out, "toy.mp4")
+    small = shrunk(clip, 48)
+    assert (small.width, small.height) == ((32, 48) if portrait else (48, 32))
+    if not portrait:
+        assert small.masks.shape == (FRAMES, 32, 48)
+        np.testing.assert_allclose(small.cameras.intrinsics[0, 0], [40, 0, 24])
+    np.testing.assert_allclose(small.frames.mean(), clip.frames.mean(), atol=0.5)
+
+
+def priors_of_a_box():
+    """A moving box at depth 1 before a wall at depth 4, sure and unsure."""
+    priors = Priors(WIDTH, HEIGHT, np.arange(FRAMES), camera_kind="moving", cameras=cameras())
+    priors.mask = np.zeros((FRAMES, HEIGHT, WIDTH), bool)
+    priors.mask[:, 16:32, 32:64] = True
+    priors.depth = np.where(priors.mask, 1, 4).astype(np.float32)
+    priors.depth_confidence = np.where(priors.mask, 0.2, 0.9).astype(np.float16)
+    priors.motion = priors.mask.astype(np.float16)
+    priors.tracks = np.full((FRAMES, 2, 2), [[10.0, 20.0], [40.0, 30.0]], np.float32)
+    priors.tracks_visible = np.ones((FRAMES, 2), bool)
+    priors.tracks_motion = np.array([0.0, 1.0], np.float32)
+    return priors
+
+
+def test_depths_do_not_mix_along_an_outline():
+    found = enlarged(priors_of_a_box(), 3 * WIDTH, 3 * HEIGHT)
+    found.validate()
+    np.testing.assert_allclose(found.depth, np.where(found.mask, 1, 4), rtol=1e-5)
+    np.testing.assert_allclose(found.depth_confidence, np.where(found.mask, 0.2, 0.9), rtol=2e-3)
+    assert abs(found.mask.mean() / priors_of_a_box().mask.mean() - 1) < 0.02
+
+
+def test_tracks_and_cameras_show_the_same_place():
+    priors = priors_of_a_box()
+    found = enlarged(priors, 3 * WIDTH, 3 * HEIGHT)
+    before = priors.cameras[0].unproject(priors.tracks[0].astype(float), np.array([4.0, 1.0]))
+    after = found.cameras[0].unproject(found.tracks[0].astype(float), np.array([4.0, 1.0]))
+    np.testing.assert_allclose(before, after, atol=1e-6)
+
+
+def test_unknown_depth_stays_unknown():
+    priors = priors_of_a_box()
+    priors.depth[:, :, :8] = np.nan
+    found = enlarged(priors, 2 * WIDTH, 2 * HEIGHT)
+    assert np.isnan(found.depth[:, :, :15]).all()
+    assert np.isfinite(found.depth[:, :, 17:]).all()
+    assert (found.depth_confidence[np.isnan(found.depth)] == 0).all()
+
+
+def test_the_folder_holds_the_small_priors_and_the_fit_gets_large_ones(tmp_path):
+    depth, mask = np.ones((FRAMES, HEIGHT, WIDTH), np.float32), np.zeros((FRAMES, HEIGHT, WIDTH), bool)
+    for name, value in (("depth", depth), ("mask", mask)):
+        np.save(tmp_path / f"{name}.npy", value)
+    cameras().write(tmp_path / "cameras.json")
+    given = {name: str(tmp_path / name) for name in ("depth.npy", "mask.npy", "cameras.json")}
+    config = PriorsConfig(files={name.split(".")[0]: path for name, path in given.items()}, longer_side=48)
+    priors = build_priors(large_clip(), tmp_path / "priors", config)
+    assert (priors.width, priors.height) == (WIDTH, HEIGHT)
+    assert Priors.read(tmp_path / "priors").depth.shape == (FRAMES, 32, 48)
+    again = build_priors(large_clip(), tmp_path / "priors", config)  # read, not made
+    np.testing.assert_array_equal(priors.depth, again.depth)
+    np.testing.assert_array_equal(priors.tracks, again.tracks)
+
+
+def test_priors_do_not_depend_on_the_number_of_threads(tmp_path):
+    found = [build_priors(large_clip(), tmp_path / str(threads), PriorsConfig(threads=threads)) for threads in (1, 3)]
+    for name in ("flow_forward", "tracks", "motion", "mask", "depth", "depth_confidence"):
+        np.testing.assert_array_equal(getattr(found[0], name), getattr(found[1], name))
+
+
+def test_threads_do_not_change_what_is_enlarged():
+    with side_by_side(3):
+        many = enlarged(priors_of_a_box(), 2 * WIDTH, 2 * HEIGHT)
+    np.testing.assert_array_equal(many.depth, enlarged(priors_of_a_box(), 2 * WIDTH, 2 * HEIGHT).depth)
