@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from ..batch.graph import LONG
 from ..batch.run import INPUT
 from ..batch.windows import LENGTH, Shot, fit_long, plan_shots, plan_windows
 from ..clip import Clip, read_clip
+from ..clip.images import enlarge_color, even_size, resize_color
+from ..clip.read import parse_span
 from ..clip.stream import Survey, reported_frame_count, survey
 from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured
@@ -21,6 +24,7 @@ from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
 from ..files import replace_file
 from ..fit.advice import about_cuts, quality
+from ..fit.budget import ClipSize, Grant, cost, raster_seconds, within
 from ..fit.config import FitConfig, profile
 from ..fit.distil_config import DistilConfig
 from ..fit.pipeline import MIN_FRAMES, fit_clip, require_enough
@@ -31,6 +35,11 @@ from ..progress import Progress
 from ..scene import Scene
 from .checks import listed_teachers, require_backend
 from .distilling import distill_into
+
+GRANT = "grant.json"
+"""File beside the scene: the settings that `--minutes` and `--memory` came to."""
+WIDTHS = (480, 854, 1280, 1920)
+"""Widths of pictures whose cost is told."""
 
 
 def clip_of(args: argparse.Namespace, progress: Progress) -> Clip:
@@ -107,6 +116,7 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if windows is not None:
         return fit_windows(args, *windows, config, names, progress)
     clip = clip_of(args, progress)
+    config = granted(args, ClipSize(len(clip.supervised), clip.width, clip.height), config, progress)
     told = fit_to_folder(clip, args.output, config, progress, args.resume)
     if names:
         settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
@@ -114,6 +124,52 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         added = distill_into(path, args.clip, names, args.output / "features", settings, progress)
         told |= {"features": added, "text": told["text"] + "\n" + added.pop("text")}
     return told
+
+
+def granted(
+    args: argparse.Namespace, size: ClipSize, config: FitConfig, progress: Progress, parts: int = 1
+) -> FitConfig:
+    """The configuration within what `--minutes` and `--memory` allow; tells what the fit of a clip of `size` costs.
+
+    `parts`: windows of that size, one after the other. An interrupted fit goes on with the Gaussians it was granted.
+    """
+    for name in ("minutes", "memory"):
+        value = getattr(args, name)
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise F4xError(f"--{name} {value:g}: give a number above 0.")
+    path = args.output / GRANT
+    if args.resume and path.is_file():
+        config = set_fields(config, json.loads(path.read_text()))
+    unit = raster_seconds(config.kernels.threads)
+    grant = Grant(None if args.minutes is None else args.minutes / parts, args.memory)
+    allowed = config if args.resume and path.is_file() else within(grant, size, config, unit)
+    own = cost(size, allowed, unit)
+    progress("cost", 1, 1, f"{dataclasses.replace(own, minutes=parts * own.minutes)}")
+    if allowed is not config:
+        counts = [setting for setting in list_settings(allowed) if setting.name.endswith("max_count")]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replace_file(path) as file:
+            file.write(json.dumps([f"{setting.name}={setting.text}" for setting in counts]).encode())
+    larger = _larger(args, size, allowed, unit, parts)
+    if larger:
+        progress("larger pictures", 1, 1, larger)
+    return allowed
+
+
+def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, unit: float, parts: int) -> str:
+    """What larger pictures of the same clip would cost and show; empty where there are none."""
+    start = parse_span(args.frames).start or 0
+    first = read_clip(args.clip, f"{start}:{start + 1}").frames[0]
+    height, width = first.shape[:2]
+    widths = [size.width, *(wanted for wanted in WIDTHS if size.width < wanted <= width)]
+    words = []
+    for wanted in widths if len(widths) > 1 else ():
+        small = resize_color(first, *even_size(width, height, wanted))
+        missed = np.mean((enlarge_color(small, width, height).astype(np.float64) - first) ** 2)
+        detail = f"to {10 * np.log10(255**2 / missed):.0f} dB" if missed else "all of it"
+        minutes = parts * cost(ClipSize(size.frames, *small.shape[1::-1]), config, unit).minutes
+        words.append(f"--width {wanted} keeps the detail of the clip's {width} pixels {detail}, {minutes:.1f} minutes")
+    return "; ".join(words)
 
 
 def show_config(config: FitConfig) -> dict[str, Any]:
@@ -160,6 +216,10 @@ def fit_windows(
         held_out = np.arange(start, end) % step == step - 1 if step else clip.held_out
         return dataclasses.replace(clip, held_out=held_out)
 
+    windows = [window for shot in shots for window in shot.windows]
+    first = read(windows[0][0], windows[0][0] + 1)
+    size = ClipSize(max(end - start for start, end in windows), first.width, first.height)
+    config = granted(args, size, config, progress, len(windows))
     told = fit_long(shots, read, args.output, config, progress, args.resume)
     lines = []
     for shot in told:

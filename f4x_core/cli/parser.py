@@ -48,6 +48,15 @@ def _fit(verbs: Verbs) -> None:
     )
     sub.add_argument("--resume", action="store_true", help="continue an interrupted fit")
     sub.add_argument(
+        "--minutes", type=float, metavar="M", help="take at most about M minutes, with as many Gaussians as that allows"
+    )
+    sub.add_argument(
+        "--memory",
+        type=float,
+        metavar="GB",
+        help="take at most about GB gigabytes, with as many Gaussians as that allows",
+    )
+    sub.add_argument(
         "--window",
         type=int,
         metavar="N",

@@ -82,6 +82,13 @@ def resize_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
     )
 
 
+def enlarge_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return `(height, width, 3)`, smooth between the pixels of a smaller image."""
+    import cv2
+
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC)
+
+
 def resize_nearest(image: np.ndarray, width: int, height: int) -> np.ndarray:
     """Return `(height, width)` picked at the new pixels' centres: for masks and depth, which must not be mixed."""
     rows = ((np.arange(height) + 0.5) * image.shape[0] / height).astype(int)

@@ -1,0 +1,183 @@
+"""What a fit costs, told before it starts, and how many Gaussians the time and memory that a person grants have room for.
+
+The model is linear: a step costs something by itself, something for every pixel and something for every Gaussian. Its constants
+are processor time over that of one small raster step (`raster_seconds`), which is timed on the machine at hand, so that they
+carry over. They were measured on one clip at three sizes and two numbers of Gaussians; estimates are good to about a third.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass, replace
+
+from ..errors import F4xError
+from .config import FitConfig
+
+STEP, STEP_PER_PIXEL, STEP_PER_GAUSSIAN = 1.0, 2.65e-5, 1.58e-5
+"""Cost of a training step, of one of its pixels and of one Gaussian, in raster steps (`raster_seconds`)."""
+START_PER_PIXEL = 1.4e-5
+"""Cost of scaffold and first Gaussians per pixel of all frames."""
+PRIORS, PRIORS_PER_PIXEL = 150.0, 2.2e-4
+"""Cost of the priors, and of one of the pixels of all frames that they are made from."""
+COARSE_PIXELS = 0.25
+"""Pixels of a step at half size, over those of a whole one."""
+BASE_MEMORY, PIXEL_MEMORY, PRIORS_PIXEL_MEMORY, GAUSSIAN_MEMORY = 0.55e9, 18, 85, 1900
+"""Bytes: of the libraries; of one pixel of all frames while training, and while priors are made; of one Gaussian."""
+GAUSSIAN_FILE = 78
+"""Bytes of one Gaussian in a scene file."""
+MAX_VIEWS = 6.0
+"""No clip asked for more Gaussians than one for each cell (`SpawnConfig.spacing`) of so many images; sweeps ask for 4 to 6, clips
+that stay in place for 2 to 3."""
+MEMORY_FRACTION = 0.5
+"""Fraction of the machine's memory that a fit takes at most where no number is granted."""
+MIN_FRACTION = 0.1
+"""With room for a smaller fraction of the Gaussians than this the result would be smear: the grant is refused."""
+SETS = ("static", "dynamic")
+
+
+@dataclass(frozen=True)
+class ClipSize:
+    """What of a clip decides the cost of its fit."""
+
+    frames: int
+    width: int
+    height: int
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of one frame."""
+        return self.width * self.height
+
+    def shrunk(self, longer_side: int) -> ClipSize:
+        """The size of the pictures that priors are made from."""
+        factor = min(1.0, longer_side / max(self.width, self.height))
+        return ClipSize(self.frames, round(factor * self.width), round(factor * self.height))
+
+    def __str__(self) -> str:
+        return f"{self.frames} frames of {self.width}x{self.height}"
+
+
+@dataclass(frozen=True)
+class Grant:
+    """What a person allows a fit to take."""
+
+    minutes: float | None = None
+    """Of wall time; None = as many as the profile takes."""
+    memory: float | None = None
+    """Gigabytes of main memory; None = `MEMORY_FRACTION` of the machine's."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a fit takes."""
+
+    minutes: float
+    """Of wall time."""
+    memory: float
+    """Gigabytes of main memory at its peak."""
+    file: float
+    """Megabytes of the scene file."""
+
+    def __str__(self) -> str:
+        return f"about {self.minutes:.1f} minutes, {self.memory:.1f} GB of memory and a scene of {self.file:.0f} MB at most"
+
+
+def raster_seconds(threads: int) -> float:
+    """Seconds that this machine takes to draw 20,000 Gaussians in 320 x 180 pixels with gradients, the best of three."""
+    import torch
+
+    from ..geometry.camera import Camera
+    from ..geometry.splats import Splats
+    from ..raster import RasterConfig, rasterize
+
+    count, generator = 20_000, torch.Generator().manual_seed(0)
+    means = torch.rand(count, 3, generator=generator) * torch.tensor([3.2, 1.8, 1.0]) + torch.tensor([-1.6, -0.9, 1.5])
+    quats = torch.nn.functional.normalize(torch.randn(count, 4, generator=generator), dim=1)
+    colors = torch.rand(count, 3, generator=generator)
+    splats = Splats(
+        means.requires_grad_(True), quats, torch.full((count, 3), 0.012), torch.full((count,), 0.6), colors[:, None]
+    )
+    lens = torch.tensor([[200.0, 0, 160], [0, 200, 90], [0, 0, 1]])
+    camera = Camera(lens, torch.eye(4), 320, 180)
+    taken = []
+    for _ in range(3):
+        start = time.perf_counter()
+        rasterize(splats, colors, camera, config=RasterConfig(threads=threads)).channels.sum().backward()
+        taken.append(time.perf_counter() - start)
+    return min(taken)
+
+
+def max_gaussians(config: FitConfig) -> int:
+    """Gaussians that a fit has room for."""
+    return config.density_static.max_count + config.density_dynamic.max_count
+
+
+def expected_gaussians(size: ClipSize, config: FitConfig) -> float:
+    """Gaussians that a fit may end with: what there is room for, or what a clip can ask for."""
+    asked = MAX_VIEWS * size.pixels / config.spawn_static.spacing**2
+    return min(max_gaussians(config), config.density_static.max_growth * asked)
+
+
+def machine_memory() -> float:
+    """Gigabytes of main memory of this machine; infinite where it does not tell."""
+    if not hasattr(os, "sysconf"):  # Windows
+        return float("inf")
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+
+
+def cost(size: ClipSize, config: FitConfig, unit: float) -> Cost:
+    """What the fit of a clip takes at most; `unit` is `raster_seconds` of the machine."""
+    count = expected_gaussians(size, config)
+    seconds = unit * (_fixed(size, config) + config.steps * STEP_PER_GAUSSIAN * count)
+    return Cost(seconds / 60, _memory(size, config, count) / 1e9, GAUSSIAN_FILE * count / 1e6)
+
+
+def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitConfig:
+    """The configuration with as many Gaussians as the grant has room for, or the profile's own where nothing is granted.
+
+    Raises:
+        F4xError: a grant that has no room for a tenth of the profile's Gaussians; the sentence has what is needed.
+    """
+    room = float("inf")
+    if grant.minutes is not None:
+        left = 60 * grant.minutes / unit - _fixed(size, config)
+        room = min(room, left / (config.steps * STEP_PER_GAUSSIAN))
+    memory = MEMORY_FRACTION * machine_memory() if grant.memory is None else grant.memory
+    if 1e9 * memory < _memory(size, config, 0):
+        room = 0
+    room = min(room, (1e9 * memory - BASE_MEMORY - PIXEL_MEMORY * size.frames * size.pixels) / GAUSSIAN_MEMORY)
+    if grant == Grant() and room >= expected_gaussians(size, config):
+        return config
+    factor = room / max_gaussians(config)
+    if factor < MIN_FRACTION:
+        needed = cost(size, _scaled(config, MIN_FRACTION), unit)
+        raise F4xError(
+            f"A fit of {size} pixels with the profile {config.name} takes at least {needed.minutes:.1f} minutes and"
+            f" {needed.memory:.1f} GB on this machine; grant more, or give fewer --frames, a smaller --width or another --profile."
+        )
+    return _scaled(config, factor)
+
+
+def _fixed(size: ClipSize, config: FitConfig) -> float:
+    """Cost of everything but the Gaussians, in raster steps."""
+    small = size.shrunk(config.priors.longer_side)
+    before = PRIORS + PRIORS_PER_PIXEL * small.frames * small.pixels + START_PER_PIXEL * size.frames * size.pixels
+    pixels = size.pixels * (1 - config.coarse * (1 - COARSE_PIXELS))
+    return before + config.steps * (STEP + STEP_PER_PIXEL * pixels)
+
+
+def _memory(size: ClipSize, config: FitConfig, count: float) -> float:
+    """Bytes at the peak, with so many Gaussians."""
+    small = size.shrunk(config.priors.longer_side)
+    training = PIXEL_MEMORY * size.frames * size.pixels + GAUSSIAN_MEMORY * count
+    return BASE_MEMORY + max(training, PRIORS_PIXEL_MEMORY * small.frames * small.pixels)
+
+
+def _scaled(config: FitConfig, factor: float) -> FitConfig:
+    """The configuration with room for `factor` times as many Gaussians."""
+    changes = {}
+    for name in [f"{kind}_{which}" for kind in ("spawn", "density") for which in SETS]:
+        own = getattr(config, name)
+        changes[name] = replace(own, max_count=max(1, int(factor * own.max_count)))
+    return replace(config, **changes)
