@@ -29,7 +29,7 @@ from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.edit.display import Display
 from ..f4x_core.edit.operations import Operation, read_operation
 from ..f4x_core.edit.resolve import Context, resolve
-from ..f4x_core.edit.selects import LONGEST_WORDS, Ids
+from ..f4x_core.edit.selects import MAX_WORDS_LENGTH, Ids
 from ..f4x_core.edit.stack import UNDONE, EditStack, merge, read_stack, with_stack, write_stack
 from ..f4x_core.errors import F4xError
 from ..f4x_core.query.calibration import prepare
@@ -222,7 +222,7 @@ def selected_ids(root: bpy.types.Object) -> Ids:
         raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
     ids, state = Ids.of(chosen.chosen_ids), root.f4x
     # points may have been selected in edit mode since, and then they are not what was asked for
-    return replace(ids, words=state.called[:LONGEST_WORDS]) if chosen.chosen.sum() == state.selected else ids
+    return replace(ids, words=state.called[:MAX_WORDS_LENGTH]) if chosen.chosen.sum() == state.selected else ids
 
 
 def append(root: bpy.types.Object, *operations: Operation, sentence: str = "") -> EditStack:

@@ -164,7 +164,7 @@ def _mark_moving(scene: bpy.types.Scene, settings: TruthSettings) -> set[str]:
         if not first:
             raise F4xError("The scene has no surface that a picture could show; give one with meshes.")
         corners = np.concatenate(list(first.values())).reshape(-1, 3)
-        least = STILL * float(np.linalg.norm(np.ptp(corners, axis=0)))
+        min_move = STILL * float(np.linalg.norm(np.ptp(corners, axis=0)))
         for frame in settings.frames[1:]:
             now = _triangles(scene, frame)
             for key in first.keys() | now.keys():
@@ -173,7 +173,7 @@ def _mark_moving(scene: bpy.types.Scene, settings: TruthSettings) -> set[str]:
                     before is None
                     or after is None
                     or before.shape != after.shape
-                    or np.abs(after - before).max() > least
+                    or np.abs(after - before).max() > min_move
                 ):
                     moving.add(key[0])
     for item in bpy.data.objects:

@@ -265,13 +265,13 @@ def _words(rows: Sequence[Row], doubts: Sequence[float]) -> list[str]:
             worst = min(worst, change)
         if changes:
             sentences.append((worst, f"{name[0].upper()}{name[1:]}: {'; '.join(changes)}."))
-    said = "Moving pixels of novel views. One fit each: chance is not told apart from change."
+    heading = "Moving pixels of novel views. One fit each: chance is not told apart from change."
     if doubts:
-        said = (
+        heading = (
             f"Moving pixels of novel views. `{NOT_SURE}` is said of changes below `doubt`, {min(doubts):.2f} to"
             f" {max(doubts):.2f} dB by world and priors; chance alone exceeds it once in twenty."
         )
-    return [said, *(sentence for _, sentence in sorted(sentences))]
+    return [heading, *(sentence for _, sentence in sorted(sentences))]
 
 
 def _joint_rows(context: Context) -> list[Row]:

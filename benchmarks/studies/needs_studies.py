@@ -235,7 +235,7 @@ class _Found:
     def findings(self, note: str) -> Findings:
         """The tables, a plot for each choice, and what they say."""
         verdicts = [row["verdict"] for row in self.knees]
-        least = [row for row in self.knees if row["verdict"] == SMALLER_DOES and _is_least(row)]
+        least = [row for row in self.knees if row["verdict"] == SMALLER_DOES and _is_minimum(row)]
         words = [
             f"{verdicts.count(AT_THE_KNEE)} of {len(verdicts)} choices sit at the knee; for {len(least)} less would do, but they"
             f" are the least that is ever taken; in {verdicts.count(UNDECIDED)} the seeds disagree; in"
@@ -327,7 +327,7 @@ def judge_knee(loses: Sequence[float] | None, gains: Sequence[float] | None, kne
     return found.pop() if len(found) == 1 else UNDECIDED
 
 
-def _is_least(row: Row) -> bool:
+def _is_minimum(row: Row) -> bool:
     return bool(row["chosen"] == FLOORS.get(row["choice"]))
 
 
@@ -340,9 +340,9 @@ def _sentence(row: Row) -> str:
         loses = f"the next smaller choice {loses}"
     if gained is not None and verdict != SMALLER_DOES:
         gains = f"the next larger one {'gains' if gained >= 0 else 'loses'} {abs(gained):.2f}"
-    least = f"; fewer than {row['chosen']} are never taken" if _is_least(row) else ""
-    said = ", ".join(filter(None, [loses, gains]))
-    return f"{row['scene']}, {row['choice']} {row['chosen']}: {verdict}; {said} ({row['judged by']}){least}."
+    least = f"; fewer than {row['chosen']} are never taken" if _is_minimum(row) else ""
+    cost = ", ".join(filter(None, [loses, gains]))
+    return f"{row['scene']}, {row['choice']} {row['chosen']}: {verdict}; {cost} ({row['judged by']}){least}."
 
 
 def _fit_world(world: World, config: FitConfig, priors: Priors | None) -> tuple[Scene, Row]:

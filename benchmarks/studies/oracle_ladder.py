@@ -20,7 +20,7 @@ from f4x_core.fit.config import FitConfig
 from f4x_core.fit.pipeline import finish_fit, start_fit
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors, PriorsConfig, build_priors
-from f4x_core.priors.depth import FARTHEST
+from f4x_core.priors.depth import MAX_DEPTH
 from f4x_core.priors.synthetic import motion_of_tracks
 from f4x_core.scene import Scene
 
@@ -161,7 +161,7 @@ def _mixed_depth(true: Priors, offline: Priors, wanted: dict[str, bool]) -> tupl
 
 def static_depth_scale(true: Priors, offline: Priors) -> float:
     """Median over the background, sky left out, of true depth / offline depth."""
-    ratio = (_array(true.depth) / _array(offline.depth))[~_array(true.mask) & (_array(true.depth) < FARTHEST)]
+    ratio = (_array(true.depth) / _array(offline.depth))[~_array(true.mask) & (_array(true.depth) < MAX_DEPTH)]
     return float(np.median(ratio[np.isfinite(ratio)]))
 
 
@@ -169,7 +169,7 @@ def prior_errors(true: Priors, offline: Priors) -> Row:
     """Errors of the offline priors: depth in the unit of the cameras' alignment and in its own, focal length, masks."""
     assert true.cameras is not None and offline.cameras is not None
     moving, ours, row = _array(true.mask), _array(offline.depth), Row()
-    surfaces = np.where(_array(true.depth) < FARTHEST, _array(true.depth), np.inf)
+    surfaces = np.where(_array(true.depth) < MAX_DEPTH, _array(true.depth), np.inf)
     for unit, scale in (
         ("unit by cameras", align_cameras(offline.cameras, true.cameras)[0]),
         ("unit by depth", static_depth_scale(true, offline)),

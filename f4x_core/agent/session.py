@@ -350,9 +350,9 @@ class Session:
         camera = cameras.at(frame)
         if side:
             camera = trajectory.orbit(cameras, time, degrees, around=frame, count=len(SIDES))[SIDES.index(side)].camera
-        longest = max(camera.width, camera.height)
-        scale = width / camera.width if width else min(1.0, DEFAULT_SIDE / longest)
-        scale = min(scale, MAX_SIDE / longest)
+        longer_side = max(camera.width, camera.height)
+        scale = width / camera.width if width else min(1.0, DEFAULT_SIDE / longer_side)
+        scale = min(scale, MAX_SIDE / longer_side)
         size = [max(1, round(scale * side)) for side in (camera.width, camera.height)]
         return View(camera.resized(*size), float(time))
 
@@ -434,7 +434,8 @@ def _with_id_counts(value: Any) -> Any:
 
 def _edit_rows(edits: tuple[Edit, ...]) -> list[dict[str, Any]]:
     return [
-        {"id": edit.id, "does": describe(edit.operation), "said": edit.said, "enabled": edit.enabled} for edit in edits
+        {"id": edit.id, "does": describe(edit.operation), "said": edit.sentence, "enabled": edit.enabled}
+        for edit in edits
     ]
 
 

@@ -176,7 +176,7 @@ def _context(args: argparse.Namespace) -> Context:
 def edit_line(edit: Edit) -> str:
     """One line: the edit in words and the sentence that it came from."""
     does = describe(edit.operation)
-    sentence = f' ("{edit.said}")' if edit.said not in ("", does) else ""
+    sentence = f' ("{edit.sentence}")' if edit.sentence not in ("", does) else ""
     return f"{does}{sentence}{'' if edit.enabled else ' [off]'}"
 
 

@@ -107,13 +107,13 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if windows is not None:
         return fit_windows(args, *windows, config, names, progress)
     clip = clip_of(args, progress)
-    told = fit_to_folder(clip, args.output, config, progress, args.resume)
+    result = fit_to_folder(clip, args.output, config, progress, args.resume)
     if names:
         settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
-        path = Path(told["scene"])
+        path = Path(result["scene"])
         added = distill_into(path, args.clip, names, args.output / "features", settings, progress)
-        told |= {"features": added, "text": told["text"] + "\n" + added.pop("text")}
-    return told
+        result |= {"features": added, "text": result["text"] + "\n" + added.pop("text")}
+    return result
 
 
 def show_config(config: FitConfig) -> dict[str, Any]:
@@ -160,9 +160,9 @@ def fit_windows(
         held_out = np.arange(start, end) % step == step - 1 if step else clip.held_out
         return dataclasses.replace(clip, held_out=held_out)
 
-    told = fit_long(shots, read, args.output, config, progress, args.resume)
+    fitted_shots = fit_long(shots, read, args.output, config, progress, args.resume)
     lines = []
-    for shot in told:
+    for shot in fitted_shots:
         figures = shot["metrics"]
         lines.append(
             f"{shot['scene']}: frames {shot['picked']} in {shot['windows']} windows, {shot['static']:,} static and"
@@ -176,7 +176,7 @@ def fit_windows(
             added = distill_into(path, args.clip, names, path.parent / "features", settings, progress)
             lines.append(added.pop("text"))
             shot["features"] = added
-    longest = max(told, key=lambda shot: shot["frames"][1] - shot["frames"][0])
+    longest = max(fitted_shots, key=lambda shot: shot["frames"][1] - shot["frames"][0])
     start, end = longest["frames"]
     middle = start + (end - start) // 2
     result = {
@@ -184,14 +184,14 @@ def fit_windows(
         **_leave_input(read(middle, middle + 1), end - start, args.output),
         "metrics": longest["metrics"],
         "quality": quality(longest["metrics"]),
-        "shots": told,
+        "shots": fitted_shots,
         "cuts": list(known.cuts),
     }
-    if len(told) > 1:  # where those look who know no shots
+    if len(fitted_shots) > 1:  # where those look who know no shots
         for name in ("scene.f4x", "metrics.json"):
             with replace_file(args.output / name) as file:
                 file.write(Path(longest["scene"]).with_name(name).read_bytes())
-        result["note"] = f"{len(told)} shots; {result['scene']} is the longest, --frames {longest['picked']}"
+        result["note"] = f"{len(fitted_shots)} shots; {result['scene']} is the longest, --frames {longest['picked']}"
         lines.append(f"! {result['note']}")
     return {**result, "text": "\n".join(lines)}
 
@@ -208,12 +208,12 @@ def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progres
     path = folder / "scene.f4x"
     pictures = draw_pictures(scene, metrics, config.backend)
     word = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
-    told: dict[str, Any] = {"scene": str(path), "metrics": figures, "quality": word, "needs": list(scene.needs)}
+    summary: dict[str, Any] = {"scene": str(path), "metrics": figures, "quality": word, "needs": list(scene.needs)}
     lines = [_summary(path, scene, figures)]
     for cut in about_cuts(result.priors, clip.picked):
-        told["note"] = f"{cut.what} {cut.advice}"
-        lines.append(f"! {told['note']}")
-    return {**told, "text": "\n".join(lines)}
+        summary["note"] = f"{cut.what} {cut.advice}"
+        lines.append(f"! {summary['note']}")
+    return {**summary, "text": "\n".join(lines)}
 
 
 def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:

@@ -243,7 +243,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         index = origin if part == "static" else rows.origin[followers] - count
         extra[name] = _taken(array, index) if part in ("static", "dynamic") else array
     folded_edits = [
-        {"op": edit.operation.TAG, "said": edit.said}
+        {"op": edit.operation.TAG, "said": edit.sentence}
         for edit in of(scene).edits
         if not isinstance(edit.operation, Name)
     ]

@@ -179,16 +179,16 @@ def _copied(
 ) -> Value:
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
-    told: dict[str, Any] = {"count": int(times), "name": called}
+    arguments: dict[str, Any] = {"count": int(times), "name": called}
     if way or far or shift is None:
         offset, unit = displacement(way or _RIGHT, far, COPY_DISTANCE)
-        told |= {"offset": offset, "unit": unit, "axes": "camera"}
+        arguments |= {"offset": offset, "unit": unit, "axes": "camera"}
 
     def value(who: SelectKind, when: When, context: Context) -> Operation:
         if called:
             context.names.setdefault(called.lower(), called)
         later = 0.0 if shift is None else shift.resolve(context)
-        return Duplicate(who, time_shift=later, **told, **when.none("A copy"))
+        return Duplicate(who, time_shift=later, **arguments, **when.none("A copy"))
 
     return value
 

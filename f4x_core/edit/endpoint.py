@@ -21,9 +21,9 @@ STEP_DOWN = (400, 404, 422, 501)
 """Statuses by which servers refuse a way to ask that they do not know."""
 MAX_LABELS = 200
 """Labels sent along; a prompt with more is slow and no clearer."""
-LONGEST_LABEL, MAX_WORDS = 40, 4
+MAX_LABEL_LENGTH, MAX_WORDS = 40, 4
 """Letters and words of a label that is one: a longer text is somebody's message to the model."""
-LONGEST_SENTENCE = 2000
+MAX_SENTENCE_LENGTH = 2000
 """Letters of a request that are sent."""
 QUOTED = 4000
 """Letters of a wrong answer that are shown to the model again."""
@@ -122,7 +122,7 @@ def plain_words(labels: Sequence[str]) -> list[str]:
     return [
         label
         for label in labels
-        if len(label) <= LONGEST_LABEL
+        if len(label) <= MAX_LABEL_LENGTH
         and len(label.split()) <= MAX_WORDS
         and all(letter.isalnum() or letter in " -_'" for letter in label)
     ][:MAX_LABELS]
@@ -160,8 +160,8 @@ def _ask_twice(
 
 
 def _messages(request: Request) -> list[dict[str, Any]]:
-    told = {
-        "request": request.sentence[:LONGEST_SENTENCE],
+    request_fields = {
+        "request": request.sentence[:MAX_SENTENCE_LENGTH],
         "labels": plain_words(request.labels),
         "names": plain_words(request.names),
         "fps": request.fps,
@@ -174,4 +174,4 @@ def _messages(request: Request) -> list[dict[str, Any]]:
         asked = {"request": sentence, "labels": ["dog", "car"], "fps": 10, "frames": 60}
         spoken.append({"role": "user", "content": json.dumps(asked)})
         spoken.append({"role": "assistant", "content": json.dumps({"operations": operations})})
-    return [*spoken, {"role": "user", "content": json.dumps(told)}]
+    return [*spoken, {"role": "user", "content": json.dumps(request_fields)}]

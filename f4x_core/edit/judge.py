@@ -26,7 +26,7 @@ from ..scene import Scene
 from ..scene.picture import labelled_grid
 from ..scene.view import render
 from .apply import with_operations
-from .endpoint import LONGEST_SENTENCE, ask_json, replies
+from .endpoint import MAX_SENTENCE_LENGTH, ask_json, replies
 from .operations import Delete, Duplicate, Extract, Freeze, Loop, Name, Operation, Retime, Reverse, Transform
 from .resolve import Resolver, chosen
 from .selects import Text
@@ -121,7 +121,7 @@ def ask_which(server: ChatServer, sentence: str, sheet: Image.Image, count: int)
             raise F4xError(f"best is {best}, but there are {count} candidates")
         return best - 1
 
-    asked = {"type": "text", "text": f"The request: {sentence[:LONGEST_SENTENCE]!r}. Candidates: 1 to {count}."}
+    asked = {"type": "text", "text": f"The request: {sentence[:MAX_SENTENCE_LENGTH]!r}. Candidates: 1 to {count}."}
     content = [picture_part(np.asarray(sheet)), asked]
     messages: list[dict[str, Any]] = [{"role": "system", "content": JUDGE}, {"role": "user", "content": content}]
     return ask_json(server, messages, reply.schema_of(reply.Choice), read)

@@ -229,7 +229,7 @@ def fraction_of(quality: str) -> Rule:
 
 # Which colour --------------------------------------------------------------------------------------------------------
 
-_MOST_WORDS = 3
+_MAX_COLOUR_WORDS = 3
 """Words that a colour's name is written in: "light sky blue"."""
 
 
@@ -237,7 +237,7 @@ def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
     word = reading.word(at)
     if word.startswith("#") and len(word) > 1:
         yield at + 1, from_hex(word[1:])
-    for count in range(_MOST_WORDS, 0, -1):
+    for count in range(_MAX_COLOUR_WORDS, 0, -1):
         name = "".join(reading.word(i) for i in range(at, at + count))
         if name in COLOURS and at + count <= len(reading.tokens):
             yield at + count, COLOURS[name]
@@ -385,11 +385,11 @@ class When:
     """As in `Span`."""
 
     @classmethod
-    def of(cls, said: Span | None, context: Context) -> When:
+    def of(cls, phrase: Span | None, context: Context) -> When:
         """Clip frames of a span; Refusal: outside of the clip, or ending before it starts."""
-        if said is None or said.kind == "always":
+        if phrase is None or phrase.kind == "always":
             return cls()
-        start, end = said.start.resolve(context), None if said.end is None else said.end.resolve(context)
+        start, end = phrase.start.resolve(context), None if phrase.end is None else phrase.end.resolve(context)
         last = context.frames - 1
         for frame in (start, end):
             # The instant in which the last frame ends is still the clip: "to second 6" of six seconds.
@@ -397,10 +397,10 @@ class When:
                 raise Refusal(
                     f"Frame {frame:g} is outside the clip, which has frames 0 to {last} ({context.frames / context.fps:g} s)."
                 )
-        end = None if end is None or said.end == END else min(end, last)
+        end = None if end is None or phrase.end == END else min(end, last)
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
-        return cls((float(start), None if end is None else float(end)), said.kind)
+        return cls((float(start), None if end is None else float(end)), phrase.kind)
 
     @property
     def effect(self) -> dict[str, Any]:
@@ -466,20 +466,20 @@ def _known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 break
 
 
-_MOST_MODIFIERS = 3
+_MAX_MODIFIERS = 3
 
 
 def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known thing with other words before it: "parked car", "woman's hat"."""
     before = at
-    while before - at < _MOST_MODIFIERS and (_open(reading, before) or reading.word(before) in SHADES):
+    while before - at < _MAX_MODIFIERS and (_open(reading, before) or reading.word(before) in SHADES):
         before += 1
         if reading.word(before) == "'s":
             before += 1
         seen = {reading.word(i) for i in range(at, before)}
         for end, label in _known_at(reading, before):
             if reading.word(end - 1) not in seen:
-                yield end, f"{reading.said(at, before).lower()} {label}"
+                yield end, f"{reading.text_of(at, before).lower()} {label}"
 
 
 def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -488,34 +488,34 @@ def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         if reading.word(middle) == "of":
             whole = middle + 1 + (reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"))
             for end, label in _known_at(reading, whole):
-                yield end, f"{part} {reading.said(middle, whole).lower()} {label}"
+                yield end, f"{part} {reading.text_of(middle, whole).lower()} {label}"
 
 
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """One word that no label has."""
     word = reading.word(at)
     if _open(reading, at) and word not in PURE_COLOURS and word not in _DESCRIBING and singular(word) not in NO_THINGS:
-        said = reading.said(at, at + 1).lower()
-        yield at + 1, singular(said)
+        text = reading.text_of(at, at + 1).lower()
+        yield at + 1, singular(text)
 
 
 def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """One unknown word without an article, which might be a verb ("and juggle"): where no label is known at all, a plural, or a
     name that the sentence gave before."""
-    said_before = {token.text for token in reading.tokens[:at]}
+    earlier_words = {token.text for token in reading.tokens[:at]}
     for end, name in _stranger_at(reading, at):
-        if not reading.known or name != reading.word(at) or name in said_before:
+        if not reading.known or name != reading.word(at) or name in earlier_words:
             yield end, name
 
 
 def _strangers_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """Two or three words of which no label has any: "flux capacitor", where an article says that a name begins."""
     end = at
-    while end - at < _MOST_MODIFIERS and _open(reading, end) and not any(True for _ in _known_at(reading, end)):
+    while end - at < _MAX_MODIFIERS and _open(reading, end) and not any(True for _ in _known_at(reading, end)):
         end += 1
     for last in range(at + 2, end + 1):
         for _, name in _stranger_at(reading, last - 1):
-            yield last, f"{reading.said(at, last - 1).lower()} {name}"
+            yield last, f"{reading.text_of(at, last - 1).lower()} {name}"
 
 
 def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -630,10 +630,10 @@ def _one_of(which: Any, kind: Who, seen: float | None) -> Who:
     return who
 
 
-def _frame(said: float, context: Context) -> int:
-    if said != int(said) or not 0 <= said < context.frames:
-        raise Refusal(f"Frame {said:g} is none of the clip's, 0 to {context.frames - 1}.")
-    return int(said)
+def _frame(number: float, context: Context) -> int:
+    if number != int(number) or not 0 <= number < context.frames:
+        raise Refusal(f"Frame {number:g} is none of the clip's, 0 to {context.frames - 1}.")
+    return int(number)
 
 
 _instance = either(
@@ -903,20 +903,20 @@ def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vect
 
 # What it is called ---------------------------------------------------------------------------------------------------
 
-_MOST_NAME_WORDS = 3
+_MAX_NAME_WORDS = 3
 
 
 def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     if reading.word(at) == '"':
         for end in range(at + 2, len(reading.tokens)):
             if reading.word(end) == '"':
-                yield end + 1, reading.said(at + 1, end)
+                yield end + 1, reading.text_of(at + 1, end)
                 return
-    for end in range(at + 1, min(at + _MOST_NAME_WORDS, len(reading.tokens)) + 1):
+    for end in range(at + 1, min(at + _MAX_NAME_WORDS, len(reading.tokens)) + 1):
         word = reading.word(end - 1)
         if word in FUNCTION_WORDS or not word.isalnum() or (end == at + 1 and not word.isalpha()):
             return
-        yield end, reading.said(at, end)
+        yield end, reading.text_of(at, end)
 
 
 name = chosen(_name_at)
@@ -927,7 +927,7 @@ _no_name = either(
 
 def means_something(called: str) -> bool:
     """Whether a name would be taken for a colour or for another way to say who: "red", "it", "everything"."""
-    readings = (Reading.of(said, tokenise(said), {}) for said in (called, f"the {called}"))
+    readings = (Reading.of(text, tokenise(text), {}) for text in (called, f"the {called}"))
     return called.lower() in FUNCTION_WORDS | NO_THINGS or any(
-        len(said.tokens) in _no_name.at(said, 0) for said in readings
+        len(reading.tokens) in _no_name.at(reading, 0) for reading in readings
     )

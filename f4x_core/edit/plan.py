@@ -47,7 +47,7 @@ class Candidate:
     """Resolved: as they go into the stack."""
     why: str = ""
     """How it differs from the plain reading."""
-    said: str = ""
+    sentence: str = ""
     """The sentence, for the history."""
     scores: Mapping[str, float] = field(default_factory=dict)
     """What the judge found; empty where there was nothing to choose."""
@@ -131,9 +131,9 @@ def propose(
 def understand(
     scene: Scene, sentence: str, context: Context, server: ChatServer | None = None
 ) -> tuple[tuple[Operation, ...], str, tuple[str, ...]]:
-    """(operations as said, unresolved; who understood it; notes). Raises F4xError."""
+    """(operations in the words of the sentence, not yet resolved; who understood it; notes). Raises F4xError."""
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
-    told: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         "labels": labels_of(scene),
         "names": names,
         "fps": scene.fps,
@@ -144,11 +144,11 @@ def understand(
     notes: tuple[str, ...] = ()
     if server is not None:
         try:
-            operations = endpoint.ask_for_operations(server, Request(sentence, **told))
+            operations = endpoint.ask_for_operations(server, Request(sentence, **arguments))
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)
-    return language.parse(sentence, **told, copies=_copies(scene)), GRAMMAR, notes
+    return language.parse(sentence, **arguments, copies=_copies(scene)), GRAMMAR, notes
 
 
 def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
@@ -179,12 +179,12 @@ def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:
 
 def preview(scene: Scene, candidate: Candidate) -> Scene:
     """The scene as it would be, edited; nothing is written."""
-    return with_operations(scene, *candidate.operations, said=candidate.said)
+    return with_operations(scene, *candidate.operations, sentence=candidate.sentence)
 
 
 def apply(path: Path | str, candidate: Candidate) -> EditStack:
     """Append a candidate to the stack of the scene file at `path`, atomically; F4xError leaves the file as it was."""
-    stack = stack_of(read_scene(path), *candidate.operations, said=candidate.said)
+    stack = stack_of(read_scene(path), *candidate.operations, sentence=candidate.sentence)
     write_stack(path, stack)
     return stack
 

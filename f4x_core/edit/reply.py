@@ -38,7 +38,7 @@ from .styles import STYLES
 if TYPE_CHECKING:
     from .request import Request
 
-LONGEST_WORD = 40
+MAX_WORD_LENGTH = 40
 """Letters of a label or a name."""
 MAX_WORDS = 8
 """Labels in one target."""
@@ -47,7 +47,7 @@ MAX_OPERATIONS = 8
 LAST_FRAME = 1_000_000
 """No clip is longer."""
 
-Word = Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_WORD)]
+Word = Annotated[str, StringConstraints(min_length=1, max_length=MAX_WORD_LENGTH)]
 Words = Annotated[list[Word], Field(max_length=MAX_WORDS)]
 Frame = Annotated[int, Field(ge=-1, le=LAST_FRAME)]
 """Clip frame; -1 = none."""

@@ -22,7 +22,7 @@ from .connected_objects import pick_object, split_objects, width_along
 from .description import whom
 from .operations import Duplicate, Freeze, Opacity, Operation, Rekey, Transform
 from .selects import (
-    LONGEST_WORDS,
+    MAX_WORDS_LENGTH,
     And,
     Box,
     Current,
@@ -139,7 +139,7 @@ class Resolver:
     def _with_description(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         found = self._resolve_node(scene, select, tidy)
         if isinstance(found, Ids) and found is not select:
-            return replace(found, words="".join(filter(str.isprintable, whom(select)))[:LONGEST_WORDS])
+            return replace(found, words="".join(filter(str.isprintable, whom(select)))[:MAX_WORDS_LENGTH])
         return found
 
     def _resolve_node(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:

@@ -19,7 +19,7 @@ from .records import Record
 
 FEW = 32
 """So many ids are written as a list; more are packed."""
-LONGEST_WORDS = 200
+MAX_WORDS_LENGTH = 200
 """Letters kept of what a selection was called."""
 
 
@@ -79,8 +79,8 @@ class Ids(Select):
             raise F4xError("ids and packed exclude one another; give one.")
         if any(i < 0 or i >= 1 << 63 for i in (*self.ids, self.first)):
             raise F4xError("an id is negative or no 64-bit number; give ids of the scene.")
-        if len(self.words) > LONGEST_WORDS or not self.words.isprintable():
-            raise F4xError(f"words is no short line; give at most {LONGEST_WORDS} letters.")
+        if len(self.words) > MAX_WORDS_LENGTH or not self.words.isprintable():
+            raise F4xError(f"words is no short line; give at most {MAX_WORDS_LENGTH} letters.")
         try:
             base64.b64decode(self.packed, validate=True)
         except (binascii.Error, ValueError) as error:

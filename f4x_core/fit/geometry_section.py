@@ -21,7 +21,7 @@ NAMED_GROUPS = 8
 # Static Gaussians in the plot, and the opacity below which one is not part of a surface.
 PROFILE_POINTS, MIN_OPACITY = 12000, 0.3
 # What lies outside these quantiles of them, or further than so many median depths, does not widen the plot.
-PROFILE_QUANTILES, FARTHEST = (0.02, 0.98), 4.0
+PROFILE_QUANTILES, MAX_EXTENT = (0.02, 0.98), 4.0
 # The profile from the side shows what the middle one of so many strips of the picture sees; all at once would hide the ground.
 STRIPS = 3
 
@@ -170,7 +170,7 @@ def _draw_profile(axis: Axes, points: np.ndarray, colours: np.ndarray, path: np.
     """Scatter `points (n,2)` and the camera `path (T,2)` in a square that shows most of both."""
     around = np.concatenate([points, path])
     low, high = np.quantile(around, PROFILE_QUANTILES, axis=0)
-    low, high = (np.clip(bound, -FARTHEST, FARTHEST) for bound in (low, high))
+    low, high = (np.clip(bound, -MAX_EXTENT, MAX_EXTENT) for bound in (low, high))
     low, high = np.minimum(low, path.min(0)), np.maximum(high, path.max(0))
     reach, centre = 0.55 * float((high - low).max()) + 1e-6, (low + high) / 2
     axis.scatter(points[:, 0], points[:, 1], s=1.2, c=colours, linewidths=0, rasterized=True)

@@ -236,12 +236,12 @@ def _colour_need(trainer: Trainer) -> Need:
     if config.sh_degree is not None:
         return Need("view-dependent colour", f"degree {degree}", "set by hand", "-")
     gains = ", ".join(f"degree {d}: {gain:+.2f} dB" for d, gain in enumerate(trainer.band_gains, 1))
-    most = (config.max_sh_degree + 1) ** 2
+    max_coefficients = (config.max_sh_degree + 1) ** 2
     return Need(
         "view-dependent colour",
         f"degree {degree}",
         f"{gains} on left-out pictures in mid-fit; wanted {GAIN_DB}" if gains else "no higher one is allowed",
-        f"{most - (degree + 1) ** 2} of {most} coefficients per Gaussian and colour",
+        f"{max_coefficients - (degree + 1) ** 2} of {max_coefficients} coefficients per Gaussian and colour",
     )
 
 

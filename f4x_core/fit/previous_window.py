@@ -42,7 +42,7 @@ OPAQUE = 0.8
 """Alpha from which on the background is there at all."""
 MIN_PIXELS = 32
 """Fewer tell no depth."""
-AROUND, NEAREST = 3, 10
+AROUND, GROUND_PERCENTILE = 3, 10
 """Pixels around what moves, and the percentile of their depth that is the ground below it."""
 FREEDOM = {"static": 0, "pan": 3, "moving": 6}
 """Numbers that place a camera of each kind: its rotation, its position."""
@@ -260,7 +260,7 @@ def _room(depth: np.ndarray, moving: np.ndarray) -> float:
     for z, mask in zip(depth, moving, strict=True):
         around = binary_dilation(mask, iterations=AROUND) & ~mask
         if mask.any() and around.any():
-            found.append(np.percentile(z[around], NEAREST) / np.median(z[mask]))
+            found.append(np.percentile(z[around], GROUND_PERCENTILE) / np.median(z[mask]))
     return float(np.median(found)) if found else np.inf
 
 

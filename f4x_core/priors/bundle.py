@@ -25,7 +25,7 @@ ROBUST_PX = 1.0
 """Cauchy scale in pixels: good tracks stay below, a wrong one soon stops pulling."""
 MIN_DEPTH = 1e-6
 """Points nearer to a camera plane than this carry no weight in that view."""
-FARTHEST_POINT = 1e4
+MAX_POINT_DISTANCE = 1e4
 """Points stay within this many median distances: beyond, nothing tells them from infinity."""
 FOCAL_PRIOR, FOCAL_SPREAD, DEPTH_PRIOR, PATH_PRIOR = 0.04, 0.15, 0.002, 0.01
 """What is believed before anything is seen, as a fraction of the squared error that a violation must save: a focal length
@@ -321,7 +321,7 @@ class _Problem:
             return origin + unit * (self.origin + self.unit * xyz)
 
         distance = np.linalg.norm(self.points[:, :3], axis=1, keepdims=True)
-        points = self.points[:, :3] / np.maximum(self.points[:, 3:], np.maximum(distance, 1e-12) / FARTHEST_POINT)
+        points = self.points[:, :3] / np.maximum(self.points[:, 3:], np.maximum(distance, 1e-12) / MAX_POINT_DISTANCE)
         zoom = self.zoom if zooms else None
         return Bundle(self.focal, self.principal, self.rotation, outside(self.center), outside(points), zoom)
 
@@ -353,7 +353,7 @@ class _Problem:
         length, and of the points `(P, 3)`."""
         turn = quaternion.to_matrix(quaternion.from_rotation_vector(cameras[:, :3]))
         stepped = self.points + np.einsum("pij,pj->pi", self.tangents, points)
-        farthest = np.linalg.norm(stepped[:, :3], axis=1) / FARTHEST_POINT
+        farthest = np.linalg.norm(stepped[:, :3], axis=1) / MAX_POINT_DISTANCE
         stepped[:, 3] = np.maximum(stepped[:, 3], farthest)  # nothing lies beyond infinity
         return replace(
             self,

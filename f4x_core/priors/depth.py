@@ -42,7 +42,7 @@ blackswan, which mirrors what is far, lay behind its bank."""
 TRACK_NOISE_PX = 0.4
 TRACK_OUTLIER_PX = 2.0
 """A track whose root mean square reprojection error is larger is no static point."""
-FARTHEST = 50.0
+MAX_DEPTH = 50.0
 """Depths beyond this many median depths cannot be told apart; sky is put here."""
 SAMPLE_NOISE = 0.005
 """Least relative error of one sample: errors of flow are shared by neighbours, so no sample outweighs them without limit."""
@@ -296,13 +296,13 @@ def _static_depth(
         usual = (
             1 / max(float(np.median(1 / np.maximum(rho[precision > 0], 1e-6))), 1e-6) if (precision > 0).any() else 1.0
         )
-        least = usual / FARTHEST
-        rho = np.clip(rho, least, 1e3 * usual)
-        plain = np.maximum(plain_world(rho, precision, below[i][rows[:, None], columns], usual), least)
+        min_rho = usual / MAX_DEPTH
+        rho = np.clip(rho, min_rho, 1e3 * usual)
+        plain = np.maximum(plain_world(rho, precision, below[i][rows[:, None], columns], usual), min_rho)
         known, belief = precision, 1 / (PLAIN_NOISE * usual) ** 2
         rho, precision = (precision * rho + belief * plain) / (precision + belief), precision + belief
         guide = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
-        filled = np.maximum(fill_inverse_depth(rho, precision, guide), least)
+        filled = np.maximum(fill_inverse_depth(rho, precision, guide), min_rho)
         trust = _confidence(filled, rho, known)
         measured += float((known * filled**2 > 100).mean()) / frames
         inverse[i] = _enlarged(filled, width, height)

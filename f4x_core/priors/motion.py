@@ -286,14 +286,14 @@ def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarr
 
     frames, height, width = score.shape
     motion, result = tracks_motion(tracks, visible, score), np.empty_like(score)
-    least = 0.1 / (2 * np.pi * VOTE_SIGMA**2)  # a tenth of one track at its own place
+    min_count = 0.1 / (2 * np.pi * VOTE_SIGMA**2)  # a tenth of one track at its own place
     for t in range(frames):
         column, row = np.clip(np.floor(tracks[t, visible[t]]), 0, (width - 1, height - 1)).astype(int).T
         count, total = np.zeros((2, height, width), np.float32)
         np.add.at(count, (row, column), 1)
         np.add.at(total, (row, column), motion[visible[t]])
         count, total = (cv2.GaussianBlur(one, (0, 0), VOTE_SIGMA) for one in (count, total))
-        result[t] = np.where(count > least, total / np.maximum(count, least), score[t])
+        result[t] = np.where(count > min_count, total / np.maximum(count, min_count), score[t])
     return result
 
 

@@ -232,8 +232,10 @@ def relink(
             for track, near in zip(lost, tree.query_ball_point(expected, radius), strict=True):
                 if near:
                     others = candidates[near]
-                    looks = np.maximum(first_look[others] @ last_look[track], first_away[others] @ last_away[track])
-                    proposals += [(look, track, other) for look, other in zip(looks, others, strict=True)]
+                    similarities = np.maximum(
+                        first_look[others] @ last_look[track], first_away[others] @ last_away[track]
+                    )
+                    proposals += [(look, track, other) for look, other in zip(similarities, others, strict=True)]
     tracks, visible = tracks.copy(), visible.copy()
     ended, begun, owner, joins = set(), set(), np.arange(count), 0
     for look, track, other in sorted(proposals, key=lambda proposal: -proposal[0]):

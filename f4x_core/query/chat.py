@@ -89,10 +89,12 @@ class ChatServer:
                         raise ChatError(late)
             text = json.loads(read)["choices"][0]["message"]["content"]
         except urllib.error.HTTPError as error:
-            said = _complaint(error)
-            hint = "; it seems to read text only, start it with a model that sees pictures" if "image" in said else ""
+            complaint = _complaint(error)
+            hint = (
+                "; it seems to read text only, start it with a model that sees pictures" if "image" in complaint else ""
+            )
             raise ChatError(
-                f"{self.url}: the server answered {error.code} ({said[:200] or error.reason}){hint}.", error.code
+                f"{self.url}: the server answered {error.code} ({complaint[:200] or error.reason}){hint}.", error.code
             ) from error
         except TimeoutError as error:
             raise ChatError(late) from error

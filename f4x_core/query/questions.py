@@ -121,7 +121,7 @@ def answer(
     views = _spread(trajectory)
     if server is not None:
         return ask_server(scene, question, views, server, backend, progress)
-    told: list[str] = []
+    sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
     for asked in understand(question, scene.fps, len(scene.cameras)):
         found = (
@@ -129,12 +129,12 @@ def answer(
             if asked.kind in CLIP_FACTS
             else _look_for(scene, asked, trajectory, encode, names or {}, backend, progress)
         )
-        told.append(compose(scene, asked, found, encode))
+        sentences.append(compose(scene, asked, found, encode))
         evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
     limits = (
         "words, places and motion in the scene" if labels_of(scene) else "motion in the scene, which knows no words"
     )
-    text = f"{' '.join(told)} (Computed from {limits}; no language model was asked.)"
+    text = f"{' '.join(sentences)} (Computed from {limits}; no language model was asked.)"
     return Answer(text, COMPUTED, {"views": len(views), "sightings": evidence})
 
 
@@ -237,21 +237,21 @@ def _sighting(scene, label, selection, seen, depths, places, times, views) -> Si
             frames=(round(float(times[moves[0]])), round(float(times[moves[-1] + 1]))),
             heading="" if abs(drift) < SIDEWAYS else "to the right" if drift > 0 else "to the left",
         )
-    share = seen.mean((1, 2))
-    best = int(share.argmax())
+    fractions = seen.mean((1, 2))
+    best = int(fractions.argmax())
     sighting = replace(
         sighting,
-        moments=[float(view.time) for view, part in zip(views, share, strict=True) if part >= PRESENT],
-        unseen=[float(view.time) for view, part in zip(views, share, strict=True) if part < PRESENT],
+        moments=[float(view.time) for view, part in zip(views, fractions, strict=True) if part >= PRESENT],
+        unseen=[float(view.time) for view, part in zip(views, fractions, strict=True) if part < PRESENT],
     )
-    if not share[best]:
+    if not fractions[best]:
         return sighting
     mask, depth = seen[best], depths[best]
     column = np.nonzero(mask)[1].mean() / mask.shape[1]
     ratio = np.nanmedian(depth[mask]) / np.nanmedian(depth) if np.isfinite(depth[mask]).any() else 1.0
     return replace(
         sighting,
-        share=float(share[best]),
+        share=float(fractions[best]),
         time=float(views[best][1]),
         place="on the left" if column < 0.38 else "on the right" if column > 0.62 else "in the middle",
         distance="near" if ratio < 0.8 else "far" if ratio > 1.25 else "at middle distance",
@@ -354,20 +354,20 @@ def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: E
     when = _moment(asked.span, scene.fps) if asked.span else ""
     there = [s for s in sightings if s.chosen]
     missing = [s for s in sightings if not s.chosen]
-    told = [_absent(scene, s, encode, asked.yes(False)) for s in missing]
+    sentences = [_absent(scene, s, encode, asked.yes(False)) for s in missing]
     moving = sorted((s for s in there if s.frames), key=lambda s: s.frames[0] if s.frames else 0)
     if not asked.things and asked.kind in MOVING:
         there = moving
     if asked.kind == "order" and moving:
         starts = ", then ".join(f"{_the(s)} (frame {s.frames[0]})" for s in moving if s.frames)
-        told.append(f"In the order in which they start to move: {starts}.")
+        sentences.append(f"In the order in which they start to move: {starts}.")
     elif not there and not missing:
         nothing = "moves" if asked.kind in MOVING else "stands out"
-        told.append(f"{f'{asked.yes(False)}: nothing' if asked.polar else 'Nothing'} {nothing}{when}.")
+        sentences.append(f"{f'{asked.yes(False)}: nothing' if asked.polar else 'Nothing'} {nothing}{when}.")
     else:
-        told += [SENTENCES[asked.kind](s, asked, scene.fps, when) for s in there]
-    told += [s.note for s in sightings if s.note]
-    return " ".join(told)
+        sentences += [SENTENCES[asked.kind](s, asked, scene.fps, when) for s in there]
+    sentences += [s.note for s in sightings if s.note]
+    return " ".join(sentences)
 
 
 def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, yes: str) -> str:
@@ -400,10 +400,11 @@ def _of_motion(s: Sighting, asked: Asked, fps: float, when: str) -> str:
 
 
 def _of_way(s: Sighting, asked: Asked, fps: float, when: str) -> str:
-    told = _of_motion(s, asked, fps, when)
+    sentence = _of_motion(s, asked, fps, when)
     if s.frames is None or s.heading:
-        return told
-    return f"{told} It crosses less than {SIDEWAYS:.0%} of the picture's width then, which is too little to tell left from right."
+        return sentence
+    too_little = f"It crosses less than {SIDEWAYS:.0%} of the picture's width then"
+    return f"{sentence} {too_little}, which is too little to tell left from right."
 
 
 def _of_path(s: Sighting, asked: Asked, fps: float, when: str) -> str:

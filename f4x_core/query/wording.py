@@ -237,8 +237,10 @@ def _understood(text: str, fps: float, frames: int) -> Asked:
             continue
         side = groups.get("side") or ""
         still = bare == "still"
-        told = "motion" if still else bare
-        return Asked(told, things, span, _SIDES.get(side, side), polar, negated != still, groups.get("manner") or "")
+        asked_kind = "motion" if still else bare
+        return Asked(
+            asked_kind, things, span, _SIDES.get(side, side), polar, negated != still, groups.get("manner") or ""
+        )
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, whole)), "that")
     negation = re.search(_NEGATION, whole)
     if negation and subject == "that":

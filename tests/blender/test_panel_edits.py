@@ -120,7 +120,7 @@ ops.restore(); note("restored")
 ops.history(how="REMOVE", edit_id=root().f4x.history[-1].edit_id)
 noted["no sense"] = refused(ops.plan, sentence="make the square bark"); note("refused")
 ops.plan(sentence="make rex blue from frame 2"); note("planned")
-noted["told"] = [row.told for row in root().f4x.readings]
+noted["descriptions"] = [row.description for row in root().f4x.readings]
 ops.drop_plan(); note("dropped")
 ops.plan(sentence="make rex blue from frame 2"); ops.apply_plan(); note("applied")
 go(1); note("before the span")
@@ -269,7 +269,7 @@ def test_what_is_shown_is_what_the_core_makes_of_the_stack(done, name, time):
 
 def test_a_sentence_is_previewed_dropped_and_applied(done):
     _, noted, arrays = done
-    assert noted["told"] and "blue from frame 2 on" in noted["told"][0]
+    assert noted["descriptions"] and "blue from frame 2 on" in noted["descriptions"][0]
     assert np.abs(arrays["planned/radiance:base"] - arrays["refused/radiance:base"]).max() > 0.1
     assert noted["planned"]["stack"] == noted["dropped"]["stack"] == noted["refused"]["stack"]
     np.testing.assert_array_equal(arrays["dropped/radiance:base"], arrays["refused/radiance:base"])

@@ -234,7 +234,7 @@ def test_a_sentence_becomes_an_edit_of_the_file(scene, path):
     seen = plan.preview(read_scene(path), proposal.chosen)
     assert path.read_bytes() == before and len(seen.edits) == 1
     stack = plan.apply(path, proposal.chosen)
-    assert stack.edits[0].said == "make the square red from frame 2 to 4"
+    assert stack.edits[0].sentence == "make the square red from frame 2 to 4"
     now = edited(read_scene(path))
     shown = now.posed(3.0).arrays()
     assert all(np.array_equal(array, shown[name]) for name, array in seen.posed(3.0).arrays().items())

@@ -430,7 +430,7 @@ def test_features_in_the_embeddings_equal_pixels(vlm, vision_grid, calls):
     assert (blind - expected).abs().max() > 1e-2
     new = told[0, ids["input_ids"].shape[1] :]
     calls.smolvlm = 0
-    answer = vlm.answer(list(vision_grid), [0, 1], "a photo of the cat", longest=6)
+    answer = vlm.answer(list(vision_grid), [0, 1], "a photo of the cat", max_tokens=6)
     assert calls.smolvlm == 0
     assert answer == vlm.tokenizer.decode(new, skip_special_tokens=True).strip()
 

@@ -36,7 +36,7 @@ SPREAD, FLOOR = 1 / 16, 0.05
 """Width of the smoothing of the difference (picture widths), and the confidence below which it fades out."""
 SAMPLING = 7
 """Every how many-th pixel takes part in the fit; a prime, so that all columns do."""
-FARTHEST = 50.0
+MAX_DEPTH = 50.0
 """Depths end at this many median depths: sky."""
 
 
@@ -85,7 +85,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Any, mod
         guess_near, guess_far = np.percentile(measured, (98, 2))
         inverse = guess_far + (relative - far) / max(near - far, 1e-9) * (guess_near - guess_far)
         confidence = np.full(relative.shape, GUESS, np.float32)
-    depth = 1 / np.maximum(inverse, np.median(inverse) / FARTHEST)
+    depth = 1 / np.maximum(inverse, np.median(inverse) / MAX_DEPTH)
     unit = 1.0
     if priors.provenance.get("cameras", {}).get("provider") not in ("user", "files"):
         unit = float(np.median(depth))

@@ -27,7 +27,7 @@ from ...priors.depth import track_samples
 from ...priors.sfm import Solution
 from ..memory import memory_guard
 from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor
-from .depth import AGREEMENT, FARTHEST, GUESS, TRUST, weighted_median
+from .depth import AGREEMENT, GUESS, MAX_DEPTH, TRUST, weighted_median
 from .loading import Located, find
 from .providers import INSTALL
 from .views import Views, predict_in_one_world
@@ -108,7 +108,7 @@ def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pr
     size = (priors.width, priors.height)
     inverse = np.stack([cv2.resize(1 / frame, size, interpolation=cv2.INTER_LINEAR) for frame in views.depth])
     confidence = np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_LINEAR) for frame in views.confidence])
-    inverse = np.maximum(inverse, np.median(inverse) / FARTHEST)
+    inverse = np.maximum(inverse, np.median(inverse) / MAX_DEPTH)
     scale, difference = np.full(len(views), float(np.median(inverse))), np.full(len(views), np.nan)
     if priors.camera_kind == "moving":
         scale, difference = scale_to_tracks(inverse, priors)

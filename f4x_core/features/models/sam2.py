@@ -164,10 +164,10 @@ class Sam2MaskDecoder:
         self.model: Any = model
         self.count, self.size = count, size
         self._features, self._skips = features, skips
-        most = self.model.config.num_maskmem
-        self._memory = most if memory is None else memory
-        if not 1 <= self._memory <= most:
-            raise F4xError(f"SAM 2 remembers 1 to {most} frames, not {memory}.")
+        max_memory = self.model.config.num_maskmem
+        self._memory = max_memory if memory is None else memory
+        if not 1 <= self._memory <= max_memory:
+            raise F4xError(f"SAM 2 remembers 1 to {max_memory} frames, not {memory}.")
         self._prompts: dict[int, Prompt] = {}
         self._session: Any = None
 

@@ -75,11 +75,11 @@ class SmolVlm:
         seconds: Sequence[float],
         question: str,
         history: Sequence[tuple[str, str]] = (),
-        longest: int = 64,
+        max_tokens: int = 64,
     ) -> str:
         """The model's words about frames whose `smolvlm` maps (h,w,C) were seen at `seconds` of the video.
 
-        `history` holds earlier (question, answer) pairs, `longest` is the most new tokens. Greedy: the same every time.
+        `history` holds earlier (question, answer) pairs, `max_tokens` is the most new tokens. Greedy: the same every time.
         Errors: F4xError for an empty question, no frames, or maps of another shape.
         """
         if not question.strip():
@@ -102,7 +102,7 @@ class SmolVlm:
             new = self.model.generate(
                 inputs_embeds=embeds,
                 attention_mask=torch.ones(embeds.shape[:2], dtype=torch.long),
-                max_new_tokens=longest,
+                max_new_tokens=max_tokens,
                 do_sample=False,
                 pad_token_id=self.tokenizer.pad_token_id,
             )  # (1,n): the new tokens only

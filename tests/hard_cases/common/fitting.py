@@ -30,7 +30,7 @@ STEPS = 350
 steps the blend was better. Rounding alone moves the score by up to 1.5 dB."""
 ASIDE = 4.0
 """Degrees by which a view lies above and below the path, about the place in the picture's middle at the median depth."""
-LEAST_GAIN = 2.0
+MIN_GAIN = 2.0
 """How many times the squared error of the scene must go into that of the best picture that needs no 3D, in views aside."""
 SAME_DEPTH = 0.05
 """Relative difference of depths below which two frames see the same place."""
@@ -178,7 +178,7 @@ def against_truth(fitted: Fitted) -> Iterator[Check]:
         if _spread(found.centers) >= MIN_PATH_SPREAD:
             errors = _aside(fitted, lambda camera: into_scene(camera, similarity, lens))
         for what, error in errors.items():
-            yield within(f"{what} {ASIDE:g} degrees aside, squared error in that without 3D", error, 1 / LEAST_GAIN)
+            yield within(f"{what} {ASIDE:g} degrees aside, squared error in that without 3D", error, 1 / MIN_GAIN)
 
 
 def _times(psnr: float, fitted: Fitted) -> float:
