@@ -35,7 +35,7 @@ from .toy_fits import (
     fit_world,
     mean_row,
     paired_changes,
-    picture_of,
+    render_of,
     score_world,
     spread,
     thin_out,
@@ -378,7 +378,7 @@ def _fit_clip(context: Context, place: Path) -> Callable[[FitConfig, Priors | No
         scores = evaluate(scene, clip)
         moving = [
             psnr(
-                picture_of(scene, scene.cameras[i], float(i)),
+                render_of(scene, scene.cameras[i], float(i)),
                 torch.from_numpy(clip.frames[i] / np.float32(255)),
                 region,
             )

@@ -162,16 +162,16 @@ def errors_of(found: Answer, truth: Answer) -> Row:
 
 def time_ways(ways: Sequence[Way], scene: Scene, repeats: int) -> list[Row]:
     """Columns of times of each way, timed in turn; None where there is no backward pass."""
-    pictures: list[Callable[[], object]] = []
+    images: list[Callable[[], object]] = []
     steps: dict[int, Callable[[], object]] = {}
     for number, way in enumerate(ways):
         cast = way.scene(scene)
         if way.backend == "plain":
-            pictures.append(partial(draw, **cast, backend="plain", config=way.config))
+            images.append(partial(draw, **cast, backend="plain", config=way.config))
         else:
-            picture, steps[number] = passes(cast, way.draw(cast))
-            pictures.append(picture)
-    drawn = time_rows([way.name for way in ways], pictures, repeats, column=PICTURE)
+            image, steps[number] = passes(cast, way.draw(cast))
+            images.append(image)
+    drawn = time_rows([way.name for way in ways], images, repeats, column=PICTURE)
     trained = time_rows([ways[number].name for number in steps], list(steps.values()), repeats, column=STEP)
     trained_of = dict(zip(steps, trained, strict=True))
     none = dict.fromkeys(time_columns(STEP))
@@ -272,9 +272,9 @@ def _peer_words(ours: Sequence[Row], peers: Sequence[Row]) -> list[str]:
 
 def _error_sentence(row: Row) -> str:
     """What a row's picture and gradients are off by."""
-    picture = "its picture overflows" if row[RMSE] is None else f"its picture is off by {row[RMSE]:.1e} (rms)"
+    image = "its picture overflows" if row[RMSE] is None else f"its picture is off by {row[RMSE]:.1e} (rms)"
     worst = f"overflows: {row['overflows']}" if row[WORST] is None else f"its worst gradient by {row[WORST]:.1e}"
-    return f"{picture}, {worst}"
+    return f"{image}, {worst}"
 
 
 def _over(slow: Row, fast: Row) -> float:

@@ -40,8 +40,8 @@ from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
 from ..scene.formats import FORMATS, choose_format, export
-from ..scene.picture import colour_depth, colour_motion, depth_range, labelled_grid
 from ..scene.view import render
+from ..scene.visualise import colour_depth, colour_motion, depth_range, labelled_grid
 from .folder import SceneFolder
 from .tool_result import ToolResult, encode_png, plain
 
@@ -162,16 +162,16 @@ class Session:
             if channel != "rgb":
                 raise F4xError("A selection is shown over the picture itself; leave channel out.")
             weights = coverage_image(opened, self._selection(path, opened, selection), *view, self.backend)
-            picture = heat_map(maps["rgb"], weights)
+            image = heat_map(maps["rgb"], weights)
         elif channel == "depth":
             data["near"], data["far"] = depth_range([maps["depth"]])
-            picture = colour_depth(maps["depth"], data["near"], data["far"])
+            image = colour_depth(maps["depth"], data["near"], data["far"])
         elif channel == "motion":
             data["full_colour_pixels_per_frame"] = float(np.linalg.norm(maps["motion"], axis=-1).max())
-            picture = colour_motion(maps["motion"], data["full_colour_pixels_per_frame"])
+            image = colour_motion(maps["motion"], data["full_colour_pixels_per_frame"])
         else:
-            picture = as_bytes(maps["rgb"])
-        png = encode_png(picture)
+            image = as_bytes(maps["rgb"])
+        png = encode_png(image)
         if file:
             if not file.lower().endswith(".png"):
                 raise F4xError(f"{file!r} is no PNG; end it in .png.")
@@ -275,9 +275,9 @@ class Session:
         path, opened, chosen = self._candidate(proposal, candidate)
         view = self._view(opened, frame, time, side, degrees)
         scenes = (opened, plan.preview(opened, chosen))
-        pictures = [as_bytes(render(each, *view, ("rgb",), self.backend)["rgb"]) for each in scenes]
-        sheet = labelled_grid([pictures], [f"{view.time:g}"], ["before", "after"])
-        changed = float((np.abs(pictures[1].astype(int) - pictures[0]) > MIN_CHANGE).any(-1).mean())
+        images = [as_bytes(render(each, *view, ("rgb",), self.backend)["rgb"]) for each in scenes]
+        sheet = labelled_grid([images], [f"{view.time:g}"], ["before", "after"])
+        changed = float((np.abs(images[1].astype(int) - images[0]) > MIN_CHANGE).any(-1).mean())
         return ToolResult({"scene": self.folder.name(path), "changed_share_of_picture": changed}, png=encode_png(sheet))
 
     def history(self, scene: SceneName = "") -> ToolResult:

@@ -199,15 +199,18 @@ def fit_windows(
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:
     """Fit, measure, and leave `scene.f4x`, `metrics.json`, `diagnostics.html` and checkpoints in `folder`."""
     result = fit_clip(clip, folder, config, progress, resume)
-    from ..fit.diagnostics import draw_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
+    from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
+        render_previews,
+        write_diagnostics,
+    )
 
     scene = result.scene
     masks = result.priors.moving_masks
     metrics = evaluate(scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
     scene, figures = keep_measured(folder, scene, metrics, seconds=result.seconds)
     path = folder / "scene.f4x"
-    pictures = draw_pictures(scene, metrics, config.backend)
-    word = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
+    images = render_previews(scene, metrics, config.backend)
+    word = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
     summary: dict[str, Any] = {"scene": str(path), "metrics": figures, "quality": word, "needs": list(scene.needs)}
     lines = [_summary(path, scene, figures)]
     for cut in about_cuts(result.priors, clip.picked):

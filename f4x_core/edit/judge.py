@@ -19,12 +19,12 @@ from ..geometry import trajectory
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import View
 from ..progress import Progress, silent
-from ..query.chat import ChatServer, picture_part
+from ..query.chat import ChatServer, image_part
 from ..query.labels import TextQuery, ask_for
-from ..query.pixels import text_picture
+from ..query.pixels import text_score_map
 from ..scene import Scene
-from ..scene.picture import labelled_grid
 from ..scene.view import render
+from ..scene.visualise import labelled_grid
 from .apply import with_operations
 from .endpoint import MAX_SENTENCE_LENGTH, ask_json, replies
 from .operations import Delete, Duplicate, Extract, Freeze, Loop, Name, Operation, Retime, Reverse, Transform
@@ -122,7 +122,7 @@ def ask_which(server: ChatServer, sentence: str, sheet: Image.Image, count: int)
         return best - 1
 
     asked = {"type": "text", "text": f"The request: {sentence[:MAX_SENTENCE_LENGTH]!r}. Candidates: 1 to {count}."}
-    content = [picture_part(np.asarray(sheet)), asked]
+    content = [image_part(np.asarray(sheet)), asked]
     messages: list[dict[str, Any]] = [{"role": "system", "content": JUDGE}, {"role": "user", "content": content}]
     return ask_json(server, messages, reply.schema_of(reply.Choice), read)
 
@@ -264,7 +264,7 @@ class _Eye:
 
     def _answer(self, scene: Scene, query: TextQuery) -> np.ndarray:
         """(H,W) probability of a query's targets in the middle view."""
-        return text_picture(scene, query, *self.views[MOMENTS // 2], self.backend)[..., : query.targets].sum(-1)
+        return text_score_map(scene, query, *self.views[MOMENTS // 2], self.backend)[..., : query.targets].sum(-1)
 
     def _words(self, after: Scene) -> float:
         """How much better words answer after `delete` (gone where the thing was) and `extract` (there in what is left)."""

@@ -150,9 +150,9 @@ def extract(
 
     folder, entry = Path(folder), find_teacher(name)
     seen = hashlib.blake2b(digest_size=16)
-    for picture in clip.frames:
+    for image in clip.frames:
         progress("looking at the clip", 0, 0)
-        seen.update(np.ascontiguousarray(picture).data)
+        seen.update(np.ascontiguousarray(image).data)
     settings = {
         "teacher": name,
         "version": entry.version,

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from .. import page
 from ..geometry.spherical_harmonics import rgb_from_dc
 from ..scene.moments import Moment
-from ..scene.picture import colour_depth, depth_range
+from ..scene.visualise import colour_depth, depth_range
 from .geometry_findings import ClipGeometry, believed_sentence
 from .pipeline import FitResult
 from .way_round import WayRound
@@ -121,10 +121,10 @@ def _views(moments: Sequence[Moment]) -> str:
     return "".join(
         page.row(
             [
-                page.picture(moment.rgb, f"frame {moment.index}, the camera's view"),
-                page.picture(colour_depth(moment.depth, near, far), "depth: near is red"),
-                page.picture(moment.right, f"{moment.right_degrees:.0f}° from the right"),
-                page.picture(moment.above, f"{moment.above_degrees:.0f}° from above"),
+                page.image_figure(moment.rgb, f"frame {moment.index}, the camera's view"),
+                page.image_figure(colour_depth(moment.depth, near, far), "depth: near is red"),
+                page.image_figure(moment.right, f"{moment.right_degrees:.0f}° from the right"),
+                page.image_figure(moment.above, f"{moment.above_degrees:.0f}° from above"),
             ],
             four=True,
         )

@@ -172,10 +172,10 @@ class PreviousWindow:
             depth[row][~moving] *= _median(np.where(known, seen["depth"] / depth[row], np.nan), 1.0)
         return replace(priors, cameras=replace(path, world_to_camera=views), depth=depth)
 
-    def _registered(self, camera: Camera, picture: np.ndarray, still: np.ndarray, freedom: int, backend: str) -> Camera:
-        """The camera from which the background is seen where it is in `picture` (H,W,3) uint8, judged where `still` (H,W)."""
+    def _registered(self, camera: Camera, image: np.ndarray, still: np.ndarray, freedom: int, backend: str) -> Camera:
+        """The camera from which the background is seen where it is in `image` (H,W,3) uint8, judged where `still` (H,W)."""
         seen, flow = self._ground(camera, backend), dis("medium", 0)
-        drawn, target = grey(np.stack([(255 * seen["rgb"].clip(0, 1)).astype(np.uint8), picture]))
+        drawn, target = grey(np.stack([(255 * seen["rgb"].clip(0, 1)).astype(np.uint8), image]))
         there = flow(drawn, target)
         matched = still & (seen["alpha"] > OPAQUE) & consistent(there, flow(target, drawn))
         if matched.mean() < MIN_MATCHED:
@@ -236,8 +236,8 @@ class PreviousWindow:
         assert priors.cameras is not None
         scene = Scene("background", world, priors.cameras)
         seen = render(scene, priors.cameras[int(row)], 0.0, ("rgb", "alpha"), backend)
-        picture = clip.frames[priors.frames[row]].astype(np.float32) / 255
-        mean = uniform_filter(picture, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))
+        image = clip.frames[priors.frames[row]].astype(np.float32) / 255
+        mean = uniform_filter(image, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))
         darkest, brightest = (
             extreme(seen["rgb"], (NEIGHBOURHOOD, NEIGHBOURHOOD, 1)) for extreme in (minimum_filter, maximum_filter)
         )

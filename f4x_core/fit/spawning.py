@@ -104,12 +104,12 @@ class Spawner:
         """Gaussians for what `existing` leaves open in supervised frame `frame`."""
         priors = self.priors
         assert priors.depth is not None and priors.cameras is not None
-        picture = self.clip.frames[priors.frames[frame]]
+        image = self.clip.frames[priors.frames[frame]]
         tolerance = None
         if priors.depth_confidence is not None:
             sure = np.maximum(priors.depth_confidence[frame].astype(np.float32), 0.01)
             tolerance = np.clip(2 * np.sqrt((1 - sure) / sure) * SURE_DEPTH, spawn.depth_tolerance, LOOSEST_DEPTH)
-        return cover(picture, priors.depth[frame], valid, priors.cameras[frame], existing, spawn, rng, tolerance)
+        return cover(image, priors.depth[frame], valid, priors.cameras[frame], existing, spawn, rng, tolerance)
 
     def _carried(
         self, model: SceneModel, spawned: Spawned, reference: np.ndarray, spawn: SpawnConfig, first_id: int

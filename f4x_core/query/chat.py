@@ -120,12 +120,12 @@ def _complaint(error: urllib.error.HTTPError) -> str:
         return ""
 
 
-def picture_part(picture: np.ndarray) -> dict[str, Any]:
-    """`picture (H,W,3)` uint8 as one part of a message's content."""
+def image_part(image: np.ndarray) -> dict[str, Any]:
+    """`image (H,W,3)` uint8 as one part of a message's content."""
     from PIL import Image
 
     data = BytesIO()
-    Image.fromarray(picture).save(data, "PNG")
+    Image.fromarray(image).save(data, "PNG")
     return {
         "type": "image_url",
         "image_url": {"url": "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()},

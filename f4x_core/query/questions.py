@@ -16,7 +16,7 @@ from ..geometry.trajectory import Trajectory, original
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
-from .chat import ChatServer, picture_part
+from .chat import ChatServer, image_part
 from .compounds import ADJECTIVE
 from .inventory import find, labels_of, nearest_there, things_there
 from .labels import Encode, spellings, text_head
@@ -150,9 +150,9 @@ def ask_server(
     content: list[dict[str, Any]] = []
     for done, (camera, time) in enumerate(views):
         progress("render", done, len(views))
-        picture = render(scene, camera, time, ("rgb",), backend)["rgb"]
+        image = render(scene, camera, time, ("rgb",), backend)["rgb"]
         content.append({"type": "text", "text": f"Frame at {time / scene.fps:.2f} s:"})
-        content.append(picture_part((np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8)))
+        content.append(image_part((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)))
     content.append({"type": "text", "text": question})
     progress("ask", 0, 0, server.url)
     text = server.complete([{"role": "user", "content": content}])

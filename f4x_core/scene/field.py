@@ -73,7 +73,7 @@ class FieldHead:
             out[start : start + ROWS] = x @ layers[-1][0] + layers[-1][1]
         return out.reshape(*latent.shape[:-1], out.shape[1])
 
-    def picture(self, latent: np.ndarray) -> np.ndarray:
+    def to_rgb(self, latent: np.ndarray) -> np.ndarray:
         """(…,3) uint8 colours of the features of `latent (…,D)`.
 
         The last layer and the projection onto three directions are one linear map: the C channels are never made.

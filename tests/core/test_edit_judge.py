@@ -26,7 +26,7 @@ from f4x_core.edit.selects import All, Ids, Text
 from f4x_core.errors import F4xError
 from f4x_core.query.prompts import select_by_text
 from f4x_core.query.selection import Selection
-from f4x_core.scene.picture import GAP, LABEL_HEIGHT, MARGIN, MARK
+from f4x_core.scene.visualise import GAP, LABEL_HEIGHT, MARGIN, MARK
 
 SQUARE, GREEN = Text(("square",)), (0.0, 1.0, 0.0)
 

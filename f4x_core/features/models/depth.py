@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from ...priors import depth as classical
 from ..memory import memory_guard
-from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor
+from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size
 from .loading import find, load, transformers
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class DepthAnything:
         height, width = rgb.shape[:2]
         size = input_size(width, height, INPUT_AREA, self.model.config.patch_size)
         with torch.inference_mode(), memory_guard(f"Depth Anything on {size[1]} x {size[0]} pixels"):
-            pixels = picture_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic")
+            pixels = image_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic")
             found = self.model(pixels).predicted_depth[:, None]  # (1,1,h,w)
             return functional.interpolate(found, (height, width), mode="bilinear", align_corners=False)[0, 0].numpy()
 

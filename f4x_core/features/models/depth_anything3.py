@@ -26,7 +26,7 @@ from ...priors.bundle import Observations, from_matrices
 from ...priors.depth import track_samples
 from ...priors.sfm import Solution
 from ..memory import memory_guard
-from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor
+from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size
 from .depth import AGREEMENT, GUESS, MAX_DEPTH, TRUST, weighted_median
 from .loading import Located, find
 from .providers import INSTALL
@@ -60,8 +60,8 @@ class DepthAnything3:
         """Views of pictures (N,H,W,3) uint8; depth and intrinsics are those of the model's own picture size (h, w)."""
         size = self.size(frames.shape[2], frames.shape[1])
         with torch.inference_mode(), memory_guard(f"Depth Anything 3 on {len(frames)} pictures of {size[1]}x{size[0]}"):
-            pictures = [picture_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic") for rgb in frames]
-            predicted = self.network(torch.cat(pictures)[None])  # (1,N,3,h,w)
+            images = [image_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic") for rgb in frames]
+            predicted = self.network(torch.cat(images)[None])  # (1,N,3,h,w)
         matrices = np.tile(np.eye(4), (len(frames), 1, 1))
         matrices[:, :3] = predicted["extrinsics"][0].double().numpy()
         return Views(
