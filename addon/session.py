@@ -28,7 +28,7 @@ import numpy as np
 from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.edit.display import Display
 from ..f4x_core.edit.operations import Operation, read_operation
-from ..f4x_core.edit.resolve import Context, resolve
+from ..f4x_core.edit.resolve import EditorState, resolve
 from ..f4x_core.edit.selects import MAX_WORDS_LENGTH, Ids
 from ..f4x_core.edit.stack import UNDONE, EditStack, merge, read_stack, with_stack, write_stack
 from ..f4x_core.errors import F4xError
@@ -210,9 +210,9 @@ def selection(root: bpy.types.Object) -> Selection | None:
     return Selection(ids, chosen.astype(float), np.zeros(len(ids), bool), span=span, label=root.f4x.text)
 
 
-def context_of(root: bpy.types.Object) -> Context:
+def context_of(root: bpy.types.Object) -> EditorState:
     """The selection and the frame that "it" and "now" in a sentence refer to."""
-    return Context(selection(root), frame_of(root))
+    return EditorState(selection(root), frame_of(root))
 
 
 def selected_ids(root: bpy.types.Object) -> Ids:

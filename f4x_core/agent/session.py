@@ -23,7 +23,7 @@ from ..edit.naming import by_words, together
 from ..edit.operations import Operation, read_operation
 from ..edit.plan import MAX_CANDIDATES
 from ..edit.records import read_record
-from ..edit.resolve import Context, Resolver, labels_of, named, resolve, rows_of
+from ..edit.resolve import EditorState, Resolver, labels_of, named, resolve, rows_of
 from ..edit.selects import All, Ids, SelectKind
 from ..edit.stack import Edit, EditStack, of, read_stack
 from ..errors import F4xError
@@ -211,7 +211,7 @@ class Session:
         elif box:
             found = select_by_box(opened, box, frame, **options)
         else:
-            resolver = Resolver(Context(frame=frame), encode_labels)
+            resolver = Resolver(EditorState(frame=frame), encode_labels)
             resolved = resolver.select(opened, read_record(SelectKind, select, "select"))
             scores = np.isin(np.arange(len(opened.ids)), rows_of(opened, resolved))
             found = Selection(opened.ids, scores.astype(float), np.zeros(len(scores), bool))
@@ -249,7 +249,7 @@ class Session:
         if bool(sentence.strip()) == bool(operations):
             raise F4xError("Give either a sentence or operations.")
         path, opened = self._open(scene)
-        context = Context(self._selection(path, opened, selection) if selection else None, frame)
+        context = EditorState(self._selection(path, opened, selection) if selection else None, frame)
         if operations:
             candidate = plan.Candidate(_resolve_operations(opened, operations, context), "as given")
             proposal = plan.Proposal("", (candidate,), understood_by="operations")
@@ -408,7 +408,7 @@ def _keep(kept: dict[Key, Value], key: Key, value: Value, max_entries: int) -> N
         del kept[next(iter(kept))]
 
 
-def _resolve_operations(scene: Scene, entries: list[dict[str, Any]], context: Context) -> tuple[Operation, ...]:
+def _resolve_operations(scene: Scene, entries: list[dict[str, Any]], context: EditorState) -> tuple[Operation, ...]:
     """Operations of JSON objects, each resolved in the scene as the operations before it leave it."""
     if len(entries) > MAX_OPERATIONS:
         raise F4xError(f"{len(entries)} operations are given; give at most {MAX_OPERATIONS} at once.")

@@ -82,9 +82,9 @@ def mean_of(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.average(values, 0, weights if weights.any() else None)
 
 
-def painted(rgb: np.ndarray, target: np.ndarray, light: np.ndarray | float) -> np.ndarray:
-    """sRGB (n,3): `target (3,)`, darkened and brightened as each of `rgb (n,3)` is darker or brighter than OKLab `light`."""
-    shade = lab_from_rgb(rgb)[:, :1] / np.maximum(light, DARKEST)
+def painted(rgb: np.ndarray, target: np.ndarray, lightness: np.ndarray | float) -> np.ndarray:
+    """sRGB (n,3): `target (3,)`, darkened and brightened as each of `rgb (n,3)` is darker or brighter than OKLab `lightness`."""
+    shade = lab_from_rgb(rgb)[:, :1] / np.maximum(lightness, DARKEST)
     return rgb_from_lab(np.where(shade > 1, 1 + HIGHLIGHT * (shade - 1), shade) * lab_from_rgb(target))
 
 

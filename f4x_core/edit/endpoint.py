@@ -65,9 +65,9 @@ def ask_for_operations(server: ChatServer, request: Request) -> tuple[Operation,
     reply = replies()
 
     def read(data: Any) -> tuple[Operation, ...]:
-        return tuple(change.operation(request) for change in reply.read_answer(reply.Reply, data).operations)
+        return tuple(change.operation(request) for change in reply.read_answer(reply.ChangeList, data).operations)
 
-    operations = ask_json(server, _messages(request), reply.schema_of(reply.Reply), read)
+    operations = ask_json(server, _messages(request), reply.schema_of(reply.ChangeList), read)
     if not operations:
         raise F4xError(f"{server.url}: the model finds nothing in the request that an edit can do; say it otherwise.")
     return operations

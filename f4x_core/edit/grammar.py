@@ -294,7 +294,7 @@ def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset()) -> Rule
     return Rule(match)
 
 
-def chosen(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rule:
+def generated(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rule:
     """A rule from a generator of (end, value), best first."""
 
     def all_ways(reading: Reading, at: int) -> Ways:

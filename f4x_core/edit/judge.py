@@ -105,7 +105,7 @@ def judge(
     if server is None:
         return Verdict(tuple(scores), best)
     try:
-        sheet = contact_sheet(scene, candidates, backend=backend)
+        sheet = candidate_sheet(scene, candidates, backend=backend)
         return Verdict(tuple(scores), ask_which(server, sentence, sheet, len(candidates)), server.url)
     except F4xError as error:
         return Verdict(tuple(scores), best, MEASURED, (f"{error} The candidates were measured instead.",))
@@ -127,7 +127,7 @@ def ask_which(server: ChatServer, sentence: str, sheet: Image.Image, count: int)
     return ask_json(server, messages, reply.schema_of(reply.Choice), read)
 
 
-def contact_sheet(
+def candidate_sheet(
     scene: Scene, candidates: Sequence[tuple[Operation, ...]], best: int | None = None, backend: str = "auto"
 ) -> Image.Image:
     """RGB picture: a row for each view, a column before and one for each candidate, the one at index `best` framed."""
@@ -155,7 +155,7 @@ def compare(before: np.ndarray, after: np.ndarray, target: np.ndarray) -> tuple[
     pixels that touch it, in which blending mixes both sides. Both 0 where their base is empty.
     """
     change = difference(before, after)
-    inside = grown(target)
+    inside = dilate(target)
     coverage = float((change[target] > CHANGED).mean()) if target.any() else 0.0
     return coverage, float(change[~inside].sum() / max(change.sum(), 1e-12))
 
@@ -173,7 +173,7 @@ def flicker(before: np.ndarray, after: np.ndarray, region: np.ndarray) -> float:
     return (new + STILL) / (old + STILL)
 
 
-def grown(mask: np.ndarray) -> np.ndarray:
+def dilate(mask: np.ndarray) -> np.ndarray:
     """(H,W) bool mask and the pixels that touch it, corners too."""
     wide = np.pad(mask, 1)
     rows = wide[:-2] | wide[1:-1] | wide[2:]

@@ -31,7 +31,7 @@ from .grammar import (
     tokenise,
 )
 from .operations import Duplicate, Operation
-from .phrases import Context, Refusal, Span, When, colour, familiar, span, together
+from .phrases import Refusal, SentenceContext, Span, When, colour, familiar, span, together
 from .selects import Named, SelectKind, parts_of
 from .words import FUNCTION_WORDS, inflected, singular, word_set
 
@@ -198,7 +198,9 @@ def parse(
     if found is None:
         reason, answer = _not_understood(reading)
         raise Refusal(reason, _nearest(tokens) if answer else ())
-    context = Context(fps, frames, frame, selected, {name.lower(): name for name in names}, earlier=copies or {})
+    context = SentenceContext(
+        fps, frames, frame, selected, {name.lower(): name for name in names}, earlier=copies or {}
+    )
     try:
         operations = list(_operations(found[0], context))
     except Refusal as refusal:
@@ -247,7 +249,7 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
     return known
 
 
-def _operations(clauses: tuple[tuple[Any, ...], ...], context: Context) -> Iterator[Operation]:
+def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) -> Iterator[Operation]:
     """The operations of clauses, each of which may follow (whether its separator is hard)."""
     front: Span | None = None
     for *separators, clause in clauses:

@@ -1,4 +1,4 @@
-"""Phrases of edits: who, when, how much, which way. What depends on the clip is worked out in a `Context`, when all is read."""
+"""Phrases of edits: who, when, how much, which way. A `SentenceContext` resolves what depends on the clip, once all is read."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from .grammar import (
     Mismatch,
     Reading,
     Rule,
-    chosen,
     either,
+    generated,
     listed,
     lit,
     optional,
@@ -43,8 +43,8 @@ class Refusal(F4xError):  # noqa: N818  # nothing went wrong
 
 
 @dataclass
-class Context:
-    """What a sentence is said about, and what it has named so far."""
+class SentenceContext:
+    """The clip and names that a sentence refers to, and what the sentence has named so far."""
 
     fps: float
     """Clip frames per second."""
@@ -130,7 +130,7 @@ def _number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
         yield at + 2, 100.0
 
 
-number = chosen(_number_at)
+number = generated(_number_at)
 signed = (lit("-|minus") + number >> (lambda x: -x)) | number
 VOCABULARY.update(ONES, TENS, FRACTIONS)
 
@@ -200,9 +200,9 @@ def factor(how: Amount | None, upward: bool) -> float:
 
 def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -> Rule:
     """A factor from "bigger", "a bit smaller", "three times bigger", "twice as big", "20 % smaller", "less big"."""
-    grown = table({comparatives: True, lesser: False})
+    compared = table({comparatives: True, lesser: False})
     plain = table({positives: True, opposites: False})
-    more = either(grown, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
+    more = either(compared, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
     so = lit("as") + plain + ~(lit("as") + ~lit("it|they|he|she|that|this") + lit("is|are|was|were|before|now"))
     return either(
         optional(amount) + more >> factor,
@@ -246,7 +246,7 @@ def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
             yield end, shaded(word, base)
 
 
-colour = chosen(_colour_at)
+colour = generated(_colour_at)
 GRAY: Colour = COLOURS["gray"]
 _REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "black", "gray")}
 _REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
@@ -268,7 +268,7 @@ PURE_COLOURS = word_set(
 # When ----------------------------------------------------------------------------------------------------------------
 
 
-class Moment(NamedTuple):
+class TimeExpression(NamedTuple):
     """A sum of what a time can be counted in, as clip frame: frames + seconds x rate + last x last frame + now x present one."""
 
     frames: float = 0.0
@@ -276,24 +276,24 @@ class Moment(NamedTuple):
     last: float = 0.0
     now: float = 0.0
 
-    def plus(self, other: Moment, sign: float = 1.0) -> Moment:
+    def plus(self, other: TimeExpression, sign: float = 1.0) -> TimeExpression:
         """This + sign x the other."""
-        return Moment(*(a + sign * b for a, b in zip(self, other, strict=True)))
+        return TimeExpression(*(a + sign * b for a, b in zip(self, other, strict=True)))
 
-    def resolve(self, context: Context) -> float:
+    def resolve(self, context: SentenceContext) -> float:
         """Clip frame, maybe outside the clip."""
         last = context.frames - 1
         return round(self.frames + self.seconds * context.fps + self.last * last + self.now * context.frame, PLACES)
 
 
-START, END, NOW = Moment(), Moment(last=1.0), Moment(now=1.0)
+START, END, NOW = TimeExpression(), TimeExpression(last=1.0), TimeExpression(now=1.0)
 
 
 class Span(NamedTuple):
     """From … to."""
 
-    start: Moment
-    end: Moment | None
+    start: TimeExpression
+    end: TimeExpression | None
     """None: open."""
     kind: str = "range"
     """`moment`: only its start was said; `length`: only how long; `always`."""
@@ -301,16 +301,16 @@ class Span(NamedTuple):
 
 _unit = table(
     {
-        "second|seconds|sec|secs|s": Moment(seconds=1.0),
-        "frame|frames": Moment(frames=1.0),
-        "minute|minutes|min|mins": Moment(seconds=60.0),
-        "millisecond|milliseconds|ms": Moment(seconds=0.001),
+        "second|seconds|sec|secs|s": TimeExpression(seconds=1.0),
+        "frame|frames": TimeExpression(frames=1.0),
+        "minute|minutes|min|mins": TimeExpression(seconds=60.0),
+        "millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
     }
 )
 
 
-def _times(x: float, unit: Moment) -> Moment:
-    return Moment().plus(unit, x)
+def _times(x: float, unit: TimeExpression) -> TimeExpression:
+    return TimeExpression().plus(unit, x)
 
 
 duration = either(
@@ -326,7 +326,7 @@ _edge = table(
         "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
     }
 )
-_clock = number + lit(":") + number >> (lambda minutes, seconds: Moment(seconds=60 * minutes + seconds))
+_clock = number + lit(":") + number >> (lambda minutes, seconds: TimeExpression(seconds=60 * minutes + seconds))
 _counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
 _measured = number + _unit + ~lit("in|into (the) [clip|video|scene]|mark") >> _times
 _fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
@@ -351,7 +351,7 @@ _begin = _since + moment + _onward
 _for = lit("for|lasting") + duration
 
 
-def _lasting(start: Moment, length: Moment) -> Span:
+def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
     return Span(start, start.plus(length))
 
 
@@ -385,7 +385,7 @@ class When:
     """As in `Span`."""
 
     @classmethod
-    def of(cls, phrase: Span | None, context: Context) -> When:
+    def of(cls, phrase: Span | None, context: SentenceContext) -> When:
         """Clip frames of a span; Refusal: outside of the clip, or ending before it starts."""
         if phrase is None or phrase.kind == "always":
             return cls()
@@ -421,7 +421,7 @@ class When:
         """Fields of an opacity that comes little by little over a range."""
         return self.effect | ({"ease": "linear"} if self.frames is not None and self.kind == "range" else {})
 
-    def pause(self, context: Context) -> dict[str, Any]:
+    def pause(self, context: SentenceContext) -> dict[str, Any]:
         """Fields of a freeze."""
         if self.frames is None:
             return {"at": float(context.frame)}
@@ -436,7 +436,7 @@ class When:
 
 # Who -----------------------------------------------------------------------------------------------------------------
 
-Who = Callable[[Context], SelectKind]
+Who = Callable[[SentenceContext], SelectKind]
 """What an object phrase means; it notes itself as the last thing named."""
 
 _DESCRIBING = word_set("big large small tiny bright dark light fast slow quick static standing still whole little")
@@ -524,7 +524,7 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
 
 
-_several = silent(chosen(lambda reading, at: ((end, x) for end, x in _number_at(reading, at) if x >= 2)))
+_several = silent(generated(lambda reading, at: ((end, x) for end, x in _number_at(reading, at) if x >= 2)))
 _article = lit(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|some|every|each|any|all|all (of) [the|these|those|my]|both|"
     "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
@@ -539,11 +539,11 @@ def _things(match: Callable[[Reading, int], Iterator[tuple[int, str]]]) -> Rule:
         for end, label in match(reading, at):
             yield end, _thing(label, _is_plural(reading, end - 1))
 
-    return chosen(thing_at)
+    return generated(thing_at)
 
 
 def _thing(label: str, plural: bool) -> Who:
-    def who(context: Context) -> SelectKind:
+    def who(context: SentenceContext) -> SelectKind:
         if label == COPY and (context.copies or context.earlier):
             return _the_copy(context)
         name = context.names.get(label.lower())
@@ -616,12 +616,12 @@ _kind = either(
     _moving_noun,
     _noun,
     ~lit("one|ones") + lit("of (the|these|those|my|all the)") + _noun,
-    lit("one|ones") >> (lambda: Context.one),
+    lit("one|ones") >> (lambda: SentenceContext.one),
 )
 
 
 def _one_of(which: Any, kind: Who, seen: float | None) -> Who:
-    def who(context: Context) -> SelectKind:
+    def who(context: SentenceContext) -> SelectKind:
         frame = context.present if seen is None else _frame(seen, context)
         of = kind(context)
         of = replace(of, number="any") if isinstance(of, Text) else of  # of a thing and its copies one is the left one
@@ -630,7 +630,7 @@ def _one_of(which: Any, kind: Who, seen: float | None) -> Who:
     return who
 
 
-def _frame(number: float, context: Context) -> int:
+def _frame(number: float, context: SentenceContext) -> int:
     if number != int(number) or not 0 <= number < context.frames:
         raise Refusal(f"Frame {number:g} is none of the clip's, 0 to {context.frames - 1}.")
     return int(number)
@@ -669,7 +669,7 @@ _copy = lit("[the|its|their|his|her] [copy|copies|clone|clones|duplicate|duplica
 )
 
 
-def _the_copy(context: Context) -> SelectKind:
+def _the_copy(context: SentenceContext) -> SelectKind:
     if context.copies:
         return Named(list(context.copies)[-1])
     if len(context.earlier) > 1:
@@ -682,7 +682,7 @@ def _the_copy(context: Context) -> SelectKind:
 _original = lit("the original (one)") >> (lambda: _the_original)
 
 
-def _the_original(context: Context) -> SelectKind:
+def _the_original(context: SentenceContext) -> SelectKind:
     copy = _the_copy(context)
     return context.copies[copy.name] if context.copies and isinstance(copy, Named) else context.earlier[copy]
 
@@ -746,7 +746,7 @@ def together(parts: Sequence[SelectKind]) -> SelectKind:
 
 
 def _all_of(singles: tuple[tuple[Who], ...]) -> Who:
-    def who(context: Context) -> SelectKind:
+    def who(context: SentenceContext) -> SelectKind:
         context.last = together([single(context) for (single,) in singles])
         return context.last
 
@@ -757,7 +757,7 @@ def _is_plural(reading: Reading, at: int) -> bool:
     return singular(reading.word(at)) != reading.word(at)
 
 
-def _both(label: str, context: Context) -> SelectKind:
+def _both(label: str, context: SentenceContext) -> SelectKind:
     select = _thing(label, plural=True)(context)
     context.last = replace(select, number="both") if isinstance(select, Text) else select
     return context.last
@@ -767,7 +767,7 @@ _and_also = lit("and|or|,|, and|, or|and also|plus|as well as|along with|togethe
 _single = either(_definite, _bare_stranger + _in_scene)
 _both_of_them = (
     lit("both|both (of) [the|these|those|my|our|your]")
-    + chosen(
+    + generated(
         lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
     )
     + _in_scene
@@ -779,7 +779,7 @@ _EXCEPT = (
     "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|"
     "not including|but (for)"
 )
-_the_biggest = lit("the") + _which >> (lambda which: _one_of(which, Context.one, None))
+_the_biggest = lit("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
 _besides = ~lit(",") + lit(_EXCEPT) + (_union | _the_biggest)
 everything_but = _everything + _in_scene + _besides
 """What is spared in "everything except the dog": a `Who`."""
@@ -790,7 +790,7 @@ def _spared(rest: Who) -> Who:
 
 
 def _without(kind: Who, rest: Who) -> Who:
-    def who(context: Context) -> SelectKind:
+    def who(context: SentenceContext) -> SelectKind:
         whole = kind(context)  # first, for "the dogs except the left one"
         context.last = And((whole, Not(rest(context))))
         return context.last
@@ -919,7 +919,7 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield end, reading.text_of(at, end)
 
 
-name = chosen(_name_at)
+name = generated(_name_at)
 _no_name = either(
     _moving, _static, _current, _instance, _everybody, silent(_everything), _it, _they, _copy, _original, colour, _which
 )

@@ -23,7 +23,7 @@ from .operations import Duplicate, Freeze, Loop, Operation, Retime, Reverse, Tra
 from .phrases import Refusal
 from .records import Record
 from .request import Request
-from .resolve import Absent, Context, Resolver, labels_of, rows_of
+from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
 from .selects import Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
@@ -79,7 +79,7 @@ class Proposal:
 def propose(
     scene: Scene,
     sentence: str,
-    context: Context | None = None,
+    context: EditorState | None = None,
     *,
     server: ChatServer | None = None,
     encode: Encode | None = None,
@@ -94,10 +94,10 @@ def propose(
     """
     if not 1 <= candidates <= MAX_CANDIDATES:
         raise F4xError(f"{candidates} candidates are asked for; give 1 to {MAX_CANDIDATES}.")
-    scene, context = edited(scene), context or Context()
+    scene, context = edited(scene), context or EditorState()
     progress("understand", 0, 0)
     try:
-        asked, understood_by, notes = understand(scene, sentence, context, server)
+        asked, understood_by, notes = read_sentence(scene, sentence, context, server)
     except Refusal as refusal:
         raise Refusal(refusal.reason, refusal.nearest and language.nearest(sentence, _there(scene))) from refusal
     resolver = Resolver(context, encode)
@@ -128,8 +128,8 @@ def propose(
     )
 
 
-def understand(
-    scene: Scene, sentence: str, context: Context, server: ChatServer | None = None
+def read_sentence(
+    scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None
 ) -> tuple[tuple[Operation, ...], str, tuple[str, ...]]:
     """(operations in the words of the sentence, not yet resolved; who understood it; notes). Raises F4xError."""
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))

@@ -39,7 +39,7 @@ from .selects import (
 )
 from .splat_rows import SplatRows
 
-__all__ = ["Absent", "Context", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
+__all__ = ["Absent", "EditorState", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
 
 
 class Absent(F4xError):  # noqa: N818  # nothing went wrong
@@ -47,8 +47,8 @@ class Absent(F4xError):  # noqa: N818  # nothing went wrong
 
 
 @dataclass(frozen=True, eq=False)
-class Context:
-    """The selection and frame that "it" and "now" refer to."""
+class EditorState:
+    """The caller's selection and frame: what "it" and "now" refer to."""
 
     selection: Selection | None = None
     """The caller's current selection."""
@@ -56,7 +56,7 @@ class Context:
     """The caller's current clip frame."""
 
 
-def resolve(scene: Scene, operation: Operation, context: Context, encode: Encode | None = None) -> Operation:
+def resolve(scene: Scene, operation: Operation, context: EditorState, encode: Encode | None = None) -> Operation:
     """`operation` as a stack holds it: it means the same whenever it is replayed on `scene` with its present edits.
 
     Words, prompts, "it" and "the left one" become `Ids`; `All`, `Moving`, `Named` and combinations stay. `unit: size` becomes
@@ -71,7 +71,7 @@ def resolve(scene: Scene, operation: Operation, context: Context, encode: Encode
 class Resolver:
     """`resolve` for several operations and candidates: the selection of each word is computed once."""
 
-    def __init__(self, context: Context, encode: Encode | None = None):
+    def __init__(self, context: EditorState, encode: Encode | None = None):
         self.context, self.encode = context, encode
         self._found: dict[tuple[bytes, Select], Selection] = {}
         self._before: Scene | None = None

@@ -33,7 +33,7 @@ def geometry_section(result: FitResult, geometry: ClipGeometry, moments: Sequenc
         page.table(["", "", ""], _figures(geometry))
         + _clues(geometry.way_round)
         + _views(moments)
-        + page.plots([profile(result)])
+        + page.plots([profile_plot(result)])
         + _groups(geometry)
         + _movers(movers)
     )
@@ -132,7 +132,7 @@ def _views(moments: Sequence[Moment]) -> str:
     )
 
 
-def profile(result: FitResult) -> str:
+def profile_plot(result: FitResult) -> str:
     """Camera path and static Gaussians in their colours, from above and from the side, in the axes of the middle camera (SVG)."""
     cameras = result.scene.cameras
     middle = cameras[len(cameras) // 2]

@@ -23,7 +23,7 @@ from .labels import Encode, spellings, text_head
 from .not_deleted import not_deleted
 from .pixels import head_map
 from .selection import Selection
-from .wording import CAN, Asked, Unanswerable, understand
+from .wording import CAN, Asked, Unanswerable, read_question
 
 COMPUTED, SERVER = "computed", "server"
 """Values of `Answer.answered_by`, besides names of models."""
@@ -123,7 +123,7 @@ def answer(
         return ask_server(scene, question, views, server, backend, progress)
     sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
-    for asked in understand(question, scene.fps, len(scene.cameras)):
+    for asked in read_question(question, scene.fps, len(scene.cameras)):
         found = (
             []
             if asked.kind in CLIP_FACTS

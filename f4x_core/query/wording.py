@@ -202,7 +202,7 @@ _NOT_SO = rf"^(?:(?P<there>{_DO} there) (?:no|not (?:an?|any))|(?P<whom>{_DO} .+
 _SIDES = {"center": "middle", "centre": "middle"}
 
 
-def understand(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
+def read_question(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
     """What `question`, one or several joined by "and", wants to know of a clip of so many `frames`.
 
     Raises F4xError: a time beyond the clip; `Unanswerable`: what no form fits.

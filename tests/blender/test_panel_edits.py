@@ -20,7 +20,7 @@ from f4x_core.cli.main import main as f4x
 from f4x_core.edit.apply import edited, open_scene
 from f4x_core.edit.stack import EditStack, of, write_stack
 from f4x_core.geometry import spherical_harmonics
-from f4x_core.query.neighbourhood import grown
+from f4x_core.query.neighbourhood import grow_selection
 from f4x_core.query.prompts import FollowConfig, select_by_prompts, select_by_text
 from f4x_core.scene import read_scene, write_scene
 
@@ -196,7 +196,7 @@ def test_modes_combine(done):
 
 def test_grow_and_invert(done, scene):
     _, noted, arrays = done
-    wanted = grown(scene.posed(FRAME).means, arrays["square/chosen"], np.float32(0.4))
+    wanted = grow_selection(scene.posed(FRAME).means, arrays["square/chosen"], np.float32(0.4))
     np.testing.assert_array_equal(arrays["grown/chosen"], wanted)
     assert wanted.sum() > arrays["square/chosen"].sum()
     np.testing.assert_array_equal(arrays["inverted/chosen"], ~wanted)
