@@ -67,8 +67,14 @@ class LineProgress:
 
 
 def stop_with_parent() -> None:
-    """Stop this process when its standard input closes; one that is no pipe (a terminal, a file) is left alone."""
+    """Stop this process when its standard input closes; one that is no pipe (a terminal, a file) is left alone.
+
+    Call it in the main thread. A SIGINT that `nohup` or a shell's background ignores is heard again: it is how `_watch` stops
+    the main thread, and no terminal sends one to a process that leads a session of its own.
+    """
     if sys.stdin is not None and stat.S_ISFIFO(os.fstat(0).st_mode):
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         threading.Thread(target=_watch, daemon=True).start()
 
 

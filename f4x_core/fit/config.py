@@ -157,8 +157,6 @@ class RateConfig:
     blur, know little better: three times this rate loses .7 dB of what moves on dog, none at all .4 dB of what stands."""
     camera_position: Rate = (3e-5, 3e-6)
     """Camera position."""
-    focal: float = 0.0
-    """Logarithm of the focal length; 0 keeps it fixed."""
 
     def of(self, kind: str, tensor: str) -> Rate | float:
         """The rate of a parameter `tensor` of the Gaussians that are `kind`, `static` or `dynamic`."""
