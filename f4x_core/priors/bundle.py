@@ -14,6 +14,7 @@ clip with little translation depended on where it started.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -213,9 +214,9 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
     for _ in range(config.iterations):
         belief = cost  # priors weigh as much as a fraction of the present error
         total = cost + _prior_cost(problem, config, belief)
-        system = _normal_equations(problem, observations, config, belief)
+        equations = _normal_equations(problem, observations, config, belief)
         for _ in range(8):
-            moved = problem.moved(*_solve(*system, damping, len(problem.center)), config)
+            moved = problem.moved(*_solve(equations, damping, len(problem.center)), config)
             moved_cost = _cost(moved, observations, config)
             moved_total = moved_cost + _prior_cost(moved, config, belief)
             if moved_total < total:
@@ -462,13 +463,28 @@ def _linearise(
     return residual, to_camera, to_point, weight
 
 
-def _normal_equations(
-    problem: _Problem, observations: Observations, config: BundleConfig, belief: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Camera block `(6F+1, 6F+1)`, its gradient, coupling `(3, 6F+1, P)`, point blocks `(P, 3, 3)`, point gradient.
+class _NormalEquations(NamedTuple):
+    """Normal equations of F cameras and P points.
 
     A camera has seven unknowns in place of six where its zoom is refined; the focal length of all comes last.
     """
+
+    camera: np.ndarray
+    """(6F+1, 6F+1)."""
+    gradient: np.ndarray
+    """(6F+1,) of the cameras."""
+    coupling: np.ndarray
+    """(3, 6F+1, P) between cameras and points."""
+    points: np.ndarray
+    """(P, 3, 3) blocks."""
+    point_gradient: np.ndarray
+    """(P, 3)."""
+
+
+def _normal_equations(
+    problem: _Problem, observations: Observations, config: BundleConfig, belief: float
+) -> _NormalEquations:
+    """The normal equations of half the cost at `problem`, its priors included."""
     frames, count = len(problem.center), len(problem.points)
     residual, to_camera, to_point, weight = _linearise(problem, observations, config)
     if not config.refine_centers:
@@ -499,20 +515,14 @@ def _normal_equations(
     scaled = (to_point * weight[:, None, None]).transpose(0, 2, 1)
     points = (by_point @ np.matmul(scaled, to_point).reshape(-1, 9)).reshape(-1, 3, 3)
     point_gradient = by_point @ np.einsum("oik,ok->oi", scaled, residual)
-    _add_priors(problem, config, belief, camera, gradient, points, point_gradient)
-    return camera, gradient, coupling, points, point_gradient
+    equations = _NormalEquations(camera, gradient, coupling, points, point_gradient)
+    _add_priors(problem, config, belief, equations)
+    return equations
 
 
-def _add_priors(
-    problem: _Problem,
-    config: BundleConfig,
-    belief: float,
-    camera: np.ndarray,
-    gradient: np.ndarray,
-    points: np.ndarray,
-    point_gradient: np.ndarray,
-) -> None:
+def _add_priors(problem: _Problem, config: BundleConfig, belief: float, equations: _NormalEquations) -> None:
     """Add derivatives of `_prior_cost` / 2 to the normal equations, in place."""
+    camera, gradient = equations.camera, equations.gradient
     frames, count = len(problem.center), len(problem.points)
     if config.refine_focal and config.expected_focal:
         away = np.log(problem.focal / config.expected_focal)
@@ -535,20 +545,13 @@ def _add_priors(
     slope = np.column_stack([-(inverse / distance**2)[:, None] * problem.points[:, :3], 1 / distance])
     slope = np.einsum("pi,pij->pj", slope, problem.tangents)
     weight = belief * _depth_prior(config) / count
-    points += weight * slope[:, :, None] * slope[:, None, :]
-    point_gradient += weight * slope * (inverse - 1)[:, None]
+    equations.points[:] += weight * slope[:, :, None] * slope[:, None, :]
+    equations.point_gradient[:] += weight * slope * (inverse - 1)[:, None]
 
 
-def _solve(
-    camera: np.ndarray,
-    gradient: np.ndarray,
-    coupling: np.ndarray,
-    points: np.ndarray,
-    point_gradient: np.ndarray,
-    damping: float,
-    cameras: int,
-) -> tuple[np.ndarray, float, np.ndarray]:
+def _solve(equations: _NormalEquations, damping: float, cameras: int) -> tuple[np.ndarray, float, np.ndarray]:
     """Steps of the cameras `(F, 6)` or `(F, 7)`, the log focal length and the points `(P, 3)`; `cameras` is F."""
+    camera, gradient, coupling, points, point_gradient = equations
     floor = 1e-9 * max(float(np.einsum("pii->pi", points).mean()), 1e-12)
     diagonal = np.einsum("pii->pi", points)
     inverse = np.linalg.inv(points + (damping * diagonal + floor)[:, :, None] * np.eye(3))

@@ -314,7 +314,8 @@ def cut_out(frames: np.ndarray, score: np.ndarray, threshold: float) -> np.ndarr
     mask = np.stack([_without_specks(one > threshold) for one in score])
     if mask.mean() < MIN_AREA_FRACTION:
         return np.zeros_like(mask)
-    return np.stack([_cut(*one, threshold) for one in zip(frames, score, mask, strict=True)])
+    by_frame = zip(frames, score, mask, strict=True)
+    return np.stack([_cut(frame, own_score, own_mask, threshold) for frame, own_score, own_mask in by_frame])
 
 
 def _without_specks(mask: np.ndarray) -> np.ndarray:
