@@ -62,7 +62,7 @@ class _Edit(SceneOperator):
     """An operator that appends one operation on the selection."""
 
     def operation(self, root: bpy.types.Object) -> Operation:
-        """What to append."""
+        """Return the operation to append."""
         raise NotImplementedError
 
     def act(self, context, root):

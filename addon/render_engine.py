@@ -71,7 +71,7 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
 
 
 class F4X_PT_film(bpy.types.Panel):  # noqa: N801
-    """What lies behind everything."""
+    """Panel with the switch between the world's colour and a transparent film."""
 
     bl_label = "Film"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
@@ -84,7 +84,7 @@ class F4X_PT_film(bpy.types.Panel):  # noqa: N801
 
 
 class Feature4XRenderEngine(bpy.types.RenderEngine):
-    """Draws Gaussians as the core does; other surfaces occlude them and show a flat colour."""
+    """Render engine that draws Gaussians as the core does; other surfaces occlude them and show a flat colour."""
 
     bl_idname = "FEATURE4X"
     bl_label = "Feature4X"
@@ -132,7 +132,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         background = None if transparent else evaluated.world_color(scene.world)
 
         def finish(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-            """What Blender calls the passes, and its depth."""
+            """Rename the passes for Blender and convert depth."""
             if "depth" in images:
                 there = images["depth"] < stage.NOTHING
                 images["depth"] = np.where(there, images["depth"] - seen.back, stage.NOTHING)
@@ -232,7 +232,7 @@ def _shared_panels() -> list[type]:
 
 
 def register() -> None:
-    """What the classes need besides their registration."""
+    """Register the pass settings and show Blender's shared panels for this engine."""
     bpy.types.ViewLayer.f4x_passes = PointerProperty(type=F4X_PG_passes)
     for panel in _shared_panels():
         panel.COMPAT_ENGINES.add(Feature4XRenderEngine.bl_idname)

@@ -201,7 +201,7 @@ def write(root: bpy.types.Object, **attributes: tuple[str, np.ndarray]) -> None:
 
 
 def selection(root: bpy.types.Object) -> Selection | None:
-    """What is selected among the shown Gaussians, with the scene's time span; None where nothing is."""
+    """Selection among the shown Gaussians, with the scene's time span; None where nothing is selected."""
     chosen = read(root, SELECTED)
     if not chosen.any():
         return None
@@ -226,7 +226,7 @@ def selected_ids(root: bpy.types.Object) -> Ids:
 
 
 def append(root: bpy.types.Object, *operations: Operation, sentence: str = "") -> EditStack:
-    """Append operations to the pending stack, resolved as `f4x edit` resolves them; F4xError leaves it as it was."""
+    """Resolve operations as `f4x edit` does and append them to the pending stack; F4xError leaves the stack unchanged."""
     context = context_of(root)
     stack = stack_of(root)
     for operation in operations:

@@ -43,7 +43,7 @@ Key = tuple[str, tuple[int, ...]]  # object name, place among its instances
 
 @dataclass(frozen=True)
 class TruthSettings:
-    """What to render of a scene that is open."""
+    """Settings of rendering the open scene."""
 
     frames: range
     """Blender frames, step 1; they become clip frames 0, 1, …"""
@@ -247,7 +247,7 @@ def _tree(surfaces: dict[Key, np.ndarray]) -> BVHTree:
 
 
 def _hits(surfaces: dict[Key, np.ndarray], camera, rays: int, random) -> list[tuple[Key, int, np.ndarray]]:
-    """What random pixels of a picture show: surface, triangle and the weights of its corners."""
+    """Surface, triangle and corner weights at random pixels of an image."""
     tree = _tree(surfaces)
     keys, sizes = list(surfaces), [len(triangles) for triangles in surfaces.values()]
     begins = np.cumsum([0, *sizes])

@@ -240,7 +240,7 @@ def _long(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _images(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """What features change in the pictures, against the scene without them."""
+    """Scores of renders with features against renders of the scene without them."""
     from f4x_core.scene import read_scene
 
     from .speed.feature_cost import compare_renders

@@ -34,7 +34,7 @@ EXIT_INTERRUPTED = 130
 GRACE = 1.0
 """Seconds that an interrupted child has for its last step and for saving what it has."""
 TAIL = 5
-"""Lines of a failed child's errors that are told."""
+"""Lines of a failed child's standard error that its message quotes."""
 TICK = 0.2
 """Seconds between two looks at whether somebody wants an end."""
 INTERVAL = 0.05
@@ -144,7 +144,7 @@ def run_child(
 ) -> Ended:
     """Run a child that speaks the protocol above until it ends by itself.
 
-    `tick` is called at least every TICK seconds with the CPU seconds that the child told last, whether or not it says more; `log`
+    `tick` is called at least every TICK seconds with the CPU seconds that the child reported last, even while it is silent; `log`
     gets what it writes on standard error. What `progress` or `tick` raises, Cancelled for one, goes through once the child is gone.
     """
     child = start_child(command, folder, variables)

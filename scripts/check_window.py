@@ -155,7 +155,7 @@ class Window:
         self.hand("click", 1)
 
     def state(self) -> dict:
-        """What the sidebar says."""
+        """Text of the sidebar."""
         nothing = ("screen", "selected", "total", "text", "edits", "saved", "last", "thing", "rendered", "job", "stage")
         state = {"beat": 0} | dict.fromkeys(nothing)
         try:

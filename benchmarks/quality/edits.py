@@ -92,7 +92,7 @@ def prompted(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, Selection]:
-    """What a person gets who asks for the thing under the bool `mask (H,W)` on clip frame `frame`.
+    """Selections by each kind of prompt for the object under the bool `mask (H,W)` on clip frame `frame`.
 
     `mask`: by that mask; `point`: by a click into its middle; `text`: by the word `label`.
     """
@@ -124,7 +124,7 @@ def measure_edit(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, float]:
-    """What an edit of `selection` changes in `views`, against the true masks of the thing, where these are known.
+    """Measure what an edit of `selection` changes in `views`, against the true masks of the thing, where these are known.
 
     `edit`: `recolour` dyes, and a pixel has changed by `HALF` of what it would if everything were dyed; after `delete` it has
     changed by `SEEN`. `iou`: of changed pixels with the mask, mean over the views whose mask is not empty, and `iou_worst`.

@@ -160,7 +160,7 @@ class LinearModel(SceneModel):
     """A scene under optimisation whose Gaussians are carried by linear blends; torch alone."""
 
     def dynamic_at(self, *times: float) -> list[tuple[Tensor, Tensor]]:
-        """As the dual-quaternion one."""
+        """Pose the dynamic Gaussians, with the interface of the dual-quaternion model."""
         assert self.dynamic is not None and self.nodes is not None
         xyz, quat = self.nodes.parameters["node_xyz"], self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)
@@ -183,7 +183,7 @@ class LinearScene(Scene):
         return cls(**{field.name: getattr(scene, field.name) for field in fields(scene)})
 
     def posed(self, time: float) -> PosedSplats:
-        """As `Scene.posed`, by linear blends."""
+        """Pose the scene like `Scene.posed`, by linear blend skinning."""
         posed, dynamic, scaffold = super().posed(time), self.dynamic, self.scaffold
         assert scaffold is not None
         pairs = pairs_of(dynamic.node, dynamic.reference)
@@ -221,7 +221,7 @@ def _fit(context: Context, world: World, kind: str, ablation: str, seed: int) ->
 
 
 def _against(found: Sequence[Row], whole: Sequence[Row], doubt: float | None) -> Row:
-    """What the table tells of fits without a part: their changes against the whole ones, and means over seeds."""
+    """Changes of the fits without a part against the whole ones, and means over seeds."""
     row = mean_row(found, JUDGED)
     changes: Row = {}
     for name, column in CHANGES.items():

@@ -64,7 +64,7 @@ MATCHED = (
 
 @dataclass
 class Answers:
-    """What the scenes of one data set gave."""
+    """Measured rows of the scenes of one data set."""
 
     views: list[Row] = field(default_factory=list)
     labels: list[Row] = field(default_factory=list)

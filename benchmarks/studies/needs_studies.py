@@ -85,7 +85,7 @@ Choice = tuple[FitConfig, Callable[[], Priors | None]]
 
 @dataclass(frozen=True)
 class Subject:
-    """What is fitted, and how errors are read."""
+    """Subject of a fit, and how its errors are measured."""
 
     name: str
     fit: Callable[[FitConfig, Priors | None], tuple[Scene, Row]]
@@ -138,7 +138,7 @@ def study_clips(context: Context) -> Findings:
 
 
 class _Found:
-    """Rows as they come in."""
+    """Collects rows of the study."""
 
     def __init__(self) -> None:
         self.needs: list[Row] = []
@@ -267,7 +267,7 @@ class _Found:
 
 
 def _facts(scene: Scene) -> Row:
-    """What a scene is made of."""
+    """Facts about a scene: counts and sizes."""
     nodes = next((row["chosen"] for row in scene.needs if row["what"] == "motion nodes"), "0")
     moving = len(scene.dynamic) > 0
     return {
@@ -284,7 +284,7 @@ def _facts(scene: Scene) -> Row:
 
 
 def _value(choice: str, row: Row) -> Any:
-    """What was chosen, as the table shows it."""
+    """Format the chosen value for the table."""
     if choice == SCAFFOLD:
         return "yes" if row["dynamic"] else "no"
     value = row["nodes at start" if choice == NODES else choice]
@@ -332,7 +332,7 @@ def _is_minimum(row: Row) -> bool:
 
 
 def _sentence(row: Row) -> str:
-    """What a choice misses that is not surely at the knee."""
+    """Sentence about a choice that may not be at the knee."""
     lost, gained, verdict = row[SMALLER], row[LARGER], row["verdict"]
     loses = gains = ""
     if lost is not None and verdict != LARGER_PAYS:
@@ -363,7 +363,7 @@ def _pretend_moving(world: World) -> Priors | None:
 
 
 def _fit_clip(context: Context, place: Path) -> Callable[[FitConfig, Priors | None], tuple[Scene, Row]]:
-    """How a real clip is fitted: priors once, for all choices."""
+    """Return the function that fits a real clip; its priors are built once, for all choices."""
     frames = min(len(list_images(place / "images")), CLIP_FRAMES)
     clip = read_clip(place, f"0:{frames}", CLIP_WIDTH, CLIP_HOLD_OUT)
 

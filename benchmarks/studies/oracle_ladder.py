@@ -202,7 +202,7 @@ def _array(values: np.ndarray | None) -> np.ndarray:
 
 
 def _losses(row: Row, before: Sequence[Row]) -> Row:
-    """What the row lost against the first one, by `LOST`; None where either is not measured."""
+    """Losses of the row against the first one, by `LOST`; None where either is not measured."""
     first = before[0] if before else row
     return {
         lost: None if row[figure] is None or first[figure] is None else first[figure] - row[figure]
@@ -211,7 +211,7 @@ def _losses(row: Row, before: Sequence[Row]) -> Row:
 
 
 def _words(rows: Sequence[Row]) -> list[str]:
-    """For each clip: what costs most alone, and what all together cost."""
+    """Sentences per clip: which prior costs most alone, and what all cost together."""
     words = []
     for clip in dict.fromkeys(row["clip"] for row in rows):
         lost = {row["offline"]: row["lost (dB)"] for row in rows if row["clip"] == clip}

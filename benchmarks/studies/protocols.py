@@ -40,7 +40,7 @@ Placed = tuple[NovelCamera, list[Camera]]
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a data set is measured."""
+    """Protocol of measuring a data set."""
 
     name: str
     """Of its folder below `--data`."""
@@ -242,7 +242,7 @@ def measure_views(context: Context, clip: Clip, scene: Scene, protocol: Protocol
 
 
 def _path_error(scene: Scene, clip: Clip, protocol: Protocol) -> Row:
-    """How far the found cameras are from the data set's."""
+    """Error of the found cameras against the data set's."""
     if protocol.known_cameras or clip.cameras is None:
         return {}
     return {"camera error (share of path)": path_error(scene.cameras, clip.cameras)["ate_share"]}

@@ -84,7 +84,7 @@ POSITIONS = ("static/xyz", "dynamic/xyz", "scaffold/xyz")
 
 @dataclass(frozen=True)
 class Encoding:
-    """How the floats of a scene are stored."""
+    """Encoding of the floats of a scene."""
 
     name: str
     usual: Codec

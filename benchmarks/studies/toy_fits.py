@@ -178,7 +178,7 @@ def spread(column: str, values: Sequence[float]) -> Row:
 
 
 def paired_changes(rows: Sequence[Row], against: Sequence[Row], column: str) -> list[float]:
-    """How much more each row has than the one of the same seed, for the seeds that both have."""
+    """Differences of rows with the same seed, for the seeds that both have."""
     return [row[column] - other[column] for row, other in zip(rows, against, strict=False)]
 
 

@@ -409,7 +409,7 @@ def _keep(kept: dict[Key, Value], key: Key, value: Value, max_entries: int) -> N
 
 
 def _resolve_operations(scene: Scene, entries: list[dict[str, Any]], context: EditorState) -> tuple[Operation, ...]:
-    """Operations of JSON objects, each resolved in the scene as the operations before it leave it."""
+    """Read operations from JSON objects and resolve each in the scene that the operations before it leave."""
     if len(entries) > MAX_OPERATIONS:
         raise F4xError(f"{len(entries)} operations are given; give at most {MAX_OPERATIONS} at once.")
     resolved_operations: list[Operation] = []

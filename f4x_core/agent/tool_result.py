@@ -26,7 +26,7 @@ LIST_LIMITS = (500, 100, 20, 5)
 
 @dataclass(frozen=True)
 class ToolResult:
-    """What a tool call returns."""
+    """Result of a tool call."""
 
     data: dict[str, Any]
     """JSON data that the tool computed."""

@@ -130,11 +130,11 @@ def show_config(config: FitConfig) -> dict[str, Any]:
 
 
 def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tuple[Shot, ...]] | None:
-    """What is known of a clip that is fitted in windows, and its shots; None for one that is fitted at once."""
+    """Return the survey and the shots of a clip that is fitted in windows; None for one that is fitted at once."""
     length = LENGTH if args.window is None else args.window
     if length == 0 or (args.window is None and reported_frame_count(args.clip, args.frames) <= LONG):
         return None
-    plan_windows(0, length, length, args.overlap)  # a wrong pair is told before the clip is read
+    plan_windows(0, length, length, args.overlap)  # a wrong pair is refused before the clip is read
     if args.prior:
         raise F4xError("--prior cannot be cut into windows; fit with --window 0, or leave it out.")
     known = survey(args.clip, args.frames, args.width, progress)

@@ -25,7 +25,7 @@ ADVICE = {
 
 
 AGAIN = {"fit": "; the same command with --resume continues", "batch": "; the same command continues"}
-"""What is told after Ctrl-C."""
+"""Message after Ctrl-C, by verb."""
 
 
 def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dict[str, Any]]:

@@ -47,7 +47,7 @@ APPEARANCE_OPERATIONS = get_args(AppearanceChange)
 
 
 class Placement(NamedTuple):
-    """Where n Gaussians are."""
+    """Geometry of n Gaussians: where they are and how large."""
 
     means: np.ndarray
     """(n,3) float32 world."""
@@ -60,7 +60,7 @@ class Placement(NamedTuple):
 
 
 class Appearance(NamedTuple):
-    """What n Gaussians look like."""
+    """Appearance of n Gaussians."""
 
     opacities: np.ndarray
     """(n,) float32 in [0, 1]."""

@@ -81,7 +81,7 @@ SHOWN = 10.0
 COPY_DISTANCE = 1.2
 """Widths to the next copy: beside the thing, with a gap."""
 TILT = 30.0
-"""Degrees, when none are said."""
+"""Degrees, where the sentence names none."""
 
 
 # Values: what follows "make the dog …" --------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ GREY = 0.5
 
 
 class Display:
-    """What to draw of a scene, edited or not. N Gaussians in the order of `posed`."""
+    """Geometry and appearance of a scene to draw, edited or not. N Gaussians in the order of `posed`."""
 
     def __init__(self, scene: Scene):
         self.scene = scene

@@ -86,7 +86,7 @@ def replies() -> ModuleType:
 def ask_json(
     server: ChatServer, messages: Sequence[dict[str, Any]], schema: dict[str, Any], read: Callable[[Any], Answer]
 ) -> Answer:
-    """What `read` makes of the model's JSON; its F4xError is told to the model, which may answer once more.
+    """Ask the model and return `read(answer)`; the model sees an F4xError of `read` and may answer once more.
 
     Asked in the strictest way that the server takes: a strict schema, any JSON object, or plain text in which the first
     object is looked for. Raises F4xError.
@@ -118,7 +118,7 @@ def first_object(text: str) -> dict[str, Any]:
 
 
 def plain_words(labels: Sequence[str]) -> list[str]:
-    """Those of `labels` that are words and no messages, at most `MAX_LABELS`."""
+    """Return those of `labels` that are plain words and not messages, at most `MAX_LABELS`."""
     return [
         label
         for label in labels

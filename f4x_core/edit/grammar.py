@@ -90,7 +90,7 @@ class Reading:
         return self.tokens[at].text if at < len(self.tokens) else ""
 
     def text_of(self, start: int, end: int) -> str:
-        """Tokens [start, end) as they were typed."""
+        """Return tokens [start, end) as the person typed them."""
         return " ".join(self.sentence[self.tokens[start].start : self.tokens[end - 1].end].split())
 
 

@@ -66,7 +66,7 @@ what the request asks to the whole thing and changes nothing else. Answer with o
 
 @dataclass(frozen=True)
 class Verdict:
-    """Who is best, and why."""
+    """The judge's choice among candidates, and its scores."""
 
     scores: tuple[Mapping[str, float], ...]
     """For each candidate `coverage`, `leakage`, `words`, `flicker`, and `score` that weighs them."""
@@ -196,7 +196,7 @@ def _weights(scene, asked, candidates, resolver) -> np.ndarray:
 
 
 class _Eye:
-    """What the scene looks like before, and how a candidate compares; n operations are asked for."""
+    """Renders a scene before its edit and scores candidates of n operations against that."""
 
     def __init__(self, scene: Scene, asked: Sequence[Operation], weights: np.ndarray, resolver: Resolver, backend: str):
         """`weights (N,n)` of `_weights`."""
@@ -237,7 +237,7 @@ class _Eye:
         return {"coverage": coverage, "leakage": leakage, "words": words, "flicker": restless, "score": score}
 
     def _untouched(self, after: Scene, operations: tuple[Operation, ...]) -> np.ndarray:
-        """(N,n) bool: whom each operation leaves as it is. Bits left behind were hidden before: only `after` shows them."""
+        """(N,n) bool: Gaussians that each operation leaves unchanged. Only `after` shows parts that were hidden before."""
         passed = [isinstance(operation, Duplicate | Extract | Name) for operation in operations]
         return np.stack([~(chosen(after, o.select) | p) for o, p in zip(operations, passed, strict=True)], 1)
 
@@ -267,7 +267,7 @@ class _Eye:
         return text_score_map(scene, query, *self.views[MOMENTS // 2], self.backend)[..., : query.targets].sum(-1)
 
     def _words(self, after: Scene) -> float:
-        """How much better words answer after `delete` (gone where the thing was) and `extract` (there in what is left)."""
+        """Gain in word probability: after `delete` it drops where the object was, after `extract` it rises in what is left."""
         gains = []
         for (n, query), old in zip(self.queries, self.answers, strict=True):
             new = self._answer(after, query)

@@ -42,13 +42,13 @@ MAX_CHARACTERS, MAX_WORDS = 1500, 120
 
 
 class Clause(NamedTuple):
-    """A verb with all it is said of."""
+    """A verb with everything it applies to."""
 
     command: Command
     pieces: tuple[dict[str, Any], ...]
     """Slots of each who: "make [the dog red] and [the cat blue]"."""
     front: Span | None = None
-    """A time said before the verb; it holds for what follows with "and", too."""
+    """A time before the verb; it also holds for what follows with "and"."""
 
 
 _when = ~lit(",") + span
@@ -178,7 +178,7 @@ def parse(
     frame: float = 0,
     copies: Mapping[SelectKind, SelectKind] | None = None,
 ) -> tuple[Operation, ...]:
-    """The operations that `sentence` asks for, in order; selections are as said, not yet looked up in a scene.
+    """Return the operations that `sentence` asks for, in order; selections are words, not yet resolved in a scene.
 
     `labels` and `names`: words that the scene knows and selections that have a name. The clip has `frames` frames, `fps` a second,
     of which `frame` is the present one; `selected`: there is something that "it" can be; `copies`: those of earlier sentences ->
@@ -311,7 +311,7 @@ _UNKNOWN_WAYS = (
         "Nobody is found by what is '{words}' it; say for example 'the left one' or 'the nearest one'.",
     ),
 )
-"""Phrases that no command has, and what is told of them; the words before which reading ended are no fault of their own."""
+"""Phrases that no command has, and the reason given for each; the words before which reading ended are no fault of their own."""
 
 
 def _not_understood(reading: Reading) -> tuple[str, bool]:
@@ -370,7 +370,7 @@ _beginnings = [
 
 
 def _lacking(reading: Reading) -> str:
-    """What the last command of a sentence lacks."""
+    """Return what the last command of a sentence lacks, as part of a message."""
     end = len(reading.tokens)
     for at in range(end):
         for command, verb, verb_and_who in _beginnings:

@@ -79,7 +79,7 @@ class SentenceContext:
         return self.last or Current()
 
     def one(self) -> SelectKind:
-        """What "the left one" is one of: the kind of the last thing named, a thing and its copies after copying."""
+        """Return the kind that "the left one" picks from: that of the last thing named, after copying with its copies."""
         select = self.it("'one'")
         if isinstance(select, Named) and select.name in self.copies:
             return together((self.copies[select.name], select))
@@ -96,7 +96,7 @@ class SentenceContext:
         return replace(operation, name=name), self.one() if operation.count == 1 else self.last
 
     def and_copies(self, select: SelectKind) -> SelectKind:
-        """A thing said in the plural: with the copies that the sentence made of it."""
+        """Return the selection of a plural noun: the object and the copies that the sentence made of it."""
         return together((select, *(Named(name) for name, who in self.copies.items() if who == select)))
 
 
@@ -154,7 +154,7 @@ multiple = either(
 
 
 class Amount(NamedTuple):
-    """How much: a little, much, times, a fraction more or less, or to a fraction."""
+    """An amount: a little, much, times, a fraction more or less, or to a fraction."""
 
     kind: str
     """`small`, `large`, `times`, `fraction`, `to`."""
@@ -181,7 +181,7 @@ amount = either(
     ~lit("by") + multiple >> (lambda x: Amount("times", x)),
 )
 SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
-"""Factors up and down: a bit, much, and when nothing is said."""
+"""Factors up and down: a bit, much, and without a degree."""
 
 
 def factor(how: Amount | None, upward: bool) -> float:
@@ -296,7 +296,7 @@ class Span(NamedTuple):
     end: TimeExpression | None
     """None: open."""
     kind: str = "range"
-    """`moment`: only its start was said; `length`: only how long; `always`."""
+    """`moment`: only the start is given; `length`: only the length; `always`."""
 
 
 _unit = table(
@@ -380,7 +380,7 @@ class When:
     """A span settled against the clip, in the words of each operation."""
 
     frames: tuple[float, float | None] | None = None
-    """None: nothing was said."""
+    """None: no time is given."""
     kind: str = "range"
     """As in `Span`."""
 
@@ -428,7 +428,7 @@ class When:
         return {"at": self.frames[0]} | ({} if self.frames[1] is None else {"until": self.frames[1]})
 
     def none(self, what: str) -> dict[str, Any]:
-        """No field; Refusal when a time was said."""
+        """Return no field; raises Refusal where the sentence names a time."""
         if self.frames is not None:
             raise Refusal(f"{what} is for the whole clip; leave the time out.")
         return {}
@@ -854,14 +854,14 @@ Unit = Literal["world", "size"]
 
 
 class Distance(NamedTuple):
-    """How far, in `unit`."""
+    """A distance in `unit`."""
 
     value: float
     unit: Unit = "size"
 
 
 Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...]
-"""(distance said before, direction, distance said behind) of each step of a way."""
+"""(distance before, direction, distance behind) of each step of a way."""
 _body = lit("size|sizes|width|widths|body width|body widths|height|length|lengths|body length|body lengths")
 distance = either(
     degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),

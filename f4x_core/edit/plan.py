@@ -55,7 +55,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What a sentence may come to."""
+    """The candidate edits for one sentence, and the judge's choice."""
 
     sentence: str
     """What was typed."""
@@ -87,7 +87,7 @@ def propose(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Proposal:
-    """What `sentence` means in `scene` with its present edits, in up to `candidates` variants of which the judge chooses.
+    """Resolve `sentence` in `scene` with its present edits into up to `candidates` variants, of which the judge chooses.
 
     With `server` its model reads the sentence (and, where it sees pictures, chooses), and the grammar does where it fails.
     Raises F4xError (`language.Refusal` with the nearest commands): not understood, nobody there to edit, a time outside.
@@ -178,7 +178,7 @@ def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:
 
 
 def preview(scene: Scene, candidate: Candidate) -> Scene:
-    """The scene as it would be, edited; nothing is written."""
+    """Return the scene with `candidate` applied; nothing is written."""
     return with_operations(scene, *candidate.operations, sentence=candidate.sentence)
 
 

@@ -83,7 +83,7 @@ class Resolver:
     ) -> tuple[Operation, ...]:
         """The operations of one sentence, each resolved in the scene that those before it leave.
 
-        Words mean what answers to them before the sentence, and the same thing each time they are said: a copy is no second dog.
+        Words mean what they match before the sentence, and the same each time they occur: a copy is no second dog.
         Every single one has to be answered; `Absent` names the one that is not.
         """
         self._before, self._resolved = scene, {}
@@ -95,7 +95,7 @@ class Resolver:
         return tuple(settled)
 
     def resolve(self, scene: Scene, operation: Operation, tidy: bool = False) -> Operation:
-        """As the function of this name; `tidy` leaves out small stray components of what words select."""
+        """Resolve one operation, as the function `resolve` does; `tidy` leaves out small stray components of what words select."""
         _check_times(scene, operation, self.context.frame)
         if isinstance(operation, Rekey):
             return operation

@@ -45,7 +45,7 @@ class Moving(Select):
 
 @dataclass(frozen=True)
 class Current(Select):
-    """What the caller has selected at present: "it", "this", "the selection"."""
+    """The caller's current selection: "it", "this", "the selection"."""
 
     TAG = "current"
 
@@ -108,7 +108,7 @@ class Ids(Select):
 
 @dataclass(frozen=True)
 class Text(Select):
-    """What words mean, by the scene's feature field (`query.prompts.select_by_text`)."""
+    """Gaussians that words mean, by the scene's feature field (`query.prompts.select_by_text`)."""
 
     TAG = "text"
     labels: tuple[str, ...]
@@ -167,7 +167,7 @@ class Instance(Select):
 
 @dataclass(frozen=True)
 class And(Select):
-    """What all of them choose."""
+    """Intersection of selections."""
 
     TAG = "and"
     of: tuple[SelectKind, ...]
@@ -176,7 +176,7 @@ class And(Select):
 
 @dataclass(frozen=True)
 class Or(Select):
-    """What any of them chooses."""
+    """Union of selections."""
 
     TAG = "or"
     of: tuple[SelectKind, ...]

@@ -21,7 +21,7 @@ UNDONE = "undone"
 MAX_EDITS = 200
 """Edits of one stack: each may read the one before it, so that they nest as deep as there are edits."""
 MAX_SENTENCE_LENGTH = 2000
-"""Letters kept of what somebody said."""
+"""Characters kept of a person's sentence."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Edit:
             raise F4xError(f"said has {len(self.sentence)} letters; keep at most {MAX_SENTENCE_LENGTH}.")
 
     def titled(self, number: int) -> str:
-        """How sentences call it as the edit `number` (from 1) of its stack: "edit 3 (recolour)"."""
+        """Return its name in messages as the edit `number` (from 1) of its stack: "edit 3 (recolour)"."""
         return f"edit {number} ({self.operation.TAG})"
 
     def to_json(self) -> dict[str, Any]:
@@ -55,7 +55,7 @@ class Edit:
 
     @classmethod
     def from_json(cls, data: object, where: str) -> Edit:
-        """What `to_json` gave; F4xError begins with `where`."""
+        """Read the JSON of `to_json`; F4xError begins with `where`."""
         if not isinstance(data, Mapping):
             raise F4xError(f"{where}: it is no JSON object; write {{...}}.")
         rest = dict(data)
@@ -92,7 +92,7 @@ class EditStack:
 
     @classmethod
     def from_json(cls, edits: Sequence[object], where: str) -> EditStack:
-        """What `to_json` gave, with nothing to redo; F4xError begins with `where`."""
+        """Read the JSON of `to_json`, with nothing to redo; F4xError begins with `where`."""
         return _read(edits, (), where)
 
     def position(self, id: int) -> int:

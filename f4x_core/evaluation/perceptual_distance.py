@@ -69,7 +69,7 @@ def _distance(image: np.ndarray, target: np.ndarray, spatial: bool) -> np.ndarra
 
 @cache
 def _load(spatial: bool) -> nn.Module | str:
-    """The network, or why there is none; `spatial`: it gives a map of distances in place of their mean."""
+    """Return the network, or the reason there is none; with `spatial` it gives a map of distances, not their mean."""
     try:
         from lpips import LPIPS
     except Exception as error:  # torchvision beside another build of torch fails in many ways

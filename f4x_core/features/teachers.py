@@ -29,7 +29,7 @@ class Teacher(Protocol):
     """
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """What the maps of pictures of this size are."""
+        """Return the spec of the maps of images of this size."""
         ...
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:

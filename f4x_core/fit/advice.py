@@ -364,7 +364,7 @@ def _about_camera(priors: Priors) -> list[Finding]:
 
 
 def _about_lens(priors: Priors) -> list[Finding]:
-    """What the search for the focal length tells, where there was one (`statistics["cameras"]`)."""
+    """Findings from the search for the focal length, where there was one (`statistics["cameras"]`)."""
     known = priors.statistics.get("cameras", {})
     search = known.get("pan_focal_search" if priors.camera_kind == "pan" else "focal_search", {})
     focals, errors = (np.array(search.get(name, []), np.float64) for name in ("focal_over_width", "error_px"))

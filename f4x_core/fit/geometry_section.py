@@ -98,7 +98,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _movers(movers: Sequence[Mapping[str, Any]]) -> str:
-    """What decided the depth of each moving object."""
+    """HTML table of what decided the depth of each moving object."""
     if not movers:
         return ""
     rows = []

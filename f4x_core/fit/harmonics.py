@@ -42,7 +42,7 @@ MIN_NOISE = 1e-6
 
 
 class Band(NamedTuple):
-    """What one more degree would bring."""
+    """Coefficients and gain of one more degree of the harmonics."""
 
     gain: float
     """PSNR (dB) on left-out frames, against what a change of the plain colours alone brings."""

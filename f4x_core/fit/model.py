@@ -80,7 +80,7 @@ class CameraRig:
 
 @dataclass
 class NodeSet:
-    """The scaffold as it is optimised.
+    """The scaffold during optimisation.
 
     `parameters`: `node_xyz` (F,M,3), `node_quat` (F,M,4), `radius_logit` (M,), all requiring grad. The graph is numpy-side
     state: `scaffold` holds neighbours, masks, ids and certainty and is refreshed from the parameters when it is rebuilt.

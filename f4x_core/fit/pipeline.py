@@ -123,7 +123,7 @@ class ClipFit:
         return start_fit(self.clip, priors, self.config, self.progress)
 
     def finish(self, trainer: Trainer) -> FitResult:
-        """What the trainer has learnt."""
+        """Return the scene of the trained model."""
         return finish_fit(trainer, self.seconds)
 
 
@@ -198,7 +198,7 @@ def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> Fit
 
 
 def _provenance(trainer: Trainer) -> dict[str, Any]:
-    """Who made what with which settings.
+    """Return the scene's provenance: clip, settings and providers.
 
     Wall times stay out of the scene: the same clip, settings and seed give the same file.
     """

@@ -73,7 +73,7 @@ class FrozenBackground:
     """(H,W) bool by supervised frame: pixels that it shows rightly."""
 
     def with_own(self, static: StaticSet) -> StaticSet:
-        """The window's whole background: what stayed, then its own."""
+        """The window's whole background: the Gaussians that stayed, then its own."""
         parts = self.world.arrays(), static.arrays()
         return StaticSet(**{name: np.concatenate([part[name] for part in parts]) for name in parts[1]})
 
@@ -204,7 +204,7 @@ class PreviousWindow:
     def background(
         self, clip: Clip, priors: Priors, rows: np.ndarray, margin: int, backend: str = "auto"
     ) -> FrozenBackground:
-        """What stays of the earlier background, judged by the frames `rows` (indices into F) of placed priors.
+        """Return the part of the earlier background that stays, judged by the frames `rows` (indices into F) of placed priors.
 
         `margin`: pixels around the moving mask in which nothing is judged.
         """
@@ -281,7 +281,7 @@ class WindowFit(ClipFit):
         return config_hash(super().settings_hash(), self.previous.digest)
 
     def known_depth(self) -> np.ndarray:
-        """What the scene before shows."""
+        """Depth that the earlier scene shows."""
         return self.previous.depth(self.clip, self.config.backend)
 
     def make_priors(self) -> Priors:
@@ -299,7 +299,7 @@ class WindowFit(ClipFit):
         return start_fit(self.clip, priors, config, self.progress, frozen, self.background.explained, first_id)
 
     def finish(self, trainer: Trainer) -> FitResult:
-        """What was learnt, with the background that stayed and the ids of the nodes that go on."""
+        """Return the trained scene, with the background that stayed and the ids of the nodes that continue."""
         result = super().finish(trainer)
         scaffold = result.scene.scaffold
         scene = replace(

@@ -40,7 +40,7 @@ def moving_tracks(priors: Priors) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Start:
-    """What the tracks of what moves give before anything is drawn."""
+    """Start of the dynamic part, from tracks alone, before anything is rendered."""
 
     scaffold: Scaffold | None
     """None when no moving track can be lifted."""

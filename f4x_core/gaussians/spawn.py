@@ -74,7 +74,7 @@ class Spawned:
 
 
 def spawn_that_fits(spawn: Callable[[SpawnConfig], Made], config: SpawnConfig) -> tuple[Made, SpawnConfig]:
-    """What `spawn` makes of `config`, or of one of the least larger spacing with which it has room in `config.max_count`.
+    """Run `spawn` with `config`, or with a larger spacing where it would exceed `config.max_count`.
 
     Returns it with the config that made it. `spawn(config)` makes something whose length is its number of Gaussians.
     """

@@ -232,7 +232,7 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
 
 
 def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
-    """What `adjust` minimises, per observation (px^2): robust squared error, and what is believed beforehand."""
+    """Cost that `adjust` minimises, per observation (px^2): robust squared error and priors."""
     problem = _Problem.of(bundle, bundle.center[len(bundle.center) // 2], _unit(bundle)).centred()
     cost = _cost(problem, observations, config)
     return (cost + _prior_cost(problem, config, cost)) / max(len(observations.frame), 1)

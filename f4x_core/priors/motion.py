@@ -409,7 +409,7 @@ def _densify(
 
 
 def _align_static(clip: Clip, priors: Priors) -> None:
-    """Take the drift out of the tracks of what stands still; tracks that the user gave stay as they are."""
+    """Remove the drift from static tracks; tracks that the user gave stay unchanged."""
     assert priors.tracks is not None and priors.tracks_visible is not None and priors.tracks_motion is not None
     if priors.provenance.get("tracks", {}).get("provider") in ("user", "files"):
         return

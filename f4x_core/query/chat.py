@@ -113,7 +113,7 @@ class ChatServer:
 
 
 def _complaint(error: urllib.error.HTTPError) -> str:
-    """What a server wrote about its refusal, on one line; nothing when that cannot be read either."""
+    """Return the server's reason for a refusal, on one line; empty where it cannot be read."""
     try:
         return " ".join(error.read(MAX_ANSWER_BYTES).decode(errors="replace").split())
     except (OSError, http.client.HTTPException):

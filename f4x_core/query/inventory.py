@@ -38,7 +38,7 @@ def labels_of(scene: Scene) -> list[str]:
 
 
 def find(scene: Scene, label: str, encode: Encode | None = None) -> Selection:
-    """Whom `label` means, nobody where its thing is not there: `select_by_text`.
+    """Select by one label with `select_by_text`; the selection is empty where the scene does not show its object.
 
     Without a null vector scores say which word rather than whether one, so the label is weighed against the whole vocabulary.
     """

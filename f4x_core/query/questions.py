@@ -51,7 +51,7 @@ PEOPLE = {"minilm": r"person|people|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|ki
 
 @dataclass(frozen=True)
 class Sighting:
-    """What the Gaussians of one thing tell over the views."""
+    """Place, size and motion of one object over the views."""
 
     label: str
     """The thing."""
@@ -60,7 +60,7 @@ class Sighting:
     best: float
     """Largest score of any Gaussian for the label, 0..1."""
     share: float = 0.0
-    """Largest share of the picture, 0..1."""
+    """Largest fraction of the picture, 0..1."""
     time: float = 0.0
     """Clip time of the view in which it is largest."""
     place: str = ""
@@ -198,7 +198,7 @@ def look(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> list[Sighting]:
-    """What `views` show of the selections `found`, and how they move over the clip `times (K,)`; in the given order."""
+    """Measure the selections `found` in `views`, and how they move over the clip `times (K,)`; in the given order."""
     chosen = np.stack([selection.chosen for selection in found.values()], 1)  # (N,n)
     masks: list[np.ndarray] = []  # per view (n,H,W)
     depths: list[np.ndarray] = []
@@ -326,7 +326,7 @@ def _word_of(scene: Scene, name: str) -> str:
 
 
 def _note(scene: Scene, name: str, word: str) -> str:
-    """What looking for `word` leaves open about `name`."""
+    """Return the note about the part of `name` that a search for `word` leaves open."""
     if len(word.split()) < len(name.split()):
         return f"I looked for {word} alone: what is {name.rsplit(maxsplit=len(word.split()))[0]} I cannot tell."
     unknown = PEOPLE.get(text_head(scene).spec.text_encoder or "")

@@ -203,7 +203,7 @@ _SIDES = {"center": "middle", "centre": "middle"}
 
 
 def read_question(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
-    """What `question`, one or several joined by "and", wants to know of a clip of so many `frames`.
+    """Parse `question`, one or several joined by "and", about a clip of `frames` frames.
 
     Raises F4xError: a time beyond the clip; `Unanswerable`: what no form fits.
     """

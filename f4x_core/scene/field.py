@@ -173,7 +173,7 @@ class FeatureField:
         )
 
     def spec(self, name: str) -> FeatureSpec:
-        """What the features of a head mean."""
+        """Meaning of the features of a head."""
         return self.head(name).spec
 
     def decode(self, name: str, latent: np.ndarray) -> np.ndarray:
@@ -227,7 +227,7 @@ class FeatureField:
         return arrays | {f"vocabulary/{name}": words.vectors for name, words in self.vocabularies.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """What scene.json says about the field, under `features`."""
+        """Return the entry `features` of scene.json."""
         heads = [
             {
                 "spec": head.spec.to_json(),

@@ -1,4 +1,4 @@
-"""Opening whatever a person points at: told by what is in the file, not by its name.
+"""Opening whatever a person points at: recognised by the content of the file, not by its name.
 
 Splats of other programs become scenes in which nothing moves, or a sequence of them. Whatever else it is, the answer
 is one sentence that says so and what to do with it. Coordinates and unit stay the file's own.
@@ -125,7 +125,7 @@ def open_any(path: Path | str, sequence: bool = True) -> Scene | SplatSequence:
 
 
 def identify(path: Path | str, sequence: bool = True) -> Kind:
-    """What `open_any` would open: told by content. Raises F4xError for everything else, in one sentence."""
+    """Identify by content what `open_any` would open. Raises F4xError for everything else, in one sentence."""
     path = Path(path)
     try:
         if path.is_dir():

@@ -108,7 +108,7 @@ class _Background:
 
 @dataclass
 class _Moving:
-    """What moves in the windows, as they come in."""
+    """Dynamic Gaussians and scaffolds of the windows, one window after the other."""
 
     windows: Sequence[tuple[int, int]]
     spans: np.ndarray
@@ -162,7 +162,7 @@ class _Moving:
 
 @dataclass
 class _Path:
-    """The cameras of the windows, as they come in; over shared frames one goes over into the other."""
+    """Cameras of the windows, one window after the other; over shared frames they blend into each other."""
 
     windows: Sequence[tuple[int, int]]
     size: tuple[int, int] = (0, 0)

@@ -104,7 +104,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """How a stage is drawn, apart from what is on it."""
+    """Settings of drawing a stage, independent of its content."""
 
     near: float = 0.01
     """Minimum camera z that is drawn, above 0."""
@@ -192,7 +192,7 @@ def draw(
 
 
 def _fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
-    """The rasteriser's constants with which the largest cloud whose fit is known looks as it was fitted."""
+    """Return the rasteriser's constants of the largest cloud whose fit is known."""
     from ..raster import RasterConfig
 
     known = [cloud for cloud in clouds if cloud.fitted_focal is not None]
@@ -226,7 +226,7 @@ def _features(cloud: Cloud, camera: Camera, widths: Mapping[str, int], numbers: 
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """What lies behind the Gaussians at every pixel."""
+    """Surfaces and world behind the Gaussians, per pixel."""
 
     rgb: np.ndarray
     """(H,W,3) sRGB."""
@@ -259,7 +259,7 @@ class _Ground:
         if there.any():
 
             def of_triangles(values) -> np.ndarray:
-                """What the triangle seen at each covered pixel has, from one value or (T,...) of each surface."""
+                """Values of the triangle at each covered pixel, from one value or (T,...) of each surface."""
                 parts = [
                     np.broadcast_to(v, (len(s.triangles), *np.shape(v)[1:]))
                     for s, v in zip(surfaces, values, strict=True)
