@@ -169,7 +169,7 @@ class _Path:
 
     def __post_init__(self) -> None:
         frames = self.windows[-1][1] - self.windows[0][0]
-        self.lens, self.turn = np.zeros((frames, 3, 3)), np.zeros((frames, 4))
+        self.intrinsics, self.turn = np.zeros((frames, 3, 3)), np.zeros((frames, 4))
         self.centre, self.total = np.zeros((frames, 3)), np.zeros(frames)
 
     def add(self, cameras: CameraPath, span: np.ndarray, start: int) -> None:
@@ -179,7 +179,7 @@ class _Path:
         weight = np.maximum([presence(span[None], start + t)[0] for t in range(len(cameras))], 1e-6)
         turn, centre = pose.invert(*pose.from_matrix(cameras.world_to_camera))
         turn = turn * np.where((self.turn[rows] * turn).sum(-1, keepdims=True) < 0, -1, 1)
-        self.lens[rows] += weight[:, None, None] * cameras.intrinsics
+        self.intrinsics[rows] += weight[:, None, None] * cameras.intrinsics
         self.turn[rows] += weight[:, None] * turn
         self.centre[rows] += weight[:, None] * centre
         self.total[rows] += weight
@@ -188,7 +188,7 @@ class _Path:
         """One camera per frame."""
         inverse = pose.invert(quaternion.normalize(self.turn), self.centre / self.total[:, None])
         times = self.windows[0][0] + np.arange(len(self.total), dtype=np.float64)
-        return CameraPath(self.lens / self.total[:, None, None], pose.to_matrix(*inverse), times, *self.size)
+        return CameraPath(self.intrinsics / self.total[:, None, None], pose.to_matrix(*inverse), times, *self.size)
 
 
 def _concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Gaussians:

@@ -134,13 +134,13 @@ def test_eval_measures_it_or_says_why_not(package, weights, tmp_path, capsys):
     write_images(tmp_path / "clip", world.clip.frames)
     command = ["eval", str(tmp_path / "scene.f4x"), "--clip", str(tmp_path / "clip")]
     assert main(command) == 0
-    told = capsys.readouterr().out
-    assert "used_lpips: " in told and "held_out_lpips: " in told and "not run" not in told
+    reported = capsys.readouterr().out
+    assert "used_lpips: " in reported and "held_out_lpips: " in reported and "not run" not in reported
     weights.unlink()
     perceptual_distance._load.cache_clear()
     assert main(command) == 0
-    told = capsys.readouterr().out
-    assert "_lpips" not in told and told.splitlines()[-1].startswith("LPIPS: not run; no weights")
+    reported = capsys.readouterr().out
+    assert "_lpips" not in reported and reported.splitlines()[-1].startswith("LPIPS: not run; no weights")
 
 
 def test_protocols_and_fits_have_the_column_where_it_runs_and_only_there(package, weights, tmp_path):
