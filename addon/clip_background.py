@@ -41,12 +41,12 @@ def show_clip(
     when `picked` says which of its pictures they are. Raises F4xError for what is neither.
     """
     if clip.is_dir():
-        pictures = find_layout(clip).images
-        if not _fits(exact, picked, len(pictures), len(frames)):
+        images = find_layout(clip).images
+        if not _fits(exact, picked, len(images), len(frames)):
             return False
-        image = _image(pictures[0])
+        image = _image(images[0])
         image.source = "SEQUENCE"
-        first, count = _first_number(pictures), len(pictures)
+        first, count = _first_number(images), len(images)
     elif clip.suffix.lower() in FILMS | SUFFIXES:
         image = _image(clip)
         first, count = 1, image.frame_duration
@@ -72,11 +72,11 @@ def show_clip(
     return True
 
 
-def _fits(exact: bool, picked: range | None, pictures: int, frames: int) -> bool:
+def _fits(exact: bool, picked: range | None, image_count: int, frames: int) -> bool:
     """Whether it is known which image belongs to which frame, or the assignment does not have to be `exact`."""
     if picked is not None:
-        return len(picked) == frames and picked[-1] < pictures
-    return not exact or pictures == frames
+        return len(picked) == frames and picked[-1] < image_count
+    return not exact or image_count == frames
 
 
 def _skip(data: bpy.types.Camera, user: bpy.types.ImageUser, frames: np.ndarray, step: int) -> None:
@@ -94,13 +94,13 @@ def _image(file: Path) -> bpy.types.Image:
         raise F4xError(f"{file} cannot be read as an image or a video; choose another clip.") from error
 
 
-def _first_number(pictures: list[Path]) -> int:
+def _first_number(images: list[Path]) -> int:
     """The number in the first file name. F4xError unless the numbers are consecutive, as Blender's image sequences need."""
-    digits = [name[len(name.rstrip("0123456789")) :] for name in (picture.stem for picture in pictures)]
+    digits = [name[len(name.rstrip("0123456789")) :] for name in (image.stem for image in images)]
     if not all(digits) or [int(number) for number in digits] != list(
         range(int(digits[0]), int(digits[0]) + len(digits))
     ):
         raise F4xError(
-            f"{pictures[0].parent}: the images are not numbered consecutively, as Blender needs them; rename them."
+            f"{images[0].parent}: the images are not numbered consecutively, as Blender needs them; rename them."
         )
     return int(digits[0])

@@ -22,7 +22,7 @@ from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.errors import F4xError
 from . import session
 from .evaluated import HIDDEN
-from .gaussian_attributes import write_looks, write_places
+from .gaussian_attributes import write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
 
@@ -113,17 +113,17 @@ def _set_up_separate_cloud(root: bpy.types.Object, display: Display) -> None:
 def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
     """Write the point attributes of the current frame; without `everything`, only those that have changed."""
     frame = session.frame_of(root)
-    looks = display.appearance(frame)
-    gone = looks.opacities == 0
+    appearance = display.appearance(frame)
+    gone = appearance.opacities == 0
     key = repr(display.appearance_key(frame))
     everything = everything or root.get(LOOKS) != key
     root[LOOKS] = key
     elsewhere = gone.copy()
     elsewhere[display.apart] = True
     if hasattr(root, "f4x") and root.f4x.show_score:
-        looks = by_score(looks, session.read(root, session.SCORE))
+        appearance = by_score(appearance, session.read(root, session.SCORE))
     for cloud, at, row in session.points(root):
-        data, opacities = cloud.data, looks.opacities[row]
+        data, opacities = cloud.data, appearance.opacities[row]
         if len(at) < len(data.points):  # an artist joined it with something else
             continue
         if session.APART in cloud:
@@ -137,7 +137,7 @@ def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
             write_attribute(data, GONE, "BOOLEAN", elsewhere[row])
         else:
             continue
-        write_looks(data, quats, looks.sh[row], opacities)
+        write_appearance(data, quats, appearance.sh[row], opacities)
         data.update_tag()
     _add_visibility_modifier(session.clouds_of(root))
 

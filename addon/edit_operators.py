@@ -62,7 +62,7 @@ class _Edit(SceneOperator):
     """An operator that appends one operation on the selection."""
 
     def operation(self, root: bpy.types.Object) -> Operation:
-        """What to append."""
+        """Return the operation to append."""
         raise NotImplementedError
 
     def act(self, context, root):
@@ -356,7 +356,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             row = state.readings.add()
             row.name = candidate.why or "as said"
             row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
-            row.told = "\n".join(describe(operation) for operation in candidate.operations)
+            row.description = "\n".join(describe(operation) for operation in candidate.operations)
         state.answer = " ".join(proposal.notes)
         state.reading_index = proposal.best
         state.preview = True

@@ -20,7 +20,7 @@ def write_places(cloud: bpy.types.PointCloud, means: np.ndarray, rotation: np.nd
     write_attribute(cloud, "radius", "FLOAT", np.prod(scale, axis=1) ** (1 / 3))
 
 
-def write_looks(cloud: bpy.types.PointCloud, rotation: np.ndarray, sh: np.ndarray, opacity: np.ndarray) -> None:
+def write_appearance(cloud: bpy.types.PointCloud, rotation: np.ndarray, sh: np.ndarray, opacity: np.ndarray) -> None:
     """Write harmonics `sh (N,S,3)`, in the Gaussians' own frames which `rotation (N,4)` turns, and `opacity (N,)`."""
     sh = spherical_harmonics.rotate(sh, rotation)  # own frame -> the object's frame
     rgb = np.clip(spherical_harmonics.rgb_from_dc(sh[:, 0]), 0.0, 1.0)

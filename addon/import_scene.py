@@ -36,7 +36,7 @@ from . import display, session
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, show_clip
-from .gaussian_attributes import FITTED_FOCAL, write_looks, write_places
+from .gaussian_attributes import FITTED_FOCAL, write_appearance, write_places
 from .motion_edits import mark_keyed
 from .motion_nodes import build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
@@ -174,10 +174,10 @@ def _latent_colors(scene: Scene) -> tuple[np.ndarray | None, np.ndarray | None]:
     if scene.features is None or scene.features.pca is None:
         return None, None
     count = len(scene.static)
-    shares = scene.features.pca.to_unit_range(
+    rgb = scene.features.pca.to_unit_range(
         scene.latents()[: count + len(scene.dynamic)]
     )  # copies of edits come after them
-    return shares[:count], shares[count:]
+    return rgb[:count], rgb[count:]
 
 
 def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.Object:
@@ -188,7 +188,7 @@ def _add_gaussians(name, gaussians, latent, collection, material) -> bpy.types.O
         return item
     quats = quaternion.normalize(gaussians.quats)
     write_places(cloud, gaussians.means, quats, gaussians.scales)
-    write_looks(cloud, quats, gaussians.sh, gaussians.opacities)
+    write_appearance(cloud, quats, gaussians.sh, gaussians.opacities)
     write_attribute(cloud, "gid", "INT", gaussians.ids)
     if latent is not None:
         write_attribute(cloud, "f4x_latent", "FLOAT_VECTOR", latent)

@@ -43,7 +43,7 @@ class _MotionOperator(bpy.types.Operator):
         return {"FINISHED"}
 
     def act(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
-        """What the operator does."""
+        """Run the operator."""
         raise NotImplementedError
 
 

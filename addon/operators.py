@@ -117,10 +117,10 @@ class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
         assert root is not None  # polled
         camera = next(item for item in root.children if item.type == "CAMERA")
         clip = Path(bpy.path.abspath(self.filepath))
-        pictures = clip.parent if clip.suffix.lower() in bpy.path.extensions_image else clip
+        images = clip.parent if clip.suffix.lower() in bpy.path.extensions_image else clip
         scene = context.scene
         try:
-            show_clip(camera, pictures, np.arange(scene.frame_start, scene.frame_end + 1))
+            show_clip(camera, images, np.arange(scene.frame_start, scene.frame_end + 1))
         except F4xError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -110,7 +110,7 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
                 )
                 button.number = number
             if picked:
-                draw_lines(box, context, reading.told)
+                draw_lines(box, context, reading.description)
         row = box.row(align=True)
         row.operator("f4x.apply_plan", icon="CHECKMARK")
         row.prop(state, "preview", text="", icon="HIDE_OFF" if state.preview else "HIDE_ON")

@@ -72,7 +72,7 @@ class F4X_PG_reading(bpy.types.PropertyGroup):  # noqa: N801
     """One reading of the sentence; `name` says how it differs from the first one."""
 
     operations: StringProperty()  # type: ignore[valid-type]
-    told: StringProperty()  # type: ignore[valid-type]
+    description: StringProperty()  # type: ignore[valid-type]
 
 
 class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801

@@ -17,7 +17,7 @@ from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.progress import Progress
 from ..f4x_core.query.labels import spellings, words_of
-from ..f4x_core.query.neighbourhood import grown, meeting, shrunk
+from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
 from ..f4x_core.query.selection import Selection
 from . import display, marking, session
@@ -337,7 +337,7 @@ class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
         """Use the positions of the Gaussians at the current frame."""
         shown, chosen = session.shown(root), session.read(root, session.SELECTED)
         if self.how in ("GROW", "SHRINK"):
-            change = grown if self.how == "GROW" else shrunk
+            change = grow_selection if self.how == "GROW" else shrink_selection
             points = shown.scene.posed(session.frame_of(root)).means
             chosen[shown.there] = change(points[shown.there], chosen[shown.there], self.reach or root.f4x.reach)
         else:

@@ -71,7 +71,7 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
 
 
 class F4X_PT_film(bpy.types.Panel):  # noqa: N801
-    """What lies behind everything."""
+    """Panel with the switch between the world's colour and a transparent film."""
 
     bl_label = "Film"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
@@ -84,7 +84,7 @@ class F4X_PT_film(bpy.types.Panel):  # noqa: N801
 
 
 class Feature4XRenderEngine(bpy.types.RenderEngine):
-    """Draws Gaussians as the core does; other surfaces occlude them and show a flat colour."""
+    """Render engine that draws Gaussians as the core does; other surfaces occlude them and show a flat colour."""
 
     bl_idname = "FEATURE4X"
     bl_label = "Feature4X"
@@ -131,13 +131,13 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         transparent = scene.render.film_transparent
         background = None if transparent else evaluated.world_color(scene.world)
 
-        def finish(pictures: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-            """What Blender calls the passes, and its depth."""
-            if "depth" in pictures:
-                there = pictures["depth"] < stage.NOTHING
-                pictures["depth"] = np.where(there, pictures["depth"] - seen.back, stage.NOTHING)
-            named = {_PASSES[name][0]: pictures[name] for name in passes}
-            return {"Combined": _combined(pictures, transparent)} | named
+        def finish(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+            """Rename the passes for Blender and convert depth."""
+            if "depth" in images:
+                there = images["depth"] < stage.NOTHING
+                images["depth"] = np.where(there, images["depth"] - seen.back, stage.NOTHING)
+            named = {_PASSES[name][0]: images[name] for name in passes}
+            return {"Combined": _combined(images, transparent)} | named
 
         written = stage.draw(
             _as_seen(clouds, seen),
@@ -188,8 +188,8 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         seen = eye(projection, world_to_view, *size)
         clouds, surfaces, background = self._stage
         settings = stage.DrawSettings(seen.near, seen.far, background)
-        pictures = stage.draw(_as_seen(clouds, seen), surfaces, seen.camera, settings)
-        flat = np.ascontiguousarray(_combined(pictures, transparent=False)[::-1], np.float32).ravel()
+        images = stage.draw(_as_seen(clouds, seen), surfaces, seen.camera, settings)
+        flat = np.ascontiguousarray(_combined(images, transparent=False)[::-1], np.float32).ravel()
         return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
 
 
@@ -213,9 +213,9 @@ def _region(render: bpy.types.RenderSettings, width: int, height: int) -> tuple[
     return slice(height - top, height - bottom), slice(left, right)
 
 
-def _combined(pictures: dict[str, np.ndarray], transparent: bool) -> np.ndarray:
+def _combined(images: dict[str, np.ndarray], transparent: bool) -> np.ndarray:
     """(H,W,4) linear light; with a transparent film the colour under the alpha is what is linearised, then premultiplied."""
-    rgb, alpha = pictures["rgb"], pictures["alpha"][..., None]
+    rgb, alpha = images["rgb"], images["alpha"][..., None]
     if not transparent:
         return np.concatenate([linear_from_srgb(rgb), np.ones_like(alpha)], -1)
     straight = rgb / np.where(alpha > 0, alpha, 1)
@@ -232,7 +232,7 @@ def _shared_panels() -> list[type]:
 
 
 def register() -> None:
-    """What the classes need besides their registration."""
+    """Register the pass settings and show Blender's shared panels for this engine."""
     bpy.types.ViewLayer.f4x_passes = PointerProperty(type=F4X_PG_passes)
     for panel in _shared_panels():
         panel.COMPAT_ENGINES.add(Feature4XRenderEngine.bl_idname)

@@ -28,8 +28,8 @@ import numpy as np
 from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.edit.display import Display
 from ..f4x_core.edit.operations import Operation, read_operation
-from ..f4x_core.edit.resolve import Context, resolve
-from ..f4x_core.edit.selects import LONGEST_WORDS, Ids
+from ..f4x_core.edit.resolve import EditorState, resolve
+from ..f4x_core.edit.selects import MAX_WORDS_LENGTH, Ids
 from ..f4x_core.edit.stack import UNDONE, EditStack, merge, read_stack, with_stack, write_stack
 from ..f4x_core.errors import F4xError
 from ..f4x_core.query.calibration import prepare
@@ -201,7 +201,7 @@ def write(root: bpy.types.Object, **attributes: tuple[str, np.ndarray]) -> None:
 
 
 def selection(root: bpy.types.Object) -> Selection | None:
-    """What is selected among the shown Gaussians, with the scene's time span; None where nothing is."""
+    """Selection among the shown Gaussians, with the scene's time span; None where nothing is selected."""
     chosen = read(root, SELECTED)
     if not chosen.any():
         return None
@@ -210,9 +210,9 @@ def selection(root: bpy.types.Object) -> Selection | None:
     return Selection(ids, chosen.astype(float), np.zeros(len(ids), bool), span=span, label=root.f4x.text)
 
 
-def context_of(root: bpy.types.Object) -> Context:
+def context_of(root: bpy.types.Object) -> EditorState:
     """The selection and the frame that "it" and "now" in a sentence refer to."""
-    return Context(selection(root), frame_of(root))
+    return EditorState(selection(root), frame_of(root))
 
 
 def selected_ids(root: bpy.types.Object) -> Ids:
@@ -222,11 +222,11 @@ def selected_ids(root: bpy.types.Object) -> Ids:
         raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
     ids, state = Ids.of(chosen.chosen_ids), root.f4x
     # points may have been selected in edit mode since, and then they are not what was asked for
-    return replace(ids, words=state.called[:LONGEST_WORDS]) if chosen.chosen.sum() == state.selected else ids
+    return replace(ids, words=state.called[:MAX_WORDS_LENGTH]) if chosen.chosen.sum() == state.selected else ids
 
 
 def append(root: bpy.types.Object, *operations: Operation, sentence: str = "") -> EditStack:
-    """Append operations to the pending stack, resolved as `f4x edit` resolves them; F4xError leaves it as it was."""
+    """Resolve operations as `f4x edit` does and append them to the pending stack; F4xError leaves the stack unchanged."""
     context = context_of(root)
     stack = stack_of(root)
     for operation in operations:

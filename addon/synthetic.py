@@ -42,7 +42,7 @@ HANDHELD_STRIDE = 2  # recorded cameras per clip frame (the recording runs at tw
 
 @dataclass(frozen=True)
 class ClipSettings:
-    """What to render."""
+    """Settings of a rendered clip."""
 
     scene: RenderedScene
     frames: int = 0  # clip frames, times 0..frames-1; 0 = as the scene wants

@@ -43,7 +43,7 @@ Key = tuple[str, tuple[int, ...]]  # object name, place among its instances
 
 @dataclass(frozen=True)
 class TruthSettings:
-    """What to render of a scene that is open."""
+    """Settings of rendering the open scene."""
 
     frames: range
     """Blender frames, step 1; they become clip frames 0, 1, …"""
@@ -164,7 +164,7 @@ def _mark_moving(scene: bpy.types.Scene, settings: TruthSettings) -> set[str]:
         if not first:
             raise F4xError("The scene has no surface that a picture could show; give one with meshes.")
         corners = np.concatenate(list(first.values())).reshape(-1, 3)
-        least = STILL * float(np.linalg.norm(np.ptp(corners, axis=0)))
+        min_move = STILL * float(np.linalg.norm(np.ptp(corners, axis=0)))
         for frame in settings.frames[1:]:
             now = _triangles(scene, frame)
             for key in first.keys() | now.keys():
@@ -173,7 +173,7 @@ def _mark_moving(scene: bpy.types.Scene, settings: TruthSettings) -> set[str]:
                     before is None
                     or after is None
                     or before.shape != after.shape
-                    or np.abs(after - before).max() > least
+                    or np.abs(after - before).max() > min_move
                 ):
                     moving.add(key[0])
     for item in bpy.data.objects:
@@ -247,7 +247,7 @@ def _tree(surfaces: dict[Key, np.ndarray]) -> BVHTree:
 
 
 def _hits(surfaces: dict[Key, np.ndarray], camera, rays: int, random) -> list[tuple[Key, int, np.ndarray]]:
-    """What random pixels of a picture show: surface, triangle and the weights of its corners."""
+    """Surface, triangle and corner weights at random pixels of an image."""
     tree = _tree(surfaces)
     keys, sizes = list(surfaces), [len(triangles) for triangles in surfaces.values()]
     begins = np.cumsum([0, *sizes])

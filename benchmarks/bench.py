@@ -163,7 +163,7 @@ def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             raise F4xError("--times needs --clip CLIP: the clip is fitted anew.")
         if args.clip is not None:
             clip = clip_of_scene(scene, args.clip, args.frames, progress)
-            report |= _pictures(scene, clip, args, progress)
+            report |= _images(scene, clip, args, progress)
             report |= _times(scene, clip, args, progress) if args.times else {}
     if args.sam2 is not None:
         report["sam2"] = _bypass(args, progress)
@@ -239,15 +239,15 @@ def _long(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return {**report, "text": "\n".join([*lines, _as_table({n: v for n, v in report.items() if n != "rows"})])}
 
 
-def _pictures(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """What features change in the pictures, against the scene without them."""
+def _images(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Scores of renders with features against renders of the scene without them."""
     from f4x_core.scene import read_scene
 
-    from .speed.feature_cost import compare_pictures
+    from .speed.feature_cost import compare_renders
 
     scene.require_field()
     plain = read_scene(args.plain) if args.plain is not None else replace(scene, features=None)
-    return compare_pictures(scene, plain, clip, progress=progress)
+    return compare_renders(scene, plain, clip, progress=progress)
 
 
 def _times(scene: Scene, clip: Clip, args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

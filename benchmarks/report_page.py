@@ -91,7 +91,7 @@ def _state(record: Record, source: str) -> str:
 
 
 def _overview(studies: Mapping[str, Record], source: str) -> str:
-    """What failed and what was not measured."""
+    """Table of failed and missing studies."""
     rows = []
     for record in studies.values():
         state = _state(record, source)

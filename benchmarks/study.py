@@ -75,7 +75,7 @@ class Figure:
 
 @dataclass
 class Findings:
-    """What a study found."""
+    """Rows, figures and sentences of a study."""
 
     tables: list[Table] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
@@ -111,7 +111,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Context:
-    """What a study is given."""
+    """Inputs of a study."""
 
     folder: Path
     """Its own folder: steps that are done, scenes that later steps read."""
@@ -135,7 +135,7 @@ class Context:
         return 3 if self.quick else 9
 
     def choose(self, quick: Any, full: Any) -> Any:
-        """One of two values: that of a quick report, or that of the full one."""
+        """Choose between the value of a quick report and that of the full one."""
         return quick if self.quick else full
 
     def step(self, name: str, work: Callable[[], Any], **settings: Any) -> Any:
@@ -168,7 +168,7 @@ class Context:
 
 
 class MissingError(F4xError):
-    """What a study needs is not on this machine; the study is skipped with this sentence."""
+    """Raised where this machine lacks something that a study needs; the study is skipped with this sentence."""
 
 
 def time_rows(

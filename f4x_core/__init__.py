@@ -54,5 +54,5 @@ else:  # hidden from type checkers, for which it would make every name an attrib
         return getattr(import_module(_MODULES[name], __name__), name)
 
     def __dir__() -> list[str]:
-        """What is loaded already, and all that can be."""
+        """Names loaded so far and names that load on first use."""
         return sorted({*globals(), *__all__})

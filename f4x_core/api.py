@@ -13,7 +13,7 @@ import numpy as np
 from .edit import plan
 from .edit.apply import edited
 from .edit.naming import by_words, together
-from .edit.resolve import Context, named
+from .edit.resolve import EditorState, named
 from .geometry.camera import Camera
 from .query.labels import encode_labels, words_of
 from .query.questions import Answer, answer
@@ -119,5 +119,5 @@ def edit_scene(scene: Scene, sentence: str, selection: Selection | None = None, 
         F4xError: a sentence that is not understood (it names the nearest commands), nothing that answers to its words, or
             a time outside the clip.
     """
-    proposal = plan.propose(scene, sentence, Context(selection, time), encode=encode_labels)
+    proposal = plan.propose(scene, sentence, EditorState(selection, time), encode=encode_labels)
     return plan.preview(scene, proposal.chosen)

@@ -2,7 +2,7 @@
 
 
 class F4xError(Exception):
-    """Bad input or an impossible request, told in one clear sentence: which file, what is wrong, what to do."""
+    """Bad input or an impossible request, reported in one clear sentence: which file, what is wrong, what to do."""
 
 
 class Cancelled(Exception):  # noqa: N818 - nothing went wrong

@@ -21,7 +21,7 @@ PINNED = ROOT / "scripts" / "requirements.txt"
 """Versions known to work together, on PINNED_PYTHON."""
 PINNED_PYTHON = (3, 11)
 WITHOUT_DEPENDENCIES = ROOT / "scripts" / "requirements-no-deps.txt"
-LEAST_PYTHON = (3, 11)
+MIN_PYTHON = (3, 11)
 STEPS = 4
 """Environment, packages, models, trial."""
 
@@ -44,9 +44,9 @@ def install(folder: Path, progress: Progress) -> Path:
     Raises:
         F4xError: this Python is too old or makes no environments, `folder` holds something else, or pip failed.
     """
-    if sys.version_info < LEAST_PYTHON:
-        found, least = (".".join(map(str, version[:2])) for version in (sys.version_info, LEAST_PYTHON))
-        raise F4xError(f"{sys.executable} is Python {found}; choose one of {least} or later.")
+    if sys.version_info < MIN_PYTHON:
+        found, minimum = (".".join(map(str, version[:2])) for version in (sys.version_info, MIN_PYTHON))
+        raise F4xError(f"{sys.executable} is Python {found}; choose one of {minimum} or later.")
     progress("set up", 0, STEPS, "making the environment")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / "pyvenv.cfg").is_file():
         raise F4xError(f"{folder} holds something else than an environment; name an empty folder, or a new one.")
@@ -74,16 +74,16 @@ def _pip(python: Path, arguments: list[str], tell) -> None:
 
 def _run(command: list[str], tell) -> None:
     """Run `command` to its end, telling each line it says."""
-    said = ""
+    output = ""
     with subprocess.Popen(
         command, cwd=ROOT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as child:
         assert child.stdout is not None
         for line in child.stdout:
-            said = line.strip() or said
-            tell(_short(said))
+            output = line.strip() or output
+            tell(_short(output))
     if child.returncode:
-        raise F4xError(f"{' '.join(command[1:4])} failed: {said}")
+        raise F4xError(f"{' '.join(command[1:4])} failed: {output}")
 
 
 def _short(line: str) -> str:

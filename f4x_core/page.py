@@ -79,7 +79,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = Fa
     return f"<table>{''.join(lines)}</table>"
 
 
-def picture(pixels: np.ndarray, caption: str) -> str:
+def image_figure(pixels: np.ndarray, caption: str) -> str:
     """A figure with a JPEG inside; `pixels` (H,W,3) uint8 or float in [0,1]."""
     image = Image.fromarray(as_bytes(pixels))
     if image.width > PICTURE_WIDTH:

@@ -34,7 +34,7 @@ EXIT_INTERRUPTED = 130
 GRACE = 1.0
 """Seconds that an interrupted child has for its last step and for saving what it has."""
 TAIL = 5
-"""Lines of a failed child's errors that are told."""
+"""Lines of a failed child's standard error that its message quotes."""
 TICK = 0.2
 """Seconds between two looks at whether somebody wants an end."""
 INTERVAL = 0.05
@@ -47,14 +47,14 @@ class LineProgress:
     def __init__(self, file: TextIO):
         """Nothing is written before the first report."""
         self.file = file
-        self.stage, self.told = "", 0.0
+        self.stage, self.shown_at = "", 0.0
 
     def __call__(self, stage: str, done: int, total: int, message: str = "") -> None:
         """Write one report."""
         now = time.monotonic()
-        if stage == self.stage and now - self.told < INTERVAL and (done < total or not total):
+        if stage == self.stage and now - self.shown_at < INTERVAL and (done < total or not total):
             return
-        self.stage, self.told = stage, now
+        self.stage, self.shown_at = stage, now
         used = round(sum(os.times()[:4]), 2)  # its own and its children's: who ends it by force could not ask any more
         self.tell(stage=stage, done=done, total=total, message=message, cpu_seconds=used)
 
@@ -67,8 +67,14 @@ class LineProgress:
 
 
 def stop_with_parent() -> None:
-    """Stop this process when its standard input closes; one that is no pipe (a terminal, a file) is left alone."""
+    """Stop this process when its standard input closes; one that is no pipe (a terminal, a file) is left alone.
+
+    Call it in the main thread. A SIGINT that `nohup` or a shell's background ignores is heard again: it is how `_watch` stops
+    the main thread, and no terminal sends one to a process that leads a session of its own.
+    """
     if sys.stdin is not None and stat.S_ISFIFO(os.fstat(0).st_mode):
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         threading.Thread(target=_watch, daemon=True).start()
 
 
@@ -138,7 +144,7 @@ def run_child(
 ) -> Ended:
     """Run a child that speaks the protocol above until it ends by itself.
 
-    `tick` is called at least every TICK seconds with the CPU seconds that the child told last, whether or not it says more; `log`
+    `tick` is called at least every TICK seconds with the CPU seconds that the child reported last, even while it is silent; `log`
     gets what it writes on standard error. What `progress` or `tick` raises, Cancelled for one, goes through once the child is gone.
     """
     child = start_child(command, folder, variables)
@@ -170,11 +176,11 @@ def run_child(
                 line = lines.get(timeout=TICK)
             except queue.Empty:
                 line = ""
-            said = _json_line(line or "")
-            if "stage" in said:
-                progress(said["stage"], said["done"], said["total"], said["message"])
-                used = said["cpu_seconds"]
-            last = said or last
+            message = _json_line(line or "")
+            if "stage" in message:
+                progress(message["stage"], message["done"], message["total"], message["message"])
+                used = message["cpu_seconds"]
+            last = message or last
             if tick is not None:
                 tick(used)
         cpu_seconds, memory = _wait(child)
@@ -200,17 +206,17 @@ def run_verb(arguments: Sequence[str], folder: Path, progress: Progress = silent
     ended = run_child([sys.executable, "-m", f"{__package__}", *arguments, "--progress-json"], folder, progress)
     if "result" in ended.last:
         return ended.last["result"]
-    told = ended.last.get("error") or f"ended with {ended.code}: {ended.tail or 'not a word'}"
-    raise F4xError(f"f4x {arguments[0]}: {told}")
+    reason = ended.last.get("error") or f"ended with {ended.code}: {ended.tail or 'not a word'}"
+    raise F4xError(f"f4x {arguments[0]}: {reason}")
 
 
 def _json_line(line: str) -> dict[str, Any]:
     """The object on a line; empty for whatever else a library may print."""
     try:
-        said = json.loads(line)
+        message = json.loads(line)
     except ValueError:
         return {}
-    return said if isinstance(said, dict) else {}
+    return message if isinstance(message, dict) else {}
 
 
 def _wait(child: subprocess.Popen[str]) -> tuple[float, int]:

@@ -180,7 +180,7 @@ class Bench:
         times = [measure(lambda: marking.ask(self.root, select_by_text(scene, [word]))) for _ in range(3)]
         return {"first_milliseconds": 1000 * times[0], "milliseconds": 1000 * times[-1], "word": word}
 
-    def picture(self) -> dict[str, Any]:
+    def render_image(self) -> dict[str, Any]:
         """Seconds of one picture of the render engine at the clip's size."""
         import bpy
 
@@ -261,7 +261,7 @@ ROWS: dict[str, Callable] = {
     "motion": Bench.motion,
     "threshold": Bench.threshold,
     "query": Bench.query,
-    "picture": Bench.picture,
+    "picture": Bench.render_image,
     "registration": lambda bench: registration(),
     "cancel": lambda bench: cancel(),
 }

@@ -155,7 +155,7 @@ class Window:
         self.hand("click", 1)
 
     def state(self) -> dict:
-        """What the sidebar says."""
+        """Text of the sidebar."""
         nothing = ("screen", "selected", "total", "text", "edits", "saved", "last", "thing", "rendered", "job", "stage")
         state = {"beat": 0} | dict.fromkeys(nothing)
         try:
@@ -183,7 +183,7 @@ class Window:
         start, tries, lost = time.monotonic(), 0, 0
         while not reached(state := self.state()):
             if time.monotonic() - start > PATIENCE:
-                self.picture(f"{step}_failed")
+                self.screenshot(f"{step}_failed")
                 raise SystemExit(f"{step}: not after {PATIENCE:.0f} s and {tries} tries; the sidebar says {state}")
             if action is not None and state["beat"] >= lost:
                 action()
@@ -192,10 +192,10 @@ class Window:
         self.steps[step] = {"seconds": round(time.monotonic() - start, 1), "tries": tries} | state
         print(f"{step}: {self.steps[step]}", flush=True)
         self.wait(DRAWN)
-        self.picture(step)
+        self.screenshot(step)
         return state
 
-    def picture(self, name: str) -> None:
+    def screenshot(self, name: str) -> None:
         """Blender's own screenshots are black without a graphics card: take what the screen shows."""
         from PIL import ImageGrab
 
@@ -249,7 +249,7 @@ def main() -> None:
             window.click("text")
             window.hand("key", "ctrl+a")
             window.hand("type", "--delay", "100", options.word)
-            window.picture("1_typed")
+            window.screenshot("1_typed")
             window.hand("key", "Return")  # a second one would open the field again
 
         def press(keys: str | int) -> None:
@@ -278,7 +278,7 @@ def main() -> None:
             window.click("box")
             for command in (("mousemove", left, top), ("mousedown", 1), ("mousemove", right, bottom)):
                 window.hand(*command)
-            window.picture("9_drawn")
+            window.screenshot("9_drawn")
             window.hand("mouseup", 1)
 
         def by(operator: str) -> Callable[[dict], bool]:

@@ -37,12 +37,12 @@ def main(arguments: list[str]) -> dict[str, Any]:
     from feature4x.f4x_core.edit.apply import base_of, open_scene, with_operations
     from feature4x.f4x_core.edit.json_files import read_operations
     from feature4x.f4x_core.edit.plan import preview, propose
-    from feature4x.f4x_core.edit.resolve import Context, resolve
+    from feature4x.f4x_core.edit.resolve import EditorState, resolve
     from feature4x.f4x_core.edit.stack import of, write_stack
     from feature4x.f4x_core.query.labels import encode_labels
     from feature4x.f4x_core.scene import write_scene
 
-    scene, context = open_scene(options.scene), Context(frame=options.frame)
+    scene, context = open_scene(options.scene), EditorState(frame=options.frame)
     before = len(scene.edits)
     encode = encode_labels if importlib.util.find_spec("torch") else None
     if options.say is not None:

@@ -17,11 +17,11 @@ import numpy as np
 
 from f4x_core.edit.apply import open_scene, with_operations
 from f4x_core.edit.endpoint import ask_for_operations
-from f4x_core.edit.judge import difference, flicker, grown
+from f4x_core.edit.judge import difference, dilate, flicker
 from f4x_core.edit.operations import Delete, Recolour
 from f4x_core.edit.plan import apply, propose
 from f4x_core.edit.request import Request
-from f4x_core.edit.resolve import Context
+from f4x_core.edit.resolve import EditorState
 from f4x_core.edit.selects import All, Ids, Moving, Not
 from f4x_core.errors import F4xError
 from f4x_core.geometry.arrays import evenly_spaced
@@ -92,7 +92,7 @@ def prompted(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, Selection]:
-    """What a person gets who asks for the thing under the bool `mask (H,W)` on clip frame `frame`.
+    """Selections by each kind of prompt for the object under the bool `mask (H,W)` on clip frame `frame`.
 
     `mask`: by that mask; `point`: by a click into its middle; `text`: by the word `label`.
     """
@@ -109,7 +109,7 @@ def prompted(
 def innermost(mask: np.ndarray) -> tuple[float, float]:
     """(x, y) in pixels of a place that lies as deep inside bool `mask (H,W)` as any: what a person would click."""
     inside = mask
-    while (smaller := ~grown(~inside)).any():
+    while (smaller := ~dilate(~inside)).any():
         inside = smaller
     rows, columns = np.nonzero(inside)
     middle = len(rows) // 2
@@ -124,7 +124,7 @@ def measure_edit(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> dict[str, float]:
-    """What an edit of `selection` changes in `views`, against the true masks of the thing, where these are known.
+    """Measure what an edit of `selection` changes in `views`, against the true masks of the thing, where these are known.
 
     `edit`: `recolour` dyes, and a pixel has changed by `HALF` of what it would if everything were dyed; after `delete` it has
     changed by `SEEN`. `iou`: of changed pixels with the mask, mean over the views whose mask is not empty, and `iou_worst`.
@@ -146,7 +146,7 @@ def measure_edit(
             needed = HALF * np.maximum(difference(before, render(dyed, camera, time, ("rgb",), backend)["rgb"]), 1e-3)
         near = mask
         for _ in range(max(1, round(RIM * camera.width))):
-            near = grown(near)
+            near = dilate(near)
         changed, mask, near, change = (values[known] for values in (change > needed, mask, near, change))
         total = max(float(change.sum()), 1e-9)
         leaks = [float(change[~inside].sum()) / total for inside in (near, mask)]
@@ -185,7 +185,7 @@ def time_sentence(path: Path, sentence: str, encode: Encode | None = None, backe
         start = clock.perf_counter()
         scene = read_scene(copy)
         opened = clock.perf_counter()
-        proposal = propose(scene, sentence, Context(), encode=encode, backend=backend)
+        proposal = propose(scene, sentence, EditorState(), encode=encode, backend=backend)
         understood = clock.perf_counter()
         apply(copy, proposal.chosen)
         end = clock.perf_counter()

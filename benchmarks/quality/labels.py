@@ -15,7 +15,7 @@ from f4x_core.geometry.camera import Camera
 from f4x_core.priors.synthetic import read_passes
 from f4x_core.progress import Progress, silent
 from f4x_core.query.labels import Encode, TextQuery, ask_for
-from f4x_core.query.pixels import coverage_image, text_picture
+from f4x_core.query.pixels import coverage_image, text_score_map
 from f4x_core.query.prompts import text_selection
 from f4x_core.query.score import average_precision, overlap
 from f4x_core.query.selection import Selection
@@ -71,7 +71,7 @@ def _score(
 ) -> dict[str, float]:
     """The figures of one view, over its known pixels."""
     truth = subject[known]
-    best = text_picture(scene, query, camera, time, backend)
+    best = text_score_map(scene, query, camera, time, backend)
     found = {
         "selection": coverage_image(scene, selection, camera, time, backend)[known] > 0.5,
         "argmax": ((best.argmax(-1) == 0) & (best[..., 0] > 0))[known],  # 0 where nothing is drawn

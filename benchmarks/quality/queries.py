@@ -12,7 +12,7 @@ import numpy as np
 
 from f4x_core.progress import Progress, silent
 from f4x_core.query.labels import Encode, ask_for
-from f4x_core.query.pixels import coverage_image, head_map, text_picture
+from f4x_core.query.pixels import coverage_image, head_map, text_score_map
 from f4x_core.query.prompts import LOOKS_ALIKE, select_by_mask, text_selection
 from f4x_core.query.score import average_precision, overlap, select
 from f4x_core.scene import Scene
@@ -43,7 +43,7 @@ def score_text(
         if not mask.any():
             continue
         camera, time = scene.cameras[frame], float(scene.cameras.times[frame])
-        scores = text_picture(scene, query, camera, time, backend)
+        scores = text_score_map(scene, query, camera, time, backend)
         soft = coverage_image(scene, single, camera, time, backend, soft=True)
         chosen = coverage_image(scene, single, camera, time, backend) > 0.5
         ruled = select(scores, 0) & (scores[..., 0] > 0)  # 0 where nothing is drawn

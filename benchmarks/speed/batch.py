@@ -47,13 +47,13 @@ def make_clip(folder: Path, frames: int, width: int, height: int, seed: int) -> 
     square = _texture(rng, height // 3, width // 5)
     high, wide = square.shape[:2]
 
-    def picture(t: int) -> np.ndarray:
+    def image(t: int) -> np.ndarray:
         frame = wall[:, t : t + width].copy()
         left, top = width // 6 + 2 * t, height // 3
         frame[top : top + high, left : left + wide] = square
         return frame
 
-    write_images(folder, (picture(t) for t in range(frames)))
+    write_images(folder, (image(t) for t in range(frames)))
 
 
 def _texture(rng: np.random.Generator, height: int, width: int) -> np.ndarray:

@@ -51,7 +51,7 @@ def benchmark(
 
 
 def _forms(count: int) -> tuple[dict[str, Any], dict[str, float]]:
-    """What is timed, by name, and the largest error of each form's poses."""
+    """Functions to time, by name, and the largest error of each form's poses."""
     rng = np.random.default_rng(0)
     times = np.arange(float(FRAMES))
     axis = rng.normal(size=(NODES, 3))

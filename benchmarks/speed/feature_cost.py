@@ -32,7 +32,7 @@ SEED_RATIO = 5.23
 """Training time with 512 channels / with 32 that Feature4X reports (table D of its supplement: 14.80 h / 2.83 h)."""
 
 
-def compare_pictures(
+def compare_renders(
     scene: Scene, plain: Scene, clip: Clip, backend: str = "auto", progress: Progress = silent
 ) -> dict[str, float]:
     """PSNR (dB) against all frames of `clip`: of `scene` drawn together with its latent, and of `plain`, without features.
@@ -54,8 +54,8 @@ def compare_pictures(
         row = []
         for each, channels in ((scene, ("rgb", "latent")), (plain, ("rgb",))):
             moment = float(each.cameras.times[frame])
-            picture = render(each, each.cameras[frame], moment, channels, backend)["rgb"]
-            row.append(psnr(torch.from_numpy(np.clip(picture, 0, 1)), target))
+            image = render(each, each.cameras[frame], moment, channels, backend)["rgb"]
+            row.append(psnr(torch.from_numpy(np.clip(image, 0, 1)), target))
         scores.append(row)
     full, without = np.array(scores).T
     return {
@@ -118,13 +118,12 @@ def compare_inference(
     def by_features(t: int) -> np.ndarray:
         return head_map(scene, teacher, cameras[t], float(cameras.times[t]), backend)
 
-    def by_pictures(t: int) -> np.ndarray:
-        picture = render(scene, cameras[t], float(cameras.times[t]), ("rgb",), backend)["rgb"]
-        return encoder.encode((np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8))
+    def by_images(t: int) -> np.ndarray:
+        image = render(scene, cameras[t], float(cameras.times[t]), ("rgb",), backend)["rgb"]
+        return encoder.encode((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8))
 
     ways = [
-        FeaturePropagation(source, len(cameras), (cameras.height, cameras.width))
-        for source in (by_features, by_pictures)
+        FeaturePropagation(source, len(cameras), (cameras.height, cameras.width)) for source in (by_features, by_images)
     ]
     seconds = [0.0, 0.0]
     for index, way in enumerate(ways):

@@ -294,7 +294,7 @@ def draw_with(backend: str, config: RasterConfig | None = None) -> Draw:
 
 
 def passes(scene: dict[str, Any], draw: Draw) -> tuple[Callable[[], object], Callable[[], object]]:
-    """What is timed of a `scene`: a forward pass without gradients, and a forward and backward pass."""
+    """Return the functions to time for `scene`: a forward pass without gradients, and a forward and backward pass."""
     import torch
 
     leaves = [scene[name].requires_grad_() for name in GRADIENTS]
@@ -334,7 +334,7 @@ def _measure_work(scene: dict[str, Any], possible: float) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a backend makes of a scene, in float64."""
+    """Render and gradients of one backend, in float64."""
 
     image: torch.Tensor
     """(H, W, C)"""

@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from f4x_core.features.models.loading import find, load, transformers
 from f4x_core.features.models.sam2 import DEFAULT, FeatureSam2, Sam2MaskDecoder
-from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor
+from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor
 from f4x_core.progress import Progress, silent
 
 RANDOM = "random"
@@ -35,7 +35,7 @@ def compare_bypass(
     count, side = len(frames), full.image_size
     size = tuple(full.prompt_encoder.mask_input_size)  # logits come through unresized
     encoder = type(full.vision_encoder)
-    pixels = [picture_tensor(frame, (side, side), IMAGENET_MEAN, IMAGENET_STD) for frame in frames]
+    pixels = [image_tensor(frame, (side, side), IMAGENET_MEAN, IMAGENET_STD) for frame in frames]
     progress("sam2 from pixels", 0, 1)
     with torch.inference_mode(), counted(encoder) as pixel_calls:
         begun = time.perf_counter()
@@ -43,7 +43,7 @@ def compare_bypass(
         pixel_seconds = time.perf_counter() - begun
     progress("sam2 features", 0, 1)
     with torch.inference_mode():
-        pyramids = [full.get_image_features(picture, return_dict=True).fpn_hidden_states for picture in pixels]
+        pyramids = [full.get_image_features(image, return_dict=True).fpn_hidden_states for image in pixels]
     grids = full.backbone_feature_sizes
     levels = [
         [flat[:, 0].unflatten(0, tuple(grid)).numpy() for flat, grid in zip(pyramid, grids, strict=True)]

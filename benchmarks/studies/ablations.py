@@ -160,7 +160,7 @@ class LinearModel(SceneModel):
     """A scene under optimisation whose Gaussians are carried by linear blends; torch alone."""
 
     def dynamic_at(self, *times: float) -> list[tuple[Tensor, Tensor]]:
-        """As the dual-quaternion one."""
+        """Pose the dynamic Gaussians, with the interface of the dual-quaternion model."""
         assert self.dynamic is not None and self.nodes is not None
         xyz, quat = self.nodes.parameters["node_xyz"], self.nodes.quat
         x, q = self.dynamic.at_reference(xyz, quat)
@@ -183,7 +183,7 @@ class LinearScene(Scene):
         return cls(**{field.name: getattr(scene, field.name) for field in fields(scene)})
 
     def posed(self, time: float) -> PosedSplats:
-        """As `Scene.posed`, by linear blends."""
+        """Pose the scene like `Scene.posed`, by linear blend skinning."""
         posed, dynamic, scaffold = super().posed(time), self.dynamic, self.scaffold
         assert scaffold is not None
         pairs = pairs_of(dynamic.node, dynamic.reference)
@@ -221,7 +221,7 @@ def _fit(context: Context, world: World, kind: str, ablation: str, seed: int) ->
 
 
 def _against(found: Sequence[Row], whole: Sequence[Row], doubt: float | None) -> Row:
-    """What the table tells of fits without a part: their changes against the whole ones, and means over seeds."""
+    """Changes of the fits without a part against the whole ones, and means over seeds."""
     row = mean_row(found, JUDGED)
     changes: Row = {}
     for name, column in CHANGES.items():
@@ -265,13 +265,13 @@ def _words(rows: Sequence[Row], doubts: Sequence[float]) -> list[str]:
             worst = min(worst, change)
         if changes:
             sentences.append((worst, f"{name[0].upper()}{name[1:]}: {'; '.join(changes)}."))
-    said = "Moving pixels of novel views. One fit each: chance is not told apart from change."
+    heading = "Moving pixels of novel views. One fit each: chance is not told apart from change."
     if doubts:
-        said = (
+        heading = (
             f"Moving pixels of novel views. `{NOT_SURE}` is said of changes below `doubt`, {min(doubts):.2f} to"
             f" {max(doubts):.2f} dB by world and priors; chance alone exceeds it once in twenty."
         )
-    return [said, *(sentence for _, sentence in sorted(sentences))]
+    return [heading, *(sentence for _, sentence in sorted(sentences))]
 
 
 def _joint_rows(context: Context) -> list[Row]:

@@ -19,7 +19,7 @@ from f4x_core.query.pixels import head_map
 from f4x_core.query.segmentation import MaskDecoder
 from f4x_core.scene import Scene
 
-from ..quality.picture_metrics import region_similarity
+from ..quality.image_metrics import region_similarity
 from ..study import Context, Findings, MissingError, Row, Table
 from .novel import read_annotations, read_moving
 from .protocols import (
@@ -64,7 +64,7 @@ MATCHED = (
 
 @dataclass
 class Answers:
-    """What the scenes of one data set gave."""
+    """Measured rows of the scenes of one data set."""
 
     views: list[Row] = field(default_factory=list)
     labels: list[Row] = field(default_factory=list)

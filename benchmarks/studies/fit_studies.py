@@ -153,7 +153,7 @@ def _span(rows: list[Row]) -> str:
 
 
 def _doubling(column: str, rows: list[Row]) -> str:
-    """What the last step up of a ladder cost and brought, and the first."""
+    """Sentence about the cost and gain of the last and the first step of a ladder."""
     sentences = []
     for before, after in ((rows[0], rows[1]), (rows[-2], rows[-1])):
         sentences.append(

@@ -43,7 +43,7 @@ class Check:
     """Distance from the truth, relative unless `what` names a unit."""
     allowed: float | None = None
     """The most it may be."""
-    said: str = ""
+    message: str = ""
     """The program's own words."""
 
 
@@ -58,10 +58,10 @@ def that(what: str, holds: object, by: str = "") -> Check:
     return Check(what, "right" if holds else "wrong", by)
 
 
-def told(what: str, pattern: str, sentences: Iterable[str], by: str = "") -> Check:
+def reported(what: str, pattern: str, sentences: Iterable[str], by: str = "") -> Check:
     """One of the program's sentences names the cause: a match of the regular expression."""
     found = [text for text in sentences if re.search(pattern, text)]
-    return Check(what, "told" if found else "wrong", by, said=found[0] if found else f"nothing about {pattern!r}")
+    return Check(what, "told" if found else "wrong", by, message=found[0] if found else f"nothing about {pattern!r}")
 
 
 def refused(what: str, pattern: str, work: Callable[[], object], by: str = "") -> Check:
@@ -70,13 +70,13 @@ def refused(what: str, pattern: str, work: Callable[[], object], by: str = "") -
         work()
     except F4xError as reason:
         named = re.search(pattern, str(reason)) is not None
-        return Check(what, "refused" if named else "wrong", by, said=str(reason))
-    return Check(what, "wrong", by, said="it was not refused")
+        return Check(what, "refused" if named else "wrong", by, message=str(reason))
+    return Check(what, "wrong", by, message="it was not refused")
 
 
 def limited(what: str, as_expected: object, sentence: str, by: str = "") -> Check:
     """A known limit: the answer is not right, in just the way that `sentence` says."""
-    return Check(what, "known limit" if as_expected else "wrong", by, said=sentence)
+    return Check(what, "known limit" if as_expected else "wrong", by, message=sentence)
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def run_case(case: Case) -> list[Check]:
     try:
         return list(case.check())
     except Exception as error:  # whatever a broken case raises, the others are still of interest
-        return [Check("runs to its end", "wrong", said=f"{type(error).__name__}: {error}")]
+        return [Check("runs to its end", "wrong", message=f"{type(error).__name__}: {error}")]
 
 
 def load_cases(folder: Path) -> list[Case]:

@@ -138,21 +138,21 @@ def _raster_kernels(count: int, width: int, height: int, channels: Sequence[int]
         inputs = RasterInput(*view_of(scene | arrays), config=RasterConfig(threads=1))
         render = raster.forward(library, inputs, keep=True)
         sent = np.ones((height, width, c), np.float32)
-        scene_bytes, picture_bytes = FLOAT * count * (SPLAT_FLOATS + c), FLOAT * width * height * (c + 2)
+        scene_bytes, image_bytes = FLOAT * count * (SPLAT_FLOATS + c), FLOAT * width * height * (c + 2)
         size = f"{count:,} Gaussians, {width} x {height}, {c} channels"
         yield Kernel(
             "raster forward",
             size,
             partial(raster.forward, library, inputs, keep=False),
             pairs * (FORWARD_OPERATIONS + FORWARD_CHANNEL_OPERATIONS * c),
-            scene_bytes + picture_bytes,
+            scene_bytes + image_bytes,
         )
         yield Kernel(
             "raster backward",
             size,
             partial(raster.backward, library, render, sent, None, None),
             pairs * (BACKWARD_OPERATIONS + BACKWARD_CHANNEL_OPERATIONS * c),
-            2 * scene_bytes + picture_bytes,
+            2 * scene_bytes + image_bytes,
         )
 
 

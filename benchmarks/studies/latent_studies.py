@@ -21,7 +21,7 @@ from f4x_core.query.segmentation import FeaturePropagation
 from f4x_core.scene import Scene, read_scene, write_scene
 from f4x_core.scene.view import render
 
-from ..speed.feature_cost import compare_pictures
+from ..speed.feature_cost import compare_renders
 from ..study import Context, Figure, Findings, MissingError, Row, Table, time_rows
 from .supplement import DIMENSIONS, FOLLOWED, LABELLED, OURS
 from .toy_features import HEAD, enlarge, score_features, score_views, world_maps
@@ -64,7 +64,7 @@ def study_widths(context: Context) -> Findings:
         seconds = time.perf_counter() - start
         write_scene(scene, _file(context, width))
         miou, accuracy = score_features(world, scene, DIM)
-        pictures = compare_pictures(scene, plain, world.clip)
+        images = compare_renders(scene, plain, world.clip)
         report = scene.require_field([HEAD]).head(HEAD).report
         sizes = scene.info()["megabytes"]
         return {
@@ -72,8 +72,8 @@ def study_widths(context: Context) -> Findings:
             "mIoU": miou,
             "accuracy": accuracy,
             "cosine, held out": report["held_out"]["cosine"],
-            "PSNR (dB)": pictures["psnr"],
-            "PSNR change (dB)": pictures["psnr_change"],
+            "PSNR (dB)": images["psnr"],
+            "PSNR change (dB)": images["psnr_change"],
             "size (MB)": sum(sizes.values()),
         }
 
@@ -252,9 +252,9 @@ def _width_words(rows: list[Row]) -> list[str]:
 
 def _inference_words(what: str, rows: list[Row]) -> str:
     by_way = {row["from"]: row for row in rows}
-    features, pictures, truth = (by_way[name] for name in ("features", "pictures", "truth"))
+    features, images, truth = (by_way[name] for name in ("features", "pictures", "truth"))
     return (
         f"{what.capitalize()}: features of the scene take {features['time (s)']:.2g} s and reach mIoU"
-        f" {features['mIoU']:.3f}; rendered pictures through the teacher {pictures['time (s)']:.2g} s and"
-        f" {pictures['mIoU']:.3f}; true pictures {truth['mIoU']:.3f}."
+        f" {features['mIoU']:.3f}; rendered pictures through the teacher {images['time (s)']:.2g} s and"
+        f" {images['mIoU']:.3f}; true pictures {truth['mIoU']:.3f}."
     )

@@ -35,7 +35,7 @@ from .toy_fits import (
     fit_world,
     mean_row,
     paired_changes,
-    picture_of,
+    render_of,
     score_world,
     spread,
     thin_out,
@@ -85,7 +85,7 @@ Choice = tuple[FitConfig, Callable[[], Priors | None]]
 
 @dataclass(frozen=True)
 class Subject:
-    """What is fitted, and how errors are read."""
+    """Subject of a fit, and how its errors are measured."""
 
     name: str
     fit: Callable[[FitConfig, Priors | None], tuple[Scene, Row]]
@@ -138,7 +138,7 @@ def study_clips(context: Context) -> Findings:
 
 
 class _Found:
-    """Rows as they come in."""
+    """Collects rows of the study."""
 
     def __init__(self) -> None:
         self.needs: list[Row] = []
@@ -235,7 +235,7 @@ class _Found:
     def findings(self, note: str) -> Findings:
         """The tables, a plot for each choice, and what they say."""
         verdicts = [row["verdict"] for row in self.knees]
-        least = [row for row in self.knees if row["verdict"] == SMALLER_DOES and _is_least(row)]
+        least = [row for row in self.knees if row["verdict"] == SMALLER_DOES and _is_minimum(row)]
         words = [
             f"{verdicts.count(AT_THE_KNEE)} of {len(verdicts)} choices sit at the knee; for {len(least)} less would do, but they"
             f" are the least that is ever taken; in {verdicts.count(UNDECIDED)} the seeds disagree; in"
@@ -267,7 +267,7 @@ class _Found:
 
 
 def _facts(scene: Scene) -> Row:
-    """What a scene is made of."""
+    """Facts about a scene: counts and sizes."""
     nodes = next((row["chosen"] for row in scene.needs if row["what"] == "motion nodes"), "0")
     moving = len(scene.dynamic) > 0
     return {
@@ -284,7 +284,7 @@ def _facts(scene: Scene) -> Row:
 
 
 def _value(choice: str, row: Row) -> Any:
-    """What was chosen, as the table shows it."""
+    """Format the chosen value for the table."""
     if choice == SCAFFOLD:
         return "yes" if row["dynamic"] else "no"
     value = row["nodes at start" if choice == NODES else choice]
@@ -327,12 +327,12 @@ def judge_knee(loses: Sequence[float] | None, gains: Sequence[float] | None, kne
     return found.pop() if len(found) == 1 else UNDECIDED
 
 
-def _is_least(row: Row) -> bool:
+def _is_minimum(row: Row) -> bool:
     return bool(row["chosen"] == FLOORS.get(row["choice"]))
 
 
 def _sentence(row: Row) -> str:
-    """What a choice misses that is not surely at the knee."""
+    """Sentence about a choice that may not be at the knee."""
     lost, gained, verdict = row[SMALLER], row[LARGER], row["verdict"]
     loses = gains = ""
     if lost is not None and verdict != LARGER_PAYS:
@@ -340,9 +340,9 @@ def _sentence(row: Row) -> str:
         loses = f"the next smaller choice {loses}"
     if gained is not None and verdict != SMALLER_DOES:
         gains = f"the next larger one {'gains' if gained >= 0 else 'loses'} {abs(gained):.2f}"
-    least = f"; fewer than {row['chosen']} are never taken" if _is_least(row) else ""
-    said = ", ".join(filter(None, [loses, gains]))
-    return f"{row['scene']}, {row['choice']} {row['chosen']}: {verdict}; {said} ({row['judged by']}){least}."
+    least = f"; fewer than {row['chosen']} are never taken" if _is_minimum(row) else ""
+    cost = ", ".join(filter(None, [loses, gains]))
+    return f"{row['scene']}, {row['choice']} {row['chosen']}: {verdict}; {cost} ({row['judged by']}){least}."
 
 
 def _fit_world(world: World, config: FitConfig, priors: Priors | None) -> tuple[Scene, Row]:
@@ -363,7 +363,7 @@ def _pretend_moving(world: World) -> Priors | None:
 
 
 def _fit_clip(context: Context, place: Path) -> Callable[[FitConfig, Priors | None], tuple[Scene, Row]]:
-    """How a real clip is fitted: priors once, for all choices."""
+    """Return the function that fits a real clip; its priors are built once, for all choices."""
     frames = min(len(list_images(place / "images")), CLIP_FRAMES)
     clip = read_clip(place, f"0:{frames}", CLIP_WIDTH, CLIP_HOLD_OUT)
 
@@ -378,7 +378,7 @@ def _fit_clip(context: Context, place: Path) -> Callable[[FitConfig, Priors | No
         scores = evaluate(scene, clip)
         moving = [
             psnr(
-                picture_of(scene, scene.cameras[i], float(i)),
+                render_of(scene, scene.cameras[i], float(i)),
                 torch.from_numpy(clip.frames[i] / np.float32(255)),
                 region,
             )

@@ -54,9 +54,9 @@ def read_novel_cameras(clip: Clip) -> list[NovelCamera]:
         if len(rows):
             times = np.searchsorted(frames, layout.times[rows]).astype(np.float64)
             path = CameraPath(layout.intrinsics[rows], layout.world_to_camera[rows], times, *layout.size)
-            pictures = read_pictures(layout, rows, size)
+            images = read_pictures(layout, rows, size)
             path = path.resized(clip.width, clip.height)
-            cameras.append(NovelCamera(layout.name, path, pictures, _seen(layout, rows, clip.width, clip.height)))
+            cameras.append(NovelCamera(layout.name, path, images, _seen(layout, rows, clip.width, clip.height)))
     return cameras
 
 

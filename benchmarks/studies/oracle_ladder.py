@@ -20,7 +20,7 @@ from f4x_core.fit.config import FitConfig
 from f4x_core.fit.pipeline import finish_fit, start_fit
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import Priors, PriorsConfig, build_priors
-from f4x_core.priors.depth import FARTHEST
+from f4x_core.priors.depth import MAX_DEPTH
 from f4x_core.priors.synthetic import motion_of_tracks
 from f4x_core.scene import Scene
 
@@ -161,7 +161,7 @@ def _mixed_depth(true: Priors, offline: Priors, wanted: dict[str, bool]) -> tupl
 
 def static_depth_scale(true: Priors, offline: Priors) -> float:
     """Median over the background, sky left out, of true depth / offline depth."""
-    ratio = (_array(true.depth) / _array(offline.depth))[~_array(true.mask) & (_array(true.depth) < FARTHEST)]
+    ratio = (_array(true.depth) / _array(offline.depth))[~_array(true.mask) & (_array(true.depth) < MAX_DEPTH)]
     return float(np.median(ratio[np.isfinite(ratio)]))
 
 
@@ -169,7 +169,7 @@ def prior_errors(true: Priors, offline: Priors) -> Row:
     """Errors of the offline priors: depth in the unit of the cameras' alignment and in its own, focal length, masks."""
     assert true.cameras is not None and offline.cameras is not None
     moving, ours, row = _array(true.mask), _array(offline.depth), Row()
-    surfaces = np.where(_array(true.depth) < FARTHEST, _array(true.depth), np.inf)
+    surfaces = np.where(_array(true.depth) < MAX_DEPTH, _array(true.depth), np.inf)
     for unit, scale in (
         ("unit by cameras", align_cameras(offline.cameras, true.cameras)[0]),
         ("unit by depth", static_depth_scale(true, offline)),
@@ -202,7 +202,7 @@ def _array(values: np.ndarray | None) -> np.ndarray:
 
 
 def _losses(row: Row, before: Sequence[Row]) -> Row:
-    """What the row lost against the first one, by `LOST`; None where either is not measured."""
+    """Losses of the row against the first one, by `LOST`; None where either is not measured."""
     first = before[0] if before else row
     return {
         lost: None if row[figure] is None or first[figure] is None else first[figure] - row[figure]
@@ -211,7 +211,7 @@ def _losses(row: Row, before: Sequence[Row]) -> Row:
 
 
 def _words(rows: Sequence[Row]) -> list[str]:
-    """For each clip: what costs most alone, and what all together cost."""
+    """Sentences per clip: which prior costs most alone, and what all cost together."""
     words = []
     for clip in dict.fromkeys(row["clip"] for row in rows):
         lost = {row["offline"]: row["lost (dB)"] for row in rows if row["clip"] == clip}

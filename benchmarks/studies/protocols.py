@@ -27,7 +27,7 @@ from f4x_core.geometry.camera import Camera, CameraPath
 from f4x_core.scene import Scene, read_scene, write_scene
 from f4x_core.scene.view import render
 
-from ..quality.picture_metrics import masked_psnr, masked_ssim, psnr_bytes, ssim_bytes
+from ..quality.image_metrics import masked_psnr, masked_ssim, psnr_bytes, ssim_bytes
 from ..study import Context, MissingError, Row, read_json, write_json
 from .novel import NovelCamera, measured_width, read_keypoints, read_novel_cameras
 from .toy_fits import base_config
@@ -40,7 +40,7 @@ Placed = tuple[NovelCamera, list[Camera]]
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a data set is measured."""
+    """Protocol of measuring a data set."""
 
     name: str
     """Of its folder below `--data`."""
@@ -180,18 +180,18 @@ def score_views(scene: Scene, novel: NovelCamera, cameras: list[Camera], masked:
     scores = []
     for index, camera in enumerate(cameras):
         drawn = render(scene, camera, float(novel.path.times[index]), ("rgb",), backend)["rgb"]
-        scores.append(score_picture(as_bytes(drawn), novel, index, masked))
+        scores.append(score_render(as_bytes(drawn), novel, index, masked))
     return {name: float(np.nanmean([row[name] for row in scores])) for name in scores[0]}
 
 
-def score_picture(picture: np.ndarray, novel: NovelCamera, index: int, masked: bool) -> Row:
+def score_render(image: np.ndarray, novel: NovelCamera, index: int, masked: bool) -> Row:
     """PSNR, SSIM and, where it runs, LPIPS of a picture (H,W,3) uint8 as view `index` of `novel`; masked: mPSNR and so on."""
     target = novel.frames[index]
     if not masked:
-        row = {"PSNR (dB)": psnr_bytes(picture, target), "SSIM": ssim_bytes(picture, target)}
-        return row | _where_run("LPIPS", lpips_bytes(picture, target))
+        row = {"PSNR (dB)": psnr_bytes(image, target), "SSIM": ssim_bytes(image, target)}
+        return row | _where_run("LPIPS", lpips_bytes(image, target))
     seen = np.ones(target.shape[:2], bool) if novel.seen is None else novel.seen[index]
-    shown, true = picture / 255.0, target / 255.0
+    shown, true = image / 255.0, target / 255.0
     row = {"mPSNR (dB)": masked_psnr(shown, true, seen), "mSSIM": masked_ssim(shown, true, seen)}
     return row | _where_run("mLPIPS", masked_lpips(shown, true, seen))
 
@@ -242,7 +242,7 @@ def measure_views(context: Context, clip: Clip, scene: Scene, protocol: Protocol
 
 
 def _path_error(scene: Scene, clip: Clip, protocol: Protocol) -> Row:
-    """How far the found cameras are from the data set's."""
+    """Error of the found cameras against the data set's."""
     if protocol.known_cameras or clip.cameras is None:
         return {}
     return {"camera error (share of path)": path_error(scene.cameras, clip.cameras)["ate_share"]}

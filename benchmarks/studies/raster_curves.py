@@ -92,11 +92,11 @@ class Way:
 
     @property
     def name(self) -> str:
-        """As in tables."""
+        """Name in tables."""
         return f"{self.backend}, {self.precision}"
 
     def scene(self, scene: Scene) -> Scene:
-        """`scene` as this way takes it."""
+        """Convert `scene` for this way."""
         kind = getattr(torch, self.precision)
         cast = {key: value.detach().to(kind) for key, value in scene.items() if torch.is_tensor(value)}
         return scene | ({key: value.numpy() for key, value in cast.items()} if self.backend == "plain" else cast)
@@ -106,7 +106,7 @@ class Way:
         return self.peer.prepare(cast, self.config) if self.peer else draw_with(self.backend, self.config)
 
     def answer(self, scene: Scene) -> Answer:
-        """Picture and, where the backend has them, gradients."""
+        """Return the picture and, where the backend has them, the gradients."""
         if self.backend != "plain":
             cast = self.scene(scene)
             return answer(cast, self.draw(cast))
@@ -131,7 +131,7 @@ def find_ways(threads: int) -> tuple[list[Way], list[str]]:
 
 
 def fast_ways(threads: int) -> list[Way]:
-    """Those that are meant for work: the compiled library where it is there, and torch."""
+    """Return the ways meant for real work: the compiled library where it is present, and torch."""
     config = RasterConfig(threads=threads)
     return [Way(name, "float32", config) for name in (["native"] if available() else []) + ["torch"]]
 
@@ -142,7 +142,7 @@ def truth_of(scene: Scene, threads: int, **config: float) -> Answer:
 
 
 def reference_answers(ways: Sequence[Way], scene: Scene) -> list[Answer]:
-    """What each way is compared with: the reference's answer, a peer's with the peer's own clamp of alpha."""
+    """Return the answer that each way is compared with: the reference's answer, a peer's with the peer's own clamp of alpha."""
     rules = {way.config.alpha_max: way.config for way in ways}
     answers = {clamp: Way("reference", "float64", rule).answer(scene) for clamp, rule in rules.items()}
     return [answers[way.config.alpha_max] for way in ways]
@@ -162,16 +162,16 @@ def errors_of(found: Answer, truth: Answer) -> Row:
 
 def time_ways(ways: Sequence[Way], scene: Scene, repeats: int) -> list[Row]:
     """Columns of times of each way, timed in turn; None where there is no backward pass."""
-    pictures: list[Callable[[], object]] = []
+    images: list[Callable[[], object]] = []
     steps: dict[int, Callable[[], object]] = {}
     for number, way in enumerate(ways):
         cast = way.scene(scene)
         if way.backend == "plain":
-            pictures.append(partial(draw, **cast, backend="plain", config=way.config))
+            images.append(partial(draw, **cast, backend="plain", config=way.config))
         else:
-            picture, steps[number] = passes(cast, way.draw(cast))
-            pictures.append(picture)
-    drawn = time_rows([way.name for way in ways], pictures, repeats, column=PICTURE)
+            image, steps[number] = passes(cast, way.draw(cast))
+            images.append(image)
+    drawn = time_rows([way.name for way in ways], images, repeats, column=PICTURE)
     trained = time_rows([ways[number].name for number in steps], list(steps.values()), repeats, column=STEP)
     trained_of = dict(zip(steps, trained, strict=True))
     none = dict.fromkeys(time_columns(STEP))
@@ -271,10 +271,10 @@ def _peer_words(ours: Sequence[Row], peers: Sequence[Row]) -> list[str]:
 
 
 def _error_sentence(row: Row) -> str:
-    """What a row's picture and gradients are off by."""
-    picture = "its picture overflows" if row[RMSE] is None else f"its picture is off by {row[RMSE]:.1e} (rms)"
+    """Sentence about the errors of a row's picture and gradients."""
+    image = "its picture overflows" if row[RMSE] is None else f"its picture is off by {row[RMSE]:.1e} (rms)"
     worst = f"overflows: {row['overflows']}" if row[WORST] is None else f"its worst gradient by {row[WORST]:.1e}"
-    return f"{picture}, {worst}"
+    return f"{image}, {worst}"
 
 
 def _over(slow: Row, fast: Row) -> float:

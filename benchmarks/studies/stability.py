@@ -61,9 +61,9 @@ def _checks(context: Context, case: Case) -> list[Check]:
 def _case_row(case: Case, checks: Sequence[Check]) -> Row:
     """One line about a case: its worst check decides, and speaks."""
     outcome = case.outcome(checks)
-    worst = max(checks, key=lambda check: (OUTCOMES.index(check.outcome), bool(check.said)))
+    worst = max(checks, key=lambda check: (OUTCOMES.index(check.outcome), bool(check.message)))
     ratios = [check.error / check.allowed for check in checks if check.error is not None and check.allowed]
-    message = worst.said or (f"{worst.by} {worst.what}".strip() if outcome == "wrong" else "")
+    message = worst.message or (f"{worst.by} {worst.what}".strip() if outcome == "wrong" else "")
     return {
         "case": case.title,
         "stage": case.stage,
@@ -86,7 +86,7 @@ def _check_row(case: Case, check: Check) -> Row:
         "error": check.error,
         "allowed": check.allowed,
         "outcome": check.outcome,
-        "said": check.said,
+        "said": check.message,
     }
 
 

@@ -84,7 +84,7 @@ POSITIONS = ("static/xyz", "dynamic/xyz", "scaffold/xyz")
 
 @dataclass(frozen=True)
 class Encoding:
-    """How the floats of a scene are stored."""
+    """Encoding of the floats of a scene."""
 
     name: str
     usual: Codec
@@ -229,42 +229,42 @@ def encode(scene: Scene, codec_of: Mapping[str, Codec], usual: Codec) -> tuple[S
     return replace(scene, **parts), total
 
 
-def _pictures(scene: Scene, times: Sequence[float] = TIMES) -> np.ndarray:
+def _images(scene: Scene, times: Sequence[float] = TIMES) -> np.ndarray:
     """(T,H,W,3) float64 in [0,1]."""
     drawn = [render(scene, scene.cameras[int(time)], time, ("rgb",))["rgb"] for time in times]
     return np.clip(np.stack(drawn), 0, 1).astype(np.float64)
 
 
-def _off(pictures: np.ndarray, truth: np.ndarray) -> Row:
-    rmse = float(np.sqrt(np.mean((pictures - truth) ** 2)))
+def _off(images: np.ndarray, truth: np.ndarray) -> Row:
+    rmse = float(np.sqrt(np.mean((images - truth) ** 2)))
     return {RMSE: rmse, PSNR: -20 * math.log10(rmse) if rmse else None}
 
 
 def _encoding_rows(scene: Scene) -> list[Row]:
-    truth = _pictures(scene)
+    truth = _images(scene)
     rows = []
     for encoding in ENCODINGS:
         back, size = encode(scene, dict.fromkeys(POSITIONS, encoding.positions), encoding.usual)
         row: Row = {"name": encoding.name, SIZE: size / MEGABYTE}
-        rows.append(row | {"share": None} | _off(_pictures(back), truth))
+        rows.append(row | {"share": None} | _off(_images(back), truth))
     return [row | {"share": row[SIZE] / rows[0][SIZE]} for row in rows]
 
 
 def _single_rows(scene: Scene) -> list[Row]:
-    truth = _pictures(scene)
+    truth = _images(scene)
     names = [
         f"{part}/{name}" for part in ("static", "dynamic") for name in ("means", "quats", "scales", "opacities", "sh")
     ]
     names += ["dynamic/weight", "scaffold/xyz", "scaffold/quat"]
     return [
-        {"array": name, "stored": kind, "bits": bits} | _off(_pictures(encode(scene, {name: codec}, FLOAT32)[0]), truth)
+        {"array": name, "stored": kind, "bits": bits} | _off(_images(encode(scene, {name: codec}, FLOAT32)[0]), truth)
         for name in names
         for (kind, bits), codec in CODECS.items()
     ]
 
 
 def _format_rows(scene: Scene, context: Context) -> list[Row]:
-    truth = _pictures(scene, TIMES[:1])
+    truth = _images(scene, TIMES[:1])
     rows: list[Row] = [
         {"format": "none: the moment's own float32", SIZE: _moment_bytes(scene) / MEGABYTE} | _off(truth, truth)
     ]
@@ -273,7 +273,7 @@ def _format_rows(scene: Scene, context: Context) -> list[Row]:
         back = open_any(path, sequence=False)
         assert isinstance(back, Scene)
         back = replace(back, cameras=scene.cameras)
-        rows.append({"format": name, SIZE: path.stat().st_size / MEGABYTE} | _off(_pictures(back, TIMES[:1]), truth))
+        rows.append({"format": name, SIZE: path.stat().st_size / MEGABYTE} | _off(_images(back, TIMES[:1]), truth))
         path.unlink()
     return rows
 

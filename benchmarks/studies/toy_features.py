@@ -15,7 +15,7 @@ from f4x_core.query.score import cosines
 from f4x_core.scene import Scene
 from f4x_core.scene.view import COVERED, render
 
-from ..quality.picture_metrics import score_confusion
+from ..quality.image_metrics import score_confusion
 from .toy_fits import novel_views
 from .toy_worlds import View, World
 
@@ -75,10 +75,10 @@ def score_views(
     return score_confusion(confusion)
 
 
-def enlarge(picture: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def enlarge(image: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """The picture (h,w) at `shape` (H,W) by its nearest cells."""
-    rows, columns = (np.arange(size) * small // size for size, small in zip(shape, picture.shape, strict=True))
-    return picture[rows[:, None], columns]
+    rows, columns = (np.arange(size) * small // size for size, small in zip(shape, image.shape, strict=True))
+    return image[rows[:, None], columns]
 
 
 def _labels(scene: Scene, camera: Camera, time: float, vectors: np.ndarray) -> np.ndarray:

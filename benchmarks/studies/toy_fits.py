@@ -119,14 +119,14 @@ def score_world(world: World, scene: Scene) -> Row:
     Novel views: `novel_views`; `moving` counts only pixels that truly show what moves; LPIPS where it runs. Tracks:
     median distance in pixels between where true points go, from the first frame that sees them, and where the scene says.
     """
-    novel = [(picture_of(scene, camera, moment), view) for camera, moment, view in novel_views(world, scene)]
-    moving = [_psnr(picture, view, view.moving > 0.5) for picture, view in novel if (view.moving > 0.5).any()]
-    clip = [_psnr(picture_of(scene, scene.cameras[i], float(i)), view) for i, view in enumerate(world.views)]
+    novel = [(render_of(scene, camera, moment), view) for camera, moment, view in novel_views(world, scene)]
+    moving = [_psnr(image, view, view.moving > 0.5) for image, view in novel if (view.moving > 0.5).any()]
+    clip = [_psnr(render_of(scene, scene.cameras[i], float(i)), view) for i, view in enumerate(world.views)]
     held_out = np.isin(np.arange(len(clip)), scene.held_out)
-    perceived = [far for picture, view in novel if (far := lpips(picture.numpy(), view.rgb)) is not None]
+    perceived = [far for image, view in novel if (far := lpips(image.numpy(), view.rgb)) is not None]
     return {
         "novel (dB)": float(np.mean([_psnr(*pair) for pair in novel])),
-        "novel SSIM": float(np.mean([ssim(picture, torch.from_numpy(view.rgb)) for picture, view in novel])),
+        "novel SSIM": float(np.mean([ssim(image, torch.from_numpy(view.rgb)) for image, view in novel])),
         **({"novel LPIPS": float(np.mean(perceived))} if perceived else {}),
         "novel, moving (dB)": float(np.mean(moving)) if moving else None,
         "held out (dB)": float(np.mean(np.array(clip)[held_out])),
@@ -178,7 +178,7 @@ def spread(column: str, values: Sequence[float]) -> Row:
 
 
 def paired_changes(rows: Sequence[Row], against: Sequence[Row], column: str) -> list[float]:
-    """How much more each row has than the one of the same seed, for the seeds that both have."""
+    """Differences of rows with the same seed, for the seeds that both have."""
     return [row[column] - other[column] for row, other in zip(rows, against, strict=False)]
 
 
@@ -187,13 +187,13 @@ def _mean(values: list[Any]) -> Any:
     return statistics.fmean(values) if numbers and len(set(values)) > 1 else values[0]
 
 
-def _psnr(picture: torch.Tensor, view: View, mask: np.ndarray | None = None) -> float:
+def _psnr(image: torch.Tensor, view: View, mask: np.ndarray | None = None) -> float:
     """PSNR (dB) against the truth, over `mask` (H,W) bool where given."""
     weight = None if mask is None else torch.from_numpy(mask.astype(np.float32))
-    return psnr(picture, torch.from_numpy(view.rgb), weight)
+    return psnr(image, torch.from_numpy(view.rgb), weight)
 
 
-def picture_of(scene: Scene, camera: Camera, moment: float) -> torch.Tensor:
+def render_of(scene: Scene, camera: Camera, moment: float) -> torch.Tensor:
     """(H,W,3) what the scene shows, in [0,1]."""
     return torch.from_numpy(np.clip(render(scene, camera, moment, ("rgb",))["rgb"], 0, 1))
 

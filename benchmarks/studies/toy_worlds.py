@@ -82,7 +82,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What a camera truly sees."""
+    """True view of a camera."""
 
     rgb: np.ndarray
     """(H,W,3) float32 in [0,1]."""

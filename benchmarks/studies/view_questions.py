@@ -29,7 +29,7 @@ from f4x_core.query.segmentation import FeaturePropagation, MaskDecoder
 from f4x_core.scene import Scene, read_scene, write_scene
 from f4x_core.scene.view import render
 
-from ..quality.picture_metrics import score_confusion
+from ..quality.image_metrics import score_confusion
 from ..study import Context, MissingError, Row
 from .novel import NovelCamera
 

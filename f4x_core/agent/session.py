@@ -23,7 +23,7 @@ from ..edit.naming import by_words, together
 from ..edit.operations import Operation, read_operation
 from ..edit.plan import MAX_CANDIDATES
 from ..edit.records import read_record
-from ..edit.resolve import Context, Resolver, labels_of, named, resolve, rows_of
+from ..edit.resolve import EditorState, Resolver, labels_of, named, resolve, rows_of
 from ..edit.selects import All, Ids, SelectKind
 from ..edit.stack import Edit, EditStack, of, read_stack
 from ..errors import F4xError
@@ -40,8 +40,8 @@ from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
 from ..scene.formats import FORMATS, choose_format, export
-from ..scene.picture import colour_depth, colour_motion, depth_range, labelled_grid
 from ..scene.view import render
+from ..scene.visualise import colour_depth, colour_motion, depth_range, labelled_grid
 from .folder import SceneFolder
 from .tool_result import ToolResult, encode_png, plain
 
@@ -162,16 +162,16 @@ class Session:
             if channel != "rgb":
                 raise F4xError("A selection is shown over the picture itself; leave channel out.")
             weights = coverage_image(opened, self._selection(path, opened, selection), *view, self.backend)
-            picture = heat_map(maps["rgb"], weights)
+            image = heat_map(maps["rgb"], weights)
         elif channel == "depth":
             data["near"], data["far"] = depth_range([maps["depth"]])
-            picture = colour_depth(maps["depth"], data["near"], data["far"])
+            image = colour_depth(maps["depth"], data["near"], data["far"])
         elif channel == "motion":
             data["full_colour_pixels_per_frame"] = float(np.linalg.norm(maps["motion"], axis=-1).max())
-            picture = colour_motion(maps["motion"], data["full_colour_pixels_per_frame"])
+            image = colour_motion(maps["motion"], data["full_colour_pixels_per_frame"])
         else:
-            picture = as_bytes(maps["rgb"])
-        png = encode_png(picture)
+            image = as_bytes(maps["rgb"])
+        png = encode_png(image)
         if file:
             if not file.lower().endswith(".png"):
                 raise F4xError(f"{file!r} is no PNG; end it in .png.")
@@ -211,7 +211,7 @@ class Session:
         elif box:
             found = select_by_box(opened, box, frame, **options)
         else:
-            resolver = Resolver(Context(frame=frame), encode_labels)
+            resolver = Resolver(EditorState(frame=frame), encode_labels)
             resolved = resolver.select(opened, read_record(SelectKind, select, "select"))
             scores = np.isin(np.arange(len(opened.ids)), rows_of(opened, resolved))
             found = Selection(opened.ids, scores.astype(float), np.zeros(len(scores), bool))
@@ -249,7 +249,7 @@ class Session:
         if bool(sentence.strip()) == bool(operations):
             raise F4xError("Give either a sentence or operations.")
         path, opened = self._open(scene)
-        context = Context(self._selection(path, opened, selection) if selection else None, frame)
+        context = EditorState(self._selection(path, opened, selection) if selection else None, frame)
         if operations:
             candidate = plan.Candidate(_resolve_operations(opened, operations, context), "as given")
             proposal = plan.Proposal("", (candidate,), understood_by="operations")
@@ -275,9 +275,9 @@ class Session:
         path, opened, chosen = self._candidate(proposal, candidate)
         view = self._view(opened, frame, time, side, degrees)
         scenes = (opened, plan.preview(opened, chosen))
-        pictures = [as_bytes(render(each, *view, ("rgb",), self.backend)["rgb"]) for each in scenes]
-        sheet = labelled_grid([pictures], [f"{view.time:g}"], ["before", "after"])
-        changed = float((np.abs(pictures[1].astype(int) - pictures[0]) > MIN_CHANGE).any(-1).mean())
+        images = [as_bytes(render(each, *view, ("rgb",), self.backend)["rgb"]) for each in scenes]
+        sheet = labelled_grid([images], [f"{view.time:g}"], ["before", "after"])
+        changed = float((np.abs(images[1].astype(int) - images[0]) > MIN_CHANGE).any(-1).mean())
         return ToolResult({"scene": self.folder.name(path), "changed_share_of_picture": changed}, png=encode_png(sheet))
 
     def history(self, scene: SceneName = "") -> ToolResult:
@@ -350,9 +350,9 @@ class Session:
         camera = cameras.at(frame)
         if side:
             camera = trajectory.orbit(cameras, time, degrees, around=frame, count=len(SIDES))[SIDES.index(side)].camera
-        longest = max(camera.width, camera.height)
-        scale = width / camera.width if width else min(1.0, DEFAULT_SIDE / longest)
-        scale = min(scale, MAX_SIDE / longest)
+        longer_side = max(camera.width, camera.height)
+        scale = width / camera.width if width else min(1.0, DEFAULT_SIDE / longer_side)
+        scale = min(scale, MAX_SIDE / longer_side)
         size = [max(1, round(scale * side)) for side in (camera.width, camera.height)]
         return View(camera.resized(*size), float(time))
 
@@ -408,8 +408,8 @@ def _keep(kept: dict[Key, Value], key: Key, value: Value, max_entries: int) -> N
         del kept[next(iter(kept))]
 
 
-def _resolve_operations(scene: Scene, entries: list[dict[str, Any]], context: Context) -> tuple[Operation, ...]:
-    """Operations of JSON objects, each resolved in the scene as the operations before it leave it."""
+def _resolve_operations(scene: Scene, entries: list[dict[str, Any]], context: EditorState) -> tuple[Operation, ...]:
+    """Read operations from JSON objects and resolve each in the scene that the operations before it leave."""
     if len(entries) > MAX_OPERATIONS:
         raise F4xError(f"{len(entries)} operations are given; give at most {MAX_OPERATIONS} at once.")
     resolved_operations: list[Operation] = []
@@ -434,7 +434,8 @@ def _with_id_counts(value: Any) -> Any:
 
 def _edit_rows(edits: tuple[Edit, ...]) -> list[dict[str, Any]]:
     return [
-        {"id": edit.id, "does": describe(edit.operation), "said": edit.said, "enabled": edit.enabled} for edit in edits
+        {"id": edit.id, "does": describe(edit.operation), "said": edit.sentence, "enabled": edit.enabled}
+        for edit in edits
     ]
 
 

@@ -26,7 +26,7 @@ LIST_LIMITS = (500, 100, 20, 5)
 
 @dataclass(frozen=True)
 class ToolResult:
-    """What a tool call returns."""
+    """Result of a tool call."""
 
     data: dict[str, Any]
     """JSON data that the tool computed."""
@@ -52,10 +52,10 @@ def plain(text: str, max_characters: int = MAX_TEXT_CHARACTERS) -> str:
     return shown if len(shown) <= max_characters else shown[: max_characters - 1] + "…"
 
 
-def encode_png(picture: np.ndarray | Image.Image) -> bytes:
-    """The bytes of a PNG file of uint8 `picture (H,W,3)` or `(H,W)`."""
+def encode_png(image: np.ndarray | Image.Image) -> bytes:
+    """The bytes of a PNG file of uint8 `image (H,W,3)` or `(H,W)`."""
     file = io.BytesIO()
-    (picture if isinstance(picture, Image.Image) else Image.fromarray(picture)).save(file, "PNG")
+    (image if isinstance(image, Image.Image) else Image.fromarray(image)).save(file, "PNG")
     return file.getvalue()
 
 

@@ -91,7 +91,7 @@ def _row(each: RowState, shown: dict[str, str], local: bool) -> str:
     about += [each.row.profile or PROFILE] if each.tasks else []
     notes = [f"{stage}: {note}" for stage, note in each.notes.items()]
     return (
-        f"<tr{'' if each.tasks else OTHER}><td>{_picture(each, each.input)}</td><td>{_picture(each, each.picture)}</td>"
+        f"<tr{'' if each.tasks else OTHER}><td>{_thumbnail(each, each.input)}</td><td>{_thumbnail(each, each.preview_image)}</td>"
         f"<td>{html.escape(each.row.name)}{_dim(about)}</td>"
         f'<td><span class="{each.state}">{each.state}</span>{_dim(notes)}</td>{numbers}<td>{links}</td></tr>'
     )
@@ -105,7 +105,7 @@ def _dim(lines: Sequence[str]) -> str:
     return "".join(f'<br><span class="dim">{html.escape(line)}</span>' for line in lines)
 
 
-def _picture(each: RowState, file: str) -> str:
+def _thumbnail(each: RowState, file: str) -> str:
     if not file:
         return ""
     link = _link(each, file)

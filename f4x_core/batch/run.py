@@ -139,7 +139,7 @@ class RowState:
                 self.files[what] = max(names, key=self._fitness)
 
     @property
-    def picture(self) -> str:
+    def preview_image(self) -> str:
         """The rendered image that represents the row; empty if there is none."""
         found = [file for what, file in self.files.items() if what.startswith("render") and file.endswith(".png")]
         return max(found, key=self._fitness, default="")

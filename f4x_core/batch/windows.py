@@ -147,13 +147,16 @@ def _fit_window(
     else:
         fit = WindowFit(clip, folder, config, progress, resume, previous=previous)
     result = fit.run()
-    from ..fit.diagnostics import draw_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
+    from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
+        render_previews,
+        write_diagnostics,
+    )
 
     scene = result.scene
     masks = result.priors.moving_masks
     metrics = evaluate(scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
-    pictures = draw_pictures(scene, metrics, config.backend)
-    write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
+    images = render_previews(scene, metrics, config.backend)
+    write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
     newest = -1 if scene.scaffold is None else int(scene.scaffold.ids.max(initial=-1))
     next_node = max(newest + 1, 0 if previous is None else previous.next_node)
     known = 0 if previous is None else previous.scene.next_id

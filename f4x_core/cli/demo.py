@@ -80,7 +80,7 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     clip = clip_of(args, progress)
     fitted = fit_to_folder(clip, folder, config, progress, resume=False)
     scene = read_scene(fitted["scene"])
-    made = ["scene.f4x", "diagnostics.html", *write_pictures(folder, scene, clip, args.backend, progress)]
+    made = ["scene.f4x", "diagnostics.html", *write_renders(folder, scene, clip, args.backend, progress)]
     lines = [fitted["text"]]
     scores: dict[str, Any] = {}
     if rendered:
@@ -166,7 +166,7 @@ def _wait_for_output(child: subprocess.Popen[str], look: Callable[[], None]) -> 
             continue
 
 
-def write_pictures(folder: Path, scene: Scene, clip: Clip, backend: str, progress: Progress) -> list[str]:
+def write_renders(folder: Path, scene: Scene, clip: Clip, backend: str, progress: Progress) -> list[str]:
     """Write the videos of the original and of a new path and the contact sheet; return their names."""
     paths: dict[str, Trajectory] = {
         "original.mp4": trajectory.original(scene.cameras),

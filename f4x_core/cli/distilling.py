@@ -26,7 +26,7 @@ from .checks import listed_teachers
 def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Add heads or words to a scene, in place or in another file."""
     names = listed_teachers(args.teacher, "--teacher") if args.teacher is not None else []
-    labels = labels_of(args.vocabulary) if args.vocabulary is not None else []
+    labels = read_labels(args.vocabulary) if args.vocabulary is not None else []
     if not names and not labels:
         raise F4xError("there is nothing to do; give --teacher NAME, --vocabulary WORDS, or both.")
     config = config_of(args)
@@ -135,7 +135,7 @@ def maps_of(scene: Scene, folder: Path, name: str, clip: Clip | ClipStream | Non
     return extract(clip, name, folder, progress=progress)
 
 
-def labels_of(text: str) -> list[str]:
+def read_labels(text: str) -> list[str]:
     """Labels of a file with one per line, or of a list with commas."""
     path = Path(text)
     try:

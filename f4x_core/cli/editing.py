@@ -9,10 +9,10 @@ from ..edit.apply import base_of, open_scene, with_operations
 from ..edit.bake import bake, needs_time
 from ..edit.description import describe
 from ..edit.json_files import read_json, read_operations
-from ..edit.judge import contact_sheet
+from ..edit.judge import candidate_sheet
 from ..edit.operations import Name
 from ..edit.plan import preview, propose
-from ..edit.resolve import Context, resolve
+from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
 from ..edit.words import plural
 from ..errors import F4xError
@@ -144,7 +144,7 @@ def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tupl
     if args.contact_sheet is not None:
         candidates = [candidate.operations for candidate in proposal.candidates]
         with replace_file(args.contact_sheet) as file:
-            contact_sheet(scene, candidates, proposal.best, args.backend).save(file, "PNG")
+            candidate_sheet(scene, candidates, proposal.best, args.backend).save(file, "PNG")
     rows: list[dict[str, Any]] = [
         {"why": one.why or "as said", "scores": dict(one.scores)} for one in proposal.candidates
     ]
@@ -162,13 +162,13 @@ def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tupl
     return preview(scene, proposal.chosen), found, lines
 
 
-def _context(args: argparse.Namespace) -> Context:
+def _context(args: argparse.Namespace) -> EditorState:
     """The selection and the frame that "it" and "now" in a sentence refer to."""
     if args.select is None:
-        return Context(frame=args.frame)
+        return EditorState(frame=args.frame)
     data = read_json(args.select, f"the {SELECTION} that `f4x query SCENE … -o DIR` leaves")
     try:
-        return Context(Selection.from_json(data), args.frame)
+        return EditorState(Selection.from_json(data), args.frame)
     except F4xError as error:
         raise F4xError(f"{args.select}: {error}") from error
 
@@ -176,7 +176,7 @@ def _context(args: argparse.Namespace) -> Context:
 def edit_line(edit: Edit) -> str:
     """One line: the edit in words and the sentence that it came from."""
     does = describe(edit.operation)
-    sentence = f' ("{edit.said}")' if edit.said not in ("", does) else ""
+    sentence = f' ("{edit.sentence}")' if edit.sentence not in ("", does) else ""
     return f"{does}{sentence}{'' if edit.enabled else ' [off]'}"
 
 

@@ -117,13 +117,13 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         return fit_windows(args, *windows, config, names, progress)
     clip = clip_of(args, progress)
     config = granted(args, ClipSize(len(clip.supervised), clip.width, clip.height), config, progress)
-    told = fit_to_folder(clip, args.output, config, progress, args.resume)
+    result = fit_to_folder(clip, args.output, config, progress, args.resume)
     if names:
         settings = DistilConfig(seed=config.seed, threads=config.threads, backend=config.backend)
-        path = Path(told["scene"])
+        path = Path(result["scene"])
         added = distill_into(path, args.clip, names, args.output / "features", settings, progress)
-        told |= {"features": added, "text": told["text"] + "\n" + added.pop("text")}
-    return told
+        result |= {"features": added, "text": result["text"] + "\n" + added.pop("text")}
+    return result
 
 
 def granted(
@@ -186,11 +186,11 @@ def show_config(config: FitConfig) -> dict[str, Any]:
 
 
 def windows_of(args: argparse.Namespace, progress: Progress) -> tuple[Survey, tuple[Shot, ...]] | None:
-    """What is known of a clip that is fitted in windows, and its shots; None for one that is fitted at once."""
+    """Return the survey and the shots of a clip that is fitted in windows; None for one that is fitted at once."""
     length = LENGTH if args.window is None else args.window
     if length == 0 or (args.window is None and reported_frame_count(args.clip, args.frames) <= LONG):
         return None
-    plan_windows(0, length, length, args.overlap)  # a wrong pair is told before the clip is read
+    plan_windows(0, length, length, args.overlap)  # a wrong pair is refused before the clip is read
     if args.prior:
         raise F4xError("--prior cannot be cut into windows; fit with --window 0, or leave it out.")
     known = survey(args.clip, args.frames, args.width, progress)
@@ -220,9 +220,9 @@ def fit_windows(
     first = read(windows[0][0], windows[0][0] + 1)
     size = ClipSize(max(end - start for start, end in windows), first.width, first.height)
     config = granted(args, size, config, progress, len(windows))
-    told = fit_long(shots, read, args.output, config, progress, args.resume)
+    fitted_shots = fit_long(shots, read, args.output, config, progress, args.resume)
     lines = []
-    for shot in told:
+    for shot in fitted_shots:
         figures = shot["metrics"]
         lines.append(
             f"{shot['scene']}: frames {shot['picked']} in {shot['windows']} windows, {shot['static']:,} static and"
@@ -236,7 +236,7 @@ def fit_windows(
             added = distill_into(path, args.clip, names, path.parent / "features", settings, progress)
             lines.append(added.pop("text"))
             shot["features"] = added
-    longest = max(told, key=lambda shot: shot["frames"][1] - shot["frames"][0])
+    longest = max(fitted_shots, key=lambda shot: shot["frames"][1] - shot["frames"][0])
     start, end = longest["frames"]
     middle = start + (end - start) // 2
     result = {
@@ -244,14 +244,14 @@ def fit_windows(
         **_leave_input(read(middle, middle + 1), end - start, args.output),
         "metrics": longest["metrics"],
         "quality": quality(longest["metrics"]),
-        "shots": told,
+        "shots": fitted_shots,
         "cuts": list(known.cuts),
     }
-    if len(told) > 1:  # where those look who know no shots
+    if len(fitted_shots) > 1:  # where those look who know no shots
         for name in ("scene.f4x", "metrics.json"):
             with replace_file(args.output / name) as file:
                 file.write(Path(longest["scene"]).with_name(name).read_bytes())
-        result["note"] = f"{len(told)} shots; {result['scene']} is the longest, --frames {longest['picked']}"
+        result["note"] = f"{len(fitted_shots)} shots; {result['scene']} is the longest, --frames {longest['picked']}"
         lines.append(f"! {result['note']}")
     return {**result, "text": "\n".join(lines)}
 
@@ -259,21 +259,24 @@ def fit_windows(
 def fit_to_folder(clip: Clip, folder: Path, config: FitConfig, progress: Progress, resume: bool) -> dict[str, Any]:
     """Fit, measure, and leave `scene.f4x`, `metrics.json`, `diagnostics.html` and checkpoints in `folder`."""
     result = fit_clip(clip, folder, config, progress, resume)
-    from ..fit.diagnostics import draw_pictures, write_diagnostics  # matplotlib: a second that the start need not wait
+    from ..fit.diagnostics import (  # matplotlib: a second that the start need not wait
+        render_previews,
+        write_diagnostics,
+    )
 
     scene = result.scene
     masks = result.priors.moving_masks
     metrics = evaluate(scene, clip, baselines=True, masks=masks, backend=config.backend, progress=progress)
     scene, figures = keep_measured(folder, scene, metrics, seconds=result.seconds)
     path = folder / "scene.f4x"
-    pictures = draw_pictures(scene, metrics, config.backend)
-    word = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, pictures)
-    told: dict[str, Any] = {"scene": str(path), "metrics": figures, "quality": word, "needs": list(scene.needs)}
+    images = render_previews(scene, metrics, config.backend)
+    word = write_diagnostics(folder / "diagnostics.html", clip, result, metrics, images)
+    summary: dict[str, Any] = {"scene": str(path), "metrics": figures, "quality": word, "needs": list(scene.needs)}
     lines = [_summary(path, scene, figures)]
     for cut in about_cuts(result.priors, clip.picked):
-        told["note"] = f"{cut.what} {cut.advice}"
-        lines.append(f"! {told['note']}")
-    return {**told, "text": "\n".join(lines)}
+        summary["note"] = f"{cut.what} {cut.advice}"
+        lines.append(f"! {summary['note']}")
+    return {**summary, "text": "\n".join(lines)}
 
 
 def _summary(path: Path, scene: Scene, figures: dict[str, Any]) -> str:

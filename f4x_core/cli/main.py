@@ -25,7 +25,7 @@ ADVICE = {
 
 
 AGAIN = {"fit": "; the same command with --resume continues", "batch": "; the same command continues"}
-"""What is told after Ctrl-C."""
+"""Message after Ctrl-C, by verb."""
 
 
 def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dict[str, Any]]:
@@ -68,8 +68,8 @@ def main(arguments: list[str] | None = None) -> int:
         return _fail(args, lines, str(error), EXIT_BAD_INPUT)
     except OSError as error:
         where = error.filename or getattr(args, "output", None) or "the output folder"
-        told = [str(error.strerror or error), "nothing half-written was left behind", ADVICE.get(error.errno or 0)]
-        return _fail(args, lines, f"{where}: {'; '.join(filter(None, told))}.", EXIT_BAD_INPUT)
+        parts = [str(error.strerror or error), "nothing half-written was left behind", ADVICE.get(error.errno or 0)]
+        return _fail(args, lines, f"{where}: {'; '.join(filter(None, parts))}.", EXIT_BAD_INPUT)
     except MemoryError as error:
         sentence = f"The memory does not suffice ({error}); use fewer frames or smaller ones."
         return _fail(args, lines, sentence, EXIT_BAD_INPUT)

@@ -28,7 +28,7 @@ def add_verb(verbs: Verbs, name: str, description: str) -> argparse.ArgumentPars
 
 
 def output_option(sub: argparse.ArgumentParser, metavar: str = "DIR", **more: Any) -> None:
-    """Where the result goes."""
+    """Add `-o/--output`, the place of the result."""
     sub.add_argument("-o", "--output", type=path_argument, metavar=metavar, **more)
 
 
@@ -56,7 +56,7 @@ def edits_option(sub: argparse.ArgumentParser) -> None:
 
 
 def fit_options(sub: argparse.ArgumentParser) -> None:
-    """How a clip is fitted."""
+    """Add the options of a fit."""
     sub.add_argument("--profile", choices=PROFILES, default="wild", help="how much work to spend (default: wild)")
     sub.add_argument("--seed", type=int, default=0, help="seed of everything random")
     sub.add_argument("--threads", type=int, help="threads (default: all cores)")

@@ -25,7 +25,7 @@ from .options import (
 
 
 class Parser(argparse.ArgumentParser):
-    """Tells what is wrong with a command line as every other bad input is told: in one sentence."""
+    """Reports a wrong command line like every other bad input: in one sentence."""
 
     def error(self, message: str) -> NoReturn:
         """Raise F4xError in place of printing the usage."""

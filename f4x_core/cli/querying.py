@@ -191,7 +191,7 @@ def _write(scene: Scene, selection: Selection, views, folder: Path, backend: str
     with replace_file(folder / "selection.json") as file:
         file.write(json_text(selection.to_json()).encode())
 
-    def pictures() -> Iterator[np.ndarray]:
+    def images() -> Iterator[np.ndarray]:
         for index, weights in enumerate(mask_video(scene, selection, views, backend, progress=progress)):
             with replace_file(folder / "mask" / f"{index:05d}.png") as file:
                 Image.fromarray((weights > 0.5).astype(np.uint8) * 255).save(file, "PNG")
@@ -199,4 +199,4 @@ def _write(scene: Scene, selection: Selection, views, folder: Path, backend: str
             rgb = render(scene, camera, time, ("rgb",), backend)["rgb"]
             yield heat_map(rgb, coverage_image(scene, selection, camera, time, backend, soft=True))
 
-    write_video(folder / "heat.mp4", pictures(), scene.fps)
+    write_video(folder / "heat.mp4", images(), scene.fps)

@@ -25,9 +25,9 @@ from ..query.pixels import coverage_image
 from ..scene import Scene
 from ..scene.foreign import identify, open_any
 from ..scene.formats import choose_format, export
-from ..scene.picture import colour_depth, colour_motion, depth_range
 from ..scene.posing import require_time
 from ..scene.view import COVERED, render
+from ..scene.visualise import colour_depth, colour_motion, depth_range
 
 CHANNELS = ("rgb", "depth", "alpha", "motion")
 MASK = "mask:"
@@ -80,7 +80,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         folder.mkdir(parents=True, exist_ok=True)
     span = depth_span(scene, args.backend) if "depth" in channels else (0.0, 1.0)
     full_motion = FULL_MOTION * scene.cameras.width
-    pictures: dict[str, list[np.ndarray]] = {name: [] for name in channels}
+    videos: dict[str, list[np.ndarray]] = {name: [] for name in channels}
     for done, index in enumerate(indices):
         progress("render", done, len(indices))
         camera, time = views[index]
@@ -100,10 +100,10 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         except F4xError as error:
             raise F4xError(f"{error}; {done} of {len(indices)} frames were written completely.") from error
         if args.video:
-            for name, picture in images.items():
-                pictures[name].append(picture)
+            for name, image in images.items():
+                videos[name].append(image)
     progress("render", len(indices), len(indices))
-    for name, frames in pictures.items():
+    for name, frames in videos.items():
         if frames:
             write_video(Path(args.output) / f"{file_name(name)}.mp4", np.stack(frames), scene.fps)
     text = f"{args.output}: {len(indices)} frames"
@@ -174,12 +174,12 @@ def feature_image(scene: Scene, name: str, latent: np.ndarray, alpha: np.ndarray
     """(H,W,3) uint8 image of the latent, or of the features that a head decodes from `latent (H,W,D)`; black in empty pixels."""
     field = scene.require_field()
     if name != "latent":
-        picture = field.head(name).picture(latent)
+        image = field.head(name).to_rgb(latent)
     elif field.pca is not None:
-        picture = field.pca.picture(latent)
+        image = field.pca.to_rgb(latent)
     else:
         raise F4xError(f"{scene.name}: the latent has no colours; distil a teacher again.")
-    return picture * (alpha >= COVERED)[..., None]
+    return image * (alpha >= COVERED)[..., None]
 
 
 def run_export(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

@@ -26,7 +26,8 @@ class TerminalProgress:
     """A `Progress` that draws bars, as a context manager. `quiet` draws nothing; `lines` receives every report too.
 
     Before the first report Ctrl-C stops at once, because there is nothing to save yet. Afterwards it stops at the next report,
-    so that the work ends between two steps and saves complete files; pressed a second time, it stops at once.
+    so that the work ends between two steps and saves complete files; pressed a second time, it stops at once. Where the caller
+    ignores SIGINT, as `nohup` and shells in the background do, it stays ignored.
     """
 
     def __init__(self, quiet: bool = False, lines: LineProgress | None = None):
@@ -54,7 +55,8 @@ class TerminalProgress:
         self.handler: Any = None
 
     def __enter__(self) -> TerminalProgress:
-        if threading.current_thread() is threading.main_thread():  # no other may set handlers
+        in_main_thread = threading.current_thread() is threading.main_thread()  # no other may set handlers
+        if in_main_thread and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             self.handler = signal.signal(signal.SIGINT, self._interrupt)
         return self
 

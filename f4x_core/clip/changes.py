@@ -125,15 +125,14 @@ def _known(side: list[_View]) -> bool:
 
 def _one_shot(a: _View, b: _View) -> bool:
     """Whether two views look alike or show one place."""
-    return _match(a.cells, b.cells)[0] >= DIFFERENT or _same_place(*a.features, *b.features)
+    return _match(a.cells, b.cells)[0] >= DIFFERENT or _same_place(a, b)
 
 
-def _same_place(
-    points: np.ndarray, descriptors: np.ndarray, other_points: np.ndarray, other_descriptors: np.ndarray
-) -> bool:
+def _same_place(a: _View, b: _View) -> bool:
     """Whether features over much of the image match under one similarity (shift, rotation and zoom)."""
     import cv2
 
+    (points, descriptors), (other_points, other_descriptors) = a.features, b.features
     if min(len(points), len(other_points)) < MIN_BLOCKS:
         return False
     nearest = cv2.BFMatcher().knnMatch(descriptors, other_descriptors, 2)

@@ -34,7 +34,7 @@ MAX_MOMENTS = 512
 multiply them."""
 KEPT_MOMENTS = 8
 """Posed base scenes in the cache: the frame that a freeze holds is read at every frame."""
-FARTHEST = 1e12
+MAX_COORDINATE = 1e12
 """Maximum distance and size in world units, so that repeated scaling stays within float32."""
 BASE_PERCENTILE = 98
 """The base of an object is this percentile of its heights, so that stray Gaussians below it do not count."""
@@ -47,7 +47,7 @@ APPEARANCE_OPERATIONS = get_args(AppearanceChange)
 
 
 class Placement(NamedTuple):
-    """Where n Gaussians are."""
+    """Geometry of n Gaussians: where they are and how large."""
 
     means: np.ndarray
     """(n,3) float32 world."""
@@ -60,7 +60,7 @@ class Placement(NamedTuple):
 
 
 class Appearance(NamedTuple):
-    """What n Gaussians look like."""
+    """Appearance of n Gaussians."""
 
     opacities: np.ndarray
     """(n,) float32 in [0, 1]."""
@@ -101,8 +101,8 @@ class Motion(NamedTuple):
         if turns:
             quats = quaternion.normalize(quaternion.multiply(self.rotation, quats)).astype(np.float32)
         if resizes:
-            scales = np.minimum(scales * self.scale, FARTHEST).astype(np.float32)
-        means = np.clip(means + self.translate, -FARTHEST, FARTHEST).astype(np.float32)
+            scales = np.minimum(scales * self.scale, MAX_COORDINATE).astype(np.float32)
+        means = np.clip(means + self.translate, -MAX_COORDINATE, MAX_COORDINATE).astype(np.float32)
         return Placement(means, quats, scales, presence)
 
 
@@ -414,19 +414,19 @@ def next_id(scene: Scene) -> int:
     return max(scene.next_id, int(ids.max(initial=-1)) + 1)
 
 
-def with_operations(scene: Scene, *operations: Operation, said: str = "") -> Scene:
+def with_operations(scene: Scene, *operations: Operation, sentence: str = "") -> Scene:
     """The edited scene with operations appended to its stack, ids for copies reserved where they are missing."""
     scene = base_of(scene)
     for operation in operations:
         if isinstance(operation, Duplicate) and operation.first_id < 0:
             operation = replace(operation, first_id=next_id(scene))
-        scene = with_stack(scene, of(scene).append(operation, said))
+        scene = with_stack(scene, of(scene).append(operation, sentence))
     return edited(scene)
 
 
-def stack_of(scene: Scene, *operations: Operation, said: str = "") -> EditStack:
+def stack_of(scene: Scene, *operations: Operation, sentence: str = "") -> EditStack:
     """The stack of `with_operations`, checked."""
-    return of(with_operations(scene, *operations, said=said))
+    return of(with_operations(scene, *operations, sentence=sentence))
 
 
 def motion_of(operation: Transform, fraction: float, pivot: np.ndarray) -> Motion:

@@ -85,7 +85,7 @@ def needs_time(edit: Edit) -> bool:
 
 
 def _rest(scene: Scene, active: tuple[Edit, ...], count: int, rows: SplatRows, folded: Scene) -> EditStack:
-    """The stack behind the folded edits: names as they were given, then the other edits."""
+    """Return the stack that follows the folded edits: the names, then the other edits."""
     stack = EditStack()
     if count < len(active) and rows.gone.any():
         stack = stack.append(Delete(Ids.of(rows.ids[rows.gone])))
@@ -243,7 +243,7 @@ def _folded(scene: EditedScene, drop: bool) -> Scene:
         index = origin if part == "static" else rows.origin[followers] - count
         extra[name] = _taken(array, index) if part in ("static", "dynamic") else array
     folded_edits = [
-        {"op": edit.operation.TAG, "said": edit.said}
+        {"op": edit.operation.TAG, "said": edit.sentence}
         for edit in of(scene).edits
         if not isinstance(edit.operation, Name)
     ]
@@ -451,7 +451,7 @@ class _Nodes:
 
 
 class _NewNodes(NamedTuple):
-    """m nodes as a scaffold has them, and their latents."""
+    """Arrays and latents of m new scaffold nodes."""
 
     xyz: np.ndarray
     """(F,m,3)"""

@@ -37,7 +37,7 @@ MIN_CONTRAST = 0.3
 """A look is spread over the lights of a selection, but over no less than this, or noise would get all its colours."""
 TAILS = (2, 98)
 """Percentiles between which the lights of a selection lie; a few odd Gaussians do not count."""
-WIDEST = 3.0
+MAX_SPREAD_RATIO = 3.0
 """A spread of colours is carried over by no larger factor, or the few tints of a grey thing would glare."""
 MIN_SPREAD = 1e-3
 """OKLab; a selection of one colour has no spread to be scaled."""
@@ -54,12 +54,12 @@ def rgb_from_lab(lab: np.ndarray) -> np.ndarray:
     """sRGB (n,3) float64 in [0, 1] of OKLab (n,3); what a screen cannot show keeps its light and hue and turns paler."""
     lab = np.concatenate([np.clip(lab[:, :1], 0, 1), lab[:, 1:]], 1)
     odd = np.flatnonzero(~_is_shown(_linear(lab)))
-    least, most = np.zeros((len(odd), 1)), np.ones((len(odd), 1))
+    low, high = np.zeros((len(odd), 1)), np.ones((len(odd), 1))
     for _ in range(HALVINGS if len(odd) else 0):
-        share = (least + most) / 2
-        shown = _is_shown(_linear(lab[odd] * np.concatenate([np.ones_like(share), share, share], 1)))[:, None]
-        least, most = np.where(shown, share, least), np.where(shown, most, share)
-    lab[odd, 1:] *= least
+        factor = (low + high) / 2
+        shown = _is_shown(_linear(lab[odd] * np.concatenate([np.ones_like(factor), factor, factor], 1)))[:, None]
+        low, high = np.where(shown, factor, low), np.where(shown, high, factor)
+    lab[odd, 1:] *= low
     linear = np.clip(_linear(lab), 0, 1)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
@@ -82,9 +82,9 @@ def mean_of(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.average(values, 0, weights if weights.any() else None)
 
 
-def painted(rgb: np.ndarray, target: np.ndarray, light: np.ndarray | float) -> np.ndarray:
-    """sRGB (n,3): `target (3,)`, darkened and brightened as each of `rgb (n,3)` is darker or brighter than OKLab `light`."""
-    shade = lab_from_rgb(rgb)[:, :1] / np.maximum(light, DARKEST)
+def painted(rgb: np.ndarray, target: np.ndarray, lightness: np.ndarray | float) -> np.ndarray:
+    """sRGB (n,3): `target (3,)`, darkened and brightened as each of `rgb (n,3)` is darker or brighter than OKLab `lightness`."""
+    shade = lab_from_rgb(rgb)[:, :1] / np.maximum(lightness, DARKEST)
     return rgb_from_lab(np.where(shade > 1, 1 + HIGHLIGHT * (shade - 1), shade) * lab_from_rgb(target))
 
 
@@ -118,5 +118,5 @@ def moments_of(rgb: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def matched(rgb: np.ndarray, own: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """sRGB (n,3): `rgb (n,3)` with moments `own` carried to those of `other`, channel by channel (Reinhard et al. 2001)."""
-    factor = np.where(own[1] < MIN_SPREAD, 1, np.minimum(other[1] / np.maximum(own[1], MIN_SPREAD), WIDEST))
+    factor = np.where(own[1] < MIN_SPREAD, 1, np.minimum(other[1] / np.maximum(own[1], MIN_SPREAD), MAX_SPREAD_RATIO))
     return rgb_from_lab((lab_from_rgb(rgb) - own[0]) * factor + other[0])

@@ -29,11 +29,11 @@ from .phrases import (
     GRAY,
     PLACES,
     Amount,
-    Context,
     Distance,
-    Moment,
     Refusal,
+    SentenceContext,
     Steps,
+    TimeExpression,
     When,
     Who,
     amount,
@@ -65,7 +65,7 @@ from .selects import All, Not, SelectKind
 from .styles import STYLES
 from .words import inflected
 
-Value = Callable[[SelectKind, When, Context], Operation]
+Value = Callable[[SelectKind, When, SentenceContext], Operation]
 """What "red" or "twice as big" does to somebody at some time."""
 Making = Callable[[float], Value]
 """A value from a factor."""
@@ -81,7 +81,7 @@ SHOWN = 10.0
 COPY_DISTANCE = 1.2
 """Widths to the next copy: beside the thing, with a gap."""
 TILT = 30.0
-"""Degrees, when none are said."""
+"""Degrees, where the sentence names none."""
 
 
 # Values: what follows "make the dog …" --------------------------------------------------------------------------------
@@ -127,7 +127,7 @@ def _opacity(by: float) -> Value:
 
 
 def _faded(by: float, slowly: bool = False, inward: bool = False) -> Value:
-    def value(who: SelectKind, when: When, _: Context) -> Operation:
+    def value(who: SelectKind, when: When, _: SentenceContext) -> Operation:
         if (slowly or inward) and "ease" not in when.fading:
             raise Refusal("It is not said from when to when it fades; add for example 'from second 1 to 2'.")
         return Opacity(who, round(by, PLACES), **when.fading, inward=inward)
@@ -135,17 +135,17 @@ def _faded(by: float, slowly: bool = False, inward: bool = False) -> Value:
     return value
 
 
-def _deleted(who: SelectKind, when: When, _: Context) -> Operation:
+def _deleted(who: SelectKind, when: When, _: SentenceContext) -> Operation:
     if who == All():
         raise Refusal("Nothing would be left; say what to remove, or 'hide everything' if that is meant.")
     return Delete(who, **when.effect)
 
 
-def _extracted(who: SelectKind, when: When, _: Context) -> Operation:
+def _extracted(who: SelectKind, when: When, _: SentenceContext) -> Operation:
     return Extract(who, **when.effect)
 
 
-def _rest_grayed(who: SelectKind, when: When, context: Context) -> Operation:
+def _rest_grayed(who: SelectKind, when: When, context: SentenceContext) -> Operation:
     return _GRAYED(Not(who), when, context)
 
 
@@ -174,26 +174,26 @@ def _copied(
     way: Steps | None = None,
     far: Distance | None = None,
     times: float = 1.0,
-    shift: Moment | None = None,
+    shift: TimeExpression | None = None,
     called: str = "",
 ) -> Value:
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
-    told: dict[str, Any] = {"count": int(times), "name": called}
+    arguments: dict[str, Any] = {"count": int(times), "name": called}
     if way or far or shift is None:
         offset, unit = displacement(way or _RIGHT, far, COPY_DISTANCE)
-        told |= {"offset": offset, "unit": unit, "axes": "camera"}
+        arguments |= {"offset": offset, "unit": unit, "axes": "camera"}
 
-    def value(who: SelectKind, when: When, context: Context) -> Operation:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         if called:
             context.names.setdefault(called.lower(), called)
         later = 0.0 if shift is None else shift.resolve(context)
-        return Duplicate(who, time_shift=later, **told, **when.none("A copy"))
+        return Duplicate(who, time_shift=later, **arguments, **when.none("A copy"))
 
     return value
 
 
-def _frozen(who: SelectKind, when: When, context: Context) -> Operation:
+def _frozen(who: SelectKind, when: When, context: SentenceContext) -> Operation:
     return Freeze(who, **when.pause(context))
 
 
@@ -201,11 +201,11 @@ def _retimed(by: float) -> Value:
     return lambda who, when, _: Retime(who, round(by, PLACES), **when.effect)
 
 
-def _reversed(who: SelectKind, when: When, _: Context) -> Operation:
+def _reversed(who: SelectKind, when: When, _: SentenceContext) -> Operation:
     return Reverse(who, **when.effect)
 
 
-def _looped(who: SelectKind, when: When, _: Context) -> Operation:
+def _looped(who: SelectKind, when: When, _: SentenceContext) -> Operation:
     if when.frames is None:
         raise Refusal("It is not said which part is repeated; add for example 'from second 1 to 2'.")
     return Loop(who, **when.effect)
@@ -216,7 +216,7 @@ def _styled(look: str, strength: float = 1.0) -> Value:
 
 
 def _matched(source: Who) -> Value:
-    def value(who: SelectKind, when: When, context: Context) -> Operation:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         found = source(context)
         context.last = who  # what is spoken about is the thing that changes
         return Match(who, found, **when.effect)
@@ -228,7 +228,7 @@ def _named(called: str) -> Value:
     if means_something(called):
         raise Refusal(f"'{called}' cannot be a name, because it means something else in a sentence; choose another.")
 
-    def value(who: SelectKind, when: When, context: Context) -> Operation:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         return Name(who, context.names.setdefault(called.lower(), called), **when.none("A name"))
 
     return value
@@ -255,10 +255,12 @@ _without_colour = lit(
     "black and white|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|without (any) color|"
     "without colors"
 ) >> (lambda: _GRAYED)
-_LIGHT = ("brighter|lighter", "darker|dimmer", "bright|light", "dark|dim")
+_BRIGHTNESS = ("brighter|lighter", "darker|dimmer", "bright|light", "dark|dim")
 _SIZE = ("bigger|larger", "smaller|tinier", "big|large|huge", "small|tiny|little")
 _SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speedy", "slow|slowly")
-_light_value = either(comparison(*_LIGHT), fraction_of("brightness|light|luminance") | fraction_of("as bright")) >> _lit
+_brightness_value = (
+    either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright")) >> _lit
+)
 _size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale")) >> _scaled
 _slow_motion = lit("(in) (a) slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
 _paced = either(
@@ -353,7 +355,7 @@ _made = either(
     _colour_value,
     _without_colour,
     _more_colour_value,
-    _light_value,
+    _brightness_value,
     _size_value,
     _pace_value,
     _opacity_value,

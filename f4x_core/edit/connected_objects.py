@@ -73,7 +73,7 @@ def split_objects(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def pick_object(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera) -> np.ndarray:
-    """Those of the Gaussians `rows` that make up the object `which` (see `selects.Instance`), seen through `camera`."""
+    """Return those of the Gaussians `rows` that make up the object `which` (see `selects.Instance`), seen through `camera`."""
     owner, _ = split_objects(posed, rows)
     surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
     pixels, depth = camera.project(centres_of(posed.means[rows], owner, surface))

@@ -44,67 +44,69 @@ _BASIC = ("red", "green", "blue", "yellow", "orange", "purple", "pink", "cyan", 
 
 def describe(operation: Operation) -> str:
     """One line, for example "make the dog red from frame 20 on"."""
-    return _told(operation)
+    return _sentence(operation)
 
 
 @singledispatch
-def _told(operation: Operation) -> str:
+def _sentence(operation: Operation) -> str:
     raise TypeError(f"{type(operation).__name__} is no operation")
 
 
-@_told.register
+@_sentence.register
 def _(operation: Recolour) -> str:
     who, rgb = whom(operation.select), operation.rgb
     strong = {1.0: "", 0.5: "a bit "}.get(operation.strength, f"{100 * operation.strength:g} % ")
     if operation.mode == "hue":
-        told = (
+        sentence = (
             f"make {who} {strong}black and white"
             if set(rgb) == {0.5}
             else f"shift the hue of {who} {strong}to {_colour(rgb)}"
         )
     elif operation.mode == "multiply":
-        told = (
+        sentence = (
             f"make {who} {_times(rgb[0], 'bright', 'brighter', 'darker')}"
             if len(set(rgb)) == 1
             else f"multiply the color of {who} by {_numbers(rgb)}"
         )
     elif operation.mode == "add":
-        told = f"make {who} {more}" if (more := _more(rgb)) else f"add {_numbers(rgb)} to the color of {who}"
+        sentence = f"make {who} {more}" if (more := _more(rgb)) else f"add {_numbers(rgb)} to the color of {who}"
     else:
-        told = f"make {who} {strong}{'' if operation.keep_luminance else 'solid '}{_colour(rgb)}"
-    return told + _span(operation.frames)
+        sentence = f"make {who} {strong}{'' if operation.keep_luminance else 'solid '}{_colour(rgb)}"
+    return sentence + _span(operation.frames)
 
 
-@_told.register
+@_sentence.register
 def _(operation: Opacity) -> str:
     who, factor = whom(operation.select), operation.factor
     if factor == SHOWN:
-        told = f"show {who} again"
+        sentence = f"show {who} again"
     elif factor > 1:
-        told = f"increase the opacity of {who} by {_percent(factor - 1)}"
+        sentence = f"increase the opacity of {who} by {_percent(factor - 1)}"
     elif operation.ease:
-        told = f"fade {who} to {_percent(factor)}" if factor else f"fade {'in' if operation.inward else 'out'} {who}"
+        sentence = (
+            f"fade {who} to {_percent(factor)}" if factor else f"fade {'in' if operation.inward else 'out'} {who}"
+        )
         return (
-            told
+            sentence
             + _span(operation.frames, "to the end")
             + ("" if operation.ease == "linear" else f" ({operation.ease})")
         )
     else:
-        told = f"give {who} {_percent(factor)} opacity" if factor else f"hide {who}"
-    return told + _span(operation.frames)
+        sentence = f"give {who} {_percent(factor)} opacity" if factor else f"hide {who}"
+    return sentence + _span(operation.frames)
 
 
-@_told.register
+@_sentence.register
 def _(operation: Delete) -> str:
     return f"remove {whom(operation.select)}" + _span(operation.frames)
 
 
-@_told.register
+@_sentence.register
 def _(operation: Extract) -> str:
     return f"keep only {whom(operation.select)}" + _span(operation.frames)
 
 
-@_told.register
+@_sentence.register
 def _(operation: Transform) -> str:
     who, parts = whom(operation.select), []
     if any(operation.translate):
@@ -122,58 +124,58 @@ def _(operation: Transform) -> str:
     return " and ".join(parts) + _span(operation.frames, "to the end") + eased
 
 
-@_told.register
+@_sentence.register
 def _(operation: Duplicate) -> str:
-    told = f"copy {whom(operation.select)}" + (f" {operation.count} times" if operation.count > 1 else "")
+    sentence = f"copy {whom(operation.select)}" + (f" {operation.count} times" if operation.count > 1 else "")
     if any(operation.offset):
-        told += f" {_way(operation.offset, operation.unit, operation.axes)}"
+        sentence += f" {_way(operation.offset, operation.unit, operation.axes)}"
     if operation.time_shift:
-        told += f" {abs(operation.time_shift):g} frames {'later' if operation.time_shift > 0 else 'earlier'}"
-    return told + (f", called {operation.name}" if operation.name else "")
+        sentence += f" {abs(operation.time_shift):g} frames {'later' if operation.time_shift > 0 else 'earlier'}"
+    return sentence + (f", called {operation.name}" if operation.name else "")
 
 
-@_told.register
+@_sentence.register
 def _(operation: Freeze) -> str:
     until = "" if operation.until is None else f" to frame {operation.until:g}"
     return f"freeze {whom(operation.select)} {'from' if until else 'at'} frame {operation.at:g}{until}"
 
 
-@_told.register
+@_sentence.register
 def _(operation: Retime) -> str:
     speeds = {2.0: "twice as fast", 0.5: "at half speed"}
     pace = speeds.get(operation.speed, f"at {_percent(operation.speed)} speed")
     return f"play {whom(operation.select)} {pace}" + _span(operation.frames)
 
 
-@_told.register
+@_sentence.register
 def _(operation: Reverse) -> str:
     return f"play {whom(operation.select)} backwards" + _span(operation.frames)
 
 
-@_told.register
+@_sentence.register
 def _(operation: Loop) -> str:
     return f"loop {whom(operation.select)}" + _span(operation.frames, "to the end")
 
 
-@_told.register
+@_sentence.register
 def _(operation: Style) -> str:
     return f"make {whom(operation.select)} look {_slightly(operation.strength)}like {operation.look}" + _span(
         operation.frames
     )
 
 
-@_told.register
+@_sentence.register
 def _(operation: Match) -> str:
     who, source = whom(operation.select), whom(operation.source)
     return f"match {who} {_slightly(operation.strength)}to {source}" + _span(operation.frames)
 
 
-@_told.register
+@_sentence.register
 def _(operation: Name) -> str:
     return f'call {whom(operation.select)} "{operation.name}"'
 
 
-@_told.register
+@_sentence.register
 def _(operation: Rekey) -> str:
     count, first, last = len(operation.nodes), operation.times[0], operation.times[-1]
     return f"move {count} {plural('node', count)} of the scaffold, frames {first:g} to {last:g}"
@@ -207,11 +209,11 @@ def whom(select: SelectKind) -> str:
 
 def _both(select: And) -> str:
     background = Not(Moving())
-    told = [whom(part) for part in select.of if not isinstance(part, Not) or part == background]
+    kept = [whom(part) for part in select.of if not isinstance(part, Not) or part == background]
     left_out = [whom(part.of) for part in select.of if isinstance(part, Not) and part != background]
-    if len(told) == 2 and isinstance(select.of[1], Moving):
-        told = [f"the moving {told[0].removeprefix('the ')}"]
-    return " that is also ".join(told or ["everything"]) + "".join(f" but not {part}" for part in left_out)
+    if len(kept) == 2 and isinstance(select.of[1], Moving):
+        kept = [f"the moving {kept[0].removeprefix('the ')}"]
+    return " that is also ".join(kept or ["everything"]) + "".join(f" but not {part}" for part in left_out)
 
 
 def _span(frames: tuple[float, float | None] | None, open_end: str = "on") -> str:

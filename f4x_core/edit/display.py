@@ -24,7 +24,7 @@ GREY = 0.5
 
 
 class Display:
-    """What to draw of a scene, edited or not. N Gaussians in the order of `posed`."""
+    """Geometry and appearance of a scene to draw, edited or not. N Gaussians in the order of `posed`."""
 
     def __init__(self, scene: Scene):
         self.scene = scene
@@ -116,10 +116,10 @@ class Display:
         return self.scene.part(self.time(frame), self.apart)
 
 
-def by_score(looks: Appearance, scores: np.ndarray) -> Appearance:
+def by_score(appearance: Appearance, scores: np.ndarray) -> Appearance:
     """The same Gaussians in the colours of a heat map of `scores (N,)` in [0, 1]."""
     grey = np.full((1, len(scores), 3), GREY)
     rgb = heat_map(grey, scores[None])[0] / 255
-    sh = np.zeros_like(looks.sh)
+    sh = np.zeros_like(appearance.sh)
     sh[:, 0] = spherical_harmonics.dc_from_rgb(rgb)
-    return looks._replace(sh=sh)
+    return appearance._replace(sh=sh)

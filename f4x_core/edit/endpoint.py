@@ -21,9 +21,9 @@ STEP_DOWN = (400, 404, 422, 501)
 """Statuses by which servers refuse a way to ask that they do not know."""
 MAX_LABELS = 200
 """Labels sent along; a prompt with more is slow and no clearer."""
-LONGEST_LABEL, MAX_WORDS = 40, 4
+MAX_LABEL_LENGTH, MAX_WORDS = 40, 4
 """Letters and words of a label that is one: a longer text is somebody's message to the model."""
-LONGEST_SENTENCE = 2000
+MAX_SENTENCE_LENGTH = 2000
 """Letters of a request that are sent."""
 QUOTED = 4000
 """Letters of a wrong answer that are shown to the model again."""
@@ -65,9 +65,9 @@ def ask_for_operations(server: ChatServer, request: Request) -> tuple[Operation,
     reply = replies()
 
     def read(data: Any) -> tuple[Operation, ...]:
-        return tuple(change.operation(request) for change in reply.read_answer(reply.Reply, data).operations)
+        return tuple(change.operation(request) for change in reply.read_answer(reply.ChangeList, data).operations)
 
-    operations = ask_json(server, _messages(request), reply.schema_of(reply.Reply), read)
+    operations = ask_json(server, _messages(request), reply.schema_of(reply.ChangeList), read)
     if not operations:
         raise F4xError(f"{server.url}: the model finds nothing in the request that an edit can do; say it otherwise.")
     return operations
@@ -86,7 +86,7 @@ def replies() -> ModuleType:
 def ask_json(
     server: ChatServer, messages: Sequence[dict[str, Any]], schema: dict[str, Any], read: Callable[[Any], Answer]
 ) -> Answer:
-    """What `read` makes of the model's JSON; its F4xError is told to the model, which may answer once more.
+    """Ask the model and return `read(answer)`; the model sees an F4xError of `read` and may answer once more.
 
     Asked in the strictest way that the server takes: a strict schema, any JSON object, or plain text in which the first
     object is looked for. Raises F4xError.
@@ -118,11 +118,11 @@ def first_object(text: str) -> dict[str, Any]:
 
 
 def plain_words(labels: Sequence[str]) -> list[str]:
-    """Those of `labels` that are words and no messages, at most `MAX_LABELS`."""
+    """Return those of `labels` that are plain words and not messages, at most `MAX_LABELS`."""
     return [
         label
         for label in labels
-        if len(label) <= LONGEST_LABEL
+        if len(label) <= MAX_LABEL_LENGTH
         and len(label.split()) <= MAX_WORDS
         and all(letter.isalnum() or letter in " -_'" for letter in label)
     ][:MAX_LABELS]
@@ -160,8 +160,8 @@ def _ask_twice(
 
 
 def _messages(request: Request) -> list[dict[str, Any]]:
-    told = {
-        "request": request.sentence[:LONGEST_SENTENCE],
+    request_fields = {
+        "request": request.sentence[:MAX_SENTENCE_LENGTH],
         "labels": plain_words(request.labels),
         "names": plain_words(request.names),
         "fps": request.fps,
@@ -174,4 +174,4 @@ def _messages(request: Request) -> list[dict[str, Any]]:
         asked = {"request": sentence, "labels": ["dog", "car"], "fps": 10, "frames": 60}
         spoken.append({"role": "user", "content": json.dumps(asked)})
         spoken.append({"role": "assistant", "content": json.dumps({"operations": operations})})
-    return [*spoken, {"role": "user", "content": json.dumps(told)}]
+    return [*spoken, {"role": "user", "content": json.dumps(request_fields)}]

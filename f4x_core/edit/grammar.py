@@ -42,12 +42,12 @@ class Token:
 
 def tokenise(sentence: str) -> list[Token]:
     """The tokens of a sentence; contractions are taken apart ("don't": do, not; "dog's": dog, 's)."""
-    told = sentence.lower()
-    if len(told) != len(sentence):  # a letter whose small form is longer would shift every place behind it
-        told = "".join(c.lower() if len(c.lower()) == 1 else c for c in sentence)
-    told = told.translate(_PLAIN)
+    lowered = sentence.lower()
+    if len(lowered) != len(sentence):  # a letter whose small form is longer would shift every place behind it
+        lowered = "".join(c.lower() if len(c.lower()) == 1 else c for c in sentence)
+    lowered = lowered.translate(_PLAIN)
     tokens = []
-    for match in _TOKEN.finditer(_RANGE.sub(" ", told)):
+    for match in _TOKEN.finditer(_RANGE.sub(" ", lowered)):
         text, start, end = match.group(), match.start(), match.end()
         if "'" not in text or len(text) == 1:
             tokens.append(Token(SPELLING.get(text, text), start, end))
@@ -89,8 +89,8 @@ class Reading:
         """Text of a token; nothing behind the last."""
         return self.tokens[at].text if at < len(self.tokens) else ""
 
-    def said(self, start: int, end: int) -> str:
-        """Tokens [start, end) as they were typed."""
+    def text_of(self, start: int, end: int) -> str:
+        """Return tokens [start, end) as the person typed them."""
         return " ".join(self.sentence[self.tokens[start].start : self.tokens[end - 1].end].split())
 
 
@@ -294,7 +294,7 @@ def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset()) -> Rule
     return Rule(match)
 
 
-def chosen(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rule:
+def generated(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rule:
     """A rule from a generator of (end, value), best first."""
 
     def all_ways(reading: Reading, at: int) -> Ways:

@@ -23,7 +23,7 @@ def read_operations(path: Path) -> list[Operation]:
 
 
 def read_json(path: Path, wanted: str) -> Any:
-    """What the JSON file `path` holds; F4xError says that it is no `wanted`."""
+    """Return the content of the JSON file `path`; F4xError says that it is no `wanted`."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise F4xError(f"{path}: it is larger than {MAX_BYTES >> 20} MiB; give {wanted}.")

@@ -19,14 +19,14 @@ from ..geometry import trajectory
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import View
 from ..progress import Progress, silent
-from ..query.chat import ChatServer, picture_part
+from ..query.chat import ChatServer, image_part
 from ..query.labels import TextQuery, ask_for
-from ..query.pixels import text_picture
+from ..query.pixels import text_score_map
 from ..scene import Scene
-from ..scene.picture import labelled_grid
 from ..scene.view import render
+from ..scene.visualise import labelled_grid
 from .apply import with_operations
-from .endpoint import LONGEST_SENTENCE, ask_json, replies
+from .endpoint import MAX_SENTENCE_LENGTH, ask_json, replies
 from .operations import Delete, Duplicate, Extract, Freeze, Loop, Name, Operation, Retime, Reverse, Transform
 from .resolve import Resolver, chosen
 from .selects import Text
@@ -66,7 +66,7 @@ what the request asks to the whole thing and changes nothing else. Answer with o
 
 @dataclass(frozen=True)
 class Verdict:
-    """Who is best, and why."""
+    """The judge's choice among candidates, and its scores."""
 
     scores: tuple[Mapping[str, float], ...]
     """For each candidate `coverage`, `leakage`, `words`, `flicker`, and `score` that weighs them."""
@@ -105,7 +105,7 @@ def judge(
     if server is None:
         return Verdict(tuple(scores), best)
     try:
-        sheet = contact_sheet(scene, candidates, backend=backend)
+        sheet = candidate_sheet(scene, candidates, backend=backend)
         return Verdict(tuple(scores), ask_which(server, sentence, sheet, len(candidates)), server.url)
     except F4xError as error:
         return Verdict(tuple(scores), best, MEASURED, (f"{error} The candidates were measured instead.",))
@@ -121,13 +121,13 @@ def ask_which(server: ChatServer, sentence: str, sheet: Image.Image, count: int)
             raise F4xError(f"best is {best}, but there are {count} candidates")
         return best - 1
 
-    asked = {"type": "text", "text": f"The request: {sentence[:LONGEST_SENTENCE]!r}. Candidates: 1 to {count}."}
-    content = [picture_part(np.asarray(sheet)), asked]
+    asked = {"type": "text", "text": f"The request: {sentence[:MAX_SENTENCE_LENGTH]!r}. Candidates: 1 to {count}."}
+    content = [image_part(np.asarray(sheet)), asked]
     messages: list[dict[str, Any]] = [{"role": "system", "content": JUDGE}, {"role": "user", "content": content}]
     return ask_json(server, messages, reply.schema_of(reply.Choice), read)
 
 
-def contact_sheet(
+def candidate_sheet(
     scene: Scene, candidates: Sequence[tuple[Operation, ...]], best: int | None = None, backend: str = "auto"
 ) -> Image.Image:
     """RGB picture: a row for each view, a column before and one for each candidate, the one at index `best` framed."""
@@ -155,7 +155,7 @@ def compare(before: np.ndarray, after: np.ndarray, target: np.ndarray) -> tuple[
     pixels that touch it, in which blending mixes both sides. Both 0 where their base is empty.
     """
     change = difference(before, after)
-    inside = grown(target)
+    inside = dilate(target)
     coverage = float((change[target] > CHANGED).mean()) if target.any() else 0.0
     return coverage, float(change[~inside].sum() / max(change.sum(), 1e-12))
 
@@ -173,7 +173,7 @@ def flicker(before: np.ndarray, after: np.ndarray, region: np.ndarray) -> float:
     return (new + STILL) / (old + STILL)
 
 
-def grown(mask: np.ndarray) -> np.ndarray:
+def dilate(mask: np.ndarray) -> np.ndarray:
     """(H,W) bool mask and the pixels that touch it, corners too."""
     wide = np.pad(mask, 1)
     rows = wide[:-2] | wide[1:-1] | wide[2:]
@@ -196,7 +196,7 @@ def _weights(scene, asked, candidates, resolver) -> np.ndarray:
 
 
 class _Eye:
-    """What the scene looks like before, and how a candidate compares; n operations are asked for."""
+    """Renders a scene before its edit and scores candidates of n operations against that."""
 
     def __init__(self, scene: Scene, asked: Sequence[Operation], weights: np.ndarray, resolver: Resolver, backend: str):
         """`weights (N,n)` of `_weights`."""
@@ -237,7 +237,7 @@ class _Eye:
         return {"coverage": coverage, "leakage": leakage, "words": words, "flicker": restless, "score": score}
 
     def _untouched(self, after: Scene, operations: tuple[Operation, ...]) -> np.ndarray:
-        """(N,n) bool: whom each operation leaves as it is. Bits left behind were hidden before: only `after` shows them."""
+        """(N,n) bool: Gaussians that each operation leaves unchanged. Only `after` shows parts that were hidden before."""
         passed = [isinstance(operation, Duplicate | Extract | Name) for operation in operations]
         return np.stack([~(chosen(after, o.select) | p) for o, p in zip(operations, passed, strict=True)], 1)
 
@@ -264,10 +264,10 @@ class _Eye:
 
     def _answer(self, scene: Scene, query: TextQuery) -> np.ndarray:
         """(H,W) probability of a query's targets in the middle view."""
-        return text_picture(scene, query, *self.views[MOMENTS // 2], self.backend)[..., : query.targets].sum(-1)
+        return text_score_map(scene, query, *self.views[MOMENTS // 2], self.backend)[..., : query.targets].sum(-1)
 
     def _words(self, after: Scene) -> float:
-        """How much better words answer after `delete` (gone where the thing was) and `extract` (there in what is left)."""
+        """Gain in word probability: after `delete` it drops where the object was, after `extract` it rises in what is left."""
         gains = []
         for (n, query), old in zip(self.queries, self.answers, strict=True):
             new = self._answer(after, query)

@@ -31,24 +31,24 @@ from .grammar import (
     tokenise,
 )
 from .operations import Duplicate, Operation
-from .phrases import Context, Refusal, Span, When, colour, familiar, span, together
+from .phrases import Refusal, SentenceContext, Span, When, colour, familiar, span, together
 from .selects import Named, SelectKind, parts_of
 from .words import FUNCTION_WORDS, inflected, singular, word_set
 
 __all__ = ["Refusal", "describe", "parse"]
 
-LONGEST, MAX_WORDS = 1500, 120
+MAX_CHARACTERS, MAX_WORDS = 1500, 120
 """Characters and words of a sentence that is read; a person says less at once."""
 
 
 class Clause(NamedTuple):
-    """A verb with all it is said of."""
+    """A verb with everything it applies to."""
 
     command: Command
     pieces: tuple[dict[str, Any], ...]
     """Slots of each who: "make [the dog red] and [the cat blue]"."""
     front: Span | None = None
-    """A time said before the verb; it holds for what follows with "and", too."""
+    """A time before the verb; it also holds for what follows with "and"."""
 
 
 _when = ~lit(",") + span
@@ -95,11 +95,11 @@ def _of(command: Command) -> Rule:
 
     ways = []
     if command.verbs or not command.itself:
-        said = (verb(1) if command.verbs else NOTHING) + first >> (lambda one: (one,))
-        ways.append(said)
+        phrase = (verb(1) if command.verbs else NOTHING) + first >> (lambda one: (one,))
+        ways.append(phrase)
         if command.gapped:
             others = _between + listed(more, _between) >> (lambda pieces: tuple(piece for (piece,) in pieces))
-            ways.append(said + others >> (lambda pieces, rest: pieces + rest))
+            ways.append(phrase + others >> (lambda pieces, rest: pieces + rest))
     subject = command.who
     if command.itself:
         itself = verb(0, command.itself) + own
@@ -178,14 +178,16 @@ def parse(
     frame: float = 0,
     copies: Mapping[SelectKind, SelectKind] | None = None,
 ) -> tuple[Operation, ...]:
-    """The operations that `sentence` asks for, in order; selections are as said, not yet looked up in a scene.
+    """Return the operations that `sentence` asks for, in order; selections are words, not yet resolved in a scene.
 
     `labels` and `names`: words that the scene knows and selections that have a name. The clip has `frames` frames, `fps` a second,
     of which `frame` is the present one; `selected`: there is something that "it" can be; `copies`: those of earlier sentences ->
     what was copied. Raises `Refusal`.
     """
-    if len(sentence) > LONGEST:
-        raise Refusal(f"The sentence has {len(sentence)} characters, more than {LONGEST}; say fewer commands at once.")
+    if len(sentence) > MAX_CHARACTERS:
+        raise Refusal(
+            f"The sentence has {len(sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
+        )
     tokens = [token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED]
     if len(tokens) > MAX_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
@@ -196,7 +198,9 @@ def parse(
     if found is None:
         reason, answer = _not_understood(reading)
         raise Refusal(reason, _nearest(tokens) if answer else ())
-    context = Context(fps, frames, frame, selected, {name.lower(): name for name in names}, earlier=copies or {})
+    context = SentenceContext(
+        fps, frames, frame, selected, {name.lower(): name for name in names}, earlier=copies or {}
+    )
     try:
         operations = list(_operations(found[0], context))
     except Refusal as refusal:
@@ -219,7 +223,7 @@ def _selected(operation: Operation) -> Iterator[SelectKind]:
 
 def _statements(tokens: list[Token]) -> list[Token]:
     """The tokens with "could you …?" ended by a full stop; Refusal when anything else is asked."""
-    told, start = [], 0
+    statements, start = [], 0
     for i, token in enumerate(tokens):
         if token.text == "?":
             part = tokens[start:i]
@@ -230,8 +234,8 @@ def _statements(tokens: list[Token]) -> list[Token]:
             token = Token(".", token.start, token.end)
         if token.text in (".", "!", ";"):
             start = i + 1
-        told.append(token)
-    return told
+        statements.append(token)
+    return statements
 
 
 def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
@@ -245,7 +249,7 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
     return known
 
 
-def _operations(clauses: tuple[tuple[Any, ...], ...], context: Context) -> Iterator[Operation]:
+def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) -> Iterator[Operation]:
     """The operations of clauses, each of which may follow (whether its separator is hard)."""
     front: Span | None = None
     for *separators, clause in clauses:
@@ -264,8 +268,10 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: Context) -> Itera
                     "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
                 )
             topics.append(who)
-            told = {name: value for name, value in piece.items() if name not in ("who", "when") and value is not None}
-            made = clause.command.make(**told)
+            arguments = {
+                name: value for name, value in piece.items() if name not in ("who", "when") and value is not None
+            }
+            made = clause.command.make(**arguments)
             settled = When.of(own or front or last, context)
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
@@ -278,8 +284,8 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: Context) -> Itera
 
 def _compatible(operations: list[Operation]) -> list[Operation]:
     """The operations; Refusal when two of them set the same thing."""
-    told = {(type(one), getattr(one, "mode", None), getattr(one, "rotate", None)) for one in operations}
-    if len(told) < len(operations):
+    kinds = {(type(one), getattr(one, "mode", None), getattr(one, "rotate", None)) for one in operations}
+    if len(kinds) < len(operations):
         raise Refusal("Two things are said that exclude one another, as 'red and blue' do; say one of them.")
     return operations
 
@@ -287,25 +293,25 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 _ELSEWHERE = {"undo": "undo", "revert": "undo", "redo": "redo"}
 """Word -> verb of `f4x` that does it."""
 _UNKNOWN_WAYS = (
-    (lit("not|never"), "Say what is to be done, not what is not: '{said}' is not understood here."),
+    (lit("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (
         lit("[half|part|parts|most|some|a third|a quarter] of"),
-        "Things are changed as a whole, so '{said}' means nobody.",
+        "Things are changed as a whole, so '{words}' means nobody.",
     ),
     (
         lit("[darker|lighter|brighter|deeper]") + silent(colour),
-        "'{said}' is no color; give its name, for example 'dark red'.",
+        "'{words}' is no color; give its name, for example 'dark red'.",
     ),
     (
         lit("the [first|second|third|fourth|fifth|last|next|other]") + familiar,
-        "Things are not counted, so nobody is '{said}'; say for example 'the left one' or 'the biggest one'.",
+        "Things are not counted, so nobody is '{words}'; say for example 'the left one' or 'the biggest one'.",
     ),
     (
         lit("behind|beside|near|under|underneath|above|below|next to|in front of|between|on top of"),
-        "Nobody is found by what is '{said}' it; say for example 'the left one' or 'the nearest one'.",
+        "Nobody is found by what is '{words}' it; say for example 'the left one' or 'the nearest one'.",
     ),
 )
-"""Phrases that no command has, and what is told of them; the words before which reading ended are no fault of their own."""
+"""Phrases that no command has, and the reason given for each; the words before which reading ended are no fault of their own."""
 
 
 def _not_understood(reading: Reading) -> tuple[str, bool]:
@@ -316,14 +322,14 @@ def _not_understood(reading: Reading) -> tuple[str, bool]:
     unknown = _unknown_word(reading)
     if unknown:
         return unknown, True
-    for rule, told in _UNKNOWN_WAYS:
+    for rule, reason in _UNKNOWN_WAYS:
         for at in range(len(reading.tokens)):
             if ends := rule.at(reading, at):
                 negated = rule is _UNKNOWN_WAYS[0][0]
-                return told.format(said=reading.said(at, max(ends))), not negated
+                return reason.format(words=reading.text_of(at, max(ends))), not negated
     if reading.farthest >= len(reading.tokens):
         return f"The command is not complete: {_lacking(reading)}.", True
-    return f"I do not understand '{reading.said(reading.farthest, reading.farthest + 1)}' here.", True
+    return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
 
 
 def _unknown_word(reading: Reading) -> str:
@@ -333,7 +339,7 @@ def _unknown_word(reading: Reading) -> str:
     vocabulary = VOCABULARY | FUNCTION_WORDS | COLOURS.keys() | SHADES.keys()
     for at, token in enumerate(reading.tokens[: farthest + 1]):
         if token.is_word and not {token.text, singular(token.text)} & (vocabulary | parts):
-            word = reading.said(at, at + 1)
+            word = reading.text_of(at, at + 1)
             close = get_close_matches(token.text, sorted(VOCABULARY | COLOURS.keys() | parts), 1, 0.8)
             return f"I do not understand '{word}'" + (f"; did you mean '{close[0]}'?" if close else ".")
     return ""
@@ -364,15 +370,15 @@ _beginnings = [
 
 
 def _lacking(reading: Reading) -> str:
-    """What the last command of a sentence lacks."""
+    """Return what the last command of a sentence lacks, as part of a message."""
     end = len(reading.tokens)
     for at in range(end):
         for command, verb, verb_and_who in _beginnings:
             whole = end in verb_and_who.at(reading, at)
             if (whole and command.needed) or end in verb.at(reading, at):
                 unsaid = " and ".join(_UNSAID[slot] for slot in sorted(command.needed if whole else {"who"}))
-                return f"after '{reading.said(at, end)}' it is not said {unsaid}, as in '{command.example}'"
-    return f"something is missing after '{reading.said(end - 1, end)}'"
+                return f"after '{reading.text_of(at, end)}' it is not said {unsaid}, as in '{command.example}'"
+    return f"something is missing after '{reading.text_of(end - 1, end)}'"
 
 
 _EXAMPLE_THING = re.compile(r"\bthe (dog|cat|car|house|sky|wall|box|lamp|hat|shirt)\b")
@@ -384,26 +390,26 @@ def nearest(sentence: str, there: Sequence[str] = ()) -> tuple[str, ...]:
     tokens = tokenise(sentence)
     if not there:
         return _nearest(tokens)
-    said = {form for token in tokens for form in (token.text, singular(token.text))}
-    things = sorted(there, key=lambda label: label.lower() not in said)  # what was spoken about first
+    forms = {form for token in tokens for form in (token.text, singular(token.text))}
+    things = sorted(there, key=lambda label: label.lower() not in forms)  # what was spoken about first
 
     def about(example: str) -> str:
         nouns = list(dict.fromkeys(_EXAMPLE_THING.findall(example)))
         return _EXAMPLE_THING.sub(lambda found: f"the {things[nouns.index(found[1])]}", example)
 
-    told = _nearest(tokens, len(COMMANDS))
-    fitting = (about(one) for one in told if len(set(_EXAMPLE_THING.findall(one))) <= len(things))
+    examples = _nearest(tokens, len(COMMANDS))
+    fitting = (about(one) for one in examples if len(set(_EXAMPLE_THING.findall(one))) <= len(things))
     return tuple(dict.fromkeys(fitting))[:3]
 
 
 def _nearest(tokens: Sequence[Token], count: int = 3) -> tuple[str, ...]:
-    said = [token.text for token in tokens[:MAX_WORDS]]
+    typed = [token.text for token in tokens[:MAX_WORDS]]
 
     def likeness(example: str) -> float:
         words = example.split()
         telling = set(words) - FUNCTION_WORDS - {"dog"}  # all examples have these
-        alike = sum(bool(get_close_matches(word, said, 1, 0.75)) for word in telling)
-        return alike / max(len(telling), 1) + SequenceMatcher(None, words, said).ratio() / 2
+        alike = sum(bool(get_close_matches(word, typed, 1, 0.75)) for word in telling)
+        return alike / max(len(telling), 1) + SequenceMatcher(None, words, typed).ratio() / 2
 
     examples = dict.fromkeys(command.example for command in COMMANDS)
     return tuple(sorted(examples, key=likeness, reverse=True)[:count])

@@ -47,7 +47,7 @@ def check_negatives(words: Sequence[str], negatives: Sequence[str] | None) -> No
 def by_names(
     scene: Scene, words: Sequence[str], threshold: float = THRESHOLD, span: tuple[float, float] | None = None
 ) -> dict[str, Selection]:
-    """Those of `words` that are names which edits gave -> whom they mean."""
+    """Map those of `words` that are names given by edits to their selections."""
     names = {name.lower(): each for name, each in named(scene).items()}
     meant = {word: names[form] for word in words for form in spellings(word) if form in names}
     return {word: replace(each, threshold=threshold, span=span) for word, each in meant.items()}
@@ -75,7 +75,7 @@ def by_labels(
 
 
 def together(found: Mapping[str, Selection]) -> Selection:
-    """Whom one of the words means, at their common threshold."""
+    """Return the union of the selections, at their common threshold."""
     first, *others = found.values()
     for other in others:
         first = replace(first, scores=np.maximum(first.scores, other.scores), wins=first.wins | other.wins)

@@ -331,7 +331,7 @@ class Name(Change):
 
 @dataclass(frozen=True)
 class Rekey(Change):
-    """Other poses of scaffold nodes: what an artist did to them. Make it with `Rekey.of`.
+    """New poses of scaffold nodes, set by an artist. Make it with `Rekey.of`.
 
     It changes the scene's own motion, wherever it stands in the stack: what was retimed shows it at its moments, copies too.
     Between two of its `times`, and at the other knots of the scaffold, everything stays as it was.

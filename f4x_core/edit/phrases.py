@@ -1,4 +1,4 @@
-"""Phrases of edits: who, when, how much, which way. What depends on the clip is worked out in a `Context`, when all is read."""
+"""Phrases of edits: who, when, how much, which way. A `SentenceContext` resolves what depends on the clip, once all is read."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from .grammar import (
     Mismatch,
     Reading,
     Rule,
-    chosen,
     either,
+    generated,
     listed,
     lit,
     optional,
@@ -43,8 +43,8 @@ class Refusal(F4xError):  # noqa: N818  # nothing went wrong
 
 
 @dataclass
-class Context:
-    """What a sentence is said about, and what it has named so far."""
+class SentenceContext:
+    """The clip and names that a sentence refers to, and what the sentence has named so far."""
 
     fps: float
     """Clip frames per second."""
@@ -79,7 +79,7 @@ class Context:
         return self.last or Current()
 
     def one(self) -> SelectKind:
-        """What "the left one" is one of: the kind of the last thing named, a thing and its copies after copying."""
+        """Return the kind that "the left one" picks from: that of the last thing named, after copying with its copies."""
         select = self.it("'one'")
         if isinstance(select, Named) and select.name in self.copies:
             return together((self.copies[select.name], select))
@@ -96,7 +96,7 @@ class Context:
         return replace(operation, name=name), self.one() if operation.count == 1 else self.last
 
     def and_copies(self, select: SelectKind) -> SelectKind:
-        """A thing said in the plural: with the copies that the sentence made of it."""
+        """Return the selection of a plural noun: the object and the copies that the sentence made of it."""
         return together((select, *(Named(name) for name, who in self.copies.items() if who == select)))
 
 
@@ -130,7 +130,7 @@ def _number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
         yield at + 2, 100.0
 
 
-number = chosen(_number_at)
+number = generated(_number_at)
 signed = (lit("-|minus") + number >> (lambda x: -x)) | number
 VOCABULARY.update(ONES, TENS, FRACTIONS)
 
@@ -154,7 +154,7 @@ multiple = either(
 
 
 class Amount(NamedTuple):
-    """How much: a little, much, times, a fraction more or less, or to a fraction."""
+    """An amount: a little, much, times, a fraction more or less, or to a fraction."""
 
     kind: str
     """`small`, `large`, `times`, `fraction`, `to`."""
@@ -181,7 +181,7 @@ amount = either(
     ~lit("by") + multiple >> (lambda x: Amount("times", x)),
 )
 SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
-"""Factors up and down: a bit, much, and when nothing is said."""
+"""Factors up and down: a bit, much, and without a degree."""
 
 
 def factor(how: Amount | None, upward: bool) -> float:
@@ -200,9 +200,9 @@ def factor(how: Amount | None, upward: bool) -> float:
 
 def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -> Rule:
     """A factor from "bigger", "a bit smaller", "three times bigger", "twice as big", "20 % smaller", "less big"."""
-    grown = table({comparatives: True, lesser: False})
+    compared = table({comparatives: True, lesser: False})
     plain = table({positives: True, opposites: False})
-    more = either(grown, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
+    more = either(compared, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
     so = lit("as") + plain + ~(lit("as") + ~lit("it|they|he|she|that|this") + lit("is|are|was|were|before|now"))
     return either(
         optional(amount) + more >> factor,
@@ -229,7 +229,7 @@ def fraction_of(quality: str) -> Rule:
 
 # Which colour --------------------------------------------------------------------------------------------------------
 
-_MOST_WORDS = 3
+_MAX_COLOUR_WORDS = 3
 """Words that a colour's name is written in: "light sky blue"."""
 
 
@@ -237,7 +237,7 @@ def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
     word = reading.word(at)
     if word.startswith("#") and len(word) > 1:
         yield at + 1, from_hex(word[1:])
-    for count in range(_MOST_WORDS, 0, -1):
+    for count in range(_MAX_COLOUR_WORDS, 0, -1):
         name = "".join(reading.word(i) for i in range(at, at + count))
         if name in COLOURS and at + count <= len(reading.tokens):
             yield at + count, COLOURS[name]
@@ -246,7 +246,7 @@ def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
             yield end, shaded(word, base)
 
 
-colour = chosen(_colour_at)
+colour = generated(_colour_at)
 GRAY: Colour = COLOURS["gray"]
 _REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "black", "gray")}
 _REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
@@ -268,7 +268,7 @@ PURE_COLOURS = word_set(
 # When ----------------------------------------------------------------------------------------------------------------
 
 
-class Moment(NamedTuple):
+class TimeExpression(NamedTuple):
     """A sum of what a time can be counted in, as clip frame: frames + seconds x rate + last x last frame + now x present one."""
 
     frames: float = 0.0
@@ -276,41 +276,41 @@ class Moment(NamedTuple):
     last: float = 0.0
     now: float = 0.0
 
-    def plus(self, other: Moment, sign: float = 1.0) -> Moment:
+    def plus(self, other: TimeExpression, sign: float = 1.0) -> TimeExpression:
         """This + sign x the other."""
-        return Moment(*(a + sign * b for a, b in zip(self, other, strict=True)))
+        return TimeExpression(*(a + sign * b for a, b in zip(self, other, strict=True)))
 
-    def resolve(self, context: Context) -> float:
+    def resolve(self, context: SentenceContext) -> float:
         """Clip frame, maybe outside the clip."""
         last = context.frames - 1
         return round(self.frames + self.seconds * context.fps + self.last * last + self.now * context.frame, PLACES)
 
 
-START, END, NOW = Moment(), Moment(last=1.0), Moment(now=1.0)
+START, END, NOW = TimeExpression(), TimeExpression(last=1.0), TimeExpression(now=1.0)
 
 
 class Span(NamedTuple):
     """From … to."""
 
-    start: Moment
-    end: Moment | None
+    start: TimeExpression
+    end: TimeExpression | None
     """None: open."""
     kind: str = "range"
-    """`moment`: only its start was said; `length`: only how long; `always`."""
+    """`moment`: only the start is given; `length`: only the length; `always`."""
 
 
 _unit = table(
     {
-        "second|seconds|sec|secs|s": Moment(seconds=1.0),
-        "frame|frames": Moment(frames=1.0),
-        "minute|minutes|min|mins": Moment(seconds=60.0),
-        "millisecond|milliseconds|ms": Moment(seconds=0.001),
+        "second|seconds|sec|secs|s": TimeExpression(seconds=1.0),
+        "frame|frames": TimeExpression(frames=1.0),
+        "minute|minutes|min|mins": TimeExpression(seconds=60.0),
+        "millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
     }
 )
 
 
-def _times(x: float, unit: Moment) -> Moment:
-    return Moment().plus(unit, x)
+def _times(x: float, unit: TimeExpression) -> TimeExpression:
+    return TimeExpression().plus(unit, x)
 
 
 duration = either(
@@ -326,7 +326,7 @@ _edge = table(
         "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
     }
 )
-_clock = number + lit(":") + number >> (lambda minutes, seconds: Moment(seconds=60 * minutes + seconds))
+_clock = number + lit(":") + number >> (lambda minutes, seconds: TimeExpression(seconds=60 * minutes + seconds))
 _counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
 _measured = number + _unit + ~lit("in|into (the) [clip|video|scene]|mark") >> _times
 _fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
@@ -351,7 +351,7 @@ _begin = _since + moment + _onward
 _for = lit("for|lasting") + duration
 
 
-def _lasting(start: Moment, length: Moment) -> Span:
+def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
     return Span(start, start.plus(length))
 
 
@@ -380,16 +380,16 @@ class When:
     """A span settled against the clip, in the words of each operation."""
 
     frames: tuple[float, float | None] | None = None
-    """None: nothing was said."""
+    """None: no time is given."""
     kind: str = "range"
     """As in `Span`."""
 
     @classmethod
-    def of(cls, said: Span | None, context: Context) -> When:
+    def of(cls, phrase: Span | None, context: SentenceContext) -> When:
         """Clip frames of a span; Refusal: outside of the clip, or ending before it starts."""
-        if said is None or said.kind == "always":
+        if phrase is None or phrase.kind == "always":
             return cls()
-        start, end = said.start.resolve(context), None if said.end is None else said.end.resolve(context)
+        start, end = phrase.start.resolve(context), None if phrase.end is None else phrase.end.resolve(context)
         last = context.frames - 1
         for frame in (start, end):
             # The instant in which the last frame ends is still the clip: "to second 6" of six seconds.
@@ -397,10 +397,10 @@ class When:
                 raise Refusal(
                     f"Frame {frame:g} is outside the clip, which has frames 0 to {last} ({context.frames / context.fps:g} s)."
                 )
-        end = None if end is None or said.end == END else min(end, last)
+        end = None if end is None or phrase.end == END else min(end, last)
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
-        return cls((float(start), None if end is None else float(end)), said.kind)
+        return cls((float(start), None if end is None else float(end)), phrase.kind)
 
     @property
     def effect(self) -> dict[str, Any]:
@@ -421,14 +421,14 @@ class When:
         """Fields of an opacity that comes little by little over a range."""
         return self.effect | ({"ease": "linear"} if self.frames is not None and self.kind == "range" else {})
 
-    def pause(self, context: Context) -> dict[str, Any]:
+    def pause(self, context: SentenceContext) -> dict[str, Any]:
         """Fields of a freeze."""
         if self.frames is None:
             return {"at": float(context.frame)}
         return {"at": self.frames[0]} | ({} if self.frames[1] is None else {"until": self.frames[1]})
 
     def none(self, what: str) -> dict[str, Any]:
-        """No field; Refusal when a time was said."""
+        """Return no field; raises Refusal where the sentence names a time."""
         if self.frames is not None:
             raise Refusal(f"{what} is for the whole clip; leave the time out.")
         return {}
@@ -436,7 +436,7 @@ class When:
 
 # Who -----------------------------------------------------------------------------------------------------------------
 
-Who = Callable[[Context], SelectKind]
+Who = Callable[[SentenceContext], SelectKind]
 """What an object phrase means; it notes itself as the last thing named."""
 
 _DESCRIBING = word_set("big large small tiny bright dark light fast slow quick static standing still whole little")
@@ -466,20 +466,20 @@ def _known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 break
 
 
-_MOST_MODIFIERS = 3
+_MAX_MODIFIERS = 3
 
 
 def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known thing with other words before it: "parked car", "woman's hat"."""
     before = at
-    while before - at < _MOST_MODIFIERS and (_open(reading, before) or reading.word(before) in SHADES):
+    while before - at < _MAX_MODIFIERS and (_open(reading, before) or reading.word(before) in SHADES):
         before += 1
         if reading.word(before) == "'s":
             before += 1
         seen = {reading.word(i) for i in range(at, before)}
         for end, label in _known_at(reading, before):
             if reading.word(end - 1) not in seen:
-                yield end, f"{reading.said(at, before).lower()} {label}"
+                yield end, f"{reading.text_of(at, before).lower()} {label}"
 
 
 def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -488,34 +488,34 @@ def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         if reading.word(middle) == "of":
             whole = middle + 1 + (reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"))
             for end, label in _known_at(reading, whole):
-                yield end, f"{part} {reading.said(middle, whole).lower()} {label}"
+                yield end, f"{part} {reading.text_of(middle, whole).lower()} {label}"
 
 
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """One word that no label has."""
     word = reading.word(at)
     if _open(reading, at) and word not in PURE_COLOURS and word not in _DESCRIBING and singular(word) not in NO_THINGS:
-        said = reading.said(at, at + 1).lower()
-        yield at + 1, singular(said)
+        text = reading.text_of(at, at + 1).lower()
+        yield at + 1, singular(text)
 
 
 def _bare_stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """One unknown word without an article, which might be a verb ("and juggle"): where no label is known at all, a plural, or a
     name that the sentence gave before."""
-    said_before = {token.text for token in reading.tokens[:at]}
+    earlier_words = {token.text for token in reading.tokens[:at]}
     for end, name in _stranger_at(reading, at):
-        if not reading.known or name != reading.word(at) or name in said_before:
+        if not reading.known or name != reading.word(at) or name in earlier_words:
             yield end, name
 
 
 def _strangers_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """Two or three words of which no label has any: "flux capacitor", where an article says that a name begins."""
     end = at
-    while end - at < _MOST_MODIFIERS and _open(reading, end) and not any(True for _ in _known_at(reading, end)):
+    while end - at < _MAX_MODIFIERS and _open(reading, end) and not any(True for _ in _known_at(reading, end)):
         end += 1
     for last in range(at + 2, end + 1):
         for _, name in _stranger_at(reading, last - 1):
-            yield last, f"{reading.said(at, last - 1).lower()} {name}"
+            yield last, f"{reading.text_of(at, last - 1).lower()} {name}"
 
 
 def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -524,7 +524,7 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
 
 
-_several = silent(chosen(lambda reading, at: ((end, x) for end, x in _number_at(reading, at) if x >= 2)))
+_several = silent(generated(lambda reading, at: ((end, x) for end, x in _number_at(reading, at) if x >= 2)))
 _article = lit(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|some|every|each|any|all|all (of) [the|these|those|my]|both|"
     "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
@@ -539,11 +539,11 @@ def _things(match: Callable[[Reading, int], Iterator[tuple[int, str]]]) -> Rule:
         for end, label in match(reading, at):
             yield end, _thing(label, _is_plural(reading, end - 1))
 
-    return chosen(thing_at)
+    return generated(thing_at)
 
 
 def _thing(label: str, plural: bool) -> Who:
-    def who(context: Context) -> SelectKind:
+    def who(context: SentenceContext) -> SelectKind:
         if label == COPY and (context.copies or context.earlier):
             return _the_copy(context)
         name = context.names.get(label.lower())
@@ -616,12 +616,12 @@ _kind = either(
     _moving_noun,
     _noun,
     ~lit("one|ones") + lit("of (the|these|those|my|all the)") + _noun,
-    lit("one|ones") >> (lambda: Context.one),
+    lit("one|ones") >> (lambda: SentenceContext.one),
 )
 
 
 def _one_of(which: Any, kind: Who, seen: float | None) -> Who:
-    def who(context: Context) -> SelectKind:
+    def who(context: SentenceContext) -> SelectKind:
         frame = context.present if seen is None else _frame(seen, context)
         of = kind(context)
         of = replace(of, number="any") if isinstance(of, Text) else of  # of a thing and its copies one is the left one
@@ -630,10 +630,10 @@ def _one_of(which: Any, kind: Who, seen: float | None) -> Who:
     return who
 
 
-def _frame(said: float, context: Context) -> int:
-    if said != int(said) or not 0 <= said < context.frames:
-        raise Refusal(f"Frame {said:g} is none of the clip's, 0 to {context.frames - 1}.")
-    return int(said)
+def _frame(number: float, context: SentenceContext) -> int:
+    if number != int(number) or not 0 <= number < context.frames:
+        raise Refusal(f"Frame {number:g} is none of the clip's, 0 to {context.frames - 1}.")
+    return int(number)
 
 
 _instance = either(
@@ -669,7 +669,7 @@ _copy = lit("[the|its|their|his|her] [copy|copies|clone|clones|duplicate|duplica
 )
 
 
-def _the_copy(context: Context) -> SelectKind:
+def _the_copy(context: SentenceContext) -> SelectKind:
     if context.copies:
         return Named(list(context.copies)[-1])
     if len(context.earlier) > 1:
@@ -682,7 +682,7 @@ def _the_copy(context: Context) -> SelectKind:
 _original = lit("the original (one)") >> (lambda: _the_original)
 
 
-def _the_original(context: Context) -> SelectKind:
+def _the_original(context: SentenceContext) -> SelectKind:
     copy = _the_copy(context)
     return context.copies[copy.name] if context.copies and isinstance(copy, Named) else context.earlier[copy]
 
@@ -746,7 +746,7 @@ def together(parts: Sequence[SelectKind]) -> SelectKind:
 
 
 def _all_of(singles: tuple[tuple[Who], ...]) -> Who:
-    def who(context: Context) -> SelectKind:
+    def who(context: SentenceContext) -> SelectKind:
         context.last = together([single(context) for (single,) in singles])
         return context.last
 
@@ -757,7 +757,7 @@ def _is_plural(reading: Reading, at: int) -> bool:
     return singular(reading.word(at)) != reading.word(at)
 
 
-def _both(label: str, context: Context) -> SelectKind:
+def _both(label: str, context: SentenceContext) -> SelectKind:
     select = _thing(label, plural=True)(context)
     context.last = replace(select, number="both") if isinstance(select, Text) else select
     return context.last
@@ -767,7 +767,7 @@ _and_also = lit("and|or|,|, and|, or|and also|plus|as well as|along with|togethe
 _single = either(_definite, _bare_stranger + _in_scene)
 _both_of_them = (
     lit("both|both (of) [the|these|those|my|our|your]")
-    + chosen(
+    + generated(
         lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
     )
     + _in_scene
@@ -779,7 +779,7 @@ _EXCEPT = (
     "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|"
     "not including|but (for)"
 )
-_the_biggest = lit("the") + _which >> (lambda which: _one_of(which, Context.one, None))
+_the_biggest = lit("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
 _besides = ~lit(",") + lit(_EXCEPT) + (_union | _the_biggest)
 everything_but = _everything + _in_scene + _besides
 """What is spared in "everything except the dog": a `Who`."""
@@ -790,7 +790,7 @@ def _spared(rest: Who) -> Who:
 
 
 def _without(kind: Who, rest: Who) -> Who:
-    def who(context: Context) -> SelectKind:
+    def who(context: SentenceContext) -> SelectKind:
         whole = kind(context)  # first, for "the dogs except the left one"
         context.last = And((whole, Not(rest(context))))
         return context.last
@@ -854,14 +854,14 @@ Unit = Literal["world", "size"]
 
 
 class Distance(NamedTuple):
-    """How far, in `unit`."""
+    """A distance in `unit`."""
 
     value: float
     unit: Unit = "size"
 
 
 Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...]
-"""(distance said before, direction, distance said behind) of each step of a way."""
+"""(distance before, direction, distance behind) of each step of a way."""
 _body = lit("size|sizes|width|widths|body width|body widths|height|length|lengths|body length|body lengths")
 distance = either(
     degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
@@ -903,23 +903,23 @@ def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vect
 
 # What it is called ---------------------------------------------------------------------------------------------------
 
-_MOST_NAME_WORDS = 3
+_MAX_NAME_WORDS = 3
 
 
 def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     if reading.word(at) == '"':
         for end in range(at + 2, len(reading.tokens)):
             if reading.word(end) == '"':
-                yield end + 1, reading.said(at + 1, end)
+                yield end + 1, reading.text_of(at + 1, end)
                 return
-    for end in range(at + 1, min(at + _MOST_NAME_WORDS, len(reading.tokens)) + 1):
+    for end in range(at + 1, min(at + _MAX_NAME_WORDS, len(reading.tokens)) + 1):
         word = reading.word(end - 1)
         if word in FUNCTION_WORDS or not word.isalnum() or (end == at + 1 and not word.isalpha()):
             return
-        yield end, reading.said(at, end)
+        yield end, reading.text_of(at, end)
 
 
-name = chosen(_name_at)
+name = generated(_name_at)
 _no_name = either(
     _moving, _static, _current, _instance, _everybody, silent(_everything), _it, _they, _copy, _original, colour, _which
 )
@@ -927,7 +927,7 @@ _no_name = either(
 
 def means_something(called: str) -> bool:
     """Whether a name would be taken for a colour or for another way to say who: "red", "it", "everything"."""
-    readings = (Reading.of(said, tokenise(said), {}) for said in (called, f"the {called}"))
+    readings = (Reading.of(text, tokenise(text), {}) for text in (called, f"the {called}"))
     return called.lower() in FUNCTION_WORDS | NO_THINGS or any(
-        len(said.tokens) in _no_name.at(said, 0) for said in readings
+        len(reading.tokens) in _no_name.at(reading, 0) for reading in readings
     )

@@ -23,7 +23,7 @@ from .operations import Duplicate, Freeze, Loop, Operation, Retime, Reverse, Tra
 from .phrases import Refusal
 from .records import Record
 from .request import Request
-from .resolve import Absent, Context, Resolver, labels_of, rows_of
+from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
 from .selects import Ids, SelectKind, Text
 from .stack import EditStack, of, write_stack
 from .stack import redo as redo  # the panel's one door: propose, preview, apply, undo, redo
@@ -47,7 +47,7 @@ class Candidate:
     """Resolved: as they go into the stack."""
     why: str = ""
     """How it differs from the plain reading."""
-    said: str = ""
+    sentence: str = ""
     """The sentence, for the history."""
     scores: Mapping[str, float] = field(default_factory=dict)
     """What the judge found; empty where there was nothing to choose."""
@@ -55,7 +55,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What a sentence may come to."""
+    """The candidate edits for one sentence, and the judge's choice."""
 
     sentence: str
     """What was typed."""
@@ -79,7 +79,7 @@ class Proposal:
 def propose(
     scene: Scene,
     sentence: str,
-    context: Context | None = None,
+    context: EditorState | None = None,
     *,
     server: ChatServer | None = None,
     encode: Encode | None = None,
@@ -87,17 +87,17 @@ def propose(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Proposal:
-    """What `sentence` means in `scene` with its present edits, in up to `candidates` variants of which the judge chooses.
+    """Resolve `sentence` in `scene` with its present edits into up to `candidates` variants, of which the judge chooses.
 
     With `server` its model reads the sentence (and, where it sees pictures, chooses), and the grammar does where it fails.
     Raises F4xError (`language.Refusal` with the nearest commands): not understood, nobody there to edit, a time outside.
     """
     if not 1 <= candidates <= MAX_CANDIDATES:
         raise F4xError(f"{candidates} candidates are asked for; give 1 to {MAX_CANDIDATES}.")
-    scene, context = edited(scene), context or Context()
+    scene, context = edited(scene), context or EditorState()
     progress("understand", 0, 0)
     try:
-        asked, understood_by, notes = understand(scene, sentence, context, server)
+        asked, understood_by, notes = read_sentence(scene, sentence, context, server)
     except Refusal as refusal:
         raise Refusal(refusal.reason, refusal.nearest and language.nearest(sentence, _there(scene))) from refusal
     resolver = Resolver(context, encode)
@@ -128,12 +128,12 @@ def propose(
     )
 
 
-def understand(
-    scene: Scene, sentence: str, context: Context, server: ChatServer | None = None
+def read_sentence(
+    scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None
 ) -> tuple[tuple[Operation, ...], str, tuple[str, ...]]:
-    """(operations as said, unresolved; who understood it; notes). Raises F4xError."""
+    """(operations in the words of the sentence, not yet resolved; who understood it; notes). Raises F4xError."""
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
-    told: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         "labels": labels_of(scene),
         "names": names,
         "fps": scene.fps,
@@ -144,11 +144,11 @@ def understand(
     notes: tuple[str, ...] = ()
     if server is not None:
         try:
-            operations = endpoint.ask_for_operations(server, Request(sentence, **told))
+            operations = endpoint.ask_for_operations(server, Request(sentence, **arguments))
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)
-    return language.parse(sentence, **told, copies=_copies(scene)), GRAMMAR, notes
+    return language.parse(sentence, **arguments, copies=_copies(scene)), GRAMMAR, notes
 
 
 def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:
@@ -178,13 +178,13 @@ def _idle(scene: Scene, operations: tuple[Operation, ...]) -> Iterator[str]:
 
 
 def preview(scene: Scene, candidate: Candidate) -> Scene:
-    """The scene as it would be, edited; nothing is written."""
-    return with_operations(scene, *candidate.operations, said=candidate.said)
+    """Return the scene with `candidate` applied; nothing is written."""
+    return with_operations(scene, *candidate.operations, sentence=candidate.sentence)
 
 
 def apply(path: Path | str, candidate: Candidate) -> EditStack:
     """Append a candidate to the stack of the scene file at `path`, atomically; F4xError leaves the file as it was."""
-    stack = stack_of(read_scene(path), *candidate.operations, said=candidate.said)
+    stack = stack_of(read_scene(path), *candidate.operations, sentence=candidate.sentence)
     write_stack(path, stack)
     return stack
 

@@ -16,9 +16,9 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from ..errors import F4xError
 
-_LONGEST_WHERE = 100
+_MAX_PLACE_LENGTH = 100
 """Letters of the place of what lies too deep."""
-DEEPEST = 32
+MAX_DEPTH = 32
 """Levels of records inside records that are read: no person needs more, and a hostile file could ask for thousands."""
 
 
@@ -30,12 +30,12 @@ class Record:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values for `json.dumps`: the tag, then every field that differs from its default or has none."""
-        told = {self.KEY: self.TAG} if self.KEY else {}
+        values = {self.KEY: self.TAG} if self.KEY else {}
         for entry in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
             value = getattr(self, entry.name)
             if entry.default is MISSING or value != entry.default:
-                told[entry.name] = _plain(value)
-        return told
+                values[entry.name] = _plain(value)
+        return values
 
 
 def read_record(family: Any, data: Any, where: str, depth: int = 0) -> Any:
@@ -43,8 +43,10 @@ def read_record(family: Any, data: Any, where: str, depth: int = 0) -> Any:
 
     `where` begins every sentence, for example "edit 3". Raises F4xError.
     """
-    if depth > DEEPEST:
-        raise F4xError(f"{where[:_LONGEST_WHERE]} …: more than {DEEPEST} records inside one another; write it flatter.")
+    if depth > MAX_DEPTH:
+        raise F4xError(
+            f"{where[:_MAX_PLACE_LENGTH]} …: more than {MAX_DEPTH} records inside one another; write it flatter."
+        )
     if not isinstance(data, Mapping):
         raise F4xError(f"{where}: {_short(data)} is no JSON object; write {{...}}.")
     members = {kind.TAG: kind for kind in get_args(family)} if get_args(family) else {}
@@ -52,8 +54,8 @@ def read_record(family: Any, data: Any, where: str, depth: int = 0) -> Any:
         key = next(iter(members.values())).KEY
         tag = data.get(key)
         if not isinstance(tag, str) or tag not in members:
-            told = f"'{key}' is missing" if tag is None else f"{_short(tag)} is no {key}{near(tag, members)}"
-            raise F4xError(f"{where}: {told}; known: {', '.join(members)}.")
+            reason = f"'{key}' is missing" if tag is None else f"{_short(tag)} is no {key}{near(tag, members)}"
+            raise F4xError(f"{where}: {reason}; known: {', '.join(members)}.")
         kind, data = members[tag], {name: value for name, value in data.items() if name != key}
         where = f"{where} ({tag})"
     else:

@@ -38,7 +38,7 @@ from .styles import STYLES
 if TYPE_CHECKING:
     from .request import Request
 
-LONGEST_WORD = 40
+MAX_WORD_LENGTH = 40
 """Letters of a label or a name."""
 MAX_WORDS = 8
 """Labels in one target."""
@@ -47,7 +47,7 @@ MAX_OPERATIONS = 8
 LAST_FRAME = 1_000_000
 """No clip is longer."""
 
-Word = Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_WORD)]
+Word = Annotated[str, StringConstraints(min_length=1, max_length=MAX_WORD_LENGTH)]
 Words = Annotated[list[Word], Field(max_length=MAX_WORDS)]
 Frame = Annotated[int, Field(ge=-1, le=LAST_FRAME)]
 """Clip frame; -1 = none."""
@@ -101,7 +101,7 @@ class Target(Strict):
         return Moving() if self.kind == "moving" else Not(Moving())
 
 
-class Change(Strict):
+class RequestedChange(Strict):
     """One operation; `op` stands first, so that a model under a grammar decides it first."""
 
     op: str
@@ -116,7 +116,7 @@ class Change(Strict):
         raise NotImplementedError
 
 
-class Timed(Change):
+class Timed(RequestedChange):
     """An operation that can be limited in time."""
 
     first_frame: Frame
@@ -207,7 +207,7 @@ class TransformChange(Timed):
         )
 
 
-class Copy(Change):
+class Copy(RequestedChange):
     """Copies beside it, or later in time."""
 
     op: Literal["duplicate"]
@@ -282,7 +282,7 @@ class MatchColors(Timed):
         return Match(self.target.select(request), self.source.select(request), frames=self.span)
 
 
-class NameSelection(Change):
+class NameSelection(RequestedChange):
     """A name for it."""
 
     op: Literal["name"]
@@ -309,7 +309,7 @@ AnyChange = (
 )
 
 
-class Reply(Strict):
+class ChangeList(Strict):
     """What the request comes to; no operation where it asks for what cannot be done."""
 
     operations: Annotated[list[Annotated[AnyChange, Field(discriminator="op")]], Field(max_length=MAX_OPERATIONS)]

@@ -22,7 +22,7 @@ from .connected_objects import pick_object, split_objects, width_along
 from .description import whom
 from .operations import Duplicate, Freeze, Opacity, Operation, Rekey, Transform
 from .selects import (
-    LONGEST_WORDS,
+    MAX_WORDS_LENGTH,
     And,
     Box,
     Current,
@@ -39,7 +39,7 @@ from .selects import (
 )
 from .splat_rows import SplatRows
 
-__all__ = ["Absent", "Context", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
+__all__ = ["Absent", "EditorState", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
 
 
 class Absent(F4xError):  # noqa: N818  # nothing went wrong
@@ -47,8 +47,8 @@ class Absent(F4xError):  # noqa: N818  # nothing went wrong
 
 
 @dataclass(frozen=True, eq=False)
-class Context:
-    """The selection and frame that "it" and "now" refer to."""
+class EditorState:
+    """The caller's selection and frame: what "it" and "now" refer to."""
 
     selection: Selection | None = None
     """The caller's current selection."""
@@ -56,7 +56,7 @@ class Context:
     """The caller's current clip frame."""
 
 
-def resolve(scene: Scene, operation: Operation, context: Context, encode: Encode | None = None) -> Operation:
+def resolve(scene: Scene, operation: Operation, context: EditorState, encode: Encode | None = None) -> Operation:
     """`operation` as a stack holds it: it means the same whenever it is replayed on `scene` with its present edits.
 
     Words, prompts, "it" and "the left one" become `Ids`; `All`, `Moving`, `Named` and combinations stay. `unit: size` becomes
@@ -71,7 +71,7 @@ def resolve(scene: Scene, operation: Operation, context: Context, encode: Encode
 class Resolver:
     """`resolve` for several operations and candidates: the selection of each word is computed once."""
 
-    def __init__(self, context: Context, encode: Encode | None = None):
+    def __init__(self, context: EditorState, encode: Encode | None = None):
         self.context, self.encode = context, encode
         self._found: dict[tuple[bytes, Select], Selection] = {}
         self._before: Scene | None = None
@@ -83,7 +83,7 @@ class Resolver:
     ) -> tuple[Operation, ...]:
         """The operations of one sentence, each resolved in the scene that those before it leave.
 
-        Words mean what answers to them before the sentence, and the same thing each time they are said: a copy is no second dog.
+        Words mean what they match before the sentence, and the same each time they occur: a copy is no second dog.
         Every single one has to be answered; `Absent` names the one that is not.
         """
         self._before, self._resolved = scene, {}
@@ -95,7 +95,7 @@ class Resolver:
         return tuple(settled)
 
     def resolve(self, scene: Scene, operation: Operation, tidy: bool = False) -> Operation:
-        """As the function of this name; `tidy` leaves out small stray components of what words select."""
+        """Resolve one operation, as the function `resolve` does; `tidy` leaves out small stray components of what words select."""
         _check_times(scene, operation, self.context.frame)
         if isinstance(operation, Rekey):
             return operation
@@ -139,7 +139,7 @@ class Resolver:
     def _with_description(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:
         found = self._resolve_node(scene, select, tidy)
         if isinstance(found, Ids) and found is not select:
-            return replace(found, words="".join(filter(str.isprintable, whom(select)))[:LONGEST_WORDS])
+            return replace(found, words="".join(filter(str.isprintable, whom(select)))[:MAX_WORDS_LENGTH])
         return found
 
     def _resolve_node(self, scene: Scene, select: SelectKind, tidy: bool) -> SelectKind:

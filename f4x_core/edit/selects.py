@@ -19,7 +19,7 @@ from .records import Record
 
 FEW = 32
 """So many ids are written as a list; more are packed."""
-LONGEST_WORDS = 200
+MAX_WORDS_LENGTH = 200
 """Letters kept of what a selection was called."""
 
 
@@ -45,7 +45,7 @@ class Moving(Select):
 
 @dataclass(frozen=True)
 class Current(Select):
-    """What the caller has selected at present: "it", "this", "the selection"."""
+    """The caller's current selection: "it", "this", "the selection"."""
 
     TAG = "current"
 
@@ -79,8 +79,8 @@ class Ids(Select):
             raise F4xError("ids and packed exclude one another; give one.")
         if any(i < 0 or i >= 1 << 63 for i in (*self.ids, self.first)):
             raise F4xError("an id is negative or no 64-bit number; give ids of the scene.")
-        if len(self.words) > LONGEST_WORDS or not self.words.isprintable():
-            raise F4xError(f"words is no short line; give at most {LONGEST_WORDS} letters.")
+        if len(self.words) > MAX_WORDS_LENGTH or not self.words.isprintable():
+            raise F4xError(f"words is no short line; give at most {MAX_WORDS_LENGTH} letters.")
         try:
             base64.b64decode(self.packed, validate=True)
         except (binascii.Error, ValueError) as error:
@@ -108,7 +108,7 @@ class Ids(Select):
 
 @dataclass(frozen=True)
 class Text(Select):
-    """What words mean, by the scene's feature field (`query.prompts.select_by_text`)."""
+    """Gaussians that words mean, by the scene's feature field (`query.prompts.select_by_text`)."""
 
     TAG = "text"
     labels: tuple[str, ...]
@@ -167,7 +167,7 @@ class Instance(Select):
 
 @dataclass(frozen=True)
 class And(Select):
-    """What all of them choose."""
+    """Intersection of selections."""
 
     TAG = "and"
     of: tuple[SelectKind, ...]
@@ -176,7 +176,7 @@ class And(Select):
 
 @dataclass(frozen=True)
 class Or(Select):
-    """What any of them chooses."""
+    """Union of selections."""
 
     TAG = "or"
     of: tuple[SelectKind, ...]

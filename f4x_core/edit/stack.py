@@ -20,8 +20,8 @@ UNDONE = "undone"
 """The field of scene.json with the undone edits, the one undone last at the end."""
 MAX_EDITS = 200
 """Edits of one stack: each may read the one before it, so that they nest as deep as there are edits."""
-LONGEST_SAID = 2000
-"""Letters kept of what somebody said."""
+MAX_SENTENCE_LENGTH = 2000
+"""Characters kept of a person's sentence."""
 
 
 @dataclass(frozen=True)
@@ -34,37 +34,37 @@ class Edit:
     """Unique in the stack, its undone edits included."""
     enabled: bool = True
     """False: skipped, but kept."""
-    said: str = ""
+    sentence: str = ""
     """The words it was made from."""
 
     def __post_init__(self) -> None:
         """Validate."""
         if self.id < 1:
             raise F4xError(f"id is {self.id}; number edits from 1.")
-        if len(self.said) > LONGEST_SAID:
-            raise F4xError(f"said has {len(self.said)} letters; keep at most {LONGEST_SAID}.")
+        if len(self.sentence) > MAX_SENTENCE_LENGTH:
+            raise F4xError(f"said has {len(self.sentence)} letters; keep at most {MAX_SENTENCE_LENGTH}.")
 
     def titled(self, number: int) -> str:
-        """How sentences call it as the edit `number` (from 1) of its stack: "edit 3 (recolour)"."""
+        """Return its name in messages as the edit `number` (from 1) of its stack: "edit 3 (recolour)"."""
         return f"edit {number} ({self.operation.TAG})"
 
     def to_json(self) -> dict[str, Any]:
-        """The operation's JSON with `id`, and with `enabled` and `said` where they say something."""
+        """The operation's JSON with `id`, and with `enabled` and `said` (the sentence) where they differ from the default."""
         more: dict[str, Any] = {} if self.enabled else {"enabled": False}
-        return {**self.operation.to_json(), "id": self.id, **more, **({"said": self.said} if self.said else {})}
+        return {**self.operation.to_json(), "id": self.id, **more, **({"said": self.sentence} if self.sentence else {})}
 
     @classmethod
     def from_json(cls, data: object, where: str) -> Edit:
-        """What `to_json` gave; F4xError begins with `where`."""
+        """Read the JSON of `to_json`; F4xError begins with `where`."""
         if not isinstance(data, Mapping):
             raise F4xError(f"{where}: it is no JSON object; write {{...}}.")
         rest = dict(data)
-        id, enabled, said = rest.pop("id", None), rest.pop("enabled", True), rest.pop("said", "")
-        if type(id) is not int or type(enabled) is not bool or type(said) is not str:
+        id, enabled, sentence = rest.pop("id", None), rest.pop("enabled", True), rest.pop("said", "")
+        if type(id) is not int or type(enabled) is not bool or type(sentence) is not str:
             raise F4xError(f"{where}: it needs a whole number id; enabled is true or false and said is text.")
         operation = read_operation(rest, where)
         try:
-            return cls(operation, id, enabled, said)
+            return cls(operation, id, enabled, sentence)
         except F4xError as error:
             raise F4xError(f"{where}: {error}") from error
 
@@ -92,7 +92,7 @@ class EditStack:
 
     @classmethod
     def from_json(cls, edits: Sequence[object], where: str) -> EditStack:
-        """What `to_json` gave, with nothing to redo; F4xError begins with `where`."""
+        """Read the JSON of `to_json`, with nothing to redo; F4xError begins with `where`."""
         return _read(edits, (), where)
 
     def position(self, id: int) -> int:
@@ -102,10 +102,10 @@ class EditStack:
                 return index
         raise F4xError(f"there is no edit {id}; the stack has {', '.join(str(e.id) for e in self.edits) or 'none'}.")
 
-    def append(self, operation: Operation, said: str = "") -> EditStack:
+    def append(self, operation: Operation, sentence: str = "") -> EditStack:
         """The stack with one more edit, after which there is nothing to redo. Its inverse: `undo`."""
         id = 1 + max((edit.id for edit in (*self.edits, *self.undone)), default=0)
-        return EditStack((*self.edits, Edit(operation, id, said=said[:LONGEST_SAID])))
+        return EditStack((*self.edits, Edit(operation, id, sentence=sentence[:MAX_SENTENCE_LENGTH])))
 
     def undo(self) -> EditStack:
         """Without the last edit, which `redo` brings back; F4xError where there is none."""
@@ -165,8 +165,8 @@ def merge(base: EditStack, ours: EditStack, theirs: EditStack) -> EditStack:
         if b == old or a == b:
             continue
         if a != old:
-            told = "one side removed it, the other changed it" if a is None or b is None else "both changed it"
-            raise F4xError(f"{old.titled(base.position(id) + 1)}: {told}, each in its own way; choose one of them.")
+            reason = "one side removed it, the other changed it" if a is None or b is None else "both changed it"
+            raise F4xError(f"{old.titled(base.position(id) + 1)}: {reason}, each in its own way; choose one of them.")
         merged = merged.remove(id) if b is None else merged._with(b)
     if [edit.id for edit in ours.edits if edit.id in was] == [edit.id for edit in base.edits if edit.id in mine]:
         order = {id: place for place, id in enumerate(other)}
@@ -212,13 +212,13 @@ def redo(path: Path | str, count: int = 1) -> EditStack:
 
 
 def _stepped(
-    path: Path | str, step: Callable[[EditStack], EditStack], most: Callable[[EditStack], int], count: int
+    path: Path | str, step: Callable[[EditStack], EditStack], max_steps: Callable[[EditStack], int], count: int
 ) -> EditStack:
     stack = read_stack(path)
     if count < 1:
         raise F4xError(f"{path}: {count} steps are asked for; give 1 or more.")
     try:
-        for _ in range(min(count, max(most(stack), 1))):
+        for _ in range(min(count, max(max_steps(stack), 1))):
             stack = step(stack)
     except F4xError as error:
         raise F4xError(f"{path}: {error}") from error

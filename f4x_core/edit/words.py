@@ -114,7 +114,7 @@ def forms(verb: str) -> tuple[str, str]:
 
 
 def inflected(verbs: str, which: int) -> Iterator[str]:
-    """The verbs of "get rid of|remove" as they are (0), with "-ing" too (1), or as participles (2)."""
+    """Return the verbs of "get rid of|remove" unchanged (0), with "-ing" too (1), or as participles (2)."""
     for phrase in verbs.split("|"):
         head, *rest = phrase.split()
         ing, participle = forms(head)

@@ -12,7 +12,7 @@ from ..geometry.arrays import evenly_spaced
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.moments import ABOVE_DEGREES, RIGHT_DEGREES, draw_moments
-from ..scene.picture import colour_depth, colour_motion, depth_range, labelled_grid
+from ..scene.visualise import colour_depth, colour_motion, depth_range, labelled_grid
 
 COLUMNS = ("input", "render", "depth", "from the right", "from above", "motion")
 # Full colour is the motion at this percentile of all moving pixels, but at least this many pixels per frame.

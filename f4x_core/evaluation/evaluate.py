@@ -107,24 +107,24 @@ def evaluate(
         target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
         rig = CameraRig(cameras.at_times([float(cameras.times[index])]))
         with torch.no_grad():
-            picture, moving, _ = moment.draw(rig.camera(0, clip.width, clip.height))
+            image, moving, _ = moment.draw(rig.camera(0, clip.width, clip.height))
         region = (moving > MOVING_ALPHA).float()
         row: dict[str, Any] = {
             "frame": index,
             "held_out": index in held_out,
-            "psnr": psnr(picture, target),
-            "ssim": ssim(picture, target),
-            "psnr_moving": psnr(picture, target, region),
-            "psnr_static": psnr(picture, target, 1 - region),
+            "psnr": psnr(image, target),
+            "ssim": ssim(image, target),
+            "psnr_moving": psnr(image, target, region),
+            "psnr_static": psnr(image, target, 1 - region),
         }
-        distance = lpips(picture.numpy(), target.numpy()) if perceptual else None
+        distance = lpips(image.numpy(), target.numpy()) if perceptual else None
         if distance is not None:
             row["lpips"] = distance
         mask = masks.get(index) if masks is not None else None
         if row["held_out"]:
             row |= registered_scores(scene, clip, index, moment, baselines, mask)
         elif mask is not None:
-            row |= mask_scores(picture, moving, target, mask)
+            row |= mask_scores(image, moving, target, mask)
         if row["held_out"] and refine_camera:
             row["psnr_refined"] = psnr(refine(moment, rig, target)[0], target)
         if row["held_out"] and baselines:
@@ -180,12 +180,12 @@ def refine(
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, falling, settings.last_rate)
     best, best_error = None, math.inf
     for step in range(settings.steps + 1):
-        picture, _, alpha = moment.draw(rig.camera(0, width, height))
+        image, _, alpha = moment.draw(rig.camera(0, width, height))
         covered = (alpha.detach() >= settings.min_alpha).float()
-        error = ((picture - target).square().mean(-1) * covered).sum() / covered.sum().clamp_min(1)
+        error = ((image - target).square().mean(-1) * covered).sum() / covered.sum().clamp_min(1)
         value = float(error.detach())
         if value < best_error:
-            best, best_error = (picture.detach(), rig.refined()[0]), value
+            best, best_error = (image.detach(), rig.refined()[0]), value
         optimiser.zero_grad()
         error.clamp_min(MIN_ERROR).log().backward()
         optimiser.step()
@@ -195,7 +195,7 @@ def refine(
     return best
 
 
-def mask_scores(picture: Tensor, moving: Tensor, target: Tensor, mask: np.ndarray) -> dict[str, float]:
+def mask_scores(image: Tensor, moving: Tensor, target: Tensor, mask: np.ndarray) -> dict[str, float]:
     """Scores of moving objects over a mask (H,W) that does not depend on the scene; empty if the mask is too small.
 
     `psnr_mask` (dB) compares the pictures (H,W,3), `mover_coverage` is the mean dynamic alpha `moving (H,W)`.
@@ -204,7 +204,7 @@ def mask_scores(picture: Tensor, moving: Tensor, target: Tensor, mask: np.ndarra
         return {}
     region = torch.from_numpy(np.ascontiguousarray(mask))
     return {
-        "psnr_mask": psnr(picture, target, region.float()),
+        "psnr_mask": psnr(image, target, region.float()),
         "mover_coverage": float(moving[region].clamp(0, 1).mean()),
     }
 
@@ -225,19 +225,19 @@ def registered_scores(
     found = register_camera(scene, clip, index, moment.backend)
     target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
     with torch.no_grad():
-        picture, moving, _ = moment.draw(found.camera)
+        image, moving, _ = moment.draw(found.camera)
     region = (moving > MOVING_ALPHA).float()
     scores = {
-        "psnr_registered": psnr(picture, target),
-        "psnr_moving_registered": psnr(picture, target, region),
-        "psnr_static_registered": psnr(picture, target, 1 - region),
+        "psnr_registered": psnr(image, target),
+        "psnr_moving_registered": psnr(image, target, region),
+        "psnr_static_registered": psnr(image, target, 1 - region),
         "registered": float(found.found),
         "registration_points": float(found.points),
         "registration_px": found.error_px,
         "interpolation_px": found.interpolated_error_px,
     }
     if mask is not None:
-        scores |= mask_scores(picture, moving, target, mask)
+        scores |= mask_scores(image, moving, target, mask)
     neighbours = beside(len(clip), index, set(scene.held_out))
     if baselines and (found.found or len(neighbours) == 2):
         fraction = (index - neighbours[0]) / (neighbours[-1] - neighbours[0]) if len(neighbours) == 2 else 0.0

@@ -22,27 +22,27 @@ MIN_SIDE = 31
 NOT_RUN = "LPIPS: not run; "
 
 
-def lpips(picture: np.ndarray, target: np.ndarray) -> float | None:
+def lpips(image: np.ndarray, target: np.ndarray) -> float | None:
     """LPIPS of RGB pictures (H,W,3) in [0,1], 0 where they are equal; None where it can't run, or a side is below 31 pixels."""
-    distance = _distance(picture, target, spatial=False)
+    distance = _distance(image, target, spatial=False)
     return None if distance is None else distance.item()
 
 
-def lpips_bytes(picture: np.ndarray, target: np.ndarray) -> float | None:
+def lpips_bytes(image: np.ndarray, target: np.ndarray) -> float | None:
     """LPIPS of uint8 RGB pictures (H,W,3) as the NVIDIA protocol has it (DynamicNeRF, RoDynRF, MoSca); None as in `lpips`.
 
     Their code hands pictures to the network as OpenCV reads them, blue first; so does this, lest figures not compare.
     """
-    return lpips(picture[..., ::-1] / 255, target[..., ::-1] / 255)
+    return lpips(image[..., ::-1] / 255, target[..., ::-1] / 255)
 
 
-def masked_lpips(picture: np.ndarray, target: np.ndarray, mask: np.ndarray) -> float | None:
+def masked_lpips(image: np.ndarray, target: np.ndarray, mask: np.ndarray) -> float | None:
     """LPIPS of RGB pictures (H,W,3) in [0,1] over the pixels of `mask` (H,W) bool: DyCheck's mLPIPS (Gao et al. 2022).
 
     Both pictures are black outside the mask, and the mean over the mask is of the map of distances at the pictures' size
     (`spatial=True`). NaN where no pixel counts; None as in `lpips`.
     """
-    distance = _distance(picture * mask[..., None], target * mask[..., None], spatial=True)
+    distance = _distance(image * mask[..., None], target * mask[..., None], spatial=True)
     if distance is None:
         return None
     return float(distance[mask].mean()) if mask.any() else math.nan
@@ -54,14 +54,14 @@ def lpips_missing() -> list[str]:
     return [network] if isinstance(network, str) else []
 
 
-def _distance(picture: np.ndarray, target: np.ndarray, spatial: bool) -> np.ndarray | None:
+def _distance(image: np.ndarray, target: np.ndarray, spatial: bool) -> np.ndarray | None:
     """() or, `spatial`, (H,W) of pictures (H,W,3) in [0,1]."""
     network = _load(spatial)
-    if isinstance(network, str) or min(picture.shape[:2]) < MIN_SIDE:
+    if isinstance(network, str) or min(image.shape[:2]) < MIN_SIDE:
         return None
     one, other = (
         torch.from_numpy(np.ascontiguousarray(2 * values - 1, np.float32)).permute(2, 0, 1)[None]
-        for values in (picture, target)
+        for values in (image, target)
     )
     with torch.no_grad():
         return network(one, other)[0, 0].numpy().squeeze()
@@ -69,7 +69,7 @@ def _distance(picture: np.ndarray, target: np.ndarray, spatial: bool) -> np.ndar
 
 @cache
 def _load(spatial: bool) -> nn.Module | str:
-    """The network, or why there is none; `spatial`: it gives a map of distances in place of their mean."""
+    """Return the network, or the reason there is none; with `spatial` it gives a map of distances, not their mean."""
     try:
         from lpips import LPIPS
     except Exception as error:  # torchvision beside another build of torch fails in many ways

@@ -364,13 +364,13 @@ def _score_view(
     """PSNR and SSIM of one extra view: `actual` (H,W,3) uint8, `regions` of the same size as `SeenSurface.regions`."""
     size = camera.width, camera.height
     target = torch.from_numpy(resize_color(actual, *size).astype(np.float32) / 255)
-    picture = torch.from_numpy(np.clip(render(scene, camera, time, ("rgb",), backend)["rgb"], 0, 1))
-    scores = {"psnr": psnr(picture, target), "ssim": ssim(picture, target)}
+    image = torch.from_numpy(np.clip(render(scene, camera, time, ("rgb",), backend)["rgb"], 0, 1))
+    scores = {"psnr": psnr(image, target), "ssim": ssim(image, target)}
     weights = {name: torch.from_numpy(resize_nearest(region, *size)).float() for name, region in regions.items()}
     if "covered" in weights:
         weight = weights.pop("covered")
-        scores |= {"psnr_covered": psnr(picture, target, weight), "covered_share": float(weight.mean())}
-        scores |= {f"psnr_covered_{name}": psnr(picture, target, part) for name, part in weights.items()}
+        scores |= {"psnr_covered": psnr(image, target, weight), "covered_share": float(weight.mean())}
+        scores |= {f"psnr_covered_{name}": psnr(image, target, part) for name, part in weights.items()}
         if refine_camera:
             rig = CameraRig(CameraPath(camera.intrinsics[None], camera.world_to_camera[None], np.array([time]), *size))
             scores["psnr_covered_refined"] = psnr(

@@ -67,7 +67,7 @@ class FeatureMaps:
         return self.expand(self.row(t).astype(np.float32))
 
     def row(self, t: int) -> np.ndarray:
-        """What is stored (h,w,k) float16 of clip frame `t`, read: pages of a mapping stay in memory as long as it is there."""
+        """Return the stored (h,w,k) float16 of clip frame `t` as a copy, so that no page of the mapping stays in memory."""
         stored, shape = self.stored, self.stored.shape[1:]
         if not isinstance(stored, np.memmap) or stored.filename is None or not stored.flags.c_contiguous:
             return np.array(stored[t])

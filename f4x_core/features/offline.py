@@ -17,7 +17,7 @@ import torch
 from torch.nn import functional
 
 from ..errors import F4xError
-from .preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor, resize_map
+from .preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size, resize_map
 from .spec import FeatureSpec
 from .text import average_templates, unit
 from .weights import PACKAGED
@@ -58,7 +58,7 @@ class Visual:
         """(h,w,96) float32 of a picture (H,W,3) uint8."""
         size = input_size(rgb.shape[1], rgb.shape[0], AREA, self.MULTIPLE)
         with torch.inference_mode():
-            features = self.layers(picture_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD))
+            features = self.layers(image_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD))
             return functional.normalize(features, dim=1)[0].permute(1, 2, 0).numpy()
 
 
@@ -114,7 +114,7 @@ class Conse:
 
     def _probability(self, rgb: np.ndarray, size: tuple[int, int]) -> torch.Tensor:
         """(1,1000,h,w) of the picture stretched to `size`: the classifier at every cell, no pooling."""
-        features = self.network.extract_features(picture_tensor(rgb, size, (0.5,) * 3, (0.5,) * 3))
+        features = self.network.extract_features(image_tensor(rgb, size, (0.5,) * 3, (0.5,) * 3))
         return self.network._fc(features.permute(0, 2, 3, 1)).softmax(-1).permute(0, 3, 1, 2)
 
 

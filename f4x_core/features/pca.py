@@ -38,7 +38,7 @@ class Pca:
         """(…,3) uint8 of `coordinates (…,3)`."""
         return np.round(np.clip(self._between(coordinates), 0, 1) * 255).astype(np.uint8)
 
-    def picture(self, features: np.ndarray) -> np.ndarray:
+    def to_rgb(self, features: np.ndarray) -> np.ndarray:
         """(H,W,3) uint8 of features (H,W,C)."""
         return self.colours(self.coordinates(features))
 

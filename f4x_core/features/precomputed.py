@@ -104,7 +104,7 @@ class Precomputed:
             raise F4xError(f"{self.source}: the class token of '{layout}' is missing; put it there as global.npy.")
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """What the maps will be; the size of the pictures does not matter, the grid always covers them."""
+        """Return the spec of the maps; the image size does not matter, the grid always covers the whole image."""
         if self.given is not None:
             return self.given
         layout = self.layout

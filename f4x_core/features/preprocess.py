@@ -18,7 +18,7 @@ def input_size(width: int, height: int, area: int, multiple: int) -> tuple[int, 
     return h, w
 
 
-def picture_tensor(
+def image_tensor(
     rgb: np.ndarray,
     size: tuple[int, int],
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0),

@@ -13,7 +13,7 @@ RESIZES = ("bilinear", "area")
 
 @dataclass(frozen=True)
 class FeatureSpec:
-    """How the features of one head are to be read. F4xError where the values contradict themselves."""
+    """Shape, resizing and meaning of the features of one head. F4xError where the values contradict each other."""
 
     name: str
     """Name of the head and of its folder: `visual`, `text`, `sam2`, …"""

@@ -29,7 +29,7 @@ class Teacher(Protocol):
     """
 
     def spec_for(self, width: int, height: int) -> FeatureSpec:
-        """What the maps of pictures of this size are."""
+        """Return the spec of the maps of images of this size."""
         ...
 
     def encode(self, rgb: np.ndarray) -> np.ndarray:
@@ -150,9 +150,9 @@ def extract(
 
     folder, entry = Path(folder), find_teacher(name)
     seen = hashlib.blake2b(digest_size=16)
-    for picture in clip.frames:
+    for image in clip.frames:
         progress("looking at the clip", 0, 0)
-        seen.update(np.ascontiguousarray(picture).data)
+        seen.update(np.ascontiguousarray(image).data)
     settings = {
         "teacher": name,
         "version": entry.version,

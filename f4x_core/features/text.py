@@ -29,7 +29,7 @@ class TextEncoder(Protocol):
 
 @dataclass(frozen=True)
 class TextEncoderEntry:
-    """How to get one text encoder."""
+    """Name, weights and loader of one text encoder."""
 
     name: str
     """What `FeatureSpec.text_encoder` says."""

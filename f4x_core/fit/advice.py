@@ -17,7 +17,7 @@ from .needs import MUCH_MOTION, moving_fraction
 
 # Share of frames whose camera was solved and not continued from neighbours (key frames alone may be a third), and the median
 # reprojection error in pixels above which cameras are wrong and not only rough.
-LEAST_REGISTERED, MISSED_PX = 0.3, 1.5
+MIN_REGISTERED, MISSED_PX = 0.3, 1.5
 # Trial focal lengths whose reprojection error is within this fraction of the least fit the tracks equally well; where the longest
 # is so many times the shortest, the pictures hardly tell it (10 % is also what `priors.sfm` asks of them to leave its default).
 EQUAL_FOCAL_ERROR, WIDE_FOCAL_RANGE = 0.1, 1.5
@@ -29,14 +29,14 @@ CONTRADICTION, CONTRADICTION_PAIRS = 0.01, 24
 # Fewer supervised frames than this leave most surfaces seen once or twice.
 FEW_FRAMES = 12
 # Share of tracks that should live this many frames, and the shortest foreground survival that a scaffold can rest on.
-SURVIVAL_AGE, LEAST_SURVIVAL = 10, 0.4
+SURVIVAL_AGE, MIN_SURVIVAL = 10, 0.4
 # Depth whose confidence (median over the region) is lower is a guess.
-LEAST_CONFIDENCE = 0.25
+MIN_CONFIDENCE = 0.25
 # Share of pixels without any depth above which depth counts as missing.
 UNKNOWN_DEPTH = 0.3
 # Moving pixels further than this many control radii from every node are not carried by the scaffold.
 NODE_REACH = 3.0
-LEAST_COVERAGE = 0.8
+MIN_COVERAGE = 0.8
 # Scores (dB): a watchable picture, the gap to unseen frames, what camera refinement may win, moving against static region.
 WATCHABLE_PSNR, HELD_OUT_GAP, REFINEMENT_GAP, REGION_GAP = 27.0, 3.0, 1.5, 2.0
 # Of the mask of what moves, the mean dynamic alpha (`mover_coverage`): below the first the object is missing, above the second
@@ -341,7 +341,7 @@ def _about_camera(priors: Priors) -> list[Finding]:
         )
     known = priors.statistics.get("cameras", {})
     registered, wanted = known.get("registered"), len(priors.frames)
-    if registered is not None and registered < LEAST_REGISTERED * wanted:
+    if registered is not None and registered < MIN_REGISTERED * wanted:
         found.append(
             Finding(
                 "problem",
@@ -364,7 +364,7 @@ def _about_camera(priors: Priors) -> list[Finding]:
 
 
 def _about_lens(priors: Priors) -> list[Finding]:
-    """What the search for the focal length tells, where there was one (`statistics["cameras"]`)."""
+    """Findings from the search for the focal length, where there was one (`statistics["cameras"]`)."""
     known = priors.statistics.get("cameras", {})
     search = known.get("pan_focal_search" if priors.camera_kind == "pan" else "focal_search", {})
     focals, errors = (np.array(search.get(name, []), np.float64) for name in ("focal_over_width", "error_px"))
@@ -420,7 +420,7 @@ def _about_motion(priors: Priors, scaffold: Scaffold | None) -> list[Finding]:
         found += _about_tracks(priors, has_motion=scaffold is not None)
     if scaffold is not None and priors.depth is not None and priors.cameras is not None:
         covered = scaffold_coverage(priors, scaffold)
-        if covered < LEAST_COVERAGE:
+        if covered < MIN_COVERAGE:
             found.append(
                 Finding(
                     "problem",
@@ -439,7 +439,7 @@ def _about_tracks(priors: Priors, has_motion: bool) -> list[Finding]:
         groups.append(("moving points", priors.tracks_motion > 0.5))
     for name, chosen in groups:
         alive = track_survival(priors.tracks_visible[:, chosen])[age]
-        if alive < LEAST_SURVIVAL:
+        if alive < MIN_SURVIVAL:
             return [
                 Finding(
                     "problem",
@@ -463,7 +463,7 @@ def _about_depth(priors: Priors) -> list[Finding]:
     regions = {"the background": None if priors.mask is None else ~priors.mask, "what moves": priors.mask}
     for name, region in regions.items():
         values = priors.depth_confidence if region is None else priors.depth_confidence[region]
-        if values.size and float(np.median(values)) < LEAST_CONFIDENCE:
+        if values.size and float(np.median(values)) < MIN_CONFIDENCE:
             found.append(
                 Finding(
                     "problem" if name == "the background" else "note",

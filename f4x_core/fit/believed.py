@@ -37,7 +37,7 @@ DECIDED_ERROR = {"ground contact": 0.12, "size": 0.2, "surroundings": 0.3}
 """Relative error of a moving object's depth by what decided it. Its own motion is judged by its viewing angle instead.
 
 Ground contact: between the upper quartiles on the rendered clips `knight` (0.08) and `procedural` (0.14). Of the other two no
-rendered clip has told yet.
+rendered clip has shown yet.
 """
 SAMPLED = 4
 """Every so many pixels of rows and columns tell the median confidence."""
@@ -45,7 +45,7 @@ SAMPLED = 4
 
 @dataclass(frozen=True)
 class DepthEvidence:
-    """What `believed_degrees` needs to know of a clip; angles in degrees, errors as fractions of the depth."""
+    """Evidence about the depth of a clip, for `believed_degrees`; angles in degrees, errors as fractions of the depth."""
 
     focal: float
     """Focal length in picture widths."""

@@ -25,7 +25,7 @@ NODE_COUNTS = (4, 8, 16, 32, 64, 128, 192, 256, 384, 512)
 
 @dataclass(frozen=True)
 class ScaffoldConfig:
-    """How the motion scaffold is initialised from tracks."""
+    """Initialisation of the motion scaffold from tracks."""
 
     tolerance: float = 1.0
     """Pixels within which 90 % of the held-out tracks must be carried; the fewest nodes that do so are taken."""
@@ -43,7 +43,7 @@ class ScaffoldConfig:
     kernel: Kernel = "sigma"
     """Skinning kernel: `sigma` exp(-d^2/2s^2) (MoSca code) or `paper` exp(-d^2/2r) (Eq. 1)."""
     distance_rank: int = 1
-    """The distance of two nodes is the so-many-th largest over time: 1 the maximum (Feature4X), more forgive bad frames."""
+    """k: the distance of two nodes is the k-th largest over time. 1 is the maximum (Feature4X), more forgives bad frames."""
     rotations: Rotations = "tracks"
     """Nodes start turned as the `tracks` around them turn (MoSca's code), or all upright (`identity`, Feature4X)."""
     geometry_steps: int = 300
@@ -61,7 +61,7 @@ class ScaffoldConfig:
         return min(self.tolerance, self.tolerance_fraction * width)
 
     def selection(self, seed: int) -> SelectionConfig:
-        """How nodes are drawn from tracks."""
+        """Selection of nodes from tracks."""
         between = tuple(count for count in NODE_COUNTS if self.min_nodes <= count <= self.max_nodes)
         return SelectionConfig(
             counts=between or (self.max_nodes,),
@@ -79,16 +79,16 @@ class ScaffoldConfig:
 
 @dataclass(frozen=True)
 class NodeConfig:
-    """When nodes are added and removed during the photometric stage."""
+    """Schedule of adding and removing nodes in the photometric stage."""
 
     add_at: tuple[float, ...] = (0.3, 0.42)
-    """Shares of the steps at which badly carried Gaussians become nodes."""
+    """Fractions of the steps at which badly carried Gaussians become nodes."""
     growth: float = 0.2
     """At most this fraction of the nodes is added each time."""
     max_nodes: int = 500
     """Never more nodes than this."""
     drop_at: tuple[float, ...] = (0.47,)
-    """Shares of the steps at which useless nodes are removed."""
+    """Fractions of the steps at which useless nodes are removed."""
     prune_weight: float = 0.02
     """A node without attached Gaussians whose largest skinning weight is below this is useless."""
 
@@ -103,7 +103,7 @@ class GaussianRates:
 
     A short fit begins with rates at which a picture is about right after each Gaussian was seen some dozen times, and ends with
     rates at which the last frames seen no longer shake it. Against rates five times smaller that stay, `quick` gains 1 dB on
-    frames held out of car-shadow and .4 dB of train, nothing of camel; still larger rates of what moves lose .3 dB of train.
+    frames held out of car-shadow and .4 dB of train, nothing of camel; still larger rates of dynamic Gaussians lose .3 dB of train.
     """
 
     means: Rate
@@ -133,7 +133,7 @@ class RateConfig:
             sh0=(0.03, 1.5e-3),
         )
     )
-    """What stands still."""
+    """Static Gaussians."""
     dynamic: GaussianRates = field(
         default_factory=lambda: GaussianRates(
             means=(6e-4, 6e-6),
@@ -143,7 +143,7 @@ class RateConfig:
             sh0=(0.01, 0.01),
         )
     )
-    """What moves: its appearance is learnt to the end, as its motion is."""
+    """Dynamic Gaussians: their appearance is learnt to the end, as their motion is."""
     dw: float = 5e-3
     """Skinning offsets of Eq. 1."""
     node_xyz: Rate = (2.5e-4, 5e-6)
@@ -154,11 +154,9 @@ class RateConfig:
     """Logarithm of the node radii."""
     camera_rotation: Rate = (3e-5, 3e-6)
     """Camera orientation (radians). The priors' cameras meet the tracks within a third of a pixel; colours, which hands that shake
-    blur, know little better: three times this rate loses .7 dB of what moves on dog, none at all .4 dB of what stands."""
+    blur, know little better: three times this rate loses .7 dB on moving objects of dog, none at all .4 dB on the background."""
     camera_position: Rate = (3e-5, 3e-6)
     """Camera position."""
-    focal: float = 0.0
-    """Logarithm of the focal length; 0 keeps it fixed."""
 
     def of(self, kind: str, tensor: str) -> Rate | float:
         """The rate of a parameter `tensor` of the Gaussians that are `kind`, `static` or `dynamic`."""
@@ -228,7 +226,7 @@ class FitConfig:
     max_sh_degree: int = 1
     """Upper limit when the pictures decide."""
     harmonics_at: tuple[float, float, float] = (0.4, 0.6, 0.8)
-    """Shares of the steps at which the pictures are asked for degree 1, 2, 3; every fit begins with plain colours."""
+    """Fractions of the steps at which the pictures are asked for degree 1, 2, 3; every fit begins with plain colours."""
     min_moving_fraction: float = 3e-4
     """Clips whose moving region covers less than this fraction of all pixels get no scaffold and no dynamic set."""
     rates: RateConfig = field(default_factory=RateConfig)
@@ -275,7 +273,7 @@ class FitConfig:
 
     @property
     def kernels(self) -> Kernels:
-        """Who does the inner loops."""
+        """Implementation of the inner loops."""
         return Kernels(choose_backend(self.backend) == "native", self.threads or os.cpu_count() or 1)
 
 

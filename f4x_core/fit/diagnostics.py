@@ -69,7 +69,7 @@ def worst_frames(metrics: Mapping[str, Any], count: int = WORST_FRAMES) -> list[
 
 
 @dataclass(frozen=True)
-class ScenePictures:
+class ScenePreviews:
     """Renders of the fitted scene that the page shows."""
 
     worst: Mapping[int, np.ndarray]
@@ -78,7 +78,7 @@ class ScenePictures:
     """A few moments with depth and views aside."""
 
 
-def draw_pictures(scene: Scene, metrics: Mapping[str, Any], backend: str = "auto") -> ScenePictures:
+def render_previews(scene: Scene, metrics: Mapping[str, Any], backend: str = "auto") -> ScenePreviews:
     """Draw the scene's worst frames by `metrics`, and moments spread over the frames that were not held out."""
     times = scene.cameras.times
     worst = {
@@ -87,7 +87,7 @@ def draw_pictures(scene: Scene, metrics: Mapping[str, Any], backend: str = "auto
     }
     used = np.setdiff1d(np.arange(len(times)), scene.held_out)
     chosen = used[evenly_spaced(len(used), MOMENTS, ends=False)]
-    return ScenePictures(worst, draw_moments(scene, chosen, backend=backend))
+    return ScenePreviews(worst, draw_moments(scene, chosen, backend=backend))
 
 
 def write_diagnostics(
@@ -95,7 +95,7 @@ def write_diagnostics(
     clip: Clip,
     result: FitResult,
     metrics: Mapping[str, Any],
-    pictures: ScenePictures,
+    images: ScenePreviews,
 ) -> str:
     """Write the page atomically; returns its verdict in a word, `advice.quality`.
 
@@ -115,13 +115,13 @@ def write_diagnostics(
     shown = evenly_spaced(len(priors.frames), SHOWN_FRAMES)
     sections = [
         ("Why the scene is as it is, and what you can supply", _findings(found)),
-        ("Geometry", geometry_section(result, ClipGeometry.of(priors, scaffold), pictures.moments)),
+        ("Geometry", geometry_section(result, ClipGeometry.of(priors, scaffold), images.moments)),
         ("Scores", _scores(metrics) + page.plots([frame_scores(metrics), _quality_curve(result.history)])),
         (
             "What the clip needed",
             page.table(["", "chosen", "evidence", "saved"], [_need_cells(row) for row in result.scene.needs]),
         ),
-        ("Worst frames: input, render, error", _worst(clip, metrics, pictures.worst)),
+        ("Worst frames: input, render, error", _worst(clip, metrics, images.worst)),
         ("What moves: score and mask", _motion(clip, priors, shown)),
         ("Tracks", page.plots([_survival(priors)])),
         ("Camera", _camera_words(result) + page.plots([_field_of_view(priors)])),
@@ -218,20 +218,20 @@ def _coloured(values: np.ndarray, colours: str) -> np.ndarray:
     return painted
 
 
-def _worst(clip: Clip, metrics: Mapping[str, Any], pictures: Mapping[int, np.ndarray]) -> str:
+def _worst(clip: Clip, metrics: Mapping[str, Any], images: Mapping[int, np.ndarray]) -> str:
     rows = {row["frame"]: row for row in metrics.get("frames", [])}
-    order = sorted((frame for frame in pictures if frame in rows), key=lambda frame: rows[frame]["psnr"])
+    order = sorted((frame for frame in images if frame in rows), key=lambda frame: rows[frame]["psnr"])
     lines = []
     for frame in order[:WORST_FRAMES]:
-        truth, drawn = clip.frames[frame], page.as_bytes(pictures[frame])
+        truth, drawn = clip.frames[frame], page.as_bytes(images[frame])
         error = np.abs(truth.astype(np.float32) - drawn).mean(-1) / 255
         kind = "held out" if rows[frame]["held_out"] else "used"
         lines.append(
             page.row(
                 [
-                    page.picture(truth, f"frame {frame} ({kind})"),
-                    page.picture(drawn, f"{rows[frame]['psnr']:.1f} dB"),
-                    page.picture(_coloured(error / ERROR_SPAN, "magma"), f"error, white = {ERROR_SPAN:.2f}"),
+                    page.image_figure(truth, f"frame {frame} ({kind})"),
+                    page.image_figure(drawn, f"{rows[frame]['psnr']:.1f} dB"),
+                    page.image_figure(_coloured(error / ERROR_SPAN, "magma"), f"error, white = {ERROR_SPAN:.2f}"),
                 ]
             )
         )
@@ -249,7 +249,7 @@ def _motion(clip: Clip, priors: Priors, shown: Iterable[int]) -> str:
         score = priors.motion[frame].astype(np.float64)[..., None]
         painted = grey * (1 - 0.6 * score) + 0.6 * score * np.array([0.95, 0.3, 0.15])
         painted[_edge(mask)] = 1
-        figures.append(page.picture(painted, f"frame {index}: {mask.mean():.1%} moves"))
+        figures.append(page.image_figure(painted, f"frame {index}: {mask.mean():.1%} moves"))
     return page.row(figures)
 
 
@@ -271,12 +271,12 @@ def _depth(priors: Priors, shown: Sequence[int] | np.ndarray) -> str:
         index = int(priors.frames[frame])
         unknown = float(np.mean(~np.isfinite(values)))
         caption = f"frame {index}: near is red" + (f", {unknown:.0%} unknown (grey)" if unknown else "")
-        figures.append(page.picture(_coloured((values - far) / max(near - far, 1e-9), "turbo"), caption))
+        figures.append(page.image_figure(_coloured((values - far) / max(near - far, 1e-9), "turbo"), caption))
     if priors.depth_confidence is not None:
         for frame in shown:
             values = priors.depth_confidence[frame].astype(np.float64)
             caption = f"frame {int(priors.frames[frame])}: confidence, median {np.median(values):.2f}"
-            figures.append(page.picture(_coloured(values, "viridis"), caption))
+            figures.append(page.image_figure(_coloured(values, "viridis"), caption))
     return page.row(figures)
 
 
@@ -298,7 +298,7 @@ def _scaffold(clip: Clip, priors: Priors, scaffold: Scaffold | None, shown: Iter
             draw.ellipse([x - 3, y - 3, x + 3, y + 3], fill="#ff7a2f" if sure else "#4b2a63", outline="white")
         certain = float(scaffold.certain[frame].mean()) if len(scaffold) else 0.0
         figures.append(
-            page.picture(np.asarray(faded), f"frame {index}: {certain:.0%} of {len(scaffold)} nodes measured")
+            page.image_figure(np.asarray(faded), f"frame {index}: {certain:.0%} of {len(scaffold)} nodes measured")
         )
     return page.row(figures)
 

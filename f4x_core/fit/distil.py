@@ -54,7 +54,7 @@ LATENT_END, HEAD_END = 0.05, 0.05
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What one frame sees: cells of the common grid from columns (static Gaussians, then nodes or dynamic Gaussians)."""
+    """Blend weights of one frame: cells of the common grid from columns (static Gaussians, then nodes or dynamic ones)."""
 
     frame: int
     """Clip frame."""
@@ -65,7 +65,7 @@ class View:
 
 
 class _Views(Sequence[View]):
-    """Views that wait in a temporary file until they are asked for: those of a long clip would fill the memory."""
+    """Views kept in a temporary file, because those of a long clip would fill the memory."""
 
     def __init__(self, file: IO[bytes]) -> None:
         """Keep none yet; `file` is for reading and writing."""
@@ -367,7 +367,7 @@ class _Distillation:
     def report(
         self, views: Sequence[View], latents: np.ndarray, stored: np.ndarray
     ) -> tuple[tuple[FieldHead, ...], Any]:
-        """The heads as they are stored, with colours and figures, kept ones first; and the latent's own colours.
+        """Return the heads to store with their colours and scores, kept ones first, and the PCA of the latent.
 
         `latents (Ns+M,D)` as trained, `stored` the same after its way through bytes.
         """
@@ -405,7 +405,7 @@ class _Distillation:
         return done, fit_pca(latent)
 
     def columns(self, latents: Tensor) -> Tensor:
-        """What `View.mix` mixes: latents (Ns+M,D) as they are, or of each dynamic Gaussian in the nodes' place."""
+        """Return the rows that `View.mix` blends: latents (Ns+M,D), or with those of dynamic Gaussians in place of the nodes'."""
         if not self.config.feature_grad_to_skinning:
             return latents
         static, nodes = latents.split([len(self.scene.static), self.nodes])

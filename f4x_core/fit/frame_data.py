@@ -19,7 +19,7 @@ MIN_SHARED_TRACKS = 8
 
 @dataclass
 class FrameData:
-    """What supervises one resolution: tensors of F frames, H x W pixels."""
+    """Supervision at one resolution: tensors of F frames, H x W pixels."""
 
     rgb: Tensor
     """(F,H,W,3) uint8."""
@@ -65,7 +65,7 @@ class MovingTracks:
 
     @classmethod
     def of(cls, priors: Priors) -> MovingTracks:
-        """Those of the priors; none where the priors have no tracks."""
+        """Take the tracks of the priors; none where the priors have no tracks."""
         size = priors.width, priors.height
         if priors.tracks is None:
             frames = len(priors.frames)

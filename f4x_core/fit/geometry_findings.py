@@ -64,7 +64,7 @@ class ClipGeometry:
 
 
 def about_geometry(priors: Priors, geometry: ClipGeometry) -> list[Finding]:
-    """What is worth knowing of the geometry, the way round first."""
+    """Findings about the geometry, the mirror ambiguity first."""
     return [
         *_about_way_round(geometry.way_round),
         *_about_path(priors, geometry),
@@ -224,7 +224,7 @@ def believed_sentence(believed: Believed) -> str:
 
 
 def _about_movers(priors: Priors) -> list[Finding]:
-    """What decided the depth of the moving objects."""
+    """Finding that names what decided the depth of the moving objects."""
     movers = priors.statistics.get("depth", {}).get("movers", [])
     decided = Counter(str(mover["decided_by"]) for mover in movers if "decided_by" in mover)
     if not decided:

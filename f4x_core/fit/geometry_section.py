@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from .. import page
 from ..geometry.spherical_harmonics import rgb_from_dc
 from ..scene.moments import Moment
-from ..scene.picture import colour_depth, depth_range
+from ..scene.visualise import colour_depth, depth_range
 from .geometry_findings import ClipGeometry, believed_sentence
 from .pipeline import FitResult
 from .way_round import WayRound
@@ -21,7 +21,7 @@ NAMED_GROUPS = 8
 # Static Gaussians in the plot, and the opacity below which one is not part of a surface.
 PROFILE_POINTS, MIN_OPACITY = 12000, 0.3
 # What lies outside these quantiles of them, or further than so many median depths, does not widen the plot.
-PROFILE_QUANTILES, FARTHEST = (0.02, 0.98), 4.0
+PROFILE_QUANTILES, MAX_EXTENT = (0.02, 0.98), 4.0
 # The profile from the side shows what the middle one of so many strips of the picture sees; all at once would hide the ground.
 STRIPS = 3
 
@@ -33,7 +33,7 @@ def geometry_section(result: FitResult, geometry: ClipGeometry, moments: Sequenc
         page.table(["", "", ""], _figures(geometry))
         + _clues(geometry.way_round)
         + _views(moments)
-        + page.plots([profile(result)])
+        + page.plots([profile_plot(result)])
         + _groups(geometry)
         + _movers(movers)
     )
@@ -98,7 +98,7 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _movers(movers: Sequence[Mapping[str, Any]]) -> str:
-    """What decided the depth of each moving object."""
+    """HTML table of what decided the depth of each moving object."""
     if not movers:
         return ""
     rows = []
@@ -121,10 +121,10 @@ def _views(moments: Sequence[Moment]) -> str:
     return "".join(
         page.row(
             [
-                page.picture(moment.rgb, f"frame {moment.index}, the camera's view"),
-                page.picture(colour_depth(moment.depth, near, far), "depth: near is red"),
-                page.picture(moment.right, f"{moment.right_degrees:.0f}° from the right"),
-                page.picture(moment.above, f"{moment.above_degrees:.0f}° from above"),
+                page.image_figure(moment.rgb, f"frame {moment.index}, the camera's view"),
+                page.image_figure(colour_depth(moment.depth, near, far), "depth: near is red"),
+                page.image_figure(moment.right, f"{moment.right_degrees:.0f}° from the right"),
+                page.image_figure(moment.above, f"{moment.above_degrees:.0f}° from above"),
             ],
             four=True,
         )
@@ -132,7 +132,7 @@ def _views(moments: Sequence[Moment]) -> str:
     )
 
 
-def profile(result: FitResult) -> str:
+def profile_plot(result: FitResult) -> str:
     """Camera path and static Gaussians in their colours, from above and from the side, in the axes of the middle camera (SVG)."""
     cameras = result.scene.cameras
     middle = cameras[len(cameras) // 2]
@@ -170,7 +170,7 @@ def _draw_profile(axis: Axes, points: np.ndarray, colours: np.ndarray, path: np.
     """Scatter `points (n,2)` and the camera `path (T,2)` in a square that shows most of both."""
     around = np.concatenate([points, path])
     low, high = np.quantile(around, PROFILE_QUANTILES, axis=0)
-    low, high = (np.clip(bound, -FARTHEST, FARTHEST) for bound in (low, high))
+    low, high = (np.clip(bound, -MAX_EXTENT, MAX_EXTENT) for bound in (low, high))
     low, high = np.minimum(low, path.min(0)), np.maximum(high, path.max(0))
     reach, centre = 0.55 * float((high - low).max()) + 1e-6, (low + high) / 2
     axis.scatter(points[:, 0], points[:, 1], s=1.2, c=colours, linewidths=0, rasterized=True)

@@ -42,7 +42,7 @@ MIN_NOISE = 1e-6
 
 
 class Band(NamedTuple):
-    """What one more degree would bring."""
+    """Coefficients and gain of one more degree of the harmonics."""
 
     gain: float
     """PSNR (dB) on left-out frames, against what a change of the plain colours alone brings."""
@@ -63,18 +63,18 @@ class _View(NamedTuple):
     """(N,1+n) the constant and the new band, at each Gaussian's direction in its own frame."""
 
 
-def next_band(model: SceneModel, pictures: Tensor, config: RasterConfig, backend: str) -> Band:
-    """Regress the residuals of `pictures (F,H,W,3)` uint8 on the harmonics of the next degree; exact but for overlaps.
+def next_band(model: SceneModel, images: Tensor, config: RasterConfig, backend: str) -> Band:
+    """Regress the residuals of `images (F,H,W,3)` uint8 on the harmonics of the next degree; exact but for overlaps.
 
     A pixel's residual is that of all Gaussians that are blended there, so each Gaussian's is the mean over its pixels by its blend
     weights (`raster.blend_weights`), and the normal equations are small: a constant and the band, by Gaussian, ridge on the
     band. N counts all Gaussians drawn, in the order of `SceneModel.posed`.
     """
-    chosen = evenly_spaced(len(pictures), FRAMES).tolist()
+    chosen = evenly_spaced(len(images), FRAMES).tolist()
     end = max(len(chosen) // 4, 1)
     left_out = chosen[:end] + chosen[-end:]
     with torch.no_grad():
-        views = _views(model, pictures, chosen[end:-end], config, backend)
+        views = _views(model, images, chosen[end:-end], config, backend)
         first = next(views)
         size = first.terms.shape[1]
         normal = torch.zeros(len(first.terms), size, size)
@@ -93,7 +93,7 @@ def next_band(model: SceneModel, pictures: Tensor, config: RasterConfig, backend
         ridge[0] = MIN_WEIGHT_SUM
         found = torch.linalg.solve(normal + torch.diag(ridge), wanted)  # (N,1+n,3)
         before, after = 0.0, 0.0
-        for each in _views(model, pictures, left_out, config, backend):
+        for each in _views(model, images, left_out, config, backend):
             explained = torch.cat([constant, (each.terms[:, :, None] * found).sum(1)], 1)
             out = rasterize(each.splats, explained, each.camera, config=config, backend=backend).channels
             before += float((each.residual - out[..., :3]).square().mean())
@@ -102,16 +102,14 @@ def next_band(model: SceneModel, pictures: Tensor, config: RasterConfig, backend
     return Band(gain, found[:, :1] / spherical_harmonics.C0, found[:, 1:])
 
 
-def _views(
-    model: SceneModel, pictures: Tensor, frames: list[int], config: RasterConfig, backend: str
-) -> Iterator[_View]:
+def _views(model: SceneModel, images: Tensor, frames: list[int], config: RasterConfig, backend: str) -> Iterator[_View]:
     """The model's view of each of `frames`, one after the other."""
-    height, width = pictures.shape[1:3]
+    height, width = images.shape[1:3]
     for frame in frames:
         moved = None if model.dynamic is None else model.dynamic_at(float(model.times[frame]))[0]
         splats, camera = model.posed(moved), model.rig.camera(frame, width, height)
         out = model.render(splats, camera, config=config, backend=backend)
-        residual = pictures[frame].float() / 255 - out.channels[..., :3].clamp(0, 1)
+        residual = images[frame].float() / 255 - out.channels[..., :3].clamp(0, 1)
         own = quaternion.rotate(quaternion.conjugate(quaternion.normalize(splats.quats)), splats.means - camera.center)
         degree = spherical_harmonics.degree_of(splats.sh.shape[1]) + 1
         band = spherical_harmonics.basis(own, degree)[:, splats.sh.shape[1] :]

@@ -25,7 +25,7 @@ MIN_DEPTH = 1e-2
 
 @dataclass(frozen=True)
 class Rendered:
-    """One supervised frame as the model draws it."""
+    """The model's render of one supervised frame."""
 
     frame: int
     data: FrameData

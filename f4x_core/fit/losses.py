@@ -13,12 +13,12 @@ from .ssim_native import NativeDissimilarity
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
 SSIM_WINDOW, SSIM_SIGMA = 11, 1.5
 # Below this many pixels (or this much weight) a masked mean says nothing.
-LEAST_WEIGHT = 1e-6
+MIN_WEIGHT = 1e-6
 
 
 def masked_l1(image: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     """Sum over channels of |image - target| (H,W,C), averaged over pixels with `weight` (H,W)."""
-    return ((image - target).abs().sum(-1) * weight).sum() / weight.sum().clamp_min(LEAST_WEIGHT)
+    return ((image - target).abs().sum(-1) * weight).sum() / weight.sum().clamp_min(MIN_WEIGHT)
 
 
 @lru_cache(maxsize=8)
@@ -59,7 +59,7 @@ def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float, 
             unlike = NativeDissimilarity.apply(image, target, weight, _window(image.dtype), constants, kernels.threads)
         else:
             unlike = ((1 - ssim_map(image, target).mean(0)) * weight).sum()
-        loss = loss + ssim_weight * unlike / weight.sum().clamp_min(LEAST_WEIGHT)
+        loss = loss + ssim_weight * unlike / weight.sum().clamp_min(MIN_WEIGHT)
     return loss
 
 

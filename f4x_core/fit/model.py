@@ -29,8 +29,8 @@ from ..scaffold.skinning import Kernel
 class CameraRig:
     """Per-frame camera poses as small corrections to the priors' path.
 
-    Parameters: `rotation` (F,3) rotation vectors and `position` (F,3) translations, both in the camera frame and applied after
-    the prior pose, and `log_focal` (1,), shared by all frames.
+    Parameters: `camera_rotation` (F,3) rotation vectors and `camera_position` (F,3) translations, both in the camera frame and
+    applied after the prior pose. Intrinsics stay those of the priors.
     """
 
     def __init__(self, path: CameraPath):
@@ -42,7 +42,6 @@ class CameraRig:
         self.parameters = {
             "camera_rotation": torch.zeros(count, 3, requires_grad=True),
             "camera_position": torch.zeros(count, 3, requires_grad=True),
-            "focal": torch.zeros(1, requires_grad=True),
         }
 
     def view(self, frame: int) -> Tensor:
@@ -55,18 +54,10 @@ class CameraRig:
     def intrinsics(self, frame: int, width: int, height: int) -> Tensor:
         """(3,3) intrinsics in pixels of the frame resampled to width x height."""
         ratio = self.base.new_tensor([[width / self.path.width], [height / self.path.height], [1.0]])
-        zoom = self.parameters["focal"][0].exp()
-        lens = self.base_intrinsics[frame] * ratio
-        return torch.stack(
-            [
-                torch.stack([lens[0, 0] * zoom, lens[0, 1], lens[0, 2]]),
-                torch.stack([lens[1, 0], lens[1, 1] * zoom, lens[1, 2]]),
-                lens[2],
-            ]
-        )
+        return self.base_intrinsics[frame] * ratio
 
     def camera(self, frame: int, width: int, height: int) -> Camera:
-        """The camera of supervised frame `frame` for pictures of width x height, differentiable tensors."""
+        """The camera of supervised frame `frame` for images of width x height; its pose is differentiable."""
         return Camera(self.intrinsics(frame, width, height), self.view(frame), width, height)
 
     def smoothness(self) -> Tensor:
@@ -80,17 +71,16 @@ class CameraRig:
         """The path with its corrections folded in."""
         with torch.no_grad():
             matrices = torch.stack([self.view(i) for i in range(len(self.path))]).double().numpy()
-            size = (self.path.width, self.path.height)
-            intrinsics = torch.stack([self.intrinsics(i, *size) for i in range(len(self.path))]).double().numpy()
         # float32 rotations are not orthonormal to float64 precision; the nearest rotation is.
         u, _, vt = np.linalg.svd(matrices[:, :3, :3])
         matrices[:, :3, :3] = u @ vt
-        return CameraPath(intrinsics, matrices, self.path.times, *size)
+        intrinsics = self.base_intrinsics.double().numpy()
+        return CameraPath(intrinsics, matrices, self.path.times, self.path.width, self.path.height)
 
 
 @dataclass
 class NodeSet:
-    """The scaffold as it is optimised.
+    """The scaffold during optimisation.
 
     `parameters`: `node_xyz` (F,M,3), `node_quat` (F,M,4), `radius_logit` (M,), all requiring grad. The graph is numpy-side
     state: `scaffold` holds neighbours, masks, ids and certainty and is refreshed from the parameters when it is rebuilt.

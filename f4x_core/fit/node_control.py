@@ -50,18 +50,18 @@ def add_nodes(
         quat = torch.stack([q[worst] for _, q in posed]).numpy()
     before = nodes.snapshot()
     radius = float(initial_radius(1, before.unit, RadiusConfig())[0])
-    grown, taken = densify_nodes(before, xyz, quat, radius, next_node_id)
+    densified, taken = densify_nodes(before, xyz, quat, radius, next_node_id)
     if len(taken) > room:
-        grown, taken = densify_nodes(before, xyz[:, taken[:room]], quat[:, taken[:room]], radius, next_node_id)
-    added = len(grown) - len(before)
+        densified, taken = densify_nodes(before, xyz[:, taken[:room]], quat[:, taken[:room]], radius, next_node_id)
+    added = len(densified) - len(before)
     if added == 0:
         return next_node_id
-    fresh = NodeSet(grown, nodes.graph)
+    fresh = NodeSet(densified, nodes.graph)
     _swap_nodes(model, shared, fresh, lambda moment, axis: _padded(moment, axis, added))
     with torch.no_grad():
         x, _ = dynamic.at_reference(fresh.parameters["node_xyz"], fresh.quat)
         reference, attach = dynamic.labels["reference"], dynamic.labels["attach"]
-        nearest = torch.from_numpy(attach_nodes(x.numpy(), reference.numpy(), grown.xyz))
+        nearest = torch.from_numpy(attach_nodes(x.numpy(), reference.numpy(), densified.xyz))
         moving = (nearest >= len(before)).nonzero()[:, 0]
         place, turn = dynamic.parameters["local_means"], dynamic.parameters["local_quats"]
         local = rebase_local(

@@ -125,7 +125,7 @@ class ClipFit:
         return start_fit(self.clip, priors, self.config, self.progress)
 
     def finish(self, trainer: Trainer) -> FitResult:
-        """What the trainer has learnt."""
+        """Return the scene of the trained model."""
         return finish_fit(trainer, self.seconds)
 
 
@@ -200,7 +200,7 @@ def finish_fit(trainer: Trainer, seconds: dict[str, float] | None = None) -> Fit
 
 
 def _provenance(trainer: Trainer) -> dict[str, Any]:
-    """Who made what with which settings.
+    """Return the scene's provenance: clip, settings and providers.
 
     Wall times stay out of the scene: the same clip, settings and seed give the same file.
     """
@@ -238,12 +238,12 @@ def _colour_need(trainer: Trainer) -> Need:
     if config.sh_degree is not None:
         return Need("view-dependent colour", f"degree {degree}", "set by hand", "-")
     gains = ", ".join(f"degree {d}: {gain:+.2f} dB" for d, gain in enumerate(trainer.band_gains, 1))
-    most = (config.max_sh_degree + 1) ** 2
+    max_coefficients = (config.max_sh_degree + 1) ** 2
     return Need(
         "view-dependent colour",
         f"degree {degree}",
         f"{gains} on left-out pictures in mid-fit; wanted {GAIN_DB}" if gains else "no higher one is allowed",
-        f"{most - (degree + 1) ** 2} of {most} coefficients per Gaussian and colour",
+        f"{max_coefficients - (degree + 1) ** 2} of {max_coefficients} coefficients per Gaussian and colour",
     )
 
 

@@ -42,7 +42,7 @@ OPAQUE = 0.8
 """Alpha from which on the background is there at all."""
 MIN_PIXELS = 32
 """Fewer tell no depth."""
-AROUND, NEAREST = 3, 10
+AROUND, GROUND_PERCENTILE = 3, 10
 """Pixels around what moves, and the percentile of their depth that is the ground below it."""
 FREEDOM = {"static": 0, "pan": 3, "moving": 6}
 """Numbers that place a camera of each kind: its rotation, its position."""
@@ -73,7 +73,7 @@ class FrozenBackground:
     """(H,W) bool by supervised frame: pixels that it shows rightly."""
 
     def with_own(self, static: StaticSet) -> StaticSet:
-        """The window's whole background: what stayed, then its own."""
+        """The window's whole background: the Gaussians that stayed, then its own."""
         parts = self.world.arrays(), static.arrays()
         return StaticSet(**{name: np.concatenate([part[name] for part in parts]) for name in parts[1]})
 
@@ -172,10 +172,10 @@ class PreviousWindow:
             depth[row][~moving] *= _median(np.where(known, seen["depth"] / depth[row], np.nan), 1.0)
         return replace(priors, cameras=replace(path, world_to_camera=views), depth=depth)
 
-    def _registered(self, camera: Camera, picture: np.ndarray, still: np.ndarray, freedom: int, backend: str) -> Camera:
-        """The camera from which the background is seen where it is in `picture` (H,W,3) uint8, judged where `still` (H,W)."""
+    def _registered(self, camera: Camera, image: np.ndarray, still: np.ndarray, freedom: int, backend: str) -> Camera:
+        """The camera from which the background is seen where it is in `image` (H,W,3) uint8, judged where `still` (H,W)."""
         seen, flow = self._ground(camera, backend), dis("medium", 0)
-        drawn, target = grey(np.stack([(255 * seen["rgb"].clip(0, 1)).astype(np.uint8), picture]))
+        drawn, target = grey(np.stack([(255 * seen["rgb"].clip(0, 1)).astype(np.uint8), image]))
         there = flow(drawn, target)
         matched = still & (seen["alpha"] > OPAQUE) & consistent(there, flow(target, drawn))
         if matched.mean() < MIN_MATCHED:
@@ -204,7 +204,7 @@ class PreviousWindow:
     def background(
         self, clip: Clip, priors: Priors, rows: np.ndarray, margin: int, backend: str = "auto"
     ) -> FrozenBackground:
-        """What stays of the earlier background, judged by the frames `rows` (indices into F) of placed priors.
+        """Return the part of the earlier background that stays, judged by the frames `rows` (indices into F) of placed priors.
 
         `margin`: pixels around the moving mask in which nothing is judged.
         """
@@ -236,8 +236,8 @@ class PreviousWindow:
         assert priors.cameras is not None
         scene = Scene("background", world, priors.cameras)
         seen = render(scene, priors.cameras[int(row)], 0.0, ("rgb", "alpha"), backend)
-        picture = clip.frames[priors.frames[row]].astype(np.float32) / 255
-        mean = uniform_filter(picture, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))
+        image = clip.frames[priors.frames[row]].astype(np.float32) / 255
+        mean = uniform_filter(image, (NEIGHBOURHOOD, NEIGHBOURHOOD, 0))
         darkest, brightest = (
             extreme(seen["rgb"], (NEIGHBOURHOOD, NEIGHBOURHOOD, 1)) for extreme in (minimum_filter, maximum_filter)
         )
@@ -260,7 +260,7 @@ def _room(depth: np.ndarray, moving: np.ndarray) -> float:
     for z, mask in zip(depth, moving, strict=True):
         around = binary_dilation(mask, iterations=AROUND) & ~mask
         if mask.any() and around.any():
-            found.append(np.percentile(z[around], NEAREST) / np.median(z[mask]))
+            found.append(np.percentile(z[around], GROUND_PERCENTILE) / np.median(z[mask]))
     return float(np.median(found)) if found else np.inf
 
 
@@ -281,7 +281,7 @@ class WindowFit(ClipFit):
         return config_hash(super().settings_hash(), self.previous.digest)
 
     def known_depth(self) -> np.ndarray:
-        """What the scene before shows."""
+        """Depth that the earlier scene shows."""
         return self.previous.depth(self.clip, self.config.backend)
 
     def make_priors(self) -> Priors:
@@ -299,7 +299,7 @@ class WindowFit(ClipFit):
         return start_fit(self.clip, priors, config, self.progress, frozen, self.background.explained, first_id)
 
     def finish(self, trainer: Trainer) -> FitResult:
-        """What was learnt, with the background that stayed and the ids of the nodes that go on."""
+        """Return the trained scene, with the background that stayed and the ids of the nodes that continue."""
         result = super().finish(trainer)
         scaffold = result.scene.scaffold
         scene = replace(

@@ -30,7 +30,7 @@ NUMBER = re.compile(r"[0-9.eE+_-]+")
 
 @dataclass(frozen=True)
 class Limits:
-    """What numbers may be, besides finite."""
+    """Allowed range of a number; it is always finite."""
 
     minimum: float = 0
     """Smallest number allowed: nothing that is set here can be negative."""
@@ -93,12 +93,12 @@ class Setting:
 
     @property
     def kind(self) -> str:
-        """What a value has to be, in words."""
+        """Allowed values, in words."""
         return _kind_in_words(self.annotation, self.limits)
 
     @property
     def limits(self) -> Limits:
-        """What its numbers may be."""
+        """Allowed range of its numbers."""
         return next((limits for pattern, limits in LIMITS.items() if fnmatchcase(self.name, pattern)), Limits())
 
     @property
@@ -207,7 +207,7 @@ def _with_values(config: Any, values: Mapping[str, Any]) -> Any:
 
 
 def _parse(text: str, annotation: Any, limits: Limits) -> Any:
-    """What `text` says as a value of an annotation; ValueError when it says none."""
+    """Parse `text` as a value of the annotation; ValueError where it is none."""
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin in (typing.Union, types.UnionType):
         if type(None) in arguments and text.lower() == "none":
@@ -247,7 +247,7 @@ def _as_text(value: Any) -> str:
 
 
 def _kind_in_words(annotation: Any, limits: Limits) -> str:
-    """What a value has to be: "a whole number, 1 or more", "true or false", "one of sigma, paper"."""
+    """Describe the allowed values: "a whole number, 1 or more", "true or false", "one of sigma, paper"."""
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin in (typing.Union, types.UnionType):
         (inner,) = (each for each in arguments if each is not type(None))

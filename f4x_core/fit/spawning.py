@@ -34,7 +34,7 @@ def spawn_frames(priors: Priors, config: FitConfig) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Spawner:
-    """The first Gaussians of a fit: as many as the clip shows, or all of it more thinly where there is no room."""
+    """Spawns the first Gaussians of a fit: as dense as the clip asks for, or thinner where the budget is too small."""
 
     clip: Clip
     priors: Priors
@@ -43,7 +43,7 @@ class Spawner:
     progress: Progress
 
     def static(self, moving: bool, explained: Explained | None, first_id: int) -> StaticGaussians:
-        """What stands still, seen from frames all over the clip; outside what moves where there is such a thing."""
+        """Spawn static Gaussians from frames all over the clip, outside the mask of moving objects where there is one."""
         chosen = spawn_frames(self.priors, self.config)
 
         def cover_all(spawn: SpawnConfig) -> Spawned:
@@ -64,7 +64,7 @@ class Spawner:
         return spawn_static(spawned, self.degree, spawn, first_id)
 
     def dynamic(self, model: SceneModel, first_id: int) -> DynamicGaussians:
-        """What moves, fused over time: every visited frame adds what those of earlier visited frames, moved there, leave open.
+        """Spawn dynamic Gaussians: each visited frame fills what the Gaussians of earlier ones, moved there, leave open.
 
         `model` has the static Gaussians, the nodes and the cameras.
         """
@@ -104,12 +104,12 @@ class Spawner:
         """Gaussians for what `existing` leaves open in supervised frame `frame`."""
         priors = self.priors
         assert priors.depth is not None and priors.cameras is not None
-        picture = self.clip.frames[priors.frames[frame]]
+        image = self.clip.frames[priors.frames[frame]]
         tolerance = None
         if priors.depth_confidence is not None:
             sure = np.maximum(priors.depth_confidence[frame].astype(np.float32), 0.01)
             tolerance = np.clip(2 * np.sqrt((1 - sure) / sure) * SURE_DEPTH, spawn.depth_tolerance, LOOSEST_DEPTH)
-        return cover(picture, priors.depth[frame], valid, priors.cameras[frame], existing, spawn, rng, tolerance)
+        return cover(image, priors.depth[frame], valid, priors.cameras[frame], existing, spawn, rng, tolerance)
 
     def _carried(
         self, model: SceneModel, spawned: Spawned, reference: np.ndarray, spawn: SpawnConfig, first_id: int

@@ -19,7 +19,7 @@ from .needs import Need
 # A track belongs to the moving region when most of its visible samples lie in the mask.
 MASK_SHARE = 0.6
 # Fewer lifted tracks than this cannot carry a scaffold.
-LEAST_TRACKS = 8
+MIN_TRACKS = 8
 # So many nearest nodes tell how far a pixel's depth was moved.
 DEPTH_NODES = 4
 
@@ -40,7 +40,7 @@ def moving_tracks(priors: Priors) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Start:
-    """What the tracks of what moves give before anything is drawn."""
+    """Start of the dynamic part, from tracks alone, before anything is rendered."""
 
     scaffold: Scaffold | None
     """None when no moving track can be lifted."""
@@ -55,12 +55,12 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
     assert priors.cameras is not None and priors.depth is not None
     chosen = moving_tracks(priors)
     times = priors.cameras.times
-    if len(chosen) < LEAST_TRACKS:
+    if len(chosen) < MIN_TRACKS:
         return Start(None, [], priors)
     lifted = lift_tracks(
         priors.tracks[:, chosen], priors.tracks_visible[:, chosen], priors.depth, None, priors.cameras, times
     )
-    if len(lifted) < LEAST_TRACKS:
+    if len(lifted) < MIN_TRACKS:
         return Start(None, [], priors)
     settings = config.scaffold
     progress("scaffold", 0, 2, f"{len(lifted)} moving tracks")

@@ -36,7 +36,8 @@ from .schedule import Action, Moment, every, first_step_from, rate_at, steps_at
 
 NODE_RATES = {"node_xyz": "node_xyz", "node_quat": "node_quat", "radius_logit": "radius"}
 """Parameter of the nodes -> its field of `RateConfig`."""
-CAMERA_RATES = {"camera_rotation": "camera_rotation", "camera_position": "camera_position", "focal": "focal"}
+CAMERA_RATES = ("camera_rotation", "camera_position")
+"""Parameters of the cameras, named as their fields of `RateConfig`."""
 SAVED_SCAFFOLD = ("xyz", "quat", "radius", "certain", "ids", "neighbours", "edge_mask")
 """Arrays of the scaffold in a checkpoint."""
 MEASURED_FRAMES = 4
@@ -250,7 +251,7 @@ class Trainer:
             optimiser.set_rates(self._rates(name))
         for group in self.shared.param_groups:
             late = group["name"] in CAMERA_RATES and self.fraction < config.cameras_from
-            rate = getattr(config.rates, {**NODE_RATES, **CAMERA_RATES}[group["name"]])
+            rate = getattr(config.rates, NODE_RATES.get(group["name"], group["name"]))
             group["lr"] = 0.0 if late else rate_at(rate, self.fraction, config)
 
     def _rebuild_graph(self) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from ..priors import Priors
 from ..priors.mirror import LIKELY, SURE, Evidence
 
-LARGEST_ODDS = 1000
+MAX_ODDS = 1000
 """Odds beyond this are not told apart in sentences."""
 
 
@@ -53,7 +53,7 @@ class WayRound:
     @property
     def odds(self) -> str:
         """The margin in words, for example `12 to 1`."""
-        odds = math.exp(min(max(self.margin, 0.0), math.log(LARGEST_ODDS)))
-        if odds >= 0.999 * LARGEST_ODDS:
-            return f"more than {LARGEST_ODDS:,} to 1"
+        odds = math.exp(min(max(self.margin, 0.0), math.log(MAX_ODDS)))
+        if odds >= 0.999 * MAX_ODDS:
+            return f"more than {MAX_ODDS:,} to 1"
         return f"{odds:.0f} to 1" if odds >= 10 else f"{odds:.1f} to 1"

@@ -26,7 +26,7 @@ from .parameters import DynamicGaussians, StaticGaussians, localise, opacity_log
 # An empty cell with this many Gaussians in the 3 x 3 cells around it is covered by their extent.
 COVERING_NEIGHBOURS = 3.5
 # Blocks of 2 x 2 and of 4 x 4 cells get one Gaussian where their grey levels (of 255) and their depths (relative) deviate less.
-LARGEST_LEVEL, FLAT_GREY, FLAT_DEPTH = 2, 3.0, 0.02
+MAX_LEVEL, FLAT_GREY, FLAT_DEPTH = 2, 3.0, 0.02
 # Spacings that are tried until all Gaussians fit, and how much larger than needed the next one is: counts jump a little.
 FITTING_ROUNDS, FITTING_MARGIN = 6, 1.03
 
@@ -74,7 +74,7 @@ class Spawned:
 
 
 def spawn_that_fits(spawn: Callable[[SpawnConfig], Made], config: SpawnConfig) -> tuple[Made, SpawnConfig]:
-    """What `spawn` makes of `config`, or of one of the least larger spacing with which it has room in `config.max_count`.
+    """Run `spawn` with `config`, or with a larger spacing where it would exceed `config.max_count`.
 
     Returns it with the config that made it. `spawn(config)` makes something whose length is its number of Gaussians.
     """
@@ -162,7 +162,7 @@ class _Grid:
         squares = [np.bincount(cell, v * v * known, shape[0] * shape[1]).reshape(shape) for v in values]
         inside = np.bincount(cell, known, shape[0] * shape[1]).reshape(shape)
         whole = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
-        for level in range(1, LARGEST_LEVEL + 1):
+        for level in range(1, MAX_LEVEL + 1):
             count, pixels = _blocks(inside, level), _blocks(whole, level)
             plain = count == pixels
             for total, square, limit in zip(sums, squares, (FLAT_GREY, FLAT_DEPTH), strict=True):
@@ -212,7 +212,7 @@ class _Grid:
         near = np.abs(depths[inside] - target[index]) <= allowed[index]
         hits = np.bincount(index[near], minlength=len(target)).reshape(down, across).astype(np.float32)
         result = np.zeros((down, across), bool)
-        for level in range(LARGEST_LEVEL + 1):
+        for level in range(MAX_LEVEL + 1):
             own = _blocks(hits, level)
             # Points that fill one view evenly fall unevenly into the cells of another: their neighbours count too.
             around = uniform_filter(own, 3, mode="nearest") * 9

@@ -14,6 +14,7 @@ clip with little translation depended on where it started.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -25,7 +26,7 @@ ROBUST_PX = 1.0
 """Cauchy scale in pixels: good tracks stay below, a wrong one soon stops pulling."""
 MIN_DEPTH = 1e-6
 """Points nearer to a camera plane than this carry no weight in that view."""
-FARTHEST_POINT = 1e4
+MAX_POINT_DISTANCE = 1e4
 """Points stay within this many median distances: beyond, nothing tells them from infinity."""
 FOCAL_PRIOR, FOCAL_SPREAD, DEPTH_PRIOR, PATH_PRIOR = 0.04, 0.15, 0.002, 0.01
 """What is believed before anything is seen, as a fraction of the squared error that a violation must save: a focal length
@@ -213,9 +214,9 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
     for _ in range(config.iterations):
         belief = cost  # priors weigh as much as a fraction of the present error
         total = cost + _prior_cost(problem, config, belief)
-        system = _normal_equations(problem, observations, config, belief)
+        equations = _normal_equations(problem, observations, config, belief)
         for _ in range(8):
-            moved = problem.moved(*_solve(*system, damping, len(problem.center)), config)
+            moved = problem.moved(*_solve(equations, damping, len(problem.center)), config)
             moved_cost = _cost(moved, observations, config)
             moved_total = moved_cost + _prior_cost(moved, config, belief)
             if moved_total < total:
@@ -231,7 +232,7 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
 
 
 def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
-    """What `adjust` minimises, per observation (px^2): robust squared error, and what is believed beforehand."""
+    """Cost that `adjust` minimises, per observation (px^2): robust squared error and priors."""
     problem = _Problem.of(bundle, bundle.center[len(bundle.center) // 2], _unit(bundle)).centred()
     cost = _cost(problem, observations, config)
     return (cost + _prior_cost(problem, config, cost)) / max(len(observations.frame), 1)
@@ -321,7 +322,7 @@ class _Problem:
             return origin + unit * (self.origin + self.unit * xyz)
 
         distance = np.linalg.norm(self.points[:, :3], axis=1, keepdims=True)
-        points = self.points[:, :3] / np.maximum(self.points[:, 3:], np.maximum(distance, 1e-12) / FARTHEST_POINT)
+        points = self.points[:, :3] / np.maximum(self.points[:, 3:], np.maximum(distance, 1e-12) / MAX_POINT_DISTANCE)
         zoom = self.zoom if zooms else None
         return Bundle(self.focal, self.principal, self.rotation, outside(self.center), outside(points), zoom)
 
@@ -353,7 +354,7 @@ class _Problem:
         length, and of the points `(P, 3)`."""
         turn = quaternion.to_matrix(quaternion.from_rotation_vector(cameras[:, :3]))
         stepped = self.points + np.einsum("pij,pj->pi", self.tangents, points)
-        farthest = np.linalg.norm(stepped[:, :3], axis=1) / FARTHEST_POINT
+        farthest = np.linalg.norm(stepped[:, :3], axis=1) / MAX_POINT_DISTANCE
         stepped[:, 3] = np.maximum(stepped[:, 3], farthest)  # nothing lies beyond infinity
         return replace(
             self,
@@ -473,13 +474,28 @@ def _sums(rows: np.ndarray, index: np.ndarray, count: int) -> np.ndarray:
     return np.reshape(flat, (*rows.shape[:-1], count))
 
 
-def _normal_equations(
-    problem: _Problem, observations: Observations, config: BundleConfig, belief: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Camera block `(6F+1, 6F+1)`, its gradient, coupling `(3, 6F+1, P)`, point blocks `(P, 3, 3)`, point gradient.
+class _NormalEquations(NamedTuple):
+    """Normal equations of F cameras and P points.
 
     A camera has seven unknowns in place of six where its zoom is refined; the focal length of all comes last.
     """
+
+    camera: np.ndarray
+    """(6F+1, 6F+1)."""
+    gradient: np.ndarray
+    """(6F+1,) of the cameras."""
+    coupling: np.ndarray
+    """(3, 6F+1, P) between cameras and points."""
+    points: np.ndarray
+    """(P, 3, 3) blocks."""
+    point_gradient: np.ndarray
+    """(P, 3)."""
+
+
+def _normal_equations(
+    problem: _Problem, observations: Observations, config: BundleConfig, belief: float
+) -> _NormalEquations:
+    """The normal equations of half the cost at `problem`, its priors included."""
     frames, count = len(problem.center), len(problem.points)
     residual, to_camera, to_point, weight = _linearise(problem, observations, config)
     if not config.refine_centers:
@@ -516,20 +532,14 @@ def _normal_equations(
     scaled = to_point * weight
     points = _sums(np.einsum("aio,ajo->ijo", scaled, to_point), observations.point, count).transpose(2, 0, 1).copy()
     point_gradient = _sums(np.einsum("aio,ao->io", scaled, residual), observations.point, count).T.copy()
-    _add_priors(problem, config, belief, camera, gradient, points, point_gradient)
-    return camera, gradient, coupling, points, point_gradient
+    equations = _NormalEquations(camera, gradient, coupling, points, point_gradient)
+    _add_priors(problem, config, belief, equations)
+    return equations
 
 
-def _add_priors(
-    problem: _Problem,
-    config: BundleConfig,
-    belief: float,
-    camera: np.ndarray,
-    gradient: np.ndarray,
-    points: np.ndarray,
-    point_gradient: np.ndarray,
-) -> None:
+def _add_priors(problem: _Problem, config: BundleConfig, belief: float, equations: _NormalEquations) -> None:
     """Add derivatives of `_prior_cost` / 2 to the normal equations, in place."""
+    camera, gradient = equations.camera, equations.gradient
     frames, count = len(problem.center), len(problem.points)
     if config.refine_focal and config.expected_focal:
         away = np.log(problem.focal / config.expected_focal)
@@ -552,20 +562,13 @@ def _add_priors(
     slope = np.column_stack([-(inverse / distance**2)[:, None] * problem.points[:, :3], 1 / distance])
     slope = np.einsum("pi,pij->pj", slope, problem.tangents)
     weight = belief * _depth_prior(config) / count
-    points += weight * slope[:, :, None] * slope[:, None, :]
-    point_gradient += weight * slope * (inverse - 1)[:, None]
+    equations.points[:] += weight * slope[:, :, None] * slope[:, None, :]
+    equations.point_gradient[:] += weight * slope * (inverse - 1)[:, None]
 
 
-def _solve(
-    camera: np.ndarray,
-    gradient: np.ndarray,
-    coupling: np.ndarray,
-    points: np.ndarray,
-    point_gradient: np.ndarray,
-    damping: float,
-    cameras: int,
-) -> tuple[np.ndarray, float, np.ndarray]:
+def _solve(equations: _NormalEquations, damping: float, cameras: int) -> tuple[np.ndarray, float, np.ndarray]:
     """Steps of the cameras `(F, 6)` or `(F, 7)`, the log focal length and the points `(P, 3)`; `cameras` is F."""
+    camera, gradient, coupling, points, point_gradient = equations
     floor = 1e-9 * max(float(np.einsum("pii->pi", points).mean()), 1e-12)
     diagonal = np.einsum("pii->pi", points)
     lower = np.linalg.cholesky(points + (damping * diagonal + floor)[:, :, None] * np.eye(3))

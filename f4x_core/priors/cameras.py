@@ -20,7 +20,7 @@ import numpy as np
 from ..geometry import quaternion
 from ..geometry.arrays import evenly_spaced
 from ..geometry.camera import CameraPath
-from ..parallel import thread_count
+from ..parallel import in_threads, thread_count
 from ..progress import Progress
 from .bundle import Bundle, BundleConfig, Observations, adjust, resect, triangulate
 from .config import CamerasConfig, PriorsConfig
@@ -481,7 +481,9 @@ def _solve_keyframes(job: _CameraProblem, keyframes: np.ndarray) -> Solution | N
     """Return the solution of pycolmap on the keyframes as one of all frames."""
     settings, priors = job.settings, job.priors
     pictures = [job.clip.frames[frame] for frame in np.asarray(job.clip.supervised)[keyframes]]
-    masks = None if priors.mask is None else _dilated(priors.mask[keyframes])
+    # Features on the rim of a mover belong to it: its mask grows by 1 % of the width.
+    margin = max(priors.width // 100, 1)
+    masks = None if priors.mask is None else dilate_masks(priors.mask[keyframes], margin)
     found = solve_with_colmap(
         pictures, masks, job.focal, settings.focal is not None, settings.features, thread_count(), settings.seed
     )
@@ -513,12 +515,12 @@ def _covered(registered: np.ndarray) -> float:
     return (known[-1] - known[0] + 1) / len(registered) if len(known) else 0.0
 
 
-def _dilated(masks: np.ndarray) -> np.ndarray:
-    """Masks dilated by 1 % of the picture: features on the rim of a mover belong to it."""
+def dilate_masks(masks: np.ndarray, margin: int) -> np.ndarray:
+    """Masks (F,H,W) bool grown by a square of `margin` pixels to each side."""
     import cv2
 
-    size = 2 * max(masks.shape[2] // 100, 1) + 1
-    return np.stack([cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0 for mask in masks])
+    square = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+    return np.stack(in_threads(lambda mask: cv2.dilate(mask.astype(np.uint8), square) > 0, masks))
 
 
 def _spread(solution: Solution, keyframes: np.ndarray, frames: int) -> Solution:

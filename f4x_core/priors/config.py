@@ -85,7 +85,7 @@ class DepthConfig:
 
 @dataclass(frozen=True)
 class PriorsConfig:
-    """Everything `build_priors` may be told."""
+    """All settings of `build_priors`."""
 
     flow: FlowConfig = field(default_factory=FlowConfig)
     tracks: TracksConfig = field(default_factory=TracksConfig)

@@ -8,7 +8,7 @@ confidence. Clips without parallax get a gentle ground-like prior with almost no
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -19,7 +19,7 @@ from ..geometry.camera import Camera, CameraPath
 from ..parallel import in_threads
 from ..progress import Progress
 from .bundle import Observations, from_matrices, triangulate
-from .cameras import static_tracks
+from .cameras import dilate_masks, static_tracks
 from .config import PriorsConfig
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import GUESS_CONFIDENCE, MOVING_MARGIN, place_objects
@@ -43,7 +43,7 @@ blackswan, which mirrors what is far, lay behind its bank."""
 TRACK_NOISE_PX = 0.4
 TRACK_OUTLIER_PX = 2.0
 """A track whose root mean square reprojection error is larger is no static point."""
-FARTHEST = 50.0
+MAX_DEPTH = 50.0
 """Depths beyond this many median depths cannot be told apart; sky is put here."""
 SAMPLE_NOISE = 0.005
 """Least relative error of one sample: errors of flow are shared by neighbours, so no sample outweighs them without limit."""
@@ -287,9 +287,7 @@ def _static_depth(
     pictures = grey(clip.frames[clip.supervised])
     tracks = track_samples(priors)
     frames, height, width = moving.shape
-    size = 2 * MOVING_MARGIN + 1
-    margin = np.ones((size, size), np.uint8)
-    blocked = np.stack(in_threads(lambda mask: cv2.dilate(mask.astype(np.uint8), margin) > 0, moving))
+    blocked = dilate_masks(moving, MOVING_MARGIN)
     rows, columns = np.arange(STRIDE // 2, height, STRIDE), np.arange(STRIDE // 2, width, STRIDE)
     grid = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1)  # (h, w, 2)
     inverse, confidence = np.empty((2, frames, height, width), np.float32)
@@ -309,17 +307,17 @@ def _static_depth(
             pictures[i], epipolar_direction(priors.cameras, i, grid, [other for other, _, _ in targets])
         )
         precision *= held * ~blocked[i][rows[:, None], columns]
-        _add_tracks(rho, precision, *tracks[i], blocked[i], held)
+        _add_tracks(rho, precision, tracks[i], blocked[i], held)
         usual = (
             1 / max(float(np.median(1 / np.maximum(rho[precision > 0], 1e-6))), 1e-6) if (precision > 0).any() else 1.0
         )
-        least = usual / FARTHEST
-        rho = np.clip(rho, least, 1e3 * usual)
-        plain = np.maximum(plain_world(rho, precision, below_horizon(priors.cameras[i], grid, down), usual), least)
+        min_rho = usual / MAX_DEPTH
+        rho = np.clip(rho, min_rho, 1e3 * usual)
+        plain = np.maximum(plain_world(rho, precision, below_horizon(priors.cameras[i], grid, down), usual), min_rho)
         known, belief = precision, 1 / (PLAIN_NOISE * usual) ** 2
         rho, precision = (precision * rho + belief * plain) / (precision + belief), precision + belief
         guide = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
-        filled = np.maximum(fill_inverse_depth(rho, precision, guide), least)
+        filled = np.maximum(fill_inverse_depth(rho, precision, guide), min_rho)
         trust = _confidence(filled, rho, known)
         inverse[i] = _enlarged(filled, width, height)
         confidence[i] = _enlarged(trust, width, height)
@@ -356,12 +354,23 @@ def _targets(
     return targets
 
 
-def track_samples(priors: Priors) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Per frame: pixels `(n, 2)`, inverse depth `(n,)` and its precision `(n,)` of static tracks triangulated over the clip."""
+class TrackSamples(NamedTuple):
+    """Static tracks that one frame sees, triangulated over the clip."""
+
+    uv: np.ndarray
+    """(n, 2) float64 pixels."""
+    inverse: np.ndarray
+    """(n,) float64 inverse depth."""
+    precision: np.ndarray
+    """(n,) float64: 1 / variance of the inverse depth."""
+
+
+def track_samples(priors: Priors) -> list[TrackSamples]:
+    """Return the static tracks of every frame as samples of its inverse depth."""
     assert priors.cameras is not None
     cameras = priors.cameras
     tracks, visible, static = static_tracks(priors)
-    frames, nothing = len(cameras), (np.zeros((0, 2)), np.zeros(0), np.zeros(0))
+    frames, nothing = len(cameras), TrackSamples(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     seen = visible & static
     seen &= seen.sum(0) >= 3
     frame, point = np.nonzero(seen)
@@ -384,31 +393,29 @@ def track_samples(priors: Priors) -> list[tuple[np.ndarray, np.ndarray, np.ndarr
     good = (rms < TRACK_OUTLIER_PX) & ~behind & np.isfinite(rms)
     # Angular noise over the spread of the rays is the relative error of the distance.
     relative = (TRACK_NOISE_PX + rms) / focal.mean() / np.maximum(spread, 1e-6)
-    samples: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    samples: list[TrackSamples] = []
     for i in range(frames):
         chosen = (frame == i) & good[point]
         inverse = 1 / z[chosen]
         precision: np.ndarray = 1 / (relative[point[chosen]] * inverse) ** 2
-        samples.append((tracks[i, point[chosen]].astype(np.float64), inverse, precision))
+        samples.append(TrackSamples(tracks[i, point[chosen]].astype(np.float64), inverse, precision))
     return samples
 
 
 def _add_tracks(
     rho: np.ndarray,
     precision: np.ndarray,
-    uv: np.ndarray,
-    inverse: np.ndarray,
-    trust: np.ndarray,
+    samples: TrackSamples,
     blocked: np.ndarray,
     held: np.ndarray,
 ) -> None:
     """Merge track samples into the grid in place, weighted by precision and by how well the picture holds them, `held (h, w)`."""
-    x, y = np.clip(uv.astype(int), 0, np.array(blocked.shape[::-1]) - 1).T
+    x, y = np.clip(samples.uv.astype(int), 0, np.array(blocked.shape[::-1]) - 1).T
     free = ~blocked[y, x]
     row = np.minimum(y[free] // STRIDE, rho.shape[0] - 1)
     column = np.minimum(x[free] // STRIDE, rho.shape[1] - 1)
-    total, sure = rho * precision, trust[free] * held[row, column]
-    np.add.at(total, (row, column), inverse[free] * sure)
+    total, sure = rho * precision, samples.precision[free] * held[row, column]
+    np.add.at(total, (row, column), samples.inverse[free] * sure)
     np.add.at(precision, (row, column), sure)
     np.divide(total, precision, out=rho, where=precision > 0)
 

@@ -174,7 +174,7 @@ def _set_unit(priors: Priors) -> None:
 
 
 def _derive(priors: Priors, fixed: tuple[str, ...]) -> dict[str, Any]:
-    """What follows from the given priors alone, so that no provider has to run for it."""
+    """Derive the priors that follow from the given ones alone, so that no provider has to run for them."""
     derived: dict[str, Any] = {}
     if "depth" in fixed and "depth_confidence" not in fixed:
         derived["depth_confidence"] = np.isfinite(priors.depth).astype(np.float16)  # type: ignore[arg-type]

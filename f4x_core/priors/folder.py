@@ -290,7 +290,7 @@ def read_field(folder: Path, name: str) -> Any:
 
 
 def digest(path: Path) -> str:
-    """Hex digest of a file's bytes: how a user's replacement is told from what a provider wrote."""
+    """Hex digest of a file's bytes: tells a user's replacement from a provider's file."""
     return _digest_bytes(path.read_bytes())
 
 

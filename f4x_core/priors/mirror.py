@@ -26,7 +26,7 @@ GRADUAL_PX, GRADUAL_STEPS = (16.0, 4.0, 1.0), (12, 12, 25)
 to a start that knows no translation."""
 EXTREMES = (2, 98)
 """Percentiles of inverse distance between which the mirror image is taken."""
-NEAREST_MIRRORED = 0.02
+MIN_MIRRORED_INVERSE = 0.02
 """Least inverse distance in the mirror image, as a fraction of the largest."""
 ERROR_SCALE, ERROR_LIMIT = 0.025, 8.0
 """Relative difference of the cost that is worth one unit of log-odds, and the most that errors may say: in a wrong solution
@@ -136,8 +136,8 @@ def mirrored(bundle: Bundle) -> Bundle:
     offset = bundle.points - middle
     distance = np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-12)
     inverse = 1 / distance
-    least, largest = np.percentile(inverse, EXTREMES)
-    flipped = np.maximum(least + largest - inverse, NEAREST_MIRRORED * largest)
+    smallest, largest = np.percentile(inverse, EXTREMES)
+    flipped = np.maximum(smallest + largest - inverse, MIN_MIRRORED_INVERSE * largest)
     points = middle + offset / distance / flipped
     centers = 2 * middle - bundle.center
     rotations = bundle.rotation.copy()

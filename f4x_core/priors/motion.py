@@ -290,7 +290,7 @@ def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarr
 
     frames, height, width = score.shape
     motion = tracks_motion(tracks, visible, score)
-    least = 0.1 / (2 * np.pi * VOTE_SIGMA**2)  # a tenth of one track at its own place
+    min_count = 0.1 / (2 * np.pi * VOTE_SIGMA**2)  # a tenth of one track at its own place
 
     def around(t: int) -> np.ndarray:
         column, row = np.clip(np.floor(tracks[t, visible[t]]), 0, (width - 1, height - 1)).astype(int).T
@@ -298,7 +298,7 @@ def vote(score: np.ndarray, tracks: np.ndarray, visible: np.ndarray) -> np.ndarr
         np.add.at(count, (row, column), 1)
         np.add.at(total, (row, column), motion[visible[t]])
         count, total = (cv2.GaussianBlur(one, (0, 0), VOTE_SIGMA) for one in (count, total))
-        return np.where(count > least, total / np.maximum(count, least), score[t])
+        return np.where(count > min_count, total / np.maximum(count, min_count), score[t])
 
     return np.stack(in_threads(around, range(frames)))
 
@@ -415,7 +415,7 @@ def _densify(
 
 
 def _align_static(clip: Clip, priors: Priors) -> None:
-    """Take the drift out of the tracks of what stands still; tracks that the user gave stay as they are."""
+    """Remove the drift from static tracks; tracks that the user gave stay unchanged."""
     assert priors.tracks is not None and priors.tracks_visible is not None and priors.tracks_motion is not None
     if priors.provenance.get("tracks", {}).get("provider") in ("user", "files"):
         return

@@ -174,7 +174,7 @@ def _median_by(point: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
 def _at_all_frames(
     body: Bundle, frames: np.ndarray, order: np.ndarray, follows: np.ndarray, tracks: np.ndarray, seen: TracksOnObject
 ) -> Bundle:
-    """Cameras of all frames: those not sampled are resected from the points that follow, from the nearest one that is."""
+    """Return cameras of all frames: frames that were not sampled are resected, starting at the nearest sampled one."""
     nearest = np.abs(np.arange(len(tracks))[:, None] - frames).argmin(1)
     whole = replace(body, rotation=body.rotation[nearest], center=body.center[nearest], points=body.points[follows])
     others = np.setdiff1d(np.arange(len(tracks)), frames)

@@ -305,7 +305,7 @@ def adjust_known(
     registered: np.ndarray,
     config: BundleConfig,
 ) -> Bundle:
-    """`bundle.adjust` on the registered frames and the finite points only; all others are left as they are."""
+    """Run `bundle.adjust` on the registered frames and finite points alone; the others stay unchanged."""
     frames, points = np.flatnonzero(registered), np.flatnonzero(np.isfinite(bundle.points).all(1))
     seen = observations.keep(registered[observations.frame] & np.isin(observations.point, points))
     if not len(seen.frame):

@@ -23,7 +23,7 @@ from ..errors import F4xError
 from ..geometry.camera import CameraPath
 from ..progress import Progress
 from .config import PriorsConfig
-from .depth import FARTHEST
+from .depth import MAX_DEPTH
 from .files import camera_kind
 from .flow import sample
 
@@ -251,10 +251,10 @@ def provide_cameras(clip: Clip, priors: Priors, config: PriorsConfig, progress: 
 
 
 def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> None:
-    """Fill `depth` (median 1, sky at `FARTHEST`: a fit needs a place for what it shows) and `depth_confidence`."""
+    """Fill `depth` (median 1, sky at `MAX_DEPTH`: a fit needs a place for what it shows) and `depth_confidence`."""
     truth = _truth(clip, priors, progress)
     depth = truth.depth[priors.frames] / np.float32(_unit(truth, priors))
-    priors.depth = np.where(np.isfinite(depth), depth, np.float32(FARTHEST))
+    priors.depth = np.where(np.isfinite(depth), depth, np.float32(MAX_DEPTH))
     priors.depth_confidence = np.ones(depth.shape, np.float16)
 
 

@@ -245,8 +245,10 @@ def relink(
             for track, near in zip(lost, tree.query_ball_point(expected, radius), strict=True):
                 if near:
                     others = candidates[near]
-                    looks = np.maximum(first_look[others] @ last_look[track], first_away[others] @ last_away[track])
-                    found += [(look, track, other) for look, other in zip(looks, others, strict=True)]
+                    similarities = np.maximum(
+                        first_look[others] @ last_look[track], first_away[others] @ last_away[track]
+                    )
+                    found += [(look, track, other) for look, other in zip(similarities, others, strict=True)]
         return found
 
     proposals = [link for found in in_threads(links, range(frames - 2)) for link in found]

@@ -89,10 +89,12 @@ class ChatServer:
                         raise ChatError(late)
             text = json.loads(read)["choices"][0]["message"]["content"]
         except urllib.error.HTTPError as error:
-            said = _complaint(error)
-            hint = "; it seems to read text only, start it with a model that sees pictures" if "image" in said else ""
+            complaint = _complaint(error)
+            hint = (
+                "; it seems to read text only, start it with a model that sees pictures" if "image" in complaint else ""
+            )
             raise ChatError(
-                f"{self.url}: the server answered {error.code} ({said[:200] or error.reason}){hint}.", error.code
+                f"{self.url}: the server answered {error.code} ({complaint[:200] or error.reason}){hint}.", error.code
             ) from error
         except TimeoutError as error:
             raise ChatError(late) from error
@@ -111,19 +113,19 @@ class ChatServer:
 
 
 def _complaint(error: urllib.error.HTTPError) -> str:
-    """What a server wrote about its refusal, on one line; nothing when that cannot be read either."""
+    """Return the server's reason for a refusal, on one line; empty where it cannot be read."""
     try:
         return " ".join(error.read(MAX_ANSWER_BYTES).decode(errors="replace").split())
     except (OSError, http.client.HTTPException):
         return ""
 
 
-def picture_part(picture: np.ndarray) -> dict[str, Any]:
-    """`picture (H,W,3)` uint8 as one part of a message's content."""
+def image_part(image: np.ndarray) -> dict[str, Any]:
+    """`image (H,W,3)` uint8 as one part of a message's content."""
     from PIL import Image
 
     data = BytesIO()
-    Image.fromarray(picture).save(data, "PNG")
+    Image.fromarray(image).save(data, "PNG")
     return {
         "type": "image_url",
         "image_url": {"url": "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()},

@@ -13,7 +13,7 @@ ADJECTIVE = (
     r"red|orange|yellow|green|blue|purple|violet|pink|brown|black|white|gr[ae]y|gold(?:en)?|silver|dark|light|bright|pale"
     r"|colou?rful|big|large|small|little|tiny|huge|tall|short|long|thin|thick|fat|young|old|new|beautiful|pretty|nice|cute"
 )
-"""Words before the name of a thing that say how it looks: the thing is looked for without them, and that is told."""
+"""Words before the name of a thing that say how it looks: the search leaves them out, and the answer says so."""
 
 
 def names_another(label: str) -> bool:

@@ -104,10 +104,10 @@ def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) ->
         np.add.at(change, np.maximum(rank, other).ravel(), -bond.ravel() / 2)
     cut, volume = np.cumsum(change)[:-1], np.cumsum(degree.ravel()[order])
     conductance = cut / np.maximum(np.minimum(volume, volume[-1] - volume), 1e-9)
-    least = min(max(9, int(MIN_AREA * order.size)), order.size - 1)
-    most = max(least + 1, min(int(MAX_AREA * order.size), int(possible.sum())))
-    good = conductance[least:most] <= conductance[least:most].min() + AS_GOOD
-    return (rank <= least + int(np.argmax(good))) & possible
+    min_cells = min(max(9, int(MIN_AREA * order.size)), order.size - 1)
+    max_cells = max(min_cells + 1, min(int(MAX_AREA * order.size), int(possible.sum())))
+    good = conductance[min_cells:max_cells] <= conductance[min_cells:max_cells].min() + AS_GOOD
+    return (rank <= min_cells + int(np.argmax(good))) & possible
 
 
 def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ MIN_FRACTION = 0.01
 """Minimum fraction of them that a word must win to be searched in the whole scene."""
 SAME = 0.5
 """Two words mean the same thing where their Gaussians overlap by more (intersection over union)."""
-NEAREST = 4
+MAX_SUGGESTIONS = 4
 """Labels that are offered in place of one that is not there."""
 
 
@@ -38,7 +38,7 @@ def labels_of(scene: Scene) -> list[str]:
 
 
 def find(scene: Scene, label: str, encode: Encode | None = None) -> Selection:
-    """Whom `label` means, nobody where its thing is not there: `select_by_text`.
+    """Select by one label with `select_by_text`; the selection is empty where the scene does not show its object.
 
     Without a null vector scores say which word rather than whether one, so the label is weighed against the whole vocabulary.
     """
@@ -98,7 +98,7 @@ def things_there(scene: Scene) -> dict[str, Selection]:
 
 
 def nearest_there(scene: Scene, words: Sequence[str], encode: Encode | None = None) -> list[str]:
-    """Up to `NEAREST` labels that are in the scene: those spelt like one of `words` first, then those nearest in meaning."""
+    """Up to `MAX_SUGGESTIONS` labels of the scene: first those spelt like one of `words`, then those nearest in meaning."""
     asked = ask_for(scene, words, [], encode=encode)
     there = [label for label in things_there(scene) if label not in asked.labels]
     if not there:
@@ -106,4 +106,4 @@ def nearest_there(scene: Scene, words: Sequence[str], encode: Encode | None = No
     likeness = cosines(ask_for(scene, there, []).vectors, asked.vectors).max(1)
     by_meaning = [there[i] for i in np.argsort(-likeness, kind="stable")]
     spelt = [label for word in words for label in get_close_matches(word, there, 2)]
-    return list(dict.fromkeys([*spelt, *by_meaning]))[:NEAREST]
+    return list(dict.fromkeys([*spelt, *by_meaning]))[:MAX_SUGGESTIONS]

@@ -123,7 +123,7 @@ def encode_labels(encoder: str, labels: list[str]) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _encoder(name: str) -> TextEncoder:
-    """The text encoder of that name, loaded once: that is what takes seconds."""
+    """Return the text encoder of that name, loaded once because loading takes seconds."""
     from ..features.text import load_text_encoder
 
     return load_text_encoder(name)

@@ -34,8 +34,8 @@ def leakage(
     if masks is None:
         own: dict[int, np.ndarray] = {}
         for frame in evenly_spaced(len(times), VIEWS):
-            picture = coverage_image(scene, selection, scene.cameras[frame], float(times[frame]), backend) > 0.5
-            own[int(frame)] = largest_region(picture)
+            image = coverage_image(scene, selection, scene.cameras[frame], float(times[frame]), backend) > 0.5
+            own[int(frame)] = largest_region(image)
         masks = own
     held = {frame: mask for frame, mask in masks.items() if selection.holds_at(float(times[frame]))}
     inside, weights = lift_masks(scene, held, progress)

@@ -17,7 +17,7 @@ SOLID = 0.5
 """Light that a ray has lost where it meets a surface."""
 
 
-def grown(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.ndarray:
+def grow_selection(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.ndarray:
     """(N,) bool: `chosen (N,)` and the `points (N,3)` within `reach` of one of them, measured in cells of `reach / FINE`."""
     if not chosen.any():
         return chosen.copy()
@@ -38,9 +38,9 @@ def grown(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.ndarray:
     return chosen | near[index]
 
 
-def shrunk(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.ndarray:
+def shrink_selection(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.ndarray:
     """(N,) bool: `chosen (N,)` without those within `reach` of a point that is not chosen."""
-    return ~grown(points, ~chosen, reach)
+    return ~grow_selection(points, ~chosen, reach)
 
 
 def meeting(posed: PosedSplats, origin: np.ndarray, direction: np.ndarray) -> np.ndarray | None:

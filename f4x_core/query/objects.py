@@ -151,15 +151,15 @@ def superpoints_of(scene: Scene) -> Superpoints:
     posed = [scene.posed(float(time)) for time in times]
     moving, static = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
     place = np.stack([moment.means for moment in posed], 1)  # (N,TIMES,3)
-    looks = _looks(scene)
+    appearance = _appearance(scene)
     weights = total_blend_weights(scene, VIEWS, COLUMNS) + UNSEEN
     spread = np.sqrt(place[moving].var(0).sum() / TIMES) if len(moving) else 1.0
     tracks = place[moving].reshape(len(moving), 3 * TIMES) / np.sqrt(TIMES)
-    index, weight, centres, mine = _group(tracks / max(spread, 1e-9), looks[moving], weights[moving], SUPERPOINTS)
+    index, weight, centres, mine = _group(tracks / max(spread, 1e-9), appearance[moving], weights[moving], SUPERPOINTS)
     # Far static Gaussians that look alike can be far apart; angles from the first camera compare better than metres.
     sight = place[static, 0] - scene.cameras[0].center
     sight = sight / np.maximum(np.linalg.norm(sight, axis=1, keepdims=True), 1e-9)
-    _, backdrop, _, theirs = _group(2 * sight, looks[static], weights[static], BACKDROP)
+    _, backdrop, _, theirs = _group(2 * sight, appearance[static], weights[static], BACKDROP)
     bonds, unit = _bonds(centres, mine)
     apart, unlike = _squares(mine, theirs), _squares(mine, mine)
     nearest = np.sort(apart, axis=1)[:, :NEIGHBOURS]
@@ -171,7 +171,7 @@ def superpoints_of(scene: Scene) -> Superpoints:
     return Superpoints(moving, index, weight, bonds, blend, steps, mass * (np.exp(-apart / reach) @ other))
 
 
-def _looks(scene: Scene) -> np.ndarray:
+def _appearance(scene: Scene) -> np.ndarray:
     """(N,C) float32: features of unit length, as far as the scene has any, and weighed colours."""
     colour = COLOUR * np.clip(spherical_harmonics.rgb_from_dc(scene.posed(0.0).sh[:, 0]), 0, 1)
     if scene.features is None or LOOKS_ALIKE not in scene.features.names:
@@ -184,10 +184,12 @@ def _looks(scene: Scene) -> np.ndarray:
 
 
 def _group(
-    place: np.ndarray, looks: np.ndarray, weights: np.ndarray, count: int
+    place: np.ndarray, appearance: np.ndarray, weights: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """k-means of n rows: index (n,), weight (k,), mean place (k,…) and looks (k,C) of at most `count` groups, none empty."""
-    joint = np.concatenate([PLACED * place, SEEN * looks[:, :-3], looks[:, -3:] / COLOUR], 1, dtype=np.float32)
+    joint = np.concatenate(
+        [PLACED * place, SEEN * appearance[:, :-3], appearance[:, -3:] / COLOUR], 1, dtype=np.float32
+    )
     centres = joint[np.random.default_rng(0).permutation(len(joint))[:count]]
     for _ in range(ROUNDS if len(joint) else 0):
         index = _nearest(joint, centres)
@@ -195,7 +197,7 @@ def _group(
     index = np.unique(_nearest(joint, centres), return_inverse=True)[1] if len(joint) else np.zeros(0, int)
     groups = int(index.max(initial=-1)) + 1
     weight = np.bincount(index, weights, groups)
-    return index, weight, _means(index, weights, place, groups), _means(index, weights, looks, groups)
+    return index, weight, _means(index, weights, place, groups), _means(index, weights, appearance, groups)
 
 
 def _nearest(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
@@ -222,7 +224,7 @@ def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.maximum((one**2).sum(1)[:, None] + (other**2).sum(1) - 2 * one @ other.T, 0)
 
 
-def _bonds(place: np.ndarray, looks: np.ndarray) -> tuple[np.ndarray, float]:
+def _bonds(place: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, float]:
     """Bonds (P,P) between neighbours in `place (P,…)`, and the squared distance of looks that weakens one by 1/e."""
     far = _squares(place, place)
     np.fill_diagonal(far, np.inf)
@@ -231,7 +233,7 @@ def _bonds(place: np.ndarray, looks: np.ndarray) -> tuple[np.ndarray, float]:
     last = min(NEIGHBOURS, len(far) - 1) - 1
     reach = np.partition(far, last, axis=1)[:, last]
     near = far <= np.maximum(reach[:, None], reach)
-    unlike = _squares(looks, looks)
+    unlike = _squares(appearance, appearance)
     unit = max(float(np.median(unlike[near])), 1e-9)
     return np.where(near, np.exp(-np.where(near, far, 0) / max(np.median(reach), 1e-12) - unlike / unit), 0), unit
 

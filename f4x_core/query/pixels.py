@@ -10,8 +10,8 @@ from ..geometry.camera import Camera
 from ..geometry.trajectory import Trajectory
 from ..progress import Progress, silent
 from ..scene import Scene
-from ..scene.picture import SPECTRUM
 from ..scene.view import COVERED, render
+from ..scene.visualise import SPECTRUM
 from .labels import TextQuery
 from .score import text_scores
 from .segmentation import shrink
@@ -44,7 +44,7 @@ def head_map(scene: Scene, head: str, camera: Camera, time: float, backend: str 
     return features.decode(head, shrink(latent, (rows, columns)))
 
 
-def text_picture(
+def text_score_map(
     scene: Scene, query: TextQuery, camera: Camera, time: float, backend: str = "auto", step: int = 1
 ) -> np.ndarray:
     """(H,W,L) float32 probability of each label at each pixel; 0 where alpha < 0.1.
@@ -87,9 +87,9 @@ def mask_video(
     progress("mask", len(trajectory), len(trajectory))
 
 
-def heat_map(picture: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """(H,W,3) uint8: `score (H,W)` in [0, 1] as colours, dark violet 0 to dark red 1, over the grey of `picture (H,W,3)`."""
-    grey = np.clip(picture, 0, 1) @ np.array([0.299, 0.587, 0.114])
+def heat_map(image: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """(H,W,3) uint8: `score (H,W)` in [0, 1] as colours, dark violet 0 to dark red 1, over the grey of `image (H,W,3)`."""
+    grey = np.clip(image, 0, 1) @ np.array([0.299, 0.587, 0.114])
     at = np.linspace(0, 1, len(SPECTRUM))
     colours = np.stack([np.interp(np.clip(score, 0, 1), at, SPECTRUM[:, c]) for c in range(3)], -1)
     return ((HEAT * colours + (1 - HEAT) * grey[..., None]) * 255 + 0.5).astype(np.uint8)

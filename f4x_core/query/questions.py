@@ -16,14 +16,14 @@ from ..geometry.trajectory import Trajectory, original
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
-from .chat import ChatServer, picture_part
+from .chat import ChatServer, image_part
 from .compounds import ADJECTIVE
 from .inventory import find, labels_of, nearest_there, things_there
 from .labels import Encode, spellings, text_head
 from .not_deleted import not_deleted
 from .pixels import head_map
 from .selection import Selection
-from .wording import CAN, Asked, Unanswerable, understand
+from .wording import CAN, Asked, Unanswerable, read_question
 
 COMPUTED, SERVER = "computed", "server"
 """Values of `Answer.answered_by`, besides names of models."""
@@ -51,7 +51,7 @@ PEOPLE = {"minilm": r"person|people|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|ki
 
 @dataclass(frozen=True)
 class Sighting:
-    """What the Gaussians of one thing tell over the views."""
+    """Place, size and motion of one object over the views."""
 
     label: str
     """The thing."""
@@ -60,7 +60,7 @@ class Sighting:
     best: float
     """Largest score of any Gaussian for the label, 0..1."""
     share: float = 0.0
-    """Largest share of the picture, 0..1."""
+    """Largest fraction of the picture, 0..1."""
     time: float = 0.0
     """Clip time of the view in which it is largest."""
     place: str = ""
@@ -121,20 +121,20 @@ def answer(
     views = _spread(trajectory)
     if server is not None:
         return ask_server(scene, question, views, server, backend, progress)
-    told: list[str] = []
+    sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
-    for asked in understand(question, scene.fps, len(scene.cameras)):
+    for asked in read_question(question, scene.fps, len(scene.cameras)):
         found = (
             []
             if asked.kind in CLIP_FACTS
             else _look_for(scene, asked, trajectory, encode, names or {}, backend, progress)
         )
-        told.append(compose(scene, asked, found, encode))
+        sentences.append(compose(scene, asked, found, encode))
         evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]
     limits = (
         "words, places and motion in the scene" if labels_of(scene) else "motion in the scene, which knows no words"
     )
-    text = f"{' '.join(told)} (Computed from {limits}; no language model was asked.)"
+    text = f"{' '.join(sentences)} (Computed from {limits}; no language model was asked.)"
     return Answer(text, COMPUTED, {"views": len(views), "sightings": evidence})
 
 
@@ -150,9 +150,9 @@ def ask_server(
     content: list[dict[str, Any]] = []
     for done, (camera, time) in enumerate(views):
         progress("render", done, len(views))
-        picture = render(scene, camera, time, ("rgb",), backend)["rgb"]
+        image = render(scene, camera, time, ("rgb",), backend)["rgb"]
         content.append({"type": "text", "text": f"Frame at {time / scene.fps:.2f} s:"})
-        content.append(picture_part((np.clip(picture, 0, 1) * 255 + 0.5).astype(np.uint8)))
+        content.append(image_part((np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)))
     content.append({"type": "text", "text": question})
     progress("ask", 0, 0, server.url)
     text = server.complete([{"role": "user", "content": content}])
@@ -198,7 +198,7 @@ def look(
     backend: str = "auto",
     progress: Progress = silent,
 ) -> list[Sighting]:
-    """What `views` show of the selections `found`, and how they move over the clip `times (K,)`; in the given order."""
+    """Measure the selections `found` in `views`, and how they move over the clip `times (K,)`; in the given order."""
     chosen = np.stack([selection.chosen for selection in found.values()], 1)  # (N,n)
     masks: list[np.ndarray] = []  # per view (n,H,W)
     depths: list[np.ndarray] = []
@@ -237,21 +237,21 @@ def _sighting(scene, label, selection, seen, depths, places, times, views) -> Si
             frames=(round(float(times[moves[0]])), round(float(times[moves[-1] + 1]))),
             heading="" if abs(drift) < SIDEWAYS else "to the right" if drift > 0 else "to the left",
         )
-    share = seen.mean((1, 2))
-    best = int(share.argmax())
+    fractions = seen.mean((1, 2))
+    best = int(fractions.argmax())
     sighting = replace(
         sighting,
-        moments=[float(view.time) for view, part in zip(views, share, strict=True) if part >= PRESENT],
-        unseen=[float(view.time) for view, part in zip(views, share, strict=True) if part < PRESENT],
+        moments=[float(view.time) for view, part in zip(views, fractions, strict=True) if part >= PRESENT],
+        unseen=[float(view.time) for view, part in zip(views, fractions, strict=True) if part < PRESENT],
     )
-    if not share[best]:
+    if not fractions[best]:
         return sighting
     mask, depth = seen[best], depths[best]
     column = np.nonzero(mask)[1].mean() / mask.shape[1]
     ratio = np.nanmedian(depth[mask]) / np.nanmedian(depth) if np.isfinite(depth[mask]).any() else 1.0
     return replace(
         sighting,
-        share=float(share[best]),
+        share=float(fractions[best]),
         time=float(views[best][1]),
         place="on the left" if column < 0.38 else "on the right" if column > 0.62 else "in the middle",
         distance="near" if ratio < 0.8 else "far" if ratio > 1.25 else "at middle distance",
@@ -326,7 +326,7 @@ def _word_of(scene: Scene, name: str) -> str:
 
 
 def _note(scene: Scene, name: str, word: str) -> str:
-    """What looking for `word` leaves open about `name`."""
+    """Return the note about the part of `name` that a search for `word` leaves open."""
     if len(word.split()) < len(name.split()):
         return f"I looked for {word} alone: what is {name.rsplit(maxsplit=len(word.split()))[0]} I cannot tell."
     unknown = PEOPLE.get(text_head(scene).spec.text_encoder or "")
@@ -354,20 +354,20 @@ def compose(scene: Scene, asked: Asked, sightings: Sequence[Sighting], encode: E
     when = _moment(asked.span, scene.fps) if asked.span else ""
     there = [s for s in sightings if s.chosen]
     missing = [s for s in sightings if not s.chosen]
-    told = [_absent(scene, s, encode, asked.yes(False)) for s in missing]
+    sentences = [_absent(scene, s, encode, asked.yes(False)) for s in missing]
     moving = sorted((s for s in there if s.frames), key=lambda s: s.frames[0] if s.frames else 0)
     if not asked.things and asked.kind in MOVING:
         there = moving
     if asked.kind == "order" and moving:
         starts = ", then ".join(f"{_the(s)} (frame {s.frames[0]})" for s in moving if s.frames)
-        told.append(f"In the order in which they start to move: {starts}.")
+        sentences.append(f"In the order in which they start to move: {starts}.")
     elif not there and not missing:
         nothing = "moves" if asked.kind in MOVING else "stands out"
-        told.append(f"{f'{asked.yes(False)}: nothing' if asked.polar else 'Nothing'} {nothing}{when}.")
+        sentences.append(f"{f'{asked.yes(False)}: nothing' if asked.polar else 'Nothing'} {nothing}{when}.")
     else:
-        told += [SENTENCES[asked.kind](s, asked, scene.fps, when) for s in there]
-    told += [s.note for s in sightings if s.note]
-    return " ".join(told)
+        sentences += [SENTENCES[asked.kind](s, asked, scene.fps, when) for s in there]
+    sentences += [s.note for s in sightings if s.note]
+    return " ".join(sentences)
 
 
 def _absent(scene: Scene, sighting: Sighting, encode: Encode | None, yes: str) -> str:
@@ -400,10 +400,11 @@ def _of_motion(s: Sighting, asked: Asked, fps: float, when: str) -> str:
 
 
 def _of_way(s: Sighting, asked: Asked, fps: float, when: str) -> str:
-    told = _of_motion(s, asked, fps, when)
+    sentence = _of_motion(s, asked, fps, when)
     if s.frames is None or s.heading:
-        return told
-    return f"{told} It crosses less than {SIDEWAYS:.0%} of the picture's width then, which is too little to tell left from right."
+        return sentence
+    too_little = f"It crosses less than {SIDEWAYS:.0%} of the picture's width then"
+    return f"{sentence} {too_little}, which is too little to tell left from right."
 
 
 def _of_path(s: Sighting, asked: Asked, fps: float, when: str) -> str:

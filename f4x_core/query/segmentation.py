@@ -170,8 +170,8 @@ class FeaturePropagation:
         queries = windows(cells, 0)[possible]  # (p,64,C)
         cosine = np.concatenate([queries @ key[possible].swapaxes(1, 2) for key, _ in asked], 2)  # (p,64,n)
         rank = cosine.shape[2] - min(self.config.neighbours, cosine.shape[2])
-        least = np.partition(cosine, rank, axis=2)[:, :, rank, None]
-        weight = np.exp((cosine - 1) / self.config.temperature) * (cosine >= least)
+        kth_cosine = np.partition(cosine, rank, axis=2)[:, :, rank, None]
+        weight = np.exp((cosine - 1) / self.config.temperature) * (cosine >= kth_cosine)
         answer = np.zeros((len(votes), BLOCK * BLOCK), np.float32)
         answer[possible] = (weight @ votes[possible][..., None])[..., 0] / weight.sum(2)
         across = -(-width // BLOCK)
@@ -256,9 +256,9 @@ def connected_regions(kind: np.ndarray) -> np.ndarray:
             view, alike = (number, same[0]) if axis == 0 else (number.T, same[1].T)
             for order in (range(len(alike)), range(len(alike) - 1, -1, -1)):
                 for row in order:  # the smallest number runs along whole columns at once
-                    least = np.minimum(view[row], view[row + 1])
-                    view[row] = np.where(alike[row], least, view[row])
-                    view[row + 1] = np.where(alike[row], least, view[row + 1])
+                    lower_label = np.minimum(view[row], view[row + 1])
+                    view[row] = np.where(alike[row], lower_label, view[row])
+                    view[row + 1] = np.where(alike[row], lower_label, view[row + 1])
         if (before == number).all():
             return number
 

@@ -143,12 +143,12 @@ def group(scene: Scene) -> Patches:
         return np.stack([np.bincount(index, weight * column) for column in values.T], 1) / total[:, None]
 
     latents = mean(scene.latents()).astype(np.float32)
-    looks = field.decode(LOOKS_ALIKE, latents) if LOOKS_ALIKE in field.names else latents - latents.mean(0)
-    looks = looks / np.maximum(np.linalg.norm(looks, axis=1, keepdims=True), 1e-12)
+    features = field.decode(LOOKS_ALIKE, latents) if LOOKS_ALIKE in field.names else latents - latents.mean(0)
+    features = features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-12)
     place = mean(place * (1, 1, 1, FAR))
     one, two = _neighbours(keys, size)
     steps = ((place[one] - place[two]) ** 2).sum(1) / NEAR**2
-    steps += (1 - np.einsum("ec,ec->e", looks[one], looks[two])) / ALIKE
+    steps += (1 - np.einsum("ec,ec->e", features[one], features[two])) / ALIKE
     # From both ends, and one with itself: it pulls nowhere, but then every patch has a bond.
     itself = np.arange(len(keys))
     ends, others = np.concatenate([one, two, itself]), np.concatenate([two, one, itself])

@@ -202,8 +202,8 @@ _NOT_SO = rf"^(?:(?P<there>{_DO} there) (?:no|not (?:an?|any))|(?P<whom>{_DO} .+
 _SIDES = {"center": "middle", "centre": "middle"}
 
 
-def understand(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
-    """What `question`, one or several joined by "and", wants to know of a clip of so many `frames`.
+def read_question(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
+    """Parse `question`, one or several joined by "and", about a clip of `frames` frames.
 
     Raises F4xError: a time beyond the clip; `Unanswerable`: what no form fits.
     """
@@ -237,8 +237,10 @@ def _understood(text: str, fps: float, frames: int) -> Asked:
             continue
         side = groups.get("side") or ""
         still = bare == "still"
-        told = "motion" if still else bare
-        return Asked(told, things, span, _SIDES.get(side, side), polar, negated != still, groups.get("manner") or "")
+        asked_kind = "motion" if still else bare
+        return Asked(
+            asked_kind, things, span, _SIDES.get(side, side), polar, negated != still, groups.get("manner") or ""
+        )
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, whole)), "that")
     negation = re.search(_NEGATION, whole)
     if negation and subject == "that":

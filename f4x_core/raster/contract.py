@@ -13,7 +13,7 @@ from ..geometry.splats import Splats
 
 # More threads than this only help images larger than a clip's, and each one holds its own work buffers.
 MAX_DEFAULT_THREADS = 8
-# J is linearised no further outside the image than this share of half its width (3DGS, gsplat).
+# J is linearised no further outside the image than this fraction of half its width (3DGS, gsplat).
 FRUSTUM_MARGIN = 0.3
 
 
@@ -50,7 +50,7 @@ class RasterConfig:
 
 @dataclass(frozen=True)
 class RasterInput:
-    """One view to be drawn: what `rasterize` was asked for, all arrays of one kind. The fields are described there."""
+    """Arguments of `rasterize` for one view, all arrays of one kind; `rasterize` describes the fields."""
 
     splats: Splats
     colors: Array

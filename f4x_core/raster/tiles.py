@@ -28,7 +28,7 @@ from .projection import project
 SLAB = 32
 # Pixels x splats worked on at once: enough to hide the cost of a call, few enough to stay in a core's cache.
 ELEMENTS_CPU, ELEMENTS_ACCELERATOR = 2**18, 2**23
-# A batch drops its finished tiles as soon as fewer than this share of it is still at work.
+# A batch drops its finished tiles as soon as fewer than this fraction of it is still at work.
 COMPACT_BELOW = 0.85
 # Work memory up to this size is kept for the next call: fresh pages cost more than the arithmetic done in them.
 KEPT_BYTES = 2**28
@@ -134,7 +134,7 @@ def _map(function: Callable[[Item], Result], items: Sequence[Item], threads: int
 
 
 class _Slab(NamedTuple):
-    """One slab of one batch of tiles, as the backward pass needs it again."""
+    """One slab of one batch of tiles, kept for the backward pass."""
 
     tiles: Tensor
     """(t,)"""
@@ -147,7 +147,7 @@ class _Slab(NamedTuple):
 
 
 class _Scene(NamedTuple):
-    """What the compositing loops read."""
+    """Arrays that the compositing loops read."""
 
     theta: Tensor
     """(B, 6, SLAB) coefficients of log2 alpha over `basis` for every slot."""

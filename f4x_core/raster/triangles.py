@@ -81,8 +81,8 @@ def _rows_met(corners: np.ndarray, height: int, near: float) -> tuple[np.ndarray
     ahead = np.roll(corners, -1, axis=1)
     z, next_z = corners[..., 2], ahead[..., 2]
     crosses = (z > near) != (next_z > near)
-    share = np.where(crosses, (near - z) / np.where(crosses, next_z - z, 1), 0)
-    points = np.concatenate([corners, corners + share[..., None] * (ahead - corners)], 1)  # (T, 6, 3)
+    fraction = np.where(crosses, (near - z) / np.where(crosses, next_z - z, 1), 0)
+    points = np.concatenate([corners, corners + fraction[..., None] * (ahead - corners)], 1)  # (T, 6, 3)
     counts = np.concatenate([z > near, crosses], 1)
     v = points[..., 1] / np.where(counts, points[..., 2], 1)
     first = np.clip(np.ceil(np.where(counts, v, np.inf).min(1) - 0.5 - SLACK), 0, height)

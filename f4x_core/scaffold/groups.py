@@ -20,11 +20,11 @@ def nonrigidity(xyz: np.ndarray) -> np.ndarray:
     The range of their distance over time (largest minus smallest) plus `NEARNESS` times its mean, in world units.
     """
     nodes = xyz.shape[1]
-    least, most, total = np.full((nodes, nodes), np.inf), np.zeros((nodes, nodes)), np.zeros((nodes, nodes))
+    lowest, highest, total = np.full((nodes, nodes), np.inf), np.zeros((nodes, nodes)), np.zeros((nodes, nodes))
     for placed in xyz.astype(np.float64):
         distance = np.linalg.norm(placed[:, None] - placed, axis=-1)
-        least, most, total = np.minimum(least, distance), np.maximum(most, distance), total + distance
-    return most - least + NEARNESS * total / len(xyz)
+        lowest, highest, total = np.minimum(lowest, distance), np.maximum(highest, distance), total + distance
+    return highest - lowest + NEARNESS * total / len(xyz)
 
 
 def rigid_groups(xyz: np.ndarray, unit: float, count: int | None = None) -> np.ndarray:

@@ -83,8 +83,8 @@ def lift_tracks(
         certain[f] = seen
     shaking = _shaking(fill_gaps(xyz, certain, times), times, config.shaking) & certain
     certain &= ~(shaking.any(axis=0) if config.drop_shaking_curves else shaking)
-    least = max(min(config.min_samples, frames), int(np.ceil(config.min_fraction * frames)))
-    kept = np.flatnonzero(certain.sum(axis=0) >= least)
+    min_certain = max(min(config.min_samples, frames), int(np.ceil(config.min_fraction * frames)))
+    kept = np.flatnonzero(certain.sum(axis=0) >= min_certain)
     certain = certain[:, kept]
     xyz = complete_curves(xyz[:, kept], certain, times, config.carriers)
     return LiftedTracks(xyz.astype(np.float32), certain, kept)

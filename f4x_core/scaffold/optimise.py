@@ -132,7 +132,7 @@ def optimise_geometry(
 
 @dataclass(frozen=True)
 class _Spring:
-    """What holds observed positions."""
+    """Spring that holds observed positions."""
 
     certain: torch.Tensor
     """(F, M, 1) bool."""

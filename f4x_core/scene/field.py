@@ -73,7 +73,7 @@ class FieldHead:
             out[start : start + ROWS] = x @ layers[-1][0] + layers[-1][1]
         return out.reshape(*latent.shape[:-1], out.shape[1])
 
-    def picture(self, latent: np.ndarray) -> np.ndarray:
+    def to_rgb(self, latent: np.ndarray) -> np.ndarray:
         """(…,3) uint8 colours of the features of `latent (…,D)`.
 
         The last layer and the projection onto three directions are one linear map: the C channels are never made.
@@ -173,7 +173,7 @@ class FeatureField:
         )
 
     def spec(self, name: str) -> FeatureSpec:
-        """What the features of a head mean."""
+        """Meaning of the features of a head."""
         return self.head(name).spec
 
     def decode(self, name: str, latent: np.ndarray) -> np.ndarray:
@@ -227,7 +227,7 @@ class FeatureField:
         return arrays | {f"vocabulary/{name}": words.vectors for name, words in self.vocabularies.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """What scene.json says about the field, under `features`."""
+        """Return the entry `features` of scene.json."""
         heads = [
             {
                 "spec": head.spec.to_json(),
@@ -247,8 +247,8 @@ class FeatureField:
         }
 
     @classmethod
-    def take_from(cls, arrays: dict[str, np.ndarray], told: Any) -> Self:
-        """The field that `to_arrays` and `to_json` (`told`) gave; its arrays are taken out of `arrays`.
+    def take_from(cls, arrays: dict[str, np.ndarray], header: Any) -> Self:
+        """The field that `to_arrays` and `to_json` (`header`) gave; its arrays are taken out of `arrays`.
 
         F4xError, without the file's name, says what is missing or does not fit.
         """
@@ -258,19 +258,19 @@ class FeatureField:
                 raise F4xError(f"the array {name} is missing")
             return arrays.pop(name)
 
-        if not isinstance(told, dict) or not isinstance(told.get("heads"), list):
+        if not isinstance(header, dict) or not isinstance(header.get("heads"), list):
             raise F4xError("'features' is not an object with a list of heads")
         static, low, step = (taken(name) for name in ("static/latent", "latent/low", "latent/step"))
-        bits = told.get("bits")
+        bits = header.get("bits")
         if type(bits) is not int or bits not in BITS or static.ndim != 2 or static.dtype != np.uint8:
             raise F4xError("static/latent is not rows of bytes with 4 or 8 'bits' per channel")
         if bits == 4:
             static = np.stack([static >> 4, static & 15], -1).reshape(len(static), -1)
-        if low.ndim != 1 or told.get("width") != len(low):
-            raise F4xError(f"'features' says a latent of {told.get('width')} channels, latent/low has {low.shape}")
+        if low.ndim != 1 or header.get("width") != len(low):
+            raise F4xError(f"'features' says a latent of {header.get('width')} channels, latent/low has {low.shape}")
         nodes = arrays.pop("scaffold/latent", np.zeros((0, len(low)), np.uint8))
         heads = []
-        for entry in told["heads"]:
+        for entry in header["heads"]:
             if not isinstance(entry, dict) or type(entry.get("layers")) is not int or entry["layers"] < 1:
                 raise F4xError("a head in 'features' does not say how many layers it has")
             spec = FeatureSpec.from_json(entry.get("spec"))
@@ -287,13 +287,13 @@ class FeatureField:
                     report,
                 )
             )
-        words = told.get("vocabularies", {})
+        words = header.get("vocabularies", {})
         if not isinstance(words, dict) or not all(
             isinstance(labels, list) and all(isinstance(label, str) for label in labels) for labels in words.values()
         ):
             raise F4xError("'vocabularies' is not a table of lists of labels")
         vocabularies = {name: Vocabulary(tuple(labels), taken(f"vocabulary/{name}")) for name, labels in words.items()}
-        pca = _pca(told.get("pca"), arrays, "latent/pca", len(low))
+        pca = _pca(header.get("pca"), arrays, "latent/pca", len(low))
         return cls(static, nodes, low, step, tuple(heads), vocabularies, pca, bits)
 
 
@@ -322,14 +322,14 @@ def _pca_json(pca: Pca | None) -> dict[str, list[float]] | None:
     return None if pca is None else {"low": [float(v) for v in pca.low], "high": [float(v) for v in pca.high]}
 
 
-def _pca(told: Any, arrays: dict[str, np.ndarray], name: str, channels: int) -> Pca | None:
+def _pca(header: Any, arrays: dict[str, np.ndarray], name: str, channels: int) -> Pca | None:
     """The Pca that `_pca_json` and `_pca_array` gave, its array taken out of `arrays`."""
-    if told is None:
+    if header is None:
         return None
     array = arrays.pop(name, None)
     if array is None or array.shape != (4, channels) or array.dtype.kind != "f" or not np.isfinite(array).all():
         raise F4xError(f"the array {name} is missing or not (4, {channels}) finite floats")
-    ends = [told.get(end) if isinstance(told, dict) else None for end in ("low", "high")]
+    ends = [header.get(end) if isinstance(header, dict) else None for end in ("low", "high")]
     if not all(isinstance(end, list) and len(end) == 3 and all(_is_number(v) for v in end) for end in ends):
         raise F4xError(f"the colour range of {name} is not three numbers 'low' and three 'high'")
     return Pca(array[0], array[1:], np.array(ends[0]), np.array(ends[1]))

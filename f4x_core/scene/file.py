@@ -324,9 +324,9 @@ def _scene(header: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> Scene:
             raise F4xError("'scaffold_unit' is not a positive number")
         scaffold["unit"] = float(unit)
     spans = [arrays.pop(f"{part}/{SPAN}", None) if header["version"] >= 3 else None for part in ("static", "dynamic")]
-    told = header.get("features") if header["version"] >= 2 else None
-    features = None if told is None else FeatureField.take_from(arrays, told)
-    known = {*FIELDS, "format", "version", "arrays", "scaffold_unit", *([] if told is None else ["features"])}
+    field_header = header.get("features") if header["version"] >= 2 else None
+    features = None if field_header is None else FeatureField.take_from(arrays, field_header)
+    known = {*FIELDS, "format", "version", "arrays", "scaffold_unit", *([] if field_header is None else ["features"])}
     return Scene(
         name=header["name"],
         static=StaticSet(**static, span=spans[0]),

@@ -1,4 +1,4 @@
-"""Opening whatever a person points at: told by what is in the file, not by its name.
+"""Opening whatever a person points at: recognised by the content of the file, not by its name.
 
 Splats of other programs become scenes in which nothing moves, or a sequence of them. Whatever else it is, the answer
 is one sentence that says so and what to do with it. Coordinates and unit stay the file's own.
@@ -125,7 +125,7 @@ def open_any(path: Path | str, sequence: bool = True) -> Scene | SplatSequence:
 
 
 def identify(path: Path | str, sequence: bool = True) -> Kind:
-    """What `open_any` would open: told by content. Raises F4xError for everything else, in one sentence."""
+    """Identify by content what `open_any` would open. Raises F4xError for everything else, in one sentence."""
     path = Path(path)
     try:
         if path.is_dir():
@@ -194,8 +194,8 @@ def _identify_zip(path: Path) -> Kind:
         raise F4xError(f"{path}: SOG splats; {CONVERT}")
     if any(Path(name).suffix.lower() in (".usd", ".usda", ".usdc") for name in names[:1]):
         raise F4xError(f"{path}: a USD package; import it in Blender, or take the splats' PLY")
-    pictures = sum(Path(name).suffix.lower() in (".png", ".jpg", ".jpeg") for name in names)
-    if pictures > 1:
+    images = sum(Path(name).suffix.lower() in (".png", ".jpg", ".jpeg") for name in names)
+    if images > 1:
         raise F4xError(
             f"{path}: a zip of pictures; unpack it and make a scene of the folder with `f4x fit FOLDER -o DIR`"
         )
@@ -207,8 +207,8 @@ def _identify_folder(folder: Path) -> Kind:
         return "sequence"
     if (folder / "scene.f4x").is_file():
         raise F4xError(f"{folder}: the folder of a fit; choose {folder / 'scene.f4x'}")
-    for pictures in (folder, folder / "images", folder / "rgb", folder / "JPEGImages"):
-        if list_images(pictures) or (pictures != folder and pictures.is_dir()):
+    for images_folder in (folder, folder / "images", folder / "rgb", folder / "JPEGImages"):
+        if list_images(images_folder) or (images_folder != folder and images_folder.is_dir()):
             raise F4xError(f"{folder}: a folder of pictures; {FIT.format(path=folder)}")
     raise F4xError(f"{folder}: a folder without numbered .ply files; choose a scene, a splat file or a PLY sequence")
 

@@ -108,7 +108,7 @@ class _Background:
 
 @dataclass
 class _Moving:
-    """What moves in the windows, as they come in."""
+    """Dynamic Gaussians and scaffolds of the windows, one window after the other."""
 
     windows: Sequence[tuple[int, int]]
     spans: np.ndarray
@@ -162,33 +162,33 @@ class _Moving:
 
 @dataclass
 class _Path:
-    """The cameras of the windows, as they come in; over shared frames one goes over into the other."""
+    """Cameras of the windows, one window after the other; over shared frames they blend into each other."""
 
     windows: Sequence[tuple[int, int]]
     size: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         frames = self.windows[-1][1] - self.windows[0][0]
-        self.lens, self.turn = np.zeros((frames, 3, 3)), np.zeros((frames, 4))
+        self.intrinsics, self.turn = np.zeros((frames, 3, 3)), np.zeros((frames, 4))
         self.centre, self.total = np.zeros((frames, 3)), np.zeros(frames)
 
     def add(self, cameras: CameraPath, span: np.ndarray, start: int) -> None:
         """One window's cameras."""
         self.size = cameras.width, cameras.height
         rows = slice(start - self.windows[0][0], start - self.windows[0][0] + len(cameras))
-        share = np.maximum([presence(span[None], start + t)[0] for t in range(len(cameras))], 1e-6)
+        weight = np.maximum([presence(span[None], start + t)[0] for t in range(len(cameras))], 1e-6)
         turn, centre = pose.invert(*pose.from_matrix(cameras.world_to_camera))
         turn = turn * np.where((self.turn[rows] * turn).sum(-1, keepdims=True) < 0, -1, 1)
-        self.lens[rows] += share[:, None, None] * cameras.intrinsics
-        self.turn[rows] += share[:, None] * turn
-        self.centre[rows] += share[:, None] * centre
-        self.total[rows] += share
+        self.intrinsics[rows] += weight[:, None, None] * cameras.intrinsics
+        self.turn[rows] += weight[:, None] * turn
+        self.centre[rows] += weight[:, None] * centre
+        self.total[rows] += weight
 
     def finish(self) -> CameraPath:
         """One camera per frame."""
         inverse = pose.invert(quaternion.normalize(self.turn), self.centre / self.total[:, None])
         times = self.windows[0][0] + np.arange(len(self.total), dtype=np.float64)
-        return CameraPath(self.lens / self.total[:, None, None], pose.to_matrix(*inverse), times, *self.size)
+        return CameraPath(self.intrinsics / self.total[:, None, None], pose.to_matrix(*inverse), times, *self.size)
 
 
 def _concatenated(parts: Sequence[Gaussians], spans: Sequence[np.ndarray]) -> Gaussians:
@@ -234,9 +234,9 @@ def _with_new_ground(scene: Scene, windows: Sequence[tuple[int, int]], backend: 
     span[early, :2] = -np.inf
     open_ground = replace(scene, static=replace(scene.static, span=span))
     shown = np.zeros(len(span), bool)
-    looks = list(_looks(windows))
-    for done, time in enumerate(looks):
-        progress("join", done, len(looks), "what earlier frames would show")
+    times = list(_compared_times(windows))
+    for done, time in enumerate(times):
+        progress("join", done, len(times), "what earlier frames would show")
         later = early & (since > time) & ~shown
         if later.any():
             shown[later] = (
@@ -247,7 +247,7 @@ def _with_new_ground(scene: Scene, windows: Sequence[tuple[int, int]], backend: 
     return replace(scene, static=replace(scene.static, span=None if (kept == ALWAYS).all() else kept))
 
 
-def _looks(windows: Sequence[tuple[int, int]]) -> Iterator[float]:
+def _compared_times(windows: Sequence[tuple[int, int]]) -> Iterator[float]:
     for start, end in windows[:-1]:
         yield from np.unique(np.linspace(start, end - 1, LOOKS_PER_WINDOW).round()).tolist()
 

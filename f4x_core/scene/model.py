@@ -139,7 +139,7 @@ class StaticSet(Splats):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DynamicSet(StaticSet):
-    """Gaussians carried by the scaffold, stored as they stand at their own reference time."""
+    """Gaussians moved by the scaffold, stored in their pose at their own reference time."""
 
     reference: np.ndarray
     """(N,) int32 index into the scaffold's times."""
@@ -411,7 +411,7 @@ class Scene:
         }
 
     def _motions(self, time: float) -> np.ndarray:
-        """The table (P,8) of `relative_motions`: what moves the dynamic Gaussians at `time`."""
+        """Return the table (P,8) of `relative_motions` that moves the dynamic Gaussians at `time`."""
         scaffold = self.scaffold
         assert scaffold is not None  # checked on construction
         return relative_motions(scaffold.times, scaffold.xyz, scaffold.quat, self._pairs, time)

@@ -228,7 +228,7 @@ def _parse_vertices(file: BinaryIO, count: int, dtype: np.dtype, path: Path) -> 
 
 
 def _has_faces(path: Path) -> bool:
-    """Whether the header, read once before, also tells of faces: those of a mesh."""
+    """Whether the header, read once before, also lists faces, as a mesh has them."""
     with path.open("rb") as file:
         return any(name == "face" and count for name, count, _ in _read_header(file, path)[1])
 

@@ -20,7 +20,7 @@ SIMILARITY_TOLERANCE = 1e-4
 
 
 class Posable(Protocol):
-    """What can be exported: a `Scene`, with edits or without, or a sequence of splat files."""
+    """Something that can be exported: a `Scene`, with or without edits, or a sequence of splat files."""
 
     @property
     def name(self) -> str:
@@ -36,7 +36,7 @@ class Posable(Protocol):
 
     @property
     def scaffold(self) -> Scaffold | None:
-        """What carries the moving Gaussians, if anything does."""
+        """The scaffold that moves the dynamic Gaussians, if there is one."""
 
     def posed(self, time: float) -> PosedSplats:
         """All Gaussians at a clip time."""

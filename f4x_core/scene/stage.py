@@ -104,7 +104,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class DrawSettings:
-    """How a stage is drawn, apart from what is on it."""
+    """Settings of drawing a stage, independent of its content."""
 
     near: float = 0.01
     """Minimum camera z that is drawn, above 0."""
@@ -171,7 +171,7 @@ def draw(
     view = replace(camera, world_to_camera=camera.world_to_camera @ frame)
     config = replace(settings.config or _fitted_config(clouds, camera), near=settings.near)
 
-    pictures: dict[str, np.ndarray] = {}
+    images: dict[str, np.ndarray] = {}
     for band in [rows] if progress is silent else _bands(rows, camera.width):
         progress("render", band.start - rows.start, rows.stop - rows.start)
         # Pixels beside the region keep the limit 0 and are not drawn.
@@ -182,17 +182,17 @@ def draw(
             np.asarray(part[:, columns], np.float32) for part in (out.channels, out.alpha, out.depth)
         )
         layers = dict(zip(widths, np.split(channels, np.cumsum([*widths.values()])[:-1], axis=-1), strict=True))
-        drawn = _pictures(layers, alpha, depth, ground.cut((band, columns)), numbers, passes)
-        for name, picture in (finish(drawn) if finish else drawn).items():
-            if name not in pictures:  # memory is touched, which takes long, only band by band
-                pictures[name] = np.empty((rows.stop - rows.start, *picture.shape[1:]), np.float32)
-            pictures[name][band.start - rows.start : band.stop - rows.start] = picture
+        drawn = _images(layers, alpha, depth, ground.cut((band, columns)), numbers, passes)
+        for name, image in (finish(drawn) if finish else drawn).items():
+            if name not in images:  # memory is touched, which takes long, only band by band
+                images[name] = np.empty((rows.stop - rows.start, *image.shape[1:]), np.float32)
+            images[name][band.start - rows.start : band.stop - rows.start] = image
     progress("render", rows.stop - rows.start, rows.stop - rows.start)
-    return pictures
+    return images
 
 
 def _fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
-    """The rasteriser's constants with which the largest cloud whose fit is known looks as it was fitted."""
+    """Return the rasteriser's constants of the largest cloud whose fit is known."""
     from ..raster import RasterConfig
 
     known = [cloud for cloud in clouds if cloud.fitted_focal is not None]
@@ -226,7 +226,7 @@ def _features(cloud: Cloud, camera: Camera, widths: Mapping[str, int], numbers: 
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """What lies behind the Gaussians at every pixel."""
+    """Surfaces and world behind the Gaussians, per pixel."""
 
     rgb: np.ndarray
     """(H,W,3) sRGB."""
@@ -259,7 +259,7 @@ class _Ground:
         if there.any():
 
             def of_triangles(values) -> np.ndarray:
-                """What the triangle seen at each covered pixel has, from one value or (T,...) of each surface."""
+                """Values of the triangle at each covered pixel, from one value or (T,...) of each surface."""
                 parts = [
                     np.broadcast_to(v, (len(s.triangles), *np.shape(v)[1:]))
                     for s, v in zip(surfaces, values, strict=True)
@@ -282,7 +282,7 @@ class _Ground:
         return _Ground(*(getattr(self, f.name)[region] for f in fields(self)))
 
 
-def _pictures(
+def _images(
     layers: Mapping[str, np.ndarray],
     alpha: np.ndarray,
     depth: np.ndarray,
@@ -294,20 +294,20 @@ def _pictures(
     left = 1 - alpha
     covered = alpha >= COVERED
     divisor = np.where(covered, alpha, 1)
-    pictures = {"rgb": layers["rgb"] + left[..., None] * ground.rgb, "alpha": alpha + left * ground.alpha}
+    images = {"rgb": layers["rgb"] + left[..., None] * ground.rgb, "alpha": alpha + left * ground.alpha}
     if "depth" in passes:
         solid = np.isfinite(ground.depth)
         total = np.where(solid, 1, divisor)
         summed = depth + np.where(solid, left * np.where(solid, ground.depth, 0), 0)
-        pictures["depth"] = np.where(covered | solid, summed / total, NOTHING)
+        images["depth"] = np.where(covered | solid, summed / total, NOTHING)
     if "latent" in passes:
-        pictures["latent"] = np.where(covered[..., None], layers["latent"] / divisor[..., None], 0)
+        images["latent"] = np.where(covered[..., None], layers["latent"] / divisor[..., None], 0)
     if "score" in passes:
-        pictures["score"] = np.where(covered, layers["score"][..., 0] / divisor, 0)
+        images["score"] = np.where(covered, layers["score"][..., 0] / divisor, 0)
     if "selection" in passes:
-        pictures["selection"] = layers["selection"][..., 0]
+        images["selection"] = layers["selection"][..., 0]
     if "index" in passes:
         weights = np.concatenate([left[..., None], layers["index"]], -1)  # behind them all, then every object
         found = np.array([0, *numbers])[weights.argmax(-1)]
-        pictures["index"] = np.where(weights.argmax(-1) == 0, ground.index, found)
-    return {name: picture.astype(np.float32, copy=False) for name, picture in pictures.items()}
+        images["index"] = np.where(weights.argmax(-1) == 0, ground.index, found)
+    return {name: image.astype(np.float32, copy=False) for name, image in images.items()}

@@ -78,21 +78,21 @@ def render(
     out = rasterize(posed, colors, camera, background=behind, config=config, backend=backend)
     composited = np.asarray(out.channels, np.float32)
     ends = np.cumsum([layer.shape[1] for layer in layers.values()])[:-1]
-    pictures = dict(zip(layers, np.split(composited, ends, axis=-1), strict=True)) if layers else {}
+    images = dict(zip(layers, np.split(composited, ends, axis=-1), strict=True)) if layers else {}
     alpha = np.asarray(out.alpha, np.float32)
     covered = alpha >= COVERED
     divisor = np.where(covered, alpha, 1)
     if "alpha" in channels:
-        pictures["alpha"] = alpha
+        images["alpha"] = alpha
     if "depth" in channels:
-        pictures["depth"] = np.where(covered, np.asarray(out.depth, np.float32) / divisor, np.float32(np.nan))
+        images["depth"] = np.where(covered, np.asarray(out.depth, np.float32) / divisor, np.float32(np.nan))
     if "motion" in channels:
-        pictures["motion"] = np.where(covered[..., None], pictures["motion"] / divisor[..., None], 0)
+        images["motion"] = np.where(covered[..., None], images["motion"] / divisor[..., None], 0)
     if features is not None:
-        pictures["latent"] = np.where(covered[..., None], pictures["latent"] / divisor[..., None], 0)
+        images["latent"] = np.where(covered[..., None], images["latent"] / divisor[..., None], 0)
         for name in heads:
-            pictures[name] = covered[..., None] * features.decode(name.removeprefix(HEAD), pictures["latent"])
-    return pictures
+            images[name] = covered[..., None] * features.decode(name.removeprefix(HEAD), images["latent"])
+    return images
 
 
 def render_trajectory(

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.studies import stability
-from benchmarks.studies.hard_cases import Case, Check, limited, load_cases, refused, run_case, that, told, within
+from benchmarks.studies.hard_cases import Case, Check, limited, load_cases, refused, reported, run_case, that, within
 from benchmarks.study import Context, MissingError
 from f4x_core.errors import F4xError
 
@@ -66,13 +66,13 @@ def test_checks_judge():
     assert within("x", 1e-6, 1e-5).outcome == "right"
     assert within("x", 2e-5, 1e-5).outcome == within("x", float("nan"), 1).outcome == "wrong"
     assert that("x", 0).outcome == "wrong" and limited("x", True, "as known").outcome == "known limit"
-    assert told("x", "c[au]t", ["a dog", "a cut"]) == Check("x", "told", said="a cut")
-    assert told("x", "cat", ["a dog"]).outcome == "wrong"
+    assert reported("x", "c[au]t", ["a dog", "a cut"]) == Check("x", "told", message="a cut")
+    assert reported("x", "cat", ["a dog"]).outcome == "wrong"
 
     def fail():
         raise F4xError("the file is empty")
 
-    assert refused("x", "empty", fail) == Check("x", "refused", said="the file is empty")
+    assert refused("x", "empty", fail) == Check("x", "refused", message="the file is empty")
     assert refused("x", "full", fail).outcome == refused("x", "empty", lambda: None).outcome == "wrong"
 
 

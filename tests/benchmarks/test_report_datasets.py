@@ -10,7 +10,7 @@ from data_sets import HIDDEN, UNIT, keypoints, toy, write_davis, write_dycheck, 
 from PIL import Image
 from scipy.signal import convolve2d
 
-from benchmarks.quality.picture_metrics import (
+from benchmarks.quality.image_metrics import (
     masked_psnr,
     masked_ssim,
     psnr_bytes,
@@ -26,7 +26,7 @@ from benchmarks.studies.protocols import (
     NVIDIA,
     match_cameras,
     place_cameras,
-    score_picture,
+    score_render,
     score_views,
 )
 from benchmarks.studies.supplement import FOLLOWED, LABELLED, VIEWS
@@ -222,8 +222,8 @@ def test_a_view_is_scored_over_its_co_visible_pixels_alone(data):
     (camera, _) = read_novel_cameras(read_clip(data / "dycheck/paper-windmill"))
     wrong = camera.frames[0].copy()
     wrong[:, :HIDDEN] = 0
-    assert score_picture(wrong, camera, 0, masked=True)["mPSNR (dB)"] == math.inf
-    assert score_picture(wrong, camera, 0, masked=False)["PSNR (dB)"] < 30
+    assert score_render(wrong, camera, 0, masked=True)["mPSNR (dB)"] == math.inf
+    assert score_render(wrong, camera, 0, masked=False)["PSNR (dB)"] < 30
 
 
 def test_j_is_the_official_tools():

@@ -22,13 +22,13 @@ def test_times_are_those_of_the_fit_and_of_distilling_at_both_widths(monkeypatch
     monkeypatch.setattr(feature_cost.time, "perf_counter", lambda: next(clock))
     monkeypatch.setattr(feature_cost, "distil", lambda scene, maps, config, progress: seen.append((config, len(maps))))
     monkeypatch.setattr(feature_cost, "compare_decoding", lambda **_: {"ratio": 2.5})
-    told = feature_cost.measure_times(lambda: scene, maps, DistilConfig(steps=7, threads=1))
+    reported = feature_cost.measure_times(lambda: scene, maps, DistilConfig(steps=7, threads=1))
     assert [(config.width, config.steps, config.threads, count) for config, count in seen] == [
         (32, 7, 1, 1),
         (512, 7, 1, 1),
     ]
-    assert told["fit_ratio"] == pytest.approx(1.2) and told["width_ratio"] == pytest.approx(220 / 120)
-    assert told["distil_ratio"] == 6 and told["step_ratio"] == 2.5 and told["width_ratio_seed"] == 5.23
+    assert reported["fit_ratio"] == pytest.approx(1.2) and reported["width_ratio"] == pytest.approx(220 / 120)
+    assert reported["distil_ratio"] == 6 and reported["step_ratio"] == 2.5 and reported["width_ratio_seed"] == 5.23
 
 
 def test_masks_by_pictures_look_at_every_frame_and_masks_by_features_at_none(monkeypatch):
@@ -46,7 +46,9 @@ def test_masks_by_pictures_look_at_every_frame_and_masks_by_features_at_none(mon
     with_square = np.zeros((HEIGHT, WIDTH), bool)
     with_square[14:26, 20:32] = render(scene, scene.cameras[0], 0.0, ("rgb",))["rgb"][14:26, 20:32, 0] > 0.5
     assert with_square.any()
-    told = feature_cost.compare_inference(scene, with_square)
+    reported = feature_cost.compare_inference(scene, with_square)
     assert len(seen) == 1 + FRAMES + 1  # one to warm up, the prompted one for the prompt and on the way
-    assert told["mask_time_ratio"] == pytest.approx(told["mask_picture_seconds"] / told["mask_feature_seconds"])
-    assert told["mask_agreement"] > 0.75  # both find the square, but for its rim
+    assert reported["mask_time_ratio"] == pytest.approx(
+        reported["mask_picture_seconds"] / reported["mask_feature_seconds"]
+    )
+    assert reported["mask_agreement"] > 0.75  # both find the square, but for its rim

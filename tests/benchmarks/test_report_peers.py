@@ -95,8 +95,8 @@ def test_a_peer_that_is_there_is_measured_beside_ours(install, study):
     rmse, worst = raster_curves.RMSE, raster_curves.WORST
     assert 0 < double[rmse] < 1e-14 < single[rmse] < 1e-5 and 0 < double[worst] < 1e-12 < single[worst] < 1e-4
     assert not any("gsplat" in sentence for sentence in found["skipped"])
-    told = [sentence for sentence in found["words"] if sentence.startswith("gsplat 1.5.9 (peer)")]
-    assert len(told) == 2 and all("times as long as torch" in sentence for sentence in told)
+    reported = [sentence for sentence in found["words"] if sentence.startswith("gsplat 1.5.9 (peer)")]
+    assert len(reported) == 2 and all("times as long as torch" in sentence for sentence in reported)
     assert "clamp of alpha" in found["tables"][0]["note"]
 
     gradients = study("raster-gradients")["tables"][0]

@@ -11,7 +11,7 @@ from torch import nn
 
 from benchmarks.studies import toy_fits
 from benchmarks.studies.novel import read_novel_cameras
-from benchmarks.studies.protocols import score_picture
+from benchmarks.studies.protocols import score_render
 from benchmarks.study import Context
 from f4x_core.cli import main
 from f4x_core.clip import read_clip, write_images
@@ -134,13 +134,13 @@ def test_eval_measures_it_or_says_why_not(package, weights, tmp_path, capsys):
     write_images(tmp_path / "clip", world.clip.frames)
     command = ["eval", str(tmp_path / "scene.f4x"), "--clip", str(tmp_path / "clip")]
     assert main(command) == 0
-    told = capsys.readouterr().out
-    assert "used_lpips: " in told and "held_out_lpips: " in told and "not run" not in told
+    reported = capsys.readouterr().out
+    assert "used_lpips: " in reported and "held_out_lpips: " in reported and "not run" not in reported
     weights.unlink()
     perceptual_distance._load.cache_clear()
     assert main(command) == 0
-    told = capsys.readouterr().out
-    assert "_lpips" not in told and told.splitlines()[-1].startswith("LPIPS: not run; no weights")
+    reported = capsys.readouterr().out
+    assert "_lpips" not in reported and reported.splitlines()[-1].startswith("LPIPS: not run; no weights")
 
 
 def test_protocols_and_fits_have_the_column_where_it_runs_and_only_there(package, weights, tmp_path):
@@ -148,12 +148,12 @@ def test_protocols_and_fits_have_the_column_where_it_runs_and_only_there(package
     (camera, *_) = read_novel_cameras(read_clip(write_dycheck(tmp_path, world)))
     scene = toy_fits.fit_world(world, toy_fits.shorten(toy_fits.base_config(Context(tmp_path, quick=True)), 2)).scene
     wrong = camera.frames[0] // 2
-    rows = [score_picture(wrong, camera, 0, masked=True), score_picture(wrong, camera, 0, masked=False)]
+    rows = [score_render(wrong, camera, 0, masked=True), score_render(wrong, camera, 0, masked=False)]
     rows.append(toy_fits.score_world(world, scene))
     for row, column in zip(rows, ("mLPIPS", "LPIPS", "novel LPIPS"), strict=True):
         assert row[column] > 0
     weights.unlink()
     perceptual_distance._load.cache_clear()
-    rows = [score_picture(wrong, camera, 0, masked=True), score_picture(wrong, camera, 0, masked=False)]
+    rows = [score_render(wrong, camera, 0, masked=True), score_render(wrong, camera, 0, masked=False)]
     rows.append(toy_fits.score_world(world, scene))
     assert not [column for row in rows for column in row if "LPIPS" in column]

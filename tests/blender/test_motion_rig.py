@@ -182,7 +182,7 @@ def test_the_stack_grows_by_what_changed(session):
     assert counts == [1, 2, 3]
     first, second, third = (edit.operation for edit in read_stack(folder / "undone.f4x").edits)
     assert set(second.nodes) == set(told["members"]) and len(second.times) == CLIP
-    assert third.nodes == (15,) and {edit.said for edit in read_stack(folder / "undone.f4x").edits} == {
+    assert third.nodes == (15,) and {edit.sentence for edit in read_stack(folder / "undone.f4x").edits} == {
         "moved in Blender"
     }
     assert 9 in first.nodes

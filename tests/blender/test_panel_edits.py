@@ -20,7 +20,7 @@ from f4x_core.cli.main import main as f4x
 from f4x_core.edit.apply import edited, open_scene
 from f4x_core.edit.stack import EditStack, of, write_stack
 from f4x_core.geometry import spherical_harmonics
-from f4x_core.query.neighbourhood import grown
+from f4x_core.query.neighbourhood import grow_selection
 from f4x_core.query.prompts import FollowConfig, select_by_prompts, select_by_text
 from f4x_core.scene import read_scene, write_scene
 
@@ -120,7 +120,7 @@ ops.restore(); note("restored")
 ops.history(how="REMOVE", edit_id=root().f4x.history[-1].edit_id)
 noted["no sense"] = refused(ops.plan, sentence="make the square bark"); note("refused")
 ops.plan(sentence="make rex blue from frame 2"); note("planned")
-noted["told"] = [row.told for row in root().f4x.readings]
+noted["descriptions"] = [row.description for row in root().f4x.readings]
 ops.drop_plan(); note("dropped")
 ops.plan(sentence="make rex blue from frame 2"); ops.apply_plan(); note("applied")
 go(1); note("before the span")
@@ -196,7 +196,7 @@ def test_modes_combine(done):
 
 def test_grow_and_invert(done, scene):
     _, noted, arrays = done
-    wanted = grown(scene.posed(FRAME).means, arrays["square/chosen"], np.float32(0.4))
+    wanted = grow_selection(scene.posed(FRAME).means, arrays["square/chosen"], np.float32(0.4))
     np.testing.assert_array_equal(arrays["grown/chosen"], wanted)
     assert wanted.sum() > arrays["square/chosen"].sum()
     np.testing.assert_array_equal(arrays["inverted/chosen"], ~wanted)
@@ -269,7 +269,7 @@ def test_what_is_shown_is_what_the_core_makes_of_the_stack(done, name, time):
 
 def test_a_sentence_is_previewed_dropped_and_applied(done):
     _, noted, arrays = done
-    assert noted["told"] and "blue from frame 2 on" in noted["told"][0]
+    assert noted["descriptions"] and "blue from frame 2 on" in noted["descriptions"][0]
     assert np.abs(arrays["planned/radiance:base"] - arrays["refused/radiance:base"]).max() > 0.1
     assert noted["planned"]["stack"] == noted["dropped"]["stack"] == noted["refused"]["stack"]
     np.testing.assert_array_equal(arrays["dropped/radiance:base"], arrays["refused/radiance:base"])

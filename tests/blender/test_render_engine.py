@@ -384,7 +384,7 @@ def test_the_latent_is_shown_in_the_colours_of_the_scene_file(folder):
     expected = render(scene, scene.cameras[FRAME], FRAME, ("latent", "alpha"))
     found = passes(folder, "labelled")["Latent"]
     covered = expected["alpha"] > 0.11
-    shown = scene.features.pca.picture(expected["latent"])[covered]
+    shown = scene.features.pca.to_rgb(expected["latent"])[covered]
     assert np.abs(255 * np.clip(found[covered], 0, 1) - shown).max() < 1
     assert np.ptp(shown, axis=0).max() > 50
 

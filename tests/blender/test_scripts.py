@@ -12,7 +12,7 @@ from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene
 
 from f4x_core.edit.apply import open_scene, with_operations
 from f4x_core.edit.operations import Recolour
-from f4x_core.edit.resolve import Context, resolve
+from f4x_core.edit.resolve import EditorState, resolve
 from f4x_core.edit.selects import Text
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors.synthetic import read_passes
@@ -118,7 +118,7 @@ def test_edit_is_that_of_the_command_line(scene, tmp_path):
 
 
 def test_render_is_the_cores_picture(scene, tmp_path):
-    red = resolve(read_scene(scene), Recolour(Text(("square",)), (0.0, 1.0, 0.0)), Context())
+    red = resolve(read_scene(scene), Recolour(Text(("square",)), (0.0, 1.0, 0.0)), EditorState())
     edited = with_operations(read_scene(scene), red)
     write_scene(edited, tmp_path / "edited.f4x")
     told = run("render_scene.py", tmp_path / "edited.f4x", "-o", tmp_path / "out", "--frames", "1:5:3", "--exr")

@@ -173,7 +173,7 @@ def test_a_clip_that_is_not_there_is_a_failed_row(tmp_path):
     assert board.rows["a"].state == "done" and board.rows["absent"].state == "failed"
 
 
-def write_pictures(folder, count=2):
+def write_renders(folder, count=2):
     folder.mkdir(parents=True)
     for number in range(count):
         (folder / f"{number}.png").touch()
@@ -181,7 +181,7 @@ def write_pictures(folder, count=2):
 
 
 def test_a_dry_run_touches_nothing(tmp_path, capsys):
-    clip = write_pictures(tmp_path / "clips" / "a")
+    clip = write_renders(tmp_path / "clips" / "a")
     assert main(["batch", clip, "-o", str(tmp_path / "out"), "--dry-run", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert (
@@ -193,7 +193,7 @@ def test_a_dry_run_touches_nothing(tmp_path, capsys):
 
 
 def test_a_dry_run_names_what_is_missing_or_not_as_it_is_said(tmp_path, capsys):
-    write_pictures(tmp_path / "a")
+    write_renders(tmp_path / "a")
     table = tmp_path / "list.csv"
     table.write_text("clip,name,frames\na,a,\na,long,0:900\nabsent.mp4,,\n")
     assert main(["batch", str(table), "-o", str(tmp_path / "out"), "--dry-run"]) == 2

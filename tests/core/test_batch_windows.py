@@ -141,13 +141,13 @@ def shot(tmp_path_factory):
 
     patch.setattr(pipeline, "build_priors", build)
     plan = windows.Shot(((0, 8), (5, 13), (10, 16)))
-    told = windows.fit_long([plan], read, folder, config)
-    yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, told=told[0])
+    results = windows.fit_long([plan], read, folder, config)
+    yield SimpleNamespace(folder=folder, clip=clip, read=read, config=config, plan=plan, result=results[0])
     patch.undo()
 
 
 def test_windows_join_into_one_scene(shot):
-    scene, figures = read_scene(shot.folder / "scene.f4x"), shot.told["metrics"]
+    scene, figures = read_scene(shot.folder / "scene.f4x"), shot.result["metrics"]
     assert len(scene.cameras) == 16 and scene.provenance["frames"] == "0:16:1"
     assert figures["used_psnr"] > 22
     assert figures["seam_psnr"] > figures["rest_psnr"] - 0.5, "seams are as good as the rest"

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import re
 import signal
 import subprocess
@@ -215,6 +216,46 @@ def test_ctrl_c_is_announced_and_before_the_first_report_answered_at_once(capsys
         signal.raise_signal(signal.SIGINT)
         progress("flow", 1, 2)
     assert "press Ctrl-C again" in capsys.readouterr().err
+
+
+def test_an_ignored_ctrl_c_stays_ignored(capsys):
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with TerminalProgress() as progress:
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+            progress("flow", 0, 2)
+            signal.raise_signal(signal.SIGINT)
+            progress("flow", 1, 2)
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert "Ctrl-C" not in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGINT for one process there")
+def test_a_child_stops_with_its_parent_though_ctrl_c_was_ignored_at_its_start():
+    """As under `nohup f4x batch`: what a process ignores, its children ignore from their start."""
+    code = """
+import signal, sys, time
+from f4x_core.processes import stop_with_parent
+assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+stop_with_parent()
+try:
+    print("working", flush=True)
+    time.sleep(60)
+except KeyboardInterrupt:
+    print("saved", flush=True)
+"""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        pipe = subprocess.PIPE
+        child = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=pipe, stdout=pipe, text=True, start_new_session=True
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert child.stdout.readline() == "working\n"
+    assert child.communicate(timeout=30)[0] == "saved\n"
 
 
 def test_help_waits_for_no_heavy_package():

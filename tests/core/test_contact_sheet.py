@@ -11,8 +11,8 @@ from f4x_core.clip.images import as_bytes
 from f4x_core.errors import F4xError
 from f4x_core.evaluation.contact_sheet import COLUMNS, contact_sheet
 from f4x_core.scene.moments import centre_depth
-from f4x_core.scene.picture import GAP, LABEL_HEIGHT, MARGIN
 from f4x_core.scene.view import render
+from f4x_core.scene.visualise import GAP, LABEL_HEIGHT, MARGIN
 
 
 def clip_like(frames: int = FRAMES, width: int = WIDTH, height: int = HEIGHT) -> Clip:

@@ -12,7 +12,7 @@ from random_scene import random_scene
 
 from f4x_core.errors import F4xError
 from f4x_core.fit.advice import findings, scaffold_coverage, track_survival, verdict
-from f4x_core.fit.diagnostics import ScenePictures, draw_pictures, worst_frames, write_diagnostics
+from f4x_core.fit.diagnostics import ScenePreviews, render_previews, worst_frames, write_diagnostics
 from f4x_core.fit.needs import Need
 from f4x_core.fit.pipeline import FitResult
 from f4x_core.scaffold import Scaffold
@@ -99,7 +99,7 @@ def test_page_is_whole_and_self_contained(tmp_path: Path, moving: bool):
     assert frames == [7, 6]
     page = tmp_path / "diagnostics.html"
     worst = {frame: clip.frames[frame] / 255 for frame in frames}
-    word = write_diagnostics(page, clip, result, metrics, ScenePictures(worst, [made_up_moment(clip)]))
+    word = write_diagnostics(page, clip, result, metrics, ScenePreviews(worst, [made_up_moment(clip)]))
     text = page.read_text()
     assert f"The scene is {word}: " in text
     checker = Checker()
@@ -127,7 +127,7 @@ def test_page_survives_missing_priors(tmp_path: Path):
             clip,
             replace(result, scene=replace(result.scene, scaffold=None), history=[]),
             {},
-            ScenePictures({}),
+            ScenePreviews({}),
         )
         == ""
     )
@@ -137,7 +137,7 @@ def test_page_survives_missing_priors(tmp_path: Path):
 def test_pictures_are_the_worst_frames_and_moments_of_used_ones():
     scene = random_scene()
     rows = [{"frame": i, "psnr": 30.0 - i} for i in range(len(scene.cameras))]
-    pictures = draw_pictures(scene, {"frames": rows})
+    pictures = render_previews(scene, {"frames": rows})
     assert list(pictures.worst) == [5, 4, 3, 2]
     indices = [moment.index for moment in pictures.moments]
     assert len(set(indices)) == 3 and not set(indices) & set(scene.held_out)
@@ -146,7 +146,7 @@ def test_pictures_are_the_worst_frames_and_moments_of_used_ones():
 def test_page_that_cannot_be_written_is_one_error(tmp_path: Path):
     clip, result, metrics = made_up()
     with pytest.raises(F4xError, match="nowhere"):
-        write_diagnostics(tmp_path / "nowhere" / "page.html", clip, result, metrics, ScenePictures({}))
+        write_diagnostics(tmp_path / "nowhere" / "page.html", clip, result, metrics, ScenePreviews({}))
 
 
 def test_survival_counts_only_tracks_that_could_get_old():
@@ -260,7 +260,7 @@ def test_the_page_knows_the_profile_of_its_fit(tmp_path: Path):
     clip, result, metrics = made_up()
     for profile in ("quick", "wild"):
         result.scene.provenance["config"]["name"] = profile
-        write_diagnostics(tmp_path / "page.html", clip, result, metrics | {"used_psnr": 24.0}, ScenePictures({}))
+        write_diagnostics(tmp_path / "page.html", clip, result, metrics | {"used_psnr": 24.0}, ScenePreviews({}))
         assert ("--profile wild takes more steps" in (tmp_path / "page.html").read_text()) == (profile == "quick")
 
 

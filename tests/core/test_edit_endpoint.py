@@ -28,7 +28,7 @@ from f4x_core.edit.operations import (
     Style,
     Transform,
 )
-from f4x_core.edit.reply import Choice, Reply, read_answer, schema_of
+from f4x_core.edit.reply import ChangeList, Choice, read_answer, schema_of
 from f4x_core.edit.request import Request
 from f4x_core.edit.selects import All, And, Current, Instance, Moving, Named, Not, Text
 from f4x_core.errors import F4xError
@@ -50,7 +50,7 @@ def server():
 
 
 def read(*operations, request=REQUEST):
-    return tuple(c.operation(request) for c in read_answer(Reply, {"operations": list(operations)}).operations)
+    return tuple(c.operation(request) for c in read_answer(ChangeList, {"operations": list(operations)}).operations)
 
 
 def formats(stub):
@@ -270,7 +270,7 @@ def nodes(schema):
 
 
 def test_the_schema_is_what_strict_servers_take():
-    objects = [node for node in nodes(schema_of(Reply)) if isinstance(node, dict)]
+    objects = [node for node in nodes(schema_of(ChangeList)) if isinstance(node, dict)]
     shapes = [node for node in objects if node.get("type") == "object"]
     assert len(shapes) > 10
     for shape in shapes:
@@ -286,7 +286,7 @@ def test_the_schema_is_what_strict_servers_take():
     }
 
 
-@pytest.mark.parametrize("kind", [Reply, Choice])
+@pytest.mark.parametrize("kind", [ChangeList, Choice])
 def test_llama_cpp_takes_the_schema(kind):
     xllamacpp = pytest.importorskip("xllamacpp", reason="xllamacpp, the llama.cpp server, is not installed")
     assert len(xllamacpp.json_schema_to_grammar(json.dumps(schema_of(kind)))) > 100

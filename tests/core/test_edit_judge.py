@@ -12,21 +12,21 @@ from f4x_core.edit.judge import (
     MEASURED,
     STILL,
     ask_which,
+    candidate_sheet,
     compare,
-    contact_sheet,
     difference,
+    dilate,
     flicker,
-    grown,
     judge,
     views_of,
 )
 from f4x_core.edit.operations import Delete, Duplicate, Extract, Freeze, Name, Opacity, Recolour, Transform
-from f4x_core.edit.resolve import Context, Resolver
+from f4x_core.edit.resolve import EditorState, Resolver
 from f4x_core.edit.selects import All, Ids, Text
 from f4x_core.errors import F4xError
 from f4x_core.query.prompts import select_by_text
 from f4x_core.query.selection import Selection
-from f4x_core.scene.picture import GAP, LABEL_HEIGHT, MARGIN, MARK
+from f4x_core.scene.visualise import GAP, LABEL_HEIGHT, MARGIN, MARK
 
 SQUARE, GREEN = Text(("square",)), (0.0, 1.0, 0.0)
 
@@ -44,7 +44,7 @@ def parts(scene):
 
 
 def verdict(scene, asked, candidates, **more):
-    return judge(scene, "make it green", [asked], [(c,) for c in candidates], Resolver(Context()), **more)
+    return judge(scene, "make it green", [asked], [(c,) for c in candidates], Resolver(EditorState()), **more)
 
 
 def test_compare_by_counting():
@@ -57,7 +57,7 @@ def test_compare_by_counting():
     coverage = sum(change[y, x] > 0.02 for y, x in np.argwhere(target)) / target.sum()
     leakage = sum(change[y, x] for y, x in np.argwhere(~inside)) / change.sum()
     assert compare(before, after, target) == pytest.approx((coverage, leakage))
-    assert (grown(target) == inside).all() and np.allclose(difference(before, after), change)
+    assert (dilate(target) == inside).all() and np.allclose(difference(before, after), change)
     assert compare(before, before, target) == (0, 0) and compare(before, after, target & False)[0] == 0
 
 
@@ -141,12 +141,12 @@ def test_a_model_that_chooses_nobody_is_replaced_by_numbers(scene, parts, answer
         found = verdict(scene, Recolour(SQUARE, GREEN), candidates, server=client(stub))
         assert found.best == 0 and found.judged_by == MEASURED and "measured instead" in found.notes[0]
         with pytest.raises(F4xError, match="cannot be used"):
-            ask_which(client(stub), "x", contact_sheet(scene, []), 3)
+            ask_which(client(stub), "x", candidate_sheet(scene, []), 3)
 
 
 def test_the_contact_sheet_shows_all_and_marks_the_winner(scene, parts):
     candidates = [(Recolour(Ids.of(parts["right"]), GREEN),), (Delete(All()),)]
-    sheet = np.asarray(contact_sheet(scene, candidates, best=0))
+    sheet = np.asarray(candidate_sheet(scene, candidates, best=0))
     assert sheet.shape == (LABEL_HEIGHT + 4 * (HEIGHT + GAP), MARGIN + 3 * (WIDTH + GAP), 3)
 
     def cell(row, column):
@@ -154,12 +154,12 @@ def test_the_contact_sheet_shows_all_and_marks_the_winner(scene, parts):
         return sheet[top : top + HEIGHT, left : left + WIDTH].astype(int)
 
     mask = square_mask(views_of(scene)[1].time)
-    assert np.abs(cell(1, 0) - cell(1, 1))[mask].mean() > 20 > np.abs(cell(1, 0) - cell(1, 1))[~grown(mask)].mean()
+    assert np.abs(cell(1, 0) - cell(1, 1))[mask].mean() > 20 > np.abs(cell(1, 0) - cell(1, 1))[~dilate(mask)].mean()
     assert cell(1, 2).max() == 0
     marked = (sheet == MARK).all(-1).any(0)
     columns = np.flatnonzero(marked)
     assert columns.min() >= MARGIN + WIDTH and columns.max() < MARGIN + 2 * (WIDTH + GAP)
-    assert not (np.asarray(contact_sheet(scene, candidates)) == MARK).all(-1).any()
+    assert not (np.asarray(candidate_sheet(scene, candidates)) == MARK).all(-1).any()
 
 
 def test_an_edit_is_measured_against_true_masks(scene):
@@ -183,7 +183,7 @@ def test_what_is_not_known_does_not_count(scene, parts):
     much = Selection(scene.ids, np.isin(scene.ids, parts["much"]) * 1.0, np.zeros(len(scene.ids), bool))
     mask = square_mask(2)
     (everything, near) = (
-        measure_edit(scene, much, [(scene.cameras[2], 2.0, mask, known)]) for known in (mask | True, grown(mask))
+        measure_edit(scene, much, [(scene.cameras[2], 2.0, mask, known)]) for known in (mask | True, dilate(mask))
     )
     assert everything["leakage"] > 0.2 and near["leakage"] < 1e-6 and near["iou"] > everything["iou"] + 0.2
 

@@ -149,7 +149,7 @@ def test_exact_in_the_file(tmp_path):
     write_scene(SCENE, file)
     write_stack(file, of(SCENE).append(CHANGES["all"], "by hand"))
     (edit,) = read_stack(file).edits
-    assert edit.operation == CHANGES["all"] and edit.said == "by hand"
+    assert edit.operation == CHANGES["all"] and edit.sentence == "by hand"
     xyz, quat = edit.operation.arrays
     assert xyz.dtype == quat.dtype == np.float32 and xyz.shape == (len(FRAMES), 3, 3)
 

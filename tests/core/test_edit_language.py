@@ -14,7 +14,7 @@ from f4x_core.edit import styles
 from f4x_core.edit.colour_names import COLOURS
 from f4x_core.edit.commands import COMMANDS, SHOWN
 from f4x_core.edit.grammar import VOCABULARY
-from f4x_core.edit.language import LONGEST, Refusal, describe, nearest, parse
+from f4x_core.edit.language import MAX_CHARACTERS, Refusal, describe, nearest, parse
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Transform, read_operation
 from f4x_core.edit.selects import Current, Ids, Instance, Named, Not, Or, Text
 from f4x_core.errors import F4xError
@@ -250,7 +250,7 @@ def test_any_text_gives_operations_or_a_refusal(text, selected):
 def test_long_texts_take_bounded_time(part):
     """Three times the text takes 27 times as long at most, on any machine; what is too long is refused without being read."""
     took = []
-    for length in (LONGEST // 3, LONGEST, 10_000):
+    for length in (MAX_CHARACTERS // 3, MAX_CHARACTERS, 10_000):
         text, start = (part * length)[:length], time.process_time()
         with suppress(Refusal):
             say(text)

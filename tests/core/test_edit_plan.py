@@ -18,7 +18,7 @@ from f4x_core.edit.connected_objects import label_components, pick_object, split
 from f4x_core.edit.display import Display
 from f4x_core.edit.language import Refusal, describe
 from f4x_core.edit.operations import Delete, Duplicate, Freeze, Match, Name, Opacity, Recolour, Transform
-from f4x_core.edit.resolve import Context, labels_of, resolve, rows_of
+from f4x_core.edit.resolve import EditorState, labels_of, resolve, rows_of
 from f4x_core.edit.selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, Text
 from f4x_core.edit.stack import of
 from f4x_core.errors import F4xError
@@ -28,7 +28,7 @@ from f4x_core.query.prompts import select_by_text
 from f4x_core.scene import StaticSet, read_scene, write_scene
 from f4x_core.scene.view import render
 
-SQUARE, HERE = Text(("square",)), Context(frame=2.0)
+SQUARE, HERE = Text(("square",)), EditorState(frame=2.0)
 RED = (1.0, 0.0, 0.0)
 WIDE = 0.24
 
@@ -81,7 +81,7 @@ def test_what_means_the_same_always_stays(scene, select):
 def test_names_stay_and_current_becomes_ids(scene):
     named = with_operations(scene, resolve(scene, Name(SQUARE, "rex"), HERE))
     assert resolve(named, Delete(Named("rex")), HERE).select == Named("rex")
-    here = Context(select_by_text(scene, ["square"]), 2.0)
+    here = EditorState(select_by_text(scene, ["square"]), 2.0)
     assert set(resolve(scene, Delete(Current()), here).select.array.tolist()) == square_of(scene)
     match = resolve(scene, Match(Current(), Text(("wall",), ("square",))), here)
     assert len(match.source.array) == len(scene.static)
@@ -144,7 +144,7 @@ def test_widths_and_camera_axes_become_the_worlds(scene):
     assert np.allclose(found.translate, wide * (-2 * right + 0.5 * ahead), atol=0.02)
     assert np.allclose(found.rotate, (0, 90, 0), atol=1e-9)  # the camera turns about the vertical alone
     assert (found.unit, found.axes, found.frames) == ("world", "world", (4.0, 5.0))
-    at_present = resolve(turned, replace(said, frames=None), Context(frame=1.0))
+    at_present = resolve(turned, replace(said, frames=None), EditorState(frame=1.0))
     assert np.allclose(at_present.translate, (-2 * WIDE, 0, 0.5 * WIDE), atol=0.02)
     plain = Transform(SQUARE, (0.5, 0.0, 0.0), frames=(4.0, 5.0))
     assert resolve(turned, plain, HERE).translate == (0.5, 0.0, 0.0)
@@ -234,7 +234,7 @@ def test_a_sentence_becomes_an_edit_of_the_file(scene, path):
     seen = plan.preview(read_scene(path), proposal.chosen)
     assert path.read_bytes() == before and len(seen.edits) == 1
     stack = plan.apply(path, proposal.chosen)
-    assert stack.edits[0].said == "make the square red from frame 2 to 4"
+    assert stack.edits[0].sentence == "make the square red from frame 2 to 4"
     now = edited(read_scene(path))
     shown = now.posed(3.0).arrays()
     assert all(np.array_equal(array, shown[name]) for name, array in seen.posed(3.0).arrays().items())

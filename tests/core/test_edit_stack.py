@@ -96,7 +96,7 @@ def test_merge_takes_both_sides():
     ours = base.replace(1, OPERATIONS[4]).append(OPERATIONS[5], "ours")
     theirs = base.enable(3, False).remove(2).append(OPERATIONS[6], "theirs")
     merged = merge(base, ours, theirs)
-    assert [(e.id, e.operation, e.enabled, e.said) for e in merged.edits] == [
+    assert [(e.id, e.operation, e.enabled, e.sentence) for e in merged.edits] == [
         (1, OPERATIONS[4], True, ""),
         (3, OPERATIONS[2], False, ""),
         (4, OPERATIONS[5], True, "ours"),

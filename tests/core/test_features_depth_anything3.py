@@ -15,7 +15,7 @@ from f4x_core.errors import F4xError  # noqa: E402
 from f4x_core.features.models import depth_anything3, providers  # noqa: E402
 from f4x_core.features.models.depth import GUESS, TRUST  # noqa: E402
 from f4x_core.features.models.views import Views, predict_in_one_world  # noqa: E402
-from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor  # noqa: E402
+from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor  # noqa: E402
 from f4x_core.geometry import pose, quaternion  # noqa: E402
 from f4x_core.geometry.camera import CameraPath  # noqa: E402
 from f4x_core.priors import CamerasConfig, DepthConfig, Priors, PriorsConfig, build_priors  # noqa: E402
@@ -300,7 +300,7 @@ def test_checkpoint_opens_and_its_answer_is_the_networks(tiny, capsys):
     assert views.intrinsics[:, 0, 2] == pytest.approx(w / 2)
     rotation = views.world_to_camera[:, :3, :3]
     assert rotation @ rotation.transpose(0, 2, 1) == pytest.approx(np.tile(np.eye(3), (4, 1, 1)), abs=1e-5)
-    pictures = torch.cat([picture_tensor(rgb, (h, w), IMAGENET_MEAN, IMAGENET_STD, mode="bicubic") for rgb in frames])
+    pictures = torch.cat([image_tensor(rgb, (h, w), IMAGENET_MEAN, IMAGENET_STD, mode="bicubic") for rgb in frames])
     with torch.no_grad():
         asked = made(pictures[None])
     assert np.abs(asked["depth"][0].numpy() - views.depth).max() == 0

@@ -90,19 +90,19 @@ def test_pca_finds_planted_directions_and_keeps_its_signs():
     np.testing.assert_allclose(np.abs((pca.basis * basis).sum(1)), 1, atol=1e-3)
     assert (np.take_along_axis(pca.basis, np.abs(pca.basis).argmax(1)[:, None], 1) > 0).all()
     np.testing.assert_allclose(fit_pca(samples[::-1]).basis, pca.basis, atol=1e-5)
-    picture = pca.picture(samples.reshape(40, 100, 9))
+    picture = pca.to_rgb(samples.reshape(40, 100, 9))
     assert picture.dtype == np.uint8
     assert 0.005 < (picture == 0).mean() < 0.02 and 0.005 < (picture == 255).mean() < 0.02
 
 
 @pytest.mark.parametrize("channels", [1, 2])
 def test_pca_of_few_channels_and_of_nothing(channels):
-    assert fit_pca(np.random.default_rng(0).normal(size=(50, channels))).picture(np.ones((2, 3, channels))).shape == (
+    assert fit_pca(np.random.default_rng(0).normal(size=(50, channels))).to_rgb(np.ones((2, 3, channels))).shape == (
         2,
         3,
         3,
     )
-    assert (fit_pca(np.zeros((0, 5))).picture(np.ones((2, 2, 5))) == 0).all()
+    assert (fit_pca(np.zeros((0, 5))).to_rgb(np.ones((2, 2, 5))) == 0).all()
 
 
 @pytest.mark.parametrize(("rank", "width"), [(5, 8), (14, 16), (30, 32), (200, 64)])

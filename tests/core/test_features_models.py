@@ -19,7 +19,7 @@ from f4x_core.features.memory import memory_guard  # noqa: E402
 from f4x_core.features.models import CHECKPOINTS, depth, loading, providers, sam2, smolvlm, textimage  # noqa: E402
 from f4x_core.features.models.prompt import check_prompt  # noqa: E402
 from f4x_core.features.precomputed import LAYOUTS  # noqa: E402
-from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor  # noqa: E402
+from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor  # noqa: E402
 from f4x_core.features.teachers import TEACHERS  # noqa: E402
 from f4x_core.features.text import load_text_encoder  # noqa: E402
 from f4x_core.geometry.camera import CameraPath  # noqa: E402
@@ -85,7 +85,7 @@ def decoder(bypass, levels, skips=True, size=SIZE):
 def pixel_path(model, t, points=None, labels=None, box=None, mask=None):
     """Frame -> logits of the unchanged model on the frames themselves, called as its documentation says."""
     side = model.image_size
-    video = torch.cat([picture_tensor(frame, (side, side), IMAGENET_MEAN, IMAGENET_STD) for frame in FRAMES])
+    video = torch.cat([image_tensor(frame, (side, side), IMAGENET_MEAN, IMAGENET_STD) for frame in FRAMES])
     session = transformers.Sam2VideoInferenceSession(
         video=video, video_height=SIZE[0], video_width=SIZE[1], dtype=torch.float32
     )
@@ -216,7 +216,7 @@ def test_sine_position_encoding_is_the_models_own(tiny):
 def test_teachers_give_the_pyramid_that_their_spec_promises(tiny, levels):
     model = transformers.Sam2VideoModel.from_pretrained(tiny("sam2")).eval()
     with torch.no_grad():
-        pixels = picture_tensor(FRAMES[3], (128, 128), IMAGENET_MEAN, IMAGENET_STD)
+        pixels = image_tensor(FRAMES[3], (128, 128), IMAGENET_MEAN, IMAGENET_STD)
         pyramid = model.get_image_features(pixels, return_dict=True).fpn_hidden_states
     for head, level in sam2.LEVELS.items():
         spec = sam2.Sam2Teacher(tiny("sam2"), head=head).spec_for(64, 48)
@@ -342,7 +342,7 @@ def test_a_picture_of_one_window_is_read_as_one(tiny):
     with torch.no_grad():
         vision = teacher.model.vision_model
         layer = vision.encoder.layer[-1]
-        tokens = textimage.tokens_before(vision, layer.norm1, picture_tensor(picture, (56, 56)))
+        tokens = textimage.tokens_before(vision, layer.norm1, image_tensor(picture, (56, 56)))
         cells = vision.layernorm(textimage.tipsv2_block(layer, tokens, textimage.values_only))[0, 2:]
     expected = torch.nn.functional.normalize(cells, dim=-1).reshape(4, 4, -1).numpy()
     assert np.abs(teacher.encode(picture) - expected).max() <= 1e-6
@@ -414,7 +414,7 @@ def test_features_in_the_embeddings_equal_pixels(vlm, vision_grid, calls):
     text = vlm.prompt([0, 1], "a photo of the cat")
     side = vlm.model.config.vision_config.image_size
     pixels = torch.cat(
-        [picture_tensor(frame, (side, side), smolvlm.MEAN, smolvlm.STD, mode="bicubic") for frame in FRAMES[:2]]
+        [image_tensor(frame, (side, side), smolvlm.MEAN, smolvlm.STD, mode="bicubic") for frame in FRAMES[:2]]
     )
     ids = vlm.tokenizer(text, return_tensors="pt", add_special_tokens=False)
     with torch.no_grad():
@@ -430,7 +430,7 @@ def test_features_in_the_embeddings_equal_pixels(vlm, vision_grid, calls):
     assert (blind - expected).abs().max() > 1e-2
     new = told[0, ids["input_ids"].shape[1] :]
     calls.smolvlm = 0
-    answer = vlm.answer(list(vision_grid), [0, 1], "a photo of the cat", longest=6)
+    answer = vlm.answer(list(vision_grid), [0, 1], "a photo of the cat", max_tokens=6)
     assert calls.smolvlm == 0
     assert answer == vlm.tokenizer.decode(new, skip_special_tokens=True).strip()
 

@@ -15,7 +15,7 @@ from f4x_core.clip import Clip, write_images
 from f4x_core.errors import Cancelled, F4xError
 from f4x_core.features import offline, teachers, text, weights
 from f4x_core.features.precomputed import LIMIT
-from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor, resize_map
+from f4x_core.features.preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size, resize_map
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.features.teachers import TEACHERS, TeacherEntry, extract
 from f4x_core.features.text import TEXT_ENCODERS, average_templates, load_text_encoder
@@ -46,7 +46,7 @@ class Means:
     def encode_clip(self, frames):
         for rgb in frames:
             Means.looks += 1
-            yield resize_map(picture_tensor(rgb, rgb.shape[:2]), (2, 2), "area")[0].permute(1, 2, 0).numpy()
+            yield resize_map(image_tensor(rgb, rgb.shape[:2]), (2, 2), "area")[0].permute(1, 2, 0).numpy()
         self.glob = np.array([1.0, 2.0, 3.0])
 
 
@@ -63,14 +63,14 @@ def means(monkeypatch):
 def test_a_picture_of_the_right_size_is_only_normalised():
     rgb = np.random.default_rng(1).integers(0, 256, (4, 6, 3), dtype=np.uint8)
     expected = (rgb / 255 - IMAGENET_MEAN) / IMAGENET_STD
-    got = picture_tensor(rgb, (4, 6), IMAGENET_MEAN, IMAGENET_STD)
+    got = image_tensor(rgb, (4, 6), IMAGENET_MEAN, IMAGENET_STD)
     np.testing.assert_allclose(got[0].permute(1, 2, 0), expected, atol=1e-6)
 
 
 def test_shrinking_averages_what_it_covers():
     rgb = np.zeros((8, 8, 3), np.uint8)
     rgb[:, ::2] = 200  # stripes that a plain bilinear read of every 8th pixel would miss
-    assert picture_tensor(rgb, (1, 1))[0, 0, 0, 0] == pytest.approx(100 / 255, abs=1 / 255)
+    assert image_tensor(rgb, (1, 1))[0, 0, 0, 0] == pytest.approx(100 / 255, abs=1 / 255)
 
 
 def test_input_sizes_keep_the_shape_of_the_picture():
@@ -147,7 +147,7 @@ class Slow(Means):
 
     def encode(self, rgb):
         Means.looks += 1
-        return resize_map(picture_tensor(rgb, rgb.shape[:2]), (2, 2), "area")[0].permute(1, 2, 0).numpy()
+        return resize_map(image_tensor(rgb, rgb.shape[:2]), (2, 2), "area")[0].permute(1, 2, 0).numpy()
 
 
 @pytest.mark.parametrize("rank", [None, 2])

@@ -456,7 +456,6 @@ RATES = RateConfig(
     radius=7e-3,
     camera_rotation=(2e-4, 2e-6),
     camera_position=(9e-5, 9e-6),
-    focal=5e-4,
 )
 
 
@@ -472,7 +471,6 @@ def test_nodes_and_cameras_learn_at_rates_that_fall_and_cameras_begin_late(scene
             "radius_logit": 7e-3,
             "camera_rotation": cameras * 2e-4 * 0.01**gone,
             "camera_position": cameras * 9e-5 * 0.1**gone,
-            "focal": cameras * 5e-4,
         }
     )
 

@@ -9,7 +9,7 @@ from f4x_core.clip import Clip
 from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors import PriorsConfig, build_priors
-from f4x_core.priors.depth import FARTHEST
+from f4x_core.priors.depth import MAX_DEPTH
 from f4x_core.priors.synthetic import read_passes
 
 OpenEXR = pytest.importorskip("OpenEXR")
@@ -96,7 +96,7 @@ def test_truth_becomes_priors(rendered, tmp_path):
     assert list(priors.frames) == [0, 1, 3, 4, 5]
     assert priors.camera_kind == "moving"
     assert np.nanmedian(priors.depth) == pytest.approx(1)
-    assert (priors.depth[:, :4] == FARTHEST).all() and (priors.depth_confidence == 1).all()  # the sky has a place
+    assert (priors.depth[:, :4] == MAX_DEPTH).all() and (priors.depth_confidence == 1).all()  # the sky has a place
     assert priors.depth[0, 10, 22] == pytest.approx(BALL / WALL)
     step = np.diff(priors.cameras.centers[:, 0])
     np.testing.assert_allclose(step, np.array([1, 2, 1, 1]) * STEP / WALL)

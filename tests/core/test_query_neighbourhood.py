@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from labelled_scene import SQUARE, WALL, labelled_scene
 
-from f4x_core.query.neighbourhood import FINE, grown, meeting, shrunk
+from f4x_core.query.neighbourhood import FINE, grow_selection, meeting, shrink_selection
 
 REACH = 0.1
 
@@ -19,7 +19,7 @@ def cloud():
 def test_growing_finds_what_is_within_reach_to_a_cell(cloud):
     points, chosen = cloud
     nearest = np.linalg.norm(points[:, None] - points[chosen], axis=-1).min(1)
-    found, cell = grown(points, chosen, REACH), np.sqrt(3) * REACH / FINE
+    found, cell = grow_selection(points, chosen, REACH), np.sqrt(3) * REACH / FINE
     assert found[chosen].all()
     assert found[nearest < REACH - cell].all() and not found[nearest > REACH + cell].any()
     assert chosen.sum() < found.sum() < len(points)
@@ -27,21 +27,21 @@ def test_growing_finds_what_is_within_reach_to_a_cell(cloud):
 
 def test_shrinking_is_growing_of_the_rest(cloud):
     points, chosen = cloud
-    np.testing.assert_array_equal(shrunk(points, chosen, REACH), ~grown(points, ~chosen, REACH))
-    assert 0 < shrunk(points, chosen, REACH).sum() < chosen.sum()
+    np.testing.assert_array_equal(shrink_selection(points, chosen, REACH), ~grow_selection(points, ~chosen, REACH))
+    assert 0 < shrink_selection(points, chosen, REACH).sum() < chosen.sum()
 
 
 @pytest.mark.parametrize("chosen", [False, True])
 def test_nothing_grows_to_nothing_and_all_stays_all(cloud, chosen):
     points, _ = cloud
     every = np.full(len(points), chosen)
-    np.testing.assert_array_equal(grown(points, every, REACH), every)
+    np.testing.assert_array_equal(grow_selection(points, every, REACH), every)
 
 
 def test_a_floater_far_away_costs_no_memory(cloud):
     points, chosen = cloud
     far = np.concatenate([points, [[1e6, 0, 0]]]).astype(np.float32)
-    assert not grown(far, np.append(chosen, False), REACH)[-1]
+    assert not grow_selection(far, np.append(chosen, False), REACH)[-1]
 
 
 def test_a_ray_meets_the_nearer_surface():

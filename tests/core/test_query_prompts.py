@@ -8,7 +8,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import View, orbit, original
 from f4x_core.query.blend_weights import blend_weight_sums, lift_masks
 from f4x_core.query.labels import ask_for
-from f4x_core.query.pixels import coverage_image, head_map, heat_map, mask_video, text_picture
+from f4x_core.query.pixels import coverage_image, head_map, heat_map, mask_video, text_score_map
 from f4x_core.query.prompts import (
     select_by_box,
     select_by_mask,
@@ -107,7 +107,7 @@ def test_a_scene_without_field_has_no_words(plain):
 def test_text_pictures_are_probabilities_from_any_view(scene):
     query = ask_for(scene, ["square"], ["wall"])
     for camera, time in (*original(scene.cameras)[::3], *orbit(scene.cameras, degrees=4, count=3)):
-        picture = text_picture(scene, query, camera, time)
+        picture = text_score_map(scene, query, camera, time)
         mask = coverage_image(scene, select_by_text(scene, ["square"]), camera, time) > 0.5
         assert overlap(picture[..., 0] > 0.5, mask) > 0.9
         np.testing.assert_allclose(picture[mask].sum(-1), 1, atol=1e-5)

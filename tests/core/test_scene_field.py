@@ -129,8 +129,8 @@ def test_decoding_is_the_perceptron_of_the_head_room():
 def test_pictures_of_a_head_are_those_of_its_features():
     head = SCENE.features.head("text")
     latent = np.random.default_rng(0).normal(size=(5, 6, WIDTH)).astype(np.float32)
-    wanted = head.pca.picture(head(latent)).astype(int)
-    assert np.abs(head.picture(latent) - wanted).max() <= 1
+    wanted = head.pca.to_rgb(head(latent)).astype(int)
+    assert np.abs(head.to_rgb(latent) - wanted).max() <= 1
 
 
 def test_rendered_latent_and_head():
@@ -251,7 +251,7 @@ for name in ("torch", "scipy", "cv2", "PIL"):
 from f4x_core.scene import read_scene
 scene = read_scene(sys.argv[1])
 field = scene.features
-print(field.decode("text", scene.latents()).shape, field.head("text").picture(scene.latents()).shape)
+print(field.decode("text", scene.latents()).shape, field.head("text").to_rgb(scene.latents()).shape)
 """
     root = Path(__file__).resolve().parents[2]
     done = subprocess.run([sys.executable, "-c", program, str(path)], cwd=root, capture_output=True, text=True)

@@ -12,8 +12,8 @@ from f4x_core.geometry.camera import CameraPath
 from f4x_core.raster import RasterConfig
 from f4x_core.scaffold import Scaffold
 from f4x_core.scene import DynamicSet, Scene, StaticSet
-from f4x_core.scene.picture import colour_depth, colour_motion, depth_range
 from f4x_core.scene.view import fitted_config, render, render_trajectory, screen_motion
+from f4x_core.scene.visualise import colour_depth, colour_motion, depth_range
 
 pytest.importorskip("torch", reason="the reference raster needs torch")
 

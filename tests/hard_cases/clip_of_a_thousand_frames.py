@@ -42,10 +42,10 @@ def check():
     with tempfile.TemporaryDirectory() as folder:
         scene = fit_shot(shot, read, Path(folder), small())
         first = read_scene(Path(folder) / "windows/000/scene.f4x")
-        told = evaluate_shot(scene, shot, read)
-    psnr = np.array([row["psnr"] for row in told["frames"]])
+        reported = evaluate_shot(scene, shot, read)
+    psnr = np.array([row["psnr"] for row in reported["frames"]])
     yield that("there are a thousand cameras", len(scene.cameras) == FRAMES == len(psnr))
-    yield within("dB lost at seams", max(told["rest_psnr"] - told["seam_psnr"], 0.0), LOST_AT_SEAMS)
+    yield within("dB lost at seams", max(reported["rest_psnr"] - reported["seam_psnr"], 0.0), LOST_AT_SEAMS)
     lost = max(psnr[:PASS].mean() - psnr[-PASS:].mean(), 0.0)
     yield within("dB lost from the first pass to the last", lost, LOST_AT_THE_END)
     yield within("background, in backgrounds of the first window", len(scene.static) / len(first.static), 1.5)

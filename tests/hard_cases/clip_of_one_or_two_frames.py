@@ -7,7 +7,7 @@ Why: a fit runs to its end and shows nonsense from anywhere but the camera.
 Must hold: refused before any work, with the number that is needed; three frames are fitted, and it is said they are few.
 """
 
-from benchmarks.studies.hard_cases import refused, told
+from benchmarks.studies.hard_cases import refused, reported
 
 from .common.film import film, mover, room
 from .common.fitting import fit
@@ -22,4 +22,4 @@ def check():
             f"{frames} frames", "too few to tell motion from parallax; give at least 3", lambda clip=clip: fit(clip)
         )
     fitted = fit(film(room(mover()), frames=3, hold_out=0))
-    yield told("three frames", "Only 3 frames were used", fitted.said)
+    yield reported("three frames", "Only 3 frames were used", fitted.messages)

@@ -19,4 +19,4 @@ def check():
     card = Card(checks(0.2, 4.0), (0.12, 0.12), gliding((0.38, 0, 0.35), (-0.07, 0, 0)), moves=True)
     fitted = fit(film(room(card)))
     yield from judge(fitted, "can be followed")
-    yield that("no cut is made up", not any("shots" in text for text in fitted.said))
+    yield that("no cut is made up", not any("shots" in text for text in fitted.messages))

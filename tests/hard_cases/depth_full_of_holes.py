@@ -7,7 +7,7 @@ Why: one NaN in a loss spoils every parameter; lifting a track without depth put
 Must hold: holes are said and stepped over; no depth at all is refused with advice.
 """
 
-from benchmarks.studies.hard_cases import refused, told
+from benchmarks.studies.hard_cases import refused, reported
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge, np
@@ -21,6 +21,6 @@ def check():
     holes[shot.mask] = np.nan
     fitted = fit(shot, depth=holes)
     yield from judge(fitted, "have no depth")
-    yield told("holes are said", "have no depth", fitted.said)
+    yield reported("holes are said", "have no depth", fitted.messages)
     nothing = np.full_like(shot.depth, np.nan)
     yield refused("no depth at all", "depth", lambda: fit(shot, depth=nothing))

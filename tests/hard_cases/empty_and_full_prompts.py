@@ -31,5 +31,5 @@ def check():
         empty = select_by_mask(scene, np.zeros((40, 64), bool), 1)
         yield that("nothing from nothing", not empty.chosen.any())
     except F4xError as reason:
-        yield Check("nothing from nothing", "refused", said=str(reason))
+        yield Check("nothing from nothing", "refused", message=str(reason))
     yield refused("another aspect", "in its proportions", lambda: select_by_mask(scene, np.ones((40, 40), bool), 1))

@@ -7,7 +7,7 @@ Why: no moving pixel means no track, no scaffold, no dynamic Gaussian; means ove
 Must hold: a static scene, and it is said that nothing was taken to move.
 """
 
-from benchmarks.studies.hard_cases import that, told
+from benchmarks.studies.hard_cases import reported, that
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge, np
@@ -20,4 +20,4 @@ def check():
     fitted = fit(shot, mask=np.zeros_like(shot.mask))
     yield from judge(fitted, "Nothing was taken to move")
     yield that("no dynamic Gaussian", len(fitted.scene.dynamic) == 0 and fitted.scene.scaffold is None)
-    yield told("nothing moves", "Nothing was taken to move", fitted.said)
+    yield reported("nothing moves", "Nothing was taken to move", fitted.messages)

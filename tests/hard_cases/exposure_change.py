@@ -7,7 +7,7 @@ Why: the same thing has another colour in every frame; the scene becomes their m
 Must hold: it is said that the exposure changes, and by how much.
 """
 
-from benchmarks.studies.hard_cases import told, within
+from benchmarks.studies.hard_cases import reported, within
 
 from .common.film import film, mover, room
 from .common.fitting import fit, judge
@@ -19,6 +19,6 @@ def check():
     clip = film(room(mover()), gain=lambda time: 1 - 0.045 * time)
     fitted = fit(clip)
     yield from judge(fitted, "exposure changes")
-    yield told("the exposure is spoken of", "exposure changes", fitted.said)
+    yield reported("the exposure is spoken of", "exposure changes", fitted.messages)
     found = fitted.priors.statistics["changes"]["exposure"]
     yield within("by how much, relative", abs(found / (1 / (1 - 0.045 * 11)) - 1), 0.2)

@@ -20,4 +20,4 @@ def check():
     yield from judge(fitted)
     yield that("the camera moves", fitted.priors.camera_kind == "moving")
     yield that("something moves", len(fitted.scene.dynamic) > 0)
-    yield that("no false alarm", not any("shots" in text or "exposure" in text for text in fitted.said))
+    yield that("no false alarm", not any("shots" in text or "exposure" in text for text in fitted.messages))

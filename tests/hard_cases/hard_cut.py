@@ -7,7 +7,7 @@ Why: one scene is made of two, and every camera of the second half is invented.
 Must hold: it is said that the clip holds two shots, and at which frame to part them.
 """
 
-from benchmarks.studies.hard_cases import told
+from benchmarks.studies.hard_cases import reported
 
 from .common.film import Card, checks, film, mover, room, standing
 from .common.fitting import fit, judge
@@ -22,4 +22,4 @@ def check():
     ]
     fitted = fit(film(room(mover()), cut_to=(5, other)))
     yield from judge(fitted, "2 shots")
-    yield told("where to part it", "2 shots, cut at frame 5", fitted.said)
+    yield reported("where to part it", "2 shots, cut at frame 5", fitted.messages)

@@ -18,7 +18,7 @@ from .common.fitting import fit, judge
 STAGE, SLOW = "fit", True
 GLASS = 1.5
 """Depth of the mirror."""
-LEAST_PIXELS = 20
+MIN_PIXELS = 20
 
 
 def mirrored(card: Card) -> Card:
@@ -40,7 +40,7 @@ def check():
     for t in np.flatnonzero(shot.clip.held_out):
         seen = trace([*still, replace(card, moves=False), mirrored(card)], shot.cameras[int(t)], t)[2].sum()
         yield that(
-            f"the mover's image has {LEAST_PIXELS} pixels or more in frame {t}, which is unseen", seen >= LEAST_PIXELS
+            f"the mover's image has {MIN_PIXELS} pixels or more in frame {t}, which is unseen", seen >= MIN_PIXELS
         )
     known = "what a mirror shows is blurred into what is seen around it, and no sentence names the mirror"
     yield from judge(fit(shot), "can be followed", known, at_most=3)

@@ -15,7 +15,7 @@ from .common.fitting import fit, judge
 STAGE, SLOW = "fit", True
 RAYS = 4
 """Along either side of a pixel: one alone would miss the wire in one frame and widen it in another."""
-LEAST_PIXELS = 30
+MIN_PIXELS = 30
 WIRE_ERROR = 0.5
 """Squared error where the wire is, in that of a picture without it."""
 
@@ -26,8 +26,8 @@ def check():
     unseen = np.flatnonzero(shot.clip.held_out)
     for t in unseen:
         yield that(
-            f"the wire has {LEAST_PIXELS} pixels or more in frame {t}, which is unseen",
-            shot.mask[t].sum() >= LEAST_PIXELS,
+            f"the wire has {MIN_PIXELS} pixels or more in frame {t}, which is unseen",
+            shot.mask[t].sum() >= MIN_PIXELS,
         )
     fitted = fit(shot)
     yield from judge(fitted)

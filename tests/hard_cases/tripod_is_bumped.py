@@ -7,7 +7,7 @@ Why: one frame alone decides whether the camera moves, and the path is not smoot
 Must hold: unseen frames are right, and the bump is named with its frames.
 """
 
-from benchmarks.studies.hard_cases import told
+from benchmarks.studies.hard_cases import reported
 
 from .common.film import LEVEL, film, mover, np, room
 from .common.fitting import fit, judge
@@ -27,4 +27,4 @@ def check():
     )
     fitted = fit(shot)
     yield from judge(fitted)
-    yield told("the bump is named", f"bumped between frames {BUMP} and {BUMP + 1}", fitted.said)
+    yield reported("the bump is named", f"bumped between frames {BUMP} and {BUMP + 1}", fitted.messages)

@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from ...priors import depth as classical
 from ..memory import memory_guard
-from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor
+from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size
 from .loading import find, load, transformers
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ SPREAD, FLOOR = 1 / 16, 0.05
 """Width of the smoothing of the difference (picture widths), and the confidence below which it fades out."""
 SAMPLING = 7
 """Every how many-th pixel takes part in the fit; a prime, so that all columns do."""
-FARTHEST = 50.0
+MAX_DEPTH = 50.0
 """Depths end at this many median depths: sky."""
 
 
@@ -52,7 +52,7 @@ class DepthAnything:
         height, width = rgb.shape[:2]
         size = input_size(width, height, INPUT_AREA, self.model.config.patch_size)
         with torch.inference_mode(), memory_guard(f"Depth Anything on {size[1]} x {size[0]} pixels"):
-            pixels = picture_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic")
+            pixels = image_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic")
             found = self.model(pixels).predicted_depth[:, None]  # (1,1,h,w)
             return functional.interpolate(found, (height, width), mode="bilinear", align_corners=False)[0, 0].numpy()
 
@@ -85,7 +85,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Any, mod
         guess_near, guess_far = np.percentile(measured, (98, 2))
         inverse = guess_far + (relative - far) / max(near - far, 1e-9) * (guess_near - guess_far)
         confidence = np.full(relative.shape, GUESS, np.float32)
-    depth = 1 / np.maximum(inverse, np.median(inverse) / FARTHEST)
+    depth = 1 / np.maximum(inverse, np.median(inverse) / MAX_DEPTH)
     unit = 1.0
     if priors.provenance.get("cameras", {}).get("provider") not in ("user", "files"):
         unit = float(np.median(depth))

@@ -26,8 +26,8 @@ from ...priors.bundle import Observations, from_matrices
 from ...priors.depth import track_samples
 from ...priors.sfm import Solution
 from ..memory import memory_guard
-from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, input_size, picture_tensor
-from .depth import AGREEMENT, FARTHEST, GUESS, TRUST, weighted_median
+from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor, input_size
+from .depth import AGREEMENT, GUESS, MAX_DEPTH, TRUST, weighted_median
 from .loading import Located, find
 from .providers import INSTALL
 from .views import Views, predict_in_one_world
@@ -60,8 +60,8 @@ class DepthAnything3:
         """Views of pictures (N,H,W,3) uint8; depth and intrinsics are those of the model's own picture size (h, w)."""
         size = self.size(frames.shape[2], frames.shape[1])
         with torch.inference_mode(), memory_guard(f"Depth Anything 3 on {len(frames)} pictures of {size[1]}x{size[0]}"):
-            pictures = [picture_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic") for rgb in frames]
-            predicted = self.network(torch.cat(pictures)[None])  # (1,N,3,h,w)
+            images = [image_tensor(rgb, size, IMAGENET_MEAN, IMAGENET_STD, mode="bicubic") for rgb in frames]
+            predicted = self.network(torch.cat(images)[None])  # (1,N,3,h,w)
         matrices = np.tile(np.eye(4), (len(frames), 1, 1))
         matrices[:, :3] = predicted["extrinsics"][0].double().numpy()
         return Views(
@@ -108,7 +108,7 @@ def provide_depth(clip: Clip, priors: Priors, config: PriorsConfig, progress: Pr
     size = (priors.width, priors.height)
     inverse = np.stack([cv2.resize(1 / frame, size, interpolation=cv2.INTER_LINEAR) for frame in views.depth])
     confidence = np.stack([cv2.resize(frame, size, interpolation=cv2.INTER_LINEAR) for frame in views.confidence])
-    inverse = np.maximum(inverse, np.median(inverse) / FARTHEST)
+    inverse = np.maximum(inverse, np.median(inverse) / MAX_DEPTH)
     scale, difference = np.full(len(views), float(np.median(inverse))), np.full(len(views), np.nan)
     if priors.camera_kind == "moving":
         scale, difference = scale_to_tracks(inverse, priors)

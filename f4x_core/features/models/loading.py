@@ -25,7 +25,7 @@ except ImportError as error:
 
 @dataclass(frozen=True)
 class Located:
-    """Where the weights of a model are."""
+    """Location of a model's weights."""
 
     entry: Checkpoint
     """What they are."""
@@ -34,14 +34,14 @@ class Located:
 
     @property
     def name(self) -> str:
-        """What provenance calls them: the hub id, or a folder's own name (never its path)."""
+        """Name in provenance: the hub id, or a folder's own name (never its path)."""
         folder = Path(self.place)
         if folder.parent.name == "snapshots":  # the cache: models--OWNER--NAME/snapshots/REVISION
             return "/".join(folder.parents[1].name.split("--")[1:])
         return folder.name if folder.is_dir() else self.place
 
     def provenance(self, size: list[int]) -> dict[str, Any]:
-        """What the spec of their maps says of them; `size` is the (width, height) of a picture as the model takes it."""
+        """Provenance that the spec of their maps records; `size` is the (width, height) of a picture as the model takes it."""
         return {"model": self.name, "licence": self.entry.licence, "input": size}
 
 

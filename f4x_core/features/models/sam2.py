@@ -21,7 +21,7 @@ from torch.nn import functional
 
 from ...errors import F4xError
 from ..memory import memory_guard
-from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, picture_tensor
+from ..preprocess import IMAGENET_MEAN, IMAGENET_STD, image_tensor
 from ..spec import FeatureSpec
 from .loading import find, load, transformers
 from .prompt import Prompt, check_frame, check_prompt
@@ -63,7 +63,7 @@ class Sam2Teacher:
         """Features (h,w,C) float32 of a picture (H,W,3) uint8."""
         side = self.model.image_size
         with torch.inference_mode(), memory_guard(f"SAM 2 on {side} x {side} pixels"):
-            pixels = picture_tensor(rgb, (side, side), IMAGENET_MEAN, IMAGENET_STD)  # (1,3,side,side)
+            pixels = image_tensor(rgb, (side, side), IMAGENET_MEAN, IMAGENET_STD)  # (1,3,side,side)
             flat = self.model.get_image_features(pixels, return_dict=True).fpn_hidden_states[self.level]  # (hw,1,C)
         height, width = self.model.backbone_feature_sizes[self.level]
         return flat[:, 0].reshape(height, width, -1).numpy().astype(np.float32)
@@ -164,10 +164,10 @@ class Sam2MaskDecoder:
         self.model: Any = model
         self.count, self.size = count, size
         self._features, self._skips = features, skips
-        most = self.model.config.num_maskmem
-        self._memory = most if memory is None else memory
-        if not 1 <= self._memory <= most:
-            raise F4xError(f"SAM 2 remembers 1 to {most} frames, not {memory}.")
+        max_memory = self.model.config.num_maskmem
+        self._memory = max_memory if memory is None else memory
+        if not 1 <= self._memory <= max_memory:
+            raise F4xError(f"SAM 2 remembers 1 to {max_memory} frames, not {memory}.")
         self._prompts: dict[int, Prompt] = {}
         self._session: Any = None
 

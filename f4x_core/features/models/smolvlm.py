@@ -16,7 +16,7 @@ import torch
 
 from ...errors import F4xError
 from ..memory import memory_guard
-from ..preprocess import picture_tensor
+from ..preprocess import image_tensor
 from ..spec import FeatureSpec
 from .loading import find, load, load_tokenizer, transformers
 
@@ -53,7 +53,7 @@ class SmolVlmTeacher:
         """Features (h,w,C) float32 of a picture (H,W,3) uint8."""
         side, grid = self.model.config.image_size, self.spec_for(*rgb.shape[1::-1]).grid
         with torch.inference_mode(), memory_guard(f"SmolVLM on {side} x {side} pixels"):
-            tokens = self.model(picture_tensor(rgb, (side, side), MEAN, STD, mode="bicubic")).last_hidden_state
+            tokens = self.model(image_tensor(rgb, (side, side), MEAN, STD, mode="bicubic")).last_hidden_state
         return tokens[0].unflatten(0, grid).numpy().astype(np.float32)
 
 
@@ -75,11 +75,11 @@ class SmolVlm:
         seconds: Sequence[float],
         question: str,
         history: Sequence[tuple[str, str]] = (),
-        longest: int = 64,
+        max_tokens: int = 64,
     ) -> str:
         """The model's words about frames whose `smolvlm` maps (h,w,C) were seen at `seconds` of the video.
 
-        `history` holds earlier (question, answer) pairs, `longest` is the most new tokens. Greedy: the same every time.
+        `history` holds earlier (question, answer) pairs, `max_tokens` is the most new tokens. Greedy: the same every time.
         Errors: F4xError for an empty question, no frames, or maps of another shape.
         """
         if not question.strip():
@@ -102,7 +102,7 @@ class SmolVlm:
             new = self.model.generate(
                 inputs_embeds=embeds,
                 attention_mask=torch.ones(embeds.shape[:2], dtype=torch.long),
-                max_new_tokens=longest,
+                max_new_tokens=max_tokens,
                 do_sample=False,
                 pad_token_id=self.tokenizer.pad_token_id,
             )  # (1,n): the new tokens only
@@ -110,8 +110,8 @@ class SmolVlm:
 
     def prompt(self, seconds: Sequence[float], question: str, history: Sequence[tuple[str, str]] = ()) -> str:
         """The conversation as SmolVLM2 was trained to read a video: frames with their times, then the questions."""
-        picture = AROUND + WHOLE + IMAGE * self.tokens_per_frame + AROUND
-        shown = "".join(f"\nFrame from {_clock(second, 'mm:ss')}:{picture}" for second in seconds)
+        image = AROUND + WHOLE + IMAGE * self.tokens_per_frame + AROUND
+        shown = "".join(f"\nFrame from {_clock(second, 'mm:ss')}:{image}" for second in seconds)
         length = _clock(seconds[-1], "h:mm:ss")
         intro = f"You are provided the following series of {len(seconds)} frames from a {length} [H:MM:SS] video.\n"
         turns = [*history, (question, None)]
@@ -130,10 +130,10 @@ class SmolVlm:
         ids = self.tokenizer(text, return_tensors="pt", add_special_tokens=False)["input_ids"]
         places = ids == self.model.config.image_token_id
         embeds = self.model.get_input_embeddings()(ids)
-        pictures = self.model.model.connector(torch.from_numpy(features).flatten(1, 2))  # (f,tokens,D)
-        if int(places.sum()) != pictures.shape[0] * pictures.shape[1]:
+        images = self.model.model.connector(torch.from_numpy(features).flatten(1, 2))  # (f,tokens,D)
+        if int(places.sum()) != images.shape[0] * images.shape[1]:
             raise F4xError(f"{self.name}: its tokenizer does not know {IMAGE}; fetch the model again.")
-        return embeds.masked_scatter(places[..., None], pictures.to(embeds.dtype))
+        return embeds.masked_scatter(places[..., None], images.to(embeds.dtype))
 
 
 def _clock(second: float, form: str) -> str:

@@ -18,7 +18,7 @@ import torch
 from torch.nn import functional
 
 from ..memory import memory_guard
-from ..preprocess import picture_tensor
+from ..preprocess import image_tensor
 from ..spec import FeatureSpec
 from ..text import average_templates
 from .loading import find, load, load_tokenizer, transformers
@@ -102,7 +102,7 @@ class TextImageTeacher:
         step = max(1, round(cells * (1 - OVERLAP[self.name])))
         mean, std = (CLIP_MEAN, CLIP_STD) if self.name == "clip" else ((0.0,) * 3, (1.0,) * 3)
         with torch.inference_mode(), memory_guard(f"{self.name} on {columns * patch} x {rows * patch} pixels"):
-            pixels = picture_tensor(rgb, (rows * patch, columns * patch), mean, std)
+            pixels = image_tensor(rgb, (rows * patch, columns * patch), mean, std)
             total = torch.zeros(rows, columns, _dim(self.name, self.model))
             for top in _starts(rows, cells, step):
                 for left in _starts(columns, cells, step):

@@ -78,7 +78,7 @@ F4X_RELEASE = Function("f4x_release", {"state": POINTER})
 
 
 class _State:
-    """What the backward pass needs of one forward pass; hands its memory back when dropped."""
+    """Memory of one forward pass that the backward pass needs; freed when dropped."""
 
     def __init__(self, library: ctypes.CDLL, pointer: int):
         # Declared now: when the interpreter ends, little but the function itself may be left.

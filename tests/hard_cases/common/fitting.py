@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.studies.hard_cases import Check, limited, that, told, within
+from benchmarks.studies.hard_cases import Check, limited, reported, that, within
 from f4x_core.errors import F4xError
 from f4x_core.evaluation.evaluate import blend_by_flow, evaluate, path_error
 from f4x_core.evaluation.truth import MIN_PATH_SPREAD, align_cameras, into_scene, rotation_error
@@ -30,7 +30,7 @@ STEPS = 350
 steps the blend was better. Rounding alone moves the score by up to 1.5 dB."""
 ASIDE = 4.0
 """Degrees by which a view lies above and below the path, about the place in the picture's middle at the median depth."""
-LEAST_GAIN = 2.0
+MIN_GAIN = 2.0
 """How many times the squared error of the scene must go into that of the best picture that needs no 3D, in views aside."""
 SAME_DEPTH = 0.05
 """Relative difference of depths below which two frames see the same place."""
@@ -78,7 +78,7 @@ class Fitted:
         return self.result.priors
 
     @property
-    def said(self) -> list[str]:
+    def messages(self) -> list[str]:
         """The sentences of the diagnostics page that are no praise."""
         found = findings(self.priors, self.result.scene.scaffold, self.metrics)
         return [finding.what for finding in found if finding.weight != "good"]
@@ -134,12 +134,12 @@ def judge(fitted: Fitted, cause: str = "", known: str = "", at_most: float = 1.0
     checks = list(against_truth(fitted))
     for index, check in enumerate(checks):
         if check.outcome == "wrong" and check.what.startswith(MOVING):
-            guessed = told(_missed(check), MOVING_GUESSED, fitted.said)
+            guessed = reported(_missed(check), MOVING_GUESSED, fitted.messages)
             checks[index] = guessed if guessed.outcome == "told" else check
     short = [check for check in checks if check.outcome == "wrong"]
     if short and (cause or known):
         missed = "; ".join(map(_missed, short))
-        cause_told = told(f"{missed}; the cause is said", cause, fitted.said) if cause else None
+        cause_told = reported(f"{missed}; the cause is said", cause, fitted.messages) if cause else None
         if cause_told is not None and (cause_told.outcome == "told" or not known):
             yield cause_told
         else:
@@ -147,7 +147,7 @@ def judge(fitted: Fitted, cause: str = "", known: str = "", at_most: float = 1.0
         checks = [check for check in checks if check.outcome != "wrong"]
     yield from checks
     if fitted.psnr < fitted.metrics["held_out_psnr_flow_blend"]:
-        yield told("it is said that unseen frames are worse than blended ones", "Simply blending", fitted.said)
+        yield reported("it is said that unseen frames are worse than blended ones", "Simply blending", fitted.messages)
 
 
 def _missed(check: Check) -> str:
@@ -178,7 +178,7 @@ def against_truth(fitted: Fitted) -> Iterator[Check]:
         if _spread(found.centers) >= MIN_PATH_SPREAD:
             errors = _aside(fitted, lambda camera: into_scene(camera, similarity, lens))
         for what, error in errors.items():
-            yield within(f"{what} {ASIDE:g} degrees aside, squared error in that without 3D", error, 1 / LEAST_GAIN)
+            yield within(f"{what} {ASIDE:g} degrees aside, squared error in that without 3D", error, 1 / MIN_GAIN)
 
 
 def _times(psnr: float, fitted: Fitted) -> float:

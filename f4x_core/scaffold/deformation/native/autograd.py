@@ -21,7 +21,7 @@ NAMES = ("xyz", "quat", "dw", "node_xyz", "node_quat", "radius", "now_xyz", "now
 
 @dataclass(frozen=True, eq=False)
 class SkinningData:
-    """Which nodes move which Gaussians, and by which kernel: what is constant during optimisation."""
+    """Constants of skinning during optimisation: nodes of each Gaussian, and the kernel."""
 
     arrays: Mapping[str, np.ndarray]
     """`index (N, K)` int32, `mask (N, K)` bool, `node (P,)` and `then (P,)` int64 of `library`."""

@@ -103,10 +103,10 @@ def labelled_grid(
         top = LABEL_HEIGHT + row * step_y
         draw.text((MARGIN - 2 * GAP, top + height / 2), name, INK, font, anchor="rm")
         for column, cell in enumerate(cells):
-            picture = Image.fromarray(cell)
-            if picture.size != (width, height):
-                picture = picture.resize((width, height), Image.Resampling.BOX)
-            sheet.paste(picture, (MARGIN + column * step_x, top))
+            image = Image.fromarray(cell)
+            if image.size != (width, height):
+                image = image.resize((width, height), Image.Resampling.BOX)
+            sheet.paste(image, (MARGIN + column * step_x, top))
     return sheet
 
 

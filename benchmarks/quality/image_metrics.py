@@ -18,18 +18,18 @@ GAUSSIAN_WINDOW, GAUSSIAN_SIGMA = 11, 1.5
 """Those of DyCheck's masked SSIM."""
 
 
-def psnr_bytes(picture: np.ndarray, target: np.ndarray) -> float:
+def psnr_bytes(image: np.ndarray, target: np.ndarray) -> float:
     """PSNR (dB) of uint8 pictures (H,W,3): `cv2.PSNR`, the NVIDIA protocol's; infinite where they are equal."""
-    error = float(np.mean((picture.astype(np.float64) - target) ** 2))
+    error = float(np.mean((image.astype(np.float64) - target) ** 2))
     return math.inf if error == 0 else 10 * math.log10(255**2 / error)
 
 
-def ssim_bytes(picture: np.ndarray, target: np.ndarray) -> float:
+def ssim_bytes(image: np.ndarray, target: np.ndarray) -> float:
     """SSIM of uint8 pictures (H,W,3) as the NVIDIA protocol has it: `skimage.metrics.structural_similarity`, its defaults.
 
     Uniform windows of 7 pixels, sample covariance, windows that leave the picture left out, mean of the channels.
     """
-    x, y = picture.astype(np.float64), target.astype(np.float64)
+    x, y = image.astype(np.float64), target.astype(np.float64)
     size = (UNIFORM_WINDOW, UNIFORM_WINDOW, 1)
     sample = UNIFORM_WINDOW**2 / (UNIFORM_WINDOW**2 - 1)
     mean_x, mean_y = uniform_filter(x, size), uniform_filter(y, size)
@@ -40,20 +40,20 @@ def ssim_bytes(picture: np.ndarray, target: np.ndarray) -> float:
     return float(_similarity(mean_x, mean_y, var_x, var_y, covariance, 255)[inside:-inside, inside:-inside].mean())
 
 
-def masked_psnr(picture: np.ndarray, target: np.ndarray, mask: np.ndarray) -> float:
+def masked_psnr(image: np.ndarray, target: np.ndarray, mask: np.ndarray) -> float:
     """PSNR (dB) of pictures (H,W,3) in [0,1] over the pixels of `mask` (H,W) bool (DyCheck's mPSNR); NaN where none."""
     if not mask.any():
         return math.nan
-    error = float(np.mean((picture[mask].astype(np.float64) - target[mask]) ** 2))
+    error = float(np.mean((image[mask].astype(np.float64) - target[mask]) ** 2))
     return math.inf if error == 0 else -10 * math.log10(error)
 
 
-def masked_ssim(picture: np.ndarray, target: np.ndarray, mask: np.ndarray) -> float:
+def masked_ssim(image: np.ndarray, target: np.ndarray, mask: np.ndarray) -> float:
     """SSIM of pictures (H,W,3) in [0,1] over the pixels of `mask` (H,W) bool: DyCheck's mSSIM, by partial convolution.
 
     As there, windows in which no pixel counts are in the mean, as 1: only figures of equal masks can be compared.
     """
-    x, y = picture.astype(np.float64), target.astype(np.float64)
+    x, y = image.astype(np.float64), target.astype(np.float64)
     mean_x, mean_y = _partial_blur(x, mask), _partial_blur(y, mask)
     var_x = np.maximum(_partial_blur(x * x, mask) - mean_x**2, 0)
     var_y = np.maximum(_partial_blur(y * y, mask) - mean_y**2, 0)
