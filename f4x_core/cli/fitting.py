@@ -116,6 +116,7 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if windows is not None:
         return fit_windows(args, *windows, config, names, progress)
     clip = clip_of(args, progress)
+    require_enough(clip)
     config = granted(args, ClipSize(len(clip.supervised), clip.width, clip.height), config, progress)
     result = fit_to_folder(clip, args.output, config, progress, args.resume)
     if names:
