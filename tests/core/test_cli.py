@@ -20,6 +20,8 @@ from f4x_core.cli import fitting as cli_fitting
 from f4x_core.cli import main, terminal
 from f4x_core.cli.terminal import TerminalProgress
 from f4x_core.fit import pipeline
+from f4x_core.fit.budget import ClipSize
+from f4x_core.fit.config import profile
 from f4x_core.scene import read_scene
 
 ROOT = Path(__file__).parents[2]
@@ -108,6 +110,41 @@ def test_fit_leaves_its_files_and_the_other_verbs_read_them(toy_fit, tmp_path, c
     assert main(["export", str(out / "scene.f4x"), "-o", str(tmp_path / "one.ply"), "--time", "2", "--json"]) == 0
     assert main(["export", str(out / "scene.f4x"), "-o", str(tmp_path / "all"), "--json"]) == 0
     assert sorted(path.name for path in (tmp_path / "all").iterdir())[0] == "clip_0000.ply"
+
+
+def test_a_fit_tells_its_cost_and_keeps_what_it_was_granted(toy_fit, tmp_path, capsys, monkeypatch):
+    folder, _ = toy_fit
+    capsys.readouterr()
+    fit = ["fit", str(folder), "-o", str(tmp_path / "granted"), "--profile", "quick"]
+    assert main([*fit, "--minutes", "20", "--memory", "1.5"]) == 0
+    told = capsys.readouterr().err
+    assert re.search(r"cost \(about [\d.]+ minutes, [\d.]+ GB of memory and a scene of \d+ MB", told)
+    first = read_scene(tmp_path / "granted" / "scene.f4x").provenance["config"]["density_static"]["max_count"]
+    monkeypatch.setattr(cli_fitting, "raster_seconds", lambda threads: 1e-3)  # now the same grant has room for more
+    assert main([*fit, "--minutes", "20", "--memory", "1.5", "--resume"]) == 0
+    again = read_scene(tmp_path / "granted" / "scene.f4x").provenance["config"]["density_static"]["max_count"]
+    assert again == first != profile("quick").density_static.max_count
+    for wrong in ("0", "-1", "nan"):
+        assert main([*fit, "--minutes", wrong]) == 2
+        assert "give a number above 0" in capsys.readouterr().err
+    assert main([*fit, "--memory", "0.1"]) == 2
+    assert "grant more, or give fewer --frames" in capsys.readouterr().err
+
+
+def test_what_larger_images_show_and_cost_is_told(tmp_path, monkeypatch):
+    rng = np.random.default_rng(0)
+    folder = write_frames(tmp_path / "clip", rng.integers(0, 255, (2, 54, 960, 3), np.uint8))
+    told = {}
+    monkeypatch.setattr(cli_fitting, "raster_seconds", lambda threads: 0.01)
+    args = SimpleNamespace(clip=folder, frames=None, output=tmp_path, resume=False, minutes=None, memory=None)
+    size = ClipSize(2, 480, 27)
+    config = cli_fitting.granted(args, size, profile("quick"), lambda stage, *rest: told.setdefault(stage, rest[-1]))
+    assert config is not None and not (tmp_path / "grant.json").exists()
+    assert re.fullmatch(
+        r"--width 480 keeps the detail of the clip's 960 pixels to 1\d dB, [\d.]+ minutes;"
+        r" --width 854 keeps the detail of the clip's 960 pixels to \d+ dB, [\d.]+ minutes",
+        told["larger pictures"],
+    )
 
 
 def test_what_is_not_a_number_is_null_for_other_programs(monkeypatch, capsys):
