@@ -22,8 +22,10 @@ PRIORS, PRIORS_PER_PIXEL = 150.0, 2.2e-4
 """Cost of the priors, and of one of the pixels of all frames that they are made from."""
 COARSE_PIXELS = 0.25
 """Pixels of a step at half size, over those of a whole one."""
-BASE_MEMORY, PIXEL_MEMORY, PRIORS_PIXEL_MEMORY, GAUSSIAN_MEMORY = 0.55e9, 18, 85, 1900
-"""Bytes: of the libraries; of one pixel of all frames while training, and while priors are made; of one Gaussian."""
+BASE_MEMORY, GAUSSIAN_MEMORY = 0.55e9, 1900
+"""Bytes of the libraries, and of one Gaussian while it is trained."""
+PIXEL_MEMORY, IMAGE_PIXEL_MEMORY, PRIORS_PIXEL_MEMORY = 20, 250, 85
+"""Bytes of one pixel: of all frames while training, of the one that is drawn and compared, of all frames while priors are made."""
 GAUSSIAN_FILE = 78
 """Bytes of one Gaussian in a scene file."""
 MAX_VIEWS = 6.0
@@ -146,7 +148,7 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitC
     memory = MEMORY_FRACTION * machine_memory() if grant.memory is None else grant.memory
     if 1e9 * memory < _memory(size, config, 0):
         room = 0
-    room = min(room, (1e9 * memory - BASE_MEMORY - PIXEL_MEMORY * size.frames * size.pixels) / GAUSSIAN_MEMORY)
+    room = min(room, (1e9 * memory - BASE_MEMORY - _training_memory(size)) / GAUSSIAN_MEMORY)
     if grant == Grant() and room >= expected_gaussians(size, config):
         return config
     factor = room / max_gaussians(config)
@@ -170,8 +172,13 @@ def _fixed(size: ClipSize, config: FitConfig) -> float:
 def _memory(size: ClipSize, config: FitConfig, count: float) -> float:
     """Bytes at the peak, with so many Gaussians."""
     small = size.shrunk(config.priors.longer_side)
-    training = PIXEL_MEMORY * size.frames * size.pixels + GAUSSIAN_MEMORY * count
+    training = _training_memory(size) + GAUSSIAN_MEMORY * count
     return BASE_MEMORY + max(training, PRIORS_PIXEL_MEMORY * small.frames * small.pixels)
+
+
+def _training_memory(size: ClipSize) -> float:
+    """Bytes of the clip's images and maps, and of one image's rendering, while training."""
+    return (PIXEL_MEMORY * size.frames + IMAGE_PIXEL_MEMORY) * size.pixels
 
 
 def _scaled(config: FitConfig, factor: float) -> FitConfig:

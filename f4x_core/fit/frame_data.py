@@ -35,7 +35,8 @@ class FrameData:
     @classmethod
     def full(cls, clip: Clip, priors: Priors) -> FrameData:
         """The supervised frames at the fitted size."""
-        rgb = torch.from_numpy(np.ascontiguousarray(clip.frames[priors.frames]))
+        frames = clip.frames if len(priors.frames) == len(clip) else clip.frames[priors.frames]  # no copy of all
+        rgb = torch.from_numpy(np.require(frames, requirements=("C", "W")))
         depth, confidence, motion = (
             torch.from_numpy(np.ascontiguousarray(a)) for a in (priors.depth, priors.depth_confidence, priors.motion)
         )

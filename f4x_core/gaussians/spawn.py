@@ -122,8 +122,11 @@ def cover(
     grid = _Grid.over(image, depth, valid, config.spacing)
     order = rng.permutation(len(rows))  # a random pixel of each cell, so that no grid shows
     rows, cols = rows[order], cols[order]
-    _, first = np.unique(grid.cell(rows, cols), return_index=True)
-    first = np.sort(first)  # in random order still, so that blocks do not all take the same corner
+    first = np.full(grid.level.size, -1)
+    first[grid.cell(rows, cols)[::-1]] = np.arange(len(rows))[
+        ::-1
+    ]  # the last assignment stays: that of the first pixel
+    first = np.sort(first[first >= 0])  # in random order still, so that blocks do not all take the same corner
     rows, cols = rows[first], cols[first]
     allowed = np.full(len(rows), config.depth_tolerance) if tolerance is None else tolerance[rows, cols]
     covered = grid.covered(rows, cols, depth[rows, cols], allowed, camera, existing)
@@ -155,8 +158,8 @@ class _Grid:
         height, width = depth.shape
         shape = max(int(height / spacing), 1), max(int(width / spacing), 1)
         grid = cls(height, width, np.zeros(shape, np.int64))
-        rows, cols = np.indices(depth.shape).reshape(2, -1)
-        cell, known = grid.cell(rows, cols), valid.ravel()
+        rows, cols = np.ogrid[:height, :width]
+        cell, known = grid.cell(rows, cols).ravel(), valid.ravel()
         values = [image.mean(-1).ravel(), np.log(np.where(known, depth.ravel(), 1.0))]
         sums = [np.bincount(cell, v * known, shape[0] * shape[1]).reshape(shape) for v in values]
         squares = [np.bincount(cell, v * v * known, shape[0] * shape[1]).reshape(shape) for v in values]
