@@ -174,7 +174,7 @@ def write_pictures(folder: Path, scene: Scene, clip: Clip, backend: str, progres
     }
     for name, path in paths.items():
         views = render_trajectory(scene, path, ("rgb",), backend, progress=progress)
-        write_video(folder / name, (view["rgb"] for view in views), scene.fps)
+        write_video(folder / name, (view["rgb"] for view in views), scene.fps, times_of(scene, name.removesuffix(".mp4")))
     sheet = contact_sheet(scene, clip, backend=backend, progress=progress)
     with replace_file(folder / "contact_sheet.png") as file:
         sheet.save(file, "PNG")

@@ -154,11 +154,15 @@ def fit_windows(
 ) -> dict[str, Any]:
     """Fit a long clip window by window and distil the features `names` into each shot's scene."""
 
+    clocks = {shot: known.clock(shot.start, shot.end) for shot in shots}
+
     def read(start: int, end: int) -> Clip:
+        shot = next(shot for shot in shots if shot.start <= start < shot.end)
+        times, fps = clocks[shot].times[start - shot.start : end - shot.start], clocks[shot].fps
         clip = read_clip(args.clip, known.part(start, end), args.width, None, args.masks, progress)
         step = args.hold_out
         held_out = np.arange(start, end) % step == step - 1 if step else clip.held_out
-        return dataclasses.replace(clip, held_out=held_out)
+        return dataclasses.replace(clip, held_out=held_out, times=times - times[0], fps=fps)
 
     told = fit_long(shots, read, args.output, config, progress, args.resume)
     lines = []
