@@ -140,7 +140,8 @@ class _Prompt(SceneOperator):
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, "Start this tool from a 3D viewport.")
             return {"CANCELLED"}
-        self.frame = round(session.frame_of(session.root_of(context.object)))
+        root = session.root_of(context.object)
+        self.frame = session.shown(root).scene.cameras.frame_at(session.frame_of(root))
         self._area, self._handle, self._thread = context.area, None, None
         context.window.cursor_modal_set(self.cursor)
         context.workspace.status_text_set(self.hint)
@@ -218,12 +219,12 @@ class _Prompt(SceneOperator):
         direction = to_scene.to_3x3() @ view3d_utils.region_2d_to_vector_3d(region, view, at)
         origin, direction = np.array(origin), np.array(direction.normalized())
         scene = session.shown(root).scene
-        there = meeting(scene.posed(float(self.frame)), origin, direction)
+        there = meeting(scene.posed(float(scene.cameras.times[self.frame])), origin, direction)
         if there is None:
             if view.view_perspective != "CAMERA":
                 raise F4xError("There is nothing under the mouse; click on an object of the scene.")
             there = origin + direction
-        pixel, depth = scene.cameras.at(float(self.frame)).project(there[None])
+        pixel, depth = scene.cameras[self.frame].project(there[None])
         if depth[0] <= 0:
             raise F4xError("The clip's camera does not see this point in this frame; choose another frame or point.")
         return pixel[0]

@@ -207,9 +207,9 @@ class Session:
         if text:
             found = together(by_words(opened, text, negatives, threshold, encode=encode_labels))
         elif point:
-            found = select_by_points(opened, [point], frame, **options)
+            found = select_by_points(opened, [point], opened.cameras.frame_at(frame), **options)
         elif box:
-            found = select_by_box(opened, box, frame, **options)
+            found = select_by_box(opened, box, opened.cameras.frame_at(frame), **options)
         else:
             resolver = Resolver(EditorState(frame=frame), encode_labels)
             resolved = resolver.select(opened, read_record(SelectKind, select, "select"))

@@ -97,12 +97,14 @@ def fit_shot(
     `read(start, end)` gives those frames as a clip. Every window leaves its scene in `folder/windows`; with `resume` finished
     ones are kept. F4xError where settings, pictures or the windows before are not what they were.
     """
-    paths, picked = [], []
+    paths, picked, times = [], [], np.zeros(shot.end - shot.start)
     previous: PreviousWindow | None = None
     for number, (start, end) in enumerate(shot.windows):
         place = folder / "windows" / f"{number:03d}"
         clip = read(start, end)
         require_enough(clip)
+        first = start - shot.start  # what it shares with the window before gets the same times again
+        times[first : first + len(clip)] = times[first] + clip.times
         part_progress = _part_progress("window", number, len(shot.windows), progress)
         scene, next_node = _fit_window(clip, place, config, previous, part_progress, resume)
         paths.append(place / "scene.f4x")
@@ -114,7 +116,7 @@ def fit_shot(
             cameras = replace(config.priors.cameras, focal=focal)
             config = replace(config, priors=replace(config.priors, cameras=cameras), sh_degree=scene.sh_degree)
     local = [(a - shot.start, b - shot.start) for a, b in shot.windows]
-    joined = join_scenes((read_scene(path) for path in paths), local, config.backend, progress)
+    joined = join_scenes((read_scene(path) for path in paths), local, config.backend, progress, times)
     provenance = {name: value for name, value in joined.provenance.items() if name != "window"}
     provenance |= {"windows": local, "frames": ":".join([picked[0][0], *picked[-1][1:]])}
     need = {
@@ -131,7 +133,8 @@ def _fit_window(
 ) -> tuple[Scene, int]:
     """(The window's scene, the first node id never used), kept from an earlier run where nothing has changed."""
     path = folder / "scene.f4x"
-    state = hashlib.blake2b(clip.frames.tobytes() + clip.held_out.tobytes(), digest_size=16).hexdigest()
+    when = b"" if clip.steady else clip.times.tobytes()
+    state = hashlib.blake2b(clip.frames.tobytes() + clip.held_out.tobytes() + when, digest_size=16).hexdigest()
     key = config_hash(resolved(config), state, "" if previous is None else previous.digest)
     if resume and path.is_file():
         scene = read_scene(path)

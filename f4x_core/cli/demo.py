@@ -28,6 +28,7 @@ from ..progress import Progress
 from ..scene import Scene, read_scene
 from ..scene.view import render_trajectory
 from .fitting import clip_of, config_of, fit_to_folder
+from .rendering import times_of
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 # Size of the new path (degrees): a circle seen that far from the middle camera, and the sheet's step to the side.
@@ -174,7 +175,9 @@ def write_renders(folder: Path, scene: Scene, clip: Clip, backend: str, progress
     }
     for name, path in paths.items():
         views = render_trajectory(scene, path, ("rgb",), backend, progress=progress)
-        write_video(folder / name, (view["rgb"] for view in views), scene.fps)
+        write_video(
+            folder / name, (view["rgb"] for view in views), scene.fps, times_of(scene, name.removesuffix(".mp4"))
+        )
     sheet = contact_sheet(scene, clip, backend=backend, progress=progress)
     with replace_file(folder / "contact_sheet.png") as file:
         sheet.save(file, "PNG")

@@ -114,7 +114,12 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             require_ready(name)  # before the fit, not after it
     windows = windows_of(args, progress)
     if windows is not None:
-        return fit_windows(args, *windows, config, names, progress)
+        known, shots = windows
+        parts = [window for shot in shots for window in shot.windows]
+        first = read_clip(args.clip, known.part(0, 1), args.width)
+        size = ClipSize(max(end - start for start, end in parts), first.width, first.height)
+        config = granted(args, size, config, progress, len(parts))
+        return fit_windows(args, known, shots, config, names, progress)
     clip = clip_of(args, progress)
     require_enough(clip)
     config = granted(args, ClipSize(len(clip.supervised), clip.width, clip.height), config, progress)
@@ -211,16 +216,16 @@ def fit_windows(
 ) -> dict[str, Any]:
     """Fit a long clip window by window and distil the features `names` into each shot's scene."""
 
+    clocks = {shot: known.clock(shot.start, shot.end) for shot in shots}
+
     def read(start: int, end: int) -> Clip:
+        shot = next(shot for shot in shots if shot.start <= start < shot.end)
+        times, fps = clocks[shot].times[start - shot.start : end - shot.start], clocks[shot].fps
         clip = read_clip(args.clip, known.part(start, end), args.width, None, args.masks, progress)
         step = args.hold_out
         held_out = np.arange(start, end) % step == step - 1 if step else clip.held_out
-        return dataclasses.replace(clip, held_out=held_out)
+        return dataclasses.replace(clip, held_out=held_out, times=times - times[0], fps=fps)
 
-    windows = [window for shot in shots for window in shot.windows]
-    first = read(windows[0][0], windows[0][0] + 1)
-    size = ClipSize(max(end - start for start, end in windows), first.width, first.height)
-    config = granted(args, size, config, progress, len(windows))
     fitted_shots = fit_long(shots, read, args.output, config, progress, args.resume)
     lines = []
     for shot in fitted_shots:

@@ -27,7 +27,7 @@ from ..query.selection import Selection
 from ..scene import Scene
 from ..scene.posing import require_time
 from ..scene.view import render
-from .rendering import trajectory_of
+from .rendering import times_of, trajectory_of
 
 
 def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         lines += absent
         result["note"] = "; ".join(absent)
     if args.output is not None:
-        _write(scene, selection, views, args.output, args.backend, progress)
+        _write(scene, selection, views, args, progress)
         result["output"] = str(args.output)
         lines.append(f"{args.output}: selection.json, mask/ with {len(views)} pictures, heat.mp4")
     return {**result, "text": "\n".join(lines)}
@@ -183,10 +183,11 @@ def _span(scene: Scene, text: str) -> tuple[float, float]:
     return first, last
 
 
-def _write(scene: Scene, selection: Selection, views, folder: Path, backend: str, progress: Progress) -> None:
+def _write(scene: Scene, selection: Selection, views, args: argparse.Namespace, progress: Progress) -> None:
     """selection.json, mask/00000.png …, heat.mp4 (scores over the grey picture)."""
     from PIL import Image
 
+    folder, backend = args.output, args.backend
     (folder / "mask").mkdir(parents=True, exist_ok=True)
     with replace_file(folder / "selection.json") as file:
         file.write(json_text(selection.to_json()).encode())
@@ -199,4 +200,4 @@ def _write(scene: Scene, selection: Selection, views, folder: Path, backend: str
             rgb = render(scene, camera, time, ("rgb",), backend)["rgb"]
             yield heat_map(rgb, coverage_image(scene, selection, camera, time, backend, soft=True))
 
-    write_video(folder / "heat.mp4", images(), scene.fps)
+    write_video(folder / "heat.mp4", images(), scene.fps, times_of(scene, args.path))

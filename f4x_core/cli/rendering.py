@@ -58,6 +58,16 @@ def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
     return trajectory.read_path(path)
 
 
+def times_of(scene: Scene, path: str, indices: np.ndarray | None = None) -> np.ndarray | None:
+    """When a video shows the views of `--path`, or those at `indices`: `write_video`'s `times`.
+
+    Those of the clip on its own path, if its frames are not evenly spaced; None otherwise.
+    """
+    if path != "original" or scene.cameras.steady:
+        return None
+    return scene.cameras.times if indices is None else scene.cameras.times[indices]
+
+
 def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write OUT/CHANNEL/00000.png … along a path; depth and motion also as .npy."""
     scene = open_scene(args.scene, args.edits)
@@ -105,7 +115,8 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     progress("render", len(indices), len(indices))
     for name, frames in videos.items():
         if frames:
-            write_video(Path(args.output) / f"{file_name(name)}.mp4", np.stack(frames), scene.fps)
+            times = times_of(scene, args.path, indices)
+            write_video(Path(args.output) / f"{file_name(name)}.mp4", np.stack(frames), scene.fps, times)
     text = f"{args.output}: {len(indices)} frames"
     if len(indices) == 0:
         text += f"; {len(chosen)} frames in {args.part.split('/')[1]} parts leave nothing for --part {args.part}"

@@ -18,9 +18,9 @@ class Clip:
     frames: np.ndarray
     """(T, H, W, 3) uint8, sRGB."""
     times: np.ndarray
-    """(T,) float64, the frame index 0 .. T-1."""
+    """(T,) float64 clip frames, from 0: the frame index 0 .. T-1, but for films whose frames are not evenly spaced in time."""
     fps: float
-    """Frames per second of these frames (a stride divides the rate of the source)."""
+    """Clip frames per second (a stride divides the rate of the source)."""
     held_out: np.ndarray
     """(T,) bool: frames that the fit may not see, kept for evaluation."""
     source: str
@@ -66,9 +66,16 @@ class Clip:
         return np.flatnonzero(~self.held_out)
 
     @property
+    def steady(self) -> bool:
+        """Whether the frames are evenly spaced, so that their times are their indices."""
+        return bool((self.times == np.arange(len(self))).all())
+
+    @property
     def digest(self) -> str:
         """Hash of the pictures that the fit may see and of their times."""
         state = hashlib.blake2b(self.supervised.astype(np.int64).tobytes(), digest_size=16)
         for frame in self.supervised:
             state.update(np.ascontiguousarray(self.frames[frame]).tobytes())
+        if not self.steady:
+            state.update(self.times.astype(np.float64).tobytes())
         return state.hexdigest()

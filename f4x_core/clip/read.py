@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.camera import CameraPath
 from ..progress import Progress, silent
+from .clock import Clock, read_clock
 from .images import even_size, list_images, read_color, read_mask, resize_color, resize_nearest
 from .layouts import DEFAULT_FPS, Distortion, Layout, find_layout
 from .model import Clip
@@ -46,13 +47,12 @@ def read_clip(
     layout = None if source.is_file() else find_layout(_existing(source))
     if layout is None:
         name = source.stem
-        fps, claimed = describe(source)
-        indices, pictures, seen = _read_video(source, span, width, claimed, progress)
-        total = max(seen, claimed)
+        indices, pictures, clock, total = _read_video(source, span, width, progress)
     else:
-        name, fps, total = layout.name, layout.fps, len(layout.images)
+        name, total = layout.name, len(layout.images)
         indices = _select(span, total, source)
         pictures = read_pictures(layout, indices, partial(even_size, new_width=width), progress)
+        clock = Clock(np.arange(len(indices), dtype=np.float64), layout.fps / (span.step or 1))
     if hold_out is not None and hold_out > len(indices):
         raise F4xError(
             f"--hold-out {hold_out} holds out none of the {len(indices)} frames of {source}; give a smaller number, or"
@@ -62,8 +62,8 @@ def read_clip(
     return Clip(
         name=name,
         frames=pictures,
-        times=np.arange(len(indices), dtype=np.float64),
-        fps=(fps or DEFAULT_FPS) / (span.step or 1),
+        times=clock.times,
+        fps=clock.fps,
         held_out=np.arange(len(indices)) % hold_out == hold_out - 1 if hold_out else np.zeros(len(indices), bool),
         source=str(source),
         picked=f"{indices[0]}:{indices[-1] + 1}:{span.step or 1}",
@@ -116,19 +116,37 @@ def _select(span: slice, count: int, source: Path) -> np.ndarray:
 
 
 def _read_video(
-    file: Path, span: slice, width: int | None, claimed: int, progress: Progress
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return (indices, frames, number of frames decoded); keeps only selected frames, already small."""
+    file: Path, span: slice, width: int | None, progress: Progress
+) -> tuple[np.ndarray, np.ndarray, Clock, int]:
+    """Return (indices, frames, their clock, number of frames of the file); keeps only selected frames, already small."""
     kept: list[np.ndarray] = []
-    count, expected = 0, min(filter(None, (span.stop, claimed)), default=0)
-    for count, image in enumerate(islice(decode(file), span.stop), start=1):
+    seconds: list[float] = []
+    rate, claimed = describe(file)
+    count, tick, expected = 0, 0.0, min(filter(None, (span.stop, claimed)), default=0)
+    for count, shown in enumerate(islice(decode(file), span.stop), start=1):
         progress(STAGE, count - 1, max(count, expected))
-        index = count - 1 - (span.start or 0)
+        index, tick = count - 1 - (span.start or 0), shown.tick
         if index >= 0 and index % (span.step or 1) == 0:
-            kept.append(resize_color(image, *even_size(image.shape[1], image.shape[0], width)))
+            kept.append(resize_color(shown.pixels, *even_size(shown.pixels.shape[1], shown.pixels.shape[0], width)))
+            seconds.append(shown.seconds)
     progress(STAGE, count, count)
     indices = _select(span, count, file)
-    return indices, np.stack(kept), count
+    clock = read_clock(seconds, tick, (rate or DEFAULT_FPS) / (span.step or 1))
+    return indices, _stacked(kept, file), clock, max(count, claimed)
+
+
+def _stacked(kept: list[np.ndarray], file: Path) -> np.ndarray:
+    """One array of the frames, which it takes out of `kept` on the way, so that memory holds them once."""
+    try:
+        frames = np.empty((len(kept), *kept[0].shape), np.uint8)
+    except MemoryError as error:
+        height, width = kept[0].shape[:2]
+        raise F4xError(
+            f"{file}: {len(kept)} frames of {width}x{height} do not fit into memory; give --frames ::2 or a smaller --width"
+        ) from error
+    for index in reversed(range(len(kept))):
+        frames[index] = kept.pop()
+    return frames
 
 
 def read_pictures(

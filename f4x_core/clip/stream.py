@@ -13,8 +13,9 @@ import numpy as np
 from ..errors import F4xError
 from ..progress import Progress, silent
 from .changes import find_changes
+from .clock import Clock, Shown, read_clock
 from .images import even_size, resize_color
-from .layouts import find_layout
+from .layouts import DEFAULT_FPS, find_layout
 from .read import frame_indices, parse_span, read_pictures
 from .video import decode, describe
 
@@ -33,10 +34,22 @@ class Survey:
     """Clip frames T."""
     cuts: tuple[int, ...]
     """First frames of the shots after the first."""
+    rate: float = DEFAULT_FPS
+    """Clip frames per second, as the source says."""
+    seconds: np.ndarray | None = None
+    """(T,) time stamps of the clip frames, of a film."""
+    tick: float = 0.0
+    """Seconds to which they are rounded."""
 
     def part(self, start: int, end: int) -> str:
         """Clip frames `start` to `end` (not included) as the `frames` of `read_clip`."""
         return f"{self.first + start * self.step}:{self.first + (end - 1) * self.step + 1}:{self.step}"
+
+    def clock(self, start: int, end: int) -> Clock:
+        """The clock of a clip of the frames `start` to `end` (not included)."""
+        if self.seconds is None:
+            return Clock(np.arange(end - start, dtype=np.float64), self.rate)
+        return read_clock(self.seconds[start:end], self.tick, self.rate)
 
 
 @dataclass(frozen=True)
@@ -67,11 +80,11 @@ class ClipStream:
 
     def __iter__(self) -> Iterator[np.ndarray]:
         seen, (high, wide) = 0, (self.height, self.width)
-        for picture in _opened(self.source, self.picked, self._size)[2]:
-            seen, (high, wide) = seen + 1, picture.shape[:2]
+        for shown in _opened(self.source, self.picked, self._size)[2]:
+            seen, (high, wide) = seen + 1, shown.pixels.shape[:2]
             if seen > self.count or (high, wide) != (self.height, self.width):
                 break
-            yield picture
+            yield shown.pixels
         if seen != self.count or (high, wide) != (self.height, self.width):
             less = "" if seen < self.count else "at least "
             raise F4xError(
@@ -101,36 +114,40 @@ def survey(
     The arguments are those of `read_clip`. Raises F4xError for whatever cannot be read.
     """
     source = Path(source).expanduser()
-    seen = 0
+    seconds: list[float] = []
+    tick = 0.0
 
-    def counted(pictures: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
-        nonlocal seen
-        for picture in pictures:
-            progress(STAGE, seen, expected)
-            seen += 1
-            yield picture
+    def counted(pictures: Iterator[Shown]) -> Iterator[np.ndarray]:
+        nonlocal tick
+        for shown in pictures:
+            progress(STAGE, len(seconds), expected)
+            seconds.append(shown.seconds)
+            tick = shown.tick
+            yield shown.pixels
 
     expected = reported_frame_count(source, frames)
     first, stride, pictures = _opened(source, frames, partial(even_size, new_width=width))
-    changes = find_changes(counted(pictures))
-    progress(STAGE, seen, seen)
-    return Survey(first, stride, seen, tuple(changes.cuts.tolist()))
+    cuts = find_changes(counted(pictures)).cuts
+    progress(STAGE, len(seconds), len(seconds))
+    rate = describe(source)[0] if source.is_file() else find_layout(source.absolute()).fps
+    rate = (rate or DEFAULT_FPS) / stride
+    return Survey(first, stride, len(seconds), tuple(cuts.tolist()), rate, np.array(seconds), tick)
 
 
 def _opened(
     source: Path, frames: str | None, size: Callable[[int, int], tuple[int, int]]
-) -> tuple[int, int, Iterator[np.ndarray]]:
+) -> tuple[int, int, Iterator[Shown]]:
     """(First frame of the source, step, pictures (H,W,3) uint8 one by one, resized to `size` of their width and height)."""
     source = Path(source).expanduser()
     if source.is_file():
         span = parse_span(frames)
         # `islice` over the decoder and not a list: a film decodes to more than any memory
         pictures = (
-            resize_color(image, *size(image.shape[1], image.shape[0]))
-            for image in islice(decode(source), span.start, span.stop, span.step)
+            shown._replace(pixels=resize_color(shown.pixels, *size(shown.pixels.shape[1], shown.pixels.shape[0])))
+            for shown in islice(decode(source), span.start, span.stop, span.step)
         )
         return span.start or 0, span.step or 1, pictures
     layout = find_layout(source.absolute())
     indices = frame_indices(frames, len(layout.images), source)
-    pictures = (read_pictures(layout, indices[i : i + 1], size)[0] for i in range(len(indices)))
+    pictures = (Shown(read_pictures(layout, indices[i : i + 1], size)[0], np.nan, 0.0) for i in range(len(indices)))
     return int(indices[0]), int(indices[1] - indices[0]) if len(indices) > 1 else 1, pictures

@@ -2,35 +2,128 @@
 
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
+from .clock import GRID, Shown
+from .hdr import Transfer, to_srgb
 from .images import as_bytes
 
 QUALITY = "16"  # x264 CRF: no visible loss; the file is for people, measurements use the arrays
+UNTAGGED = 2  # colour properties that a file does not tell, ITU-T H.273
+HDR: dict[int, Transfer] = {16: "pq", 18: "hlg"}  # transfer characteristics, ITU-T H.273
+# An untagged film of at least this size is in BT.709, a smaller one in BT.601: so guesses the player mpv, and VLC alike.
+HD_WIDTH, SD_HEIGHT = 1280, 576
+SQUARE = 0.005  # pixels whose sides differ by less are square: 854 x 480 is 16:9 only so
 
 
 def describe(file: Path) -> tuple[float, int]:
     """Return (average frames per second, number of frames) as the file claims, 0 where it does not tell."""
     with _opened(file) as container:
-        stream = container.streams.video[0]
+        stream = _film(container)
         return float(stream.average_rate or 0), stream.frames
 
 
-def decode(file: Path) -> Iterator[np.ndarray]:
-    """Yield the frames `(H, W, 3)` uint8 in order of presentation, upright as a phone's rotation tag says."""
+def decode(file: Path) -> Iterator[Shown]:
+    """Yield the frames in order of presentation: sRGB, upright as a phone's rotation tag says, with square pixels.
+
+    Whole frames, deinterlaced where they are made of fields. Frames that cannot be decoded without ones that are missing are left
+    out, as are those that an edit list hides. Raises F4xError for a file that is damaged or has no frame to show.
+    """
     import av
 
+    whole = 0
     with _opened(file) as container:
-        container.streams.video[0].thread_type = "AUTO"
+        stream = _film(container)
+        stream.thread_type = "AUTO"
         try:
-            for frame in container.decode(video=0):
-                yield np.ascontiguousarray(np.rot90(frame.to_ndarray(format="rgb24"), round(frame.rotation / 90)))
+            for frame in _whole_frames(_decodable(container, stream)):
+                whole += 1
+                pixels = _squared(_rgb(frame, stream), stream.sample_aspect_ratio)
+                pixels = np.ascontiguousarray(np.rot90(pixels, round(frame.rotation / 90)))
+                yield Shown(pixels, np.nan if frame.time is None else frame.time, float(stream.time_base))
         except av.FFmpegError as error:
-            raise F4xError(f"{file} is damaged ({error.strerror}); re-encode it or cut it before the damage") from error
+            told = f"give --frames 0:{whole} for what comes before" if whole else "copy it again from where it was made"
+            raise F4xError(f"{file} is damaged after {whole} frames ({error.strerror}); {told}") from error
+    if whole == 0:
+        raise F4xError(f"{file} has no frame that can be shown whole; export it again from where it was made")
+
+
+def _decodable(container, stream) -> Iterator:
+    """Frames that need no missing ones: from the first key frame on, or decoders would begin with grey pictures."""
+    begun = False
+    for packet in container.demux(stream):
+        begun = begun or packet.is_keyframe
+        if begun:
+            yield from (frame for frame in packet.decode() if not frame.is_corrupt)
+
+
+def _whole_frames(frames: Iterable) -> Iterator:
+    """The frames with two fields woven into one picture each, by FFmpeg's filter `bwdif`; progressive ones as they are."""
+    graph = None
+    for frame in frames:
+        if graph is None and frame.interlaced_frame:
+            graph = _deinterlacer(frame)
+        if graph is None:
+            yield frame
+        else:
+            graph.push(frame)
+            yield from _pulled(graph)
+    if graph is not None:
+        graph.push(None)
+        yield from _pulled(graph)
+
+
+def _deinterlacer(frame):
+    import av
+
+    graph = av.filter.Graph()
+    source = graph.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=frame.time_base)
+    graph.link_nodes(source, graph.add("bwdif", "mode=send_frame:deint=interlaced"), graph.add("buffersink"))
+    graph.configure()
+    return graph
+
+
+def _pulled(graph) -> Iterator:
+    import av
+
+    while True:
+        try:
+            yield graph.pull()
+        except (av.BlockingIOError, av.EOFError):  # it waits for the next frame, or all are out
+            return
+
+
+def _rgb(frame, stream) -> np.ndarray:
+    """`(H, W, 3)` uint8 sRGB of a decoded frame."""
+    from av.video.reformatter import Colorspace
+
+    transfer = HDR.get(stream.codec_context.color_trc)
+    if transfer is not None:
+        matrix = Colorspace.BT2020 if frame.colorspace == UNTAGGED else None
+        return to_srgb(frame.reformat(format="rgb48le", src_colorspace=matrix).to_ndarray(), transfer)
+    if (
+        frame.colorspace == UNTAGGED
+        and not frame.format.is_rgb
+        and (frame.width >= HD_WIDTH or frame.height > SD_HEIGHT)
+    ):
+        frame = frame.reformat(format="rgb24", src_colorspace=Colorspace.ITU709)
+    return frame.to_ndarray(format="rgb24")
+
+
+def _squared(pixels: np.ndarray, aspect: Fraction | None) -> np.ndarray:
+    """The picture with square pixels: as high as it was, `aspect` (width of a pixel to its height) times as wide."""
+    import cv2
+
+    height, width = pixels.shape[:2]
+    if not aspect or abs(aspect - 1) < SQUARE:
+        return pixels
+    wide = max(2, 2 * round(width * aspect / 2))  # even, as video codecs want it
+    return cv2.resize(pixels, (wide, height), interpolation=cv2.INTER_AREA if wide < width else cv2.INTER_CUBIC)
 
 
 def _opened(file: Path):
@@ -40,30 +133,43 @@ def _opened(file: Path):
         container = av.open(str(file))
     except (av.FFmpegError, OSError) as error:
         raise F4xError(f"{file} cannot be read as a video ({error.strerror}); give a video or a folder") from error
-    if not container.streams.video:
+    if _film(container) is None:
         container.close()
         raise F4xError(f"{file} holds no video, only {len(container.streams)} other stream(s); give a video file")
     return container
 
 
-def write_video(file: str | Path, frames: Iterable[np.ndarray], fps: float) -> None:
+def _film(container):
+    """The first stream of moving pictures, None without one: the cover of a song is a stream of one picture."""
+    from av.stream import Disposition
+
+    return next((each for each in container.streams.video if not each.disposition & Disposition.attached_pic), None)
+
+
+def write_video(
+    file: str | Path, frames: Iterable[np.ndarray], fps: float, times: Iterable[float] | None = None
+) -> None:
     """Write H.264 in yuv420p (BT.709), playable everywhere: `frames` (H, W, 3), or (H, W) grey, uint8 or float in [0, 1].
 
     An odd last row or column is doubled, as the format wants even sizes. `frames` may be a generator; nothing is left
-    at `file` when it fails. Raises F4xError for no frames or frames of several sizes.
+    at `file` when it fails. `times`: when each is shown, in units of 1 / fps from that of the first; 0, 1, 2, ... when None.
+    Raises F4xError for no frames or frames of several sizes.
     """
     import av
 
     file = Path(file)
     with replace_file(file) as target, av.open(target, "w", format="mp4") as container:
-        stream = None
-        for frame in frames:
+        stream, rate = None, Fraction(fps).limit_denominator(1001)
+        ticks = count() if times is None else (round(GRID * time) for time in times)
+        for frame, tick in zip(frames, ticks, strict=False):
             pixels = as_bytes(frame)
             pixels = np.repeat(pixels[..., None], 3, 2) if pixels.ndim == 2 else pixels
             height, width = pixels.shape[:2]
             if stream is None:
                 first = pixels.shape
-                stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001))
+                stream = container.add_stream("libx264", rate=rate)
+                if times is not None:
+                    stream.codec_context.time_base, begin = 1 / (rate * GRID), tick
                 stream.width, stream.height, stream.pix_fmt = width + width % 2, height + height % 2, "yuv420p"
                 stream.options = {"crf": QUALITY}
                 stream.codec_context.colorspace = stream.codec_context.color_primaries = 1  # ITU-R BT.709
@@ -72,7 +178,10 @@ def write_video(file: str | Path, frames: Iterable[np.ndarray], fps: float) -> N
                 raise F4xError(f"{file}: frames of sizes {first} and {pixels.shape}; a video needs one size")
             padded = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
             picture = av.VideoFrame.from_ndarray(padded, format="rgb24")
-            container.mux(stream.encode(picture.reformat(format="yuv420p", dst_colorspace="ITU709")))
+            picture = picture.reformat(format="yuv420p", dst_colorspace="ITU709")
+            if times is not None:
+                picture.pts, picture.time_base = tick - begin, stream.codec_context.time_base
+            container.mux(stream.encode(picture))
         if stream is None:
             raise F4xError(f"{file}: no frames to write; render at least one")
         container.mux(stream.encode())

@@ -170,9 +170,11 @@ class Resolver:
                 rows = rows[~split_objects(scene.posed(self.context.frame), rows)[1]]
             return Ids.of(scene.ids[rows])
         if isinstance(select, Point):
-            return Ids.of(select_by_points(scene, [(select.x, select.y)], select.frame).chosen_ids)
+            return Ids.of(
+                select_by_points(scene, [(select.x, select.y)], scene.cameras.frame_at(select.frame)).chosen_ids
+            )
         if isinstance(select, Box):
-            return Ids.of(select_by_box(scene, select.box, select.frame).chosen_ids)
+            return Ids.of(select_by_box(scene, select.box, scene.cameras.frame_at(select.frame)).chosen_ids)
         if isinstance(select, Instance):
             rows = rows_of(scene, self._cached(scene, select.of, tidy))
             if not len(rows):

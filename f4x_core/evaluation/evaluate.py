@@ -240,7 +240,7 @@ def registered_scores(
         scores |= mask_scores(image, moving, target, mask)
     neighbours = beside(len(clip), index, set(scene.held_out))
     if baselines and (found.found or len(neighbours) == 2):
-        fraction = (index - neighbours[0]) / (neighbours[-1] - neighbours[0]) if len(neighbours) == 2 else 0.0
+        fraction = _fraction(clip, index, neighbours) if len(neighbours) == 2 else 0.0
         offset = None
         if found.found:
             offset = halfway_offset(scene, index, neighbours, fraction, found.camera, moment.backend)
@@ -257,16 +257,21 @@ def beside(frames: int, index: int, held_out: set[int]) -> tuple[int, ...]:
     return tuple(i for i in (before, after) if i is not None)
 
 
+def _fraction(clip: Clip, index: int, neighbours: tuple[int, ...]) -> float:
+    """How far in time frame `index` is on the way between two `neighbours`, 0 to 1."""
+    before, now, after = clip.times[[neighbours[0], index, neighbours[1]]]
+    return float((now - before) / (after - before))
+
+
 def baseline_scores(clip: Clip, index: int, held_out: set[int]) -> dict[str, float]:
     """PSNR of the nearest used frame, and of the half-way flow blend of the two neighbours, as pictures of frame `index`."""
     neighbours = beside(len(clip), index, held_out)
     target = torch.from_numpy(clip.frames[index].astype(np.float32) / 255)
-    nearest = min(neighbours, key=lambda i: abs(i - index))
+    nearest = min(neighbours, key=lambda i: abs(clip.times[i] - clip.times[index]))
     scores = {"psnr_nearest": psnr(torch.from_numpy(clip.frames[nearest].astype(np.float32) / 255), target)}
     if len(neighbours) == 2:
         before, after = neighbours
-        fraction = (index - before) / (after - before)
-        blended = blend_by_flow(clip.frames[before], clip.frames[after], fraction)
+        blended = blend_by_flow(clip.frames[before], clip.frames[after], _fraction(clip, index, neighbours))
         scores["psnr_flow_blend"] = psnr(torch.from_numpy(blended), target)
     return scores
 

@@ -250,7 +250,7 @@ class PreviousWindow:
         before = self.scene.scaffold
         if before is None:
             return replace(scaffold, ids=self.next_node + np.arange(len(scaffold)))
-        before = replace(before, times=before.times - self.offset)
+        before = replace(before, times=before.times - self.scene.cameras.times[self.offset])
         return continue_nodes(scaffold, before, CONTINUES * before.unit, self.next_node)
 
 

@@ -139,6 +139,15 @@ class CameraPath:
         intrinsics = self.intrinsics[below] + (row - below) * (self.intrinsics[above] - self.intrinsics[below])
         return Camera(intrinsics, pose.to_matrix(*pose.invert(turned, center)), self.width, self.height)
 
+    @property
+    def steady(self) -> bool:
+        """Whether the times are 0, 1, 2, ...: frames that are evenly spaced, all of them."""
+        return bool((self.times == np.arange(len(self))).all())
+
+    def frame_at(self, time: float) -> int:
+        """The index of the camera nearest in time; where frames are evenly spaced `time` itself, rounded, even if it is outside."""
+        return round(time) if self.steady else int(np.abs(self.times - time).argmin())
+
     def at_times(self, times: Sequence[float] | np.ndarray) -> "CameraPath":
         """Return the path sampled at other times, for example every clip frame from the supervised ones."""
         cameras = [self.at(time) for time in times]

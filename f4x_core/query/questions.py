@@ -272,6 +272,10 @@ def _look_for(
     first, last = (float(time) for time in scene.cameras.times[[0, -1]])
     if asked.span is not None:
         views = [view for view in trajectory if asked.span[0] - 0.5 <= view.time <= asked.span[1] + 0.5]
+        if not views and trajectory:  # frames lie farther apart there
+            at, gap = asked.span[0], float(np.diff(scene.cameras.times).max(initial=0.0))
+            nearest = min(trajectory, key=lambda view: abs(view.time - at))
+            views = [nearest] if abs(nearest.time - at) <= gap / 2 else []
         if not views:
             raise F4xError(f"The camera path shows nothing at frame {asked.span[0]:g}; ask without --path.")
         around = WINDOW * scene.fps if asked.span[0] == asked.span[1] else 0.0

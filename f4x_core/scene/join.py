@@ -32,29 +32,40 @@ of a pixel blur: over all twelve a made-up clip loses 1.9 dB there, over four 0.
 to frame grows by a twentieth."""
 ALWAYS = (-np.inf, -np.inf, np.inf, np.inf)
 """The span of what never comes or goes."""
-LOOKS_PER_WINDOW = 4
+COMPARED_PER_WINDOW = 4
 """Frames of a window in which it is looked whether they would show what later windows made."""
 
 
-def spans_of(windows: Sequence[tuple[int, int]]) -> np.ndarray:
-    """(P,4) when each of the windows (first frame, end) is there: ramps amid the shared frames, none at the clip's ends."""
+def spans_of(windows: Sequence[tuple[int, int]], times: np.ndarray) -> np.ndarray:
+    """(P,4) when each of the windows (first frame, end) is there: ramps amid the shared frames, none at the clip's ends.
+
+    `times (T,)`: those of the frames.
+    """
     spans = np.array([ALWAYS] * len(windows))
     for number, ((_, end), (start, _)) in enumerate(pairwise(windows)):
-        middle = (start + end - 1) / 2
-        spans[number, 2:] = spans[number + 1, :2] = max(start, middle - FADE / 2), min(end - 1, middle + FADE / 2)
+        first, last = times[start], times[end - 1]
+        middle = (first + last) / 2
+        spans[number, 2:] = spans[number + 1, :2] = max(first, middle - FADE / 2), min(last, middle + FADE / 2)
     return spans
 
 
 def join_scenes(
-    scenes: Iterable[Scene], windows: Sequence[tuple[int, int]], backend: str = "auto", progress: Progress = silent
+    scenes: Iterable[Scene],
+    windows: Sequence[tuple[int, int]],
+    backend: str = "auto",
+    progress: Progress = silent,
+    times: np.ndarray | None = None,
 ) -> Scene:
-    """Return one scene of the scenes of `windows` (first frame, end) in order; each counts its frames from 0.
+    """Return one scene of the scenes of `windows` (first frame, end) in order; each counts its frames and its time from 0.
+
+    `times (T,)` are those of all frames, which are evenly spaced when None.
 
     `scenes` are taken one after the other, so that only one need be in memory. Edits, features and metrics are left behind:
     they belong to the whole, not to parts. Raises F4xError where scenes and windows do not belong together.
     """
-    spans = spans_of(windows)
-    static, moving, path, held_out = _Background(), _Moving(windows, spans), _Path(windows), set[int]()
+    times = np.arange(windows[-1][1], dtype=np.float64) if times is None else times
+    spans = spans_of(windows, times)
+    static, moving, path, held_out = _Background(), _Moving(windows, spans, times), _Path(windows, times), set[int]()
     last: Scene | None = None
     for number, (scene, (start, end)) in enumerate(zip(scenes, windows, strict=True)):
         progress("join", number, len(windows))
@@ -81,7 +92,7 @@ def join_scenes(
         features=None,
         extra={},
     )
-    return _with_new_ground(joined, windows, backend, progress)
+    return _with_new_ground(joined, [times[frame] for frame in _compared_frames(windows)], backend, progress)
 
 
 @dataclass
@@ -112,6 +123,7 @@ class _Moving:
 
     windows: Sequence[tuple[int, int]]
     spans: np.ndarray
+    times: np.ndarray
     parts: list[DynamicSet] = field(default_factory=list)
     scaffolds: list[Scaffold] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
@@ -122,7 +134,7 @@ class _Moving:
         """One window's, if something moves in it."""
         self._rest(scene)
         if scene.scaffold is not None:
-            self.scaffolds.append(replace(scene.scaffold, times=scene.scaffold.times + start))
+            self.scaffolds.append(replace(scene.scaffold, times=scene.scaffold.times + self.times[start]))
             self.numbers.append(number)
             self.last = replace(scene, static=StaticSet.empty())
 
@@ -134,8 +146,8 @@ class _Moving:
         after = np.zeros(0, np.int64) if following is None or following.scaffold is None else following.scaffold.ids
         before = self.scaffolds[-2].ids if len(self.scaffolds) > 1 else np.zeros(0, np.int64)
         shared = np.isin(own.ids, [*before, *after])
-        begin = self.windows[number - 1][1] if number else -np.inf
-        end = self.windows[number + 1][0] if number + 1 < len(self.windows) else np.inf
+        begin = self.times[self.windows[number - 1][1]] if number else -np.inf
+        end = self.times[self.windows[number + 1][0]] if number + 1 < len(self.windows) else np.inf
         alone = np.flatnonzero((own.times >= begin) & (own.times < end))
         self.parts.append(_rested(self.last, alone, shared))
         self.last = None
@@ -165,6 +177,7 @@ class _Path:
     """Cameras of the windows, one window after the other; over shared frames they blend into each other."""
 
     windows: Sequence[tuple[int, int]]
+    times: np.ndarray
     size: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
@@ -176,7 +189,8 @@ class _Path:
         """One window's cameras."""
         self.size = cameras.width, cameras.height
         rows = slice(start - self.windows[0][0], start - self.windows[0][0] + len(cameras))
-        weight = np.maximum([presence(span[None], start + t)[0] for t in range(len(cameras))], 1e-6)
+        when = self.times[start : start + len(cameras)]
+        weight = np.maximum([presence(span[None], time)[0] for time in when], 1e-6)
         turn, centre = pose.invert(*pose.from_matrix(cameras.world_to_camera))
         turn = turn * np.where((self.turn[rows] * turn).sum(-1, keepdims=True) < 0, -1, 1)
         self.intrinsics[rows] += weight[:, None, None] * cameras.intrinsics
@@ -187,7 +201,7 @@ class _Path:
     def finish(self) -> CameraPath:
         """One camera per frame."""
         inverse = pose.invert(quaternion.normalize(self.turn), self.centre / self.total[:, None])
-        times = self.windows[0][0] + np.arange(len(self.total), dtype=np.float64)
+        times = self.times[self.windows[0][0] : self.windows[-1][1]]
         return CameraPath(self.intrinsics / self.total[:, None, None], pose.to_matrix(*inverse), times, *self.size)
 
 
@@ -224,8 +238,8 @@ def _rested(scene: Scene, alone: np.ndarray, shared: np.ndarray) -> DynamicSet:
     return replace(dynamic, means=means, quats=quats, reference=reference.astype(np.int32))
 
 
-def _with_new_ground(scene: Scene, windows: Sequence[tuple[int, int]], backend: str, progress: Progress) -> Scene:
-    """The scene in which the background that no earlier frame shows is there from the beginning."""
+def _with_new_ground(scene: Scene, compared: Sequence[float], backend: str, progress: Progress) -> Scene:
+    """The scene in which the background that no earlier frame shows is there from the beginning; `compared`: times to try."""
     if scene.static.span is None:
         return scene
     span = scene.static.span.copy()
@@ -234,9 +248,8 @@ def _with_new_ground(scene: Scene, windows: Sequence[tuple[int, int]], backend: 
     span[early, :2] = -np.inf
     open_ground = replace(scene, static=replace(scene.static, span=span))
     shown = np.zeros(len(span), bool)
-    times = list(_compared_times(windows))
-    for done, time in enumerate(times):
-        progress("join", done, len(times), "what earlier frames would show")
+    for done, time in enumerate(compared):
+        progress("join", done, len(compared), "what earlier frames would show")
         later = early & (since > time) & ~shown
         if later.any():
             shown[later] = (
@@ -247,9 +260,10 @@ def _with_new_ground(scene: Scene, windows: Sequence[tuple[int, int]], backend: 
     return replace(scene, static=replace(scene.static, span=None if (kept == ALWAYS).all() else kept))
 
 
-def _compared_times(windows: Sequence[tuple[int, int]]) -> Iterator[float]:
+def _compared_frames(windows: Sequence[tuple[int, int]]) -> Iterator[int]:
+    """Frames in which it is looked what later windows made."""
     for start, end in windows[:-1]:
-        yield from np.unique(np.linspace(start, end - 1, LOOKS_PER_WINDOW).round()).tolist()
+        yield from np.unique(np.linspace(start, end - 1, COMPARED_PER_WINDOW).round().astype(int)).tolist()
 
 
 def _weights(scene: Scene, time: float, backend: str) -> np.ndarray:

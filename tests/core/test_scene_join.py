@@ -147,11 +147,11 @@ def test_nodes_that_move_otherwise_are_other_nodes():
 
 def test_joined_scaffold_holds_nodes_still_where_their_windows_do_not_reach():
     first, later = scaffold(range(10), PLACES, [0, 1, 2]), scaffold(range(6, 16), PLACES, [1, 2, 5])
-    whole, rows = join_scaffolds([first, later], spans_of(WINDOWS))
+    whole, rows = join_scaffolds([first, later], spans_of(WINDOWS, np.arange(16.0)))
     assert whole.ids.tolist() == [0, 1, 2, 5] and [row.tolist() for row in rows] == [[0, 1, 2], [1, 2, 3]]
     assert (whole.xyz[9:, 0] == whole.xyz[9, 0]).all() and (whole.xyz[:7, 3] == whole.xyz[6, 3]).all()
     assert not whole.certain[12, 0] and whole.certain[12, 3]
-    half = presence(spans_of(WINDOWS), 7.0)
+    half = presence(spans_of(WINDOWS, np.arange(16.0)), 7.0)
     assert np.allclose(half.sum(), 1) and np.allclose(
         whole.xyz[7, 1], half[0] * first.xyz[7, 1] + half[1] * later.xyz[1, 0], atol=1e-6
     )
