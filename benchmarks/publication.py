@@ -1,9 +1,10 @@
-"""`docs/results.md` and the measured figures of all documents from the data of reports: `python -m benchmarks.publication [REPORT]`.
+"""`docs/results.md` and the measured figures of all documents, from reports: `python -m benchmarks.publication [REPORT]`.
 
 `benchmarks/results/STUDY.json` holds what was measured last, one file a study as the runner wrote it; figures that no study of the
 catalogue measures yet lie there in the same form. Given a REPORT folder its studies replace theirs first.
 
-A figure in a document is a link whose title says which cell it shows: `[1.5](results.md#STUDY "TABLE | words of the row | column")`.
+A figure in a document is a link whose title says which cell it shows:
+`[1.5](results.md#STUDY "TABLE | words of the row | column")`.
 """
 
 from __future__ import annotations
@@ -91,7 +92,9 @@ def find_cell(results: Path, study: str, address: str) -> Any:
     tables = [table for table in read_json(results / f"{study}.json")["tables"] if table["name"] == name]
     rows = [row for table in tables for row in table["rows"] if words in " ".join(map(format_value, row.values()))]
     if len(rows) != 1 or rows[0].get(column) is None:
-        raise F4xError(f"{here}: {len(rows)} rows of the table {name} have these words; wanted is one, with that column.")
+        raise F4xError(
+            f"{here}: {len(rows)} rows of the table {name} have these words; wanted is one, with that column."
+        )
     return rows[0][column]
 
 

@@ -12,7 +12,10 @@ from f4x_core.errors import F4xError
 LINK = re.compile(r"\]\([^\s)]*results\.md#([\w-]+)")
 PROBE = {
     "tables": [
-        {"name": "times", "rows": [{"": "a word", "time (s)": 0.25412}, {"": "a picture", "time (s)": 12, "memory": "1 to 2"}]}
+        {
+            "name": "times",
+            "rows": [{"": "a word", "time (s)": 0.25412}, {"": "a picture", "time (s)": 12, "memory": "1 to 2"}],
+        }
     ]
 }
 
