@@ -236,7 +236,7 @@ def lines_of_errors(function: str) -> set[int]:
     found: set[int] = set()
     for node in ast.walk(ast.parse(function)):
         told = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "progress"
-        if isinstance(node, ast.Raise) or told:
+        if isinstance(node, ast.Raise | ast.Call) and (told or isinstance(node, ast.Raise)):
             found.update(range(node.lineno - 1, node.end_lineno or node.lineno))
     return found
 

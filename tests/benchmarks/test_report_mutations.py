@@ -101,6 +101,6 @@ def test_mutants_that_were_not_tried_are_an_error(tmp_path, monkeypatch):
 
 def test_without_mutmut_the_study_is_skipped(tmp_path, monkeypatch):
     monkeypatch.setattr(mutations, "find_spec", lambda _: None)
-    with pytest.raises(MissingError, match="dev.py mutants"):
+    with pytest.raises(MissingError, match=r"dev\.py mutants"):
         mutations.measure_mutations(Context(tmp_path))
     assert all((ROOT / "f4x_core" / room).is_dir() for room in ROOMS)

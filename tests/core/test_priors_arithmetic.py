@@ -54,7 +54,7 @@ def test_depth_that_samples_contradict_is_trusted_less():
 
 def test_centring_a_problem_remembers_its_unit():
     rng = np.random.default_rng(0)
-    points = np.column_stack([rng.normal(size=(50, 3)) + [0, 0, 8], np.ones(50)])
+    points = np.column_stack([rng.normal(size=(50, 3)) + np.array([0, 0, 8]), np.ones(50)])
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     rotation, center = np.tile(np.eye(3), (3, 1, 1)), rng.normal(size=(3, 3))
     before = _Problem(100.0, np.ones(3), np.zeros(2), rotation, center, points, np.zeros(3), 1.0)
