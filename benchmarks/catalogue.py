@@ -153,8 +153,9 @@ STUDIES = (
         "mutations",
         "stability",
         "Formulas broken on purpose",
-        "Does a test of the everyday suite notice a sign, a factor or a transpose that is wrong?",
+        "Does a test of the everyday suite notice a sign, a factor or a comparison that is wrong?",
         ".studies.mutations:measure_mutations",
+        only_full=True,
     ),
     Study(
         "latent-width",

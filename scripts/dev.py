@@ -26,6 +26,8 @@ PYTHON = (3, 11)
 ZIG = "ziglang==0.17.1"
 # Makes pages of docstrings; it comes only when it is asked for.
 PDOC = "pdoc==16.0.0"
+# Breaks formulas to see whether a test notices; it comes only when it is asked for.
+MUTMUT = "mutmut==3.8.1"
 EVERYDAY = ("-m", "not slow and not real")
 VERBS = {
     "demo": "a rendered clip all the way to a Blender file; takes the options of `f4x demo` (demo --help)",
@@ -35,7 +37,8 @@ VERBS = {
     "kernels": "compile the native library; with --all for every platform of the extension, by the package ziglang",
     "extension": "feature4x-VERSION.zip for Blender, in -o DIR; with --all with the kernels of every platform",
     "blender": "install, scripts and window in a real Blender, in a Debian of its own; says SKIPPED unless root and network allow",
-    "results": "docs/results.md from benchmarks/results/, after taking over what the report in DIR measured, where one is given",
+    "results": "docs/results.md and the figures in documents from benchmarks/results/, after taking over the report in DIR, if any",
+    "mutants": "formulas of a ROOM (fit, scaffold, …; none: the report's five) broken by mutmut, and which no test notices",
     "docs": "pages of all public functions and classes, from their docstrings, in build/docs",
     "setup": "only make .venv, install what is pinned, and build the native kernel",
 }
@@ -151,6 +154,12 @@ def docs() -> int:
     return code
 
 
+def mutants(rooms: list[str]) -> int:
+    """Which wrong formulas of some rooms no test notices."""
+    code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", MUTMUT])
+    return code or run(["-m", "benchmarks.studies.mutations", *rooms])
+
+
 def blender(arguments: list[str]) -> int:
     """The tests in a real Blender, in the system of F4X_BLENDER_ROOT or one that is kept for this user."""
     from real_blender import UnavailableError, prepare  # not at the top: only Debian's and Ubuntu's root gets far
@@ -189,6 +198,8 @@ def main() -> int:
         return kernels(args.options)
     if args.verb == "results":
         return run(["-m", "benchmarks.publication", *args.options])
+    if args.verb == "mutants":
+        return mutants(args.options)
     if args.verb == "extension":
         return extension(args.options)
     if args.verb == "docs":

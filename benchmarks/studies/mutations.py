@@ -1,250 +1,275 @@
-"""Does a test notice when a formula is wrong? Formulas are broken one at a time in a copy of the source, and the tests of their
-room are run on it."""
+"""Does a test notice when a formula is wrong? mutmut breaks one thing at a time, and tests that run it must fail.
+
+`python3 scripts/dev.py mutants [ROOM …]` prints what survives; `f4x report --only mutations` records it. Drawn are mutants of
+arithmetic alone: a number, an operator or a comparison of a function, none in an error's text. Constants of modules and what
+C++ computes are not mutated.
+"""
 
 from __future__ import annotations
 
+import ast
+import difflib
+import io
+import json
+import os
+import random
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
+import textwrap
+import tokenize
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import asdict, dataclass
+from functools import cache, partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from f4x_core.errors import F4xError
 
-from ..study import Context, Findings, MissingError, Table
+from ..study import Context, Findings, MissingError, Row, Table, read_json
 
 ROOT = Path(__file__).resolve().parents[2]
 """Of a checkout, where the tests lie beside the package."""
-COPIED = ("f4x_core", "benchmarks", "tests", "pyproject.toml", "__init__.py")
-FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
-NONE_LEFT = 5
-"""pytest's exit code where no test is left to run."""
+COPIED = ("f4x_core", "addon", "benchmarks", "docs", "scripts", "tests", "pyproject.toml", "__init__.py", "README.md")
+ROOMS = ("fit", "gaussians", "scaffold", "priors", "query")
+"""Where a wrong formula makes a worse scene that nobody sees is wrong."""
+DRAWN = 60
+"""Mutants a room: at 5 % survivors the share is known to 3 % (one standard deviation)."""
+MOST = 0.05
+"""Share of the drawn mutants that may survive where it matters."""
+ACCEPTED = Path(__file__).with_name("survivors.json")
+"""Survivors that do not matter: file, change, kind, reason."""
+KINDS = ("equivalent", "text", "speed")
+WORDS = {"and", "or", "not", "in", "is", "True", "False"}
+BRACKETS = {"(", ")"}
+SURVIVED, UNTESTED = 0, 33
+"""mutmut's exit codes of mutants that no test fails, and of those that no test runs; any other is a mutant that was noticed."""
 
 
 @dataclass(frozen=True)
-class Mutation:
-    """One wrong formula."""
+class Mutant:
+    """One change of one function."""
 
-    formula: str
-    wrong: str
-    """What is wrong with it, in words."""
+    name: str
+    """mutmut's."""
     file: str
     """Inside `f4x_core`."""
-    old: str
-    """Source that occurs exactly once in the file."""
-    new: str
-    tests: tuple[str, ...]
-    """Files under `tests/core` that ought to notice."""
-
-
-ROTATION, CAMERA, HARMONICS = "test_geometry_rotation.py", "test_geometry_camera.py", "test_geometry_harmonics.py"
-RASTER = ("test_raster_backends.py",)
-MUTATIONS = (
-    Mutation(
-        "Hamilton product",
-        "one sign",
-        "geometry/quaternion.py",
-        "aw * by - ax * bz + ay * bw + az * bx",
-        "aw * by + ax * bz + ay * bw + az * bx",
-        (ROTATION,),
-    ),
-    Mutation(
-        "dual part (0, t) q / 2",
-        "without the half",
-        "geometry/dual_quaternion.py",
-        "dual = 0.5 * quaternion.multiply(pure, q)",
-        "dual = quaternion.multiply(pure, q)",
-        (ROTATION,),
-    ),
-    Mutation(
-        "pixels to world points",
-        "rotation transposed",
-        "geometry/camera.py",
-        "return local @ like(matrix[:3, :3].T, pixels)",
-        "return local @ like(matrix[:3, :3], pixels)",
-        (CAMERA,),
-    ),
-    Mutation(
-        "spherical harmonics, degree 2",
-        "a constant of another band",
-        "geometry/spherical_harmonics.py",
-        "C2 = (1.0925484305920792, 0.31539156525252005, 0.5462742152960396)",
-        "C2 = (1.0925484305920792, 0.31539156525252005, 1.0925484305920792)",
-        (HARMONICS,),
-    ),
-    Mutation(
-        "covariance of the image ellipse",
-        "rotation of the view transposed",
-        "raster/projection.py",
-        "rotation = viewmat[:3, :3]",
-        "rotation = viewmat[:3, :3].t()",
-        RASTER,
-    ),
-    Mutation(
-        "alpha = o exp(-q / 2)",
-        "without the half",
-        "raster/reference.py",
-        "torch.exp(-0.5 * torch.einsum",
-        "torch.exp(-1.0 * torch.einsum",
-        RASTER,
-    ),
-    Mutation(
-        "determinant with blur",
-        "blur squared left out",
-        "raster/projection.py",
-        "config.blur * (var_x + var_y) + config.blur**2",
-        "config.blur * (var_x + var_y)",
-        RASTER,
-    ),
-    Mutation(
-        "skinning weight exp(-d^2 / 2 s^2)",
-        "without the 2",
-        "scaffold/skinning.py",
-        "xp.exp(-0.5 * squared",
-        "xp.exp(-1.0 * squared",
-        ("test_scaffold_deformation.py", "test_scaffold_curves.py"),
-    ),
-    Mutation(
-        "dual-quaternion blend",
-        "signs not aligned",
-        "scaffold/deformation/reference.py",
-        "signed = xp.where(dots < 0, -weights, weights)",
-        "signed = weights",
-        ("test_scaffold_deformation.py",),
-    ),
-    Mutation(
-        "distance of curves: the maximum over time",
-        "the minimum",
-        "scaffold/distance.py",
-        "chosen = squared.max(axis=1)",
-        "chosen = squared.min(axis=1)",
-        ("test_scaffold_curves.py",),
-    ),
-    Mutation(
-        "ARAP: mean over the edges of a node",
-        "not divided by their number",
-        "scaffold/losses.py",
-        "level.weight / np.bincount(level.node, minlength=nodes)[level.node] / nodes",
-        "level.weight * np.ones(len(level.node)) / nodes",
-        ("test_scaffold_fit.py",),
-    ),
-    Mutation(
-        "depth loss: alpha / sum z a T",
-        "not normalised by alpha",
-        "fit/losses.py",
-        "inverse = alpha / depth.clamp_min(1e-3)",
-        "inverse = 1 / depth.clamp_min(1e-3)",
-        ("test_fit_losses.py",),
-    ),
-    Mutation(
-        "softmax(cosine / temperature)",
-        "multiplied by the temperature",
-        "query/score.py",
-        "logits = cosines(features, labels) / temperature",
-        "logits = cosines(features, labels) * temperature",
-        ("test_query_score.py",),
-    ),
-    Mutation(
-        "3DGS PLY: opacity as a logit",
-        "sign",
-        "scene/ply.py",
-        "np.log(opacity / (1 - opacity))",
-        "np.log((1 - opacity) / opacity)",
-        ("test_scene_ply.py",),
-    ),
-    Mutation(
-        "retimed clip: begin + speed (t - begin)",
-        "without begin",
-        "edit/retiming.py",
-        "return min(begin + speed * (min(time, stop) - begin)",
-        "return min(speed * (min(time, stop) - begin)",
-        ("test_edit_apply.py",),
-    ),
-)
+    before: str
+    """The line that changes, without its indent."""
+    after: str
 
 
 def measure_mutations(context: Context) -> Findings:
-    """Which test catches which wrong formula; all of them in a full report, the first five in a quick one.
+    """Mutants of every room, drawn with the report's seed, and those that no test notices.
 
-    The tests are run on the unbroken copy first: what fails there catches nothing.
+    Raises:
+        MissingError: no checkout, or mutmut is not installed.
+        F4xError: the tests do not pass on the unchanged source.
     """
     if not (ROOT / "tests" / "core").is_dir():
         raise MissingError("the tests come with the source code, not with the package.")
-    chosen = context.choose(MUTATIONS[:5], MUTATIONS)
-    files = sorted({name for mutation in chosen for name in mutation.tests})
-    failing = context.step("control", partial(failing_tests, files), files=files)
+    if find_spec("mutmut") is None:
+        raise MissingError("mutmut is not installed; `python3 scripts/dev.py mutants` brings it.")
+    results = [context.step(room, partial(try_room, room, DRAWN, context.seed)) for room in ROOMS]
+    return findings_of(results)
+
+
+def findings_of(results: Sequence[Row]) -> Findings:
+    """The tables of what `try_room` returned for some rooms."""
+    survivors = [
+        about_survivor(result["room"], Mutant(**mutant)) for result in results for mutant in result["survivors"]
+    ]
     rows = []
-    for number, mutation in enumerate(chosen):
-        about = {"formula": mutation.formula, "wrong": mutation.wrong, "file": mutation.file}
-        work = partial(try_mutation, mutation, failing=failing)
-        rows.append(about | context.step(f"{number:02d}", work, failing=failing, **about))
-    missed = [f"{row['formula']} ({row['wrong']}): no test notices" for row in rows if not row["caught by"]]
-    words = [f"{len(rows) - len(missed)} of {len(rows)} wrong formulas are caught by a test of the everyday suite."]
-    note = (
-        "The first test that failed, of those that pass on the unbroken copy; each formula was broken in a copy of the source and"
-        " put right again."
-    )
-    broken = [f"{test} fails before any formula is broken, so that it can catch none" for test in failing]
-    return Findings(
-        [Table("mutations", rows, "Formulas broken on purpose", note=note)], words=words, failed=broken + missed
-    )
+    for result in results:
+        own = [row for row in survivors if row["room"] == result["room"]]
+        matter = sum(not row["kind"] for row in own)
+        share = matter / result["drawn"] if result["drawn"] else 0.0
+        noticed = result["drawn"] - len(own)
+        counts = {"mutants of arithmetic": result["all"], "drawn": result["drawn"], "noticed": noticed}
+        rows.append({"room": result["room"]} | counts | {"survive": len(own), "matter": matter, "share": share})
+    drawn, found = sum(row["drawn"] for row in rows), sum(row["noticed"] for row in rows)
+    words = [f"{found} of {drawn} mutants are noticed by a test of the everyday suite."]
+    failed = [
+        f"{row['room']}: {row['matter']} of {row['drawn']} mutants survive where it matters; write the tests that notice them"
+        for row in rows
+        if row["share"] > MOST
+    ]
+    note = "Drawn with a seed of all mutants of arithmetic in the room: a number, an operator or a comparison changed by mutmut."
+    tables = [Table("rooms", rows, "Mutants by room", note=note)]
+    if survivors:
+        tables.append(Table("survivors", survivors, "Mutants that no test notices, and why that does not matter"))
+    return Findings(tables, words=words, failed=failed)
 
 
-def failing_tests(files: Sequence[str], root: Path = ROOT) -> list[str]:
-    """Tests in `files` of `tests/core` that fail in an unbroken copy of `root`.
-
-    Raises:
-        F4xError: the tests did not run.
-    """
-    with tempfile.TemporaryDirectory() as place:
-        return _run_tests(_copy_source(root, Path(place)), files, "without any change")
+def about_survivor(room: str, mutant: Mutant) -> Row:
+    """The row of a mutant that survived; `kind` and `reason` are empty where it matters."""
+    known = {(row["file"], row["before"], row["after"]): row for row in accepted()}
+    reason = known.get((mutant.file, mutant.before, mutant.after), {"kind": "", "reason": ""})
+    change = {"before": mutant.before, "after": mutant.after}
+    return {"room": room, "file": mutant.file} | change | {"kind": reason["kind"], "reason": reason["reason"]}
 
 
-def try_mutation(mutation: Mutation, root: Path = ROOT, failing: Sequence[str] = ()) -> dict[str, Any]:
-    """Break one formula in a copy of `root` and run its tests there, but those that are `failing` anyway.
+def accepted() -> list[dict[str, str]]:
+    """Survivors that do not matter, as their file lists them."""
+    return json.loads(ACCEPTED.read_text(encoding="utf-8"))
+
+
+def try_room(room: str, count: int, seed: int, root: Path = ROOT) -> dict[str, Any]:
+    """Draw mutants of a room and run the tests that reach them, in a copy of `root`.
+
+    Args:
+        room: package inside `f4x_core`.
+        count: mutants at most.
+        seed: of the draw.
+        root: a checkout.
 
     Returns:
-        `caught by`: the first test that failed, None where all passed.
+        `room`; `all`, how many mutants of arithmetic there are; `drawn`; and `survivors`, fields of `Mutant`.
 
     Raises:
-        F4xError: the formula is no longer written as the mutation has it, or the tests did not run.
+        F4xError: no test imports the room, or its tests do not pass on the unchanged source.
     """
     with tempfile.TemporaryDirectory() as place:
-        copy = _copy_source(root, Path(place))
-        file = copy / "f4x_core" / mutation.file
-        text = file.read_text(encoding="utf-8")
-        if text.count(mutation.old) != 1:
-            raise F4xError(
-                f"{mutation.file}: `{mutation.old}` is not there once; bring benchmarks/studies/mutations.py up to date."
-            )
-        file.write_text(text.replace(mutation.old, mutation.new), encoding="utf-8")
-        options = ["-x", *(f"--deselect=tests/core/{test}" for test in failing)]
-        found = _run_tests(copy, mutation.tests, mutation.formula, options)
-    return {"caught by": found[0] if found else None}
+        copy = copy_source(root, Path(place))
+        configure(copy, room)
+        found = arithmetic_mutants(copy, room)
+        drawn = list(found)
+        random.Random(seed).shuffle(drawn)  # unlike `sample`, more of them begin with the same ones
+        drawn = drawn[:count]
+        codes = run_mutmut(copy, room, drawn)
+    survivors = [asdict(mutant) for mutant in drawn if codes[mutant.name] in (SURVIVED, UNTESTED)]
+    return {"room": room, "all": len(found), "drawn": len(drawn), "survivors": survivors}
 
 
-def _copy_source(root: Path, place: Path) -> Path:
+def copy_source(root: Path, place: Path) -> Path:
+    """A copy of the checkout below `place`, where mutmut may write."""
     copy = place / "source"
     copy.mkdir()
     for name in COPIED:
         if (root / name).is_dir():
             shutil.copytree(root / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
+        elif (root / name).is_file():
             shutil.copy(root / name, copy / name)
     return copy
 
 
-def _run_tests(copy: Path, files: Sequence[str], about: str, options: Sequence[str] = ()) -> list[str]:
-    """Which tests of `files` failed in `copy`, in order; F4xError where they did not run."""
-    command = [sys.executable, "-m", "pytest", "-q", "-rfE", "-p", "no:cacheprovider", "-m", "not slow", *options]
-    command += [f"tests/core/{name}" for name in files]
-    done = subprocess.run(command, cwd=copy, capture_output=True, text=True, check=False)
-    found = [test.removeprefix("tests/core/") for test in FAILED.findall(done.stdout)]
-    if done.returncode not in (0, 1, NONE_LEFT) or (done.returncode == 1) != bool(found):
-        raise F4xError(f"{about}: the tests did not run: {done.stdout[-200:]}{done.stderr[-200:]}")
+def configure(copy: Path, room: str) -> None:
+    """Add to the `[tool.mutmut]` of the copy which room is mutated, and the test files that import it.
+
+    Which of their tests reach which function mutmut finds out itself.
+    """
+    imports = re.compile(rf"^\s*(?:from|import) f4x_core\.{room}\b|^from f4x_core import .*\b{room}\b", re.MULTILINE)
+    files = sorted((copy / "tests" / "core").glob("test_*.py"))
+    tests = [str(file.relative_to(copy)) for file in files if imports.search(file.read_text(encoding="utf-8"))]
+    if not (copy / "f4x_core" / room).is_dir() or not tests:
+        raise F4xError(f"{room}: no folder of f4x_core that a file of tests/core imports; try {', '.join(ROOMS)}.")
+    settings = {"only_mutate": [f"f4x_core/{room}/*"], "pytest_add_cli_args_test_selection": tests}
+    lines = [f"{name} = {json.dumps(value)}" for name, value in settings.items()]
+    file, head = copy / "pyproject.toml", "[tool.mutmut]\n"
+    file.write_text(file.read_text(encoding="utf-8").replace(head, head + "\n".join(lines) + "\n"), encoding="utf-8")
+
+
+def arithmetic_mutants(copy: Path, room: str) -> list[Mutant]:
+    """All mutants of a room that change arithmetic, in the order of files and functions; mutmut keeps them in the copy."""
+    steps = "makedirs('mutants'); copy_src_dir(); copy_also_copy_files(); create_mutants(cpu_count())"
+    script = f"from os import cpu_count; from mutmut.__main__ import *; {steps}"  # what `mutmut run` begins with
+    done = subprocess.run([sys.executable, "-c", script], cwd=copy, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise F4xError(f"{room}: mutmut made no mutants: {done.stderr[-300:]}")
+    mutants = []
+    for index in sorted((copy / "mutants" / "f4x_core" / room).rglob("*.spans")):
+        file = index.with_suffix("")
+        path = str(file.relative_to(copy / "mutants" / "f4x_core"))
+        module = f"f4x_core.{path}".removesuffix(".py").replace(os.sep, ".").removesuffix(".__init__")
+        lines = file.read_text(encoding="utf-8").splitlines()
+        spans = read_json(index)["spans"].items()
+        functions = {name: "\n".join(lines[start - 1 : end]) for name, (start, end) in spans}
+        for name, text in functions.items():
+            function, _, number = name.partition("__mutmut_")
+            change = arithmetic_change(functions[f"{function}__mutmut_orig"], text) if number != "orig" else None
+            if change is not None:
+                mutants.append(Mutant(f"{module}.{name}", path, *change))
+    return mutants
+
+
+def arithmetic_change(before: str, after: str) -> tuple[str, str] | None:
+    """The line of a function that differs, without indents; None where more differs than numbers and operators.
+
+    Args:
+        before: source of the function as mutmut copies it.
+        after: of one mutant.
+    """
+    sources = (textwrap.dedent(text.strip("\n")) for text in (before, after))
+    old, new = (re.sub(r"__mutmut_\w+", "", source, count=1).splitlines() for source in sources)
+    changed = [index for index, (one, other) in enumerate(zip(old, new, strict=False)) if one != other]
+    if len(old) != len(new) or len(changed) != 1 or changed[0] in lines_of_errors("\n".join(old)):
+        return None
+    one, other = old[changed[0]].strip(), new[changed[0]].strip()
+    first, second = tokens(one), tokens(other)
+    steps = difflib.SequenceMatcher(None, first, second, autojunk=False).get_opcodes()
+    differ = [token for kind, a, b, c, d in steps if kind != "equal" for token in (*first[a:b], *second[c:d])]
+    return (one, other) if differ and all(map(is_arithmetic, differ)) else None
+
+
+def tokens(line: str) -> list[str]:
+    """Python's tokens of a line, which may be a part of a statement."""
+    found = []
+    try:
+        for token in tokenize.generate_tokens(io.StringIO(line).readline):
+            found.append(token.string)
+    except (tokenize.TokenError, IndentationError):  # a bracket that closes on another line
+        pass
+    return [token for token in found if token.strip()]
+
+
+def is_arithmetic(token: str) -> bool:
+    """Whether a token is a number, an operator, a truth value or a bracket around one."""
+    return token in WORDS | BRACKETS or re.fullmatch(r"[\d.][\w.+-]*|[-+*/%@&|^~<>=!]+", token) is not None
+
+
+@cache
+def lines_of_errors(function: str) -> set[int]:
+    """Line numbers, from 0, of the `raise` statements and reports of progress in a function's source."""
+    found: set[int] = set()
+    for node in ast.walk(ast.parse(function)):
+        told = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "progress"
+        if isinstance(node, ast.Raise | ast.Call) and (told or isinstance(node, ast.Raise)):
+            found.update(range(node.lineno - 1, node.end_lineno or node.lineno))
     return found
+
+
+def run_mutmut(copy: Path, room: str, mutants: Sequence[Mutant]) -> dict[str, int]:
+    """mutmut's exit code of each mutant, by its name."""
+    command = [sys.executable, "-m", "mutmut", "run", *(mutant.name for mutant in mutants)]
+    # As many mutants at once as there are cores; what tests start themselves is to run the mutant too.
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(copy / "mutants")}
+    done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
+    codes: dict[str, int] = {}
+    for file in (copy / "mutants" / "f4x_core" / room).rglob("*.meta"):
+        codes |= read_json(file)["exit_code_by_key"]
+    missing = [mutant.name for mutant in mutants if codes.get(mutant.name) is None]
+    if missing:
+        told = re.findall(r"^(?:FAILED|ERROR|\w*Error:) .*", done.stdout + done.stderr, re.MULTILINE)
+        raise F4xError(f"{room}: mutmut did not try {len(missing)} mutants: {' '.join(told[-3:])}")
+    return codes
+
+
+def main(rooms: Sequence[str]) -> int:
+    """Try some rooms (none named: all) and print what survives; 1 where too much does."""
+    try:
+        findings = findings_of([try_room(room, DRAWN, 0) for room in rooms or ROOMS])
+    except F4xError as error:
+        sys.exit(str(error))
+    for row in findings.tables[-1].rows if len(findings.tables) > 1 else ():
+        print(
+            f"{row['file']}\n  - {row['before']}\n  + {row['after']}\n    {row['kind'] or 'MATTERS'}: {row['reason']}"
+        )
+    print("\n".join([*findings.words, *findings.failed]))
+    return int(bool(findings.failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

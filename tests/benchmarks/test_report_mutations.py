@@ -1,70 +1,106 @@
-"""Formulas broken on purpose: every one is still written as it is broken, and one of each kind of outcome is seen."""
+"""Mutants: which changes count as arithmetic, what is listed as harmless, and what becomes of survivors."""
 
-import dataclasses
-from functools import partial
-from pathlib import Path
+import subprocess
+from dataclasses import asdict
 
 import pytest
 
 from benchmarks.studies import mutations
-from benchmarks.studies.mutations import MUTATIONS, ROOT, failing_tests, try_mutation
-from benchmarks.study import Context
+from benchmarks.studies.mutations import (
+    KINDS,
+    ROOMS,
+    ROOT,
+    Mutant,
+    accepted,
+    arithmetic_change,
+    configure,
+    copy_source,
+    findings_of,
+    run_mutmut,
+)
+from benchmarks.study import Context, MissingError
 from f4x_core.errors import F4xError
 
-FORMULA = "dual = 0.5 * quaternion.multiply(pure, q)\n"
+BEFORE = """
+
+def x_area__mutmut_orig(a, b, progress):
+    progress("area", 1)
+    if a < 0:
+        raise ValueError(
+            f"{a + 1} is too small")
+    return 0.5 * a * b[:, 1] + len("x")
+"""
 
 
-@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda m: f"{m.formula}: {m.wrong}")
-def test_the_formula_is_there_once_and_its_tests_exist(mutation):
-    assert (ROOT / "f4x_core" / mutation.file).read_text(encoding="utf-8").count(mutation.old) == 1
-    assert mutation.new != mutation.old
-    assert all((ROOT / "tests" / "core" / name).is_file() for name in mutation.tests)
+@pytest.mark.parametrize(
+    ("old", "new", "counts"),
+    [
+        ("0.5 * a", "0.5 / a", True),
+        ("0.5 * a", "1.5 * a", True),
+        ("b[:, 1]", "b[:, 2]", True),
+        ("a < 0", "a <= 0", True),
+        ("if a < 0", "if (a < 0) or True", True),
+        ("0.5 * a", "0.5 * None", False),
+        ('len("x")', 'len("XXxXX")', False),
+        ('f"{a + 1} is', 'f"{a - 1} is', False),
+        ('progress("area", 1)', 'progress("area", 2)', False),
+    ],
+)
+def test_arithmetic_is_numbers_and_operators_outside_of_messages(old, new, counts):
+    after = BEFORE.replace("__mutmut_orig", "__mutmut_3").replace(old, new)
+    found = arithmetic_change(BEFORE, after)
+    assert (found is not None) == counts
+    if counts:
+        assert old in found[0] and new in found[1]
 
 
-def small_checkout(folder: Path, test: str) -> Path:
-    (folder / "f4x_core" / "geometry").mkdir(parents=True)
-    (folder / "tests" / "core").mkdir(parents=True)
-    (folder / "benchmarks").mkdir()
-    (folder / "f4x_core" / "geometry" / "dual_quaternion.py").write_text(FORMULA)
-    (folder / "tests" / "core" / "test_one.py").write_text(test)
-    for name in ("pyproject.toml", "__init__.py"):
-        (folder / name).write_text("")
-    return folder
+def test_listed_survivors_are_still_written_so_and_say_why():
+    for row in accepted():
+        lines = {line.strip() for line in (ROOT / "f4x_core" / row["file"]).read_text(encoding="utf-8").splitlines()}
+        assert row["before"] in lines and row["before"] != row["after"]
+        assert row["kind"] in KINDS and row["reason"]
 
 
-def test_what_a_test_notices_and_what_none_does(tmp_path):
-    half = dataclasses.replace(MUTATIONS[1], tests=("test_one.py",))
-    source = "from pathlib import Path\n\ndef test_half():\n    assert {}\n"
-    noticed = source.format('"0.5" in Path("f4x_core/geometry/dual_quaternion.py").read_text()')
-    caught = try_mutation(half, small_checkout(tmp_path / "noticed", noticed))
-    assert caught == {"caught by": "test_one.py::test_half"}
-    assert try_mutation(half, small_checkout(tmp_path / "missed", source.format("True")))["caught by"] is None
-    with pytest.raises(F4xError, match="did not run"):
-        try_mutation(half, small_checkout(tmp_path / "broken", "import nothing_of_that_name\n"))
-    with pytest.raises(F4xError, match="up to date"):
-        try_mutation(dataclasses.replace(half, old="not there"), tmp_path / "noticed")
+def test_survivors_that_matter_fail_the_study():
+    harmless = accepted()[0]
+    known = Mutant("one", harmless["file"], harmless["before"], harmless["after"])
+    wrong = Mutant("two", "fit/losses.py", "return a + b", "return a - b")
+
+    def result(*survivors):
+        return {"room": "fit", "all": 90, "drawn": 10, "survivors": [asdict(mutant) for mutant in survivors]}
+
+    assert not findings_of([result()]).failed and not findings_of([result(known)]).failed
+    found = findings_of([result(known, wrong)])
+    assert "1 of 10 mutants survive" in found.failed[0] and found.words[0].startswith("8 of 10")
+    assert [row["kind"] for row in found.tables[1].rows] == [harmless["kind"], ""]
 
 
-def test_a_test_that_fails_on_the_unbroken_copy_is_reported_and_catches_nothing(tmp_path, monkeypatch):
-    source = "def test_wrong_anyway():\n    assert False\n\ndef test_half():\n    assert {}\n"
-    here = '"0.5" in open("f4x_core/geometry/dual_quaternion.py").read()'
-    half = dataclasses.replace(MUTATIONS[1], tests=("test_one.py",))
-    noticed, missed = (small_checkout(tmp_path / name, source.format(text)) for name, text in (("a", here), ("b", "1")))
-    for root in (noticed, missed):
-        assert failing_tests(half.tests, root) == ["test_one.py::test_wrong_anyway"]
-        assert try_mutation(half, root)["caught by"] == "test_one.py::test_wrong_anyway"  # taken alone it seems caught
-    with pytest.raises(F4xError, match="did not run"):
-        failing_tests(half.tests, small_checkout(tmp_path / "c", "import nothing_of_that_name\n"))
-    monkeypatch.setattr(mutations, "MUTATIONS", (half,))
-    for root, caught in ((noticed, "test_one.py::test_half"), (missed, None)):
-        for name in ("failing_tests", "try_mutation"):
-            monkeypatch.setattr(mutations, name, partial(globals()[name], root=root))
-        found = mutations.measure_mutations(Context(root / "report"))
-        assert found.tables[0].rows[0]["caught by"] == caught
-        assert "test_wrong_anyway fails before" in found.failed[0] and len(found.failed) == (1 if caught else 2)
+def test_rooms_and_their_tests_are_written_into_a_copy(tmp_path):
+    small = tmp_path / "checkout"
+    for name in ("f4x_core/fit", "f4x_core/query", "tests/core"):
+        (small / name).mkdir(parents=True)
+    for name, text in {"fit": "from f4x_core.fit.losses import ssim", "other": "import f4x_core.fitting"}.items():
+        (small / "tests" / "core" / f"test_{name}.py").write_text(text)
+    (small / "pyproject.toml").write_text("[tool.mutmut]\ndebug = true\n")
+    copy = copy_source(small, tmp_path)
+    configure(copy, "fit")
+    text = (copy / "pyproject.toml").read_text()
+    assert '["f4x_core/fit/*"]' in text and '["tests/core/test_fit.py"]' in text and "debug = true" in text
+    assert (small / "pyproject.toml").read_text() == "[tool.mutmut]\ndebug = true\n"
+    for room in ("query", "nowhere"):
+        with pytest.raises(F4xError, match=f"{room}: no folder"):
+            configure(copy, room)
 
 
-def test_where_no_test_is_left_none_catches(tmp_path):
-    half = dataclasses.replace(MUTATIONS[1], tests=("test_one.py",))
-    root = small_checkout(tmp_path / "one", "def test_wrong_anyway():\n    assert False\n")
-    assert try_mutation(half, root, failing=failing_tests(half.tests, root)) == {"caught by": None}
+def test_mutants_that_were_not_tried_are_an_error(tmp_path, monkeypatch):
+    said = subprocess.CompletedProcess([], 1, "FAILED tests/core/test_fit.py::test_one - boom\n", "")
+    monkeypatch.setattr(mutations.subprocess, "run", lambda *_, **__: said)
+    with pytest.raises(F4xError, match=r"fit: mutmut did not try 1 mutants: FAILED tests/core/test_fit.py::test_one"):
+        run_mutmut(tmp_path, "fit", [Mutant("one", "fit/losses.py", "a", "b")])
+
+
+def test_without_mutmut_the_study_is_skipped(tmp_path, monkeypatch):
+    monkeypatch.setattr(mutations, "find_spec", lambda _: None)
+    with pytest.raises(MissingError, match=r"dev\.py mutants"):
+        mutations.measure_mutations(Context(tmp_path))
+    assert all((ROOT / "f4x_core" / room).is_dir() for room in ROOMS)
