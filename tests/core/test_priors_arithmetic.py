@@ -7,6 +7,7 @@ from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.priors.bundle import _Problem
 from f4x_core.priors.depth import _confidence, below_horizon, ground_prior
+from f4x_core.priors.flow import pixel_grid
 from f4x_core.priors.folder import Priors
 from f4x_core.priors.motion import THRESHOLD_LIFT, find_threshold
 from f4x_core.priors.movers import _growth
@@ -20,7 +21,9 @@ def test_ground_is_below_the_horizon_through_any_lens():
     x, y = (np.arange(12) + 0.5 - 5)[None, :] / 20, (np.arange(8) + 0.5 - 2)[:, None] / 30
     length = np.sqrt(x**2 + y**2 + 1)
     below = np.maximum(y, 0) * np.ones_like(x)
-    np.testing.assert_allclose(below_horizon(cameras)[0], np.stack([below, length], -1), rtol=1e-5)
+    np.testing.assert_allclose(
+        below_horizon(cameras[0], pixel_grid(8, 12), np.array([0.0, 1, 0])), np.stack([below, length], -1), rtol=1e-5
+    )
     np.testing.assert_allclose(ground_prior(cameras)[0], 0.7 * length + below, rtol=1e-5)
 
 

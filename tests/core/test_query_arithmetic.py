@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from f4x_core.scene.picture import SPECTRUM
 from labelled_scene import labelled_scene
 
 from f4x_core.query.growing import _inside
 from f4x_core.query.pixels import HEAT, coverage_image, heat_map
 from f4x_core.query.score import average_precision
 from f4x_core.query.selection import Selection
+from f4x_core.scene.visualise import SPECTRUM
 
 
 def test_a_heat_map_is_colour_over_the_grey_of_the_picture():
