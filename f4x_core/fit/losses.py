@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from ..native.kernels import TORCH, Kernels
-from .ssim_native import NativeDissimilarity
+from .picture_native import Comparison, NativePictureLoss
 
 # SSIM's stabilising constants for images in [0, 1] (Wang et al. 2004).
 SSIM_C1, SSIM_C2 = 0.01**2, 0.03**2
@@ -50,15 +50,15 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
 def rgb_loss(image: Tensor, target: Tensor, weight: Tensor, ssim_weight: float, kernels: Kernels = TORCH) -> Tensor:
     """L1 (summed over channels) + `ssim_weight` * (1 - SSIM), both averaged over pixels with `weight` (H,W).
 
-    Images (H,W,3) in [0,1]. The compiled library compares the structure where `kernels` say so (float32 on the CPU).
+    Images (H,W,3) in [0,1]. The compiled library compares them where `kernels` say so (float32 on the CPU).
     """
+    if kernels.native and ssim_weight:
+        comparison = Comparison(_window(image.dtype), SSIM_C1, SSIM_C2, ssim_weight, kernels.threads)
+        total = NativePictureLoss.apply(image, target, weight, comparison)
+        return total / weight.sum().clamp_min(MIN_WEIGHT)
     loss = masked_l1(image, target, weight)
     if ssim_weight:
-        if kernels.native:
-            constants = (SSIM_C1, SSIM_C2)
-            unlike = NativeDissimilarity.apply(image, target, weight, _window(image.dtype), constants, kernels.threads)
-        else:
-            unlike = ((1 - ssim_map(image, target).mean(0)) * weight).sum()
+        unlike = ((1 - ssim_map(image, target).mean(0)) * weight).sum()
         loss = loss + ssim_weight * unlike / weight.sum().clamp_min(MIN_WEIGHT)
     return loss
 

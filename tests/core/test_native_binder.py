@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from f4x_core.errors import F4xError
-from f4x_core.fit.ssim_native import F4X_DSSIM, SSIM
+from f4x_core.fit.picture_native import F4X_PICTURE_LOSS, PICTURE
 from f4x_core.gaussians.appearance_native import APPEARANCE
 from f4x_core.native import open_library
 from f4x_core.native.binder import DOUBLE, FLOAT, INT32, INT64, Array, Function, Result, Struct
@@ -155,14 +155,14 @@ def test_plain_copies_only_what_differs():
 
 @pytest.mark.parametrize("given", [(), (1,), (1, 2, 3)])
 def test_wrong_count_of_arguments(given):
-    with pytest.raises(F4xError, match=rf"^f4x_dssim takes 2 arguments \(problem, total\), not {len(given)}\.$"):
-        F4X_DSSIM(*given)
+    with pytest.raises(F4xError, match=rf"^f4x_picture_loss takes 2 arguments \(problem, total\), not {len(given)}\.$"):
+        F4X_PICTURE_LOSS(*given)
 
 
 @pytest.mark.skipif(open_library()[0] is None, reason="no compiled kernels")
 def test_wrong_kind_of_argument():
-    with pytest.raises(F4xError, match=r"^f4x_dssim does not take these values: argument 1: .*Points.*\.$"):
-        F4X_DSSIM(POINTS(**values()), DOUBLE())
+    with pytest.raises(F4xError, match=r"^f4x_picture_loss does not take these values: argument 1: .*Points.*\.$"):
+        F4X_PICTURE_LOSS(POINTS(**values()), DOUBLE())
 
 
 def test_arrays_of_a_function_are_checked():
@@ -173,7 +173,9 @@ def test_arrays_of_a_function_are_checked():
         function(np.zeros((5, 3), np.float32), INT32(), sizes={"height": 4})
 
 
-@pytest.mark.parametrize("struct", [SSIM, APPEARANCE, PROBLEM, GRADIENTS, DEFORMATION, RELATIONS], ids=lambda s: s.name)
+@pytest.mark.parametrize(
+    "struct", [PICTURE, APPEARANCE, PROBLEM, GRADIENTS, DEFORMATION, RELATIONS], ids=lambda s: s.name
+)
 def test_every_array_of_the_kernels_names_known_sizes(struct):
     known = {*struct.fields, *struct.sizes}
     assert {name for kind in struct.arrays.values() for name in kind.names()} <= known

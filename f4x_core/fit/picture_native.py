@@ -1,8 +1,8 @@
-"""The structural part of the picture loss by the compiled library, differentiable once. float32 on the CPU."""
+"""The picture loss by the compiled library, differentiable once. float32 on the CPU."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -11,42 +11,48 @@ from torch.autograd.function import once_differentiable
 from ..errors import F4xError
 from ..native.binder import DOUBLE, FLOAT, INT32, INT64, Array, Function, Result, Struct
 
-PICTURE = ("height", "width", "channels")
-SSIM = Struct(
-    "Ssim",
+_PIXELS = ("height", "width", "channels")
+PICTURE = Struct(
+    "Picture",
     {
         **dict.fromkeys(("width", "height", "channels", "threads"), INT32),
         "stride": INT64,
-        "image": Array("float32", PICTURE, strides=("width*stride", "stride", 1)),
-        "target": Array("float32", PICTURE),
+        "image": Array("float32", _PIXELS, strides=("width*stride", "stride", 1)),
+        "target": Array("float32", _PIXELS),
         "weight": Array("float32", ("height", "width")),
         "window": Array("float32", (11,)),
         "c1": FLOAT,
         "c2": FLOAT,
-        "gradient": Array("float32", PICTURE, optional=True, output=True),
+        "structure": FLOAT,
+        "gradient": Array("float32", _PIXELS, optional=True, output=True),
     },
 )
-"""`struct Ssim` of ssim.cpp."""
-F4X_DSSIM = Function("f4x_dssim", {"problem": SSIM, "total": Result(DOUBLE)}, INT32)
+"""`struct Picture` of picture.cpp."""
+F4X_PICTURE_LOSS = Function("f4x_picture_loss", {"problem": PICTURE, "total": Result(DOUBLE)}, INT32)
 
 
-class NativeDissimilarity(torch.autograd.Function):
-    """Sum over pixels of `weight` (H,W) times 1 - SSIM (mean over channels) of two images (H,W,C).
+class Comparison(NamedTuple):
+    """How two pictures are compared."""
 
-    `window` (11,) is the blur, `constants` SSIM's two stabilisers. The gradient to the image is made on the way, because the
-    result is a scalar; there is none to the target.
+    window: Tensor
+    """(11,) SSIM's blur."""
+    c1: float
+    c2: float
+    """SSIM's two stabilisers."""
+    structure: float
+    """Weight of 1 - SSIM beside the L1."""
+    threads: int
+
+
+class NativePictureLoss(torch.autograd.Function):
+    """Sum over pixels of `weight` (H,W) times the L1 over channels and `structure` (1 - SSIM) of two images (H,W,C).
+
+    SSIM is its mean over channels. The gradient to the image is made on the way, because the result is a scalar; there is
+    none to the target.
     """
 
     @staticmethod
-    def forward(
-        ctx,
-        image: Tensor,
-        target: Tensor,
-        weight: Tensor,
-        window: Tensor,
-        constants: tuple[float, float],
-        threads: int,
-    ) -> Tensor:
+    def forward(ctx, image: Tensor, target: Tensor, weight: Tensor, comparison: Comparison) -> Tensor:
         """The sum, a scalar; raises F4xError where memory runs out."""
         height, width, channels = image.shape
         stride = channels
@@ -55,24 +61,20 @@ class NativeDissimilarity(torch.autograd.Function):
                 stride = image.stride(1)  # the first channels of a wider picture
             else:
                 image = image.contiguous()
-        target, weight, window = target.contiguous(), weight.contiguous(), window.contiguous()
         gradient = torch.empty(height, width, channels) if ctx.needs_input_grad[0] else None
-        problem = SSIM(
+        problem = PICTURE(
             width=width,
             height=height,
             channels=channels,
-            threads=threads,
             stride=stride,
             image=image,
-            target=target,
-            weight=weight,
-            window=window,
-            c1=constants[0],
-            c2=constants[1],
+            target=target.contiguous(),
+            weight=weight.contiguous(),
             gradient=gradient,
+            **comparison._asdict(),
         )
         total = DOUBLE()
-        if F4X_DSSIM(problem, total):
+        if F4X_PICTURE_LOSS(problem, total):
             raise F4xError(
                 f"The picture loss ran out of memory at {width} x {height} pixels: fit at a smaller --width."
             )
@@ -83,4 +85,4 @@ class NativeDissimilarity(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, factor: Tensor) -> Any:
         """Gradient of the image."""
-        return ctx.saved_tensors[0] * factor, None, None, None, None, None
+        return ctx.saved_tensors[0] * factor, None, None, None

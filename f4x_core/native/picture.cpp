@@ -1,5 +1,5 @@
-// Structural similarity (Wang et al. 2004) as a loss: the weighted sum of 1 - SSIM over pixels, and its gradient to the
-// picture. Gaussian window of 11 pixels, zero padding, as in fit/losses.py.
+// The picture loss and its gradient to the picture: the weighted sum over pixels of the L1 over channels and of 1 - SSIM
+// (structural similarity, Wang et al. 2004). Gaussian window of 11 pixels, zero padding, as in fit/losses.py.
 
 #ifndef F4X_ISA
 
@@ -8,14 +8,15 @@
 #include "lanes.hpp"
 #include "threads.hpp"
 
-// Mirrored field by field in fit/ssim_native.py.
-struct Ssim {
+// Mirrored field by field in fit/picture_native.py.
+struct Picture {
     int32_t width, height, channels, threads;
     int64_t stride;                 // floats between two pixels of the picture
     const float *image, *target;    // (H, W, stride) of which the first C are read, (H, W, C)
     const float* weight;            // (H, W)
     const float* window;            // (11,)
     float c1, c2;
+    float structure;                // weight of 1 - SSIM (mean over channels) beside the L1
     float* gradient;                // (H, W, C); may be null
 };
 
@@ -27,21 +28,21 @@ constexpr int HALF = 5, MAPS = 4, SLOPES = 3;
 
 // Rows are planar, one after another per channel, with HALF zeros before and enough after to read whole vectors.
 struct Plan {
-    const Ssim& p;
+    const Picture& p;
     int pitch;       // floats of a row
     float* across;   // rows of MAPS maps blurred across
     float* slopes;   // rows of SLOPES derivatives, also blurred across
 };
 
-struct SsimKernels {
-    void (*blur_row)(Plan&, int row, float* scratch);
+struct PictureKernels {
+    double (*blur_row)(Plan&, int row, float* scratch);
     double (*compare_row)(Plan&, int row, float* scratch);
     void (*gradient_row)(Plan&, int row, float* scratch);
 };
 
 }  // namespace
 
-#define F4X_FILE "ssim.cpp"
+#define F4X_FILE "picture.cpp"
 #include "each_isa.hpp"
 
 namespace {
@@ -56,8 +57,8 @@ void each_row(const Plan& plan, const Work& work) {
 }
 }  // namespace
 
-// Weighted sum over pixels of 1 - SSIM (mean over channels) in `*total`. Returns 1 when memory ran out.
-F4X_API int32_t f4x_dssim(const Ssim* problem, double* total) {
+// The loss in `*total`. Returns 1 when memory ran out.
+F4X_API int32_t f4x_picture_loss(const Picture* problem, double* total) {
     try {
         // Kept by the calling thread, so that a training loop does not fault in fresh pages at every step.
         static thread_local Buffer<float> across, slopes;
@@ -65,13 +66,13 @@ F4X_API int32_t f4x_dssim(const Ssim* problem, double* total) {
         across.resize(size_t(rows) * MAPS * pitch);
         if (problem->gradient) slopes.resize(size_t(rows) * SLOPES * pitch);
         Plan plan{*problem, pitch, across, slopes};
-        std::vector<double> sums(rows);  // summed in a fixed order: the same for every number of threads
-        each_row(plan, [&](int row, float* scratch) { kernels().blur_row(plan, row, scratch); });
-        each_row(plan, [&](int row, float* scratch) { sums[row] = kernels().compare_row(plan, row, scratch); });
+        std::vector<double> apart(rows), unlike(rows);  // summed in a fixed order: the same for every number of threads
+        each_row(plan, [&](int row, float* scratch) { apart[row] = kernels().blur_row(plan, row, scratch); });
+        each_row(plan, [&](int row, float* scratch) { unlike[row] = kernels().compare_row(plan, row, scratch); });
         if (plan.p.gradient) each_row(plan, [&](int row, float* scratch) { kernels().gradient_row(plan, row, scratch); });
-        double sum = 0;
-        for (double part : sums) sum += part;
-        *total = sum / plan.p.channels;
+        const double share = double(problem->structure) / problem->channels;
+        *total = 0;
+        for (int row = 0; row < rows; ++row) *total += apart[row] + share * unlike[row];
         return 0;
     } catch (const std::exception&) {
         return 1;
@@ -95,51 +96,64 @@ F4X_HOT void blur_across(const float* window, const float* in, float* out, int w
     }
 }
 
-// Eight pixels from `x` on of map `map` blurred down, for the row of `channel` at `y`.
-F4X_HOT f8 blur_down(const float* window, const float* maps, int pitch, int count, int map, int channel, int y, int height, int x) {
-    f8 sum = broadcast(0.0f);
-    for (int k = std::max(0, HALF - y); k <= std::min(2 * HALF, height - 1 + HALF - y); ++k) {
-        const int row = channel * height + y + k - HALF;
-        sum += broadcast(window[k]) * load(maps + (size_t(row) * count + map) * pitch + x);
+// Eight pixels from `x` on of N maps blurred down, for the row of `channel` at `y`. All maps step by step: one map's chain of
+// dependent additions is too long for a processor to look past.
+template <int N>
+F4X_HOT void blur_down(const float* window, const float* maps, int pitch, int channel, int y, int height, int x, f8* out) {
+    const int first = std::max(0, HALF - y), last = std::min(2 * HALF, height - 1 + HALF - y);
+    const float* row = maps + size_t(channel * height + y + first - HALF) * N * pitch + x;
+    F4X_UNROLL
+    for (int m = 0; m < N; ++m) out[m] = broadcast(0.0f);
+    for (int k = first; k <= last; ++k, row += size_t(N) * pitch) {
+        const f8 share = broadcast(window[k]);
+        F4X_UNROLL
+        for (int m = 0; m < N; ++m) out[m] += share * load(row + m * pitch);
     }
-    return sum;
 }
 
-F4X_TARGET void blur_row(Plan& plan, int row, float* scratch) {
-    const Ssim& p = plan.p;
+// Blurs the row's maps across; returns its weighted L1.
+F4X_TARGET double blur_row(Plan& plan, int row, float* scratch) {
+    const Picture& p = plan.p;
     const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
     std::memset(scratch, 0, sizeof(float) * MAPS * pitch);
     const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
     const float* target = p.target + int64_t(y) * p.width * p.channels + channel;
     float *a = scratch + HALF, *b = a + pitch, *squares = b + pitch, *product = squares + pitch;
+    const float* weight = p.weight + int64_t(y) * p.width;
+    float apart = 0;
     for (int x = 0; x < p.width; ++x) {
         a[x] = image[x * p.stride];
         b[x] = target[x * p.channels];
+    }
+    for (int x = 0; x < p.width; ++x) {
         squares[x] = a[x] * a[x] + b[x] * b[x];
         product[x] = a[x] * b[x];
     }
+    for (int x = 0; x < p.width; ++x) apart += weight[x] * std::abs(a[x] - b[x]);
     float* out = plan.across + size_t(row) * MAPS * pitch;
     for (int map = 0; map < MAPS; ++map) blur_across(p.window, scratch + map * pitch, out + map * pitch, p.width);
+    return apart;
 }
 
+// Compares the row's blurred maps and blurs the slopes across; returns its weighted 1 - SSIM.
 F4X_TARGET double compare_row(Plan& plan, int row, float* scratch) {
-    const Ssim& p = plan.p;
+    const Picture& p = plan.p;
     const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
     const f8 one = broadcast(1.0f), two = broadcast(2.0f), c1 = broadcast(p.c1), c2 = broadcast(p.c2);
     std::memset(scratch, 0, sizeof(float) * MAPS * pitch);
-    alignas(32) float weight[8];
-    double total = 0;
+    alignas(32) float weight[8] = {};
+    f8 total = broadcast(0.0f);
     for (int x = 0; x < p.width; x += 8) {
         f8 map[MAPS];
-        for (int m = 0; m < MAPS; ++m)
-            map[m] = blur_down(p.window, plan.across, pitch, MAPS, m, channel, y, p.height, x);
+        blur_down<MAPS>(p.window, plan.across, pitch, channel, y, p.height, x, map);
         const f8 mean_a = map[0], mean_b = map[1], means = mean_a * mean_a + mean_b * mean_b;
         const f8 b1 = means + c1, b2 = map[2] - means + c2;
         const f8 luminance = (two * mean_a * mean_b + c1) / b1;
         const f8 structure = (two * (map[3] - mean_a * mean_b) + c2) / b2;
-        for (int lane = 0; lane < 8; ++lane) weight[lane] = x + lane < p.width ? p.weight[int64_t(y) * p.width + x + lane] : 0;
-        const f8 w = load(weight), unlike = w * (one - luminance * structure);
-        for (int lane = 0; lane < 8; ++lane) total += unlike[lane];
+        const float* from = p.weight + int64_t(y) * p.width + x;
+        for (int lane = 0; x + 8 > p.width && lane < 8; ++lane) weight[lane] = x + lane < p.width ? from[lane] : 0;
+        const f8 w = load(x + 8 > p.width ? weight : from);
+        total += w * (one - luminance * structure);
         if (!p.gradient) continue;
         // Derivatives of -w SSIM by the blurred picture, the blurred squares and the blurred product.
         const f8 by_product = two * luminance / b2, by_squares = luminance * structure / b2;
@@ -153,25 +167,32 @@ F4X_TARGET double compare_row(Plan& plan, int row, float* scratch) {
         float* out = plan.slopes + size_t(row) * SLOPES * pitch;
         for (int m = 0; m < SLOPES; ++m) blur_across(p.window, scratch + m * pitch, out + m * pitch, p.width);
     }
-    return total;
+    double sum = 0;
+    for (int lane = 0; lane < 8; ++lane) sum += total[lane];
+    return sum;
 }
 
 F4X_TARGET void gradient_row(Plan& plan, int row, float* scratch) {
-    const Ssim& p = plan.p;
+    const Picture& p = plan.p;
     const int channel = row / p.height, y = row % p.height, pitch = plan.pitch;
-    for (int x = 0; x < p.width; x += 8)
-        for (int m = 0; m < SLOPES; ++m)
-            store(scratch + m * pitch + x, blur_down(p.window, plan.slopes, pitch, SLOPES, m, channel, y, p.height, x));
+    for (int x = 0; x < p.width; x += 8) {
+        f8 slope[SLOPES];
+        blur_down<SLOPES>(p.window, plan.slopes, pitch, channel, y, p.height, x, slope);
+        for (int m = 0; m < SLOPES; ++m) store(scratch + m * pitch + x, slope[m]);
+    }
     const float* image = p.image + int64_t(y) * p.width * p.stride + channel;
     const float* target = p.target + int64_t(y) * p.width * p.channels + channel;
     float* out = p.gradient + int64_t(y) * p.width * p.channels + channel;
-    const float share = 1.0f / p.channels;
-    for (int x = 0; x < p.width; ++x)
-        out[x * p.channels] = share * (scratch[x] + 2 * image[x * p.stride] * scratch[pitch + x] +
-                                       target[x * p.channels] * scratch[2 * pitch + x]);
+    const float* weight = p.weight + int64_t(y) * p.width;
+    const float share = p.structure / p.channels;
+    for (int x = 0; x < p.width; ++x) {
+        const float a = image[x * p.stride], b = target[x * p.channels];
+        out[x * p.channels] = weight[x] * float((a > b) - (a < b)) +
+                              share * (scratch[x] + 2 * a * scratch[pitch + x] + b * scratch[2 * pitch + x]);
+    }
 }
 
-const SsimKernels kernels = {blur_row, compare_row, gradient_row};
+const PictureKernels kernels = {blur_row, compare_row, gradient_row};
 
 #undef F4X_HOT
 
