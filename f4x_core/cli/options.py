@@ -9,7 +9,7 @@ from ..raster import CPU_BACKENDS  # with numpy: where an early Ctrl-C is answer
 from .checks import path_argument
 
 Verbs: TypeAlias = "argparse._SubParsersAction[Any]"
-# What all figures of the project were measured at; a phone's full size would take a CPU a day.
+# What all figures of the project were measured at; a fit tells what larger images of its clip show and cost.
 WIDTH = 480
 PROFILES = ("quick", "wild", "nvidia", "dycheck", "f4x_davis")
 
