@@ -36,21 +36,33 @@ def decode(file: Path) -> Iterator[Shown]:
     """
     import av
 
-    whole = 0
+    whole, end = 0, 0.0
     with _opened(file) as container:
         stream = _film(container)
         stream.thread_type = "AUTO"
         try:
             for frame in _whole_frames(_decodable(container, stream)):
-                whole += 1
                 pixels = _squared(_rgb(frame, stream), stream.sample_aspect_ratio)
                 pixels = np.ascontiguousarray(np.rot90(pixels, round(frame.rotation / 90)))
+                end = (frame.time or 0.0) + float(frame.duration * frame.time_base)
                 yield Shown(pixels, np.nan if frame.time is None else frame.time, float(stream.time_base))
+                whole += 1
         except av.FFmpegError as error:
             told = f"give --frames 0:{whole} for what comes before" if whole else "copy it again from where it was made"
             raise F4xError(f"{file} is damaged after {whole} frames ({error.strerror}); {told}") from error
+        if whole and _breaks_off(container, stream, end):
+            raise F4xError(
+                f"{file} breaks off after {whole} frames; copy it again, or give --frames 0:{whole} for those"
+            )
     if whole == 0:
         raise F4xError(f"{file} has no frame that can be shown whole; export it again from where it was made")
+
+
+def _breaks_off(container, stream, end: float) -> bool:
+    """Whether a film whose last frame is shown until `end` (seconds) lacks more than that frame; MP4 and MOV tell in advance."""
+    if "mp4" not in container.format.name or not stream.duration or not stream.average_rate:
+        return False
+    return end + 1.5 / stream.average_rate < ((stream.start_time or 0) + stream.duration) * stream.time_base
 
 
 def _decodable(container, stream) -> Iterator:
