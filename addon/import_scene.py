@@ -127,7 +127,7 @@ def _add_clouds(name: str, scene: Scene, collection, root, material) -> list[bpy
 def _show_own_clip(scene: Scene, path: Path, camera: bpy.types.Object) -> None:
     """Show the clip behind the scene if it is known which image belongs to which frame."""
     clip = find_clip(scene, path)
-    if clip is not None:
+    if clip is not None and scene.cameras.steady:  # Blender plays every film at one rate
         try:
             show_clip(camera, clip, scene.cameras.times, exact=True, picked=frames_of(scene))
         except F4xError:

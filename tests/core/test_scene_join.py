@@ -105,6 +105,23 @@ def joined() -> Scene:
     return join_scenes(windows(), WINDOWS)
 
 
+def test_windows_of_a_varying_frame_rate_join_at_their_times(joined):
+    times = np.cumsum([0.0, *([0.5, 0.5, 2.0, 1.0, 0.25] * 3)])
+
+    def timed(scene, start, end):
+        own = times[start:end] - times[start]
+        return replace(scene, cameras=replace(scene.cameras, times=own), scaffold=replace(scene.scaffold, times=own))
+
+    parts = [timed(scene, *window) for scene, window in zip(windows(), WINDOWS, strict=True)]
+    whole = join_scenes(parts, WINDOWS, times=times)
+    assert np.array_equal(whole.cameras.times, times) and np.array_equal(whole.scaffold.times, times)
+    assert np.array_equal(whole.dynamic.reference, joined.dynamic.reference)
+    for frame in (0, 3, 5, 11, 15):
+        assert np.allclose(whole.posed(times[frame]).means, joined.posed(frame).means, atol=1e-5)
+    middle = (times[6] + times[9]) / 2
+    assert sorted({*whole.dynamic.span.ravel()} - {np.inf, -np.inf}) == pytest.approx([middle - 0.5, middle + 0.5])
+
+
 def test_presence_ramps_steps_and_infinities():
     span = np.array([[0, 4, 8, 10], [2, 2, 5, 5], [-np.inf, -np.inf, np.inf, np.inf]])
     table = np.array([presence(span, t) for t in (-1, 0, 1, 2, 5, 9, 10)])
