@@ -356,7 +356,7 @@ def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:
     found = []
     height, width = cues.depth.shape[1:]
     for frame in cues.frames:
-        known = np.isfinite(dense.inverse[frame])
+        known = np.isfinite(dense.inverse[frame]) & np.isfinite(cues.tracks[frame, :, 0])  # lost ones have no place
         column, row = np.clip(cues.tracks[frame, known], 0, np.array([width, height]) - 1).astype(int).T
         prior = cues.depth[frame, row, column]
         good = prior > 0

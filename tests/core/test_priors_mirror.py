@@ -144,3 +144,16 @@ def test_a_clear_order_from_top_to_bottom_says_more_than_in_proportion():
         assert found == pytest.approx(np.mean(order) * (1 + 1.5 * np.mean(order) ** 2))
     flat = replace(true, points=true.points / true.points[:, 2:] * 2)
     assert abs(mirror._lower_is_nearer(flat, observe(flat))) < 0.6
+
+
+def test_lost_tracks_have_no_say_about_a_depth_prior():
+    """Places of lost tracks are NaN, though their points are known from other frames."""
+    tracks = np.random.default_rng(0).uniform([0, 0], [WIDTH, HEIGHT], (3, 60, 2))
+    depth = 1 + np.arange(HEIGHT)[:, None] * np.ones(WIDTH)
+    inverse = 1 / depth[tracks[..., 1].astype(int), tracks[..., 0].astype(int)]
+    tracks[0, ::3] = np.nan
+    prior = np.tile(depth, (3, 1, 1))
+    found = mirror._agrees_with_prior(
+        mirror._TrackDepths(inverse), cues(tracks, np.isfinite(tracks[..., 0]), depth=prior)
+    )
+    assert found == pytest.approx(1)
