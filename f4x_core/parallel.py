@@ -30,7 +30,7 @@ def in_threads(
 ) -> list[Result]:
     """`[function(item) for item in items]` by as many threads as `side_by_side` was given; results do not depend on them.
 
-    `report` is told in the calling thread how many pieces are done. What it or a piece raises ends the work: pieces that
+    `report` gets in the calling thread how many pieces are done. What it or a piece raises ends the work: pieces that
     are not begun are dropped, then it is raised here.
     """
     pieces = list(items)

@@ -37,9 +37,9 @@ COPIED = ("f4x_core", "addon", "benchmarks", "docs", "scripts", "tests", "pyproj
 ROOMS = ("fit", "gaussians", "scaffold", "priors", "query")
 """Where a wrong formula makes a worse scene that nobody sees is wrong."""
 DRAWN = 60
-"""Mutants a room: at 5 % survivors the share is known to 3 % (one standard deviation)."""
-MOST = 0.05
-"""Share of the drawn mutants that may survive where it matters."""
+"""Mutants a room: at 5 % survivors the fraction is known to 3 % (one standard deviation)."""
+MAX_SURVIVORS = 0.05
+"""Fraction of the drawn mutants that may survive where it matters."""
 ACCEPTED = Path(__file__).with_name("survivors.json")
 """Survivors that do not matter: file, change, kind, reason."""
 KINDS = ("equivalent", "text", "speed")
@@ -86,16 +86,16 @@ def findings_of(results: Sequence[Row]) -> Findings:
     for result in results:
         own = [row for row in survivors if row["room"] == result["room"]]
         matter = sum(not row["kind"] for row in own)
-        share = matter / result["drawn"] if result["drawn"] else 0.0
+        fraction = matter / result["drawn"] if result["drawn"] else 0.0
         noticed = result["drawn"] - len(own)
         counts = {"mutants of arithmetic": result["all"], "drawn": result["drawn"], "noticed": noticed}
-        rows.append({"room": result["room"]} | counts | {"survive": len(own), "matter": matter, "share": share})
+        rows.append({"room": result["room"]} | counts | {"survive": len(own), "matter": matter, "share": fraction})
     drawn, found = sum(row["drawn"] for row in rows), sum(row["noticed"] for row in rows)
     words = [f"{found} of {drawn} mutants are noticed by a test of the everyday suite."]
     failed = [
         f"{row['room']}: {row['matter']} of {row['drawn']} mutants survive where it matters; write the tests that notice them"
         for row in rows
-        if row["share"] > MOST
+        if row["share"] > MAX_SURVIVORS
     ]
     note = "Drawn with a seed of all mutants of arithmetic in the room: a number, an operator or a comparison changed by mutmut."
     tables = [Table("rooms", rows, "Mutants by room", note=note)]
@@ -235,8 +235,8 @@ def lines_of_errors(function: str) -> set[int]:
     """Line numbers, from 0, of the `raise` statements and reports of progress in a function's source."""
     found: set[int] = set()
     for node in ast.walk(ast.parse(function)):
-        told = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "progress"
-        if isinstance(node, ast.Raise | ast.Call) and (told or isinstance(node, ast.Raise)):
+        reports = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "progress"
+        if isinstance(node, ast.Raise | ast.Call) and (reports or isinstance(node, ast.Raise)):
             found.update(range(node.lineno - 1, node.end_lineno or node.lineno))
     return found
 
@@ -252,8 +252,8 @@ def run_mutmut(copy: Path, room: str, mutants: Sequence[Mutant]) -> dict[str, in
         codes |= read_json(file)["exit_code_by_key"]
     missing = [mutant.name for mutant in mutants if codes.get(mutant.name) is None]
     if missing:
-        told = re.findall(r"^(?:FAILED|ERROR|\w*Error:) .*", done.stdout + done.stderr, re.MULTILINE)
-        raise F4xError(f"{room}: mutmut did not try {len(missing)} mutants: {' '.join(told[-3:])}")
+        errors = re.findall(r"^(?:FAILED|ERROR|\w*Error:) .*", done.stdout + done.stderr, re.MULTILINE)
+        raise F4xError(f"{room}: mutmut did not try {len(missing)} mutants: {' '.join(errors[-3:])}")
     return codes
 
 

@@ -170,18 +170,16 @@ def _wait_for_output(child: subprocess.Popen[str], look: Callable[[], None]) -> 
 def write_renders(folder: Path, scene: Scene, clip: Clip, backend: str, progress: Progress) -> list[str]:
     """Write the videos of the original and of a new path and the contact sheet; return their names."""
     paths: dict[str, Trajectory] = {
-        "original.mp4": trajectory.original(scene.cameras),
-        "orbit.mp4": trajectory.orbit(scene.cameras, degrees=ORBIT_DEGREES),
+        "original": trajectory.original(scene.cameras),
+        "orbit": trajectory.orbit(scene.cameras, degrees=ORBIT_DEGREES),
     }
     for name, path in paths.items():
         views = render_trajectory(scene, path, ("rgb",), backend, progress=progress)
-        write_video(
-            folder / name, (view["rgb"] for view in views), scene.fps, times_of(scene, name.removesuffix(".mp4"))
-        )
+        write_video(folder / f"{name}.mp4", (view["rgb"] for view in views), scene.fps, times_of(scene, name))
     sheet = contact_sheet(scene, clip, backend=backend, progress=progress)
     with replace_file(folder / "contact_sheet.png") as file:
         sheet.save(file, "PNG")
-    return [*paths, "contact_sheet.png"]
+    return [*(f"{name}.mp4" for name in paths), "contact_sheet.png"]
 
 
 def score_lines(scores: dict[str, Any]) -> list[str]:

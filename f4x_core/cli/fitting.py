@@ -39,7 +39,7 @@ from .distilling import distill_into
 GRANT = "grant.json"
 """File beside the scene: the settings that `--minutes` and `--memory` came to."""
 WIDTHS = (480, 854, 1280, 1920)
-"""Widths of pictures whose cost is told."""
+"""Widths of images whose cost is printed."""
 
 
 def clip_of(args: argparse.Namespace, progress: Progress) -> Clip:
@@ -83,7 +83,7 @@ def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     clip = clip_of(args, progress)
     require_enough(clip)
     folder = args.output / "priors"
-    priors = build_priors(clip, folder, config.priors, progress)
+    priors = build_priors(clip, folder, config.priors_in_threads, progress)
     moving = float(priors.mask.mean()) if priors.mask is not None else 0.0
     lines = [f"{folder}: {len(priors.frames)} frames, camera {priors.camera_kind}, {moving:.1%} of the pixels move"]
     return {
@@ -135,7 +135,7 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 def granted(
     args: argparse.Namespace, size: ClipSize, config: FitConfig, progress: Progress, parts: int = 1
 ) -> FitConfig:
-    """The configuration within what `--minutes` and `--memory` allow; tells what the fit of a clip of `size` costs.
+    """The configuration within what `--minutes` and `--memory` allow; prints what the fit of a clip of `size` costs.
 
     `parts`: windows of that size, one after the other. An interrupted fit goes on with the Gaussians it was granted.
     """
@@ -143,23 +143,28 @@ def granted(
         value = getattr(args, name)
         if value is not None and not (np.isfinite(value) and value > 0):
             raise F4xError(f"--{name} {value:g}: give a number above 0.")
-    path = args.output / GRANT
+    path, unit = args.output / GRANT, raster_seconds(config.kernels.threads)
     if args.resume and path.is_file():
-        config = set_fields(config, json.loads(path.read_text()))
-    unit = raster_seconds(config.kernels.threads)
-    grant = Grant(None if args.minutes is None else args.minutes / parts, args.memory)
-    allowed = config if args.resume and path.is_file() else within(grant, size, config, unit)
+        allowed = set_fields(config, json.loads(path.read_text()))
+    else:
+        grant = Grant(None if args.minutes is None else args.minutes / parts, args.memory)
+        allowed = within(grant, size, config, unit)
+        if allowed is not config:
+            _keep_grant(path, allowed)
     own = cost(size, allowed, unit)
     progress("cost", 1, 1, f"{dataclasses.replace(own, minutes=parts * own.minutes)}")
-    if allowed is not config:
-        counts = [setting for setting in list_settings(allowed) if setting.name.endswith("max_count")]
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replace_file(path) as file:
-            file.write(json.dumps([f"{setting.name}={setting.text}" for setting in counts]).encode())
     larger = _larger(args, size, allowed, unit, parts)
     if larger:
         progress("larger pictures", 1, 1, larger)
     return allowed
+
+
+def _keep_grant(path: Path, config: FitConfig) -> None:
+    """Write how many Gaussians were granted, as `set_fields` reads it."""
+    counts = [setting for setting in list_settings(config) if setting.name.endswith("max_count")]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replace_file(path) as file:
+        file.write(json.dumps([f"{setting.name}={setting.text}" for setting in counts]).encode())
 
 
 def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, unit: float, parts: int) -> str:
@@ -170,10 +175,11 @@ def _larger(args: argparse.Namespace, size: ClipSize, config: FitConfig, unit: f
     widths = [size.width, *(wanted for wanted in WIDTHS if size.width < wanted <= width)]
     words = []
     for wanted in widths if len(widths) > 1 else ():
-        small = resize_color(first, *even_size(width, height, wanted))
+        small_width, small_height = even_size(width, height, wanted)
+        small = resize_color(first, small_width, small_height)
         missed = np.mean((enlarge_color(small, width, height).astype(np.float64) - first) ** 2)
         detail = f"to {10 * np.log10(255**2 / missed):.0f} dB" if missed else "all of it"
-        minutes = parts * cost(ClipSize(size.frames, *small.shape[1::-1]), config, unit).minutes
+        minutes = parts * cost(ClipSize(size.frames, small_width, small_height), config, unit).minutes
         words.append(f"--width {wanted} keeps the detail of the clip's {width} pixels {detail}, {minutes:.1f} minutes")
     return "; ".join(words)
 

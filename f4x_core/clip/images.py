@@ -90,10 +90,18 @@ def enlarge_color(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def resize_nearest(image: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Return `(height, width)` picked at the new pixels' centres: for masks and depth, which must not be mixed."""
-    rows = ((np.arange(height) + 0.5) * image.shape[0] / height).astype(int)
-    columns = ((np.arange(width) + 0.5) * image.shape[1] / width).astype(int)
-    return image[rows[:, None], columns]
+    """Return `(..., height, width)` of `image (..., H, W)`, picked at the new pixels' centres: for masks and depth, which must
+    not be mixed."""
+    rows = ((np.arange(height) + 0.5) * image.shape[-2] / height).astype(int)
+    columns = ((np.arange(width) + 0.5) * image.shape[-1] / width).astype(int)
+    return image[..., rows[:, None], columns]
+
+
+def resize_linear(image: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return `(height, width)` float32, linear between the pixels of `image (H, W)`: for smooth maps that are enlarged."""
+    import cv2
+
+    return cv2.resize(image.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
 
 
 def write_images(folder: str | Path, frames: Iterable[np.ndarray]) -> list[Path]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import F4xError
+from ..geometry.arrays import are_indices
 from ..geometry.camera import CameraPath
 
 
@@ -68,7 +69,7 @@ class Clip:
     @property
     def steady(self) -> bool:
         """Whether the frames are evenly spaced, so that their times are their indices."""
-        return bool((self.times == np.arange(len(self))).all())
+        return are_indices(self.times)
 
     @property
     def digest(self) -> str:

@@ -48,8 +48,10 @@ def decode(file: Path) -> Iterator[Shown]:
                 yield Shown(pixels, np.nan if frame.time is None else frame.time, float(stream.time_base))
                 whole += 1
         except av.FFmpegError as error:
-            told = f"give --frames 0:{whole} for what comes before" if whole else "copy it again from where it was made"
-            raise F4xError(f"{file} is damaged after {whole} frames ({error.strerror}); {told}") from error
+            advice = (
+                f"give --frames 0:{whole} for what comes before" if whole else "copy it again from where it was made"
+            )
+            raise F4xError(f"{file} is damaged after {whole} frames ({error.strerror}); {advice}") from error
         if whole and _breaks_off(container, stream, end):
             raise F4xError(
                 f"{file} breaks off after {whole} frames; copy it again, or give --frames 0:{whole} for those"

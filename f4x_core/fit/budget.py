@@ -1,4 +1,4 @@
-"""What a fit costs, told before it starts, and how many Gaussians the time and memory that a person grants have room for.
+"""What a fit costs, estimated before it starts, and how many Gaussians the time and memory that a person grants have room for.
 
 The model is linear: a step costs something by itself, something for every pixel and something for every Gaussian. Its constants
 are processor time over that of one small raster step (`raster_seconds`), which is timed on the machine at hand, so that they

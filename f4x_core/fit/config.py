@@ -6,7 +6,7 @@ Lengths are in world units (median scene depth = 1), steps are optimiser steps, 
 import dataclasses
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from ..errors import F4xError
@@ -270,6 +270,11 @@ class FitConfig:
                 f"shifts has {len(self.shifts)} numbers and shift_weights {len(self.shift_weights)}; give one weight for each"
                 " shift, and at least one."
             )
+
+    @property
+    def priors_in_threads(self) -> PriorsConfig:
+        """`priors` with the threads of the fit, where they have none of their own."""
+        return replace(self.priors, threads=self.priors.threads or self.threads)
 
     @property
     def kernels(self) -> Kernels:

@@ -117,8 +117,8 @@ class ClipFit:
 
     def make_priors(self) -> Priors:
         """The priors of the clip."""
-        config = replace(self.config.priors, threads=self.config.priors.threads or self.config.threads)
-        return build_priors(self.clip, self.folder / "priors", config, self.progress, self.known_depth())
+        config, known_depth = self.config.priors_in_threads, self.known_depth()
+        return build_priors(self.clip, self.folder / "priors", config, self.progress, known_depth)
 
     def start(self, priors: Priors) -> Trainer:
         """The trainer before its first step."""

@@ -29,6 +29,11 @@ def like(constant: np.ndarray, reference: Array) -> Array:
     return xp.as_tensor(constant, dtype=dtype, device=reference.device)
 
 
+def are_indices(times: np.ndarray) -> bool:
+    """Whether `times (T,)` are 0, 1, 2, ...: those of frames that are evenly spaced, all of them."""
+    return bool((times == np.arange(len(times))).all())
+
+
 def evenly_spaced(length: int, count: int, ends: bool = True) -> np.ndarray:
     """Return at most `count` distinct indices (K,) int64, ascending and spread evenly over 0..length-1, both ends included.
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import F4xError
 from ..files import replace_file
 from . import pose
-from .arrays import Array, like, namespace
+from .arrays import Array, are_indices, like, namespace
 from .interpolation import interpolate, interpolate_rotation
 
 FORMAT = "f4x-cameras"
@@ -142,7 +142,7 @@ class CameraPath:
     @property
     def steady(self) -> bool:
         """Whether the times are 0, 1, 2, ...: frames that are evenly spaced, all of them."""
-        return bool((self.times == np.arange(len(self))).all())
+        return are_indices(self.times)
 
     def frame_at(self, time: float) -> int:
         """The index of the camera nearest in time; where frames are evenly spaced `time` itself, rounded, even if it is outside."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..clip.changes import find_changes
+from ..clip.images import resize_nearest
 from ..errors import F4xError
 from ..parallel import side_by_side
 from ..progress import Progress, silent
@@ -16,7 +17,7 @@ from . import files
 from .config import PriorsConfig, config_hash
 from .folder import FIELDS, SEEN_DEPTH, Priors, digest, file_of, read_field, read_head, sources_in
 from .providers import STAGES, find
-from .sizes import enlarged, shrunk, shrunk_maps
+from .sizes import enlarged, shrunk
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,7 +51,7 @@ def build_priors(
     with side_by_side(config.workers):
         small = clip if NOT_RESIZABLE & set(config.files) else shrunk(clip, config.longer_side)
         if seen_depth is not None and small is not clip:
-            seen_depth = shrunk_maps(seen_depth, small.width, small.height)
+            seen_depth = resize_nearest(seen_depth, small.width, small.height)
         priors = _build(small, Path(folder), config, progress, seen_depth)
         return priors if small is clip else enlarged(priors, clip.width, clip.height)
 

@@ -15,6 +15,7 @@ from scipy import ndimage
 from scipy.sparse import dia_array, diags_array
 from scipy.sparse.linalg import cg
 
+from ..clip.images import resize_linear
 from ..geometry.camera import Camera, CameraPath
 from ..parallel import in_threads
 from ..progress import Progress
@@ -191,8 +192,8 @@ def fill_inverse_depth(
 def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dia_array:
     """Normal matrix `(hw, hw)` of the smoothness terms: differences of neighbours and of those differences along lines."""
     count, width = guide.size, guide.shape[1]
-    grey = guide.astype(np.float64)
-    along, down = (_line_roughness(image, smooth, flat) for image in (grey, grey.T))
+    levels = guide.astype(np.float64)
+    along, down = (_line_roughness(lines, smooth, flat) for lines in (levels, levels.T))
     diagonal = along[0] + down[0].T
     bands = [(1, along[1]), (2, along[2]), (width, down[1].T), (2 * width, down[2].T)]
     total = dia_array((diagonal.reshape(1, -1), [0]), shape=(count, count))
@@ -203,12 +204,12 @@ def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dia_array:
     return total
 
 
-def _line_roughness(grey: np.ndarray, smooth: float, flat: float) -> np.ndarray:
-    """(3,h,w) entries of the normal matrix along rows: of a pixel with itself, with the next one, with the one after that."""
-    same = np.exp(-abs(np.diff(grey, axis=1)) / EDGE_GREY)  # (h, w-1)
+def _line_roughness(levels: np.ndarray, smooth: float, flat: float) -> np.ndarray:
+    """(3,h,w) entries of the normal matrix along rows of grey `levels (h,w)`: of a pixel with itself, the next, the one after."""
+    same = np.exp(-abs(np.diff(levels, axis=1)) / EDGE_GREY)  # (h, w-1)
     bend = flat * np.minimum(same[:, :-1], same[:, 1:])  # (h, w-2), weight of (1, -2, 1)
     link = smooth * (EDGE_SLACK + (1 - EDGE_SLACK) * same)  # weight of (-1, 1)
-    entries = np.zeros((3, *grey.shape))
+    entries = np.zeros((3, *levels.shape))
     itself, following, second = entries
     itself[:, :-1] += link
     itself[:, 1:] += link
@@ -319,8 +320,8 @@ def _static_depth(
         guide = cv2.resize(pictures[i], grid.shape[1::-1], interpolation=cv2.INTER_AREA)
         filled = np.maximum(fill_inverse_depth(rho, precision, guide), min_rho)
         trust = _confidence(filled, rho, known)
-        inverse[i] = _enlarged(filled, width, height)
-        confidence[i] = _enlarged(trust, width, height)
+        inverse[i] = resize_linear(filled, width, height)
+        confidence[i] = resize_linear(trust, width, height)
         return float((known * filled**2 > 100).mean())
 
     measured = float(np.mean(in_threads(solve, range(frames), lambda done: progress("depth", done, frames + 1))))
@@ -426,12 +427,6 @@ def _confidence(filled: np.ndarray, rho: np.ndarray, precision: np.ndarray) -> n
     known = ndimage.gaussian_filter(np.minimum(relative, 400.0), 3)
     miss = ndimage.gaussian_filter(np.where(precision > 0, np.minimum(abs(rho / filled - 1), 1), 0), 1.5)
     return known / (known + 50.0) / (1 + (miss / 0.2) ** 2)
-
-
-def _enlarged(values: np.ndarray, width: int, height: int) -> np.ndarray:
-    import cv2
-
-    return cv2.resize(values.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
 
 
 def _pyramid_mean(values: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..clip.images import resize_nearest
 from ..errors import F4xError
 from .config import PriorsConfig
 from .flow import consistent
@@ -160,9 +161,7 @@ def _resize(name: str, value: np.ndarray, source: str, priors: Priors) -> np.nda
         raise F4xError(
             f"{source}: {name} is {width}x{height}, the clip {priors.width}x{priors.height}; give it for this picture."
         )
-    rows = ((np.arange(priors.height) + 0.5) * height / priors.height).astype(int)
-    columns = ((np.arange(priors.width) + 0.5) * width / priors.width).astype(int)
-    return value[:, rows[:, None], columns]
+    return resize_nearest(value, priors.width, priors.height)
 
 
 def _set_unit(priors: Priors) -> None:

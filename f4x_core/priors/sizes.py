@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..clip.images import even_size, resize_color, resize_nearest
+from ..clip.images import even_size, resize_color, resize_linear, resize_nearest
 from ..parallel import in_threads
 
 if TYPE_CHECKING:
@@ -19,38 +19,34 @@ if TYPE_CHECKING:
     from .folder import Priors
 
 
+FLOW = ("flow_forward", "flow_backward", "flow_forward_mask", "flow_backward_mask")
+"""Priors that a fit does not read."""
+
+
 def shrunk(clip: Clip, longer_side: int) -> Clip:
     """The clip with pictures whose longer side has at most so many pixels: itself where they have."""
     if max(clip.width, clip.height) <= longer_side:
         return clip
     wanted = round(clip.width * longer_side / max(clip.width, clip.height))
-    size = even_size(clip.width, clip.height, wanted)
-
-    def nearest(maps: np.ndarray | None) -> np.ndarray | None:
-        return None if maps is None else shrunk_maps(maps, *size)
+    width, height = even_size(clip.width, clip.height, wanted)
 
     return replace(
         clip,
-        frames=np.stack(in_threads(lambda frame: resize_color(frame, *size), clip.frames)),
-        cameras=None if clip.cameras is None else clip.cameras.resized(*size),
-        masks=nearest(clip.masks),
-        depth=nearest(clip.depth),
+        frames=np.stack(in_threads(lambda frame: resize_color(frame, width, height), clip.frames)),
+        cameras=None if clip.cameras is None else clip.cameras.resized(width, height),
+        masks=None if clip.masks is None else resize_nearest(clip.masks, width, height),
+        depth=None if clip.depth is None else resize_nearest(clip.depth, width, height),
     )
 
 
-def shrunk_maps(maps: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(F,height,width) of maps (F,H,W) that must not be mixed: the values at the new pixels' centres."""
-    return np.stack([resize_nearest(one, width, height) for one in maps])
-
-
 def enlarged(priors: Priors, width: int, height: int) -> Priors:
-    """The priors for pictures of `width` x `height` pixels, without flow, which a fit does not read.
+    """The priors for pictures of `width` x `height` pixels, without `FLOW`.
 
     Depth and confidence of what moves and of what stands still are enlarged by themselves, so that the two do not mix along
     an outline.
     """
     found = replace(priors, width=width, height=height, scratch={})
-    for name in ("flow_forward", "flow_backward", "flow_forward_mask", "flow_backward_mask"):
+    for name in FLOW:
         setattr(found, name, None)
     if priors.cameras is not None:
         found.cameras = priors.cameras.resized(width, height)
@@ -58,47 +54,34 @@ def enlarged(priors: Priors, width: int, height: int) -> Priors:
         scale = np.array([width / priors.width, height / priors.height], np.float32)
         found.tracks = priors.tracks * scale
     if priors.motion is not None:
-        found.motion = np.stack(in_threads(lambda one: _linear(one, width, height).astype(np.float16), priors.motion))
-    still = np.zeros((len(priors.frames), priors.height, priors.width), bool)
-    moving = still if priors.mask is None else priors.mask
-    if priors.mask is not None:
-        found.mask = np.stack(in_threads(lambda one: _linear(one, width, height) > 0.5, moving))
-    if priors.depth is not None:
-        maps = in_threads(
-            lambda frame: _enlarged_depth(priors, moving[frame], frame, width, height), range(len(moving))
+        found.motion = np.stack(
+            in_threads(lambda one: resize_linear(one, width, height).astype(np.float16), priors.motion)
         )
+    if priors.mask is not None:
+        found.mask = np.stack(in_threads(lambda one: resize_linear(one, width, height) > 0.5, priors.mask))
+    if priors.depth is not None:
+        maps = in_threads(lambda frame: _enlarged_depth(priors, found, frame), range(len(priors.depth)))
         depth, confidence = zip(*maps, strict=True)
         found.depth = np.stack(depth)
         found.depth_confidence = None if priors.depth_confidence is None else np.stack(confidence)
     return found
 
 
-def _linear(values: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(height,width) float32, between the pixels of `values` (h,w)."""
-    import cv2
-
-    return cv2.resize(values.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR)
-
-
-def _enlarged_depth(
-    priors: Priors, moving: np.ndarray, frame: int, width: int, height: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Depth (H,W) float32, NaN = unknown, and confidence (H,W) float16 of a frame, whose moving pixels are `moving (h,w)`."""
+def _enlarged_depth(priors: Priors, found: Priors, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """Depth (H,W) float32, NaN = unknown, and confidence (H,W) float16 of a frame, by the enlarged mask of `found`."""
     assert priors.depth is not None
-    depth = priors.depth[frame]
+    depth, width, height = priors.depth[frame], found.width, found.height
     confidence = np.ones(depth.shape) if priors.depth_confidence is None else priors.depth_confidence[frame]
+    moving = np.zeros(depth.shape, bool) if priors.mask is None else priors.mask[frame]
+    inside = False if found.mask is None else found.mask[frame]
     known = np.isfinite(depth)
     inverse = np.where(known, 1 / np.where(known, depth, 1), 0)
     layers = []
     for layer in (~moving, moving):
-        weight, there = _linear(layer & known, width, height), _linear(layer, width, height)
+        weight, there = (resize_linear(part, width, height) for part in (layer & known, layer))
         held = np.maximum(weight, 1e-6)
-        values = (
-            _linear(layer * inverse, width, height) / held,
-            _linear(layer * known * confidence, width, height) / held,
-        )
+        values = (resize_linear(layer * part, width, height) / held for part in (inverse, known * confidence))
         layers.append((weight >= 0.5 * np.maximum(there, 1e-6), *values))
-    inside = _linear(moving, width, height) > 0.5
     seen, inverse, confidence = (np.where(inside, b, a) for a, b in zip(*layers, strict=True))
     depth = np.where(seen, 1 / np.maximum(inverse, 1e-12), np.nan)
     return depth.astype(np.float32), np.where(seen, np.clip(confidence, 0, 1), 0).astype(np.float16)
