@@ -319,7 +319,7 @@ class F4X_OT_save_edits(SceneOperator, bpy.types.Operator):  # noqa: N801
     bl_idname, bl_label = "f4x.save_edits", "Save Edits to Scene"
 
     def act(self, context, root):
-        """Write atomically; edits that others wrote in the meantime are merged."""
+        """Write atomically; edits that others wrote in the meantime are merged, undone ones are taken out."""
         stack = session.save(root)
         display.refresh(root)
         self.report({"INFO"}, f"Saved {len(stack)} {plural('edit', len(stack))} in {session.path_of(root).name}")
@@ -413,11 +413,11 @@ def forget_readings(root: bpy.types.Object) -> None:
 def _save_along(path: str) -> None:
     """Save the edits when the .blend is saved, if the preferences ask for it."""
     settings = preferences()
-    if settings is None or not settings.save_edits:
-        return
-    for root in [item for item in bpy.data.objects if session.PATH in item and not session.is_saved(item)]:
+    for root in [item for item in bpy.data.objects if session.PATH in item]:
         try:
-            session.save(root)
+            if settings is not None and settings.save_edits and not session.is_saved(root):
+                session.save(root)
+            session.remember(root)
         except F4xError as error:  # the .blend keeps the edits, and is saved all the same
             root.f4x.answer = str(error)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty
+from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty
 from bpy_extras.view3d_utils import region_2d_to_location_3d
 from mathutils import Vector
 
@@ -217,12 +217,8 @@ class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
     bl_idname = "f4x.write_motion"
     bl_label = "Write Motion Back"
 
-    save: BoolProperty(  # type: ignore[valid-type]
-        name="Save", description="Also save the edits in the scene file", default=True
-    )
-
     def act(self, context, root):
-        """Append one edit with all changed poses."""
+        """Append one edit with all changed poses; like every edit it pends until it is saved."""
         change = changes(root)
         if change is None:
             self.report({"INFO"}, "No node was moved, so there is nothing to write back")
@@ -230,8 +226,6 @@ class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
         session.append(root, change, sentence="moved in Blender")
         mark_keyed(root)
         display.refresh(root)
-        if self.save:
-            session.save(root)
         self.report({"INFO"}, f"Wrote the motion of {len(change.nodes)} nodes at {len(change.times)} frames")
 
 

@@ -78,9 +78,8 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
         row = layout.row()
         row.scale_y = 1.2
-        saved = session.is_saved(root)
-        row.operator("f4x.save_edits", text="Edits Saved" if saved else "Save Edits to Scene", icon="FILE_TICK")
-        row.active = not saved
+        row.operator("f4x.save_edits", text=session.saving(root), icon="FILE_TICK")
+        row.active = not session.is_saved(root)
 
 
 class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801

@@ -3,10 +3,13 @@
 The state is stored in the .blend on the scene's root empty, so that Blender's Undo covers it:
 
     f4x_path     the scene file
-    f4x_arrays   hash of the file's arrays at import: the file has to hold the same Gaussians
+    f4x_arrays   hash of the file's Gaussians at import: the file has to hold the same ones
     f4x_edits    JSON of the pending stack
-    f4x_saved    JSON of the stack that the file held when both were last the same
+    f4x_saved    JSON of the stack that the file held when this scene last read or wrote it
     f4x_preview  JSON of a stack that is only previewed; absent otherwise
+
+Undo rolls these back, but not the file. So whether edits are saved is read in the file, and `f4x_saved` counts only after a
+.blend was opened: until then `_synced` has it, which undo does not touch.
 
 Scenes are cached by path and hash of their arrays, edited scenes also by their stack, so undo needs no cache update.
 Gaussians are known by their id, the point attribute `gid`, so points may be deleted, split off and copied in Blender.
@@ -19,8 +22,10 @@ import json
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from threading import Thread
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -31,6 +36,7 @@ from ..f4x_core.edit.operations import Operation, read_operation
 from ..f4x_core.edit.resolve import EditorState, resolve
 from ..f4x_core.edit.selects import MAX_WORDS_LENGTH, Ids
 from ..f4x_core.edit.stack import UNDONE, EditStack, merge, read_stack, with_stack, write_stack
+from ..f4x_core.edit.words import plural
 from ..f4x_core.errors import F4xError
 from ..f4x_core.query.calibration import prepare
 from ..f4x_core.query.selection import Selection
@@ -48,10 +54,29 @@ MOVED = 3
 """Number of folders above a .blend in which a moved scene file is searched."""
 NO_EDITS = "[]"
 """JSON of the empty stack."""
+GROUPS = ("static/", "dynamic/", "scaffold/", "cameras/")
+"""Arrays of a scene file whose names begin so and do not end in `LATENT` say which Gaussians it holds."""
+LATENT = "/latent"
+"""End of the names of arrays that belong to features, which may be added later."""
 KEPT = 4
 """Number of scenes in the cache, including edited ones, so that switching a preview on and off is fast."""
 
-_files: dict[str, tuple[tuple[int, int], str]] = {}  # path -> ((time of change, size), hash of the arrays)
+
+class _File(NamedTuple):
+    """What is needed of a scene file at every redraw, from its header."""
+
+    stamp: tuple[int, int]
+    """Time of change in ns, and size in bytes."""
+    arrays: str
+    """Hash of all arrays."""
+    gaussians: str
+    """Hash of the arrays that stay the same when features and words are added."""
+    edits: str
+    """JSON of the edits."""
+
+
+_files: dict[str, _File] = {}  # path -> what it held when it was looked at last
+_synced: dict[int, str] = {}  # session_uid of a root -> JSON of the stack that the file held when the root last met it
 _preparing: dict[int, Thread] = {}  # id of a scene's static set -> who works out its neighbourhoods
 _scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
 
@@ -89,15 +114,16 @@ def relink(root: bpy.types.Object, path: Path) -> None:
 def attach(root: bpy.types.Object) -> None:
     """Take over the scene file's edits and remember its arrays: after an import, or when a job has written the file."""
     path = path_of(root)
-    root[ARRAYS] = _hash_of(path)
-    root[EDITS] = root[SAVED] = _text(read_stack(path))
+    file = _look_at(path)
+    root[ARRAYS], root[EDITS] = file.gaussians, file.edits
+    _meet(root, file.edits)
     if not bpy.app.background:
         _prepare(base_scene(root))
 
 
 def stack_of(root: bpy.types.Object) -> EditStack:
     """The pending stack."""
-    return _stack(root, EDITS)
+    return _parsed(root, _pending(root))
 
 
 def set_stack(root: bpy.types.Object, stack: EditStack) -> None:
@@ -117,24 +143,41 @@ def show_preview(root: bpy.types.Object, stack: EditStack | None) -> None:
 
 
 def is_saved(root: bpy.types.Object) -> bool:
-    """Whether the scene file has the pending edits, as far as this session knows."""
-    return root.get(EDITS) == root.get(SAVED)
+    """Whether the scene file holds the pending edits; where it is missing, whether it did when it was last seen."""
+    try:
+        return _pending(root) == _look_at(path_of(root)).edits
+    except F4xError:
+        return root.get(EDITS) == _met(root)
+
+
+def saving(root: bpy.types.Object) -> str:
+    """What saving the edits would do, as the label of its button."""
+    try:
+        return "Edits Saved" if is_saved(root) else _saving(*_texts(root))
+    except F4xError:
+        return "Save Edits to Scene"  # and pressing it says what is wrong
 
 
 def save(root: bpy.types.Object) -> EditStack:
     """Write the pending edits into the scene file, atomically, merged with what others wrote there in between.
 
+    What the scene once had in the file and has no more, by undo too, is taken out of the file.
     Raises F4xError: the file is missing or holds other Gaussians, or both sides changed the same edit.
     """
     path = path_of(root)
     _check_arrays(root)
-    ours, saved, theirs = stack_of(root), _stack(root, SAVED), read_stack(path)
-    stack = ours if theirs.edits == saved.edits else merge(saved, ours, theirs)
+    ours, met, theirs = stack_of(root), _parsed(root, _met(root)), read_stack(path)
+    stack = ours if theirs.edits == met.edits else merge(met, ours, theirs)
     if stack.edits != theirs.edits:
         write_stack(path, stack)
     set_stack(root, stack)
-    root[SAVED] = root[EDITS]
+    _meet(root, root[EDITS])
     return stack
+
+
+def remember(root: bpy.types.Object) -> None:
+    """Put into the .blend, which is about to be saved, what the file held when the scene last met it."""
+    root[SAVED] = _met(root)
 
 
 def base_scene(root: bpy.types.Object) -> Scene:
@@ -256,6 +299,7 @@ def forget() -> None:
     """Empty the caches: another .blend was opened."""
     _files.clear()
     _scenes.clear()
+    _synced.clear()
 
 
 def _prepare(scene: Scene) -> None:
@@ -272,9 +316,31 @@ def _pending(root: bpy.types.Object) -> str:
     return root[EDITS]
 
 
-def _stack(root: bpy.types.Object, name: str) -> EditStack:
-    _pending(root)
-    return _parsed(root, root[name])
+def _met(root: bpy.types.Object) -> str:
+    """JSON of the stack that the file held when `root` last read or wrote it."""
+    pending = _pending(root)
+    return _synced.get(root.session_uid, root.get(SAVED, pending))
+
+
+def _meet(root: bpy.types.Object, text: str) -> None:
+    root[SAVED] = _synced[root.session_uid] = text
+
+
+@lru_cache(maxsize=KEPT)
+def _saving(pending: str, met: str, file: str) -> str:
+    """The label for three stacks, as `_texts` gives them; large ones take long to read, and panels are drawn often."""
+    if pending == met:
+        return "Load Edits from Scene File"
+    ours, theirs = (set(EditStack.from_json(json.loads(text), "edits").edits) for text in (pending, met))
+    if met == file and ours < theirs:
+        count = len(theirs) - len(ours)
+        return f"Remove {count} {plural('Edit', count)} from Scene File"
+    return "Save Edits to Scene"
+
+
+def _texts(root: bpy.types.Object) -> tuple[str, str, str]:
+    """JSON of three stacks: pending, in the file when the scene last met it, in the file now."""
+    return _pending(root), _met(root), _look_at(path_of(root)).edits
 
 
 def _parsed(root: bpy.types.Object, text: str) -> EditStack:
@@ -309,16 +375,19 @@ def _display(root: bpy.types.Object, text: str) -> Display:
 
 
 def _check_arrays(root: bpy.types.Object) -> str:
-    """The hash of the file's arrays; F4xError unless it is the one that was imported."""
+    """The hash of the file's arrays; F4xError unless its Gaussians are those that were imported."""
     path = path_of(root)
-    arrays = _hash_of(path)
-    if root.get(ARRAYS, arrays) != arrays:
+    file = _look_at(path)
+    if root.get(ARRAYS, file.gaussians) not in (
+        file.gaussians,
+        file.arrays,
+    ):  # a .blend of an older version has `arrays`
         raise F4xError(f"{path} no longer holds the Gaussians that were imported; import it again.")
-    return arrays
+    return file.arrays
 
 
-def _hash_of(path: Path) -> str:
-    """One hash of all arrays of a scene file, from its header; read anew only when the file has changed."""
+def _look_at(path: Path) -> _File:
+    """What a scene file holds, from its header, which is read anew only when the file has changed."""
     try:
         found = path.stat()
     except OSError as error:
@@ -326,7 +395,13 @@ def _hash_of(path: Path) -> str:
             f"{path} cannot be read ({error.strerror}); put the scene file back, or import it again."
         ) from error
     stamp = (found.st_mtime_ns, found.st_size)
-    if _files.get(str(path), (None, ""))[0] != stamp:
-        arrays = json.dumps(read_header(path)["arrays"], sort_keys=True)
-        _files[str(path)] = (stamp, hashlib.sha256(arrays.encode()).hexdigest())
-    return _files[str(path)][1]
+    file = _files.get(str(path))
+    if file is None or file.stamp != stamp:
+        arrays = read_header(path)["arrays"]
+        same = {name: entry for name, entry in arrays.items() if name.startswith(GROUPS) and not name.endswith(LATENT)}
+        file = _files[str(path)] = _File(stamp, _hash(arrays), _hash(same), _text(read_stack(path)))
+    return file
+
+
+def _hash(data: Mapping) -> str:
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()

@@ -68,14 +68,14 @@ scene.frame_set(4)
 found["graph"] = np.array([v.co for v in graph.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.vertices])
 graph.hide_viewport = True
 select(node(3))
-bpy.ops.f4x.write_motion()
+bpy.ops.f4x.write_motion(); bpy.ops.f4x.save_edits()
 note("untouched")
 
 scene.frame_set(3)
 bpy.ops.f4x.grab_nodes(offset=(0.3, 0.2, 0.1), reach=2.0)
 found["offset"] = np.array(node(3).matrix_world.translation)
 note("grabbed")
-bpy.ops.f4x.write_motion()
+bpy.ops.f4x.write_motion(); bpy.ops.f4x.save_edits()
 note("grabbed written")
 
 bpy.ops.f4x.add_handles(count=3)
@@ -84,7 +84,7 @@ handle = bpy.data.objects["tiny handle 00"]
 handle.rotation_quaternion, handle.location.x = (0.9, 0.1, 0.3, 0.0), 0.2
 told["members"] = [item["f4x_node"] for item in handle.children]
 note("handle moved")
-bpy.ops.f4x.write_motion()
+bpy.ops.f4x.write_motion(); bpy.ops.f4x.save_edits()
 note("handle written")
 bpy.ops.f4x.remove_handles()
 told["left"] = [item.name for item in scene.objects if "f4x_handle" in item]
@@ -94,7 +94,7 @@ node(5).animation_data_clear()  # an artist's own ways: no keys, a constraint, a
 node(5).rotation_quaternion = (0.8, 0.3, 0.2, 0.5)
 node(5).constraints.new("COPY_LOCATION").target = node(7)
 node(7).scale = (3, 2, 1)
-bpy.ops.f4x.write_motion()
+bpy.ops.f4x.write_motion(); bpy.ops.f4x.save_edits()
 note("constrained written")
 node(5).constraints.clear()
 display.refresh(root)
@@ -102,7 +102,7 @@ display.refresh(root)
 scene.frame_set(2)
 select(node(3))
 bpy.ops.f4x.grab_nodes(offset=(0, 0, 0.5), reach=0.0, hold="AROUND", frames=1)
-bpy.ops.f4x.write_motion(save=False)
+bpy.ops.f4x.write_motion()
 note("unsaved")
 session.set_stack(root, session.stack_of(root).undo())
 display.refresh(root)

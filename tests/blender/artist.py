@@ -1,0 +1,69 @@
+"""A Blender of its own for each test: a child process runs a script in the house of the extension and notes what it finds."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+
+_BEFORE = """
+import json, os, sys
+sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
+sys.path.insert(0, sys.argv[1] + "/scripts")
+import bpy, door
+import numpy as np
+from pathlib import Path
+folder, noted, arrays, ops = Path(sys.argv[2]), {}, {}, bpy.ops.f4x
+door.load_extension().register()
+from feature4x.addon import session
+from feature4x.addon.point_cloud import read_attribute
+
+def root():
+    return session.root_of(bpy.context.object)
+
+def push(name):
+    bpy.ops.ed.undo_push(message=name)
+
+def refused(call, *args, **options):
+    try:
+        call(*args, **options)
+    except RuntimeError as error:
+        return str(error)
+    raise AssertionError("it was not refused")
+
+def stack_in_file(name="scene.f4x"):
+    from feature4x.f4x_core.edit.stack import read_stack
+    return [edit.operation.TAG for edit in read_stack(folder / name).edits]
+
+def select(*items):
+    for other in bpy.context.scene.objects:
+        other.select_set(other in items)
+    bpy.context.view_layer.objects.active = items[0]
+
+def values(item, name="position"):
+    return read_attribute(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data, name)
+"""
+_AFTER = """
+np.savez(folder / "arrays.npz", **arrays)
+(folder / "noted.json").write_text(json.dumps(noted))
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+def perform(folder: Path, script: str, *arguments: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Run `script` in a Blender without a window; returns what it put into `noted` and `arrays`."""
+    import numpy as np
+
+    done = subprocess.run(
+        [sys.executable, "-c", _BEFORE + script + _AFTER, str(ROOT), str(folder), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=240,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return json.loads((folder / "noted.json").read_text()), dict(np.load(folder / "arrays.npz"))

@@ -1,0 +1,116 @@
+"""Ctrl-Z and the scene file: what the panel says of the file is read in the file, and undone edits stay undone."""
+
+from dataclasses import replace
+
+import pytest
+from labelled_scene import labelled_scene
+
+from f4x_core.scene import read_scene, write_scene
+
+from .artist import perform
+from .test_import_scene import tiny_scene
+
+pytestmark = pytest.mark.blender
+pytest.importorskip("bpy", reason="bpy is absent")
+
+START = """
+bpy.ops.wm.read_factory_settings(use_empty=True)
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+
+def note(name):
+    noted[name] = dict(saved=session.is_saved(root()), stack=[edit.operation.TAG for edit in session.stack_of(root()).edits],
+                       label=session.saving(root()), file=stack_in_file())
+"""
+UNDONE = """
+ops.query_text(text="square"); push("query")
+ops.recolour(rgb=(0, 1, 0)); push("recolour"); note("recoloured")
+ops.save_edits(); push("save"); note("saved")
+bpy.ops.ed.undo(); note("undone once")
+bpy.ops.ed.undo(); note("undone twice")
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "shot.blend"))
+bpy.ops.ed.redo(); note("redone")
+bpy.ops.ed.undo()
+ops.save_edits(); push("save"); note("saved without")
+"""
+
+
+def test_an_edit_undone_past_its_save_is_told_and_leaves_the_file_with_the_next_save(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    noted, _ = perform(tmp_path, START + UNDONE)
+    assert noted["recoloured"]["stack"] == ["recolour"] and not noted["recoloured"]["saved"]
+    assert noted["saved"]["saved"] and noted["saved"]["file"] == ["recolour"]
+    assert noted["undone once"]["stack"] == ["recolour"] and noted["undone once"]["saved"]
+    assert noted["undone twice"]["stack"] == [] and noted["undone twice"]["file"] == ["recolour"]
+    assert not noted["undone twice"]["saved"] and noted["undone twice"]["label"] == "Remove 1 Edit from Scene File"
+    assert noted["redone"]["saved"] and noted["redone"]["label"] == "Edits Saved"
+    assert noted["saved without"]["file"] == [] and noted["saved without"]["saved"]
+
+
+def test_a_blend_remembers_which_edits_of_the_file_were_undone(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    script = START + UNDONE.rpartition("bpy.ops.ed.redo()")[0]
+    again = """
+bpy.ops.wm.open_mainfile(filepath=str(folder / "shot.blend"))
+note("opened")
+ops.save_edits(); note("saved")
+"""
+    noted, _ = perform(tmp_path, script + again)
+    assert not noted["opened"]["saved"] and noted["opened"]["label"] == "Remove 1 Edit from Scene File"
+    assert noted["saved"]["file"] == []
+
+
+def test_what_another_program_wrote_is_seen_and_stays(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    other = """
+from feature4x.f4x_core.edit.operations import Opacity
+from feature4x.f4x_core.edit.selects import All
+from feature4x.f4x_core.edit.stack import read_stack, write_stack
+file = folder / "scene.f4x"
+write_stack(file, read_stack(file).append(Opacity(All(), 0.5)))
+note("written by another")
+ops.save_edits(); push("save"); note("merged")
+"""
+    noted, _ = perform(tmp_path, START + UNDONE + other)
+    assert (
+        not noted["written by another"]["saved"]
+        and noted["written by another"]["label"] == "Load Edits from Scene File"
+    )
+    assert noted["merged"]["saved"] and noted["merged"]["stack"] == noted["merged"]["file"] == ["opacity"]
+
+
+def test_written_motion_pends_until_it_is_saved(tmp_path):
+    write_scene(tiny_scene(), tmp_path / "scene.f4x")
+    script = """
+node = bpy.data.objects["tiny node 00003"]
+select(node); push("selected")
+ops.grab_nodes(offset=(0.3, 0, 0), reach=0.0); push("grabbed")
+ops.write_motion(); push("written"); note("written")
+bpy.ops.ed.undo(); note("undone")
+"""
+    noted, _ = perform(tmp_path, START + script)
+    assert noted["written"]["stack"] == ["rekey"] and noted["written"]["file"] == [] and not noted["written"]["saved"]
+    assert noted["undone"]["stack"] == [] and noted["undone"]["saved"]
+
+
+def test_undo_past_new_words_of_a_job_keeps_the_scene(tmp_path):
+    """A job that adds words writes other arrays into the file; what the scene is stays the same."""
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    scene = read_scene(tmp_path / "scene.f4x")
+    words = scene.features.vocabularies["words"]
+    more = replace(words, labels=(*words.labels, "edge"), vectors=words.vectors[[*range(len(words.labels)), 0]])
+    write_scene(replace(scene, features=replace(scene.features, vocabularies={"words": more})), tmp_path / "more.f4x")
+    script = """
+import shutil
+ops.query_text(text="square"); push("query")
+ops.recolour(rgb=(0, 1, 0)); push("recolour"); ops.save_edits(); push("save")
+text = json.dumps([edit.to_json() for edit in session.stack_of(root()).edits])
+from feature4x.f4x_core.edit.stack import read_stack, write_stack
+write_stack(folder / "more.f4x", read_stack(folder / "scene.f4x"))
+shutil.copy(folder / "more.f4x", folder / "scene.f4x")
+session.attach(root()); push("job")
+ops.query_text(text="edge"); noted["found"] = root().f4x.selected
+bpy.ops.ed.undo(); bpy.ops.ed.undo()
+ops.query_text(text="square"); noted["after"] = root().f4x.selected
+"""
+    noted, _ = perform(tmp_path, START + script)
+    assert noted["found"] > 0 and noted["after"] > 0
