@@ -40,6 +40,7 @@ from .gaussian_attributes import FITTED_FOCAL, write_appearance, write_places
 from .motion_edits import mark_keyed
 from .motion_nodes import build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
+from .rig_repair import add_identity
 from .scaffold_rig import add_graph, add_nodes
 from .sequence import add_sequence, check_size
 
@@ -217,6 +218,7 @@ def _add_motion(name, scene: Scene, dynamic, collection, root) -> None:
     write_attribute(mesh, "node", "INT", pairs.node)
     write_attribute(mesh, "rest_turn", "QUATERNION", quaternion.conjugate(rest))
     write_attribute(mesh, "rest_place", "FLOAT_VECTOR", scaffold.xyz[pairs.reference, pairs.node])
+    add_identity(mesh, scaffold.ids[pairs.node], pairs.reference)
     helper = _add_object(mesh.name, mesh, collection)
     helper.parent = root
     helper.hide_viewport = helper.hide_render = True
@@ -224,7 +226,8 @@ def _add_motion(name, scene: Scene, dynamic, collection, root) -> None:
     curves = scene.curves if isinstance(scene, EditedScene) else scaffold
     assert curves is not None
     nodes = add_nodes(name, curves, scene.cameras.times, collection, root)
-    add_graph(name, curves, nodes, collection, root)
+    graph = add_graph(name, curves, nodes, collection, root)
+    add_identity(graph.data, curves.ids)
     modifier = dynamic.modifiers.new("Feature4X motion", "NODES")
     slots, fades = gaussians.node.shape[1], bool((gaussians.strength < 1).any())
     modifier.node_group = build_motion_tree(f"{name} motion", nodes, helper, slots, fades)

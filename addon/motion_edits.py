@@ -9,10 +9,9 @@ import numpy as np
 
 from ..f4x_core.edit.apply import EditedScene
 from ..f4x_core.edit.operations import Rekey
-from ..f4x_core.errors import F4xError
 from ..f4x_core.scaffold import Scaffold
 from . import session
-from .scaffold_rig import NODE, nodes_of, poses_of, read_poses, write_poses
+from .scaffold_rig import all_nodes, nodes_of, poses_of, read_poses, write_poses
 
 SHOWN = "f4x_keys"
 """Property of the root: JSON of the ids of the `rekey` edits that its nodes were keyed by."""
@@ -26,9 +25,8 @@ def changes(root: bpy.types.Object) -> Rekey | None:
     They are read as Blender evaluates them. Raises F4xError where nodes are missing.
     """
     scene = session.edited_scene(root)
-    curves, frames, nodes = _curves(root), scene.cameras.times, nodes_of(root)
-    if [item[NODE] for item in nodes] != curves.ids.tolist():
-        raise F4xError(f"{root.name}: some nodes of its scaffold were deleted; undo that, or import the scene again.")
+    curves, frames = _curves(root), scene.cameras.times
+    nodes = all_nodes(root, curves.ids)
     old_xyz, old_quat = poses_of(curves, frames)
     xyz, quat = read_poses(root, nodes, frames)
     moved = _differ(xyz, quat, old_xyz, old_quat)  # (T,M)
@@ -46,8 +44,10 @@ def refresh_keys(root: bpy.types.Object) -> None:
     ids = _shown_ids(root)
     if root.get(SHOWN, "[]") == ids:
         return
-    curves, frames, nodes = _curves(root), session.edited_scene(root).cameras.times, nodes_of(root)
-    xyz, quat = poses_of(curves, frames)
+    curves, frames, found = _curves(root), session.edited_scene(root).cameras.times, nodes_of(root)
+    there = [i for i, id in enumerate(curves.ids.tolist()) if id in found]
+    nodes = [found[curves.ids[i]] for i in there]
+    xyz, quat = (values[:, there] for values in poses_of(curves, frames))
     now_xyz, now_quat = read_poses(root, nodes, frames)
     moved = np.flatnonzero(_differ(now_xyz, now_quat, xyz, quat).any(0))
     if len(moved):

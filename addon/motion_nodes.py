@@ -3,7 +3,7 @@
 Every Gaussian has its own reference frame r, so what moves it is the relative motion `Q_k(now) Q_k(r)^-1` of each of
 its K nodes. A hidden helper mesh has one vertex per (node, reference) pair in use, with the attributes
 
-    node         INT           index of the empty (their collection is read in the natural order of their names)
+    node         INT           place of the empty in its collection, read in the natural order of names (`rig_repair`)
     rest_turn    QUATERNION    rotation of Q_k(r)^-1 in the scene's own frame
     rest_place   FLOAT_VECTOR  translation of Q_k(r)
 
@@ -163,11 +163,11 @@ def build_motion_tree(
 
 
 def build_graph_tree(name: str, nodes: bpy.types.Collection) -> bpy.types.GeometryNodeTree:
-    """Return the tree that puts vertex i of a mesh where empty i of `nodes` is."""
+    """Return the tree that puts each vertex of a mesh where the empty of `nodes` is whose place is its attribute `node`."""
     tree = _Tree(name, {"Geometry": "NodeSocketGeometry"}, {"Posed": "NodeSocketGeometry"})
     info = tree.add("GeometryNodeCollectionInfo", nodes, True, False, transform_space=SCENE_FRAME)
     now = tree.add("FunctionNodeSeparateTransform", tree.out("GeometryNodeInstanceTransform")).outputs["Translation"]
-    place = tree.sample(info.outputs[0], now, tree.out("GeometryNodeInputIndex"), "FLOAT_VECTOR", "INSTANCE")
+    place = tree.sample(info.outputs[0], now, tree.attribute("node", "INT"), "FLOAT_VECTOR", "INSTANCE")
     tree.link(tree.out("GeometryNodeSetPosition", tree.inputs["Geometry"], None, place), tree.outputs["Posed"])
     _lay_out(tree.tree)
     return tree.tree

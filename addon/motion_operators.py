@@ -16,7 +16,7 @@ from ..f4x_core.scaffold.grab import grab, within_reach
 from . import display, session
 from .motion_edits import changes, mark_keyed
 from .operators import F4X_OT_choose_clip, F4X_OT_find_scene
-from .scaffold_rig import NODE, add_handles, hold, nodes_of, read_poses, remove_handles
+from .scaffold_rig import NODE, add_handles, all_nodes, hold, nodes_of, read_poses, remove_handles
 
 
 class _MotionOperator(bpy.types.Operator):
@@ -138,13 +138,9 @@ class _Grab:
     """The nodes of a scene at the current frame, some of them grabbed."""
 
     def __init__(self, context: bpy.types.Context, root: bpy.types.Object, reach: float):
-        self.root, self.nodes = root, nodes_of(root)
         scaffold = session.base_scene(root).scaffold
         assert scaffold is not None  # there are nodes
-        if [item[NODE] for item in self.nodes] != scaffold.ids.tolist():
-            raise F4xError(
-                f"{root.name}: some nodes of its scaffold were deleted; undo that, or import the scene again."
-            )
+        self.root, self.nodes = root, all_nodes(root, scaffold.ids)
         self.unit, self.edges = scaffold.unit, scaffold.edges
         self.frames = session.base_scene(root).cameras.times
         self.frame = context.scene.frame_current_final

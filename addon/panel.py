@@ -80,6 +80,7 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.scale_y = 1.2
         row.operator("f4x.save_edits", text=session.saving(root), icon="FILE_TICK")
         row.active = not session.is_saved(root)
+        draw_lines(layout, context, root.f4x.notice, "ERROR")
 
 
 class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801

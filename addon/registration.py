@@ -15,6 +15,7 @@ from . import (
     preferences,
     query_operators,
     render_engine,
+    rig_repair,
 )
 
 CLASSES = (
@@ -30,7 +31,7 @@ CLASSES = (
     *panel.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
-STARTED = (render_engine, panel_properties, display, edit_operators, panel_overlay)
+STARTED = (render_engine, panel_properties, display, edit_operators, panel_overlay, rig_repair)
 
 
 def _draw_import(self, context) -> None:

@@ -27,9 +27,12 @@ from ..f4x_core.scaffold.groups import group_motion, rigid_groups
 from . import session
 from .animation import ActionWriter, rewrite, sample
 from .motion_nodes import build_graph_tree
+from .point_cloud import write_attribute
 
 NODE = "f4x_node"
 """Property of a node's empty: the id of the node."""
+NODES = "f4x_nodes"
+"""Property of a root: the collection of its nodes' empties."""
 HANDLE = "f4x_handle"
 """Property of a handle and of the empty that carries it: the number of its group."""
 NODE_SIZE, HANDLE_SIZE = 0.4, 2.0
@@ -56,6 +59,7 @@ def add_nodes(name: str, curves: Scaffold, frames: np.ndarray, collection, root)
         empty = _add_empty(f"{name} node {i:05d}", nodes, root, NODE_SIZE * curves.unit)
         empty[NODE] = id
         writer.write(empty, frames, {PLACE: xyz[:, i], TURN: quat[:, i]})
+    root[NODES] = nodes
     return nodes
 
 
@@ -63,6 +67,7 @@ def add_graph(name: str, curves: Scaffold, nodes: bpy.types.Collection, collecti
     """The graph's edges as a hidden mesh whose corners follow the nodes."""
     mesh = bpy.data.meshes.new(f"{name} graph")
     mesh.from_pydata(curves.xyz[0].tolist(), curves.edges.tolist(), [])
+    write_attribute(mesh, "node", "INT", np.arange(len(curves.ids)))
     graph = bpy.data.objects.new(mesh.name, mesh)
     collection.objects.link(graph)
     graph.parent = root
@@ -71,14 +76,23 @@ def add_graph(name: str, curves: Scaffold, nodes: bpy.types.Collection, collecti
     return graph
 
 
-def nodes_of(root: bpy.types.Object) -> list[bpy.types.Object]:
-    """The empties of the nodes, in the scaffold's order. Raises F4xError if one was duplicated."""
-    found = sorted((item for item in root.children_recursive if NODE in item), key=lambda item: item.name)
-    if len({item[NODE] for item in found}) < len(found):
-        raise F4xError(
-            f"{root.name}: the empty of a node was duplicated; delete the copy, because points follow nodes by name."
-        )
-    return found
+def nodes_of(root: bpy.types.Object) -> dict[int, bpy.types.Object]:
+    """The empties of the nodes by the ids of the nodes, without missing ones and without copies."""
+    collection = root.get(NODES)  # a .blend of an older version has none
+    items = root.children_recursive if collection is None else collection.objects
+    # a copy is younger than its original
+    found = sorted((item for item in items if NODE in item), key=lambda item: item.session_uid, reverse=True)
+    return {item[NODE]: item for item in found}
+
+
+def all_nodes(root: bpy.types.Object, ids: np.ndarray) -> list[bpy.types.Object]:
+    """The empties of the nodes `ids (M,)`. Raises F4xError if one is missing."""
+    found = nodes_of(root)
+    missing = sum(id not in found for id in ids.tolist())
+    if missing:
+        those = "node is" if missing == 1 else "nodes are"
+        raise F4xError(f"{root.name}: {missing} {those} missing; press Ctrl-Z, or import the scene again.")
+    return [found[id] for id in ids.tolist()]
 
 
 def read_poses(
@@ -131,7 +145,7 @@ def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: 
     The motion stays the same. Existing handles are removed first.
     """
     remove_handles(root, frames)
-    nodes = nodes_of(root)
+    nodes = list(nodes_of(root).values())
     xyz, quat = read_poses(root, nodes, frames)
     group = rigid_groups(xyz, unit, count)
     collection = bpy.data.collections.new(f"{root.name} handles")
@@ -161,7 +175,7 @@ def remove_handles(root: bpy.types.Object, frames: np.ndarray) -> None:
     old = [item for item in root.children_recursive if HANDLE in item]
     if not old:
         return
-    nodes = nodes_of(root)
+    nodes = list(nodes_of(root).values())
     xyz, quat = read_poses(root, nodes, frames)
     for node in nodes:
         node.parent = root

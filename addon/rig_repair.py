@@ -1,0 +1,216 @@
+"""Keeps points on their nodes whatever is done to the empties: renaming, copying, deleting them, copying a whole scene.
+
+Geometry nodes read the empties of a collection in the natural order of their names. Which place in that order a node has is
+the attribute `node` of two helper meshes, worked out anew from the stored ids (`f4x_node`, `node_id`) whenever the names in the
+collection change:
+
+    NAME pairs   node_id, reference INT, own_turn, own_place (of the pair) -> node, rest_turn, rest_place (of what carries it)
+    NAME graph   node_id INT -> node
+
+What a missing node carried is carried by the nearest one. A copied node is an empty like any other. A copied scene gets nodes,
+helpers and node trees of its own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ..f4x_core.edit.words import plural
+from ..f4x_core.scaffold.missing import carriers
+from . import session
+from .point_cloud import read_attribute, write_attribute
+from .scaffold_rig import NODE, NODES, nodes_of
+
+ORDER = "f4x_order"
+"""Property of a root: hash of the names and ids that its nodes had when their places were worked out."""
+_OWN = {"rest_turn": ("own_turn", "QUATERNION"), "rest_place": ("own_place", "FLOAT_VECTOR")}
+
+
+def add_identity(mesh: bpy.types.Mesh, ids: np.ndarray, reference: np.ndarray | None = None) -> None:
+    """Note down the node `ids (V,)` of a helper mesh and, for pairs, `reference (V,)` and the pairs' own rest poses."""
+    write_attribute(mesh, "node_id", "INT", ids)
+    if reference is not None:
+        write_attribute(mesh, "reference", "INT", reference)
+        for name, (own, kind) in _OWN.items():
+            write_attribute(mesh, own, kind, read_attribute(mesh, name))
+
+
+def repair(scene: bpy.types.Scene) -> None:
+    """Put right the scenes in `scene` whose nodes were renamed, copied or deleted; does nothing else, and is quick then."""
+    roots = [item for item in scene.objects if isinstance(item.get(NODES), bpy.types.Collection)]
+    roots = sorted((item for item in roots if item.library is None), key=lambda item: item.session_uid)
+    owners: dict[bpy.types.Collection, bpy.types.Object] = {}
+    for root in roots:
+        if root[NODES] in owners:
+            _set_up_copy(root, owners[root[NODES]])
+        else:
+            owners[root[NODES]] = root
+    for root in roots:
+        if NODES in root and root.get(ORDER) != _order(root):
+            _work_out_places(root)
+
+
+def _work_out_places(root: bpy.types.Object) -> None:
+    nodes = nodes_of(root)
+    copies = [item for item in root[NODES].objects if NODE in item and nodes.get(item[NODE]) != item]
+    for item in copies:
+        del item[NODE]
+    place = {name: index for index, name in enumerate(_in_order(root[NODES]))}
+    places = {id: place[item.name] for id, item in nodes.items()}
+    missing = set()
+    for helper in _helpers(root):
+        missing |= _remap(helper.data, places)
+    root[ORDER] = _order(root)
+    _tell(root, len(missing), [item.name for item in copies])
+
+
+def _remap(mesh: bpy.types.Mesh, places: dict[int, int]) -> set[int]:
+    """Write the places of the nodes into a helper mesh; returns the ids of the missing ones."""
+    ids, reference = read_attribute(mesh, "node_id"), read_attribute(mesh, "reference")
+    points = read_attribute(mesh, "position" if reference is None else "own_place")
+    there = np.isin(ids, list(places))
+    carrier = carriers(np.zeros_like(ids) if reference is None else reference, points, there)
+    write_attribute(mesh, "node", "INT", np.array([places.get(id, 0) for id in ids[carrier].tolist()]))
+    for name, (own, kind) in _OWN.items() if reference is not None else ():
+        write_attribute(mesh, name, kind, read_attribute(mesh, own)[carrier])
+    mesh.update_tag()
+    return set(ids[~there].tolist())
+
+
+def _tell(root: bpy.types.Object, missing: int, copies: list[str]) -> None:
+    """Say in the sidebar, and where there is none on the console, what happened to the nodes."""
+    line = ""
+    if missing:
+        those = "is missing; its points follow" if missing == 1 else "are missing; their points follow"
+        back = "it" if missing == 1 else "them"
+        line = f"{missing} {plural('node', missing)} {those} the nodes around {back}. Ctrl-Z brings {back} back."
+    elif copies:
+        those = f"{copies[0]} is a copy of a node" if len(copies) == 1 else f"{len(copies)} empties are copies of nodes"
+        line = f"{those}; no points follow {'it' if len(copies) == 1 else 'them'}."
+    if hasattr(root, "f4x"):
+        root.f4x.notice = line
+    if line:
+        print(f"Feature4X: {root.name}: {line}")
+
+
+def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
+    """Give a copied scene what it still shares with its original; a root that was copied without them becomes an empty."""
+    clouds = session.clouds_of(root)
+    empties = [item for item in root.children_recursive if NODE in item and root[NODES] in item.users_collection]
+    if not clouds:
+        for key in [key for key in root.keys() if key.startswith("f4x_")]:  # noqa: SIM118 - no mapping
+            del root[key]
+        return
+    if len(empties) < len(nodes_of(original)):  # copied in part: its points follow the original's nodes
+        del root[NODES]
+        return
+    shared, own = root[NODES], bpy.data.collections.new(f"{root.name} nodes")
+    root.users_collection[0].children.link(own)
+    for item in empties:
+        own.objects.link(item)
+        shared.objects.unlink(item)
+    root[NODES] = own
+    swaps = {shared: own}
+    for helper in _helpers(original):  # they are hidden, and Blender copies only what can be selected
+        swaps[helper] = _copy_below(root, original, helper)
+    for item in (*clouds, *_helpers(root)):
+        if item.data.users > 1:
+            item.data = item.data.copy()
+        for modifier in item.modifiers:
+            if modifier.type == "NODES" and modifier.node_group is not None:
+                _swap(modifier, swaps)
+    root[ORDER] = ""
+
+
+def _copy_below(root: bpy.types.Object, original: bpy.types.Object, helper: bpy.types.Object) -> bpy.types.Object:
+    """The helper of a copied scene, copied here unless the user did it."""
+    number = _helpers(original).index(helper)
+    there = _helpers(root)
+    if len(there) == len(_helpers(original)):
+        return there[number]
+    copy = helper.copy()
+    for collection in root.users_collection:
+        collection.objects.link(copy)
+    copy.parent = root
+    return copy
+
+
+def _swap(modifier: bpy.types.NodesModifier, swaps: dict) -> None:
+    """Let a modifier use a copy of its tree with other collections and objects in it, where it uses any of `swaps`."""
+
+    def uses(tree):
+        sockets = [socket for node in tree.nodes for socket in node.inputs if socket.type in ("COLLECTION", "OBJECT")]
+        return [socket for socket in sockets if socket.default_value in swaps]
+
+    if uses(modifier.node_group):
+        modifier.node_group = modifier.node_group.copy()
+        for socket in uses(modifier.node_group):
+            socket.default_value = swaps[socket.default_value]
+
+
+def _helpers(root: bpy.types.Object) -> list[bpy.types.Object]:
+    """The helper meshes of a scene, the pairs first."""
+    meshes = [item for item in root.children if item.type == "MESH" and "node_id" in item.data.attributes]
+    return sorted(meshes, key=lambda item: "reference" not in item.data.attributes)
+
+
+def _order(root: bpy.types.Object) -> str:
+    """What the places of the nodes depend on, as a hash."""
+    names = [f"{item.name}\t{item.get(NODE, '')}" for item in root[NODES].objects]
+    return hashlib.sha256("\n".join([*names, "", *root[NODES].children.keys()]).encode()).hexdigest()
+
+
+def _in_order(collection: bpy.types.Collection) -> list[str]:
+    """Names of what is in a collection, in the order in which the node Collection Info reads it."""
+    return sorted([*collection.objects.keys(), *collection.children.keys()], key=_Natural)
+
+
+class _Natural:
+    """Key of a name for Blender's natural order (`BLI_strcasecmp_natural`): numbers by value, letters without case."""
+
+    def __init__(self, name: str):
+        self.name = name.encode()
+        self.parts = re.findall(rb"\d+|\D", self.name)
+
+    def __lt__(self, other: _Natural) -> bool:
+        """Whether this name comes first."""
+        zeros = 0
+        for a, b in zip(self.parts, other.parts, strict=False):
+            if a.isdigit() and b.isdigit():
+                small, large = a.lstrip(b"0"), b.lstrip(b"0")
+                if small != large:
+                    return (len(small), small) < (len(large), large)
+                zeros = zeros or len(a) - len(b)  # as many digits: fewer zeros first, if nothing else differs
+            elif (first := a[:1].lower()) != (second := b[:1].lower()):
+                return first == b"." or (second != b"." and first < second)
+        return zeros < 0 or (zeros == 0 and self.name < other.name)
+
+
+@persistent
+def _changed(scene: bpy.types.Scene, *_) -> None:
+    repair(scene)
+
+
+@persistent
+def _file_loaded(*_) -> None:
+    repair(bpy.context.scene)
+
+
+_HANDLERS = {"depsgraph_update_pre": _changed, "frame_change_pre": _changed, "load_post": _file_loaded}
+
+
+def register() -> None:
+    """Add the handlers."""
+    for name, function in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(function)
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    for name, function in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(function)
