@@ -11,6 +11,7 @@ from ..f4x_core.errors import F4xError
 from . import session, viewport
 from .clip_background import show_clip
 from .import_scene import SOURCE, import_scene
+from .occluders import hide_occluders
 from .panel_operators import SceneOperator
 
 PASSING = {"HIDDEN", "SKIP_SAVE"}
@@ -46,6 +47,12 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
         subtype="FILE_PATH",
         options={"SKIP_SAVE"},
     )
+    clear_view: BoolProperty(  # type: ignore[valid-type]
+        name="Hide What Is in the Way",
+        description="Hide objects of this file that stand between the clip's camera and the scene, such as the default cube",
+        default=True,
+        options={"SKIP_SAVE"},
+    )
     show: BoolProperty(  # type: ignore[valid-type]
         name="Show", description="Show the scene in the viewports, in its colours", default=True, options=PASSING
     )
@@ -70,6 +77,12 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
         context.view_layer.objects.active = root
         if self.set_up_render:
             viewport.use_engine(context.scene)
+        if self.set_up_render and self.clear_view:
+            first, last = context.scene.frame_start, context.scene.frame_end
+            hidden = hide_occluders(root, (first, (first + last) // 2, last))
+            if hidden:
+                root.f4x.notice = hidden
+                self.report({"WARNING"}, hidden)
         if self.show:
             viewport.show(root, context.scene.camera if self.set_up_render and session.PATH in root else None)
         return {"FINISHED"}
