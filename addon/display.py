@@ -13,6 +13,8 @@ as fast as without edits.
 
 from __future__ import annotations
 
+import os
+
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
@@ -21,7 +23,7 @@ from ..f4x_core.edit.description import describe
 from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.errors import F4xError
 from . import session
-from .evaluated import HIDDEN
+from .evaluated import ENGINE, HIDDEN
 from .gaussian_attributes import write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
@@ -29,6 +31,8 @@ from .point_cloud import new_point_cloud, read_attribute, write_attribute
 GONE, LOOKS = "f4x_gone", "f4x_looks"
 VISIBLE = "Feature4X visible"
 """Name of the modifier and of its tree."""
+_rendering = False
+_failures: dict[int, str] = {}  # session_uid of a root -> why this frame of it could not be worked out
 
 
 def refresh(root: bpy.types.Object) -> None:
@@ -174,29 +178,75 @@ def _visible_tree() -> bpy.types.GeometryNodeTree:
     return tree
 
 
+def check_frame(scene: bpy.types.Scene) -> None:
+    """Raise F4xError if a scene in `scene` still shows another frame because its file was missing or damaged at this one."""
+    for root in scene.objects:
+        if root.session_uid in _failures and root.get(session.TIMED):
+            raise F4xError(
+                f"{_failures[root.session_uid]} The edits of {root.name} change over time, so no frame can be rendered"
+                " without its scene file; Object > Feature4X > Pack Scene keeps it in the .blend."
+            )
+
+
 @persistent
 def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Update scenes whose edits change over time."""
     for root in [item for item in scene.objects if item.get(session.TIMED)]:
         try:
             _draw(root, session.shown(root), everything=False)
-        except F4xError as error:  # the scene file is gone: playback goes on with what was drawn last
-            print(f"Feature4X: {error}")
+            _failures.pop(root.session_uid, None)
+        except F4xError as error:  # playback goes on with what was drawn last; renders do not
+            if _failures.get(root.session_uid) != str(error):
+                print(f"Feature4X: {error}")
+            _failures[root.session_uid] = str(error)
+    _end_wrong_render(scene)
+
+
+def _end_wrong_render(scene: bpy.types.Scene) -> None:
+    """End a Blender without a window in which an engine of another kind, which asks nobody, is about to draw a wrong frame."""
+    if _rendering and bpy.app.background and scene.render.engine != ENGINE:
+        try:
+            check_frame(scene)
+        except F4xError as error:
+            print(f"Error: {error}", flush=True)
+            os._exit(1)
+
+
+@persistent
+def _render_began(scene: bpy.types.Scene, *_) -> None:
+    global _rendering
+    _rendering = True
+
+
+@persistent
+def _render_ended(scene: bpy.types.Scene, *_) -> None:
+    global _rendering
+    _rendering = False
 
 
 @persistent
 def _file_loaded(path: str) -> None:
     session.forget()
+    _failures.clear()
+
+
+_HANDLERS = {
+    "frame_change_post": _frame_changed,
+    "load_post": _file_loaded,
+    "render_init": _render_began,
+    "render_complete": _render_ended,
+    "render_cancel": _render_ended,
+}
 
 
 def register() -> None:
     """Add the handlers."""
-    bpy.app.handlers.frame_change_post.append(_frame_changed)
-    bpy.app.handlers.load_post.append(_file_loaded)
+    for name, function in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(function)
 
 
 def unregister() -> None:
     """Undo `register`."""
-    bpy.app.handlers.load_post.remove(_file_loaded)
-    bpy.app.handlers.frame_change_post.remove(_frame_changed)
+    for name, function in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(function)
     session.forget()

@@ -8,6 +8,8 @@ from ..f4x_core.scene.stage import Cloud, Surface
 from .gaussian_attributes import FITTED_FOCAL
 from .point_cloud import read_attribute
 
+ENGINE = "FEATURE4X"
+"""Identifier of the render engine."""
 HIDDEN = "f4x_hidden"
 """BOOLEAN: points that no picture shows."""
 LAYERS = {"latent": "f4x_latent", "selection": ".selection", "score": "f4x_score"}

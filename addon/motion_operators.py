@@ -15,7 +15,7 @@ from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.grab import grab, within_reach
 from . import display, session
 from .motion_edits import changes, mark_keyed
-from .operators import F4X_OT_choose_clip, F4X_OT_find_scene
+from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene
 from .scaffold_rig import NODE, add_handles, all_nodes, hold, nodes_of, read_poses, remove_handles
 
 
@@ -240,7 +240,7 @@ class F4X_MT_object(bpy.types.Menu):  # noqa: N801
 
     def draw(self, context):
         """List the operators."""
-        for operator in (*OPERATORS, F4X_OT_choose_clip, F4X_OT_find_scene):
+        for operator in (*OPERATORS, F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene):
             self.layout.operator(operator.bl_idname)
 
 

@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringPrope
 from bpy_extras.io_utils import ImportHelper
 
 from ..f4x_core.errors import F4xError
-from . import session, viewport
+from . import packing, session, viewport
 from .clip_background import show_clip
 from .import_scene import SOURCE, import_scene
 from .occluders import hide_occluders
@@ -175,4 +175,24 @@ class F4X_OT_find_scene(SceneOperator, bpy.types.Operator, ImportHelper):  # noq
         session.relink(root, Path(self.filepath))
 
 
-CLASSES = (F4X_OT_import_scene, F4X_OT_find_scene, F4X_OT_show_picture, F4X_OT_choose_clip, F4X_FH_scene)
+class F4X_OT_pack_scene(SceneOperator, bpy.types.Operator):  # noqa: N801
+    """Keep a copy of the scene file in the .blend, so that render farms and other computers need the .blend only."""
+
+    bl_idname = "f4x.pack_scene"
+    bl_label = "Pack Scene"
+
+    def act(self, context, root):
+        """Pack the file as it is now; saving edits later packs it again."""
+        path = session.path_of(root)
+        packing.pack(root, path)
+        self.report({"INFO"}, f"The .blend now holds {path.name} ({path.stat().st_size / 2**20:.1f} MiB); save it")
+
+
+CLASSES = (
+    F4X_OT_pack_scene,
+    F4X_OT_import_scene,
+    F4X_OT_find_scene,
+    F4X_OT_show_picture,
+    F4X_OT_choose_clip,
+    F4X_FH_scene,
+)

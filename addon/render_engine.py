@@ -15,7 +15,7 @@ from gpu_extras.presets import draw_texture_2d
 from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.scene import stage
 from ..f4x_core.scene.color import linear_from_srgb
-from . import evaluated
+from . import display, evaluated
 from .axes import Eye, camera_eye, eye
 
 # pass of the stage -> (name in Blender, channels, kind of socket)
@@ -53,7 +53,7 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
 
     bl_label = "Passes"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "view_layer"
-    COMPAT_ENGINES = {"FEATURE4X"}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
 
     @classmethod
     def poll(cls, context):
@@ -75,7 +75,7 @@ class F4X_PT_film(bpy.types.Panel):  # noqa: N801
 
     bl_label = "Film"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
-    COMPAT_ENGINES = {"FEATURE4X"}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
     poll = F4X_PT_passes.poll
 
     def draw(self, context):
@@ -86,7 +86,7 @@ class F4X_PT_film(bpy.types.Panel):  # noqa: N801
 class Feature4XRenderEngine(bpy.types.RenderEngine):
     """Render engine that draws Gaussians as the core does; other surfaces occlude them and show a flat colour."""
 
-    bl_idname = "FEATURE4X"
+    bl_idname = evaluated.ENGINE
     bl_label = "Feature4X"
     bl_use_eevee_viewport = True  # Material Preview is EEVEE's
     bl_use_shading_nodes_custom = False
@@ -116,6 +116,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
     def _render(self, depsgraph):
         scene, layer = depsgraph.scene, depsgraph.view_layer
         self.update_stats("Feature4X", "reading the scene")
+        display.check_frame(scene.original)
         seen = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
         clouds, surfaces = evaluated.stage(depsgraph)
         count = sum(len(cloud.means) for cloud in clouds)

@@ -41,6 +41,8 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.query.calibration import prepare
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene, read_header, read_scene
+from . import packing
+from .packing import PACKED, pack, unpacked
 from .point_cloud import read_attribute, write_attribute
 
 PATH, ARRAYS, EDITS, SAVED, PREVIEW = "f4x_path", "f4x_arrays", "f4x_edits", "f4x_saved", "f4x_preview"
@@ -92,13 +94,17 @@ def root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
 
 
 def path_of(root: bpy.types.Object) -> Path:
-    """The scene file, which may be given relative to the .blend; where both were moved, it is looked for near the .blend."""
+    """The scene file, which may be given relative to the .blend.
+
+    Where both were moved, it is looked for near the .blend; where there is none, what was packed into the .blend is written out.
+    """
     path = Path(bpy.path.abspath(root[PATH]))
-    if path.exists() or not bpy.data.filepath:
+    if path.exists():
         return path
-    above = list(Path(bpy.data.filepath).parents)[:MOVED]
+    above = list(Path(bpy.data.filepath).parents)[:MOVED] if bpy.data.filepath else []
     tails = [Path(*path.parts[-count:]) for count in range(1, len(path.parts))]
-    return next((place for folder in above for tail in tails if (place := folder / tail).is_file()), path)
+    near = next((place for folder in above for tail in tails if (place := folder / tail).is_file()), None)
+    return near or unpacked(root) or path
 
 
 def relink(root: bpy.types.Object, path: Path) -> None:
@@ -117,6 +123,8 @@ def attach(root: bpy.types.Object) -> None:
     file = _look_at(path)
     root[ARRAYS], root[EDITS] = file.gaussians, file.edits
     _meet(root, file.edits)
+    if PACKED in root:
+        pack(root, path)
     if not bpy.app.background:
         _prepare(base_scene(root))
 
@@ -170,6 +178,8 @@ def save(root: bpy.types.Object) -> EditStack:
     stack = ours if theirs.edits == met.edits else merge(met, ours, theirs)
     if stack.edits != theirs.edits:
         write_stack(path, stack)
+        if PACKED in root:
+            pack(root, path)
     set_stack(root, stack)
     _meet(root, root[EDITS])
     return stack
@@ -300,6 +310,7 @@ def forget() -> None:
     _files.clear()
     _scenes.clear()
     _synced.clear()
+    packing.forget()
 
 
 def _prepare(scene: Scene) -> None:

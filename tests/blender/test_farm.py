@@ -7,6 +7,9 @@ from pathlib import Path
 import pytest
 from labelled_scene import FRAMES, labelled_scene
 
+from f4x_core.edit.apply import base_of, with_operations
+from f4x_core.edit.operations import Transform
+from f4x_core.edit.selects import Moving
 from f4x_core.scene import write_scene
 
 pytestmark = pytest.mark.blender
@@ -14,16 +17,31 @@ pytest.importorskip("bpy", reason="bpy is absent")
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 
 # What a node does: a Blender with the extension opens the file and renders its range of frames, as `-a` does.
-NODE = """
+PACK = """
 import os, sys
-sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
-scripts, blend, out, first, last, kind = sys.argv[1:]
+sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))
+scripts, blend = sys.argv[1:]
 sys.path.insert(0, scripts)
 import bpy, door
 door.start_blender()
 bpy.ops.wm.open_mainfile(filepath=blend)
+bpy.context.view_layer.objects.active = bpy.data.objects["labelled"]
+bpy.ops.f4x.pack_scene()
+bpy.ops.wm.save_mainfile()
+os._exit(0)
+"""
+NODE = """
+import os, sys
+sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
+scripts, blend, out, first, last, kind, engine = sys.argv[1:]
+sys.path.insert(0, scripts)
+import bpy, door
+door.start_blender()
+bpy.ops.wm.open_mainfile(filepath=blend)
+bpy.ops.preferences.addon_enable(module="cycles")
 scene = bpy.context.scene
-scene.render.engine = "FEATURE4X"
+scene.render.engine = engine
+scene.cycles.samples = 1
 scene.frame_start, scene.frame_end = int(first), int(last)
 scene.render.filepath = out + "/frame_####"
 scene.render.image_settings.file_format = kind
@@ -32,9 +50,10 @@ os._exit(0)
 """
 
 
-def python(*command):
+def python(*command, fails=False):
     done = subprocess.run([sys.executable, *map(str, command)], capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode != 0) == fails, done.stdout + done.stderr
+    return done.stdout + done.stderr
 
 
 def frames_of(folder):
@@ -49,7 +68,38 @@ def test_ranges_on_several_nodes_are_the_frames_of_one_machine(tmp_path, kind):
     ranges = {"one": [(0, FRAMES - 1)], "farm": [(FRAMES // 2, FRAMES - 1), (0, FRAMES // 2 - 1)]}
     for name, nodes in ranges.items():
         for first, last in nodes:
-            python("-c", NODE, SCRIPTS, tmp_path / "shot.blend", tmp_path / name, first, last, kind)
+            python("-c", NODE, SCRIPTS, tmp_path / "shot.blend", tmp_path / name, first, last, kind, "FEATURE4X")
     one, farm = frames_of(tmp_path / "one"), frames_of(tmp_path / "farm")
     assert len(one) == FRAMES and one == farm
     assert len(set(one.values())) == FRAMES, "the scene moves"
+
+
+def edited_blend(folder):
+    """A .blend whose scene moves by an edit that the scene file is needed for."""
+    moved = with_operations(
+        labelled_scene(), Transform(Moving(), translate=(0.3, 0.0, 0.0), frames=(0.0, FRAMES - 1.0))
+    )
+    write_scene(base_of(moved), folder / "scene.f4x")
+    python(SCRIPTS / "import_scene.py", folder / "scene.f4x", folder / "shot.blend")
+
+
+@pytest.mark.parametrize("engine", ["FEATURE4X", "CYCLES"])
+def test_a_node_without_the_scene_file_that_an_edit_needs_fails(tmp_path, engine):
+    edited_blend(tmp_path)
+    (tmp_path / "scene.f4x").unlink()
+    arguments = (SCRIPTS, tmp_path / "shot.blend", tmp_path / "out", 0, FRAMES - 1, "PNG", engine)
+    said = python("-c", NODE, *arguments, fails=True)
+    assert "Error: " in said and "scene.f4x cannot be read" in said and "Pack Scene" in said
+    assert not (tmp_path / "out").exists() or not frames_of(tmp_path / "out")
+
+
+def test_a_packed_scene_needs_the_blend_alone(tmp_path):
+    edited_blend(tmp_path)
+    arguments = (0, FRAMES - 1, "PNG", "FEATURE4X")
+    python("-c", NODE, SCRIPTS, tmp_path / "shot.blend", tmp_path / "with", *arguments)
+    python("-c", PACK, SCRIPTS, tmp_path / "shot.blend")
+    (tmp_path / "scene.f4x").unlink()
+    python("-c", NODE, SCRIPTS, tmp_path / "shot.blend", tmp_path / "without", *arguments)
+    assert len(frames_of(tmp_path / "with")) == FRAMES and frames_of(tmp_path / "with") == frames_of(
+        tmp_path / "without"
+    )

@@ -114,3 +114,22 @@ ops.query_text(text="square"); noted["after"] = root().f4x.selected
 """
     noted, _ = perform(tmp_path, START + script)
     assert noted["found"] > 0 and noted["after"] > 0
+
+
+def test_edits_of_a_packed_scene_are_saved_in_the_blend(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    script = """
+ops.pack_scene()
+(folder / "scene.f4x").unlink()
+ops.query_text(text="square")
+ops.recolour(rgb=(0, 1, 0))
+noted["before"] = session.is_saved(root())
+ops.save_edits()
+bpy.ops.wm.save_as_mainfile(filepath=str(folder / "shot.blend"))
+bpy.ops.wm.open_mainfile(filepath=str(folder / "shot.blend"))
+from feature4x.f4x_core.edit.stack import read_stack
+noted["file"] = len(read_stack(session.path_of(root())))
+noted["saved"], noted["left"] = session.is_saved(root()), [image.name for image in bpy.data.images]
+"""
+    noted, _ = perform(tmp_path, START + script)
+    assert not noted["before"] and noted["saved"] and noted["file"] == 1 and len(noted["left"]) == 1
