@@ -1,15 +1,24 @@
 """Atomic writing of files: a name always holds either the old content or the complete new one. Conversion to plain JSON data."""
 
+import errno
 import json
 import math
 import os
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from .errors import F4xError
+
+LOCK = ".f4x-lock"
+"""Name of the file that keeps a second fit out of a folder."""
+LOOK = 0.1
+"""Seconds between two attempts at a lock that another process holds."""
+_NO_LOCKS = {errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS}
+"""Errors of file systems without locks."""
 
 
 @contextmanager
@@ -40,6 +49,72 @@ def replace_file(path: Path | str) -> Iterator[BinaryIO]:
         raise F4xError(
             f"{path}: cannot be written ({reason}); check the folder, its rights and the free space"
         ) from error
+
+
+@contextmanager
+def lock_file(path: Path, busy: str, patience: float = 0.0) -> Iterator[None]:
+    """Keep other processes and threads out of what `path`, an empty file that is there meanwhile, stands for.
+
+    The system lets go of the lock when this process ends, however it ends. Where the file system knows no locks there is none.
+    Raises F4xError with the sentence `busy` if another one holds the lock for longer than `patience` seconds.
+    """
+    deadline = time.monotonic() + patience
+    while (descriptor := _locked(path)) is None:
+        if time.monotonic() > deadline:
+            raise F4xError(busy)
+        time.sleep(LOOK)
+    try:
+        yield
+    finally:
+        if os.name == "nt":  # an open file cannot be removed there
+            os.close(descriptor)
+        with suppress(OSError):
+            os.unlink(path)
+        if os.name != "nt":
+            os.close(descriptor)
+
+
+@contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Make `folder` and keep other fits out of it; it goes again if nothing is written into it. F4xError if one is there."""
+    new = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise F4xError(f"{folder}: cannot be created ({error.strerror}); choose another output folder.") from error
+    busy = f"{folder}: another fit is writing into this folder; wait until it is done, or choose another folder."
+    try:
+        with lock_file(folder / LOCK, busy):
+            yield
+    finally:
+        with suppress(OSError):  # not empty
+            for each in new:
+                each.rmdir()
+
+
+def _locked(path: Path) -> int | None:
+    """A descriptor that holds the lock of `path`; None if another one does."""
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError as error:
+        raise F4xError(f"{path}: cannot be written ({error.strerror}); check the folder and its rights") from error
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.stat(path).st_ino != os.fstat(descriptor).st_ino:  # its last holder removed it in between
+                raise FileNotFoundError
+    except OSError as error:
+        if error.errno in _NO_LOCKS:
+            return descriptor
+        os.close(descriptor)
+        return None
+    return descriptor
 
 
 def _mode_of(path: Path) -> int:

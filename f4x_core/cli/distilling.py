@@ -9,18 +9,23 @@ from typing import Any
 
 from ..clip import Clip, read_clip
 from ..clip.stream import ClipStream
+from ..edit.stack import read_stack, with_stack
 from ..errors import F4xError
 from ..features.maps import FeatureMaps, read_maps
 from ..features.spectrum import WIDTHS
 from ..features.teachers import extract
 from ..features.text import TEXT_ENCODERS, find_text_encoder
 from ..features.weights import require_path
+from ..files import lock_file
 from ..fit.distil import distil
 from ..fit.distil_config import DistilConfig
 from ..fit.vocabulary import EVERYDAY, with_vocabulary
 from ..progress import Progress
 from ..scene import Scene, read_scene, write_scene
 from .checks import listed_teachers
+
+PATIENCE = 60.0
+"""Seconds to wait for another `f4x distill` of the same scene; adding words takes less."""
 
 
 def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -30,6 +35,16 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if not names and not labels:
         raise F4xError("there is nothing to do; give --teacher NAME, --vocabulary WORDS, or both.")
     config = config_of(args)
+    target = args.output or args.scene
+    busy = f"{target}: another `f4x distill` is adding to this scene; try again when it is done."
+    with lock_file(lock_of(target), busy, PATIENCE):
+        return _distill(args, names, labels, config, progress)
+
+
+def _distill(
+    args: argparse.Namespace, names: list[str], labels: list[str], config: DistilConfig, progress: Progress
+) -> dict[str, Any]:
+    """Read the scene, add heads and words, and write it."""
     scene = read_scene(args.scene)
     # With --vocabulary only the new words are wanted; --teacher alone learns an existing head again.
     there = [name for name in names if labels and scene.features is not None and name in scene.features.names]
@@ -41,7 +56,7 @@ def run_distill(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         for encoder in {each.spec.text_encoder for each in maps} - {None} if labels else ():
             require_path(find_text_encoder(encoder).weights)  # before the work, not after it
         scene = distil(scene, maps, config, progress)
-    result = write_distilled(scene, args.output or args.scene, names, labels)
+    result = write_distilled(scene, args.output or args.scene, args.scene, names, labels)
     if there:
         result["text"] += f"\n  {', '.join(there)}: kept as learnt; --teacher without --vocabulary learns anew"
     return result
@@ -54,13 +69,21 @@ def distill_into(
     scene = read_scene(path)
     clip = reel_of_scene(scene, source, scene.provenance.get("frames"))
     maps = [extract(clip, name, folder / name, progress=progress) for name in names]
-    return write_distilled(distil(scene, maps, config, progress), path, names, [])
+    return write_distilled(distil(scene, maps, config, progress), path, path, names, [])
 
 
-def write_distilled(scene: Scene, path: Path, names: Sequence[str], labels: Sequence[str]) -> dict[str, Any]:
-    """Add the vocabulary, write the scene and return the result of the verb.
+def lock_of(path: Path) -> Path:
+    """The file that keeps two `f4x distill` from writing the scene file `path`, each without what the other adds."""
+    return path.with_name(f".{path.name[:80]}.lock")
 
-    A new head with a text encoder also gets a vocabulary of everyday words if that encoder is installed.
+
+def write_distilled(
+    scene: Scene, path: Path, source: Path, names: Sequence[str], labels: Sequence[str]
+) -> dict[str, Any]:
+    """Add the vocabulary, write the scene, which was read from `source`, to `path` and return the result of the verb.
+
+    A new head with a text encoder also gets a vocabulary of everyday words if that encoder is installed. Edits that others put
+    into the file meanwhile stay.
     """
     field = scene.require_field()
     new = sorted({encoder for name in names if (encoder := field.spec(name).text_encoder)} - field.vocabularies.keys())
@@ -69,7 +92,7 @@ def write_distilled(scene: Scene, path: Path, names: Sequence[str], labels: Sequ
     scene = with_vocabulary(scene, labels) if labels else scene
     wordless = [name for name in new if name not in here and not labels]
     assert scene.features is not None
-    write_scene(scene, path)
+    write_scene(with_stack(scene, read_stack(source)) if path == source else scene, path)
     field, megabytes = scene.features, scene.info()["megabytes"]
     heads = {head.spec.name: dict(head.report) for head in field.heads}
     fraction = megabytes["features"] / max(sum(megabytes.values()) - megabytes["features"], 1e-9)

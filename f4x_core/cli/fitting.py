@@ -22,7 +22,7 @@ from ..errors import F4xError
 from ..evaluation.evaluate import evaluate, keep_measured
 from ..features.models.providers import offer_models, require_provider
 from ..features.teachers import require_ready
-from ..files import replace_file
+from ..files import replace_file, sole_writer
 from ..fit.advice import about_cuts, quality
 from ..fit.budget import ClipSize, Grant, cost, raster_seconds, within
 from ..fit.config import FitConfig, profile
@@ -80,6 +80,12 @@ def config_of(args: argparse.Namespace) -> FitConfig:
 def run_priors(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Compute the priors folder only."""
     config = config_of(args)
+    with sole_writer(args.output):
+        return _priors(args, config, progress)
+
+
+def _priors(args: argparse.Namespace, config: FitConfig, progress: Progress) -> dict[str, Any]:
+    """Read the clip and write its priors."""
     clip = clip_of(args, progress)
     require_enough(clip)
     folder = args.output / "priors"
@@ -112,6 +118,12 @@ def run_fit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     for name in names:
         if not (args.output / "features" / name / "spec.json").is_file():
             require_ready(name)  # before the fit, not after it
+    with sole_writer(args.output):
+        return _fit(args, config, names, progress)
+
+
+def _fit(args: argparse.Namespace, config: FitConfig, names: list[str], progress: Progress) -> dict[str, Any]:
+    """Read the clip, fit it at once or in windows, and distil the features `names`."""
     windows = windows_of(args, progress)
     if windows is not None:
         known, shots = windows
