@@ -51,7 +51,8 @@ def refresh(root: bpy.types.Object) -> None:
 
 def update_panel(root: bpy.types.Object) -> None:
     """Update the lists and counts of the sidebar from the pending edits."""
-    if hasattr(root, "f4x"):  # a script may import without registering the extension
+    # a script may import without registering the extension; lists of a linked scene cannot be changed
+    if hasattr(root, "f4x") and not session.is_linked(root):
         _fill_lists(root)
         count(root)
 
@@ -179,27 +180,36 @@ def _visible_tree() -> bpy.types.GeometryNodeTree:
 
 
 def check_frame(scene: bpy.types.Scene) -> None:
-    """Raise F4xError if a scene in `scene` still shows another frame because its file was missing or damaged at this one."""
+    """Raise F4xError if a scene in `scene` still shows another frame because this one of it could not be worked out."""
     for root in scene.objects:
         if root.session_uid in _failures and root.get(session.TIMED):
-            raise F4xError(
-                f"{_failures[root.session_uid]} The edits of {root.name} change over time, so no frame can be rendered"
-                " without its scene file; Object > Feature4X > Pack Scene keeps it in the .blend."
-            )
+            raise F4xError(_failures[root.session_uid])
 
 
 @persistent
 def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Update scenes whose edits change over time."""
     for root in [item for item in scene.objects if item.get(session.TIMED)]:
-        try:
-            _draw(root, session.shown(root), everything=False)
-            _failures.pop(root.session_uid, None)
-        except F4xError as error:  # playback goes on with what was drawn last; renders do not
-            if _failures.get(root.session_uid) != str(error):
-                print(f"Feature4X: {error}")
-            _failures[root.session_uid] = str(error)
+        failure, before = _draw_frame(root), _failures.pop(root.session_uid, "")
+        if failure:  # playback goes on with what was drawn last; renders do not
+            _failures[root.session_uid] = failure
+        if failure not in ("", before):
+            print(f"Feature4X: {failure}")
     _end_wrong_render(scene)
+
+
+def _draw_frame(root: bpy.types.Object) -> str:
+    """Draw the current frame of a scene whose edits change over time; returns one sentence where that is impossible."""
+    if session.is_linked(root):  # Blender drops what is written to points of another file
+        return f"The edits of {root.name} change over time, and {session.why_not(root)}."
+    try:
+        _draw(root, session.shown(root), everything=False)
+    except F4xError as error:
+        return (
+            f"{error} The edits of {root.name} change over time, so no frame can be rendered without its scene file;"
+            " Object > Feature4X > Pack Scene keeps it in the .blend."
+        )
+    return ""
 
 
 def _end_wrong_render(scene: bpy.types.Scene) -> None:

@@ -413,7 +413,7 @@ def forget_readings(root: bpy.types.Object) -> None:
 def _save_along(path: str) -> None:
     """Save the edits when the .blend is saved, if the preferences ask for it."""
     settings = preferences()
-    for root in [item for item in bpy.data.objects if session.PATH in item]:
+    for root in [item for item in bpy.data.objects if session.PATH in item and not session.is_linked(item)]:
         try:
             if settings is not None and settings.save_edits and not session.is_saved(root):
                 session.save(root)

@@ -51,7 +51,8 @@ def _add_features(root: bpy.types.Object, path: Path, words: str, options: list[
 
     def done(result: dict[str, Any]) -> None:
         for item in bpy.data.objects:
-            if session.PATH in item and session.path_of(item) == path and session.is_saved(item):
+            ours = session.PATH in item and session.path_of(item) == path and not session.is_linked(item)
+            if ours and session.is_saved(item):
                 session.attach(item)
 
     title = f"Features of {root.name}" + (f": {words}" if words else "")

@@ -31,6 +31,9 @@ class _MotionOperator(bpy.types.Operator):
         if root is None or not any(NODE in item for item in root.children_recursive):
             cls.poll_message_set("Select an object of an imported scene with moving objects")
             return False
+        if session.is_linked(root):
+            cls.poll_message_set(session.why_not(root))
+            return False
         return context.mode == "OBJECT"
 
     def execute(self, context):

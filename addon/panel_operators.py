@@ -15,11 +15,11 @@ class SceneOperator:
 
     @classmethod
     def poll(cls, context):
-        """Allowed if there is an imported scene."""
-        if session.root_of(context.object) is None:
-            cls.poll_message_set("Import a Feature4X scene, or select one of its objects")
-            return False
-        return True
+        """Allowed if there is an imported scene that can be changed."""
+        reason = session.why_not(context.object)
+        if reason:
+            cls.poll_message_set(reason)
+        return not reason
 
     def act(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
         """Do the work of the operator. Raises F4xError if that is not possible."""

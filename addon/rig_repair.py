@@ -43,7 +43,7 @@ def add_identity(mesh: bpy.types.Mesh, ids: np.ndarray, reference: np.ndarray | 
 def repair(scene: bpy.types.Scene) -> None:
     """Put right the scenes in `scene` whose nodes were renamed, copied or deleted; does nothing else, and is quick then."""
     roots = [item for item in scene.objects if isinstance(item.get(NODES), bpy.types.Collection)]
-    roots = sorted((item for item in roots if item.library is None), key=lambda item: item.session_uid)
+    roots = sorted((item for item in roots if not session.is_linked(item)), key=lambda item: item.session_uid)
     owners: dict[bpy.types.Collection, bpy.types.Object] = {}
     for root in roots:
         if root[NODES] in owners:

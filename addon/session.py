@@ -93,6 +93,22 @@ def root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
     return roots[0] if len(roots) == 1 else None
 
 
+def is_linked(root: bpy.types.Object) -> bool:
+    """Whether a scene belongs to another .blend, as a link or a library override: it plays, but cannot be changed here."""
+    clouds = (item.data for item in root.children if item.type == "POINTCLOUD")
+    return any(item.library or item.override_library for item in (root, *clouds))
+
+
+def why_not(item: bpy.types.Object | None) -> str:
+    """What an operator on the scene of `item` says where it cannot work; nothing where it can."""
+    root = root_of(item)
+    if root is None:
+        return "Import a Feature4X scene, or select one of its objects"
+    if is_linked(root):
+        return f"{root.name} belongs to another .blend; change it there, or use Object > Relations > Make Local > All first"
+    return ""
+
+
 def path_of(root: bpy.types.Object) -> Path:
     """The scene file, which may be given relative to the .blend.
 
