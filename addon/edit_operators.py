@@ -42,6 +42,7 @@ from . import display, session
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
 from .preferences import preferences
+from .wording import panel_words
 
 READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
@@ -329,6 +330,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
     """Show what the sentence would do, without changing the scene."""
 
     bl_idname, bl_label = "f4x.plan", "Plan"
+    bl_options = {"REGISTER"}  # noqa: RUF012 - Ctrl-Z takes the edit back that a plan becomes, not the plan
 
     sentence: StringProperty(name="Say", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     readings: IntProperty(
@@ -337,8 +339,13 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     def invoke(self, context, event):
         """Take the sentence from the panel."""
-        self.sentence = session.root_of(context.object).f4x.sentence
-        return self.execute(context)
+        root = session.root_of(context.object)
+        self.sentence = root.f4x.sentence
+        try:
+            self.act(context, root)
+        except F4xError:  # the panel shows it, below the sentence; once is enough
+            return {"CANCELLED"}
+        return {"FINISHED"}
 
     def act(self, context, root):
         """Show the readings in the panel, or why the sentence was not understood."""
@@ -350,7 +357,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             scene, edit_context = session.edited_scene(root), session.context_of(root)
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
-            state.answer = str(error)
+            state.answer = panel_words(str(error))
             raise
         for candidate in proposal.candidates:
             row = state.readings.add()
@@ -366,6 +373,7 @@ class F4X_OT_pick_reading(SceneOperator, bpy.types.Operator):  # noqa: N801
     """Preview this interpretation of the sentence."""
 
     bl_idname, bl_label = "f4x.pick_reading", "Pick"
+    bl_options = {"REGISTER"}  # noqa: RUF012
 
     number: IntProperty(name="Number", min=0)  # type: ignore[valid-type]
 
@@ -393,6 +401,7 @@ class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
     """Discard the plan and end the preview."""
 
     bl_idname, bl_label = "f4x.drop_plan", "Discard"
+    bl_options = {"REGISTER"}  # noqa: RUF012
 
     def act(self, context, root):
         """Back to the pending edits."""

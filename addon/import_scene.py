@@ -41,7 +41,7 @@ from .motion_edits import mark_keyed
 from .motion_nodes import build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
 from .rig_repair import add_identity
-from .scaffold_rig import add_graph, add_nodes
+from .scaffold_rig import add_graph, add_nodes, layer_of
 from .sequence import add_sequence, check_size
 
 MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
@@ -100,6 +100,9 @@ def import_scene(
             for cloud in clouds:  # Blender 5 takes new points for selected
                 write_attribute(cloud.data, session.SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
             mark_keyed(root)
+            layer = layer_of(root)
+            if layer is not None:
+                layer.hide_viewport = True  # hundreds of empties would cover what moves; the sidebar shows them
             if first.edits:
                 display.refresh(root)
             else:

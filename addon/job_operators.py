@@ -12,12 +12,17 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.formats import FORMATS
 from . import jobs, session
 from .preferences import worker_python
+from .wording import panel_words
 from .worker import RUNNING, Job, core_command
 
 PROFILES = (
     ("quick", "Quick", "Takes minutes; shows whether a clip is suitable"),
     ("wild", "Thorough", "Takes up to an hour on two cores; better quality"),
 )
+
+
+BESIDE = 4.0
+"""World units, median depths of a clip, from an open scene to one that a job adds."""
 
 
 def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, verb: str, *arguments: Path | str) -> None:
@@ -27,13 +32,22 @@ def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, ver
 
 def import_fitted(result: dict[str, Any]) -> None:
     """Import the scene of a finished fit. A file that already shows a scene keeps its render size, frames and camera."""
-    alone = not any(session.PATH in item for item in bpy.data.objects)
+    others = [item for item in bpy.data.objects if session.PATH in item and item.parent is None]
+    alone, view_layer = not others, bpy.context.view_layer
+    active, selected = view_layer.objects.active, list(bpy.context.selected_objects)
     try:
         bpy.ops.f4x.import_scene(  # True: one step of undo
             "EXEC_DEFAULT", True, filepath=result["scene"], set_up_render=alone, show=alone
         )
     except RuntimeError as error:  # what the operator reported
         raise F4xError(str(error).removeprefix("Error: ").strip()) from error
+    if not alone:  # the person goes on where they were, and finds the new scene beside the open ones
+        root = view_layer.objects.active
+        root.location.x = max(item.matrix_world.translation.x for item in others) + BESIDE
+        root.select_set(False)
+        for item in selected:
+            item.select_set(True)
+        view_layer.objects.active = active
 
 
 def look_up(root: bpy.types.Object, words: Sequence[str]) -> None:
@@ -69,7 +83,7 @@ class _WorkerOperator:
         try:
             self.start(context)
         except F4xError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, panel_words(str(error)))
             return {"CANCELLED"}
         return {"FINISHED"}
 

@@ -8,6 +8,7 @@ import bpy
 from ..f4x_core.errors import F4xError
 from . import worker
 from .lines import draw_lines
+from .wording import panel_words
 from .worker import Job
 
 INTERVAL = 0.2
@@ -42,7 +43,7 @@ def start(job: Job) -> None:
         job.wait(look)
         _jobs.remove(job)
         if job.state != worker.DONE:
-            raise F4xError(job.error or f"{job.title} was stopped.")
+            raise F4xError(panel_words(job.error) or f"{job.title} was stopped.")
     elif not bpy.app.timers.is_registered(tick):
         bpy.app.timers.register(tick, first_interval=INTERVAL, persistent=True)
 
@@ -87,7 +88,8 @@ def draw_job(layout: bpy.types.UILayout, context: bpy.types.Context, job: Job) -
         if job.message:
             box.label(text=job.message)
     else:
-        draw_lines(box, context, job.error if job.state == worker.FAILED else job.text, max_lines=LINES_SHOWN)
+        text = job.error if job.state == worker.FAILED else job.text
+        draw_lines(box, context, panel_words(text), max_lines=LINES_SHOWN)
     if job.log:
         header, body = box.panel(f"f4x_log_{_jobs.index(job)}", default_closed=True)
         header.label(text="Log")

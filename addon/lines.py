@@ -13,12 +13,17 @@ BESIDE = 6
 
 
 def draw_lines(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", max_lines: int = 100
+    layout: bpy.types.UILayout,
+    context: bpy.types.Context,
+    text: str,
+    icon: str = "NONE",
+    max_lines: int = 100,
+    min_lines: int = 0,
 ) -> None:
-    """Draw text, wrapped to the width of the region, in at most `max_lines` lines."""
+    """Draw text, wrapped to the width of the region, in at most `max_lines` lines and on the space of at least `min_lines`."""
     width = int(context.region.width / (LETTER * context.preferences.system.ui_scale))
     lines = [part for line in text.splitlines() for part in textwrap.wrap(line, max(width - BESIDE, MIN_CHARACTERS))]
     column = layout.column(align=True)
-    for line in lines[:max_lines]:
+    for line in (lines + [""] * (min_lines - len(lines)))[:max_lines]:
         column.label(text=line, icon=icon)
         icon = "BLANK1" if icon != "NONE" else "NONE"

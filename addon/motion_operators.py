@@ -17,6 +17,7 @@ from . import display, session
 from .motion_edits import changes, mark_keyed
 from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene
 from .scaffold_rig import NODE, add_handles, all_nodes, hold, nodes_of, read_poses, remove_handles
+from .wording import panel_words
 
 
 class _MotionOperator(bpy.types.Operator):
@@ -41,7 +42,7 @@ class _MotionOperator(bpy.types.Operator):
         try:
             self.act(context, session.root_of(context.object))
         except F4xError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, panel_words(str(error)))
             return {"CANCELLED"}
         return {"FINISHED"}
 

@@ -1,5 +1,6 @@
 """Import operators, for the menu, drag and drop and scripts, and the operator that chooses the clip behind a scene."""
 
+import re
 from pathlib import Path
 
 import bpy
@@ -13,9 +14,16 @@ from .clip_background import show_clip
 from .import_scene import SOURCE, import_scene
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
+from .wording import panel_words
 
 PASSING = {"HIDDEN", "SKIP_SAVE"}
 """Options of properties that Blender or a job sets for a single call."""
+
+
+def options_for(filepath: str) -> list[str]:
+    """Names of the import options that a file of this name has, in their order."""
+    numbered = re.fullmatch(r".*\d\.ply", Path(filepath).name, re.IGNORECASE) is not None
+    return ["set_up_render", "clear_view", *(["sequence", "step"] if numbered else []), "clip"]
 
 
 class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Blender wants this form
@@ -57,6 +65,13 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
         name="Show", description="Show the scene in the viewports, in its colours", default=True, options=PASSING
     )
 
+    def draw(self, context):
+        """Draw the options that the chosen file has: only numbered PLY files are a sequence."""
+        layout = self.layout
+        layout.use_property_split = True
+        for name in options_for(self.filepath):
+            layout.prop(self, name)
+
     def execute(self, context):
         """Import the chosen file."""
         clip = Path(bpy.path.abspath(self.clip)) if self.clip else None
@@ -69,7 +84,7 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
                 step=self.step,
             )
         except F4xError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, panel_words(str(error)))
             return {"CANCELLED"}
         for item in context.selected_objects:
             item.select_set(False)

@@ -8,6 +8,7 @@ import bpy
 
 from . import edit_operators, marking, session
 from .lines import draw_lines
+from .scaffold_rig import layer_of
 
 CATEGORY = "Feature4X"
 LEVELS = "▁▂▃▄▅▆▇█"
@@ -18,6 +19,12 @@ def _bars(counts: list[int]) -> str:
     """A histogram as one line of text. Heights are square roots, because most Gaussians have a score near 0."""
     highest = max(counts, default=0) or 1
     return "".join(LEVELS[round((count / highest) ** 0.5 * (len(LEVELS) - 1))] for count in counts)
+
+
+EXAMPLES = "Such as: delete the car; slow the dog down to half; copy the dog to the left"
+"""What stands where answers do while there is none."""
+ANSWER_LINES = 4
+"""Lines kept free for an answer, so that it moves no button under the mouse."""
 
 
 class _Section:
@@ -73,6 +80,9 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
             return
         row = layout.row()
         row.label(text=root.name, icon="OUTLINER_OB_POINTCLOUD")
+        nodes = layer_of(root)
+        if nodes is not None:
+            row.prop(nodes, "hide_viewport", text="", icon="EMPTY_AXIS", emboss=False)
         row.operator("f4x.show_picture", text="", icon="SHADING_RENDERED")
         if not session.path_of(root).exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
@@ -94,10 +104,12 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
         row = layout.row(align=True)
         row.prop(state, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
         row.operator("f4x.plan", text="", icon="PLAY").readings = 1
-        if state.answer:
-            draw_lines(layout, context, state.answer, "INFO")
-        if not state.readings:
-            return
+        if state.readings:
+            self._draw_readings(layout, context, state)
+        draw_lines(layout, context, state.answer or EXAMPLES, "INFO", min_lines=ANSWER_LINES)
+
+    def _draw_readings(self, layout, context, state):
+        """Draw what the sentence would do, and the buttons that do it."""
         box = layout.box()
         for number, reading in enumerate(state.readings):
             picked = number == state.reading_index

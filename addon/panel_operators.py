@@ -6,6 +6,7 @@ import bpy
 
 from ..f4x_core.errors import F4xError
 from . import session
+from .wording import panel_words
 
 
 class SceneOperator:
@@ -30,6 +31,6 @@ class SceneOperator:
         try:
             self.act(context, session.root_of(context.object))
         except F4xError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, panel_words(str(error)))
             return {"CANCELLED"}
         return {"FINISHED"}

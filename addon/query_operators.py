@@ -16,6 +16,7 @@ from ..f4x_core.edit.naming import by_labels, by_names, check_negatives, togethe
 from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.progress import Progress
+from ..f4x_core.query.inventory import known_instead
 from ..f4x_core.query.labels import spellings, words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
@@ -60,13 +61,17 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
         labels = [word for word in words if word not in found]
         known = {label.lower() for label in labels_of(scene)}
         unknown = [word for word in (*labels, *(negatives or ())) if known.isdisjoint(spellings(word))]
+        near = known_instead(scene, unknown) if known and unknown else []
+        hint = f" Nearest labels that it knows: {', '.join(near)}." if near else ""
         if known and unknown and find_interpreter():
             look_up(root, unknown)
-            self.report(
-                {"INFO"}, f"The worker adds {', '.join(unknown)} to the scene; query again when the job is done"
-            )
+            line = f"The worker adds {', '.join(unknown)} to the scene; query again when the job is done.{hint}"
+            self.report({"INFO"}, line)
             return
-        asked = by_labels(scene, labels, negatives, root.f4x.threshold)
+        try:
+            asked = by_labels(scene, labels, negatives, root.f4x.threshold)
+        except F4xError as error:
+            raise F4xError(f"{error}{hint}") from error
         found |= {label: shown.of_base(each) for label, each in asked.items()}
         marking.ask(root, together({word: found[word] for word in words}))
         if root.f4x.mode == "SET":

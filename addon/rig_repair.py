@@ -24,7 +24,7 @@ from ..f4x_core.edit.words import plural
 from ..f4x_core.scaffold.missing import carriers
 from . import session
 from .point_cloud import read_attribute, write_attribute
-from .scaffold_rig import NODE, NODES, nodes_of
+from .scaffold_rig import HANDLE, NODE, NODES, layer_of, nodes_of
 
 ORDER = "f4x_order"
 """Property of a root: hash of the names and ids that its nodes had when their places were worked out."""
@@ -101,20 +101,25 @@ def _tell(root: bpy.types.Object, missing: int, copies: list[str]) -> None:
 def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
     """Give a copied scene what it still shares with its original; a root that was copied without them becomes an empty."""
     clouds = session.clouds_of(root)
-    empties = [item for item in root.children_recursive if NODE in item and root[NODES] in item.users_collection]
     if not clouds:
         for key in [key for key in root.keys() if key.startswith("f4x_")]:  # noqa: SIM118 - no mapping
             del root[key]
         return
-    if len(empties) < len(nodes_of(original)):  # copied in part: its points follow the original's nodes
+    if any(
+        HANDLE in item for item in original.children_recursive
+    ):  # nodes below handles: the copy follows the original's
         del root[NODES]
         return
     shared, own = root[NODES], bpy.data.collections.new(f"{root.name} nodes")
     root.users_collection[0].children.link(own)
-    for item in empties:
+    for item in _nodes_below(root, original):
         own.objects.link(item)
-        shared.objects.unlink(item)
+        if shared in item.users_collection:
+            shared.objects.unlink(item)
+    layer = layer_of(original)
     root[NODES] = own
+    if layer is not None and layer.hide_viewport:
+        layer_of(root).hide_viewport = True
     swaps = {shared: own}
     for helper in _helpers(original):  # they are hidden, and Blender copies only what can be selected
         swaps[helper] = _copy_below(root, original, helper)
@@ -125,6 +130,23 @@ def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
             if modifier.type == "NODES" and modifier.node_group is not None:
                 _swap(modifier, swaps)
     root[ORDER] = ""
+
+
+def _nodes_below(root: bpy.types.Object, original: bpy.types.Object) -> list[bpy.types.Object]:
+    """The nodes of a copied scene: those that were copied with it, and copies of the rest, hidden ones for example."""
+    copied = {item[NODE]: item for item in root.children if NODE in item}
+    actions: dict[bpy.types.Action, bpy.types.Action] = {}
+    for id, item in nodes_of(original).items():
+        if id in copied:
+            continue
+        copy = copied[id] = item.copy()
+        copy.parent = root
+        data = copy.animation_data
+        if data is not None and data.action is not None:
+            slot, action = data.action_slot.identifier, data.action
+            data.action = actions.setdefault(action, actions.get(action) or action.copy())
+            data.action_slot = data.action.slots[slot]
+    return list(copied.values())
 
 
 def _copy_below(root: bpy.types.Object, original: bpy.types.Object, helper: bpy.types.Object) -> bpy.types.Object:

@@ -42,6 +42,17 @@ MIN_GROUP_SIZE = 2
 """Minimum number of nodes in a group; a single node needs no handle."""
 
 
+def layer_of(root: bpy.types.Object) -> bpy.types.LayerCollection | None:
+    """The nodes of a scene in the current view layer, with the switch that hides their empties; None where it has none."""
+    collection, layers = root.get(NODES), [bpy.context.view_layer.layer_collection]
+    while collection is not None and layers:
+        layer = layers.pop()
+        if layer.collection == collection:
+            return layer
+        layers.extend(layer.children)
+    return None
+
+
 def poses_of(scaffold: Scaffold, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The poses (xyz (T,M,3), quat (T,M,4)) at clip frames, neighbours in time on one hemisphere."""
     poses = [node_poses_at(scaffold.times, scaffold.xyz, scaffold.quat, float(frame)) for frame in frames]

@@ -97,6 +97,12 @@ def things_there(scene: Scene) -> dict[str, Selection]:
     return dict(sorted(kept.items(), key=lambda item: -int(item[1].chosen.sum())))
 
 
+def known_instead(scene: Scene, words: Sequence[str]) -> list[str]:
+    """Up to `MAX_SUGGESTIONS` labels in place of `words`, which the scene does not know: spelt like them, then what it shows."""
+    spelt = [label for word in words for label in get_close_matches(word, labels_of(scene), 2)]
+    return list(dict.fromkeys([*spelt, *things_there(scene)]))[:MAX_SUGGESTIONS]
+
+
 def nearest_there(scene: Scene, words: Sequence[str], encode: Encode | None = None) -> list[str]:
     """Up to `MAX_SUGGESTIONS` labels of the scene: first those spelt like one of `words`, then those nearest in meaning."""
     asked = ask_for(scene, words, [], encode=encode)

@@ -43,6 +43,10 @@ def select(*items):
         other.select_set(other in items)
     bpy.context.view_layer.objects.active = items[0]
 
+def show_nodes():
+    from feature4x.addon.scaffold_rig import layer_of
+    layer_of(root()).hide_viewport = False
+
 def values(item, name="position"):
     return read_attribute(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data, name)
 """

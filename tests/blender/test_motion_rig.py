@@ -23,16 +23,18 @@ ROOT = Path(__file__).resolve().parents[2]
 CHILD = """
 import json, os, shutil, sys
 sys.path.insert(0, sys.argv[1] + "/scripts")
+sys.excepthook = lambda *error: (sys.__excepthook__(*error), sys.stderr.flush(), os._exit(1))  # bpy 4.5 would hang
 import bpy, door, numpy as np
 extension = door.load_extension()
 extension.register()
 from pathlib import Path
-from feature4x.addon import display, session
+from feature4x.addon import display, scaffold_rig, session
 from feature4x.addon.import_scene import import_scene
 folder, clip = Path(sys.argv[2]), int(sys.argv[3])
 bpy.ops.wm.read_factory_settings(use_empty=True)
 file = folder / "tiny.f4x"
 root = import_scene(file)
+scaffold_rig.layer_of(root).hide_viewport = False
 scene, found, told = bpy.context.scene, {}, {}
 
 def points():

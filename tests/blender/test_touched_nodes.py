@@ -12,9 +12,11 @@ pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
 
 START = """
+from feature4x.addon.scaffold_rig import layer_of
 bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
 bpy.context.scene.frame_set(4)
+show_nodes()
 push("imported")
 cloud, first = bpy.data.objects["tiny dynamic"], root()
 
@@ -124,7 +126,10 @@ note("undone")
 
 
 HIERARCHY = """
+layer_of(first).hide_viewport = {hidden}
+bpy.context.view_layer.update()
 select(first, *first.children_recursive)
+noted["nodes visible"] = node(3).visible_get()
 bpy.context.view_layer.objects.active = first
 bpy.ops.object.{how}()
 copy = bpy.context.object
@@ -153,8 +158,10 @@ noted["selected"] = [item.f4x.selected for item in (first, copy)]
 
 
 @pytest.mark.parametrize("how", ["duplicate", "duplicate_move_linked"])
-def test_a_copied_scene_is_a_second_scene(folder, how):
-    noted, arrays = perform(folder, START + HIERARCHY.format(how=how))
+@pytest.mark.parametrize("hidden", [False, True])
+def test_a_copied_scene_is_a_second_scene(folder, how, hidden):
+    noted, arrays = perform(folder, START + HIERARCHY.format(how=how, hidden=hidden))
+    assert noted["nodes visible"] != hidden
     for name in ("copied", "node of the copy"):
         np.testing.assert_allclose(arrays[name], arrays["before"], atol=1e-6)
     for name in ("twin", "twin moved"):

@@ -81,6 +81,7 @@ ops.save_edits(); push("save"); note("merged")
 def test_written_motion_pends_until_it_is_saved(tmp_path):
     write_scene(tiny_scene(), tmp_path / "scene.f4x")
     script = """
+show_nodes()
 node = bpy.data.objects["tiny node 00003"]
 select(node); push("selected")
 ops.grab_nodes(offset=(0.3, 0, 0), reach=0.0); push("grabbed")

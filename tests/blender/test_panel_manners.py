@@ -1,0 +1,152 @@
+"""Small things that an hour's use showed: how often Ctrl-Z is pressed, what is drawn, what stays where it was."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+from labelled_scene import labelled_scene
+
+from f4x_core.scene import write_scene
+
+from .artist import perform
+from .test_import_scene import tiny_scene
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+import door
+
+pytestmark = pytest.mark.blender
+pytest.importorskip("bpy", reason="bpy is absent")
+
+START = """
+bpy.ops.wm.read_factory_settings(use_empty=True)
+ops.import_scene("EXEC_DEFAULT", True, filepath=str(folder / "scene.f4x"))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    return tmp_path
+
+
+def test_a_sentence_is_taken_back_by_one_ctrl_z(folder):
+    script = """
+push("before")
+ops.plan("EXEC_DEFAULT", True, sentence="make the square red")
+noted["planned"] = len(root().f4x.readings)
+ops.apply_plan("EXEC_DEFAULT", True)
+noted["applied"] = len(session.stack_of(root()))
+bpy.ops.ed.undo()
+noted["undone"] = [len(session.stack_of(root())), len(root().f4x.readings), "f4x_preview" in root()]
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["planned"] > 0 and noted["applied"] == 1 and noted["undone"] == [0, 0, False]
+
+
+def test_a_refused_sentence_is_shown_in_the_panel_alone(folder):
+    script = """
+from feature4x.addon.edit_operators import F4X_OT_plan
+reports = []
+
+class Button:  # without a window Blender presses none
+    sentence, readings, act = "", 1, F4X_OT_plan.act
+    def report(self, kind, text):
+        reports.append(text)
+
+root().f4x.sentence = "make the square bark"
+noted["button"], noted["reports"] = list(F4X_OT_plan.invoke(Button(), bpy.context, None)), reports
+noted["answer"] = root().f4x.answer
+noted["script"] = refused(ops.plan, sentence="make the square bark")
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["button"] == ["CANCELLED"] and "bark" in noted["answer"] and noted["reports"] == []
+    assert "bark" in noted["script"]
+
+
+def test_the_options_of_a_sequence_are_drawn_for_numbered_ply_alone(folder):
+    script = """
+from feature4x.addon.operators import options_for
+for name in ("dog.f4x", "walk_0001.ply", "WALK1.PLY", "splats.ply", "a.splat", ""):
+    noted[name] = "step" in options_for("/somewhere/" + name if name else "")
+"""
+    noted, _ = perform(folder, START + script)
+    assert [name for name, drawn in noted.items() if drawn] == ["walk_0001.ply", "WALK1.PLY"]
+
+
+def test_nodes_are_hidden_at_first_sight_and_carry_all_the_same(tmp_path):
+    write_scene(tiny_scene(), tmp_path / "scene.f4x")
+    script = """
+from feature4x.addon.scaffold_rig import layer_of
+node = bpy.data.objects["tiny node 00003"]
+noted["visible"] = [item.name for item in bpy.context.scene.objects if item.visible_get() and item.type == "EMPTY"]
+positions = []
+for frame in (0, 6):
+    bpy.context.scene.frame_set(frame)
+    positions.append(values(bpy.data.objects["tiny dynamic"]))
+noted["moved"] = float(np.abs(positions[1] - positions[0]).max())
+ops.add_handles(count=2)
+noted["handles"] = [item.name for item in bpy.context.scene.objects if item.visible_get() and "handle" in item.name]
+layer_of(root()).hide_viewport = False
+bpy.context.view_layer.update()
+noted["shown"] = node.visible_get()
+"""
+    noted, _ = perform(tmp_path, START + script)
+    assert noted["visible"] == ["tiny"] and noted["moved"] > 0.3 and len(noted["handles"]) == 2 and noted["shown"]
+
+
+def test_a_finished_fit_lands_beside_the_open_scene(folder):
+    write_scene(tiny_scene(), folder / "other.f4x")
+    script = """
+from feature4x.addon.job_operators import import_fitted
+cube = bpy.data.objects.new("mine", bpy.data.meshes.new("mine"))
+bpy.context.scene.collection.objects.link(cube)
+select(cube)
+import_fitted({"scene": str(folder / "other.f4x")})
+bpy.context.view_layer.update()
+noted["active"] = bpy.context.object.name
+noted["selected"] = [item.name for item in bpy.context.selected_objects]
+noted["places"] = [bpy.data.objects[name].matrix_world.translation.x for name in ("labelled", "tiny")]
+import_fitted({"scene": str(folder / "other.f4x")})
+bpy.context.view_layer.update()
+noted["places"].append(bpy.data.objects["tiny (2)"].matrix_world.translation.x)
+bpy.ops.wm.read_factory_settings(use_empty=True)
+import_fitted({"scene": str(folder / "other.f4x")})
+noted["alone"] = [bpy.context.object.name, bpy.context.object.location.x]
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["active"] == "mine" and noted["selected"] == ["mine"]
+    assert noted["places"] == [0.0, 4.0, 8.0] and noted["alone"] == ["tiny", 0.0]
+
+
+def test_an_unknown_word_is_refused_with_the_nearest_labels(folder):
+    script = """
+os.environ.pop("F4X_PYTHON", None)
+noted["near"] = refused(ops.query_text, text="sqare")
+noted["far"] = refused(ops.query_text, text="goat")
+"""
+    noted, _ = perform(folder, START + script)
+    assert "Nearest labels that it knows: square" in noted["near"]
+    assert "Nearest labels that it knows: " in noted["far"] and "wall" in noted["far"]
+    assert "f4x" not in noted["far"] and "--" not in noted["far"]
+
+
+@pytest.mark.parametrize(
+    ("told", "shown"),
+    [
+        ("-o a.ply: give FILE.ply together with --time T, and a folder for all frames.",
+         "a.ply: give FILE.ply together with Current Frame Only, and a folder for all frames."),
+        ("x.mp4: a video; make a scene of it with `f4x fit x.mp4 -o DIR`.",
+         "x.mp4: a video; make a scene of it with Jobs > Fit Video."),
+        ("dog lacks 'ox'; add it with `f4x distill SCENE --vocabulary \"ox\"` where minilm is installed.",
+         "dog lacks 'ox'; add it with Jobs > Add Features, Words where minilm is installed."),
+        ("add one with `f4x distill SCENE --teacher NAME`.", "add one with Jobs > Add Features."),
+        ("there are 201 edits; 200 are the most, so `f4x bake` them first.",
+         "there are 201 edits; 200 are the most, so bake them with the command f4x bake first."),
+        ("fit without --resume, or into another folder.", "fit without Continue, or into another folder."),
+        ("Nothing is selected; use Query.", "Nothing is selected; use Query."),
+    ],
+)  # fmt: skip
+def test_messages_speak_of_buttons(told, shown):
+    door.load_extension()
+    assert importlib.import_module("feature4x.addon.wording").panel_words(told) == shown
