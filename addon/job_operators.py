@@ -11,6 +11,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.formats import FORMATS
 from . import jobs, session
+from .motion_edits import unwritten
 from .preferences import worker_python
 from .wording import panel_words
 from .worker import RUNNING, Job, core_command
@@ -105,6 +106,8 @@ def _saved_scene(context: bpy.types.Context) -> tuple[bpy.types.Object, Path]:
     root = session.root_of(context.active_object)
     if not session.is_saved(root):
         raise F4xError(f"{root.name} has unsaved edits; press Save Edits to Scene first.")
+    if unwritten(root):
+        raise F4xError(f"Nodes of {root.name} were moved; press Write Motion Back and Save Edits to Scene first.")
     return root, session.path_of(root)
 
 

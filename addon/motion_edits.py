@@ -9,9 +9,10 @@ import numpy as np
 
 from ..f4x_core.edit.apply import EditedScene
 from ..f4x_core.edit.operations import Rekey
+from ..f4x_core.errors import F4xError
 from ..f4x_core.scaffold import Scaffold
 from . import session
-from .scaffold_rig import all_nodes, nodes_of, poses_of, read_poses, write_poses
+from .scaffold_rig import all_nodes, nodes_of, poses_now, poses_of, read_poses, write_poses
 
 SHOWN = "f4x_keys"
 """Property of the root: JSON of the ids of the `rekey` edits that its nodes were keyed by."""
@@ -29,7 +30,7 @@ def changes(root: bpy.types.Object) -> Rekey | None:
     nodes = all_nodes(root, curves.ids)
     old_xyz, old_quat = poses_of(curves, frames)
     xyz, quat = read_poses(root, nodes, frames)
-    moved = _differ(xyz, quat, old_xyz, old_quat)  # (T,M)
+    moved = _differ(root, xyz, quat, old_xyz, old_quat)  # (T,M)
     when, who = np.flatnonzero(moved.any(1)), np.flatnonzero(moved.any(0))
     if not len(who):
         return None
@@ -37,6 +38,25 @@ def changes(root: bpy.types.Object) -> Rekey | None:
     kept = ~moved[block][..., None]
     xyz, quat = np.where(kept, old_xyz[block], xyz[block]), np.where(kept, old_quat[block], quat[block])
     return Rekey.of(curves.ids[who], frames[when], xyz, quat)
+
+
+def unwritten(root: bpy.types.Object) -> int:
+    """How many nodes stand elsewhere at the current frame than the pending edits say: what was moved and not written back.
+
+    Between clip frames, where Blender and the core interpolate differently, and without the scene file it is 0.
+    """
+    frame, nodes = bpy.context.scene.frame_current_final, nodes_of(root)
+    try:
+        scene = session.edited_scene(root)
+    except F4xError:
+        return 0
+    if not nodes or frame not in scene.cameras.times:
+        return 0
+    curves = _curves(root)
+    there = [i for i, id in enumerate(curves.ids.tolist()) if id in nodes]
+    old_xyz, old_quat = (values[:, there] for values in poses_of(curves, np.array([frame])))
+    xyz, quat = poses_now(root, [nodes[curves.ids[i]] for i in there])
+    return int(_differ(root, xyz[None], quat[None], old_xyz, old_quat).sum())
 
 
 def refresh_keys(root: bpy.types.Object) -> None:
@@ -49,7 +69,7 @@ def refresh_keys(root: bpy.types.Object) -> None:
     nodes = [found[curves.ids[i]] for i in there]
     xyz, quat = (values[:, there] for values in poses_of(curves, frames))
     now_xyz, now_quat = read_poses(root, nodes, frames)
-    moved = np.flatnonzero(_differ(now_xyz, now_quat, xyz, quat).any(0))
+    moved = np.flatnonzero(_differ(root, now_xyz, now_quat, xyz, quat).any(0))
     if len(moved):
         write_poses(root, [nodes[i] for i in moved], frames, xyz[:, moved], quat[:, moved])
         bpy.context.scene.frame_set(bpy.context.scene.frame_current)
@@ -73,8 +93,11 @@ def _curves(root: bpy.types.Object) -> Scaffold:
     return curves
 
 
-def _differ(xyz: np.ndarray, quat: np.ndarray, other_xyz: np.ndarray, other_quat: np.ndarray) -> np.ndarray:
-    """(T,n) bool: whether poses differ by more than rounding."""
-    reach = ROUNDING * np.maximum(1, np.abs(other_xyz).max(-1))
+def _differ(
+    root: bpy.types.Object, xyz: np.ndarray, quat: np.ndarray, other_xyz: np.ndarray, other_quat: np.ndarray
+) -> np.ndarray:
+    """(T,n) bool: whether poses differ by more than rounding, which grows with the distance from Blender's origin."""
+    away = max(1.0, *(abs(value) for value in root.matrix_world.translation))
+    reach = ROUNDING * np.maximum(away, np.abs(other_xyz).max(-1))
     turned = np.minimum(np.abs(quat - other_quat).max(-1), np.abs(quat + other_quat).max(-1))
     return (np.abs(xyz - other_xyz).max(-1) > reach) | (turned > ROUNDING)

@@ -6,8 +6,10 @@ import json
 
 import bpy
 
+from ..f4x_core.edit.words import plural
 from . import edit_operators, marking, session
 from .lines import draw_lines
+from .motion_edits import unwritten
 from .scaffold_rig import layer_of
 
 CATEGORY = "Feature4X"
@@ -90,6 +92,10 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.scale_y = 1.2
         row.operator("f4x.save_edits", text=session.saving(root), icon="FILE_TICK")
         row.active = not session.is_saved(root)
+        moved = unwritten(root)
+        if moved:
+            text = f"Write Back Motion of {moved} {plural('Node', moved)}"
+            layout.operator("f4x.write_motion", text=text, icon="EMPTY_AXIS")
         draw_lines(layout, context, root.f4x.notice, "ERROR")
 
 

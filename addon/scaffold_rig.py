@@ -111,17 +111,22 @@ def read_poses(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The poses (xyz (T,n,3), quat (T,n,4)) float64 of `items` at clip frames in the scene's frame, as Blender evaluates them."""
     scene, present = bpy.context.scene, bpy.context.scene.frame_current_final
-    matrices = []
+    xyz, quat = np.zeros((len(frames), len(items), 3)), np.zeros((len(frames), len(items), 4))
     with _gaussians_at_rest(root):
-        for frame in frames:
+        for i, frame in enumerate(frames):
             scene.frame_set(int(frame), subframe=float(frame) % 1)
-            to_scene = root.matrix_world.inverted()
-            matrices.append([to_scene @ item.matrix_world for item in items])
+            xyz[i], quat[i] = poses_now(root, items)
         scene.frame_set(int(present), subframe=present % 1)
-    found = np.array(matrices, np.float64).reshape(len(frames), len(items), 4, 4)
-    found[..., :3, :3] /= np.linalg.norm(found[..., :3, :3], axis=-2, keepdims=True)  # an empty's size takes no part
-    quat, xyz = pose.from_matrix(found)
     return xyz, quaternion.align_sequence(quat)
+
+
+def poses_now(root: bpy.types.Object, items: Sequence[bpy.types.Object]) -> tuple[np.ndarray, np.ndarray]:
+    """The poses (xyz (n,3), quat (n,4)) float64 of `items` at the current frame in the scene's frame, as last evaluated."""
+    to_scene = root.matrix_world.inverted()
+    found = np.array([to_scene @ item.matrix_world for item in items], np.float64).reshape(len(items), 4, 4)
+    found[:, :3, :3] /= np.linalg.norm(found[:, :3, :3], axis=-2, keepdims=True)  # an empty's size takes no part
+    quat, xyz = pose.from_matrix(found)
+    return xyz, quat
 
 
 def write_poses(
@@ -158,7 +163,7 @@ def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: 
     remove_handles(root, frames)
     nodes = list(nodes_of(root).values())
     xyz, quat = read_poses(root, nodes, frames)
-    group = rigid_groups(xyz, unit, count)
+    group = rigid_groups(xyz, count)
     collection = bpy.data.collections.new(f"{root.name} handles")
     root.users_collection[0].children.link(collection)
     writer = ActionWriter(f"{root.name} groups")

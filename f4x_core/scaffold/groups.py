@@ -6,8 +6,10 @@ from ..geometry import pose, quaternion
 
 NEARNESS = 0.05
 """Fraction of the distance between two nodes that is added to their `nonrigidity`, so that static nodes are grouped by place."""
-TOLERANCE = 1.0
-"""By how much the distance between two nodes of one group may change over the clip, in node spacings (nine pairs in ten)."""
+MOMENTS = 12
+"""Times that are looked at for groups: curves are smooth, so that more would tell the same again."""
+STILL = 1e-6
+"""Fraction of the extent below which a residual is rounding and not noise."""
 MAX_GROUPS = 24
 """Largest number of groups: more handles are of no use to a person."""
 ROUNDS = 20
@@ -27,23 +29,58 @@ def nonrigidity(xyz: np.ndarray) -> np.ndarray:
     return highest - lowest + NEARNESS * total / len(xyz)
 
 
-def rigid_groups(xyz: np.ndarray, unit: float, count: int | None = None) -> np.ndarray:
+def rigid_groups(xyz: np.ndarray, count: int | None = None) -> np.ndarray:
     """Return the group `(M,)` int of every node with curve `xyz (F,M,3)`, the largest group 0.
 
-    k-medoids on `nonrigidity` (Kaufman and Rousseeuw 1987), seeded with nodes far apart. Without `count` there are as few groups
-    as leave nine in ten pairs of a group within `TOLERANCE` times `unit`, at most `MAX_GROUPS`.
+    Many small groups (k-medoids on `nonrigidity`; Kaufman and Rousseeuw 1987) are merged, two at a time, where one rigid motion
+    explains both best. Without `count` there are as many as the Bayesian information criterion favours (Schwarz 1978): noise of
+    the curves makes no groups, however large, as long as another rigid motion explains little of it.
     """
+    xyz = xyz[np.unique(np.linspace(0, len(xyz) - 1, MOMENTS).round().astype(int))].astype(np.float64)
+    times, nodes = xyz.shape[:2]
     distance = nonrigidity(xyz)
-    for number in [count] if count else range(1, min(MAX_GROUPS, len(distance)) + 1):
-        medoids = _medoids(distance, min(number, len(distance)))
-        group = distance[:, medoids].argmin(1)
-        together = distance[
-            group[:, None] == group
-        ]  # a medoid next to a joint is near to both sides of it; all pairs tell
-        if count is None and np.quantile(together, 0.9) <= TOLERANCE * unit:
-            break
-    order = np.argsort(-np.bincount(group, minlength=len(medoids)), kind="stable")
-    return np.argsort(order)[group]
+    group = distance[:, _medoids(distance, min(max(count or 0, MAX_GROUPS), nodes))].argmin(1)
+    splits = _merged(xyz, [np.flatnonzero(group == number) for number in np.unique(group)])
+    if count is None:
+        values, floor = 3 * times * nodes, times * nodes * (STILL * np.ptp(xyz)) ** 2
+        # a rigid motion is three numbers for its place and three for its turn at each time
+        costs = [
+            values * np.log(left + floor + 1e-300) + 6 * times * len(split) * np.log(values) for left, split in splits
+        ]
+        parts = splits[int(np.argmin(costs))][1]
+    else:
+        parts = next((split for _, split in splits if len(split) <= count))
+    for number, members in enumerate(sorted(parts, key=len, reverse=True)):
+        group[members] = number
+    return group
+
+
+def _merged(xyz: np.ndarray, parts: list[np.ndarray]) -> list[tuple[float, list[np.ndarray]]]:
+    """(sum of squared residuals, groups) while groups of nodes are merged pair by pair until there is one."""
+    residuals = [_residual(xyz[:, part]) for part in parts]
+    together: dict[tuple[bytes, bytes], float] = {}
+    splits = [(sum(residuals), list(parts))]
+    while len(parts) > 1:
+        best = (np.inf, 0, 0)
+        for i, j in zip(*np.tril_indices(len(parts), -1), strict=True):
+            key = (parts[i].tobytes(), parts[j].tobytes())
+            if key not in together:
+                together[key] = _residual(xyz[:, np.concatenate([parts[i], parts[j]])])
+            best = min(best, (together[key] - residuals[i] - residuals[j], i, j))
+        added, i, j = best
+        parts = [*parts, np.concatenate([parts[i], parts[j]])]
+        residuals = [*residuals, added + residuals[i] + residuals[j]]
+        for gone in sorted((i, j), reverse=True):
+            del parts[gone], residuals[gone]
+        splits.append((sum(residuals), list(parts)))
+    return splits
+
+
+def _residual(xyz: np.ndarray) -> float:
+    """Sum of squared distances of curves `xyz (F,n,3)` from one rigid object that moves as well as it can."""
+    turn, middle = group_motion(xyz)
+    shape = quaternion.rotate(quaternion.conjugate(turn)[:, None], xyz - middle[:, None])
+    return float(((shape - shape.mean(0)) ** 2).sum())
 
 
 def connected_groups(edges: np.ndarray, nodes: int) -> np.ndarray:

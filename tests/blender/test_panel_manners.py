@@ -95,6 +95,31 @@ noted["shown"] = node.visible_get()
     assert noted["visible"] == ["tiny"] and noted["moved"] > 0.3 and len(noted["handles"]) == 2 and noted["shown"]
 
 
+def test_moved_nodes_and_handles_are_told_until_they_are_written_back(tmp_path):
+    write_scene(tiny_scene(), tmp_path / "scene.f4x")
+    script = """
+from feature4x.addon.motion_edits import unwritten
+note = lambda name: (bpy.context.view_layer.update(), noted.__setitem__(name, unwritten(root())))
+for frame in range(7):
+    bpy.context.scene.frame_set(frame)
+    note("untouched %d" % frame)
+root().location = (100, 0, 0); note("scene moved")
+ops.add_handles(count=2); note("handles")
+handle = bpy.data.objects["tiny handle 00"]
+handle.location.x += 0.3; note("handle moved")
+noted["members"] = len(handle.children)
+noted["job"] = refused(ops.ask_scene, question="What moves?")
+ops.write_motion(); note("written")
+ops.save_edits()
+bpy.context.scene.frame_set(2, subframe=0.5); note("between frames")
+"""
+    noted, _ = perform(tmp_path, START + script)
+    assert noted["handle moved"] == noted["members"] > 1
+    assert "Write Motion Back" in noted["job"]
+    still = {name: noted[name] for name in noted.keys() - {"handle moved", "members", "job"}}
+    assert len(still) == 11 and not any(still.values()), still
+
+
 def test_a_finished_fit_lands_beside_the_open_scene(folder):
     write_scene(tiny_scene(), folder / "other.f4x")
     script = """

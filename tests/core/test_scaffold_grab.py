@@ -119,10 +119,37 @@ def hinge(frames=12) -> tuple[np.ndarray, np.ndarray]:
 
 def test_boards_of_a_hinge_are_two_groups():
     xyz, board = hinge()
-    group = rigid_groups(xyz, 0.2, 2)
+    group = rigid_groups(xyz, 2)
     assert (group == board).mean() > 0.95
-    assert (np.diff(np.bincount(rigid_groups(xyz, 0.2))) <= 0).all()
-    assert 2 <= rigid_groups(xyz, 0.2).max() + 1 <= 6
+    assert (np.diff(np.bincount(rigid_groups(xyz))) <= 0).all()
+    assert rigid_groups(xyz).max() == 1
+
+
+def wagons(noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Four wagons of 40 nodes each, one long, that go straight and then round a bend of radius 3; which wagon each node is of."""
+    random = np.random.default_rng(0)
+    wagon, frames = np.repeat(np.arange(4), 40), np.arange(30)
+    local = random.uniform([-0.45, -0.15, -0.15], [0.45, 0.15, 0.15], (160, 3))
+    way = 0.2 * frames[:, None] - wagon
+    angle = np.maximum(way, 0) / 3
+    zero = np.zeros_like(angle)
+    turn = quaternion.from_rotation_vector(np.stack([zero, -angle, zero], -1))
+    place = np.stack([np.where(way < 0, way, 3 * np.sin(angle)), zero, 3 * (1 - np.cos(angle))], -1)
+    phase, speed = random.uniform(0, 6, (160, 3)), random.uniform(0.1, 0.4, (160, 3))
+    return quaternion.rotate(turn, local) + place + noise * np.sin(phase + speed * frames[:, None, None]), wagon
+
+
+@pytest.mark.parametrize(("noise", "right"), [(0.0, 1.0), (0.002, 1.0), (0.02, 0.85)])
+def test_four_wagons_are_four_groups(noise, right):
+    xyz, wagon = wagons(noise)
+    group = rigid_groups(xyz)
+    assert group.max() == 3
+    assert np.mean([np.bincount(group[wagon == number]).max() / 40 for number in range(4)]) >= right
+
+
+def test_one_noisy_thing_is_one_group():
+    xyz, wagon = wagons(0.05)
+    assert rigid_groups(xyz[:, wagon == 0]).max() == 0
 
 
 def test_rigidity_of_one_thing_is_its_nearness_alone():
@@ -141,4 +168,4 @@ def test_the_motion_of_a_group():
     np.testing.assert_allclose(local, np.tile(local[0], (len(xyz), 1, 1)), atol=1e-9)
     assert np.abs(quaternion.to_rotation_vector(quat[-1]) - [0, 0, 1.2]).max() < 1e-9
     assert (group_motion(xyz[:, :2])[0] == quaternion.IDENTITY).all()
-    assert rigid_groups(xyz[:, :1], 0.2).tolist() == [0]
+    assert rigid_groups(xyz[:, :1]).tolist() == [0]
