@@ -10,6 +10,7 @@ from ..f4x_core.clip.images import SUFFIXES
 from ..f4x_core.clip.layouts import find_layout
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene import Scene
+from ..f4x_core.scene.resemblance import ALIKE, resemblance
 
 FILMS = {".mp4", ".mov", ".mkv", ".webm", ".avi", ".m4v", ".mpg", ".mpeg", ".ogv"}
 
@@ -70,6 +71,24 @@ def show_clip(
         _skip(camera.data, user, frames, picked.step)
     camera.data.show_background_images = True
     return True
+
+
+def doubt(camera: bpy.types.Object, scene: Scene) -> str:
+    """One sentence where the clip behind `camera` does not look like `scene`; nothing where it does."""
+    shown = camera.data.background_images[0].image
+    image = bpy.data.images.load(
+        shown.filepath, check_existing=False
+    )  # its first picture, at whatever frame Blender stands
+    width, height = image.size
+    values = np.zeros(len(image.pixels), np.float32)
+    image.pixels.foreach_get(values)
+    bpy.data.images.remove(image)
+    brightness = values.reshape(height, width, -1)[::-1, :, :3].mean(-1)  # Blender's first row is the lowest
+    if brightness.size and resemblance(scene, float(scene.cameras.times[0]), brightness) >= ALIKE:
+        return ""
+    name = Path(shown.filepath)
+    clip = name.parent.name if shown.source == "SEQUENCE" else name.name
+    return f"{clip} does not look like the clip that {scene.name} was made of; choose another if it is not."
 
 
 def _fits(exact: bool, picked: range | None, image_count: int, frames: int) -> bool:

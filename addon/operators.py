@@ -10,7 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..f4x_core.errors import F4xError
 from . import packing, session, viewport
-from .clip_background import show_clip
+from .clip_background import doubt, show_clip
 from .import_scene import SOURCE, import_scene
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
@@ -86,6 +86,8 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
         except F4xError as error:
             self.report({"ERROR"}, panel_words(str(error)))
             return {"CANCELLED"}
+        if clip is not None:
+            _warn_of_clip(self, root)
         for item in context.selected_objects:
             item.select_set(False)
         root.select_set(True)
@@ -149,10 +151,20 @@ class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
         scene = context.scene
         try:
             show_clip(camera, images, np.arange(scene.frame_start, scene.frame_end + 1))
+            _warn_of_clip(self, root)
         except F4xError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         return {"FINISHED"}
+
+
+def _warn_of_clip(operator: bpy.types.Operator, root: bpy.types.Object) -> None:
+    """Say so where the clip behind the camera of `root` seems to be that of another scene."""
+    camera = next(item for item in root.children if item.type == "CAMERA")
+    line = doubt(camera, session.base_scene(root)) if session.PATH in root else ""
+    if line:
+        root.f4x.notice = line
+        operator.report({"WARNING"}, line)
 
 
 def _root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:

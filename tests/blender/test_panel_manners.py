@@ -4,10 +4,14 @@ import importlib
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from labelled_scene import labelled_scene
+from PIL import Image
 
+from f4x_core.clip.video import write_video
 from f4x_core.scene import write_scene
+from f4x_core.scene.view import render
 
 from .artist import perform
 from .test_import_scene import tiny_scene
@@ -142,6 +146,32 @@ noted["alone"] = [bpy.context.object.name, bpy.context.object.location.x]
     noted, _ = perform(folder, START + script)
     assert noted["active"] == "mine" and noted["selected"] == ["mine"]
     assert noted["places"] == [0.0, 4.0, 8.0] and noted["alone"] == ["tiny", 0.0]
+
+
+def test_a_clip_of_another_scene_is_doubted(folder):
+    scene = labelled_scene()
+    pictures = {"own": lambda time: render(scene, scene.cameras.at(time), time, ("rgb",))["rgb"].clip(0, 1)}
+    pictures["other"] = lambda time: np.random.default_rng(int(time)).random((40, 64, 3))
+    for name, picture in pictures.items():
+        (folder / name).mkdir()
+        for time in range(6):
+            Image.fromarray((255 * picture(float(time))).astype(np.uint8)).save(folder / name / f"{time:05d}.png")
+        write_video(
+            folder / f"{name}.mp4", np.stack([255 * picture(float(time)) for time in range(6)]).astype(np.uint8), 24
+        )
+    script = """
+ops.choose_clip(filepath=str(folder / "own" / "00000.png")); noted["own"] = root().f4x.notice
+ops.choose_clip(filepath=str(folder / "own.mp4")); noted["own film"] = root().f4x.notice
+ops.choose_clip(filepath=str(folder / "other" / "00000.png")); noted["other"] = root().f4x.notice
+root().f4x.notice = ""
+ops.choose_clip(filepath=str(folder / "other.mp4")); noted["other film"] = root().f4x.notice
+ops.import_scene(filepath=str(folder / "scene.f4x"), clip=str(folder / "other")); noted["import"] = root().f4x.notice
+"""
+    noted, _ = perform(folder, START + script)
+    line = "{} does not look like the clip that labelled was made of; choose another if it is not."
+    assert noted["own"] == noted["own film"] == ""
+    assert noted["other"] == noted["import"] == line.format("other")
+    assert noted["other film"] == line.format("other.mp4")
 
 
 def test_an_unknown_word_is_refused_with_the_nearest_labels(folder):
