@@ -10,6 +10,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.formats import FORMATS
+from ..f4x_core.scene.formats.usd import expected_bytes
 from . import jobs, session
 from .motion_edits import unwritten
 from .preferences import worker_python
@@ -29,6 +30,13 @@ BESIDE = 4.0
 def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, verb: str, *arguments: Path | str) -> None:
     """Run one verb of `f4x` as a job. Raises F4xError if there is no worker, or without a window if the job fails."""
     jobs.start(Job(title, core_command(worker_python(), verb, *arguments), on_done))
+
+
+def usd_megabytes(root: bpy.types.Object, one_frame: bool) -> float:
+    """About the size of the scene as USD; its text grows with frames and moving Gaussians."""
+    scene = session.edited_scene(root)
+    moments = 1 if one_frame else len(scene.cameras)
+    return expected_bytes(len(scene.static), len(scene.dynamic), moments, scene.static.sh.shape[1]) / 1e6
 
 
 def import_fitted(result: dict[str, Any]) -> None:
@@ -217,6 +225,17 @@ class F4X_OT_export_scene(_SceneOperator, bpy.types.Operator, ExportHelper):  # 
     one_frame: BoolProperty(  # type: ignore[valid-type]
         name="Current Frame Only", description="Export the current frame instead of all frames", default=False
     )
+
+    def draw(self, context):
+        """Draw the options, and how large a file of text becomes."""
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "format")
+        layout.prop(self, "one_frame")
+        root = session.root_of(context.active_object)
+        is_text = self.format == "usd" or (self.format == "auto" and self.filepath.lower().endswith(".usda"))
+        if root is not None and is_text:
+            layout.label(text=f"USD as text: about {usd_megabytes(root, self.one_frame):,.0f} MB", icon="INFO")
 
     def start(self, context):
         """Start `f4x export`."""

@@ -174,6 +174,16 @@ ops.import_scene(filepath=str(folder / "scene.f4x"), clip=str(folder / "other"))
     assert noted["other film"] == line.format("other.mp4")
 
 
+def test_the_size_of_a_usd_export_is_told_before(folder):
+    script = """
+from feature4x.addon.job_operators import usd_megabytes
+noted["sizes"] = [usd_megabytes(root(), one) for one in (True, False)]
+"""
+    noted, _ = perform(folder, START + script)
+    one, all_frames = noted["sizes"]
+    assert 0.05 < one < all_frames < 1  # 1,201 Gaussians, of which 81 move, over six frames
+
+
 def test_an_unknown_word_is_refused_with_the_nearest_labels(folder):
     script = """
 os.environ.pop("F4X_PYTHON", None)

@@ -30,6 +30,7 @@ from f4x_core.scene.color import linear_from_srgb
 from f4x_core.scene.foreign import SplatSequence, identify, open_any
 from f4x_core.scene.formats import FORMATS, choose_format, export
 from f4x_core.scene.formats.splat import read_splat
+from f4x_core.scene.formats.usd import expected_bytes
 from f4x_core.scene.ply import export_frame, read_ply, read_properties, write_ply, write_properties
 from f4x_core.scene.posing import Y_UP, plain_color, similarity_of, transformed
 from f4x_core.scene.view import render
@@ -313,6 +314,14 @@ def test_usd_looks_the_same_at_every_time(tmp_path, usd, degree):
 
 
 @pytest.mark.blender
+@pytest.mark.parametrize("degree", [0, 2])
+def test_the_size_of_a_usd_file_is_expected(tmp_path, degree):
+    scene, times = random_scene(degree=degree), np.arange(6.0)
+    export(scene, tmp_path / "a.usda", times, "usd")
+    expected = expected_bytes(len(scene.static), len(scene.dynamic), len(times), (degree + 1) ** 2)
+    assert 0.6 < (tmp_path / "a.usda").stat().st_size / expected < 1.4
+
+
 def test_usd_keeps_quaternions_on_one_hemisphere(tmp_path, usd):
     """Readers interpolate between samples."""
     export(random_scene(degree=0), tmp_path / "a.usda", np.arange(6.0), "usd")

@@ -36,6 +36,10 @@ DIGITS = 6
 """Significant digits of a number: 1e-6 of a position, far below a pixel."""
 HARMONICS_DIGITS = 4
 """Of a coefficient, whose colours end as 8 bits; they are most of the file."""
+SHAPE_DIGITS = 4
+"""Of a quaternion or an extent: a tenth of a thousandth of the size of one Gaussian."""
+AROUND = 4
+"""Characters that a number takes besides its digits: sign, point, comma, blank."""
 ROWS = 8192
 """Rows turned into text at once."""
 
@@ -77,9 +81,9 @@ SPLATS = Kind(
     "ParticleField3DGaussianSplat",
     (
         Column("point3f[] positions", ("means",), lambda posed: posed.means),
-        Column("quatf[] orientations", ("quats",), lambda posed: posed.quats),
-        Column("float3[] scales", ("scales",), lambda posed: np.maximum(posed.scales, MIN_SCALE)),
-        Column("float[] opacities", ("opacities",), lambda posed: posed.opacities),
+        Column("quatf[] orientations", ("quats",), lambda posed: posed.quats, SHAPE_DIGITS),
+        Column("float3[] scales", ("scales",), lambda posed: np.maximum(posed.scales, MIN_SCALE), SHAPE_DIGITS),
+        Column("float[] opacities", ("opacities",), lambda posed: posed.opacities, SHAPE_DIGITS),
         Column(
             "float3[] radiance:sphericalHarmonicsCoefficients",
             ("sh", HARMONICS),
@@ -128,6 +132,16 @@ def write_usd(
 ) -> None:
     """Write splats at all `times` (clip times, increasing), moved by the 4x4 similarity `transform`. Raises F4xError."""
     _write_stage(scene, times, path, transform, progress, SPLATS)
+
+
+def expected_bytes(static: int, dynamic: int, moments: int, coefficients: int) -> int:
+    """About the size of the file that `write_usd` makes of so many Gaussians, of which `dynamic` move, at so many moments."""
+    shape, colour = SHAPE_DIGITS + AROUND, 3 * min(coefficients, (MAX_DEGREE + 1) ** 2) * (HARMONICS_DIGITS + AROUND)
+    pose = 3 * (DIGITS + AROUND) + 4 * shape
+    sampled = pose + (
+        colour if coefficients > 1 else 0
+    )  # coefficients turn with the Gaussian, but for the constant one
+    return static * (pose + 4 * shape + colour) + dynamic * (moments * sampled + 4 * shape + colour)
 
 
 def write_usd_points(
