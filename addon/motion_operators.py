@@ -89,7 +89,7 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
         if not super().poll(context):
             return False
         if not any(NODE in item for item in context.selected_objects):
-            cls.poll_message_set("Select one or more nodes of the scaffold")
+            cls.poll_message_set("Show the nodes by the button beside the scene's name in the sidebar, and select some")
             return False
         return True
 

@@ -92,7 +92,7 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
         row.scale_y = 1.2
         row.operator("f4x.save_edits", text=session.saving(root), icon="FILE_TICK")
         row.active = not session.is_saved(root)
-        moved = unwritten(root)
+        moved = 0 if context.screen.is_animation_playing else unwritten(root)
         if moved:
             text = f"Write Back Motion of {moved} {plural('Node', moved)}"
             layout.operator("f4x.write_motion", text=text, icon="EMPTY_AXIS")

@@ -22,12 +22,12 @@ from real_blender import Profile, clean_profile
 SIZE = (1400, 1000)
 """Pixels of the screen; the places below are read off its screenshots."""
 PLACES = {
-    "text": (936, 314),
-    "query": (1050, 314),
-    "recolour": (1050, 526),
+    "text": (936, 408),
+    "query": (1050, 408),
+    "recolour": (1050, 621),
     "save": (1002, 156),
-    "point": (1006, 288),
-    "box": (1071, 288),
+    "point": (1006, 381),
+    "box": (1071, 381),
     "stop job": (1095, 850),
     "viewport": (300, 800),
 }
