@@ -43,7 +43,8 @@ def add_identity(mesh: bpy.types.Mesh, ids: np.ndarray, reference: np.ndarray | 
 def repair(scene: bpy.types.Scene) -> None:
     """Put right the scenes in `scene` whose nodes were renamed, copied or deleted; does nothing else, and is quick then."""
     roots = [item for item in scene.objects if isinstance(item.get(NODES), bpy.types.Collection)]
-    roots = sorted((item for item in roots if not session.is_linked(item)), key=lambda item: item.session_uid)
+    roots = [item for item in roots if item.library is None and item.override_library is None]
+    roots.sort(key=lambda item: item.session_uid)
     owners: dict[bpy.types.Collection, bpy.types.Object] = {}
     for root in roots:
         if root[NODES] in owners:
@@ -65,8 +66,9 @@ def _work_out_places(root: bpy.types.Object) -> None:
     missing = set()
     for helper in _helpers(root):
         missing |= _remap(helper.data, places)
-    root[ORDER] = _order(root)
-    _tell(root, len(missing), [item.name for item in copies])
+    was, root[ORDER] = root.get(ORDER), _order(root)
+    if was is not None or missing:  # nothing happened to nodes that were just imported
+        _tell(root, len(missing), [item.name for item in copies])
 
 
 def _remap(mesh: bpy.types.Mesh, places: dict[int, int]) -> set[int]:
@@ -105,9 +107,8 @@ def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
         for key in [key for key in root.keys() if key.startswith("f4x_")]:  # noqa: SIM118 - no mapping
             del root[key]
         return
-    if any(
-        HANDLE in item for item in original.children_recursive
-    ):  # nodes below handles: the copy follows the original's
+    handles = any(HANDLE in item for item in original.children_recursive)
+    if handles:  # nodes hang below them; the points of the copy follow the original's nodes
         del root[NODES]
         return
     shared, own = root[NODES], bpy.data.collections.new(f"{root.name} nodes")

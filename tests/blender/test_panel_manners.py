@@ -165,7 +165,9 @@ ops.choose_clip(filepath=str(folder / "own.mp4")); noted["own film"] = root().f4
 ops.choose_clip(filepath=str(folder / "other" / "00000.png")); noted["other"] = root().f4x.notice
 root().f4x.notice = ""
 ops.choose_clip(filepath=str(folder / "other.mp4")); noted["other film"] = root().f4x.notice
-ops.import_scene(filepath=str(folder / "scene.f4x"), clip=str(folder / "other")); noted["import"] = root().f4x.notice
+ops.import_scene(filepath=str(folder / "scene.f4x"), clip=str(folder / "other"), set_up_render=False)
+bpy.context.view_layer.update()
+noted["import"] = root().f4x.notice
 """
     noted, _ = perform(folder, START + script)
     line = "{} does not look like the clip that labelled was made of; choose another if it is not."

@@ -184,3 +184,24 @@ noted["keys"] = [key for key in copy.keys() if key != "f4x"]
     noted, arrays = perform(folder, START + script)
     np.testing.assert_allclose(arrays["copied"], arrays["before"], atol=1e-6)
     assert noted["keys"] == []
+
+
+def test_a_copied_scene_with_handles_follows_the_nodes_of_its_original(folder):
+    script = """
+ops.add_handles(count=2)
+note("handles")
+select(first, *first.children_recursive)
+bpy.context.view_layer.objects.active = first
+bpy.ops.object.duplicate()
+note("copied")
+twin = next(item for item in bpy.context.object.children if item.name.startswith("tiny dynamic"))
+arrays["twin"] = values(twin)
+bpy.data.objects["tiny handle 00"].location.x += 0.3
+note("moved")
+arrays["twin moved"] = values(twin)
+"""
+    _, arrays = perform(folder, START + script)
+    for name in ("handles", "copied", "twin"):
+        np.testing.assert_allclose(arrays[name], arrays["before"], atol=1e-5)
+    assert np.abs(arrays["moved"] - arrays["before"]).max() > 0.05
+    np.testing.assert_array_equal(arrays["twin moved"], arrays["moved"])
