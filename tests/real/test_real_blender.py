@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from labelled_scene import labelled_scene
 
-from f4x_core.edit.apply import open_scene
+from f4x_core.edit.apply import base_of, open_scene, with_operations
+from f4x_core.edit.operations import Transform
+from f4x_core.edit.selects import Moving
 from f4x_core.scene import write_scene
 from f4x_core.scene.view import render
 from scripts.real_blender import Profile, clean_profile
@@ -154,3 +156,18 @@ def test_scripts_end_with_true_exit_codes(profile):
     assert told["files"] == ["00003.png"]
     for name, more in (("query_scene.py", ("--text", "square")), ("render_scene.py", ("-o", f"{inside}/none"))):
         assert "broken.f4x" in door(profile, name, f"{inside}/broken.f4x", *more, code=2)["error"]
+
+
+@pytest.mark.parametrize("engine", ["FEATURE4X", "CYCLES"])
+def test_a_farm_without_the_scene_file_that_an_edit_needs_fails(profile, told, engine):
+    moved = with_operations(labelled_scene(), Transform(Moving(), translate=(0.3, 0.0, 0.0), frames=(0.0, 5.0)))
+    write_scene(base_of(moved), profile.folder / "moved.f4x")
+    (profile.folder / "moved.py").write_text(
+        f"import bpy; bpy.ops.f4x.import_scene(filepath='{profile.inside}/moved.f4x')\n"
+        f"bpy.ops.wm.save_as_mainfile(filepath='{profile.inside}/moved.blend')"
+    )
+    run(profile, "blender", "-b", "--python-exit-code", "1", "-P", f"{profile.inside}/moved.py")
+    (profile.folder / "moved.f4x").unlink()
+    output = f"{profile.inside}/{engine}_####"
+    said = run(profile, "blender", "-b", f"{profile.inside}/moved.blend", "-E", engine, "-o", output, "-a", code=1)
+    assert "moved.f4x cannot be read" in said and not list(profile.folder.glob(f"{engine}_*"))
