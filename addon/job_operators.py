@@ -33,8 +33,11 @@ def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, ver
 
 
 def usd_megabytes(root: bpy.types.Object, one_frame: bool) -> float:
-    """About the size of the scene as USD; its text grows with frames and moving Gaussians."""
-    scene = session.edited_scene(root)
+    """About the size of the scene as USD; its text grows with frames and moving Gaussians. 0 without the scene file."""
+    try:
+        scene = session.edited_scene(root)
+    except F4xError:
+        return 0.0
     moments = 1 if one_frame else len(scene.cameras)
     return expected_bytes(len(scene.static), len(scene.dynamic), moments, scene.static.sh.shape[1]) / 1e6
 

@@ -405,10 +405,8 @@ def _check_arrays(root: bpy.types.Object) -> str:
     """The hash of the file's arrays; F4xError unless its Gaussians are those that were imported."""
     path = path_of(root)
     file = _look_at(path)
-    if root.get(ARRAYS, file.gaussians) not in (
-        file.gaussians,
-        file.arrays,
-    ):  # a .blend of an older version has `arrays`
+    known = (file.gaussians, file.arrays)  # the second is in a .blend of an older version
+    if root.get(ARRAYS, file.gaussians) not in known:
         raise F4xError(f"{path} no longer holds the Gaussians that were imported; import it again.")
     return file.arrays
 
