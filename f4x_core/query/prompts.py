@@ -23,7 +23,7 @@ from .labels import Encode, TextQuery, ask_for
 from .not_deleted import not_deleted
 from .objects import point_out
 from .pixels import head_map, label_scores
-from .score import THRESHOLD, target_score
+from .score import THRESHOLD, logistic, target_score
 from .segmentation import FeaturePropagation, MaskDecoder
 from .selection import Selection, fingerprint
 from .smoothing import LOOKS_ALIKE
@@ -174,7 +174,7 @@ def select_by_prompts(
     for done, (frame, logits) in enumerate(decoder.propagate() if wanted else ()):
         progress("follow", done, len(cameras))
         if frame in wanted:
-            followed[frame] = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
+            followed[frame] = logistic(logits)
     inside, sums = lift_masks(scene, prompted, progress)
     inside_followed, followed_sums = lift_masks(scene, followed, progress)
     weight = config.prompted_weight * sums

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from labelled_scene import labelled_scene
 
-from f4x_core.query.growing import _inside
 from f4x_core.query.pixels import HEAT, coverage_image, heat_map
 from f4x_core.query.score import average_precision
 from f4x_core.query.selection import Selection
@@ -27,12 +26,6 @@ def test_soft_coverage_counts_scores():
     hard, soft = (coverage_image(scene, half, scene.cameras[0], 0.0, soft=soft) for soft in (False, True))
     assert hard.max() > 0.5
     np.testing.assert_allclose(soft, 0.5 * hard, atol=1e-5)
-
-
-def test_a_box_holds_the_cells_whose_centre_is_in_it():
-    inside = _inside(np.array([1.0, 2.0, 3.0, 3.0]), 5, 6)
-    assert np.argwhere(inside).tolist() == [[2, 1], [2, 2]]
-    assert np.argwhere(_inside(np.array([2.1, 1.1, 2.2, 1.2]), 5, 6)).tolist() == [[1, 2]]
 
 
 def test_precision_of_a_late_hit():

@@ -108,7 +108,7 @@ def test_the_split_ends_where_more_rounds_change_nothing(monkeypatch):
     values = np.concatenate([random.normal(0, 1, 3000), random.normal(4, 0.7, 500)])
     weights = random.random(3500)
     rounds = []
-    monkeypatch.setattr(calibration, "_probability", lambda odds: rounds.append(0) or 1 / (1 + np.exp(-odds)))
+    monkeypatch.setattr(calibration, "logistic", lambda odds: rounds.append(0) or 1 / (1 + np.exp(-odds)))
     early, used = split(values, weights), len(rounds)
     assert used < calibration.ROUNDS / 2
     monkeypatch.setattr(calibration, "SETTLED", 0.0)
