@@ -42,7 +42,7 @@ def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.
     fixed[row, column] = prompt.labels
     flat = cells.reshape(-1, cells.shape[2])
     alike = flat @ flat.T  # (n,n)
-    np.fill_diagonal(alike, -1.0)
+    np.fill_diagonal(alike, -np.inf)
     possible = fixed != 0
     if (fixed == 1).any():
         chosen = local_cluster(cells, fixed == 1, possible)
@@ -59,7 +59,8 @@ def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.
             break
         difference = _likeness(alike, chosen) - _likeness(alike, rest)
         probability = random_walk(cells, logistic(difference / LIKENESS), fixed)
-        chosen, rest = probability > 0.5, probability <= 0.5
+        chosen = probability > 0.5
+        rest = ~chosen
     return probability
 
 
@@ -82,21 +83,21 @@ def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) ->
         return beside(pad(values), y, x)
 
     there = np.ones((height, width))
-    bonds = [np.exp(((cells * seen(cells, *move)).sum(-1) - 1) / BOND) * seen(there, *move) for move in moves]
-    degree = sum(bonds)
+    bonds = {move: np.exp(((cells * seen(cells, *move)).sum(-1) - 1) / BOND) * seen(there, *move) for move in moves}
+    degree = sum(bonds.values())
     # A click means its surroundings too: one cell may be an odd one.
     start = possible * (seeds + sum(seen(seeds.astype(float), y, x) for y, x in moves if max(abs(y), abs(x)) == 1) > 0)
     walkers = start
     for _ in range(STEPS):
         moving = pad(walkers / degree)
-        arriving = sum(bond * beside(moving, *move) for bond, move in zip(bonds, moves, strict=True))
+        arriving = sum(bond * beside(moving, *move) for move, bond in bonds.items())
         walkers = (1 - RESTART) * arriving * possible + RESTART * start
     order = np.argsort(-(walkers / degree).ravel(), kind="stable")
     rank = np.empty(order.size, int)
     rank[order] = np.arange(order.size)
     rank = rank.reshape(height, width)
     change = np.zeros(order.size)  # of the bonds cut when the region takes up a rank: each is cut between two ranks
-    for bond, move in zip(bonds, moves, strict=True):
+    for move, bond in bonds.items():
         other = seen(rank, *move)
         np.add.at(change, np.minimum(rank, other).ravel(), bond.ravel() / 2)
         np.add.at(change, np.maximum(rank, other).ravel(), -bond.ravel() / 2)
@@ -144,10 +145,16 @@ def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray) -> np.n
 
 
 def _likeness(alike: np.ndarray, kind: np.ndarray) -> np.ndarray:
-    """(h,w): mean cosine of each cell to the `VOTERS` cells of `kind (h,w) bool` most alike, itself left out."""
+    """(h,w): mean cosine of each cell to the `VOTERS` cells of `kind (h,w) bool` most alike; 1 where that is the cell alone.
+
+    A cell is no voter on itself: `alike (n,n)` has -inf there.
+    """
     among = alike[:, kind.ravel()]
     voters = min(VOTERS, among.shape[1])
-    return np.partition(among, -voters, axis=1)[:, -voters:].mean(1).reshape(kind.shape)
+    most = np.partition(among, -voters, axis=1)[:, -voters:]
+    others = np.isfinite(most)
+    mean = np.where(others, most, 0).sum(1) / np.maximum(others.sum(1), 1)
+    return np.where(others.any(1), mean, 1).reshape(kind.shape)
 
 
 def _inside(box: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -62,8 +62,8 @@ def likeness_by_loops(cells, kind):
     flat, members = cells.reshape(kind.size, -1), np.flatnonzero(kind)
     result = []
     for cell in range(kind.size):
-        cosines = sorted((-1.0 if cell == member else flat[cell] @ flat[member] for member in members), reverse=True)
-        result.append(np.mean(cosines[: growing.VOTERS]))
+        cosines = sorted((flat[cell] @ flat[member] for member in members if member != cell), reverse=True)
+        result.append(np.mean(cosines[: growing.VOTERS]) if cosines else 1.0)
     return np.reshape(result, kind.shape)
 
 
@@ -107,6 +107,7 @@ def growth_by_matrices(cells, prompt, size):
         ((8, 10), {"RESTART": 0.2, "STEPS": 30, "BOND": 0.5, "RANGE": 1}),
         ((3, 3), {}),
         ((2, 6), {"RESTART": 0.2, "STEPS": 5}),
+        ((1, 11), {"RESTART": 0.2, "STEPS": 5}),
     ],
 )
 @pytest.mark.parametrize("noise", [0.1, 0.7])
@@ -152,7 +153,7 @@ def test_a_random_walk_without_fixed_cells_stays_in_the_unit_range():
 def test_likeness_is_the_mean_of_the_most_alike_cells():
     cells = looks(5, 6, 2)
     alike = cells.reshape(30, -1) @ cells.reshape(30, -1).T
-    np.fill_diagonal(alike, -1)
+    np.fill_diagonal(alike, -np.inf)
     for count in (1, 3, 5, 12):
         kind = np.random.default_rng(count).permutation(30).reshape(5, 6) < count
         np.testing.assert_allclose(_likeness(alike, kind), likeness_by_loops(cells, kind), atol=1e-12)
@@ -214,3 +215,15 @@ def test_log_odds_and_probabilities():
     np.testing.assert_allclose(np.log(found) - np.log1p(-found), odds, atol=1e-6)
     ends = logistic(np.array([-1e6, 1e6]))
     assert ends[0] == pytest.approx(np.exp(-30), rel=1e-9) and 1 - ends[1] == pytest.approx(np.exp(-30), rel=0.01)
+
+
+def test_a_box_around_a_few_cells_finds_them():
+    """No cell of a small thing is unlike the thing because there are too few others."""
+    kinds = np.zeros((20, 30), int)
+    kinds[8:10, 10:12] = 1
+    for seed in range(6):
+        random = np.random.default_rng(seed)
+        cells = random.normal(size=(2, 24))[kinds] + 0.4 * random.normal(size=(20, 30, 24))
+        cells /= np.linalg.norm(cells, axis=-1, keepdims=True)
+        found = grow_prompt(cells, check_prompt(0, 1, (80, 120), box=[38, 30, 50, 42]), (80, 120))
+        np.testing.assert_array_equal(found > 0.5, kinds == 1)
