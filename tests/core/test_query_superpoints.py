@@ -129,13 +129,10 @@ def sweep_by_loops(bonds, out, score, weight):
     return np.isin(np.arange(len(order)), order[: best[1]])
 
 
-def grow_by_loops(superpoints, marked, against):
-    """`Superpoints.grow`: the random walk summed up step by step."""
+def walk_by_loops(superpoints, marked, against):
+    """Scores of the superpoints that are not `against`: the random walk summed up step by step."""
     free = np.flatnonzero(~against)
-    steps, lost, bonds, blend = superpoints.steps, superpoints.lost, superpoints.bonds, superpoints.blend
-    chosen = np.zeros(len(marked), bool)
-    if marked[free].sum() == 0:
-        return chosen
+    steps, lost = superpoints.steps, superpoints.lost
     leaving = [(1 + objects.ESCAPE) * (steps[i].sum() + lost[i]) for i in free]
     walkers = marked[free].astype(float)
     visits = walkers.copy()
@@ -145,20 +142,29 @@ def grow_by_loops(superpoints, marked, against):
         visits += walkers
         if walkers.sum() < 1e-13 * visits.sum():
             break
-    score = [visit / out if out else 0 for visit, out in zip(visits, leaving, strict=True)]
-    out = np.array([blend[i] + bonds[i][against].sum() for i in free])
-    chosen[free] = sweep_by_loops(bonds[np.ix_(free, free)], out, score, superpoints.weight[free])
+    return np.array([visit / out if out else 0 for visit, out in zip(visits, leaving, strict=True)])
+
+
+def grow_by_loops(superpoints, marked, against):
+    """`Superpoints.grow`, of that walk."""
+    chosen, free = np.zeros(len(marked), bool), np.flatnonzero(~against)
+    if marked[free].any():
+        out = np.array([superpoints.blend[i] + superpoints.bonds[i][against].sum() for i in free])
+        score = walk_by_loops(superpoints, marked, against)
+        chosen[free] = sweep_by_loops(superpoints.bonds[np.ix_(free, free)], out, score, superpoints.weight[free])
     return chosen
 
 
 def random_superpoints(seed, count=9):
+    """Superpoints along a line, bonds and steps between those that are near, some much like the background."""
     random = np.random.default_rng(seed)
-    bonds, steps = (random.random((count, count)) ** 5 for _ in range(2))
-    bonds, steps = bonds + bonds.T, steps + steps.T
+    place = np.sort(random.random(count))
+    near = np.exp(-(((place[:, None] - place) / 0.12) ** 2))
+    bonds, steps = (near * (part + part.T) for part in random.random((2, count, count)))
     np.fill_diagonal(bonds, 0)
     np.fill_diagonal(steps, 0)
-    weight, blend, lost = random.random(count) ** 3, random.random(count), 0.5 * random.random(count)
-    return Superpoints(np.arange(count), np.arange(count), weight, bonds, blend, steps, lost)
+    blend, lost = 3 * random.random(count) ** 4, 0.3 * random.random(count) ** 2
+    return Superpoints(np.arange(count), np.arange(count), random.random(count) ** 3, bonds, blend, steps, lost)
 
 
 @pytest.mark.parametrize("escape", [1e-3, 0.3])
@@ -176,6 +182,16 @@ def test_a_thing_grows_as_the_walk_and_the_cut_say(monkeypatch, escape):
     assert len(sizes) > 4
 
 
+def test_the_score_of_the_walk_is_its_visits(monkeypatch):
+    monkeypatch.setattr(objects, "ESCAPE", 0.3)
+    scores = []
+    sweep = objects._sweep
+    monkeypatch.setattr(objects, "_sweep", lambda *parts: scores.append(parts[2]) or sweep(*parts))
+    superpoints, marked, against = random_superpoints(3), np.arange(9.0), np.arange(9) == 5
+    superpoints.grow(marked, against)
+    np.testing.assert_allclose(scores[0], walk_by_loops(superpoints, marked, against), rtol=1e-6)
+
+
 def test_a_superpoint_that_no_walker_reaches_is_not_chosen():
     superpoints = random_superpoints(0)
     superpoints.steps[4] = superpoints.steps[:, 4] = superpoints.lost[4] = 0
@@ -184,12 +200,17 @@ def test_a_superpoint_that_no_walker_reaches_is_not_chosen():
     assert found[1] and not found[4]
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_a_sweep_takes_the_set_with_the_lowest_conductance(monkeypatch, seed):
-    monkeypatch.setattr(objects, "MIN_FRACTION", 0.15)
-    made, score = random_superpoints(seed), np.random.default_rng(seed).random(9)
-    expected = sweep_by_loops(made.bonds, made.blend, score, made.weight)
-    np.testing.assert_array_equal(objects._sweep(made.bonds, made.blend, score, made.weight), expected)
+def test_a_sweep_takes_the_set_with_the_lowest_conductance(monkeypatch):
+    monkeypatch.setattr(objects, "MIN_FRACTION", 0.2)
+    sizes = []
+    for seed in range(40):
+        made, random = random_superpoints(seed, 12), np.random.default_rng(seed)
+        score = -abs(np.arange(12) - random.integers(12)) + random.normal(size=12)
+        weight, blend = made.weight * (0.2 if seed % 2 else 5), made.blend * (1 + seed % 3)
+        expected = sweep_by_loops(made.bonds, blend, score, weight)
+        np.testing.assert_array_equal(objects._sweep(made.bonds, blend, score, weight), expected)
+        sizes.append(int(expected.sum()))
+    assert len(set(sizes)) > 5
 
 
 def test_a_sweep_takes_one_of_fifty_equal_superpoints():
@@ -198,11 +219,11 @@ def test_a_sweep_takes_one_of_fifty_equal_superpoints():
     assert np.flatnonzero(found).tolist() == [7]
 
 
-@pytest.mark.parametrize("static", [MADE[1], 0])
-def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static):
+@pytest.mark.parametrize(("static", "features"), [(MADE[1], True), (MADE[1], False), (0, True)])
+def test_superpoints_of_a_scene_by_loops(monkeypatch, light, static, features):
     for name, value in {"SUPERPOINTS": 9, "BACKDROP": 7, "NEIGHBOURS": 3, "DIRECTIONS": 2}.items():
         monkeypatch.setattr(objects, name, value)
-    scene = MadeUp(0, static)
+    scene = MadeUp(0, static, features)
     moving, rest = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
     looks, weights = objects._appearance(scene), light[: len(scene.ids)] + objects.UNSEEN
     tracks = np.concatenate([scene.places[time][moving] for time in (0.0, 4.0, 7.0)], 1)
@@ -371,10 +392,11 @@ POINT, TWO, FOUR = ({"points": [[3, 3]] * count} for count in (1, 2, 4))
 def test_each_point_on_every_frame_grows_a_thing_of_its_own(monkeypatch):
     first = [NOWHERE, NOWHERE, EVERYWHERE, [0, 0, 2, 0, 0, 0]]
     second = [NOWHERE, NOWHERE, EVERYWHERE, [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 0, 3]]
-    pointed = Pointed(monkeypatch, {1: first, 3: second})
+    third = [NOWHERE, NOWHERE, EVERYWHERE, [0, 0, 0, 0, 0, 3]]
+    pointed = Pointed(monkeypatch, {1: first, 3: second, 4: third})
     assert pointed.asked(_1=POINT) == [2, 3]
     assert pointed.asked(_3=TWO) == [2, 3, 4, 5]
-    assert pointed.asked(_1=POINT, _3=TWO) == [2, 3, 4, 5]
+    assert pointed.asked(_1=POINT, _4=POINT) == [2, 3, 4, 5]
 
 
 def test_a_prompt_on_what_mostly_stands_means_nothing_that_moves(monkeypatch):
@@ -409,10 +431,9 @@ def test_negative_points_and_what_is_outside_take_superpoints_out(monkeypatch):
     outside = [0, 0, 1, 1.01, 0.99, 0]
     pointed = Pointed(monkeypatch, {0: [NOWHERE, outside, inside, *on]})
     assert pointed.asked(_0=FOUR) == [2, 4, 5]
-    # Over all frames: the second one sees the third superpoint outside.
-    pointed = Pointed(
-        monkeypatch, {0: [NOWHERE, outside, inside, *on], 1: [NOWHERE, [0, 0, 0, 0, 3, 0], EVERYWHERE, *on]}
-    )
+    # Over all frames: the first one sees the third superpoint outside.
+    third = [NOWHERE, [0, 0, 0, 0, 3, 0], EVERYWHERE, *on]
+    pointed = Pointed(monkeypatch, {0: third, 1: [NOWHERE, outside, inside, *on]})
     assert pointed.asked(_0=FOUR, _1=FOUR) == [2, 3, 5]
     pointed = Pointed(monkeypatch, {0: [NOWHERE, [9] * 6, inside, *on]})
     assert pointed.asked(_0=FOUR) is None  # nothing is left
