@@ -89,8 +89,7 @@ def word_probabilities(scene: Scene, query: TextQuery) -> np.ndarray | None:
     The best of several targets counts. Things are looked for by `_thing`. Of surfaces (`labels.BACKGROUND`) teachers of
     things know little beyond which one it would rather be: they compete with one another alone, for what no thing takes.
     """
-    encoder = query.head.spec.text_encoder
-    null = null_vector(encoder) if encoder is not None else None
+    null = null_vector(query.head.spec.text_encoder or "")
     if null is None:
         return None
     space = _Space(group_of(scene), query, null)
