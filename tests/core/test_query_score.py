@@ -267,6 +267,8 @@ def test_the_numbers_of_a_file():
     assert data["ids"] == [10, 11, 12, 14, 15, 16] and data["wins"] == [12, 15] and data["count"] == 4
     assert data["scores"] == pytest.approx([0.5001, 0.4999, 0.1234, 1, 0, 0.0001], abs=1e-12)
     assert data["span"] == [1, 2] and data["threshold"] == 0.5
+    on_it = Selection(np.arange(2), np.array([0.12345, 0.12344]), wins[:2], 0.12345).to_json()
+    assert on_it["scores"] == pytest.approx([0.1235, 0.1234], abs=1e-12)  # who is just chosen stays so
     again = Selection.from_json(data)
     assert again.span == (1, 2) and again.ids[again.wins].tolist() == [12, 15]
     assert Selection.from_json(random_selection(1).to_json()).span is None

@@ -24,13 +24,18 @@ class MadeUp:
         front = np.where(random.random((count, 1)) < 0.7, 1.0, -1.0)
         directions = np.concatenate([1.6 * slopes, front], 1) + 0.002 * random.normal(size=(count, 3))
         x = distance * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-        x[0] = 0.7, 0.1, 0  # beside the camera, not behind
+        x[:3] = (
+            (0.7, 0.1, 0),
+            (0.7, 0.1, 1e-4),
+            (0.7, 0.08, 1e-4),
+        )  # beside the camera, not behind; neighbours of the last cell
         turn, shift = np.array([[0.0, 0, -1], [1, 0, 0], [0, -1, 0]]), np.array([0.25, -0.125, 0.5])  # no rounding
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = turn, shift
         camera = SimpleNamespace(world_to_camera=matrix, intrinsics=np.diag([50.0, 70.0, 1.0]), width=80)
         self.ids, self._means = np.arange(count), (x - shift) @ turn
         self.dynamic, self.static = random.random(count) < 0.4, None
+        self.dynamic[:3] = False
         self.cameras = Cameras(camera)
         self._latents = 0.1 * random.normal(size=(count, 5)) + 0.02
         decode = lambda head, latents: latents[:, :3] * (3, 1, -1)  # noqa: E731
