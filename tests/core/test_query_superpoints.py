@@ -196,8 +196,11 @@ def test_a_superpoint_that_no_walker_reaches_is_not_chosen():
     superpoints = random_superpoints(0)
     superpoints.steps[4] = superpoints.steps[:, 4] = superpoints.lost[4] = 0
     superpoints.bonds[4] = superpoints.bonds[:, 4] = 0
-    found = superpoints.grow(np.eye(9)[1], np.zeros(9, bool))
-    assert found[1] and not found[4]
+    nobody = np.zeros(9, bool)
+    for start in (1, 7):
+        found = superpoints.grow(np.eye(9)[start], nobody)
+        assert found[start] and not found[4]
+        np.testing.assert_array_equal(found, grow_by_loops(superpoints, np.eye(9)[start], nobody))
 
 
 def test_a_sweep_takes_the_set_with_the_lowest_conductance(monkeypatch):
