@@ -50,4 +50,4 @@ def lift_masks(
         inside += sums[:, 0]
         total += sums[:, 1]
     progress("weights", len(masks), len(masks))
-    return np.clip(inside / np.maximum(total, 1e-12), 0, 1) * (total > 0), total
+    return np.clip(inside / np.maximum(total, 1e-12), 0, 1), total

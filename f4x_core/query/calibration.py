@@ -15,7 +15,7 @@ import numpy as np
 from ..features.null import null_vector
 from ..scene import Scene
 from .labels import BACKGROUND, TextQuery
-from .score import TEMPERATURE, cosines
+from .score import TEMPERATURE, cosines, logistic
 from .smoothing import Patches, group_of
 
 PRESENT, DOUBT = 0.26, 0.03
@@ -71,7 +71,7 @@ def split(values: np.ndarray, weights: np.ndarray) -> Split:
         odds = np.where(
             values >= means[1], np.maximum(odds, 0), np.where(values <= means[0], np.minimum(odds, 0), odds)
         )
-        high = _probability(odds)
+        high = logistic(odds)
     return Split(high, (float(means[0]), float(means[1])), fraction)
 
 
@@ -89,8 +89,7 @@ def word_probabilities(scene: Scene, query: TextQuery) -> np.ndarray | None:
     The best of several targets counts. Things are looked for by `_thing`. Of surfaces (`labels.BACKGROUND`) teachers of
     things know little beyond which one it would rather be: they compete with one another alone, for what no thing takes.
     """
-    encoder = query.head.spec.text_encoder
-    null = null_vector(encoder) if encoder is not None else None
+    null = null_vector(query.head.spec.text_encoder or "")
     if null is None:
         return None
     space = _Space(group_of(scene), query, null)
@@ -131,7 +130,7 @@ def _thing(space: _Space, vector: np.ndarray) -> np.ndarray:
 
     def there(half: np.ndarray) -> float:
         mass = half * weight
-        return float(_probability((mass @ seen / max(mass.sum(), 1e-12) - PRESENT) / DOUBT))
+        return float(logistic((mass @ seen / max(mass.sum(), 1e-12) - PRESENT) / DOUBT))
 
     low, high = there(1 - parts.high), there(parts.high)
     return np.minimum(low, high) + (high - min(low, high)) * parts.high
@@ -139,7 +138,7 @@ def _thing(space: _Space, vector: np.ndarray) -> np.ndarray:
 
 def _surface(space: _Space, vector: np.ndarray) -> np.ndarray:
     """(P,): probability of the label `vector (C,)` against the best of the query's other words."""
-    return _probability(space.patches.smooth(space.logits(vector) - space.rivals.max(1)))
+    return logistic(space.patches.smooth(space.logits(vector) - space.rivals.max(1)))
 
 
 def _no_thing(space: _Space, scene: Scene) -> np.ndarray:
@@ -161,7 +160,3 @@ def _otsu(values: np.ndarray, weights: np.ndarray) -> float:
     below = np.cumsum(weights[order] * ordered)
     between = (below[-1] * mass - below) ** 2 / np.maximum(mass * (1 - mass), 1e-12)
     return float(ordered[np.argmax(between[:-1])]) if len(values) > 1 else float(ordered[0])
-
-
-def _probability(odds: np.ndarray | float) -> np.ndarray:
-    return 1 / (1 + np.exp(-np.clip(odds, -30, 30)))

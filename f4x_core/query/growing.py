@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..features.models.prompt import Prompt
+from .score import logistic
 
 BOND = 0.05
 """Cosine step that weakens the bond of two cells by 1/e when a point spreads."""
@@ -41,7 +42,7 @@ def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.
     fixed[row, column] = prompt.labels
     flat = cells.reshape(-1, cells.shape[2])
     alike = flat @ flat.T  # (n,n)
-    np.fill_diagonal(alike, -1.0)
+    np.fill_diagonal(alike, -np.inf)
     possible = fixed != 0
     if (fixed == 1).any():
         chosen = local_cluster(cells, fixed == 1, possible)
@@ -57,8 +58,9 @@ def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.
         if not chosen.any() or not rest.any():
             break
         difference = _likeness(alike, chosen) - _likeness(alike, rest)
-        probability = random_walk(cells, 1 / (1 + np.exp(np.clip(-difference / LIKENESS, -30, 30))), fixed)
-        chosen, rest = probability > 0.5, probability <= 0.5
+        probability = random_walk(cells, logistic(difference / LIKENESS), fixed)
+        chosen = probability > 0.5
+        rest = ~chosen
     return probability
 
 
@@ -71,38 +73,35 @@ def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) ->
     height, width = seeds.shape
     moves = [(y, x) for y in range(-RANGE, RANGE + 1) for x in range(-RANGE, RANGE + 1) if (y, x) != (0, 0)]
 
-    def seen(values: np.ndarray, y: int, x: int) -> np.ndarray:
-        return padded(values)[RANGE + y : RANGE + y + height, RANGE + x : RANGE + x + width]
-
-    def padded(values: np.ndarray) -> np.ndarray:
+    def pad(values: np.ndarray) -> np.ndarray:
         return np.pad(values, [(RANGE, RANGE)] * 2 + [(0, 0)] * (values.ndim - 2))
 
+    def beside(padded: np.ndarray, y: int, x: int) -> np.ndarray:
+        return padded[RANGE + y : RANGE + y + height, RANGE + x : RANGE + x + width]
+
+    def seen(values: np.ndarray, y: int, x: int) -> np.ndarray:
+        return beside(pad(values), y, x)
+
     there = np.ones((height, width))
-    bonds = [np.exp(((cells * seen(cells, *move)).sum(-1) - 1) / BOND) * seen(there, *move) for move in moves]
-    degree = sum(bonds)
+    bonds = {move: np.exp(((cells * seen(cells, *move)).sum(-1) - 1) / BOND) * seen(there, *move) for move in moves}
+    degree = sum(bonds.values())
     # A click means its surroundings too: one cell may be an odd one.
     start = possible * (seeds + sum(seen(seeds.astype(float), y, x) for y, x in moves if max(abs(y), abs(x)) == 1) > 0)
-    start = start / start.sum()
-    walkers = start.copy()
+    walkers = start
     for _ in range(STEPS):
-        moving = padded(walkers / degree)
-        arriving = sum(
-            bond * moving[RANGE + y : RANGE + y + height, RANGE + x : RANGE + x + width]
-            for bond, (y, x) in zip(bonds, moves, strict=True)
-        )
+        moving = pad(walkers / degree)
+        arriving = sum(bond * beside(moving, *move) for move, bond in bonds.items())
         walkers = (1 - RESTART) * arriving * possible + RESTART * start
     order = np.argsort(-(walkers / degree).ravel(), kind="stable")
     rank = np.empty(order.size, int)
     rank[order] = np.arange(order.size)
     rank = rank.reshape(height, width)
-    change = np.zeros(
-        order.size + 1
-    )  # of the bonds cut when the region has taken up a rank: each is cut between two ranks
-    for bond, move in zip(bonds, moves, strict=True):
+    change = np.zeros(order.size)  # of the bonds cut when the region takes up a rank: each is cut between two ranks
+    for move, bond in bonds.items():
         other = seen(rank, *move)
         np.add.at(change, np.minimum(rank, other).ravel(), bond.ravel() / 2)
         np.add.at(change, np.maximum(rank, other).ravel(), -bond.ravel() / 2)
-    cut, volume = np.cumsum(change)[:-1], np.cumsum(degree.ravel()[order])
+    cut, volume = np.cumsum(change), np.cumsum(degree.ravel()[order])
     conductance = cut / np.maximum(np.minimum(volume, volume[-1] - volume), 1e-9)
     min_cells = min(max(9, int(MIN_AREA * order.size)), order.size - 1)
     max_cells = max(min_cells + 1, min(int(MAX_AREA * order.size), int(possible.sum())))
@@ -146,10 +145,16 @@ def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray) -> np.n
 
 
 def _likeness(alike: np.ndarray, kind: np.ndarray) -> np.ndarray:
-    """(h,w): mean cosine of each cell to the `VOTERS` cells of `kind (h,w) bool` most alike, itself left out."""
+    """(h,w): mean cosine of each cell to the `VOTERS` cells of `kind (h,w) bool` most alike; 1 where that is the cell alone.
+
+    A cell is no voter on itself: `alike (n,n)` has -inf there.
+    """
     among = alike[:, kind.ravel()]
     voters = min(VOTERS, among.shape[1])
-    return np.partition(among, -voters, axis=1)[:, -voters:].mean(1).reshape(kind.shape)
+    most = np.partition(among, -voters, axis=1)[:, -voters:]
+    others = np.isfinite(most)
+    mean = np.where(others, most, 0).sum(1) / np.maximum(others.sum(1), 1)
+    return np.where(others.any(1), mean, 1).reshape(kind.shape)
 
 
 def _inside(box: np.ndarray, height: int, width: int) -> np.ndarray:

@@ -23,8 +23,8 @@ def grow_selection(points: np.ndarray, chosen: np.ndarray, reach: float) -> np.n
         return chosen.copy()
     width = max(reach / FINE, float(np.ptp(points, axis=0).max()) / MAX_CELLS, 1e-9)
     cells = np.floor(points / width).astype(np.int64)
-    cells -= cells.min(0) - FINE  # room for neighbours on all sides
-    size = cells.max(0) + FINE + 1
+    cells -= cells.min(0) - FINE  # room for neighbours before each row, and so behind the row before it
+    size = cells.max(0) + 1
     keys = np.ravel_multi_index(tuple(cells.T), tuple(size))
     there, index = np.unique(keys, return_inverse=True)
     full = np.unique(keys[chosen])

@@ -56,6 +56,8 @@ MARKED = 0.3
 """A superpoint is marked by the negative points when it has this fraction of the blend weights of the most marked one."""
 UNSEEN = 1e-4
 """Minimum blend weight of a Gaussian, in pixels."""
+BLOCK = 4096
+"""Gaussians compared with all centres at once: the matrix of their distances stays small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,14 +148,14 @@ def _marks(prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
 
 
 def superpoints_of(scene: Scene) -> Superpoints:
-    """The superpoints of the moving Gaussians of a scene."""
+    """The superpoints of the moving Gaussians of a scene that has some."""
     times = scene.cameras.times[np.linspace(0, len(scene.cameras) - 1, TIMES).round().astype(int)]
     posed = [scene.posed(float(time)) for time in times]
     moving, static = np.flatnonzero(scene.moving), np.flatnonzero(~scene.moving)
     place = np.stack([moment.means for moment in posed], 1)  # (N,TIMES,3)
     appearance = _appearance(scene)
     weights = total_blend_weights(scene, VIEWS, COLUMNS) + UNSEEN
-    spread = np.sqrt(place[moving].var(0).sum() / TIMES) if len(moving) else 1.0
+    spread = np.sqrt(place[moving].var(0).sum() / TIMES)
     tracks = place[moving].reshape(len(moving), 3 * TIMES) / np.sqrt(TIMES)
     index, weight, centres, mine = _group(tracks / max(spread, 1e-9), appearance[moving], weights[moving], SUPERPOINTS)
     # Far static Gaussians that look alike can be far apart; angles from the first camera compare better than metres.
@@ -164,7 +166,7 @@ def superpoints_of(scene: Scene) -> Superpoints:
     apart, unlike = _squares(mine, theirs), _squares(mine, mine)
     nearest = np.sort(apart, axis=1)[:, :NEIGHBOURS]
     blend = BLENDING * np.exp(-nearest.mean(1) / unit) if nearest.size else np.zeros(len(mine))
-    reach = max(float(np.median(unlike)), 1e-9) / SHARP if len(mine) else 1.0
+    reach = max(float(np.median(unlike)), 1e-9) / SHARP
     mass, other = _mass(weight), _mass(backdrop)
     steps = np.exp(-unlike / reach) * np.sqrt(mass[:, None] * mass)
     np.fill_diagonal(steps, 0)
@@ -187,15 +189,17 @@ def _group(
     place: np.ndarray, appearance: np.ndarray, weights: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """k-means of n rows: index (n,), weight (k,), mean place (k,…) and looks (k,C) of at most `count` groups, none empty."""
+    if not len(place):
+        return np.zeros(0, int), weights, place, appearance
     joint = np.concatenate(
         [PLACED * place, SEEN * appearance[:, :-3], appearance[:, -3:] / COLOUR], 1, dtype=np.float32
     )
     centres = joint[np.random.default_rng(0).permutation(len(joint))[:count]]
-    for _ in range(ROUNDS if len(joint) else 0):
+    for _ in range(ROUNDS):
         index = _nearest(joint, centres)
         centres = _means(index, np.ones(len(joint)), joint, len(centres)).astype(np.float32)
-    index = np.unique(_nearest(joint, centres), return_inverse=True)[1] if len(joint) else np.zeros(0, int)
-    groups = int(index.max(initial=-1)) + 1
+    index = np.unique(_nearest(joint, centres), return_inverse=True)[1]
+    groups = int(index.max()) + 1
     weight = np.bincount(index, weights, groups)
     return index, weight, _means(index, weights, place, groups), _means(index, weights, appearance, groups)
 
@@ -203,7 +207,7 @@ def _group(
 def _nearest(points: np.ndarray, centres: np.ndarray) -> np.ndarray:
     """(n,) int: which of `centres (k,D)` is nearest to each of `points (n,D)`, block by block."""
     half = (centres**2).sum(1) / 2
-    blocks = np.array_split(points, max(1, len(points) // 4096))
+    blocks = np.array_split(points, max(1, len(points) // BLOCK))
     return np.concatenate([(half - block @ centres.T).argmin(1) for block in blocks])
 
 
@@ -235,7 +239,7 @@ def _bonds(place: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, float
     near = far <= np.maximum(reach[:, None], reach)
     unlike = _squares(appearance, appearance)
     unit = max(float(np.median(unlike[near])), 1e-9)
-    return np.where(near, np.exp(-np.where(near, far, 0) / max(np.median(reach), 1e-12) - unlike / unit), 0), unit
+    return np.where(near, np.exp(-far / max(np.median(reach), 1e-12) - unlike / unit), 0), unit
 
 
 def _sweep(bonds: np.ndarray, out: np.ndarray, random_walk_score: np.ndarray, weight: np.ndarray) -> np.ndarray:

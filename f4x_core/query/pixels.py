@@ -80,7 +80,7 @@ def mask_video(
     progress: Progress = silent,
 ) -> Iterator[np.ndarray]:
     """Yield `coverage_image` of every view; above 0.5 is the mask."""
-    selection = selection.for_ids(scene.posed(0.0).ids)
+    selection = selection.for_ids(scene.ids)
     for done, (camera, time) in enumerate(trajectory):
         progress("mask", done, len(trajectory))
         yield coverage_image(scene, selection, camera, time, backend, soft)
@@ -91,5 +91,5 @@ def heat_map(image: np.ndarray, score: np.ndarray) -> np.ndarray:
     """(H,W,3) uint8: `score (H,W)` in [0, 1] as colours, dark violet 0 to dark red 1, over the grey of `image (H,W,3)`."""
     grey = np.clip(image, 0, 1) @ np.array([0.299, 0.587, 0.114])
     at = np.linspace(0, 1, len(SPECTRUM))
-    colours = np.stack([np.interp(np.clip(score, 0, 1), at, SPECTRUM[:, c]) for c in range(3)], -1)
+    colours = np.stack([np.interp(score, at, SPECTRUM[:, c]) for c in range(3)], -1)
     return ((HEAT * colours + (1 - HEAT) * grey[..., None]) * 255 + 0.5).astype(np.uint8)

@@ -23,13 +23,16 @@ from .labels import Encode, TextQuery, ask_for
 from .not_deleted import not_deleted
 from .objects import point_out
 from .pixels import head_map, label_scores
-from .score import THRESHOLD, target_score
+from .score import THRESHOLD, logistic, target_score
 from .segmentation import FeaturePropagation, MaskDecoder
 from .selection import Selection, fingerprint
 from .smoothing import LOOKS_ALIKE
 
 ASPECT_TOLERANCE = 0.01
 """Relative difference of aspects up to which a mask is taken for one of the clip: rounding to even sizes changes it so."""
+KNOWN, BLOCK = 4096, 2048
+"""Gaussians with scores that are enough to say what is near, and Gaussians without that are compared with them at once: a block
+of distances stays small."""
 STAND_IN_GRID = 64
 """Columns of the grid on which rendered colour, motion and depth stand in for features that a scene lacks."""
 
@@ -174,7 +177,7 @@ def select_by_prompts(
     for done, (frame, logits) in enumerate(decoder.propagate() if wanted else ()):
         progress("follow", done, len(cameras))
         if frame in wanted:
-            followed[frame] = 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
+            followed[frame] = logistic(logits)
     inside, sums = lift_masks(scene, prompted, progress)
     inside_followed, followed_sums = lift_masks(scene, followed, progress)
     weight = config.prompted_weight * sums
@@ -235,10 +238,10 @@ def _from_neighbours(scene: Scene, scores: np.ndarray, seen: np.ndarray, config:
         if not len(known):
             scores[missing] = 0
             continue
-        if len(known) > 4096:  # enough to say what is near, and a block of distances stays small
-            known = known[np.linspace(0, len(known) - 1, 4096).astype(int)]
+        if len(known) > KNOWN:
+            known = known[np.linspace(0, len(known) - 1, KNOWN).astype(int)]
         squares = (places[known] ** 2).sum(1)
-        for part in np.array_split(missing, max(1, len(missing) // 2048)):
+        for part in np.array_split(missing, max(1, len(missing) // BLOCK)):
             far = squares - 2 * places[part] @ places[known].T
             count = min(config.neighbours, len(known))
             near = np.argpartition(far, count - 1, axis=1)[:, :count]

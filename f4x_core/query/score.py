@@ -21,6 +21,11 @@ def cosines(features: np.ndarray, labels: np.ndarray) -> np.ndarray:
     return features @ units.T / np.maximum(lengths, 1e-12)
 
 
+def logistic(odds: np.ndarray | float) -> np.ndarray:
+    """Probabilities of log-odds, which are clipped to -30 … 30, so that nothing overflows."""
+    return 1 / (1 + np.exp(-np.clip(odds, -30, 30)))
+
+
 def text_scores(features: np.ndarray, labels: np.ndarray, temperature: float | None = None) -> np.ndarray:
     """(…,L) probabilities `softmax(cosine / temperature)` over the labels; their sum is 1.
 

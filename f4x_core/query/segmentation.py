@@ -22,6 +22,8 @@ BLOCK = 8
 """Cells are compared in square blocks of this side, so that the work is matrix products."""
 NOBODY = 0.02
 """A cell is background where no cell in reach was covered by the object by more than this fraction."""
+ROUNDS = 10
+"""Rounds of k-means by which looks are told apart."""
 UNCERTAIN = 1e-4
 """Minimum distance of a probability from 0 and 1, so that logits stay finite."""
 
@@ -232,14 +234,14 @@ def blur(cells: np.ndarray) -> np.ndarray:
     return total / np.maximum(np.linalg.norm(total, axis=-1, keepdims=True), 1e-12)
 
 
-def kinds_of(cells: np.ndarray, kinds: int, rounds: int = 10) -> np.ndarray:
+def kinds_of(cells: np.ndarray, kinds: int) -> np.ndarray:
     """(h,w) int: which of at most `kinds` looks a cell has (spherical k-means from farthest points; deterministic)."""
     flat = cells.reshape(-1, cells.shape[2])
     centres = [flat.mean(0)]
     for _ in range(kinds):
         centres.append(flat[np.argmin((flat @ np.stack(centres).T).max(1))])
     table = np.stack(centres[1:])
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         kind = (flat @ table.T).argmax(1)
         sums = np.stack([flat[kind == index].sum(0) for index in range(kinds)])
         table = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12)
@@ -249,16 +251,15 @@ def kinds_of(cells: np.ndarray, kinds: int, rounds: int = 10) -> np.ndarray:
 def connected_regions(kind: np.ndarray) -> np.ndarray:
     """(h,w) int: one number for each 4-connected region of equal `kind (h,w)`."""
     number = np.arange(kind.size).reshape(kind.shape)
-    same = [kind[1:] == kind[:-1], kind[:, 1:] == kind[:, :-1]]
+    ways = ((number, kind[1:] == kind[:-1]), (number.T, (kind[:, 1:] == kind[:, :-1]).T))
     while True:
         before = number.copy()
-        for axis in (0, 1):
-            view, alike = (number, same[0]) if axis == 0 else (number.T, same[1].T)
-            for order in (range(len(alike)), range(len(alike) - 1, -1, -1)):
-                for row in order:  # the smallest number runs along whole columns at once
-                    lower_label = np.minimum(view[row], view[row + 1])
-                    view[row] = np.where(alike[row], lower_label, view[row])
-                    view[row + 1] = np.where(alike[row], lower_label, view[row + 1])
+        for view, alike in ways:
+            rows = range(len(alike))
+            for row in (*rows, *reversed(rows)):  # the smallest number runs along whole columns at once
+                lower_label = np.minimum(view[row], view[row + 1])
+                view[row] = np.where(alike[row], lower_label, view[row])
+                view[row + 1] = np.where(alike[row], lower_label, view[row + 1])
         if (before == number).all():
             return number
 
@@ -280,7 +281,7 @@ def _area_matrix(new: int, old: int) -> np.ndarray:
     """(new,old): fraction of each old cell in the mean over a new one."""
     edges, low = np.arange(new + 1) * old / new, np.arange(old)
     covered = np.minimum(edges[1:, None], low + 1) - np.maximum(edges[:-1, None], low)
-    return (np.clip(covered, 0, 1) * new / old).astype(np.float32)
+    return (np.maximum(covered, 0) * new / old).astype(np.float32)
 
 
 def _linear_matrix(new: int, old: int) -> np.ndarray:

@@ -132,8 +132,8 @@ def group(scene: Scene) -> Patches:
     )
     weight = total_blend_weights(scene, VIEWS, COLUMNS) + UNSEEN
     cell = np.floor(place[:, [0, 1, 3]] / (CELL, CELL, LAYER)).astype(np.int64)
-    cell -= cell.min(0) - REACH  # room for neighbours on all sides
-    size = cell.max(0) + REACH + 1
+    cell -= cell.min(0) - REACH  # room for neighbours before each row, and so behind the row before it
+    size = cell.max(0) + 1
     kind = 2 * posed.dynamic + (place[:, 2] < 0)
     key = np.ravel_multi_index((*cell.T, kind), (*size, KINDS))
     keys, index = np.unique(key, return_inverse=True)

@@ -24,9 +24,9 @@ ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def run(program, folder=ROOT):
+def run(program):
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    return subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, capture_output=True, text=True)
+    return subprocess.run([sys.executable, "-c", program], cwd=ROOT, env=environment, capture_output=True, text=True)
 
 
 def known_as(word, **fields):
@@ -54,12 +54,12 @@ import sys
 for name in {blocked!r}:
     sys.modules[name] = None
 import f4x_core as f4x
-scene = f4x.edit_scene(f4x.read_scene("scene.f4x"), "make the dog green")
+scene = f4x.edit_scene(f4x.read_scene({str(tmp_path / "scene.f4x")!r}), "make the dog green")
 assert f4x.select(scene, "dog").chosen.sum() == len(scene.dynamic)
 assert "dog" in f4x.ask(scene, "What moves?").text
 assert f4x.render(scene, 1, backend="plain").shape == (40, 64, 3)
 """
-    result = run(program, tmp_path)
+    result = run(program)
     assert result.returncode == 0, result.stderr
 
 

@@ -79,9 +79,9 @@ def test_a_box_too_small_for_any_piece_means_no_moving_thing():
 
 
 def test_nothing_moves():
-    scene = labelled_scene(features=False)
-    superpoints = superpoints_of(replace(scene, dynamic=DynamicSet.empty(), scaffold=None))
-    assert len(superpoints.weight) == len(superpoints.index) == 0
+    scene = replace(labelled_scene(features=False), dynamic=DynamicSet.empty(), scaffold=None)
+    prompt = check_prompt(0, len(scene.cameras), (scene.cameras.height, scene.cameras.width), points=[(60, 5)])
+    assert point_out(scene, {0: prompt}) is None
 
 
 def test_pieces_hold_every_moving_gaussian_once():

@@ -1,13 +1,15 @@
 """Scores, the selection rule, and selections with their algebra and their file."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from labelled_scene import labelled_scene
 
 from f4x_core.errors import F4xError
-from f4x_core.query.score import average_precision, overlap, select, text_scores
-from f4x_core.query.selection import Selection
+from f4x_core.query.score import average_precision, cosines, overlap, select, target_score, text_scores
+from f4x_core.query.selection import Selection, fingerprint
 
 
 def random_selection(seed, threshold=0.5, count=200):
@@ -123,3 +125,150 @@ def test_damaged_json_is_refused():
     for name, value in (("scores", [1]), ("ids", ["a"]), ("span", [1]), ("threshold", 2), ("wins", None)):
         with pytest.raises(F4xError):
             Selection.from_json(good | {name: value})
+
+
+def test_cosines_of_short_vectors_and_of_none():
+    rng = np.random.default_rng(1)
+    features, labels = 0.05 * rng.normal(size=(4, 3, 5)), 0.02 * rng.normal(size=(6, 5))
+    features[1, 2] = 0
+    found = cosines(features, labels)
+    for i, j, k in np.ndindex(4, 3, 6):
+        length = np.linalg.norm(features[i, j]) * np.linalg.norm(labels[k])
+        assert found[i, j, k] == pytest.approx(features[i, j] @ labels[k] / length if length else 0)
+    assert not found[1, 2].any()
+
+
+def test_the_common_temperature_and_one_label():
+    features, labels = np.random.default_rng(2).normal(size=(7, 4)), np.eye(2, 4)
+    np.testing.assert_array_equal(text_scores(features, labels), text_scores(features, labels, 0.07))
+    np.testing.assert_array_equal(text_scores(features, labels[:1], 1e-3), np.ones((7, 1)))
+    for temperature in (-1, 0):
+        with pytest.raises(F4xError, match="temperature"):
+            text_scores(features, labels, temperature)
+    assert text_scores(features, labels, 1.0).max() < 1
+
+
+def test_targets_on_pictures_count_once():
+    scores = np.random.default_rng(3).dirichlet(np.ones(4), (3, 5))
+    total, best = target_score(scores, [1, 3, 1])
+    np.testing.assert_allclose(total, scores[..., 1] + scores[..., 3])
+    np.testing.assert_array_equal(best, (scores.argmax(-1) == 1) | (scores.argmax(-1) == 3))
+    for target in (2, [2]):
+        np.testing.assert_array_equal(select(scores, target), (scores[..., 2] >= 0.5) | (scores.argmax(-1) == 2))
+
+
+def test_average_precision_by_counting():
+    """The mean over true ones of the precision among all that score as high."""
+    rng = np.random.default_rng(4)
+    for levels in (3, 50):
+        scores, truth = rng.integers(0, levels, (6, 5)) / levels, rng.random((6, 5)) < 0.4
+        expected = [truth[scores >= score].mean() for score in scores[truth]]
+        assert average_precision(scores, truth) == pytest.approx(np.mean(expected))
+    assert average_precision(np.array([0.9, 0.8, 0.7]), np.array([False, False, True])) == pytest.approx(1 / 3)
+    assert average_precision(np.array([0.5]), np.array([True])) == 1
+    assert np.isnan(average_precision(np.zeros(0), np.zeros(0, bool)))
+
+
+def test_overlap_of_nothing_and_of_apart():
+    none, some = np.zeros(3, bool), np.array([True, False, True])
+    assert overlap(none, none) == 1 and overlap(some, none) == 0 and overlap(some, some) == 1
+
+
+def test_what_no_selection_can_be():
+    ids, scores, wins = np.arange(3), np.ones(3), np.zeros(3, bool)
+    for threshold in (0, 0.5, 1):
+        assert Selection(ids, scores, wins, threshold, (2, 2)).threshold == threshold
+    for threshold in (-0.01, 1.01, float("nan")):
+        with pytest.raises(F4xError, match="no fraction"):
+            Selection(ids, scores, wins, threshold)
+    for parts in ((ids[:2], scores, wins), (ids, scores[:2], wins), (ids, scores, wins[:2])):
+        with pytest.raises(F4xError, match="one score for each id"):
+            Selection(*parts)
+
+
+def test_a_selection_holds_from_its_first_frame_to_its_last():
+    a = random_selection(1).within(2, 5)
+    assert [a.holds_at(time) for time in (1.9, 2, 3, 5, 5.1)] == [False, True, True, True, False]
+
+
+def test_among_takes_scores_and_wins():
+    a = random_selection(1)
+    rows = np.arange(200) % 3 == 0
+    found = a.among(rows)
+    np.testing.assert_array_equal(found.scores, np.where(rows, a.scores, 0))
+    np.testing.assert_array_equal(found.wins, a.wins & rows)
+    assert a.wins[~rows].any() and a.wins[rows].any()
+
+
+def test_a_selection_belongs_to_the_scene_it_was_made_of():
+    """Of a scene's name; without one, of the ids."""
+    scene = labelled_scene(features=False)
+    count = len(scene.ids)
+    own = Selection(scene.ids, np.ones(count), np.zeros(count, bool), scene=fingerprint(scene))
+    own.require_scene(scene)
+    replace(own, ids=own.ids + 5).require_scene(scene)  # copies that were undone may lack
+    nameless = replace(own, scene="")
+    nameless.require_scene(scene)
+    for other in (replace(own, scene="dog 0"), replace(nameless, ids=own.ids + 5)):
+        with pytest.raises(F4xError, match="made"):
+            other.require_scene(scene)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_rows_follow_the_ids(count):
+    """Ids out of order, some asked for that are not there, below, between and above."""
+    ids = np.array([40, 10, 30, 20, 50])[:count]
+    some = Selection(ids, np.arange(1.0, count + 1) / 10, np.arange(count) % 2 == 0)
+    asked = np.array([50, 5, 10, 35, 40, 99, 20, 30])
+    found = some.for_ids(asked)
+    scores = {int(id): (score, win) for id, score, win in zip(ids, some.scores, some.wins, strict=True)}
+    assert found.ids.tolist() == asked.tolist()
+    assert found.scores.tolist() == [scores.get(id, (0, False))[0] for id in asked.tolist()]
+    assert found.wins.tolist() == [scores.get(id, (0, False))[1] for id in asked.tolist()]
+
+
+def test_scores_of_combinations():
+    """The other's scores are stretched so that its threshold falls on the own one; then the smaller or larger counts."""
+    none = np.zeros(4, bool)
+    a = Selection(np.arange(4), np.array([0.1, 0.3, 0.5, 0.9]), none, 0.4)
+    b = Selection(np.arange(4), np.array([0.4, 0.9, 0.8, 0.0]), none, 0.8)
+    moved = np.array([0.2, 0.7, 0.4, 0.0])  # 0.4 is half of 0.8, so half of 0.4; 0.9 is half way from 0.8 to 1
+    np.testing.assert_allclose((a & b).scores, np.minimum(a.scores, moved))
+    np.testing.assert_allclose((a | b).scores, np.maximum(a.scores, moved))
+    np.testing.assert_allclose((~a).scores, 1 - a.scores)
+    assert (a & b).threshold == (a | b).threshold == 0.4 and (~b).threshold == pytest.approx(0.2)
+
+
+def test_who_wins_or_is_on_the_threshold_stays_on_its_side():
+    ids, scores = np.arange(3), np.array([0.5, 0.2, 0.5])
+    a = Selection(ids, scores, np.array([False, True, False]), 0.5)
+    b = Selection(ids, np.array([0.5, 0.9, 0.1]), np.zeros(3, bool), 0.5)
+    both = a & b
+    assert both.scores[1] == 0.5 and not both.wins.any() and both.scores[2] == 0.1
+    turned = ~a
+    assert turned.scores.tolist() == [np.nextafter(0.5, 0), np.nextafter(0.5, 0), np.nextafter(0.5, 0)]
+    assert (~Selection(ids, scores, np.zeros(3, bool), 1.0)).threshold == 1e-6
+
+
+def test_spans_of_combinations():
+    a, always = random_selection(1).within(2, 6), random_selection(2)
+    assert (a & always).span == (always & a).span == (2, 6) and (always & always).span is None
+    assert (a | always).span is None and (always | a).span is None
+    assert (a & always.within(6, 7)).span == (6, 6)
+    assert (a & always.within(3, 4)).span == (3, 4) and (a | always.within(3, 4)).span == (2, 6)
+    assert (a | always.within(0, 1)).span == (0, 6) and (a | always.within(8, 9)).span == (2, 9)
+
+
+def test_the_numbers_of_a_file():
+    """Rounded to four digits, up for those that are chosen, down for others; nobody without a score."""
+    scores = np.array([0.50001, 0.49999, 0.12345, 0.00004, 1.0, 0.0, 0.00012])
+    wins = np.array([False, False, True, False, False, True, False])
+    data = Selection(10 + np.arange(7), scores, wins, 0.5, (1, 2)).to_json()
+    assert data["ids"] == [10, 11, 12, 14, 15, 16] and data["wins"] == [12, 15] and data["count"] == 4
+    assert data["scores"] == pytest.approx([0.5001, 0.4999, 0.1234, 1, 0, 0.0001], abs=1e-12)
+    assert data["span"] == [1, 2] and data["threshold"] == 0.5
+    on_it = Selection(np.arange(2), np.array([0.12345, 0.12344]), wins[:2], 0.12345).to_json()
+    assert on_it["scores"] == pytest.approx([0.1235, 0.1234], abs=1e-12)  # who is just chosen stays so
+    again = Selection.from_json(data)
+    assert again.span == (1, 2) and again.ids[again.wins].tolist() == [12, 15]
+    assert Selection.from_json(random_selection(1).to_json()).span is None

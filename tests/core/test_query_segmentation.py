@@ -186,7 +186,7 @@ def test_windows_hold_a_block_and_what_is_around_it():
     assert np.array_equal(windows(values, 0)[0, :, 0].reshape(BLOCK, BLOCK), values[:8, :8, 0])
 
 
-@pytest.mark.parametrize("move", [(0, 0), (2, -1), (-3, 4), (9, 0), (-20, 20)])
+@pytest.mark.parametrize("move", [(0, 0), (0, 1), (1, 0), (2, -1), (-3, 4), (9, 0), (-20, 20)])
 def test_shifting_drops_what_leaves(move):
     values = np.arange(1, 43.0).reshape(6, 7)
     expected = ndimage.shift(values, move, order=0, cval=0.0)

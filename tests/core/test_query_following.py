@@ -1,0 +1,317 @@
+"""What a prompt makes of masks on many frames, and the features that carry them, where each number is known."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from labelled_scene import FRAMES, HEIGHT, WIDTH, labelled_scene, square_mask
+
+from f4x_core.errors import F4xError
+from f4x_core.geometry import spherical_harmonics
+from f4x_core.query import not_deleted, prompts
+from f4x_core.query.labels import ask_for
+from f4x_core.query.pixels import head_map
+from f4x_core.query.prompts import (
+    FollowConfig,
+    at_clip_size,
+    decoder_of,
+    select_by_mask,
+    select_by_points,
+    select_by_prompts,
+    select_by_text,
+    text_selection,
+)
+from f4x_core.scene.view import render
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return labelled_scene()
+
+
+class Decoder:
+    """Knows nothing but what it is told: logits of prompts, and of all frames from them."""
+
+    def __init__(self, prompted, followed):
+        self.prompted, self.followed, self.asked = prompted, followed, []
+
+    def prompt(self, t, **marks):
+        self.asked.append((t, marks))
+        return self.prompted[t]
+
+    def propagate(self):
+        return iter(self.followed.items())
+
+
+class Lifted:
+    """Stands in for `lift_masks` and what comes of unseen Gaussians: made-up sums, masks kept."""
+
+    def __init__(self, monkeypatch, scene):
+        random = np.random.default_rng(0)
+        count = len(scene.ids)
+        self.inside = dict(zip(("prompted", "followed"), random.random((2, count)), strict=True))
+        self.sums = dict(zip(("prompted", "followed"), 0.2 * random.random((2, count)), strict=True))
+        for sums in self.sums.values():
+            sums[:40] = 0
+        self.masks, self.seen = [], None
+        monkeypatch.setattr(prompts, "lift_masks", self.lift)
+        monkeypatch.setattr(prompts, "_from_neighbours", self.fill)
+        monkeypatch.setattr(prompts, "point_out", lambda scene, asked: None)
+
+    def lift(self, scene, masks, progress):
+        self.masks.append(dict(masks))
+        name = ("prompted", "followed")[len(self.masks) - 1]
+        return self.inside[name], self.sums[name]
+
+    def fill(self, scene, scores, seen, config):
+        self.seen = seen
+        return np.where(seen, scores, 0.25)
+
+
+def moving_fraction(scene, lifted, fraction):
+    """Make that fraction of the prompt's weights lie on moving Gaussians, small sums, no rounding."""
+    lifted.inside["prompted"] = np.where(np.arange(len(scene.ids)) % 2, 0.5, 0.25)
+    marked = np.zeros(len(scene.ids))
+    rows = np.flatnonzero(scene.moving)[:1], np.flatnonzero(~scene.moving)[:1]
+    for row, share in zip(rows, (fraction, 1 - fraction), strict=True):
+        marked[row] = share / 64
+    lifted.sums["prompted"] = marked / lifted.inside["prompted"]
+
+
+def logits(seed):
+    return 3 * np.random.default_rng(seed).normal(size=(HEIGHT, WIDTH)).astype(np.float32)
+
+
+def test_masks_of_prompted_and_of_followed_frames_are_weighed(scene, monkeypatch):
+    lifted = Lifted(monkeypatch, scene)
+    first = logits(0)
+    first[:2] = np.array([0, 0.5])[:, None]  # on the outline, and just inside
+    decoder = Decoder({2: first, 3: logits(1)}, {t: logits(10 + t) for t in range(FRAMES)})
+    config = FollowConfig(lifted=4, prompted_weight=5.0, min_blend_weight=0.3, one_kind=0.99)
+    asked = {2: {"points": [[3, 3]]}, 3: {"mask": square_mask(3)}}
+    found = select_by_prompts(scene, asked, decoder=decoder, config=config)
+    assert decoder.asked == list(asked.items())
+    one, other = lifted.masks
+    assert sorted(one) == [2, 3] and one[2].dtype == np.float32
+    np.testing.assert_array_equal(one[2], first > 0)
+    np.testing.assert_array_equal(one[3], square_mask(3))
+    assert sorted(other) == [0, 5]  # of 0, 2, 3 and 5
+    for t, mask in other.items():
+        np.testing.assert_allclose(mask, 1 / (1 + np.exp(-decoder.followed[t])), rtol=1e-5)
+    weights = 5 * lifted.sums["prompted"], lifted.sums["followed"]
+    np.testing.assert_array_equal(lifted.seen, sum(weights) > 0.3)
+    assert 0.1 < lifted.seen.mean() < 0.9
+    both = np.stack([lifted.inside["prompted"], lifted.inside["followed"]])
+    expected = np.average(both, axis=0, weights=np.maximum(weights, 1e-30))
+    np.testing.assert_allclose(found.scores, np.where(lifted.seen, expected, 0.25), rtol=1e-9)
+
+
+def test_a_gaussian_that_no_frame_sees_is_not_seen(scene, monkeypatch):
+    lifted = Lifted(monkeypatch, scene)
+    config = FollowConfig(min_blend_weight=0.0)
+    found = select_by_prompts(scene, {0: {"mask": square_mask(0)}}, decoder=Decoder({0: logits(0)}, {}), config=config)
+    np.testing.assert_array_equal(lifted.seen, np.arange(len(scene.ids)) >= 40)
+    assert (found.scores[:40] == 0.25).all()
+
+
+def test_prompted_frames_alone_are_quick(scene, monkeypatch):
+    lifted = Lifted(monkeypatch, scene)
+    decoder = Decoder({0: logits(0)}, None)  # nothing to follow
+    select_by_prompts(scene, {0: {"box": [1, 1, 9, 9]}}, decoder=decoder, config=FollowConfig(lifted=0))
+    assert lifted.masks[1] == {}
+
+
+@pytest.mark.parametrize(
+    ("fraction", "kept"),
+    [
+        (0.75, "moving"),
+        (0.7499, "all"),
+        (0.5, "all"),
+        (0.2501, "all"),
+        (0.25, "static"),
+        (1.0, "moving"),
+        (0.0, "static"),
+    ],
+)
+def test_a_prompt_of_one_kind_means_that_kind(scene, monkeypatch, fraction, kept):
+    lifted = Lifted(monkeypatch, scene)
+    moving_fraction(scene, lifted, fraction)
+    config = FollowConfig(one_kind=0.75)
+    found = select_by_prompts(scene, {0: {"mask": square_mask(0)}}, decoder=Decoder({0: logits(0)}, {}), config=config)
+    means = found.scores > 0
+    rows = {"moving": scene.moving, "static": ~scene.moving, "all": np.ones(len(means), bool)}[kept]
+    assert not means[~rows].any() and means[rows].mean() > 0.9
+
+
+def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkeypatch):
+    Lifted(monkeypatch, scene)
+    pointed = []
+    scores = np.random.default_rng(1).random(len(scene.ids))
+    monkeypatch.setattr(prompts, "point_out", lambda scene, asked: pointed.append(sorted(asked)) or scores)
+    point, mask = {"points": [[3, 3]]}, {"mask": square_mask(0)}
+    found = select_by_prompts(scene, {0: point, 2: point})
+    np.testing.assert_array_equal(found.scores, scores)
+    assert pointed == [[0, 2]] and found.label == "prompt at 0, 2" and not found.wins.any()
+    decoder = Decoder({0: logits(0), 2: logits(2)}, {})
+    assert select_by_prompts(scene, {0: point}, decoder=decoder).label == "prompt at 0"
+    monkeypatch.setattr(prompts, "decoder_of", lambda scene, backend: decoder)
+    for asked, label in (
+        ({0: mask}, "mask at 0"),
+        ({0: mask, 2: point}, "prompt at 0, 2"),
+        ({2: mask, 0: mask}, "prompt at 2, 0"),
+    ):
+        Lifted(monkeypatch, scene)
+        monkeypatch.setattr(prompts, "point_out", lambda scene, asked: pytest.fail("a mask is no point"))
+        assert select_by_prompts(scene, asked).label == label
+
+
+def test_a_span_lies_within_the_clip(scene):
+    point = np.argwhere(square_mask(0)).mean(0)[None, ::-1]
+    for span in ((0, 5), (0, 0), (5, 5), (1.5, 4)):
+        assert select_by_points(scene, point, 0, span=span).span == span
+    for span in ((-0.5, 3), (2, 5.5), (-1, 9), (4, 3)):
+        with pytest.raises(F4xError, match="does not lie within"):
+            select_by_points(scene, point, 0, span=span)
+
+
+def test_a_mask_of_numbers_is_where_they_are_above_0(scene):
+    expected = select_by_mask(scene, square_mask(0), 0).scores
+    for dtype, one in ((np.uint8, 1), (np.uint8, 255), (float, 0.3)):
+        np.testing.assert_array_equal(select_by_mask(scene, one * square_mask(0).astype(dtype), 0).scores, expected)
+
+
+@pytest.mark.parametrize(
+    ("shape", "fits"),
+    [((40, 64), True), ((81, 128), False), ((80, 128), True), ((79, 128), False), ((126, 200), True), ((124, 200), True),
+     ((0, 64), False), ((40, 0), False), ((0, 0), False), ((40, 64, 1), False), ((64,), False)],
+)  # fmt: skip
+def test_a_mask_has_the_proportions_of_the_clip(scene, shape, fits):
+    mask = np.random.default_rng(0).random(shape) < 0.5
+    if fits:
+        rows, columns = (((np.arange(n) + 0.5) * m / n).astype(int) for n, m in zip((40, 64), shape, strict=True))
+        np.testing.assert_array_equal(at_clip_size(mask, scene.cameras), mask[np.ix_(rows, columns)])
+    else:
+        with pytest.raises(F4xError, match=r"The mask has"):
+            at_clip_size(mask, scene.cameras)
+
+
+def test_the_calibrated_probability_is_the_default(scene, monkeypatch):
+    probability = np.random.default_rng(2).random(len(scene.ids))
+    monkeypatch.setattr(prompts, "word_probabilities", lambda scene, query: probability)
+    query = ask_for(scene, ["square"])
+    for found in (select_by_text(scene, ["square"]), text_selection(scene, query)):
+        np.testing.assert_array_equal(found.scores, probability)
+        assert not found.wins.any() and found.label == "square"
+    for found in (select_by_text(scene, ["square"], calibrated=False), text_selection(scene, query, calibrated=False)):
+        assert found.wins.any() and not np.array_equal(found.scores, probability)
+
+
+def test_a_decoder_sees_the_visual_features_or_what_stands_in(scene, monkeypatch):
+    own = decoder_of(scene)
+    assert own.count == FRAMES and own.size == (HEIGHT, WIDTH)
+    np.testing.assert_array_equal(own._features(4), head_map(scene, "visual", scene.cameras[4], 4.0))
+    text = replace(scene.features, heads=scene.features.heads[:1])
+    monkeypatch.setattr(prompts, "STAND_IN_GRID", 16)
+    for other in (replace(scene, features=text), replace(scene, features=None)):
+        assert decoder_of(other)._features(0).shape == (10, 16, 10)
+
+
+def test_colour_motion_and_depth_stand_in_for_features(monkeypatch):
+    """Colours brighter than white, and a picture that shows past the wall."""
+    scene = labelled_scene(features=False)
+    sh = spherical_harmonics.dc_from_rgb(np.float32([1.3, 0.4, -0.2])) * np.ones((len(scene.static), 1, 1), np.float32)
+    cameras = replace(
+        scene.cameras, intrinsics=scene.cameras.intrinsics * np.float64([[0.4, 1, 1], [1, 0.4, 1], [1, 1, 1]])
+    )
+    scene = replace(scene, static=replace(scene.static, sh=sh), cameras=cameras)
+    monkeypatch.setattr(prompts, "STAND_IN_GRID", 32)
+    found = decoder_of(scene)._features(2)
+    values = {"moving": scene.moving[:, None].astype(np.float32)}
+    drawn = render(scene, cameras[2].resized(32, 20), 2.0, ("rgb", "depth"), values=values)
+    assert np.isnan(drawn["depth"]).any() and drawn["rgb"].max() > 1.1
+    inverse = np.where(np.isnan(drawn["depth"]), 0, 1 / drawn["depth"])
+    numbers = [*np.moveaxis(np.clip(drawn["rgb"], 0, 1), 2, 0), drawn["moving"][..., 0], inverse]
+    angles = np.stack(numbers, -1) * np.pi / 2
+    np.testing.assert_allclose(found, np.concatenate([np.cos(angles), np.sin(angles)], -1), atol=1e-5)
+    flat = replace(scene, cameras=replace(cameras, height=1))
+    assert decoder_of(flat)._features(0).shape == (1, 32, 10)
+
+
+def scores_by_loops(scene, scores, seen, config):
+    result = scores.copy()
+    colours = scene.colours * config.colour_weight
+    for row in np.flatnonzero(~seen):
+        known = np.flatnonzero(seen & (scene.dynamic == scene.dynamic[row]))
+        if len(known) > prompts.KNOWN:
+            known = known[[i * (len(known) - 1) // (prompts.KNOWN - 1) for i in range(prompts.KNOWN)]]
+        far = [
+            ((scene.means[row] - scene.means[k]) ** 2).sum() + ((colours[row] - colours[k]) ** 2).sum() for k in known
+        ]
+        nearest = known[np.argsort(far)[: config.neighbours]]
+        result[row] = scores[nearest].mean() if len(known) else 0
+    return result
+
+
+@pytest.mark.parametrize(("known", "block"), [(4096, 2048), (10, 3)])
+@pytest.mark.parametrize("neighbours", [1, 4, 99])
+def test_scores_of_the_unseen_are_their_neighbours_mean(monkeypatch, known, block, neighbours):
+    monkeypatch.setattr(prompts, "KNOWN", known)
+    monkeypatch.setattr(prompts, "BLOCK", block)
+    random = np.random.default_rng(neighbours)
+    count = 60
+    made = SimpleNamespace(means=random.normal(size=(count, 3)), colours=0.3 * random.random((count, 3)))
+    made.dynamic, seen = random.random(count) < 0.4, random.random(count) < 0.6
+    sh = np.stack([spherical_harmonics.dc_from_rgb(made.colours), random.random((count, 3))], 1)
+    made.posed = lambda time: {3.0: SimpleNamespace(means=made.means, sh=sh, dynamic=made.dynamic)}[time]
+    made.cameras = SimpleNamespace(times=np.array([3.0, 4.0]))
+    scores, config = random.random(count), FollowConfig(neighbours=neighbours, colour_weight=6.0)
+    before = scores.copy()
+    expected = scores_by_loops(made, scores, seen, config)
+    np.testing.assert_allclose(prompts._from_neighbours(made, scores, seen, config), expected)
+    np.testing.assert_array_equal(scores, before)
+    nobody = seen & ~made.dynamic
+    found = prompts._from_neighbours(made, scores, nobody, config)
+    assert not found[made.dynamic].any()
+    np.testing.assert_allclose(found, scores_by_loops(made, scores, nobody, config))
+
+
+class Edited:
+    """A scene after edits: opacities by time, parts with spans or none."""
+
+    def __init__(self, opacities, spans=(None, None)):
+        self.opacities, self.ids, self.base, self.times = opacities, np.arange(len(opacities(0.0))), None, []
+        self.static, self.dynamic = (SimpleNamespace(span=span) for span in spans)
+        self.cameras = SimpleNamespace(times=np.arange(20.0))
+
+    def posed(self, time):
+        self.times.append(time)
+        return SimpleNamespace(opacities=self.opacities(time))
+
+
+def test_deleted_is_whose_opacity_is_0_at_all_checked_times(monkeypatch):
+    monkeypatch.setattr(not_deleted, "CHECKED_FRAMES", 3)
+    scene = Edited(
+        lambda time: np.array([0.0, 0.3 * (time == 10), 1e-4 * (time == 19), 0.5 * (time == 5), 0.7 * (time == 0)])
+    )
+    assert not_deleted.not_deleted(scene).tolist() == [False, True, True, False, True]
+    assert scene.times == [0, 10, 19]
+    again = not_deleted.not_deleted(scene)
+    assert again is not_deleted.not_deleted(scene) and len(scene.times) == 3  # known by then
+    whole = Edited(lambda time: np.ones(4))
+    assert not_deleted.not_deleted(whole).all() and whole.times == [0]
+
+
+def test_gaussians_of_a_short_life_are_checked_while_they_live(monkeypatch):
+    """Between their second and third time, held within the clip; before edits nothing is checked."""
+    monkeypatch.setattr(not_deleted, "CHECKED_FRAMES", 2)
+    spans = np.array([[2.0, 3, 4, 5], [-9, -8, 7, 8]]), np.array([[12.0, 13, 99, 100]])
+    scene = Edited(
+        lambda time: np.array([0, float(time == 3), float(time == 4), float(time == 13), float(time in (2, 5, 12))]),
+        spans,
+    )
+    assert not_deleted.not_deleted(scene).tolist() == [False, True, True, True, False]
+    assert scene.times == [0, 3, 4, 7, 13, 19]
+    scene = Edited(lambda time: np.zeros(2))
+    scene.base = scene
+    assert not_deleted.not_deleted(scene).all() and not scene.times
