@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -210,7 +211,7 @@ def test_speed_of_one_direction_of_two_and_of_rounded_ones():
     same, opposite = np.repeat(directions, 2, 0), np.repeat(directions, 2, 0)
     opposite[1::2] *= -1
     twice = np.arange(1000.0)
-    expected = np.mean([between(a, b) for a, b in zip(same, same[1:], strict=False)])
+    expected = np.mean([between(a, b) for a, b in pairwise(same)])
     assert angular_speed(same, twice, 1.0) == pytest.approx(expected)
     assert np.isfinite(angular_speed(opposite, twice, 1.0))
 
