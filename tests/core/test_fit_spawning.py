@@ -138,7 +138,6 @@ def test_dynamic_gaussians_fill_what_those_of_other_frames_leave_open_once_moved
     covered.clear()
     bare = SceneModel(static, None, nodes, rig, config.scaffold.kernel, config.kernels)
     dynamic = spawner.dynamic(bare, 500)
-    order = [0, 6, 3, 4]  # of the frames 0, 1, 3, 4, 5, 6 with motion: 0, 3, 4, 6, ends first
     order = [int(np.abs(priors.cameras.centers - call["camera"].center).sum(1).argmin()) for call in covered]
     assert sorted(order) == [0, 3, 4, 6] and order[0] == 0 and order[-1] in (3, 4)
     counts = np.cumsum([0, *(len(call["found"]) for call in covered)])
