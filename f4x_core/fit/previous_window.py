@@ -258,9 +258,10 @@ def _room(depth: np.ndarray, moving: np.ndarray) -> float:
     """How many times as far away what moves may be and still be in front of the nearest of what stands around it."""
     found = []
     for z, mask in zip(depth, moving, strict=True):
-        around = binary_dilation(mask, iterations=AROUND) & ~mask
-        if mask.any() and around.any():
-            found.append(np.percentile(z[around], GROUND_PERCENTILE) / np.median(z[mask]))
+        known = np.isfinite(z) & (z > 0)
+        inside, around = mask & known, binary_dilation(mask, iterations=AROUND) & ~mask & known
+        if inside.any() and around.any():
+            found.append(np.percentile(z[around], GROUND_PERCENTILE) / np.median(z[inside]))
     return float(np.median(found)) if found else np.inf
 
 
