@@ -108,6 +108,18 @@ def test_confidence_tells_the_error_of_depth_but_none_beyond_a_guess(priors, con
     assert depth_evidence(priors).moving_error is None
 
 
+@pytest.mark.parametrize("missing", ["cameras", "depth", "tracks", "tracks_visible"])
+def test_without_one_of_what_angles_are_made_from_there_are_none(priors, missing):
+    priors.tracks, priors.tracks_visible = np.full((FRAMES, 9, 2), 10.0, np.float32), np.ones((FRAMES, 9), bool)
+    assert len(viewing_angles.static_view_degrees(priors)) and depth_evidence(priors).view_degrees is not None
+    setattr(priors, missing, None)
+    assert not len(viewing_angles.static_view_degrees(priors))
+    if missing in ("cameras", "depth"):
+        assert depth_evidence(priors) is None
+    else:
+        assert depth_evidence(priors).view_degrees is None
+
+
 def test_movers_count_by_what_decided_their_depth_half_of_them_worse(priors):
     noise = 0.4 / 480 / (45 / WIDTH)
     own = [{"decided_by": "its own motion", "emf_degrees": degrees} for degrees in (2.0, 0.01, 0.0)]
