@@ -115,7 +115,8 @@ class PreviousWindow:
         the mean over the shared cameras. How far away movers are is a guess that may differ from window to window: they get
         the ratio of their own pixels, as long as it leaves them in front of what stands around them.
         """
-        assert priors.cameras is not None and priors.depth is not None
+        assert priors.cameras is not None
+        assert priors.depth is not None
         moving = np.zeros(priors.depth.shape, bool) if priors.mask is None else priors.mask
         shared = np.flatnonzero(priors.frames + self.offset < len(self.scene.cameras))
         if len(shared) == 0:
@@ -153,7 +154,8 @@ class PreviousWindow:
 
         `margin`: pixels around the moving mask that do not count.
         """
-        assert priors.cameras is not None and priors.depth is not None
+        assert priors.cameras is not None
+        assert priors.depth is not None
         path, freedom = priors.cameras, FREEDOM[priors.camera_kind or "moving"]
         views, depth = path.world_to_camera.copy(), priors.depth.copy()
         for row, frame in enumerate(priors.frames):
