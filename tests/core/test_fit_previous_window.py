@@ -12,14 +12,15 @@ from toy import cameras, clip_and_priors
 
 from f4x_core.errors import F4xError
 from f4x_core.fit import previous_window
-from f4x_core.fit.previous_window import PreviousWindow
+from f4x_core.fit.pipeline import ClipFit, FitResult
+from f4x_core.fit.previous_window import FrozenBackground, PreviousWindow, WindowFit
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.raster import RasterConfig, rasterize
 from f4x_core.scene import Scene, StaticSet
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-FRAMES, OFFSET = 6, 3
+FRAMES, OFFSET = 5, 2
 """Frames of the earlier scene, and the one of them that is the later window's first: three are shared."""
 WIDTH, HEIGHT = 24, 16
 
@@ -100,8 +101,8 @@ def test_the_earlier_scene_tells_depth_where_it_is_opaque_and_as_long_as_it_last
     clip, _ = later((0, 2, 3, 4))
     found = window.depth(clip, "torch")
     assert found.shape == (4, HEIGHT, WIDTH) and np.isnan(found[2:]).all()
-    assert [look[2:] for look in shown.looks] == [(t, ("depth", "alpha"), "torch") for t in (7.0, 11.0)]
-    for row, frame in ((0, 3), (1, 5)):
+    assert [look[2:] for look in shown.looks] == [(t, ("depth", "alpha"), "torch") for t in (5.0, 9.0)]
+    for row, frame in ((0, 2), (1, 4)):
         seen = shown.at(window.scene.cameras[frame])
         for y in range(HEIGHT):
             for x in range(WIDTH):
@@ -156,9 +157,9 @@ def test_priors_are_placed_by_the_median_depth_and_the_shared_cameras(window, sh
     placed = window.place(priors, "torch")
     factor = np.where(priors.mask, min(own, room), scale)
     np.testing.assert_allclose(placed.depth, priors.depth * factor, rtol=1e-5)
-    true = window.scene.cameras.world_to_camera[[3, 4, 5, 5]]
+    true = window.scene.cameras.world_to_camera[[2, 3, 4, 4]]
     np.testing.assert_allclose(placed.cameras.world_to_camera, true, atol=1e-9)
-    assert {look[2] for look in shown.looks if look[4]} == {7.0, 9.0, 11.0}
+    assert {look[2] for look in shown.looks if look[4]} == {5.0, 7.0, 9.0}
 
 
 def test_cameras_that_disagree_are_placed_by_their_mean(window, shown):
@@ -168,7 +169,7 @@ def test_cameras_that_disagree_are_placed_by_their_mean(window, shown):
     scale = float(np.median(ratios_of(window, shown, priors, range(3), False)))
     priors = dataclasses.replace(priors, cameras=path_of(in_a_world_of_its_own(window, scale, frames, 0.02)))
     placed = window.place(priors, "torch").cameras.world_to_camera
-    then = window.scene.cameras.world_to_camera[3:]
+    then = window.scene.cameras.world_to_camera[OFFSET:]
     steps = [a @ np.linalg.inv(b) for a, b in zip(placed, then, strict=True)]
     turns = [Rotation.from_matrix(step[:3, :3]).as_rotvec() for step in steps]
     places = [np.linalg.inv(a)[:3, 3] - np.linalg.inv(b)[:3, 3] for a, b in zip(placed, then, strict=True)]
@@ -187,6 +188,22 @@ def test_priors_without_movers_and_without_a_shared_frame(window, shown):
     _, priors = later((3, 4, 5))
     with pytest.raises(F4xError, match="--overlap"):
         window.place(priors, "torch")
+
+
+def test_where_no_background_is_known_depth_stays_as_it_is(window, shown, monkeypatch):
+    clip, priors = later((0, 1, 5))
+    priors.mask[:] = True
+    priors.mask[:, :3, :10] = False  # fewer than 32 pixels
+    priors.mask[:, 1, :] = True
+    monkeypatch.setattr(PreviousWindow, "_registered", lambda self, camera, *_: camera)
+    own = np.median(ratios_of(window, shown, priors, range(2), True))
+    placed = window.place(priors, "torch")
+    room = room_of(priors.depth, priors.mask)
+    np.testing.assert_allclose(placed.depth, priors.depth * np.where(priors.mask, min(own, room), 1), rtol=1e-5)
+    assert min(own, room) > 0.1
+    np.testing.assert_array_equal(window.track(clip, priors, 1, "torch").depth, priors.depth)
+    ground = [look for look in shown.looks if look[0] is not None and look[0].name == "ground"]
+    assert {look[2] for look in ground} == {0.0} and all(look[0].static is window.scene.static for look in ground)
 
 
 @pytest.mark.parametrize(("known", "expected"), [(32, 2.0), (31, 9.0)])
@@ -241,7 +258,7 @@ def test_later_cameras_go_on_from_the_one_before_and_are_registered_twice(
 
     monkeypatch.setattr(PreviousWindow, "_registered", registered)
     found = window.track(clip, priors, 1, "torch")
-    own, views = priors.cameras.world_to_camera, list(window.scene.cameras.world_to_camera[[3, 5]])
+    own, views = priors.cameras.world_to_camera, list(window.scene.cameras.world_to_camera[[2, 4]])
     for row in (2, 3):
         views.append(np.linalg.matrix_power(nudge, rounds) @ own[row] @ np.linalg.inv(own[row - 1]) @ views[-1])
     np.testing.assert_allclose(found.cameras.world_to_camera, views, atol=1e-9)
@@ -270,7 +287,7 @@ def test_where_nothing_moves_the_whole_picture_counts(window, shown, monkeypatch
     )
     found = window.track(clip, dataclasses.replace(priors, mask=None, camera_kind="pan"), 1, "torch")
     assert all(still.all() for still in asked) and len(asked) == 4
-    seen = shown.at(window.scene.cameras[3])
+    seen = shown.at(window.scene.cameras[OFFSET])
     known = (seen["alpha"] > np.float32(0.8)) & (priors.depth[0] > 0) & np.isfinite(seen["depth"])
     factor = np.median((seen["depth"] / priors.depth[0])[known])
     np.testing.assert_allclose(found.depth[0], factor * priors.depth[0], rtol=1e-5)
@@ -299,7 +316,7 @@ def registration(window, monkeypatch, shown, share, most=2000):
         np.testing.assert_array_equal(back, -there)
         return np.ones(still.shape, bool)
 
-    monkeypatch.setattr(previous_window, "dis", lambda *_: estimate)
+    monkeypatch.setattr(previous_window, "dis", lambda *preset: {("medium", 0): estimate}[preset])
     monkeypatch.setattr(previous_window, "consistent", agree)
     monkeypatch.setattr(previous_window, "grey", lambda pictures: pictures)
     monkeypatch.setattr(PreviousWindow, "_ground", lambda *_: seen)
@@ -368,6 +385,7 @@ def test_background_is_wrong_where_no_mixture_of_its_neighbourhood_is_like_the_m
     clip.frames[3] = (127 + 0.8 * (clip.frames[3] - 127.0)).astype(np.uint8)
     clip.frames[3, 4:12, 5:15] = 250
     wrong, there = window._compare(window.scene.static, clip, priors, 1, "torch")
+    assert shown.looks[-1][2:] == (0.0, ("rgb", "alpha"), "torch")
     image = np.pad(clip.frames[3] / 255, ((2, 2), (2, 2), (0, 0)), "symmetric")
     drawn = np.pad(seen["rgb"], ((2, 2), (2, 2), (0, 0)), "symmetric")
     for y in range(HEIGHT):
@@ -379,6 +397,32 @@ def test_background_is_wrong_where_no_mixture_of_its_neighbourhood_is_like_the_m
                 off += max(own.min() - mean, mean - own.max(), 0) / 3
             assert there[y, x] == (seen["alpha"][y, x] > np.float32(0.8))
             assert wrong[y, x] == (there[y, x] and off > 0.08)
+
+
+@pytest.mark.parametrize(
+    ("level", "channels", "wrong"),
+    [
+        (148, slice(None), True),  # 0.0804 brighter than grey
+        (147, slice(None), False),
+        (107, slice(None), True),
+        (108, slice(None), False),
+        (189, 1, True),  # a third of 0.241
+        (188, 1, False),
+        (66, 1, True),
+        (67, 1, False),
+    ],
+)
+def test_eight_hundredths_over_all_channels_are_wrong(window, monkeypatch, level, channels, wrong):
+    clip, priors = later((0, 1, 2))
+    grey = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    if channels == 1:
+        grey[..., 0], grey[..., 2] = 51 / 255, 204 / 255
+    clip.frames[1] = np.round(255 * grey)
+    clip.frames[1][..., channels] = level
+    seen = {"rgb": grey, "alpha": np.ones((HEIGHT, WIDTH), np.float32)}
+    monkeypatch.setattr(previous_window, "render", lambda *_: seen)
+    found, there = window._compare(window.scene.static, clip, priors, 1, "torch")
+    assert there.all() and (found == wrong).all()
 
 
 def compared(monkeypatch, window, priors, wrongs, theres):
@@ -400,9 +444,12 @@ def test_what_is_wrong_in_less_than_half_of_its_light_stays_and_what_no_frame_se
     static = some_static(12)
     static.means[0] = [0, 0, -5]  # behind every camera
     static.means[1] = [40, 0, 2]
+    static.means[2:4] = [[-0.8, -0.4, 1.5], [0.9, 0.3, 1.5]]  # one where something moves, one that is hardly seen
+    static.scales[2:4], static.opacities[2:4] = 0.01, [0.9, 0.05]
     window = dataclasses.replace(window, scene=dataclasses.replace(window.scene, static=static))
     clip, priors = later((0, 1, 2, 4))
-    priors.mask = rng.random(priors.mask.shape) < 0.05 if masked else None
+    priors.mask[:], priors.mask[:, :8, :9] = False, True  # a part of what is wrong
+    priors = priors if masked else dataclasses.replace(priors, mask=None)
     rows = np.array([0, 3])
     columns = np.arange(WIDTH) < 12  # what is wrong: the left
     wrongs = [
@@ -426,9 +473,9 @@ def test_what_is_wrong_in_less_than_half_of_its_light_stays_and_what_no_frame_se
             for x in range(WIDTH):
                 judged = np.abs(near - [y, x]).sum(1).min() > 1
                 light += np.outer(out.channels[y, x], [1, judged, judged and wrongs[1][row][y, x]])
-    share = light[2:, 2] / light[2:, 1]
-    assert np.abs(share - 0.5).min() > 0.005 and 2 < (share < 0.5).sum() < 9
-    stays = np.concatenate([[0, 1], 2 + np.flatnonzero(share < 0.5)])
+    assert np.abs(light[3:, 2] - 0.5 * light[3:, 1]).min() > 1e-3 and 0 < light[3, 0] < 1
+    stays = np.flatnonzero(light[:, 2] <= 0.5 * light[:, 1])
+    assert (2 in stays) == masked and 4 < len(stays) < 11
     assert found.world.ids.tolist() == stays.tolist() and found.drawn.ids.tolist() == stays[2:].tolist()
     assert [row for _, row in asked] == [0, 3, 0, 3] and asked[2][0] is asked[3][0] is found.drawn
     assert set(found.explained) == {0, 3}
@@ -454,3 +501,18 @@ def test_nodes_go_on_from_those_before_at_the_same_times(window, monkeypatch):
     ((after, shifted, tolerance, first),) = given
     assert after is scaffold and first == 100 and tolerance == pytest.approx(0.4 * 0.3)
     np.testing.assert_array_equal(shifted.times, scaffold.times - OFFSET)
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_a_windows_scene_has_the_background_that_stayed_and_nodes_only_where_something_moves(
+    window, monkeypatch, moving
+):
+    kept, own = some_static(4), some_static(2, ids=np.array([8, 9]))
+    scaffold = random_scaffold(np.random.default_rng(0)) if moving else None
+    result = FitResult(Scene("after", own, window.scene.cameras, scaffold=scaffold), None, [], {})
+    monkeypatch.setattr(ClipFit, "finish", lambda self, trainer: result)
+    fit = WindowFit(None, None, None, previous=window)
+    fit.background = FrozenBackground(kept, kept, {})
+    found = fit.finish(None).scene
+    assert found.static.ids.tolist() == [0, 1, 2, 3, 8, 9]
+    assert (found.scaffold.ids.tolist() == [100, 101, 102, 103, 104]) if moving else found.scaffold is None
