@@ -390,7 +390,7 @@ def test_a_bump_is_a_jump_of_three_pixels_in_few_frames_of_a_picture_that_rests(
 def test_a_jump_is_the_median_of_the_static_tracks_that_both_frames_see():
     priors = resting({})
     priors.width, priors.depth = 480, None
-    priors.tracks[10:, :17] += 50  # fewer than half
+    priors.tracks[10:, :17] += [30, 40]  # fewer than half
     priors.tracks[10:, 20:24] += 30  # seen in one frame of both alone
     priors.tracks_visible[10, 20:22], priors.tracks_visible[9, 22:24] = False, False
     priors.tracks_visible[3:5] = False  # nothing is seen there
