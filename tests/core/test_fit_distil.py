@@ -476,8 +476,12 @@ def test_figures_of_nothing_are_left_out_and_features_of_nothing_have_no_directi
 
 
 def test_the_stored_field_gives_the_latents_back_and_the_table_says_what_was_saved(scene):
-    after = distil(scene, [maps_of()], dataclasses.replace(CONFIG, bits=8, steps=3))
+    glob = np.arange(6, dtype=np.float32)
+    maps = dataclasses.replace(maps_of(has_global=True), glob=glob)
+    after = distil(scene, [maps], dataclasses.replace(CONFIG, bits=8, steps=3))
     field = after.features
+    np.testing.assert_array_equal(field.heads[0].glob, glob)
+    assert field.heads[0].report["stored_change"] < 0.05
     assert field.bits == 8 and field.static.shape == (12, 4) and field.nodes.shape == (5, 4)
     row = next(row for row in after.needs if row["what"] == "latent")
     assert (row["chosen"], row["evidence"]) == ("4 channels, 1 heads", "given")
@@ -485,6 +489,9 @@ def test_the_stored_field_gives_the_latents_back_and_the_table_says_what_was_sav
     again = distil(after, [maps_of("new")], dataclasses.replace(CONFIG, width=4, steps=1))
     rows = [row for row in again.needs if row["what"] == "latent"]
     assert len(rows) == 1 and rows[0]["chosen"] == "4 channels, 2 heads"
+    assert rows[0]["evidence"].startswith("the width of the heads that are kept; variance")
+    asked = stage_of(scene, width=None).need()
+    assert asked.evidence.startswith("variance") and asked.chosen == "8 channels, 1 heads"
     anew = distil(after, [maps_of()], dataclasses.replace(CONFIG, width=6, steps=1))
     assert anew.features.width == 6 and anew.features.names == ("x",), "learnt anew, in any width"
 
