@@ -22,6 +22,7 @@ PRIORS, PRIORS_PER_PIXEL = 150.0, 5.9e-4
 """Cost of the priors, and of one of the pixels of all frames that they are made from."""
 COARSE_PIXELS = 0.25
 """Pixels of a step at half size, over those of a whole one."""
+GIGABYTE, MEGABYTE = 1e9, 1e6
 BASE_MEMORY, GAUSSIAN_MEMORY = 0.55e9, 1900
 """Bytes of the libraries, and of one Gaussian while it is trained."""
 PIXEL_MEMORY, IMAGE_PIXEL_MEMORY, PRIORS_PIXEL_MEMORY = 20, 250, 85
@@ -136,14 +137,14 @@ def machine_memory() -> float:
     """Gigabytes of main memory of this machine; infinite where it does not tell."""
     if not hasattr(os, "sysconf"):  # Windows
         return float("inf")
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e9
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIGABYTE
 
 
 def cost(size: ClipSize, config: FitConfig, unit: float) -> Cost:
     """What the fit of a clip takes at most; `unit` is `raster_seconds` of the machine."""
     count = expected_gaussians(size, config)
     seconds = unit * (_fixed(size, config) + config.steps * STEP_PER_GAUSSIAN * count)
-    return Cost(seconds / 60, _memory(size, config, count) / 1e9, GAUSSIAN_FILE * count / 1e6)
+    return Cost(seconds / 60, _memory(size, config, count) / GIGABYTE, GAUSSIAN_FILE * count / MEGABYTE)
 
 
 def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitConfig:
@@ -157,9 +158,9 @@ def within(grant: Grant, size: ClipSize, config: FitConfig, unit: float) -> FitC
         left = 60 * grant.minutes / unit - _fixed(size, config)
         room = min(room, left / (config.steps * STEP_PER_GAUSSIAN))
     memory = MEMORY_FRACTION * machine_memory() if grant.memory is None else grant.memory
-    if 1e9 * memory < _memory(size, config, 0):
+    if GIGABYTE * memory < _memory(size, config, 0):
         room = 0
-    room = min(room, (1e9 * memory - BASE_MEMORY - _training_memory(size)) / GAUSSIAN_MEMORY)
+    room = min(room, (GIGABYTE * memory - BASE_MEMORY - _training_memory(size)) / GAUSSIAN_MEMORY)
     if grant == Grant() and room >= expected_gaussians(size, config):
         return config
     factor = room / max_gaussians(config)

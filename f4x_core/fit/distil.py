@@ -48,8 +48,6 @@ PICTURE_SAMPLES = 20_000
 """Cells of all frames that the colours of feature pictures are fitted to."""
 HEAD_SAMPLES = 100_000
 """Cells of all frames, at most, that mean and spread of the features are measured on: every seventh of short clips."""
-LATENT_END, HEAD_END = 0.05, 0.05
-"""Share of the learning rates that is left at the last step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +270,7 @@ class _Distillation:
         scene, (rows, columns) = self.scene, self.grid
         camera = scene.cameras[frame]
         scale = min(1.0, PIXELS_PER_CELL * max(rows / camera.height, columns / camera.width))
-        camera = camera.resized(max(columns, round(scale * camera.width)), max(rows, round(scale * camera.height)))
+        camera = camera.resized(round(scale * camera.width), round(scale * camera.height))
         # The footprint's blur shrinks with the picture, so that the weights are those of the full one, sampled.
         config = RasterConfig(blur=RasterConfig.blur * scale**2)
         config = replace(config, threads=self.config.threads) if self.config.threads else config

@@ -192,7 +192,8 @@ class SceneModel:
     @property
     def attachment(self) -> Attachment:
         """Made again whenever Gaussians or the graph were replaced."""
-        assert self.dynamic is not None and self.nodes is not None
+        assert self.dynamic is not None
+        assert self.nodes is not None
         attach, reference, nodes = self.dynamic.labels["attach"], self.dynamic.labels["reference"], self.nodes
         known = self._attachment
         if known is None or known.attach is not attach or known.nodes is not nodes:
@@ -205,7 +206,8 @@ class SceneModel:
 
     def skinning(self, x_reference: Tensor) -> tuple[Tensor, Tensor]:
         """Weights (N,K) and identity strength (N,) of the dynamic Gaussians at their reference positions (N,3)."""
-        assert self.dynamic is not None and self.nodes is not None
+        assert self.dynamic is not None
+        assert self.nodes is not None
         known = self.attachment
         dw = self.dynamic.parameters["dw"] if self.dynamic.use_dw else None
         weights, strength = known.deformer.skinning(
@@ -216,7 +218,8 @@ class SceneModel:
 
     def dynamic_at(self, *times: float) -> list[tuple[Tensor, Tensor]]:
         """Positions (N,3) and orientations (N,4) of the dynamic Gaussians at each of `times` (clip frame indices)."""
-        assert self.dynamic is not None and self.nodes is not None
+        assert self.dynamic is not None
+        assert self.nodes is not None
         xyz = self.nodes.parameters["node_xyz"]
         attachment = self.attachment
         if attachment.native is not None:

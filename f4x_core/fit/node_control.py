@@ -38,7 +38,8 @@ def add_nodes(
     Args:
         optimiser: of the dynamic set. shared: of the nodes. gradient: (N,) mean screen-space gradient of dynamic Gaussians.
     """
-    assert model.dynamic is not None and model.nodes is not None
+    assert model.dynamic is not None
+    assert model.nodes is not None
     nodes, dynamic = model.nodes, model.dynamic
     room = min(int(config.growth * len(nodes.scaffold)), config.max_nodes - len(nodes.scaffold))
     if room <= 0 or not bool((gradient > 0).any()):
@@ -82,7 +83,8 @@ def add_nodes(
 
 def drop_nodes(model: SceneModel, shared: torch.optim.Adam, config: NodeConfig) -> int:
     """Remove nodes that carry nothing noticeable; returns how many went."""
-    assert model.dynamic is not None and model.nodes is not None
+    assert model.dynamic is not None
+    assert model.nodes is not None
     nodes, dynamic = model.nodes, model.dynamic
     with torch.no_grad():
         x, _ = dynamic.at_reference(nodes.parameters["node_xyz"], nodes.quat)

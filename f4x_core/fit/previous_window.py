@@ -115,7 +115,8 @@ class PreviousWindow:
         the mean over the shared cameras. How far away movers are is a guess that may differ from window to window: they get
         the ratio of their own pixels, as long as it leaves them in front of what stands around them.
         """
-        assert priors.cameras is not None and priors.depth is not None
+        assert priors.cameras is not None
+        assert priors.depth is not None
         moving = np.zeros(priors.depth.shape, bool) if priors.mask is None else priors.mask
         shared = np.flatnonzero(priors.frames + self.offset < len(self.scene.cameras))
         if len(shared) == 0:
@@ -153,7 +154,8 @@ class PreviousWindow:
 
         `margin`: pixels around the moving mask that do not count.
         """
-        assert priors.cameras is not None and priors.depth is not None
+        assert priors.cameras is not None
+        assert priors.depth is not None
         path, freedom = priors.cameras, FREEDOM[priors.camera_kind or "moving"]
         views, depth = path.world_to_camera.copy(), priors.depth.copy()
         for row, frame in enumerate(priors.frames):
@@ -258,9 +260,10 @@ def _room(depth: np.ndarray, moving: np.ndarray) -> float:
     """How many times as far away what moves may be and still be in front of the nearest of what stands around it."""
     found = []
     for z, mask in zip(depth, moving, strict=True):
-        around = binary_dilation(mask, iterations=AROUND) & ~mask
-        if mask.any() and around.any():
-            found.append(np.percentile(z[around], GROUND_PERCENTILE) / np.median(z[mask]))
+        known = np.isfinite(z) & (z > 0)
+        inside, around = mask & known, binary_dilation(mask, iterations=AROUND) & ~mask & known
+        if inside.any() and around.any():
+            found.append(np.percentile(z[around], GROUND_PERCENTILE) / np.median(z[inside]))
     return float(np.median(found)) if found else np.inf
 
 

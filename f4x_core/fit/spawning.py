@@ -68,8 +68,9 @@ class Spawner:
 
         `model` has the static Gaussians, the nodes and the cameras.
         """
-        assert self.priors.mask is not None and model.nodes is not None
-        with_motion = np.flatnonzero(self.priors.mask.reshape(len(self.priors.mask), -1).any(1))
+        assert self.priors.mask is not None
+        assert model.nodes is not None
+        with_motion = np.flatnonzero(self.priors.mask.any((1, 2)))
         count = min(self.config.spawn_dynamic.frames, len(with_motion))
         chosen = with_motion[evenly_spaced(len(with_motion), count)]
 
@@ -103,7 +104,8 @@ class Spawner:
     ) -> Spawned:
         """Gaussians for what `existing` leaves open in supervised frame `frame`."""
         priors = self.priors
-        assert priors.depth is not None and priors.cameras is not None
+        assert priors.depth is not None
+        assert priors.cameras is not None
         image = self.clip.frames[priors.frames[frame]]
         tolerance = None
         if priors.depth_confidence is not None:

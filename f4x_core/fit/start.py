@@ -26,7 +26,9 @@ DEPTH_NODES = 4
 
 def moving_tracks(priors: Priors) -> np.ndarray:
     """Indices of the tracks whose visible samples mostly lie in the moving mask."""
-    assert priors.tracks is not None and priors.tracks_visible is not None and priors.mask is not None
+    assert priors.tracks is not None
+    assert priors.tracks_visible is not None
+    assert priors.mask is not None
     frames, count = priors.tracks_visible.shape
     inside = np.zeros((frames, count), bool)
     for frame in range(frames):
@@ -35,7 +37,7 @@ def moving_tracks(priors: Priors) -> np.ndarray:
         column, row = np.clip(column, 0, priors.width - 1), np.clip(row, 0, priors.height - 1)
         inside[frame, seen] = priors.mask[frame, row, column]
     visible = priors.tracks_visible.sum(0)
-    return np.flatnonzero((visible > 0) & (inside.sum(0) >= MASK_SHARE * np.maximum(visible, 1)))
+    return np.flatnonzero(inside.sum(0) >= MASK_SHARE * np.maximum(visible, 1))
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,10 @@ class Start:
 
 def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Start:
     """Build and optimise the scaffold, and take the depth of what moves along."""
-    assert priors.tracks is not None and priors.tracks_visible is not None
-    assert priors.cameras is not None and priors.depth is not None
+    assert priors.tracks is not None
+    assert priors.tracks_visible is not None
+    assert priors.cameras is not None
+    assert priors.depth is not None
     chosen = moving_tracks(priors)
     times = priors.cameras.times
     if len(chosen) < MIN_TRACKS:
@@ -90,7 +94,9 @@ def carried_depth(priors: Priors, before: Scaffold, after: Scaffold) -> np.ndarr
     Gaussians are spawned at the depth of the priors and carried by nodes, so both must lie on one surface. A pixel takes
     the mean of the logarithmic changes of its nearest certain nodes, weighed by 1 / squared distance.
     """
-    assert priors.depth is not None and priors.mask is not None and priors.cameras is not None
+    assert priors.depth is not None
+    assert priors.mask is not None
+    assert priors.cameras is not None
     depth = priors.depth.copy()
     for frame, mask in enumerate(priors.mask):
         camera = priors.cameras[frame]
@@ -112,7 +118,8 @@ def _sightlines(scaffold: Scaffold, priors: Priors, tracks: np.ndarray) -> Sight
     """How the nodes were seen, each by its one of the `tracks (M,)`; None where nothing is known of the depth's errors."""
     if priors.depth_confidence is None:
         return None
-    assert priors.cameras is not None and priors.tracks is not None
+    assert priors.cameras is not None
+    assert priors.tracks is not None
     offset: np.ndarray = scaffold.xyz - priors.cameras.centers[:, None].astype(np.float32)
     direction = offset / np.maximum(np.linalg.norm(offset, axis=-1, keepdims=True), 1e-9)
     limit = np.array([priors.width, priors.height]) - 1

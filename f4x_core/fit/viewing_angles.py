@@ -64,8 +64,8 @@ def angular_speed(directions: np.ndarray, times: np.ndarray, fps: float) -> floa
     """Mean angle (degrees per second) between neighbours in time of `directions (F,3)` at clip frames `times (F,)`."""
     if len(directions) < 2:
         return 0.0
-    unit = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
-    angle = np.degrees(np.arccos(np.clip((unit[1:] * unit[:-1]).sum(-1), -1, 1)))
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    angle = np.degrees(np.arccos(np.clip((unit[1:] * unit[:-1]).sum(1), -1, 1)))
     return float(np.mean(angle / np.diff(times)) * fps)
 
 
@@ -76,7 +76,7 @@ def spanned_degrees(directions: np.ndarray, visible: np.ndarray) -> np.ndarray:
     smallest = np.ones(directions.shape[1])
     for here in unit:
         smallest = np.fmin(smallest, np.fmin.reduce((unit * here).sum(-1), axis=0))
-    degrees = np.degrees(np.arccos(np.clip(smallest, -1, 1)))
+    degrees = np.degrees(np.arccos(np.maximum(smallest, -1)))
     return np.where(visible.sum(0) >= MIN_SIGHTINGS, degrees, np.nan)
 
 

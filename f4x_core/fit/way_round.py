@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
+from scipy.special import expit
 
 from ..priors import Priors
 from ..priors.mirror import LIKELY, SURE, Evidence
@@ -48,7 +48,7 @@ class WayRound:
     @property
     def probability_wrong(self) -> float:
         """0..1: that near and far are exchanged."""
-        return float(1 / (1 + np.exp(np.clip(self.margin, -50, 50))))
+        return float(expit(-self.margin))
 
     @property
     def odds(self) -> str:

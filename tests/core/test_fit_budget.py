@@ -1,13 +1,19 @@
 """What a fit costs, and fits within what was granted."""
 
 import dataclasses
+import os
+import time
 
+import numpy as np
 import pytest
+import torch
 
+from f4x_core import raster
 from f4x_core.errors import F4xError
 from f4x_core.fit import budget
-from f4x_core.fit.budget import ClipSize, Grant, cost, max_gaussians, raster_seconds, within
+from f4x_core.fit.budget import ClipSize, Grant, cost, machine_memory, max_gaussians, raster_seconds, within
 from f4x_core.fit.config import profile
+from f4x_core.gaussians import DensityConfig, SpawnConfig
 
 SIZE, UNIT = ClipSize(80, 480, 270), 0.006
 
@@ -80,5 +86,134 @@ def test_too_little_is_refused_with_what_is_needed(grant):
         within(grant, SIZE, profile("quick"), UNIT)
 
 
+def written_out(frames: int = 20, **changes):
+    """A clip of 400 x 300 pixels and a profile with plain numbers, whose priors are made at 200 x 150."""
+    config = profile("quick")
+    settings = {
+        "steps": 100,
+        "coarse": 0.2,
+        "priors": dataclasses.replace(config.priors, longer_side=200),
+        "spawn_static": SpawnConfig(spacing=2.0, max_count=5_000),
+        "spawn_dynamic": SpawnConfig(max_count=700),
+        "density_static": DensityConfig(max_count=300_000, max_growth=1.5),
+        "density_dynamic": DensityConfig(max_count=40_000),
+    }
+    return ClipSize(frames, 400, 300), dataclasses.replace(config, **settings | changes)
+
+
+FIXED = 150 + 5.9e-4 * 20 * 30_000 + 3.8e-4 * 20 * 120_000 + 100 * (1 + 2.65e-5 * 120_000 * (0.2 / 4 + 0.8))
+"""Raster steps of that fit without its Gaussians: priors, their pixels, all pixels, and steps, a fifth of them at half size."""
+TRAINING = 0.55e9 + 20 * 20 * 120_000 + 250 * 120_000
+"""Bytes without its Gaussians: libraries, frames, one picture."""
+
+
+def test_a_cost_is_the_sum_of_what_steps_pixels_and_gaussians_cost():
+    size, config = written_out()
+    count = 1.5 * 6 * 120_000 / 2**2  # what the clip can ask for, not what there is room for
+    found = cost(size, config, 0.01)
+    assert found.minutes == pytest.approx(0.01 * (FIXED + 100 * 1.58e-5 * count) / 60)
+    assert found.memory == pytest.approx((TRAINING + 1900 * count) / 1e9)
+    assert found.file == pytest.approx(78 * count / 1e6)
+    roomless = dataclasses.replace(config, density_static=DensityConfig(max_count=100_000, max_growth=1.5))
+    assert cost(size, roomless, 0.01).file == pytest.approx(78 * 140_000 / 1e6)
+    assert max_gaussians(roomless) == 140_000
+
+
+def test_many_frames_take_most_memory_while_priors_are_made():
+    size, config = written_out(frames=2000)
+    config = dataclasses.replace(config, priors=dataclasses.replace(config.priors, longer_side=400))
+    assert cost(size, config, 0.01).memory == pytest.approx((0.55e9 + 85 * 2000 * 120_000) / 1e9)
+    with pytest.raises(F4xError, match="grant more"):  # enough to train it
+        within(Grant(memory=20), size, config, 1e-6)
+    assert max_gaussians(within(Grant(memory=20.96), size, config, 1e-6)) > max_gaussians(config)
+
+
+def test_priors_are_made_from_pictures_no_larger_than_the_clip():
+    assert ClipSize(3, 400, 310).shrunk(200) == ClipSize(3, 200, 155)
+    assert ClipSize(3, 300, 401).shrunk(100) == ClipSize(3, 75, 100)
+    assert ClipSize(3, 400, 300).shrunk(401) == ClipSize(3, 400, 300)
+
+
+def test_room_is_what_the_grant_leaves_beside_everything_else():
+    """Each of minutes and gigabytes for 170,000 Gaussians: half of what the profile has room for, set by set."""
+    size, config = written_out()
+    minutes, memory = 0.01 * (FIXED + 100 * 1.58e-5 * 170_000) / 60, (TRAINING + 1900 * 170_000) / 1e9
+    for grant in (Grant(minutes=minutes), Grant(memory=memory), Grant(2 * minutes, memory), Grant(minutes, 2 * memory)):
+        fitting = within(grant, size, config, 0.01)
+        rooms = [getattr(fitting, name).max_count for name in ("density_static", "density_dynamic")]
+        assert rooms == pytest.approx([150_000, 20_000], abs=1)
+        rooms = [getattr(fitting, name).max_count for name in ("spawn_static", "spawn_dynamic")]
+        assert rooms == pytest.approx([2_500, 350], abs=1)
+    tiny = dataclasses.replace(config, spawn_dynamic=SpawnConfig(max_count=1))
+    assert within(Grant(memory=memory), size, tiny, 0.01).spawn_dynamic.max_count == 1, "room for one at least"
+
+
+@pytest.mark.parametrize(("room", "refused"), [(33_900, True), (34_100, False)])
+def test_a_grant_with_room_for_less_than_a_tenth_is_refused(room, refused):
+    size, config = written_out()
+    grant = Grant(memory=(TRAINING + 1900 * room) / 1e9)
+    if refused:
+        with pytest.raises(F4xError, match="grant more"):
+            within(grant, size, config, 0.01)
+    else:
+        assert max_gaussians(within(grant, size, config, 0.01)) == pytest.approx(room, abs=2)
+
+
+@pytest.mark.parametrize(("room", "thinner"), [(269_000, True), (271_000, False)])
+def test_half_of_the_machine_is_taken_and_a_profile_that_fits_into_it_stays(monkeypatch, room, thinner):
+    """The clip asks for 270,000 Gaussians, the profile has room for 340,000."""
+    size, config = written_out()
+    monkeypatch.setattr(budget, "machine_memory", lambda: 2 * (TRAINING + 1900 * room) / 1e9)
+    fitting = within(Grant(), size, config, 0.01)
+    assert (max_gaussians(fitting) == pytest.approx(room, abs=2)) == thinner
+    assert (fitting is config) != thinner
+
+
+def test_the_machine_is_asked_for_its_memory(monkeypatch):
+    pages = {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 2_000_000}
+    monkeypatch.setattr(os, "sysconf", pages.__getitem__, raising=False)
+    assert machine_memory() == pytest.approx(8.192)
+    monkeypatch.delattr(os, "sysconf")
+    assert machine_memory() == float("inf")
+
+
 def test_the_machine_is_timed():
     assert 0 < raster_seconds(1) < 60
+
+
+def test_the_best_of_five_raster_steps_counts_and_its_threads_share_it(monkeypatch):
+    times, torch_threads = [5.0, 4.0, 7.0, 3.0, 2.0, 0.1], []
+
+    def step(threads):
+        assert threads == 4
+        torch_threads.append(torch.get_num_threads())
+        return times[len(torch_threads) - 1]
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        monkeypatch.setattr(budget, "_raster_step", step)
+        assert raster_seconds(4) == 0.5
+        assert torch_threads == [1] * 5 and torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_a_raster_step_draws_what_the_costs_were_measured_in(monkeypatch):
+    """20,000 Gaussians all over 320 x 180 pixels: other ones would be another unit."""
+    drawn, real, clock = [], raster.rasterize, iter([3.0, 5.5])
+    monkeypatch.setattr(time, "process_time", lambda: next(clock))
+    monkeypatch.setattr(raster, "rasterize", lambda *scene, **how: drawn.append((scene, how)) or real(*scene, **how))
+    assert budget._raster_step(1) == 2.5
+    (((splats, colors, camera), how),) = drawn
+    assert how["config"].threads == 1 and (camera.width, camera.height) == (320, 180)
+    np.testing.assert_array_equal(camera.intrinsics, [[200, 0, 160], [0, 200, 90], [0, 0, 1]])
+    np.testing.assert_array_equal(camera.world_to_camera, np.eye(4))
+    means = splats.means.detach().numpy()
+    assert means.shape == (20_000, 3) and splats.means.grad.any()
+    np.testing.assert_allclose(means.min(0), [-1.6, -0.9, 1.5], atol=2e-3)
+    np.testing.assert_allclose(means.max(0), [1.6, 0.9, 2.5], atol=2e-3)
+    assert (splats.scales == 0.012).all() and (splats.opacities == 0.6).all()
+    np.testing.assert_allclose(splats.quats.norm(dim=1), 1, rtol=1e-5)
+    assert splats.scales.shape == (20_000, 3) and splats.opacities.shape == (20_000,)
+    assert colors.shape == (20_000, 3) and colors.min() >= 0 and colors.max() <= 1

@@ -62,6 +62,10 @@ def test_steady_corrections_cost_nothing_and_uneven_ones_their_second_difference
             rig.parameters[name].copy_(torch.arange(4.0)[:, None] * torch.tensor([0.1, -0.2, 0.3]) + 0.5)
     assert float(rig.smoothness().detach()) == pytest.approx(0, abs=1e-12)
     assert float(CameraRig(camera_path(2)).smoothness()) == 0
+    three = CameraRig(camera_path(3))
+    with torch.no_grad():
+        three.parameters["camera_rotation"][1, 0], three.parameters["camera_position"][2, 1] = 0.1, 0.3
+    assert float(three.smoothness().detach()) == pytest.approx(0.2**2 + 0.3**2)
 
 
 def test_the_refined_path_holds_the_corrections(rig):

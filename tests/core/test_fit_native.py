@@ -80,3 +80,46 @@ def test_threads_do_not_change_a_bit():
         loss = rgb_loss(leaf, target, weight, 0.3, Kernels(True, threads))
         results.append((loss.detach(), torch.autograd.grad(loss, leaf)[0]))
     assert all(torch.equal(a, b) for other in results[1:] for a, b in zip(results[0], other, strict=True))
+
+
+def in_memory(layout: str, image: torch.Tensor) -> torch.Tensor:
+    """`image (H,W,3)` as a part of something else."""
+    height, width, _ = image.shape
+    wide = torch.full((height + 1, width + 2, 7), 9.0)
+    if layout == "channels of a wider picture":
+        found = torch.full((height, width, 7), 9.0)[..., :3]
+    elif layout == "columns of a wider picture":
+        found = wide[:height, 1 : width + 1, :3]
+    elif layout == "every other channel":
+        found = wide[:height, :width, 1::2]
+    elif layout == "channels first":
+        found = torch.zeros(3, height, width).permute(1, 2, 0)
+    else:
+        found = torch.zeros(width, height, 3).transpose(0, 1)
+    found.copy_(image)
+    return found
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [
+        "channels of a wider picture",
+        "columns of a wider picture",
+        "every other channel",
+        "channels first",
+        "columns first",
+    ],
+)
+@pytest.mark.parametrize(("height", "width"), [(12, 17), (1, 5), (6, 6)])
+def test_how_a_picture_lies_in_memory_changes_nothing(layout, height, width):
+    generator = torch.Generator().manual_seed(0)
+    image, target = torch.rand(2, height, width, 3, generator=generator)
+    weight = torch.rand(height, width, generator=generator)
+    results = []
+    for each in (image.clone(), in_memory(layout, image)):
+        each.requires_grad_()
+        loss = rgb_loss(each, target, weight, 0.3, Kernels(True, 2))
+        results.append((loss.detach(), torch.autograd.grad(3 * loss, each)[0]))
+    assert torch.equal(results[0][0], results[1][0]) and torch.equal(results[0][1], results[1][1])
+    with torch.no_grad():
+        assert torch.equal(rgb_loss(in_memory(layout, image), target, weight, 0.3, Kernels(True, 2)), results[0][0])

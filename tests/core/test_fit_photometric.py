@@ -394,23 +394,7 @@ def test_without_a_partner_there_is_no_track_loss(scene):
     assert float(loss_of(stage, 0).detach()) == float(loss_of(silent, 0).detach())
 
 
-# ---- data --------------------------------------------------------------------------------------------------------------
-
-
-def test_half_the_resolution_averages_colours_and_samples_the_rest():
-    rng = np.random.default_rng(1)
-    rgb = torch.from_numpy(rng.integers(0, 256, (2, 5, 7, 3), np.uint8))
-    maps = [torch.from_numpy(rng.random((2, 5, 7)).astype(kind)) for kind in (np.float32, np.float16, np.float16)]
-    half = FrameData(rgb, *maps, 7, 5).halved()
-    assert (half.width, half.height) == (3, 2) and half.rgb.dtype == torch.uint8
-    for f in range(2):
-        for r in range(2):
-            for c in range(3):
-                for k in range(3):
-                    four = rgb[f, 2 * r : 2 * r + 2, 2 * c : 2 * c + 2, k].double().numpy()
-                    assert half.rgb[f, r, c, k] == round(float(four.mean()))
-                for found, whole in zip((half.depth, half.confidence, half.motion), maps, strict=True):
-                    assert found[f, r, c] == whole[f, 2 * r, 2 * c]
+# ---- quality -----------------------------------------------------------------------------------------------------------
 
 
 def test_the_quality_curve_is_the_psnr_of_frames_from_first_to_last(scene):

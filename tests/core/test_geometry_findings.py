@@ -11,7 +11,7 @@ from test_diagnostics import node_scaffold
 
 from f4x_core.fit.advice import findings
 from f4x_core.fit.believed import MAX_DEGREES, TOLERANCE, Believed, DepthEvidence, believed_degrees, depth_evidence
-from f4x_core.fit.geometry_findings import believed_sentence
+from f4x_core.fit.geometry_findings import ClipGeometry, about_geometry, believed_sentence
 from f4x_core.fit.viewing_angles import (
     angular_factor,
     group_views,
@@ -184,6 +184,12 @@ def test_evidence_is_gathered_from_the_priors():
         (Believed(12.3, 3.0), "12° of the camera's path, moving objects within about 3° of it."),
         (Believed(12.3, 0.4), "moving objects on the path alone."),
         (Believed(0.6, 0.1), "along the camera's own path only"),
+        (Believed(0.99, None), "along the camera's own path only"),
+        (Believed(1.0, None), "within about 1° of the camera's path."),
+        (Believed(12.5, 12.0), "12° of the camera's path, moving objects within about 12° of it."),
+        (Believed(12.5, 12.01), "within about 12° of the camera's path."),
+        (Believed(12.5, 1.0), "moving objects within about 1° of it."),
+        (Believed(12.5, 0.99), "moving objects on the path alone."),
     ],
 )
 def test_believed_in_words(believed, words):
@@ -302,3 +308,103 @@ def test_a_zoom_is_named_with_its_factor():
     named = [finding for finding in findings(priors, None, {}) if "zoomed" in finding.what]
     assert len(named) == 1 and "(1.40 times)" in named[0].what and "instead of zooming" in named[0].advice
     assert named[0].weight == "problem"
+
+
+def weights_of(priors, words, **fields) -> list[str]:
+    """Weights of the findings with `words`, where the geometry was measured otherwise."""
+    geometry = replace(ClipGeometry.of(priors, None), **fields)
+    return [finding.weight for finding in about_geometry(priors, geometry) if words in finding.what]
+
+
+@pytest.mark.parametrize(
+    ("believed", "weight"),
+    [
+        (Believed(10.0, None), "good"),
+        (Believed(9.99, None), "note"),
+        (Believed(12.0, 10.0), "good"),
+        (Believed(12.0, 9.99), "note"),
+    ],
+)
+def test_ten_degrees_of_everything_are_room_to_look_around(believed, weight):
+    _, priors = toy.clip_and_priors()
+    assert weights_of(priors, "can be believed", believed=believed) == [weight]
+    assert weights_of(priors, "can be believed", believed=None) == []
+
+
+@pytest.mark.parametrize(
+    ("degrees", "words", "weight"),
+    [
+        (1.99, "moved very little", "problem"),
+        (2.0, "path spans 2°", "note"),
+        (7.99, "path spans 8°", "note"),
+        (8.0, "path spans 8°", "good"),
+    ],
+)
+def test_a_path_is_judged_by_the_angle_that_it_spans(degrees, words, weight):
+    _, priors = toy.clip_and_priors()
+    assert weights_of(priors, words, parallax=degrees, static_degrees=(3.3, 4.4)) == [weight]
+    assert weights_of(priors, "seen from 3.3° (median)", parallax=degrees, static_degrees=(3.3, 4.4)) == [weight]
+
+
+def test_what_is_measured_of_a_clip():
+    _, priors = toy.clip_and_priors()
+    angles, scaffold = static_view_degrees(priors), node_scaffold(np.arange(float(toy.FRAMES)))
+    geometry = ClipGeometry.of(priors, scaffold)
+    assert geometry.static_degrees == pytest.approx((np.median(angles), np.percentile(angles, 90)))
+    assert geometry.angular_factor == pytest.approx(angular_factor(priors.cameras, priors.fps))
+    assert geometry.parallax == parallax_degrees(priors) and len(geometry.groups) == 1
+    assert geometry.believed == believed_degrees(depth_evidence(priors))
+    assert ClipGeometry.of(priors, None).groups == ()
+    assert ClipGeometry.of(priors, node_scaffold(np.arange(5.0))).groups == ()
+    priors.cameras = None
+    geometry = ClipGeometry.of(priors, scaffold)
+    assert geometry == ClipGeometry(None, 0.0, None, None, (), None)
+
+
+def steps(count: int, *jumps: float) -> dict[int, float]:
+    """Places of a picture that stays where it has jumped, one frame after the other, `count` frames before the end."""
+    places = np.cumsum(jumps)
+    return {20 - count + i: float(places[min(i, len(places) - 1)]) for i in range(count)}
+
+
+@pytest.mark.parametrize(
+    ("width", "jumps", "rest", "words"),
+    [
+        (480, steps(5, 3.01), 0.0, "bumped at frame 15: the picture jumps by up to 3 px"),
+        (480, steps(5, 2.99), 0.0, ""),
+        (960, steps(5, 6.02), 0.0, "bumped at frame 15: the picture jumps by up to 6 px"),
+        (960, steps(5, 5.98), 0.0, ""),
+        (480, steps(5, 9.0), 0.49, "bumped at frame 15"),
+        (480, steps(5, 9.0), 0.51, ""),
+        (480, steps(9, 5.0, 5.0, 6.0), 0.0, "bumped between frames 11 and 13: the picture jumps by up to 6 px"),
+        (480, steps(9, 5.0, 5.0, 5.0, 5.0), 0.0, ""),  # 4 of 19 steps are no accident
+    ],
+)
+def test_a_bump_is_a_jump_of_three_pixels_in_few_frames_of_a_picture_that_rests(width, jumps, rest, words):
+    priors = resting(jumps, rest)
+    priors.width, priors.depth = width, None
+    found = " ".join(finding.what for finding in about_geometry(priors, ClipGeometry.of(priors, None)))
+    assert (words or "bumped") in found if words else "bumped" not in found
+
+
+def test_a_jump_is_the_median_of_the_static_tracks_that_both_frames_see():
+    priors = resting({})
+    priors.width, priors.depth = 480, None
+    priors.tracks[10:, :17] += [30, 40]  # fewer than half
+    priors.tracks[10:, 20:24] += 30  # seen in one frame of both alone
+    priors.tracks_visible[10, 20:22], priors.tracks_visible[9, 22:24] = False, False
+    priors.tracks_visible[3:5] = False  # nothing is seen there
+    assert not weights_of(priors, "bumped")
+    priors.tracks_visible[9, 30:] = False  # and now at least half of the others
+    assert weights_of(priors, "bumped at frame 10: the picture jumps by up to 50 px") == ["problem"]
+    priors.tracks_visible[:] = False
+    assert not weights_of(priors, "bumped")
+
+
+@pytest.mark.parametrize(
+    ("kind", "verdict", "found"), [("moving", "small", 1), ("pan", "small", 0), ("moving", "x", 0)]
+)
+def test_a_small_shift_is_noted_where_the_camera_shifts(kind, verdict, found):
+    _, priors = toy.clip_and_priors()
+    priors.camera_kind, priors.statistics["cameras"] = kind, {"translation": {"verdict": verdict}}
+    assert len(weights_of(priors, "hardly")) == found

@@ -1,0 +1,67 @@
+"""What a fit is supervised with: frames that may be seen, at two resolutions, and tracks of what surely moves."""
+
+import numpy as np
+import pytest
+import torch
+from toy import clip_and_priors
+
+from f4x_core.fit.frame_data import FrameData, MovingTracks
+
+
+@pytest.mark.parametrize("hold_out", [0, 3])
+def test_only_supervised_frames_are_looked_at(hold_out):
+    clip, priors = clip_and_priors(7, hold_out=hold_out)
+    full = FrameData.full(clip, priors)
+    assert (full.width, full.height) == (64, 40)
+    np.testing.assert_array_equal(full.rgb, clip.frames[[0, 1, 3, 4, 6] if hold_out else slice(None)])
+    for found, given in ((full.depth, priors.depth), (full.motion, priors.motion)):
+        np.testing.assert_array_equal(found, given)
+    assert np.shares_memory(full.rgb.numpy(), clip.frames) == (not hold_out), "all frames are not copied"
+
+
+def test_half_the_resolution_averages_colours_and_samples_the_rest():
+    rng = np.random.default_rng(1)
+    rgb = torch.from_numpy(rng.integers(0, 256, (2, 5, 7, 3), np.uint8))
+    maps = [torch.from_numpy(rng.random((2, 5, 7)).astype(kind)) for kind in (np.float32, np.float16, np.float16)]
+    half = FrameData(rgb, *maps, 7, 5).halved()
+    assert (half.width, half.height) == (3, 2) and half.rgb.dtype == torch.uint8
+    assert {tuple(each.shape[:3]) for each in (half.rgb, half.depth, half.confidence, half.motion)} == {(2, 2, 3)}
+    for f in range(2):
+        for r in range(2):
+            for c in range(3):
+                for k in range(3):
+                    four = rgb[f, 2 * r : 2 * r + 2, 2 * c : 2 * c + 2, k].double().numpy()
+                    assert half.rgb[f, r, c, k] == round(float(four.mean()))
+                for found, whole in zip((half.depth, half.confidence, half.motion), maps, strict=True):
+                    assert found[f, r, c] == whole[f, 2 * r, 2 * c]
+
+
+@pytest.fixture
+def priors():
+    """Priors of four frames with twenty tracks, random visibility, half of them surely moving."""
+    _, priors = clip_and_priors(4)
+    rng = np.random.default_rng(0)
+    priors.tracks = rng.uniform(0, 40, (4, 20, 2)).astype(np.float32)
+    priors.tracks_visible = rng.random((4, 20)) < 0.6
+    priors.tracks_motion = np.where(np.arange(20) % 2, 0.51, 0.5).astype(np.float32)
+    return priors
+
+
+def test_two_frames_share_the_moving_tracks_that_both_see(priors):
+    tracks = MovingTracks.of(priors)
+    one, other = tracks.shared(1, 3)
+    rows = [i for i in range(1, 20, 2) if priors.tracks_visible[1, i] and priors.tracks_visible[3, i]]
+    assert 0 < len(rows) < 10
+    np.testing.assert_array_equal(one, priors.tracks[1, rows])
+    np.testing.assert_array_equal(other, priors.tracks[3, rows])
+    assert (tracks.width, tracks.height) == (64, 40)
+
+
+@pytest.mark.parametrize("missing", ["tracks", "tracks_visible", "tracks_motion"])
+def test_without_tracks_that_surely_move_no_frame_has_a_partner(priors, missing):
+    setattr(priors, missing, None)
+    tracks = MovingTracks.of(priors)
+    count = 0 if missing == "tracks" else 20
+    assert tracks.points.shape == (4, count, 2) and tracks.visible.shape == (4, count)
+    assert tracks.visible.dtype == torch.bool and not tracks.visible.any()
+    assert tracks.random_partner(0, torch.Generator()) is None

@@ -1,0 +1,156 @@
+"""The first Gaussians: which frames, which pixels, what counts as covered, and where moving ones were before."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+from toy import HEIGHT, WIDTH, clip_and_priors
+
+from f4x_core.fit import spawning
+from f4x_core.fit.config import profile
+from f4x_core.fit.model import CameraRig, NodeSet, SceneModel
+from f4x_core.fit.spawning import Spawner, spawn_frames
+from f4x_core.fit.start import start_scaffold
+from f4x_core.gaussians.spawn import cover
+from f4x_core.progress import silent
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+FRAMES = 7
+
+
+@pytest.fixture
+def case():
+    """(clip, priors, config): one frame held out, depth with holes, unequal confidence, nothing moves in one frame."""
+    clip, priors = clip_and_priors(FRAMES + 1, hold_out=FRAMES)
+    rng = np.random.default_rng(0)
+    priors.depth[rng.random(priors.depth.shape) < 0.02] = np.nan
+    priors.depth[:, 3, 5], priors.depth[:, 30, 5] = 0, -1
+    priors.depth_confidence = rng.random(priors.depth.shape).astype(np.float16)
+    priors.depth_confidence[:, ::5] = 0.004
+    priors.mask[2] = False
+    config = profile("quick")
+    spawn = dataclasses.replace(config.spawn_static, spacing=6.0, frames=3)
+    few = dataclasses.replace(config.spawn_dynamic, spacing=5.0, frames=4)
+    scaffold = dataclasses.replace(config.scaffold, geometry_steps=2)
+    config = dataclasses.replace(config, spawn_static=spawn, spawn_dynamic=few, scaffold=scaffold, threads=1, seed=3)
+    return clip, priors, dataclasses.replace(config, backend="torch")
+
+
+@pytest.fixture
+def covered(monkeypatch):
+    """What `cover` is asked for, call by call, and what it gives."""
+    calls = []
+
+    def watched(image, depth, valid, camera, existing, spawn, rng, tolerance):
+        state = rng.bit_generator.state
+        found = cover(image, depth, valid, camera, existing, spawn, rng, tolerance)
+        names = ("image", "valid", "camera", "existing", "spawn", "tolerance", "state", "found")
+        values = (image, valid, camera, existing, spawn, tolerance, state, found)
+        calls.append(dict(zip(names, values, strict=True)))
+        return found
+
+    monkeypatch.setattr(spawning, "cover", watched)
+    return calls
+
+
+def has_depth(priors, frame):
+    return np.array([[z == z and z > 0 for z in row] for row in priors.depth[frame]])
+
+
+def near_motion(mask):
+    """(H,W) bool: at most two steps up, down or sideways from what moves."""
+    found = np.zeros(mask.shape, bool)
+    for row, column in np.argwhere(mask):
+        for down in range(-2, 3):
+            for across in range(abs(down) - 2, 3 - abs(down)):
+                if 0 <= row + down < HEIGHT and 0 <= column + across < WIDTH:
+                    found[row + down, column + across] = True
+    return found
+
+
+def tolerances(priors, frame):
+    """(H,W) twice the depth's relative error, 0.14 at confidence 1/2, within 0.1 and 0.5."""
+    found = np.zeros((HEIGHT, WIDTH))
+    for row in range(HEIGHT):
+        for column in range(WIDTH):
+            sure = max(float(priors.depth_confidence[frame, row, column]), 0.01)
+            found[row, column] = min(max(2 * 0.14 * ((1 - sure) / sure) ** 0.5, 0.1), 0.5)
+    return found
+
+
+@pytest.mark.parametrize(("asked", "frames"), [(1, [0]), (2, [0, 6]), (3, [0, 3, 6]), (99, [0, 1, 2, 3, 4, 5, 6])])
+def test_static_gaussians_come_from_frames_spread_evenly(case, asked, frames):
+    _, priors, config = case
+    spawn = dataclasses.replace(config.spawn_static, frames=asked)
+    assert spawn_frames(priors, dataclasses.replace(config, spawn_static=spawn)).tolist() == frames
+
+
+@pytest.mark.parametrize("moving", [True, False])
+@pytest.mark.parametrize("partly", [True, False])
+def test_static_gaussians_cover_what_stands_still_has_depth_and_is_not_shown_yet(case, covered, moving, partly):
+    clip, priors, config = case
+    rng = np.random.default_rng(1)
+    explained = {frame: rng.random((HEIGHT, WIDTH)) < 0.5 for frame in (0, 3, 6)} if partly else None
+    spawned = Spawner(clip, priors, config, 1, silent).static(moving, explained, 70)
+    before = []
+    for frame, call in zip((0, 3, 6), sorted(covered, key=lambda call: call["camera"].center[0]), strict=True):
+        valid = has_depth(priors, frame)
+        if moving:
+            valid &= ~near_motion(priors.mask[frame])
+        if partly:
+            valid &= ~explained[frame]
+        np.testing.assert_array_equal(call["valid"], valid)
+        np.testing.assert_array_equal(call["image"], clip.frames[priors.frames[frame]])
+        np.testing.assert_allclose(call["tolerance"], tolerances(priors, frame), rtol=1e-3)
+    for call in covered:
+        assert len(call["existing"]) == sum(len(part) for part in before)
+        if before:
+            np.testing.assert_array_equal(call["existing"], np.concatenate(before))
+        before.append(call["found"].means)
+    assert len(before) == 3 and len(before[1]) > 0
+    np.testing.assert_array_equal(spawned.parameters["means"].detach(), np.concatenate(before))
+    assert spawned.labels["ids"].tolist() == list(range(70, 70 + len(spawned))) and spawned.sh.shape[1] == 4
+    assert covered[0]["state"] == np.random.default_rng(3).bit_generator.state
+
+
+def test_depth_without_confidence_is_compared_with_the_usual_tolerance(case, covered):
+    clip, priors, config = case
+    priors.depth_confidence = None
+    Spawner(clip, priors, config, 0, silent).static(True, None, 0)
+    assert [call["tolerance"] for call in covered] == [None] * 3
+
+
+def test_where_there_is_no_mask_everything_stands_still(case, covered):
+    clip, priors, config = case
+    priors.mask = None
+    Spawner(clip, priors, config, 0, silent).static(True, None, 0)
+    np.testing.assert_array_equal(covered[0]["valid"], has_depth(priors, 0))
+
+
+def test_dynamic_gaussians_fill_what_those_of_other_frames_leave_open_once_moved_there(case, covered):
+    clip, priors, config = case
+    scaffold = start_scaffold(priors, config, silent).scaffold
+    nodes, rig = NodeSet(scaffold, config.scaffold.graph), CameraRig(priors.cameras)
+    spawner = Spawner(clip, priors, config, 0, silent)
+    static = spawner.static(True, None, 0)
+    covered.clear()
+    bare = SceneModel(static, None, nodes, rig, config.scaffold.kernel, config.kernels)
+    dynamic = spawner.dynamic(bare, 500)
+    order = [int(np.abs(priors.cameras.centers - call["camera"].center).sum(1).argmin()) for call in covered]
+    assert sorted(order) == [0, 3, 4, 6] and order[0] == 0 and order[-1] in (3, 4)
+    counts = np.cumsum([0, *(len(call["found"]) for call in covered)])
+    model = SceneModel(static, dynamic, nodes, rig, config.scaffold.kernel, config.kernels)
+    for frame, call, start, end in zip(order, covered, counts, counts[1:], strict=False):
+        np.testing.assert_array_equal(call["valid"], has_depth(priors, frame) & priors.mask[frame])
+        np.testing.assert_allclose(call["tolerance"], tolerances(priors, frame), rtol=1e-3)
+        with torch.no_grad():
+            places = model.dynamic_at(float(model.times[frame]))[0][0].numpy()
+        np.testing.assert_allclose(call["existing"], places[:start].reshape(-1, 3), atol=1e-5)
+        np.testing.assert_allclose(places[start:end], call["found"].means, atol=1e-4)
+        assert set(dynamic.labels["reference"][start:end].tolist()) <= {frame}
+    assert counts[1] > 10 and counts[-1] == len(dynamic)
+    assert dynamic.labels["ids"].tolist() == list(range(500, 500 + len(dynamic)))
+    assert dynamic.parameters["dw"].shape[1] == nodes.neighbours.shape[1]
+    assert covered[0]["state"] == np.random.default_rng(3).bit_generator.state
