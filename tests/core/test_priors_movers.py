@@ -111,6 +111,9 @@ def test_a_region_is_turned_until_most_of_it_touches_the_ground():
             found, contact_by_hand(ground, confidence[0], priors.mask[0], priors.mask[0]), rtol=1e-6
         )
     assert found[1] > 0
+    steep = 3 * np.maximum(inverse[0] * np.linspace(-8, 1.0, WIDTH) ** 3, 1e-3)  # hardly any ground but on one side
+    found = module._contact(steep, confidence[0], priors.mask[0], priors.mask[0])
+    np.testing.assert_allclose(found, contact_by_hand(steep, confidence[0], priors.mask[0], priors.mask[0]), rtol=1e-6)
 
 
 def smoothed_by_hand(contact, trust, growth):
@@ -241,13 +244,15 @@ def test_tracks_belong_to_what_lies_under_most_of_their_samples():
     priors, _, _ = with_tracks()
     labels = ndimage.label(priors.mask)[0]
     labels[:, HEIGHT - 1, WIDTH - 1], labels[:, 20, 0] = 7, 9  # what lies outside counts with the rim
+    labels[:, 0, 50], labels[:, 0, 0] = 8, 5
+    priors.tracks[:, 2], priors.tracks[:, 3] = [50.5, -2.0], [-1.0, -1.0]
     found = module._labels_of_tracks(labels, priors)
     for t in range(FRAMES):
         for n in range(priors.tracks.shape[1]):
             x, y = np.floor(priors.tracks[t, n]).astype(int)
             expected = labels[t, min(max(y, 0), HEIGHT - 1), min(max(x, 0), WIDTH - 1)]
             assert found[t, n] == (expected if priors.tracks_visible[t, n] else 0)
-    assert (found[:, :2].max(0) == [9, 7]).all()
+    assert (found[:, :4].max(0) == [9, 7, 8, 5]).all()
     inside, seen = np.zeros((10, 5), bool), np.ones((10, 5), bool)
     inside[:6, 0] = True  # no more than 60 %
     inside[:7, 1] = True
@@ -318,6 +323,10 @@ def test_tracks_on_an_object_know_how_far_its_outline_is():
     priors.cameras = replace(priors.cameras, intrinsics=intrinsics)
     chosen = np.array([0, 3, 5, 8, 20, 30, 31, 32])
     mover = replace(moving_object(priors, chosen), frames=np.array([1, 3]), masks=priors.mask[[1, 3]])
+    priors.mask[:, 55:, 3:6], priors.mask[:, 30:33, :3] = True, True
+    priors.tracks[:, 3], priors.tracks[:, 5] = [4.5, HEIGHT - 0.2], [0.4, 31.5]
+    priors.tracks[:, 8] = [4.5, HEIGHT + 3.0]
+    mover = replace(mover, masks=priors.mask[[1, 3]])
     found = module._tracks_on(mover, priors)
     inside_any = False
     for i, t in enumerate((1, 3)):
@@ -483,7 +492,8 @@ def test_bodies_are_taken_out_one_after_the_other(monkeypatch):
         return OwnMotion(np.ones((FRAMES, count)), inliers, 20.0, 0.3)
 
     monkeypatch.setattr(module, "solve", found)
-    monkeypatch.setattr(module, "_split", lambda region, bodies, priors: bodies)
+    split = []
+    monkeypatch.setattr(module, "_split", lambda region, bodies, priors: split.append(len(bodies)) or bodies)
     monkeypatch.setattr(module, "_is_separate_object", lambda some, *more: len(some) > 100)
     bodies = module._rigid_bodies(moving_object(priors), priors)
     assert asked == [300, 260, 220, 180] and len(bodies) == 5
@@ -494,7 +504,7 @@ def test_bodies_are_taken_out_one_after_the_other(monkeypatch):
     assert asked == [110, 70, 30] and len(bodies) == 3
     asked.clear()
     (alone,) = module._rigid_bodies(moving_object(priors, np.arange(69)), priors)
-    assert asked == [69] and len(alone.tracks) == 40
+    assert asked == [69] and len(alone.tracks) == 40 and split == [5, 3]
     monkeypatch.setattr(module, "solve", lambda seen: None)
     region = moving_object(priors, np.arange(69))
     assert module._rigid_bodies(region, priors)[0] is region
