@@ -310,7 +310,8 @@ def test_tracks_end_beside_the_neighbours_that_approach_them(masked):
         scores.append(sum(votes) / np.sqrt(10 * len(votes)))
     (item,) = module._tracks_end_behind(*depths, known)
     assert item.log_odds == pytest.approx(0.5 * (scores[0] - scores[1]) / 2)
-    sure = module._TrackDepths(np.where(np.isin(np.arange(visible.shape[1]), found[:, 1]), 0.1, 1.0))
+    hidden = np.isin(np.arange(visible.shape[1]), found[:, 1])
+    sure = module._TrackDepths(np.tile(np.where(hidden, 0.1, 1.0), (frames, 1)))
     (most,) = module._tracks_end_behind(sure, module._TrackDepths(-sure.inverse), known)
     assert most.log_odds <= 3
     unknown = module._TrackDepths(depths[0].inverse * np.nan)
