@@ -186,7 +186,7 @@ def patch(image, point, half=7):
     """Grey levels within `half` pixels of a point, border repeated."""
     values, size = np.empty((2 * half + 1,) * 2), np.array(image.shape[::-1])
     for row, column in np.ndindex(values.shape):
-        x, y = np.clip(point + (column - half, row - half) - 0.5, 0, size - 1)
+        x, y = np.clip(np.add(point, (column - half, row - half)) - 0.5, 0, size - 1)
         c, r = min(int(x), size[0] - 2), min(int(y), size[1] - 2)
         u, v, four = x - c, y - r, image[r : r + 2, c : c + 2].astype(float)
         values[row, column] = np.array([1 - v, v]) @ four @ np.array([1 - u, u])
@@ -233,7 +233,7 @@ def test_a_patch_is_found_where_it_correlates_most():
         own, window = patch(one, points[n], 7), patch(other, near[n], 12)
         scores = np.array([[correlation(own, window[y : y + 15, x : x + 15]) for x in range(11)] for y in range(11)])
         line, column = np.unravel_index(scores.argmax(), scores.shape)
-        place = near[n] + (column - 5, line - 5)
+        place = np.add(near[n], (column - 5, line - 5))
         for axis, (ahead, middle, after) in enumerate(
             (scores[line, column - 1 : column + 2], scores[line - 1 : line + 2, column])
         ):
@@ -261,6 +261,40 @@ def test_a_patch_at_the_rim_of_the_search_is_no_match():
         assert np.isfinite(place).all() == found
         if found:
             np.testing.assert_allclose(place, point, atol=0.1)
+
+
+def test_places_beside_the_picture_are_not_searched():
+    one = picture(3)
+    for point, near in (
+        ((1.5, 30), (-0.5, 30)),
+        ((1.5, 30), (0.0, 30)),
+        ((78.5, 30), (80.5, 30)),
+        ((78.5, 30), (80.0, 30)),
+        ((40, 1.5), (40, -0.5)),
+        ((40, 58.5), (40, 60.5)),
+    ):
+        places = np.array([point], float), np.array([near], float)
+        assert np.isnan(module._find_patches(one, one, *places, 5)).all()
+        back = np.clip(places[1], 1, [79, 59])
+        np.testing.assert_allclose(module._find_patches(one, one, places[0], back, 5), places[0], atol=0.3)
+
+
+def test_squares_of_a_wide_picture_are_told_apart():
+    """One place is kept for every square, however many lie beside each other."""
+    places = [(x * 32 + 5, y * 32 + 5) for y in range(3) for x in range(40)]
+    tracks = np.tile(np.array(places + places, np.float32), (8, 1, 1))
+    visible = np.ones((8, 240), bool)
+    visible[6:, 120:] = False  # the second of every square is shorter
+    kept, seen = module.thinned(tracks, visible, 240 - 1)
+    assert kept.shape[1] == 239
+    few, seen = module.thinned(tracks[:, ::-1], visible[:, ::-1], 120)
+    np.testing.assert_array_equal(few, tracks[:, :120][:, ::-1])
+    visible[:, :20], visible[6:, :20] = (
+        True,
+        False,
+    )  # the first row's tracks last no longer than the others' second ones
+    few, seen = module.thinned(tracks, visible, 200)
+    assert set(map(tuple, few[0])) == set(places)
 
 
 def test_medians_of_the_first_of_a_row():
@@ -305,7 +339,7 @@ def test_hidden_points_go_with_guides_that_moved_like_them(count):
 
 
 def behind_bars(seed=0, frames=26):
-    """Cards that slide behind two bars: pictures, points that know where they are, and where they are seen, tracks torn at the bars."""
+    """A card that slides behind a bar: pictures, where its points are, and where they are seen."""
     rng = np.random.default_rng(seed)
     height, width = 60, 110
     wall, card = picture(5, height, width), picture(6, 40, 50)
@@ -321,22 +355,26 @@ def behind_bars(seed=0, frames=26):
         truth.append(points + (6, 10) + t * speed)
     truth = np.stack(truth)
     clear = (truth[..., 0] < 70) | (truth[..., 0] > 79)
-    still = np.column_stack([rng.uniform(2, 108, 14), rng.uniform([2], [8], 14)])
+    still = np.column_stack([rng.uniform(2, 108, 14), rng.uniform([2], [14], 14)])
+    still[:3, 0] = 5, 104, 20
     truth = np.concatenate([truth, np.tile(still, (frames, 1, 1))], 1)
     clear = np.concatenate([clear, np.ones((frames, 14), bool)], 1)
     return np.stack(pictures), truth, clear
 
 
 def torn(truth, clear, seed=0):
-    """Tracks of `behind_bars` that begin anew behind the bar, a little beside; some are lost or found for a while only."""
+    """Tracks of `behind_bars` that begin anew behind the bar, a little beside, twice; some are not seen for a while."""
     rng = np.random.default_rng(seed)
     first = clear & (np.cumsum(~clear, 0) == 0)
     second = clear & (np.cumsum(~clear, 0) > 0)
+    still = np.arange(truth.shape[1] - 14, truth.shape[1] - 6)  # near the rim; these end and begin again, too
+    first[10:, still], second[14:, still] = False, True
     again = np.flatnonzero(second.sum(0) > 2)
-    tracks = np.concatenate([truth, truth[:, again] + rng.normal(0, 0.4, (1, len(again), 2))], 1).astype(np.float32)
-    visible = np.concatenate([first, second[:, again]], 1)
-    visible[rng.random(visible.shape) < 0.03] = False
+    beside = [truth[:, again] + rng.normal(0, size, (1, len(again), 2)) for size in (0.4, 0.9)]
+    tracks = np.concatenate([truth, *beside], 1).astype(np.float32)
+    visible = np.concatenate([first, second[:, again], second[:, again]], 1)
     tracks[~visible] = np.nan
+    visible[rng.random(visible.shape) < 0.03] = False  # not seen, though it has a place
     return tracks, visible
 
 
@@ -420,7 +458,7 @@ def test_points_are_seen_again_where_patches_and_neighbours_agree():
     pictures, truth, clear = behind_bars()
     tracks, visible = torn(truth, clear)
     last = len(visible) - 1 - visible[::-1].argmax(0)
-    tried = found = 0
+    tried = found = torn_apart = 0
     for end in range(3, 20):
         lost = np.flatnonzero((last == end) & visible[end - 3] & visible.any(0))
         for t in (end + 6, end + 9):
@@ -429,7 +467,13 @@ def test_points_are_seen_again_where_patches_and_neighbours_agree():
                 again = module._seen_again(tracks, visible, pictures, lost, end, t)
                 np.testing.assert_allclose(again, expected, atol=1e-6)
                 tried, found = tried + len(lost), found + np.isfinite(again[:, 0]).sum()
-    assert 5 < found < tried
+                apart = tracks.copy()  # neighbours go their own ways
+                apart[t:] += np.random.default_rng(end).normal(0, 2.5, (1, tracks.shape[1], 2))
+                expected = seen_again_by_hand(apart, visible, pictures, lost, end, t)
+                again = module._seen_again(apart, visible, pictures, lost, end, t)
+                np.testing.assert_allclose(again, expected, atol=1e-6)
+                torn_apart += np.isfinite(again[:, 0]).sum()
+    assert 5 < found < tried and torn_apart < found
 
 
 def continued_by_hand(tracks, visible, pictures, longest):
