@@ -68,13 +68,14 @@ def test_frames_are_linked_by_half_of_the_fewer_tracks(first, second, both, expe
     visible[0, :first], visible[1, first - both : first - both + second] = True, True
     assert module.linked(visible) == expected
     assert module.linked(np.vstack([visible, visible[1:]])) == expected
+    assert module.linked(np.vstack([visible[:1], visible])) == expected
 
 
 def test_static_tracks_are_those_below_one_half():
     _, priors = clip_and_priors(*project(truth(frames=3, points=4)), motion=np.float32([0.49, 0.5, 0.51, 0]))
     np.testing.assert_array_equal(module.static_tracks(priors)[2], [True, False, False, True])
     priors.tracks_motion = None
-    assert module.static_tracks(priors)[2].all()
+    assert module.static_tracks(priors)[2].tolist() == [True] * 4
     for name in ("tracks", "tracks_visible"):
         tracks, visible, static = module.static_tracks(replace(priors, **{name: None}))
         assert (tracks.shape, visible.shape, static.shape) == ((3, 0, 2), (3, 0), (0,))
@@ -119,6 +120,8 @@ def test_outliers_go_and_with_them_points_seen_twice():
         np.testing.assert_array_equal(np.column_stack([rest.frame, rest.point]), rows)
     lost = replace(true, points=np.where(np.arange(50)[:, None] < 5, np.nan, true.points))
     assert len(module._without_outliers(lost, seen)[0].points) < 46
+    most = replace(true, points=np.where(np.arange(50)[:, None] < 40, -true.points, true.points))
+    assert 0 < len(module._without_outliers(most, seen)[0].points) <= 10  # those in front, where most are behind
     two = truth(frames=2, points=20)
     assert len(module._without_outliers(two, observe(two))[0].points) == observe(two).visible(2, 20).all(0).sum()
     nothing = seen.keep(np.zeros(len(seen.frame), bool))
@@ -134,6 +137,8 @@ def test_the_first_camera_is_the_origin_of_the_same_geometry():
     solution = solution_of(true)
     z = true.local(solution.observations)[:, 2]
     assert module._median_depth(solution) == pytest.approx(np.median(z))
+    small = replace(true, points=0.1 * true.points, center=0.1 * true.center)
+    assert module._median_depth(replace(solution, bundle=small)) == pytest.approx(0.1 * np.median(z))
     behind = replace(true, points=np.where(np.arange(20)[:, None] < 8, -true.points, true.points))
     z = behind.local(solution.observations)[:, 2]
     assert module._median_depth(replace(solution, bundle=behind)) == pytest.approx(np.median(z[z > 0]))
@@ -177,12 +182,13 @@ def test_few_points_that_hold_all_frames_are_kept():
     points = true.points.copy()
     points[2] = np.nan
     seen = observe(true)
-    seen = seen.keep((seen.point != 3) | (seen.frame < 2))
+    often = np.flatnonzero(seen.visible(6, 50).all(0))[1]
+    seen = seen.keep((seen.point != often) | (seen.frame < 2))
     solution = Solution(replace(true, points=points), seen, np.ones(6, bool))
     kept = np.unique(module._limited_observations(solution, 100).point)
     count = np.bincount(seen.point, minlength=50)
     np.testing.assert_array_equal(kept, [p for p in range(50) if count[p] > 2 and p != 2])
-    assert len(np.unique(module._limited_observations(solution, 12).point)) == 12
+    assert count[often] == 2 and len(np.unique(module._limited_observations(solution, 12).point)) == 12
 
 
 def test_missing_cameras_are_put_on_the_path_through_the_others():
@@ -232,10 +238,11 @@ def test_a_solution_is_completed_from_its_neighbours_outwards(monkeypatch):
     assert adjusted[1].refine_focal and adjusted[1].iterations == 10
 
 
-@pytest.mark.parametrize("travel", [0.02, 0.12, 0.9])
-def test_translating_is_judged_by_gain_and_size(travel):
+@pytest.mark.parametrize(("travel", "noise"), [(0.02, 0.3), (0.12, 0.3), (0.9, 0.3), (0.3, 30.0)])
+def test_translating_is_judged_by_gain_and_size(travel, noise):
     true = truth(frames=8, travel=travel, points=120)
-    job, moved = job_of(true, noise=0.3), solution_of(true, noise=0.3)
+    true = replace(true, points=0.4 * true.points + 1, center=0.4 * true.center + 1)
+    job, moved = job_of(true, noise=noise), solution_of(true, noise=noise)
     real = module._translates(job, moved)
     seen = moved.observations
     sample, _ = subset(moved, 120, 8)
@@ -408,8 +415,14 @@ def test_keyframes_get_masks_a_hundredth_wider(monkeypatch):
 )  # fmt: skip
 def test_small_motion_is_solved_directly_where_it_serves(monkeypatch, error, linked, solver, name, count):
     job, asked = job_of(solver=solver), []
+    job.static[:9] = False
     monkeypatch.setattr(module, "_resolve_mirror", lambda job, start: asked.append(start) or known(error, [1] * 8))
-    monkeypatch.setattr(module, "linked", lambda visible: linked)
+
+    def are_linked(visible):
+        np.testing.assert_array_equal(visible, job.visible & job.static)
+        return linked
+
+    monkeypatch.setattr(module, "linked", are_linked)
     monkeypatch.setattr(module, "_solve_incrementally", lambda job: (known(1.0, [1] * 8), "tracks"))
     found, chosen = module._moving(job, known(0.1, [1] * 8))
     assert chosen == name and len(asked) == count and found.error == error
@@ -478,7 +491,14 @@ def solved(monkeypatch, moves, zoom=None, kind=None, explains=False, solver="dir
 
     monkeypatch.setattr(module, "search_focal", search)
     monkeypatch.setattr(module, "_zoom", lambda job, turning: zoom)
-    monkeypatch.setattr(module, "_moving", lambda job, turning: (moved if moves is not None else None, solver))
+
+    def moving(job, turning):
+        seen = np.unique(turning.observations.point)
+        np.testing.assert_allclose(np.linalg.norm(turning.bundle.points[seen], axis=1), 1)
+        assert turning.bundle.focal == job.focal
+        return moved if moves is not None else None, solver
+
+    monkeypatch.setattr(module, "_moving", moving)
     monkeypatch.setattr(module, "_moving_explains_more", lambda zoom, moved: explains)
     monkeypatch.setattr(module, "_translates", lambda job, moved: bool(moves))
     monkeypatch.setattr(
@@ -570,9 +590,12 @@ def provided(monkeypatch, kind=None, first=None, unknown="", shift=2.0, static=6
     monkeypatch.setattr(module, "static_shift", lambda *all: shift)
     asked, solution = [], solution_of(true, noise=0.5)
     monkeypatch.setattr(module, "_solve", lambda job: asked.append(job) or (solution, "moving"))
-    monkeypatch.setattr(module, "complete", lambda solution, *more: solution)
+    completed = []
+    monkeypatch.setattr(module, "complete", lambda solution, *more: completed.append(more) or solution)
     config = replace(PriorsConfig(), cameras=CamerasConfig(kind=kind, focal=given))
     module.provide(clip, priors, config, silent, first)
+    assert len(completed) == len(asked)
+    np.testing.assert_array_equal(priors.cameras.intrinsics[0, :2, 2], PRINCIPAL)
     return priors, asked, solution
 
 
@@ -608,6 +631,7 @@ def test_when_a_camera_stands_still(monkeypatch):
     assert provided(monkeypatch, kind="moving", unknown="it is dark")[1]
     priors, _, _ = provided(monkeypatch, unknown="it is dark", frames=1)
     assert "assumed" not in priors.statistics["cameras"] and not priors.warnings
+    assert "assumed" in provided(monkeypatch, unknown="it is dark", frames=2)[0].statistics["cameras"]
     assert priors.cameras.intrinsics[0, 0, 0] == 0.9 * WIDTH
     assert provided(monkeypatch, kind="static", given=0.7)[0].cameras.intrinsics[0, 0, 0] == pytest.approx(0.7 * WIDTH)
 
@@ -624,3 +648,36 @@ def test_cameras_of_another_provider_are_kept_where_too_little_stands_still(monk
     priors, _, _ = provided(monkeypatch, first=first, static=11, given=1.5)
     assert priors.cameras.intrinsics[0, 0, 0] == pytest.approx(1.5 * WIDTH)
     assert provided(monkeypatch, first=first, static=11, kind="static")[0].camera_kind == "static"
+
+
+def test_a_zoom_is_looked_for_where_the_lens_is_not_known(monkeypatch):
+    job, turning = job_of(), solution_of(truth(frames=8, points=120))
+    zooms = [module.Zoom(1.3, left, 1.0, np.zeros(8), np.arange(8)) for left in (0.1, 0.9)]
+    queue, asked = list(zooms), []
+    monkeypatch.setattr(module, "find_zoom", lambda sample, frames, lens: asked.append((frames, lens)) or queue.pop(0))
+    assert module._zoom(job, turning) is zooms[0] and module._zoom(job, turning) is None
+    np.testing.assert_array_equal(asked[0][0], module._sampled(turning)[1])
+    assert asked[0][1] == job.lens
+    nothing = replace(turning, observations=turning.observations.keep(np.zeros(0, int)))
+    assert module._zoom(job, nothing) is None and len(asked) == 2
+
+
+@pytest.mark.parametrize("focal", [None, 0.8])
+def test_a_known_focal_length_is_handed_to_the_zoom(monkeypatch, focal):
+    job, asked = job_of(focal=focal), []
+    found = solution_of(replace(truth(frames=8, points=120), zoom=np.linspace(0.9, 1.1, 8)))
+    job.statistics["pan_focal_search"] = 1
+    monkeypatch.setattr(module, "zoomed", lambda turning, zoom, known: asked.append(known) or found)
+    zoom = module.Zoom(1.3, 0.1, 1.0, np.zeros(8), np.arange(8))
+    assert module._pan(job, found, 1.0, zoom) is found
+    assert asked == [None if focal is None else FOCAL]
+    assert job.statistics["zoom"] == zoom.summary(found.bundle, WIDTH) and "pan_focal_search" not in job.statistics
+
+
+def test_a_clip_without_sightings_has_no_parallax(monkeypatch):
+    job = job_of()
+    nothing = module._static_camera(1, 1.0, PRINCIPAL)
+    monkeypatch.setattr(module, "search_focal", lambda *all, **more: (nothing, {}))
+    monkeypatch.setattr(module, "_moving", lambda job, turning: (None, "none"))
+    module._solve(job)
+    assert job.statistics["parallax_px"] == 0 and "assumed" not in job.statistics

@@ -193,6 +193,7 @@ def test_holes_take_the_mean_of_a_growing_neighbourhood():
     np.testing.assert_allclose(found, mean, rtol=1e-9)
     np.testing.assert_allclose(found[weight > 0], values[weight > 0], rtol=5e-3)
     np.testing.assert_array_equal(module._pyramid_mean(values, np.zeros((9, 12))), np.ones((9, 12)))
+    np.testing.assert_allclose(module._pyramid_mean(values, 1e-4 * weight), found, rtol=1e-9)
 
 
 def test_down_is_the_mean_of_the_cameras_downs():
@@ -351,8 +352,9 @@ def test_points_behind_a_camera_are_no_samples():
 def test_tracks_are_merged_by_their_precision():
     rng = np.random.default_rng(0)
     rho, precision, held = rng.uniform(0.5, 1, (6, 8)), rng.uniform(0, 100, (6, 8)), rng.uniform(0, 1, (6, 8))
-    precision[2, 3] = 0
+    precision[2, 3], precision[4, 5] = 0, 0.4
     blocked = rng.random((13, 17)) < 0.3
+    blocked[8:10, 10:12] = True
     uv = rng.uniform([-1, -1], [18, 14], (40, 2))
     samples = module.TrackSamples(uv, rng.uniform(0.5, 1, 40), rng.uniform(10, 100, 40))
     total, sure = rho * precision, precision.copy()
@@ -437,3 +439,12 @@ def test_depth_and_statistics_of_a_standing_camera():
     sampled = np.percentile(priors.depth[:, ::4, ::4], (2, 50, 98))
     np.testing.assert_allclose(found["percentiles_2_50_98"], sampled, atol=6e-4)
     assert found["mean_confidence"] == pytest.approx(module.GUESS_CONFIDENCE, abs=6e-4)
+
+
+def test_given_cameras_decide_the_unit_of_depth():
+    clip, priors, _ = plane_priors(frames=3)
+    priors.camera_kind, priors.provenance["cameras"] = "static", {"provider": "files"}
+    cameras = priors.cameras
+    module.provide(clip, priors, PriorsConfig(), silent)
+    np.testing.assert_allclose(priors.depth, 1 / module.ground_prior(cameras), rtol=1e-6)
+    assert priors.cameras is cameras

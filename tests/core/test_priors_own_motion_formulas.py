@@ -76,6 +76,8 @@ def test_the_bulge_is_a_rank_correlation():
         if kept.sum() >= 20:
             found.append(spearmanr(1 / z[kept], np.array(distance)[kept])[0])
     assert module._bulge(bundle, seen, outline) == pytest.approx(np.mean(found))
+    small = replace(bundle, points=0.01 * bundle.points, center=0.01 * bundle.center)
+    assert module._bulge(small, seen, outline) == pytest.approx(np.mean(found))
     assert module._bulge(bundle, seen.keep(seen.frame == 3), outline) == 0
 
 
@@ -92,6 +94,7 @@ def steps_of(*degrees):
         ((0, 9, 0), True),  # less than 20 in all
         ((0, 30, 26), True),  # 30 of 34
         ((0, 30, 22), False),  # 30 of 38
+        ((0, 60, 130, 60, 0), False),  # 130 of 260, and short of half a turn
         ((0, 90, 175, 260, 350), True),  # half a turn: where it is no longer tells how far it went
     ],
 )
@@ -277,6 +280,13 @@ def test_every_track_is_triangulated_from_all_frames():
     np.testing.assert_allclose(found.z, np.where(follows & (depth > 0), depth, np.nan), rtol=1e-6)
     seen_too = seen.visible & follows
     np.testing.assert_allclose(found.z[seen_too], truth[seen_too], rtol=0.05)
+
+
+def test_a_body_in_a_small_unit_is_the_same():
+    whole, seen, _ = posed()
+    found = module._in_every_frame(whole, seen.tracks, seen, 0.25)
+    small = module._in_every_frame(replace(whole, center=0.01 * whole.center), seen.tracks, seen, 0.25)
+    np.testing.assert_allclose(small.z, 0.01 * found.z, rtol=1e-6)
 
 
 def test_a_body_seen_from_a_narrow_angle_or_in_few_points_is_none():

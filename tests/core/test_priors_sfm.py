@@ -279,6 +279,10 @@ def test_the_first_pair_has_the_most_parallax():
     few = np.zeros_like(visible)
     few[:, np.flatnonzero(visible[:9].all(0))[:59]] = True
     assert module._first_pair(tracks, few, FOCAL, PRINCIPAL, 0) is None
+    few[:, np.flatnonzero(visible[:9].all(0))[59]] = True
+    assert module._first_pair(tracks, few, FOCAL, PRINCIPAL, 0) is not None  # sixty are enough
+    wild = np.random.default_rng(0).uniform([0, 0], [WIDTH, HEIGHT], tracks.shape)
+    assert module._first_pair(wild, few, FOCAL, PRINCIPAL, 0) is None  # no two views of one world
     sparse = module._first_pair(np.repeat(tracks, 2, 0), np.repeat(visible, 2, 0), FOCAL, PRINCIPAL, 0)
     assert sparse[0] % 2 == sparse[1] % 2 == 0  # every second of 28 frames is tried
 
@@ -349,6 +353,7 @@ def depth_case(frames=26, points=120):
     for f in range(frames):
         x, y = tracks[f, visible[f]].astype(int).T
         depth[f, y, x] = local[f, visible[f]] * np.exp(0.01 * rng.standard_normal(visible[f].sum()))
+        depth[f] *= np.exp(0.02 * np.sin(f))  # every frame has a scale of its own
     return true, tracks, visible, depth
 
 
@@ -589,3 +594,28 @@ def test_a_child_that_fails_or_finds_too_little_is_none(monkeypatch, tmp_path):
     monkeypatch.setattr(module.subprocess, "run", broken)
     with pytest.raises(F4xError, match="cannot be started"):
         module._ask_colmap(request, (8, 6))
+
+
+@pytest.mark.parametrize(
+    ("frames", "gaps"), [(50, ((10, 2), (20, 5))), (31, ((10, 2), (15, 3))), (7, ((3, 1),)), (2, ((1, 1),))]
+)
+@pytest.mark.parametrize("slope", [1, -1])
+def test_fields_of_view_are_tried_on_pairs_ten_and_twenty_apart(monkeypatch, frames, gaps, slope):
+    asked = []
+
+    def error(tracks, visible, z, pairs, focal, principal):
+        asked.append(pairs)
+        return slope * focal
+
+    monkeypatch.setattr(module, "_alignment_error", error)
+    tracks = np.tile(np.random.default_rng(0).uniform([0, 0], [WIDTH, HEIGHT], (20, 2)), (frames, 1, 1))
+    visible, depth = np.ones((frames, 20), bool), np.ones((frames, HEIGHT, WIDTH), np.float32)
+    found, _ = module.solve_with_depth(tracks, visible, np.ones(20, bool), depth, None, WIDTH)
+    assert asked[0] == [(i, i + gap) for gap, step in gaps for i in range(0, frames - gap, step)]
+    fov = 90 - 70 / 71 if slope > 0 else 20 + 70 / 71  # the best at an end is taken as it is
+    assert found.bundle.focal == pytest.approx(WIDTH / 2 / np.tan(np.deg2rad(fov) / 2))
+
+
+def test_points_seen_once_cover_too():
+    visible = np.eye(4, 6, dtype=bool)
+    np.testing.assert_array_equal(module.choose_covering_points(visible, 10), [0, 1, 2, 3])
