@@ -317,7 +317,9 @@ def _endings(cues: DepthCues) -> np.ndarray:
         ends, lives = ends[visible[past, ends]], lives[visible[past, lives]]
         if not len(ends) or not len(lives):
             continue
-        distance, which = cKDTree(tracks[before, lives]).query(tracks[before, ends], 4, NEIGHBOUR_PX * unit)
+        distance, which = cKDTree(tracks[before, lives]).query(
+            tracks[before, ends], 4, distance_upper_bound=NEIGHBOUR_PX * unit
+        )
         for nth in range(4):
             near = np.isfinite(distance[:, nth])
             end, other = ends[near], lives[which[near, nth]]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from f4x_core.clip import Clip
+from f4x_core.clip.images import resize_linear, resize_nearest
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.parallel import side_by_side
 from f4x_core.priors import Priors, PriorsConfig, build_priors
@@ -106,3 +107,55 @@ def test_threads_do_not_change_what_is_enlarged():
     with side_by_side(3):
         many = enlarged(priors_of_a_box(), 2 * WIDTH, 2 * HEIGHT)
     np.testing.assert_array_equal(many.depth, enlarged(priors_of_a_box(), 2 * WIDTH, 2 * HEIGHT).depth)
+
+
+@pytest.mark.parametrize(("side", "size"), [(96, (96, 64)), (95, (94, 62)), (50, (50, 34)), (48, (48, 32))])
+def test_sizes_are_even_and_keep_their_shape(side, size):
+    depth = np.random.default_rng(0).uniform(1, 2, (FRAMES, HEIGHT, WIDTH)).astype(np.float32)
+    clip = large_clip(depth=depth, masks=depth > 1.5)
+    small = shrunk(clip, side)
+    assert (small.width, small.height) == pytest.approx(size, abs=2)
+    assert small.width % 2 == small.height % 2 == 0 and max(small.width, small.height) <= side + 1
+    np.testing.assert_array_equal(small.depth, resize_nearest(depth, small.width, small.height))
+    np.testing.assert_array_equal(small.masks, resize_nearest(clip.masks, small.width, small.height))
+
+
+def uneven_priors():
+    """Priors whose depth, confidence and mask vary from pixel to pixel, with holes."""
+    rng = np.random.default_rng(0)
+    priors = priors_of_a_box()
+    priors.depth = rng.uniform(1, 4, priors.depth.shape).astype(np.float32)
+    priors.depth[rng.random(priors.depth.shape) < 0.2] = np.nan
+    priors.depth_confidence = rng.uniform(0, 1, priors.depth.shape).astype(np.float16)
+    priors.motion = rng.uniform(0, 1, priors.depth.shape).astype(np.float16)
+    return priors
+
+
+@pytest.mark.parametrize("without", [(), ("mask",), ("depth_confidence",)])
+def test_depth_is_enlarged_layer_by_layer(without):
+    priors, width, height = uneven_priors(), 2 * WIDTH, 2 * HEIGHT
+    for name in without:
+        setattr(priors, name, None)
+    found = enlarged(priors, width, height)
+    for f in range(FRAMES):
+        mask = np.zeros((HEIGHT, WIDTH), bool) if priors.mask is None else priors.mask[f]
+        inside = resize_linear(mask, width, height) > 0.5
+        known = np.isfinite(priors.depth[f])
+        inverse = np.where(known, 1 / priors.depth[f], 0)
+        trust = np.ones((HEIGHT, WIDTH)) if priors.depth_confidence is None else priors.depth_confidence[f]
+        for layer, there in ((~mask, ~inside), (mask, inside)):
+            part, whole = (resize_linear(one, width, height) for one in (layer & known, layer))
+            held = there & (part >= 0.5 * whole) & (whole > 1e-3)
+            total = resize_linear(layer * inverse, width, height)
+            np.testing.assert_allclose(found.depth[f][held], (part / total)[held], rtol=1e-4)
+            if priors.depth_confidence is not None:
+                sure = resize_linear(layer * known * trust, width, height)
+                np.testing.assert_allclose(found.depth_confidence[f][held], (sure / part)[held], atol=1e-3)
+            lost = there & (part < 0.499 * whole)
+            assert np.isnan(found.depth[f][lost]).all()
+        np.testing.assert_allclose(found.motion[f], resize_linear(priors.motion[f], width, height), atol=1e-3)
+    if priors.depth_confidence is None:
+        assert found.depth_confidence is None
+    assert found.scratch == {} and found.flow_forward is None
+    np.testing.assert_allclose(found.tracks, 2 * priors.tracks)
+    np.testing.assert_allclose(found.cameras.intrinsics[0], np.diag([2, 2, 1]) @ priors.cameras.intrinsics[0])

@@ -1,0 +1,683 @@
+"""How the camera solver chooses: thresholds, figures and what it passes on, with solutions whose error is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from test_priors_cameras import FOCAL, HEIGHT, PRINCIPAL, WIDTH, clip_and_priors, observe, project, truth
+
+from f4x_core.geometry import quaternion
+from f4x_core.geometry.camera import CameraPath
+from f4x_core.priors import CamerasConfig, PriorsConfig
+from f4x_core.priors import cameras as module
+from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, triangulate
+from f4x_core.priors.folder import SEEN_DEPTH
+from f4x_core.priors.sfm import FOCALS, Solution, refocused, sightings, subset
+from f4x_core.progress import silent
+
+
+def solution_of(bundle, noise=0.0):
+    return Solution(bundle, observe(bundle, noise), np.ones(len(bundle.center), bool))
+
+
+def job_of(bundle=None, noise=0.1, first=None, **settings):
+    """The solver's inputs for projected points."""
+    bundle = truth(frames=8, points=120) if bundle is None else bundle
+    tracks, visible = project(bundle, noise)
+    clip, priors = clip_and_priors(tracks, visible)
+    static = np.ones(tracks.shape[1], bool)
+    return module._CameraProblem(
+        clip, priors, CamerasConfig(**settings), tracks, visible, static, FOCAL, first, {}, silent
+    )
+
+
+def test_the_largest_median_shift_between_two_frames():
+    rng = np.random.default_rng(0)
+    tracks = rng.normal(0, 1, (30, 40, 2)) + np.arange(30)[:, None, None] * [0.3, 0.1]
+    visible, static = rng.random((30, 40)) < 0.6, rng.random(40) < 0.8
+    visible[29] = np.arange(40) < 12  # too few shared with any other
+    for most in (24, 30, 5):
+        frames, best = np.unique(np.linspace(0, 29, min(most, 30)).round().astype(int)), []
+        for a, i in enumerate(frames):
+            for j in frames[a + 1 :]:
+                shared = visible[i] & visible[j] & static
+                if shared.sum() >= 12:
+                    best.append(np.median(np.hypot(*(tracks[j, shared] - tracks[i, shared]).T)))
+        assert module.static_shift(tracks, visible, static, most) == pytest.approx(max(best))
+    assert module.static_shift(tracks, visible, static) == module.static_shift(tracks, visible, static, 24)
+    twelve = np.arange(40) < 12
+    assert module.static_shift(tracks[:2], np.ones((2, 40), bool), twelve) > 0
+    assert np.isnan(module.static_shift(tracks[:2], np.ones((2, 40), bool), np.arange(40) < 11))
+    assert np.isnan(module.static_shift(tracks[:1], visible[:1], static))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "both", "expected"),
+    [
+        (24, 24, 12, True),
+        (24, 24, 11, False),
+        (40, 60, 20, True),
+        (40, 60, 19, False),
+        (60, 40, 20, True),
+        (12, 12, 12, True),
+    ],
+)
+def test_frames_are_linked_by_half_of_the_fewer_tracks(first, second, both, expected):
+    visible = np.zeros((2, first + second), bool)
+    visible[0, :first], visible[1, first - both : first - both + second] = True, True
+    assert module.linked(visible) == expected
+    assert module.linked(np.vstack([visible, visible[1:]])) == expected
+    assert module.linked(np.vstack([visible[:1], visible])) == expected
+
+
+def test_static_tracks_are_those_below_one_half():
+    _, priors = clip_and_priors(*project(truth(frames=3, points=4)), motion=np.float32([0.49, 0.5, 0.51, 0]))
+    np.testing.assert_array_equal(module.static_tracks(priors)[2], [True, False, False, True])
+    priors.tracks_motion = None
+    assert module.static_tracks(priors)[2].tolist() == [True] * 4
+    for name in ("tracks", "tracks_visible"):
+        tracks, visible, static = module.static_tracks(replace(priors, **{name: None}))
+        assert (tracks.shape, visible.shape, static.shape) == ((3, 0, 2), (3, 0), (0,))
+
+
+def test_interpolation_leaves_one_camera_out():
+    true = truth(frames=9, points=60)
+    seen, times = observe(true), np.array([0.0, 1, 2, 4, 5, 6, 8, 9, 10])
+    few = seen.keep((seen.frame != 4) | (seen.point < 11))
+    path, errors = true.path(times, WIDTH, HEIGHT), []
+    for i in (2, 3, 5, 6):
+        keep = np.arange(9) != i
+        rest = CameraPath(path.intrinsics[keep], path.world_to_camera[keep], times[keep], WIDTH, HEIGHT)
+        points = true.points[np.unique(seen.point[seen.frame == i])]
+        away = rest.at(times[i]).project(points)[0] - path[i].project(points)[0]
+        errors.append(np.median(np.hypot(*away.T)))
+    found = module.interpolation_error(true, few, times)
+    assert found["mean"] == pytest.approx(np.mean(errors), abs=6e-4)
+    assert found["p90"] == pytest.approx(np.percentile(errors, 90), abs=6e-4)
+    twelve = seen.keep((seen.frame == 4) & np.isin(seen.point, np.unique(seen.point[seen.frame == 4])[:12]))
+    assert module.interpolation_error(true, twelve, times) is not None
+    assert module.interpolation_error(true, seen.keep(seen.frame < 2), times) is None
+
+
+def test_outliers_go_and_with_them_points_seen_twice():
+    true = truth(frames=6, points=50)
+    seen = observe(true, noise=0.2)
+    uv = seen.uv.copy()
+    uv[::11] += 2.7  # off by 3.8
+    seen = replace(seen, uv=uv)
+    for scale in (1.0, 6.0):  # the median decides where it is large
+        noisy = replace(seen, uv=seen.uv + (scale - 1) * (observe(true, noise=0.2).uv - observe(true).uv))
+        errors = true.errors(noisy)
+        kept = errors < max(3, 4 * np.median(errors))
+        count = [kept[noisy.point == p].sum() for p in range(50)]
+        bundle, rest = module._without_outliers(true, noisy)
+        chosen = [p for p in range(50) if count[p] >= 3]
+        np.testing.assert_array_equal(bundle.points, true.points[chosen])
+        rows = [
+            (f, chosen.index(p)) for f, p, k in zip(noisy.frame, noisy.point, kept, strict=True) if k and p in chosen
+        ]
+        np.testing.assert_array_equal(np.column_stack([rest.frame, rest.point]), rows)
+    lost = replace(true, points=np.where(np.arange(50)[:, None] < 5, np.nan, true.points))
+    assert len(module._without_outliers(lost, seen)[0].points) < 46
+    most = replace(true, points=np.where(np.arange(50)[:, None] < 40, -true.points, true.points))
+    assert 0 < len(module._without_outliers(most, seen)[0].points) <= 10  # those in front, where most are behind
+    two = truth(frames=2, points=20)
+    assert len(module._without_outliers(two, observe(two))[0].points) == observe(two).visible(2, 20).all(0).sum()
+    nothing = seen.keep(np.zeros(len(seen.frame), bool))
+    assert len(module._without_outliers(true, nothing)[0].points) == 0
+
+
+def test_the_first_camera_is_the_origin_of_the_same_geometry():
+    true = truth(frames=4, points=20)
+    moved = module._first_camera_at_origin(true)
+    np.testing.assert_allclose(moved.rotation[0], np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(moved.center[0], 0, atol=1e-12)
+    assert moved.errors(observe(true)).max() < 1e-4
+    solution = solution_of(true)
+    z = true.local(solution.observations)[:, 2]
+    assert module._median_depth(solution) == pytest.approx(np.median(z))
+    small = replace(true, points=0.1 * true.points, center=0.1 * true.center)
+    assert module._median_depth(replace(solution, bundle=small)) == pytest.approx(0.1 * np.median(z))
+    behind = replace(true, points=np.where(np.arange(20)[:, None] < 8, -true.points, true.points))
+    z = behind.local(solution.observations)[:, 2]
+    assert module._median_depth(replace(solution, bundle=behind)) == pytest.approx(np.median(z[z > 0]))
+    nothing = module._static_camera(3, 100.0, PRINCIPAL)
+    assert module._median_depth(nothing) == 1 and nothing.registered.all() and not nothing.bundle.center.any()
+    np.testing.assert_array_equal(nothing.bundle.rotation, np.tile(np.eye(3), (3, 1, 1)))
+    assert nothing.bundle.points.shape == (0, 3) and nothing.observations.uv.shape == (0, 2)
+    path = true.path(np.arange(4), WIDTH, HEIGHT)
+    turns = [np.arccos((np.trace(a.T @ b) - 1) / 2) for a, b in zip(true.rotation[1:], true.rotation[:-1], strict=True)]
+    np.testing.assert_allclose(module._turns(path), turns, rtol=1e-6)
+    assert module._json(1.23456) == 1.2346 and module._json(np.inf) is None and module._json(np.nan) is None
+    for known, share in (([0, 1, 0, 1, 0], 0.6), ([0, 0, 0, 0, 0], 0), ([1, 0, 0, 0, 1], 1), ([0, 0, 1, 0, 0], 0.2)):
+        assert module._covered(np.array(known, bool)) == pytest.approx(share)
+
+
+def test_masks_grow_to_every_side():
+    mask = np.zeros((2, 20, 24), bool)
+    mask[0, 8, 9], mask[1, 0, 23] = True, True
+    for margin in (1, 3):
+        found = module.dilate_masks(mask, margin)
+        square = np.ones((2 * margin + 1,) * 2)
+        np.testing.assert_array_equal(found, [ndimage.binary_dilation(one, square) for one in mask])
+
+
+def test_keyframes_are_spread_over_all_frames():
+    true = truth(frames=3, points=20)
+    keyframes = np.array([1, 4, 6])
+    solution = replace(solution_of(true), registered=np.array([True, False, True]))
+    found = module._spread(solution, keyframes, 8)
+    np.testing.assert_array_equal(np.flatnonzero(found.registered), [1, 6])
+    np.testing.assert_array_equal(found.bundle.center[keyframes], true.center)
+    np.testing.assert_array_equal(found.bundle.rotation[keyframes], true.rotation)
+    np.testing.assert_array_equal(found.bundle.rotation[0], np.eye(3))
+    assert not found.bundle.center[[0, 2, 3, 5, 7]].any()
+    np.testing.assert_array_equal(found.observations.frame, keyframes[solution.observations.frame])
+    np.testing.assert_array_equal(module._keyframes(9, 3), [0, 4, 8])
+
+
+def test_few_points_that_hold_all_frames_are_kept():
+    true = truth(frames=6, points=50)
+    points = true.points.copy()
+    points[2] = np.nan
+    seen = observe(true)
+    often = np.flatnonzero(seen.visible(6, 50).all(0))[1]
+    seen = seen.keep((seen.point != often) | (seen.frame < 2))
+    solution = Solution(replace(true, points=points), seen, np.ones(6, bool))
+    kept = np.unique(module._limited_observations(solution, 100).point)
+    count = np.bincount(seen.point, minlength=50)
+    np.testing.assert_array_equal(kept, [p for p in range(50) if count[p] > 2 and p != 2])
+    assert count[often] == 2 and len(np.unique(module._limited_observations(solution, 12).point)) == 12
+
+
+def test_missing_cameras_are_put_on_the_path_through_the_others():
+    true = truth(frames=8, points=20)
+    registered, times = np.array([1, 1, 0, 1, 0, 0, 1, 1], bool), np.array([0, 1, 2, 3, 5, 6, 7, 9.0])
+    bundle = replace(true, center=np.where(registered[:, None], true.center, 99.0))
+    found = module._interpolated(bundle, registered, np.array([2, 5]), times)
+    known = CameraPath(true.intrinsics[registered], true.world_to_camera[registered], times[registered], WIDTH, HEIGHT)
+    for frame in (2, 5):
+        np.testing.assert_allclose(found.center[frame], known.at(times[frame]).center, atol=1e-12)
+        np.testing.assert_allclose(found.rotation[frame], known.at(times[frame]).world_to_camera[:3, :3], atol=1e-12)
+    np.testing.assert_array_equal(found.center[4], [99, 99, 99])
+    seen = observe(true)
+    again = module._triangulated(replace(true, points=true.points + 1), seen, registered, 5)
+    np.testing.assert_array_equal(again.points[:5], true.points[:5] + 1)
+    expected, _ = triangulate(true, seen.keep(registered[seen.frame]), 20)
+    np.testing.assert_array_equal(again.points[5:], expected[5:])
+
+
+def test_a_solution_is_completed_from_its_neighbours_outwards(monkeypatch):
+    true = truth(frames=9, points=80)
+    tracks, visible = project(true, noise=0.1)
+    registered = np.array([0, 0, 1, 1, 1, 0, 0, 0, 0], bool)
+    start = Solution(
+        replace(true, center=np.where(registered[:, None], true.center, 0)),
+        observe(true, 0.1).keep(registered[observe(true).frame]),
+        registered,
+    )
+    rings, adjusted, solve = [], [], module.resect
+
+    def resect(bundle, seen, frames):
+        rings.append(frames.tolist())
+        assert set(np.unique(seen.weight)) == {0.2, 1.0}
+        return solve(bundle, seen, frames)
+
+    monkeypatch.setattr(module, "resect", resect)
+    monkeypatch.setattr(
+        module, "adjust", lambda bundle, seen, config: adjusted.append(config) or adjust(bundle, seen, config)
+    )
+    found = module.complete(start, tracks, visible, np.ones(80, bool), np.arange(9.0))
+    assert rings == [[1, 5], [0, 6], [7], [8]] and found.registered.all()
+    assert adjusted[0].iterations == 10 and not adjusted[0].refine_focal
+    assert np.median(found.bundle.errors(found.observations)) < 0.3
+    own, extra = start.observations, sightings(tracks, visible, np.ones(80, bool), 2000)[0]
+    assert len(own.frame) < len(found.observations.frame) <= len(own.frame) + len(extra.frame)
+    module.complete(start, tracks, visible, np.ones(80, bool), np.arange(9.0), BundleConfig(refine_focal=True))
+    assert adjusted[1].refine_focal and adjusted[1].iterations == 10
+
+
+@pytest.mark.parametrize(("travel", "noise"), [(0.02, 0.3), (0.12, 0.3), (0.9, 0.3), (0.3, 30.0)])
+def test_translating_is_judged_by_gain_and_size(travel, noise):
+    true = truth(frames=8, travel=travel, points=120)
+    true = replace(true, points=0.4 * true.points + 1, center=0.4 * true.center + 1)
+    job, moved = job_of(true, noise=noise), solution_of(true, noise=noise)
+    real = module._translates(job, moved)
+    seen = moved.observations
+    sample, _ = subset(moved, 120, 8)
+    still = refocused(replace(sample), FOCAL, False).bundle
+    still = adjust(
+        replace(still, center=0 * still.center),
+        sample.observations,
+        replace(job.lens, refine_centers=False, iterations=20),
+    )
+    own = module.mean_cost(sample.bundle, sample.observations, 3 * 8 + len(sample.bundle.points))
+    gain = 1 - own / module.mean_cost(still, sample.observations)
+    inverse = 1 / sample.bundle.local(sample.observations)[:, 2]
+    spread = np.clip(inverse, *np.percentile(inverse, (2, 98))).std()
+    reach = np.sqrt(((true.center - true.center.mean(0)) ** 2).sum(1).mean())
+    size = FOCAL * spread * reach
+    assert real == (gain >= 0.1 and size >= 0.5)
+    found = job.statistics["translation"]
+    assert found["gain"] == pytest.approx(gain, abs=1e-4) and found["size_px"] == pytest.approx(size, abs=1e-4)
+    assert found["verdict"] == ("none" if not real else "large" if size >= 8 else "small")
+    assert len(seen.frame)
+
+
+@pytest.mark.parametrize(
+    ("points", "per_frame", "frames"),
+    [(250, 250, [24]), (190, 190, [24, 48, 90]), (260, 140, [24, 48, 90]), (200, 150, [24])],
+)
+def test_more_frames_are_sampled_where_points_are_few(monkeypatch, points, per_frame, frames):
+    asked = []
+
+    def taken(solution, most, count):
+        assert most == 500
+        asked.append(min(count, 90))
+        frame = np.repeat(np.arange(asked[-1]), per_frame)
+        bundle = replace(solution.bundle, points=np.zeros((points, 3)))
+        seen = Observations(frame, 0 * frame, np.zeros((len(frame), 2)), np.ones(len(frame)))
+        return Solution(bundle, seen, np.ones(asked[-1], bool)), np.arange(asked[-1])
+
+    monkeypatch.setattr(module, "subset", taken)
+    true = truth(frames=90, points=10)
+    _, kept = module._sampled(Solution(true, observe(true), np.ones(90, bool)))
+    assert asked == frames and len(kept) == frames[-1]
+    asked.clear()
+    long = truth(frames=200, points=10)
+    monkeypatch.setattr(
+        module,
+        "subset",
+        lambda solution, most, count: (
+            asked.append(count)
+            or (replace(solution, observations=observe(long).keep(np.zeros(0, int))), np.arange(count))
+        ),
+    )
+    module._sampled(Solution(long, observe(long), np.ones(200, bool)))
+    assert asked == [24, 48, 96]
+
+
+def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
+    true = truth(frames=8, points=120)
+    job, asked = job_of(true), []
+
+    def choose(starts, seen, lens, known):
+        asked.append((starts, seen, lens, known))
+        return module_decision(starts[0])
+
+    def module_decision(bundle):
+        from f4x_core.priors.mirror import Decision
+
+        return Decision(replace(bundle, center=bundle.center + 1), False, ())
+
+    monkeypatch.setattr(module, "choose_orientation", choose)
+    start = solution_of(true)
+    sample, frames = module._sampled(start)
+    found = module._resolve_mirror(job, start)
+    starts, seen, lens, known = asked[0]
+    assert len(starts) == 1 and lens == job.lens
+    np.testing.assert_array_equal(known.frames, frames)
+    np.testing.assert_array_equal(found.bundle.center[frames], true.center[frames] + 1)
+    np.testing.assert_array_equal(found.observations.frame, frames[sample.observations.frame])
+    holding = np.bincount(sample.observations.frame, minlength=8)
+    np.testing.assert_array_equal(found.registered, holding >= 12)
+    assert job.statistics["mirror"]["chosen"] == "least error"
+    turning = replace(start, bundle=replace(true, center=0 * true.center, points=3 * true.points))
+    module._resolve_mirror(job, turning)
+    starts = asked[1][0]
+    sample, _ = module._sampled(turning)
+    directions = sample.bundle.points / np.linalg.norm(sample.bundle.points, axis=1, keepdims=True)
+    below = module.guess_inverse_distance(directions, sample.bundle.rotation)[:, None]
+    np.testing.assert_allclose(starts[0].points, directions / below)
+    np.testing.assert_allclose(starts[1].points, directions * below)
+    nothing = replace(start, observations=start.observations.keep(np.zeros(0, int)))
+    assert module._resolve_mirror(job, nothing) is None
+    some = module._with_sightings(job, nothing)
+    expected, order = sightings(job.tracks, job.visible, job.static, 2000)
+    np.testing.assert_array_equal(some.observations.uv, expected.uv)
+    np.testing.assert_allclose(some.bundle.points, triangulate(true, expected, len(order))[0])
+    assert module._with_sightings(job, start) is start
+    job.priors.scratch[SEEN_DEPTH] = "seen"
+    assert job.cues(frames).depth == "seen"
+    job.priors.depth = "prior"
+    assert job.cues(frames).depth == "prior" and job.cues(frames).mask is None
+
+
+class Known(Solution):
+    """A solution whose error is given."""
+
+    error = property(lambda self: self.bundle.focal)
+
+
+def known(error, registered):
+    registered = np.array(registered, bool)
+    count = len(registered)
+    bundle = Bundle(error, PRINCIPAL, np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.zeros((0, 3)))
+    return Known(bundle, module._static_camera(1, 1.0, PRINCIPAL).observations, registered)
+
+
+ALL, NINE, EIGHT, FIVE, FOUR = ([1] * n + [0] * (10 - n) for n in (10, 9, 8, 5, 4))
+
+
+@pytest.mark.parametrize(
+    ("colmap", "own", "solver", "chosen", "warned"),
+    [
+        ((1.4, NINE), None, "auto", "colmap", False),  # good enough at once
+        ((1.5, NINE), (0.5, ALL), "auto", "tracks", False),
+        ((1.4, EIGHT), (2.9, NINE), "auto", "tracks", False),
+        ((1.4, EIGHT), (3.0, NINE), "auto", "colmap", True),
+        ((2.9, ALL), (0.5, EIGHT), "auto", "colmap", False),
+        ((3.0, ALL), (3.0, ALL), "auto", "none", False),
+        (None, (2.9, FIVE), "auto", "tracks", True),
+        (None, (2.9, FOUR), "auto", "none", False),
+        (None, None, "auto", "none", False),
+        ((1.0, EIGHT), (1.0, ALL), "colmap", "colmap", True),
+        ((1.0, ALL), (1.0, ALL), "tracks", "tracks", False),
+    ],
+)
+def test_the_better_of_two_incremental_solvers(monkeypatch, colmap, own, solver, chosen, warned):
+    made = {name: None if one is None else known(*one) for name, one in (("colmap", colmap), ("tracks", own))}
+    job = job_of(truth(frames=10, points=20), solver=solver)
+    monkeypatch.setattr(module, "_solve_keyframes", lambda job, frames: made["colmap"])
+    monkeypatch.setattr(module, "solve_with_tracks", lambda *all: made["tracks"])
+    found, name = module._solve_incrementally(job)
+    assert name == chosen and found is made.get(chosen)
+    assert bool(job.priors.warnings) == warned
+
+
+def test_keyframes_get_masks_a_hundredth_wider(monkeypatch):
+    job, asked = job_of(focal=0.8, features=99, seed=3), []
+    job.priors.mask = np.zeros((8, HEIGHT, WIDTH), bool)
+    job.priors.mask[:, 50, 60] = True
+    monkeypatch.setattr(module, "solve_with_colmap", lambda *all: asked.append(all))
+    assert module._solve_keyframes(job, np.array([1, 5])) is None
+    pictures, masks, focal, given, features, _, seed = asked[0]
+    np.testing.assert_array_equal(pictures, job.clip.frames[[1, 5]])
+    np.testing.assert_array_equal(masks, module.dilate_masks(job.priors.mask[[1, 5]], 3))
+    assert (focal, given, features, seed) == (FOCAL, True, 99, 3)
+    found = solution_of(truth(frames=2, points=20))
+    monkeypatch.setattr(module, "solve_with_colmap", lambda *all: asked.append(all) or found)
+    free = job_of()
+    assert module._solve_keyframes(free, np.array([1, 5])).registered.sum() == 2
+    assert asked[1][1] is None and asked[1][3] is False
+    narrow = replace(free, priors=replace(free.priors, width=99, mask=job.priors.mask))
+    module._solve_keyframes(narrow, np.array([1, 5]))
+    assert asked[2][1].sum() == 2 * 9  # a pixel at least
+
+
+@pytest.mark.parametrize(
+    ("error", "linked", "solver", "name", "count"),
+    [
+        (2.99, True, "auto", "direct", 1), (3.0, True, "auto", "tracks", 2), (0.5, False, "auto", "tracks", 2),
+        (9.0, False, "direct", "direct", 1), (0.5, True, "tracks", "tracks", 1),
+    ],
+)  # fmt: skip
+def test_small_motion_is_solved_directly_where_it_serves(monkeypatch, error, linked, solver, name, count):
+    job, asked = job_of(solver=solver), []
+    job.static[:9] = False
+    monkeypatch.setattr(module, "_resolve_mirror", lambda job, start: asked.append(start) or known(error, [1] * 8))
+
+    def are_linked(visible):
+        np.testing.assert_array_equal(visible, job.visible & job.static)
+        return linked
+
+    monkeypatch.setattr(module, "linked", are_linked)
+    monkeypatch.setattr(module, "_solve_incrementally", lambda job: (known(1.0, [1] * 8), "tracks"))
+    found, chosen = module._moving(job, known(0.1, [1] * 8))
+    assert chosen == name and len(asked) == count and found.error == error
+
+
+def test_what_is_left_where_every_solver_fails(monkeypatch):
+    job = job_of()
+    direct = known(9.0, [1] * 8)
+    monkeypatch.setattr(
+        module, "_resolve_mirror", lambda job, start: job.statistics.update(mirror="direct's") or direct
+    )
+    monkeypatch.setattr(
+        module, "_solve_incrementally", lambda job: job.statistics.update(mirror="other") or (None, "none")
+    )
+    found, name = module._moving(job, direct)
+    assert found is direct and name == "direct" and job.statistics["mirror"] == "direct's"
+
+
+@pytest.mark.parametrize(
+    ("error", "solver", "name"),
+    [(5.99, "auto", "depth"), (6.0, "auto", "direct"), (1.0, "direct", "direct"), (1.0, "depth", "depth")],
+)
+def test_a_depth_prior_is_asked_first(monkeypatch, error, solver, name):
+    job, asked = job_of(solver=solver, focal=0.8 if solver == "depth" else None), []
+    job.priors.depth = np.ones((8, HEIGHT, WIDTH), np.float32)
+    monkeypatch.setattr(
+        module, "solve_with_depth", lambda *all: asked.append(all) or (known(error, [1] * 8), {"curve": 1})
+    )
+    monkeypatch.setattr(module, "_resolve_mirror", lambda job, start: known(0.5, [1] * 8))
+    monkeypatch.setattr(module, "linked", lambda visible: True)
+    assert module._moving(job, known(1.0, [1] * 8))[1] == name
+    assert len(asked) == (solver != "direct")
+    if asked:
+        assert asked[0][4] == (FOCAL if solver == "depth" else None) and asked[0][5] == WIDTH
+        assert job.statistics["focal_search"] == {"curve": 1}
+
+
+def test_another_providers_cameras_start_the_solver(monkeypatch):
+    first = solution_of(truth(frames=8, points=120))
+    job = job_of(first=first)
+    assert not job.lens.refine_focal and job_of().lens.refine_focal and not job_of(focal=1.0).lens.refine_focal
+    assert job.lens.expected_focal == FOCAL
+    monkeypatch.setattr(module, "_resolve_mirror", lambda job, start: None)
+    assert module._moving(job, first)[0] is first and module._moving(job, first)[1] == "classical"
+    assert module._zoom(job, first) is None
+
+
+def solved(monkeypatch, moves, zoom=None, kind=None, explains=False, solver="direct", parallax=0.3, focal=None):
+    """What `_solve` makes of given pieces."""
+    true = truth(frames=8, points=60)
+    job = job_of(true, kind=kind, focal=focal)
+    moved = solution_of(true)
+    calls = []
+
+    def search(solution, width, candidates, translating=True):
+        calls.append((tuple(candidates), translating))
+        points = np.full((1, 3), 1.0)
+        bundle = Bundle(300.0, np.zeros(2), np.eye(3)[None], np.zeros((1, 3)), points)
+        seen = Observations(
+            np.zeros(11, int),
+            np.zeros(11, int),
+            300.0 + np.linspace(0, parallax / 0.9, 11)[:, None] * [1, 0],
+            np.ones(11),
+        )
+        return Solution(bundle, seen, np.ones(1, bool)), {"search": len(calls)}
+
+    monkeypatch.setattr(module, "search_focal", search)
+    monkeypatch.setattr(module, "_zoom", lambda job, turning: zoom)
+
+    def moving(job, turning):
+        seen = np.unique(turning.observations.point)
+        np.testing.assert_allclose(np.linalg.norm(turning.bundle.points[seen], axis=1), 1)
+        assert turning.bundle.focal == job.focal
+        return moved if moves is not None else None, solver
+
+    monkeypatch.setattr(module, "_moving", moving)
+    monkeypatch.setattr(module, "_moving_explains_more", lambda zoom, moved: explains)
+    monkeypatch.setattr(module, "_translates", lambda job, moved: bool(moves))
+    monkeypatch.setattr(
+        module, "_pan", lambda job, turning, focal, zoom=None: calls.append(("pan", focal, zoom)) or "panned"
+    )
+    monkeypatch.setattr(module, "_adjusted_pan", lambda turning, focal: ("adjusted", focal))
+    return module._solve(job), job, calls, moved
+
+
+def test_the_kind_of_camera(monkeypatch):
+    found, job, calls, moved = solved(monkeypatch, True)
+    assert found[0] is moved and found[1] == "moving" and calls == [(FOCALS, False), (FOCALS, True)]
+    assert job.statistics["solver"] == "direct" and job.statistics["registered"] == 8
+    assert job.statistics["parallax_px"] == pytest.approx(0.3, abs=1e-4)
+    assert job.statistics["pan_focal_search"] == {"search": 1} and job.statistics["focal_search"] == {"search": 2}
+    assert len(solved(monkeypatch, True, solver="depth")[2]) == 1
+    _, _, calls, _ = solved(monkeypatch, True, focal=0.7)
+    assert calls == [((FOCAL / WIDTH,), False)]
+    found, _, calls, _ = solved(monkeypatch, False)
+    assert found == ("panned", "pan") and calls[1] == ("pan", 300.0, None)
+    assert solved(monkeypatch, False, kind="moving")[0][1] == "moving"
+    assert solved(monkeypatch, True, kind="pan", zoom="zoom")[2][1] == ("pan", 300.0, "zoom")
+    assert solved(monkeypatch, True, zoom="zoom")[2][1] == ("pan", 300.0, "zoom")
+    assert solved(monkeypatch, True, zoom="zoom", explains=True)[0][1] == "moving"
+    assert solved(monkeypatch, True, zoom="zoom", kind="moving")[0][1] == "moving"
+    for parallax, assumed in ((0.95, False), (1.05, True)):
+        found, job, _, _ = solved(monkeypatch, None, parallax=parallax)
+        assert found == (("adjusted", 300.0), "pan") and ("assumed" in job.statistics) == assumed
+        assert any("could not be reconstructed" in line for line in job.priors.warnings)
+
+
+def test_a_pan_is_adjusted_at_its_focal_length(monkeypatch):
+    true = truth(frames=8, points=60, travel=0.0)
+    turning = solution_of(true, noise=0.3)
+    found = module._adjusted_pan(turning, 1.1 * FOCAL)
+    start = refocused(turning, 1.1 * FOCAL, False)
+    expected = adjust(
+        start.bundle, start.observations, BundleConfig(iterations=8, refine_focal=False, refine_centers=False)
+    )
+    np.testing.assert_allclose(found.bundle.rotation, expected.rotation, atol=1e-12)
+    assert found.bundle.focal == 1.1 * FOCAL and not found.bundle.center.any()
+    job = job_of(true)
+    job.statistics["mirror"] = 1
+    panned = module._pan(job, turning, 1.1 * FOCAL)
+    np.testing.assert_array_equal(panned.bundle.rotation, found.bundle.rotation)
+    assert "mirror" not in job.statistics
+
+
+def test_moving_explains_more_than_a_zoom_at_half_its_cost():
+    true = truth(frames=8, points=60)
+    moved = solution_of(true, noise=0.3)
+    sample, _ = module._sampled(moved)
+    cost = module.mean_cost(sample.bundle, sample.observations, 6 * 8 + 3 * len(sample.bundle.points))
+    for factor, more in ((1.99, False), (2.01, True)):
+        zoom = module.Zoom(1.2, 0.1, factor * cost, np.zeros(8), np.arange(8))
+        assert module._moving_explains_more(zoom, moved) == more
+
+
+def test_texture_decides_whether_motion_can_be_known():
+    true = truth(frames=5, points=60)
+    job = job_of(true)
+    reason = module._why_motion_is_unknown(job.clip, job.tracks, job.visible, job.static)
+    assert reason == ""
+    assert "too few" in module._why_motion_is_unknown(job.clip, job.tracks, job.visible, np.arange(60) < 11)
+    assert module._why_motion_is_unknown(job.clip, job.tracks, job.visible, np.arange(60) < 12) == ""
+    plain = np.full_like(job.clip.frames, 90)
+    assert "no texture" in module._why_motion_is_unknown(
+        replace(job.clip, frames=plain), job.tracks, job.visible, job.static
+    )
+    none = np.zeros_like(job.visible)
+    assert module._why_motion_is_unknown(replace(job.clip, frames=plain), job.tracks, none, job.static) == ""
+    for right, known_ in ((7, True), (5, False)):  # of 60 tracks a tenth must lie on texture
+        tracks = np.full((5, 60, 2), 20.5, np.float32)
+        tracks[:, :right, 0] = 250.5
+        half = job.clip.frames.copy()
+        half[:, :, :200] = 90
+        found = module._why_motion_is_unknown(
+            replace(job.clip, frames=half), tracks, np.ones((5, 60), bool), job.static
+        )
+        assert (found == "") == known_
+
+
+def provided(monkeypatch, kind=None, first=None, unknown="", shift=2.0, static=60, given=None, frames=6):
+    true = truth(frames=frames, points=60)
+    tracks, visible = project(true)
+    motion = (np.arange(60) >= static).astype(np.float32)
+    clip, priors = clip_and_priors(tracks, visible, motion)
+    monkeypatch.setattr(module, "_why_motion_is_unknown", lambda *all: unknown)
+    monkeypatch.setattr(module, "static_shift", lambda *all: shift)
+    asked, solution = [], solution_of(true, noise=0.5)
+    monkeypatch.setattr(module, "_solve", lambda job: asked.append(job) or (solution, "moving"))
+    completed = []
+    monkeypatch.setattr(module, "complete", lambda solution, *more: completed.append(more) or solution)
+    config = replace(PriorsConfig(), cameras=CamerasConfig(kind=kind, focal=given))
+    module.provide(clip, priors, config, silent, first)
+    assert len(completed) == len(asked)
+    np.testing.assert_array_equal(priors.cameras.intrinsics[0, :2, 2], PRINCIPAL)
+    return priors, asked, solution
+
+
+def test_cameras_and_their_statistics(monkeypatch):
+    priors, (job,), solution = provided(monkeypatch)
+    found = priors.statistics["cameras"]
+    origin = module._first_camera_at_origin(solution.bundle)
+    depth = np.median(origin.local(solution.observations)[:, 2])
+    np.testing.assert_allclose(priors.cameras.centers, origin.center / depth, atol=1e-9)
+    errors = solution.bundle.errors(solution.observations)
+    assert found["reprojection_px"]["median"] == pytest.approx(np.median(errors), abs=1e-4)
+    assert found["reprojection_px"]["p90"] == pytest.approx(np.percentile(errors, 90), abs=1e-4)
+    assert found["focal_over_width"] == pytest.approx(FOCAL / WIDTH, abs=1e-4)
+    assert found["fov_degrees"] == pytest.approx(np.rad2deg(2 * np.arctan(WIDTH / 2 / FOCAL)), abs=6e-3)
+    path = np.linalg.norm(np.diff(solution.bundle.center, axis=0), axis=1).sum() / depth
+    assert found["path_length"] == pytest.approx(path, abs=1e-4)
+    turns = quaternion.from_matrix(solution.bundle.rotation)
+    turn = [2 * np.arccos(min(abs(a @ b), 1)) for a, b in zip(turns[1:], turns[:-1], strict=True)]
+    assert found["turn_degrees"] == pytest.approx(np.rad2deg(sum(turn)), abs=1e-3)
+    assert found["static_tracks"] == 60 and found["static_shift_px"] == 2.0 and found["kind"] == "moving"
+    assert job.focal == 0.9 * WIDTH
+    np.testing.assert_array_equal(job.principal, PRINCIPAL)
+    assert found["interpolation_px"] == module.interpolation_error(origin, solution.observations, np.arange(6.0))
+
+
+def test_when_a_camera_stands_still(monkeypatch):
+    for shift, still in ((0.5, False), (0.49, True), (np.nan, True)):
+        priors, asked, _ = provided(monkeypatch, shift=shift)
+        assert (priors.camera_kind == "static") == still == (not asked)
+    assert not provided(monkeypatch, kind="static")[1] and provided(monkeypatch, kind="moving", shift=0.1)[1]
+    priors, asked, _ = provided(monkeypatch, unknown="it is dark")
+    assert priors.statistics["cameras"]["assumed"] == "it is dark" and not asked
+    assert provided(monkeypatch, kind="moving", unknown="it is dark")[1]
+    priors, _, _ = provided(monkeypatch, unknown="it is dark", frames=1)
+    assert "assumed" not in priors.statistics["cameras"] and not priors.warnings
+    assert "assumed" in provided(monkeypatch, unknown="it is dark", frames=2)[0].statistics["cameras"]
+    assert priors.cameras.intrinsics[0, 0, 0] == 0.9 * WIDTH
+    assert provided(monkeypatch, kind="static", given=0.7)[0].cameras.intrinsics[0, 0, 0] == pytest.approx(0.7 * WIDTH)
+
+
+def test_cameras_of_another_provider_are_kept_where_too_little_stands_still(monkeypatch):
+    first = solution_of(truth(frames=6, points=60))
+    for static, refined in ((11, False), (12, True)):
+        priors, asked, _ = provided(monkeypatch, first=first, static=static, unknown="never asked")
+        assert bool(asked) == refined and priors.camera_kind == "moving"
+        assert any("they are taken as they are" in line for line in priors.warnings) != refined
+    priors, _, _ = provided(monkeypatch, first=first, static=11)
+    assert priors.statistics["cameras"]["solver"] == "classical"
+    assert priors.cameras.intrinsics[0, 0, 0] == pytest.approx(FOCAL)
+    priors, _, _ = provided(monkeypatch, first=first, static=11, given=1.5)
+    assert priors.cameras.intrinsics[0, 0, 0] == pytest.approx(1.5 * WIDTH)
+    assert provided(monkeypatch, first=first, static=11, kind="static")[0].camera_kind == "static"
+
+
+def test_a_zoom_is_looked_for_where_the_lens_is_not_known(monkeypatch):
+    job, turning = job_of(), solution_of(truth(frames=8, points=120))
+    zooms = [module.Zoom(1.3, left, 1.0, np.zeros(8), np.arange(8)) for left in (0.1, 0.9)]
+    queue, asked = list(zooms), []
+    monkeypatch.setattr(module, "find_zoom", lambda sample, frames, lens: asked.append((frames, lens)) or queue.pop(0))
+    assert module._zoom(job, turning) is zooms[0] and module._zoom(job, turning) is None
+    np.testing.assert_array_equal(asked[0][0], module._sampled(turning)[1])
+    assert asked[0][1] == job.lens
+    nothing = replace(turning, observations=turning.observations.keep(np.zeros(0, int)))
+    assert module._zoom(job, nothing) is None and len(asked) == 2
+
+
+@pytest.mark.parametrize("focal", [None, 0.8])
+def test_a_known_focal_length_is_handed_to_the_zoom(monkeypatch, focal):
+    job, asked = job_of(focal=focal), []
+    found = solution_of(replace(truth(frames=8, points=120), zoom=np.linspace(0.9, 1.1, 8)))
+    job.statistics["pan_focal_search"] = 1
+    monkeypatch.setattr(module, "zoomed", lambda turning, zoom, known: asked.append(known) or found)
+    zoom = module.Zoom(1.3, 0.1, 1.0, np.zeros(8), np.arange(8))
+    assert module._pan(job, found, 1.0, zoom) is found
+    assert asked == [None if focal is None else FOCAL]
+    assert job.statistics["zoom"] == zoom.summary(found.bundle, WIDTH) and "pan_focal_search" not in job.statistics
+
+
+def test_a_clip_without_sightings_has_no_parallax(monkeypatch):
+    job = job_of()
+    nothing = module._static_camera(1, 1.0, PRINCIPAL)
+    monkeypatch.setattr(module, "search_focal", lambda *all, **more: (nothing, {}))
+    monkeypatch.setattr(module, "_moving", lambda job, turning: (None, "none"))
+    module._solve(job)
+    assert job.statistics["parallax_px"] == 0 and "assumed" not in job.statistics
