@@ -7,11 +7,16 @@ from typing import Any
 
 from ..edit.apply import open_scene
 from ..progress import Progress
+from ..scene.runs import run_lengths
 
 
 def run_info(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Counts, sizes and provenance of a scene file."""
-    info = open_scene(args.scene, args.edits).info()
+    scene = open_scene(args.scene, args.edits)
+    info = scene.info()
+    if scene.scaffold is not None:
+        runs = run_lengths([scene.scaffold.xyz, scene.scaffold.quat, scene.scaffold.certain])
+        info["poses"] = {"all": scene.scaffold.certain.size, "kept": len(runs)}
     return {**info, "text": "\n".join(f"{name + ':':<11}{value}" for name, value in summary(info).items())}
 
 
@@ -33,13 +38,16 @@ def summary(info: dict[str, Any]) -> dict[str, str]:
         after = ", after which there are {gaussians:,} Gaussians: {copies:,} copies, {gone:,} gone".format(
             **info["edited"]
         )
+    poses = ""
+    if "poses" in info:
+        poses = "; poses exact, {kept:,} of {all:,} kept, the others repeat the frame before".format(**info["poses"])
     return {
         "name": info["name"],
         "frames": f"{info['frames']}, {info['held_out']} of them held out",
         "pictures": f"{width}x{height} pixels",
         "video": f"{info['frames'] / info['fps']:.2f} s at {info['fps']:g} frames per second",
         "Gaussians": f"{info['static']:,} static, {info['dynamic']:,} dynamic, SH degree {info['sh_degree']}",
-        "nodes": f"{info['nodes']:,}",
+        "nodes": f"{info['nodes']:,}{poses}",
         "memory": f"{sum(parts.values()):.1f} MB: {by_part}",
         "PSNR": ", ".join(measured) or "not measured",
         "edits": f"{info['edits']}{after}",

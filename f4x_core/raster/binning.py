@@ -37,21 +37,27 @@ class TileLists(NamedTuple):
 
 
 @torch.no_grad()
-def build_tile_lists(ellipses: Ellipses, width: int, height: int, block: int, config: RasterConfig) -> TileLists:
+def build_tile_lists(
+    ellipses: Ellipses, width: int, height: int, block: int, config: RasterConfig, band: range | None = None
+) -> TileLists:
     """List for every `config.tile`-pixel tile the splats whose {alpha >= alpha_min} ellipse reaches its pixel centres.
+
+    `band`: the rows of tiles whose tiles are meant, all when None; the first tile of the first one is tile 0.
 
     One stable depth sort of the splats, then one stable sort of the pairs by tile, which keeps depth order.
     """
     side = config.tile
-    columns, rows = -(-width // side), -(-height // side)
+    columns, band = -(-width // side), band or range(-(-height // side))
     splats = ellipses.visible.nonzero()[:, 0]
     # Depths are positive, so their bits sort like the numbers: integers take torch's radix sort.
     bits = ellipses.depth.view(_SAME_SIZE[ellipses.depth.element_size()])
     splats = splats[torch.sort(bits[splats], stable=True).indices]
-    my, half_y = ellipses.table[1, splats], ellipses.half_box[1, splats] * (1 + SLACK) + SLACK
 
     # Every splat -> the tile rows of its box: Q (splat, row) items, splat by splat.
-    row_low, row_count = _tile_range(my - half_y, my + half_y, height, side)
+    row_low, row_count = _box_range(ellipses, 1, splats, height, side)
+    row_end = (row_low + row_count).clamp_max(band.stop)
+    row_low = row_low.clamp_min(band.start)
+    row_count = (row_end - row_low).clamp_min(0)
     item = torch.repeat_interleave(row_count)  # (Q,)
     row = (row_low - _starts(row_count))[item] + torch.arange(len(item), device=item.device)
     item_splat = splats[item]
@@ -69,10 +75,10 @@ def build_tile_lists(ellipses: Ellipses, width: int, height: int, block: int, co
     pair = torch.repeat_interleave(column_count)  # (P,) item of every (splat, tile) pair
     number = torch.arange(len(pair), device=pair.device)
     pair_starts = _starts(column_count)
-    tile = (row * columns + column_low - pair_starts)[pair] + number
+    tile = ((row - band.start) * columns + column_low - pair_starts)[pair] + number
 
     tile, order = torch.sort(tile.to(torch.int32), stable=True)
-    pairs = torch.bincount(tile, minlength=columns * rows)  # per tile
+    pairs = torch.bincount(tile, minlength=columns * len(band))  # per tile
     length = (pairs + block - 1) // block
     first = _starts(length)
     blocks = int(length.sum()) + 1
@@ -92,6 +98,32 @@ def build_tile_lists(ellipses: Ellipses, width: int, height: int, block: int, co
         splats=splats,
         offsets=torch.cat((pair_starts, pair_starts.new_tensor([len(pair)])))[_starts(row_count)],
     )
+
+
+@torch.no_grad()
+def bands_of(ellipses: Ellipses, width: int, height: int, config: RasterConfig, pairs: int) -> list[range]:
+    """Cut the rows of tiles into bands whose splats' boxes meet at most `pairs` tiles each, or are one row high."""
+    side = config.tile
+    splats = ellipses.visible.nonzero()[:, 0]
+    (_, across), (row_low, row_count) = (
+        _box_range(ellipses, axis, splats, size, side) for axis, size in enumerate((width, height))
+    )
+    changes = across.new_zeros(-(-height // side) + 1)
+    changes.index_add_(0, row_low, across).index_add_(0, row_low + row_count, -across)
+    bands, start, total = [], 0, 0
+    per_row = changes.cumsum(0)[:-1].tolist()
+    for row, count in enumerate(per_row):
+        if total + count > pairs and row > start:
+            bands.append(range(start, row))
+            start, total = row, 0
+        total += count
+    return [*bands, range(start, len(per_row))]
+
+
+def _box_range(ellipses: Ellipses, axis: int, splats: Tensor, size: int, side: int) -> tuple[Tensor, Tensor]:
+    """First tile and number of tiles along an axis (0 across, 1 down) that the boxes of `splats` meet."""
+    centre, half = ellipses.table[axis, splats], ellipses.half_box[axis, splats] * (1 + SLACK) + SLACK
+    return _tile_range(centre - half, centre + half, size, side)
 
 
 def _tile_range(low: Tensor, high: Tensor, size: int, side: int) -> tuple[Tensor, Tensor]:

@@ -20,7 +20,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 from torch.nn.functional import embedding_bag, pad
 
-from .binning import TileLists, build_tile_lists
+from .binning import TileLists, bands_of, build_tile_lists
 from .contract import RasterConfig, RasterInput, RasterOutput
 from .projection import project
 
@@ -32,6 +32,9 @@ ELEMENTS_CPU, ELEMENTS_ACCELERATOR = 2**18, 2**23
 COMPACT_BELOW = 0.85
 # Work memory up to this size is kept for the next call: fresh pages cost more than the arithmetic done in them.
 KEPT_BYTES = 2**28
+# Pairs of splat and tile of a picture without gradients that are in memory at once, about 150 bytes each: a picture of 3840x2160
+# with a million large splats has a hundred million.
+PAIRS = 2**22
 # log2 alpha of a padding slot: 2^-1000 is 0 in every float type that gets here.
 PADDING = -1000.0
 # alpha = 2^(log2 opacity + HALF q).
@@ -42,14 +45,19 @@ Result = TypeVar("Result")
 
 
 def rasterize_torch(inputs: RasterInput) -> RasterOutput:
-    """Composite Gaussians, tensors only; see `rasterize`. `channels` is a view of (C, H, W)."""
+    """Composite Gaussians, tensors only; see `rasterize`. Without gradients band by band, so that memory has a bound."""
     config, colors, width, height = inputs.config, inputs.colors, inputs.camera.width, inputs.camera.height
     ellipses = project(inputs.splats, inputs.camera, config, inputs.mean2d_offset)
-    lists = build_tile_lists(ellipses, width, height, SLAB, config)
     features = torch.cat((torch.ones_like(ellipses.depth)[:, None], ellipses.depth[:, None], colors), 1)
     attached = 2 + inputs.attached_channels
-    grid = _Grid(width, height, config.tile)
-    channels, depth, alpha = _Composite.apply(ellipses.table, features, lists, grid, config, attached)
+    recording = torch.is_grad_enabled() and (ellipses.table.requires_grad or features.requires_grad)
+    bands = [range(-(-height // config.tile))] if recording else bands_of(ellipses, width, height, config, PAIRS)
+    parts = []
+    for band in bands:
+        lists = build_tile_lists(ellipses, width, height, SLAB, config, band)
+        grid = _Grid(width, height, config.tile, band)
+        parts.append(_Composite.apply(ellipses.table, features, lists, grid, config, attached))
+    channels, depth, alpha = (rows[0] if len(rows) == 1 else torch.cat(rows) for rows in zip(*parts, strict=True))
     return RasterOutput(add_background(inputs, channels, alpha), depth, alpha, ellipses.visible)
 
 
@@ -65,11 +73,12 @@ def add_background(inputs: RasterInput, channels: Tensor, alpha: Tensor) -> Tens
 
 
 class _Grid:
-    """The image cut into square tiles; the last column and row of tiles may hang over the edge."""
+    """A band of the image, some rows of square tiles; the last column and row of tiles may hang over the image's edge."""
 
-    def __init__(self, width: int, height: int, side: int):
-        self.width, self.height, self.side, self.pixels = width, height, side, side * side
-        self.columns, self.rows = -(-width // side), -(-height // side)
+    def __init__(self, width: int, height: int, side: int, band: range):
+        self.width, self.side, self.pixels = width, side, side * side
+        self.height = min(band.stop * side, height) - band.start * side
+        self.columns, self.rows, self.first_row = -(-width // side), len(band), band.start
 
     def basis(self, like: Tensor) -> Tensor:
         """(6, pixels) monomials 1, u, v, u^2, uv, v^2 of a pixel centre relative to the tile centre."""
@@ -80,7 +89,8 @@ class _Grid:
     def centres(self, tile: Tensor, like: Tensor) -> tuple[Tensor, Tensor]:
         """x and y of tile centres, pixels."""
         y = torch.div(tile, self.columns, rounding_mode="floor")
-        return ((tile - y * self.columns).to(like) + 0.5) * self.side, (y.to(like) + 0.5) * self.side
+        x = tile - y * self.columns
+        return (x.to(like) + 0.5) * self.side, ((y + self.first_row).to(like) + 0.5) * self.side
 
     def to_image(self, tiles: Tensor) -> Tensor:
         """(tiles, C, pixels) -> (C, H, W)."""

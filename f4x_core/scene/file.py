@@ -38,11 +38,12 @@ from .model import (
     StaticSet,
     check_arrays,
 )
+from .runs import HELD, fold, unfold
 
 FORMAT = "f4x"
-VERSION = 3
-"""The newest that this program reads. 1: the beginning. 2: a feature field. 3: Gaussians that come and go. Written is the
-smallest that holds the scene."""
+VERSION = 4
+"""The newest that this program reads. 1: the beginning. 2: a feature field. 3: Gaussians that come and go. 4: node poses as runs.
+Written is the smallest that holds the scene."""
 HEADER = "scene.json"
 GROUPS = {"static": GAUSSIAN_ARRAYS, "dynamic": DYNAMIC_ARRAYS, "scaffold": SCAFFOLD_ARRAYS, "cameras": CAMERA_ARRAYS}
 
@@ -120,7 +121,7 @@ def write_scene(scene: Scene, path: Path | str) -> None:
     Numbers in the JSON parts that are NaN or infinite become null. Raises F4xError when the disk or a field refuses.
     """
     path = Path(path)
-    arrays = _scene_arrays(scene)
+    arrays = fold(_scene_arrays(scene))
     entries = {}
     for name, array in arrays.items():
         digest = hashlib.sha256(_npy_header(array))
@@ -128,7 +129,7 @@ def write_scene(scene: Scene, path: Path | str) -> None:
         entries[name] = {"shape": list(array.shape), "dtype": array.dtype.str, "sha256": digest.hexdigest()}
     header = {
         "format": FORMAT,
-        "version": VERSION if scene.fades else 1 if scene.features is None else 2,
+        "version": 4 if HELD in arrays else 3 if scene.fades else 1 if scene.features is None else 2,
         "name": scene.name,
         "size": [scene.cameras.width, scene.cameras.height],
         "fps": scene.fps,
@@ -313,6 +314,8 @@ def _read_array(archive: zipfile.ZipFile, name: str, entry: Mapping[str, Any], p
 
 def _scene(header: Mapping[str, Any], arrays: dict[str, np.ndarray]) -> Scene:
     """Put a Scene together; the classes check what is in it."""
+    if header["version"] >= 4 and HELD in arrays:
+        unfold(arrays)
     static, dynamic, scaffold, cameras = (_group(arrays, group, layout) for group, layout in GROUPS.items())
     if static is None or cameras is None:
         raise F4xError("it has no " + ("cameras" if cameras is None else "static Gaussians"))
@@ -376,6 +379,7 @@ def _scene_arrays(scene: Scene) -> dict[str, np.ndarray]:
     }
     more |= {} if scene.features is None else scene.features.to_arrays()
     clashes = scene.extra.keys() & {
+        HELD,
         *(_key(group, name) for group, layout in GROUPS.items() for name in layout),
         *more,
     }

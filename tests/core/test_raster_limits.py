@@ -126,3 +126,30 @@ print(out.alpha.max())
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert 0.45 < float(done.stdout) <= 0.5
+
+
+@pytest.mark.parametrize("count", [0, 400])
+def test_torch_draws_a_large_picture_in_bands_bit_for_bit(count, monkeypatch):
+    """No more than so many pairs of Gaussian and tile are in memory at once; with gradients all of them are."""
+    from f4x_core.raster import tiles
+
+    scene = {key: value for key, value in make_scene(n=count, width=50, height=37, seed=2).items()}
+    whole = draw(**scene, backend="torch")
+    listed = []
+
+    def counted(*arguments):
+        lists = real(*arguments)
+        listed.append((int((~lists.padding).sum()), len(arguments[-1])))
+        return lists
+
+    real = tiles.build_tile_lists
+    monkeypatch.setattr(tiles, "build_tile_lists", counted)
+    monkeypatch.setattr(tiles, "PAIRS", 300)
+    banded = draw(**scene, backend="torch")
+    for name in ("channels", "depth", "alpha", "visible"):
+        assert torch.equal(getattr(banded, name), getattr(whole, name)), name
+    assert sum(rows for _, rows in listed) == -(-37 // RasterConfig().tile)
+    assert all(pairs <= 300 or rows == 1 for pairs, rows in listed) and (len(listed) > 1) == (count > 0)
+    listed.clear()
+    scene["colors"].requires_grad_()
+    assert draw(**scene, backend="torch").channels.requires_grad and len(listed) == 1

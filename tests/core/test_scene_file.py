@@ -7,6 +7,7 @@ import json
 import os
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,18 @@ from f4x_core.scene.file import VERSION
 from f4x_core.scene.model import KEYS
 
 BASE = random_scene(static=6, dynamic=4)
+
+
+def at_rest_in_part(scene, moving=slice(2, 4)):
+    """The scene whose nodes move in `moving` frames only, as those of one window of a long clip do."""
+    scaffold = scene.scaffold
+    frames = np.arange(len(scaffold.times))[moving]
+    rows = np.clip(np.arange(len(scaffold.times)), frames[0], frames[-1])
+    still = replace(scaffold, xyz=scaffold.xyz[rows], quat=scaffold.quat[rows], certain=scaffold.certain[rows])
+    return replace(scene, scaffold=still)
+
+
+RESTING = at_rest_in_part(BASE)
 
 
 @pytest.fixture
@@ -52,6 +65,71 @@ def test_round_trip_is_exact_and_bytes_repeat(tmp_path, dynamic, degree):
     write_scene(read, tmp_path / "b.f4x")
     assert (tmp_path / "a.f4x").read_bytes() == (tmp_path / "b.f4x").read_bytes()
     assert sorted(os.listdir(tmp_path)) == ["a.f4x", "b.f4x"]
+
+
+def test_poses_are_kept_where_they_change_and_come_back_to_the_bit(tmp_path):
+    a, b = tmp_path / "a.f4x", tmp_path / "b.f4x"
+    scaffold = RESTING.scaffold
+    xyz = scaffold.xyz.copy()
+    xyz[:, 0, 0] = 0.0
+    xyz[1, 0, 0] = -0.0  # an equal number, and another bit
+    certain = np.zeros_like(scaffold.certain)
+    certain[-1, 1] = True
+    scene = replace(RESTING, scaffold=replace(scaffold, xyz=xyz, certain=certain))
+    write_scene(scene, a)
+    header = read_header(a)
+    assert header["version"] == 4
+    # two poses a node; 0, -0, 0 make three of the first node's first; the last one of the second is certain
+    assert header["arrays"]["scaffold/held"]["shape"] == [2 * len(scaffold) + 2 + 1]
+    assert header["arrays"]["scaffold/xyz"]["shape"] == [2 * len(scaffold) + 3, 3]
+    read = read_scene(a)
+    for name in ("xyz", "quat", "certain"):
+        old, new = getattr(scene.scaffold, name), getattr(read.scaffold, name)
+        assert old.tobytes() == new.tobytes() and old.dtype == new.dtype and not new.flags.writeable
+    assert_same(scene, read)
+    write_scene(read, b)
+    assert a.read_bytes() == b.read_bytes()
+
+
+def test_size_goes_with_the_motion_and_not_with_the_frames(tmp_path):
+    def long(frames):
+        still = at_rest_in_part(RESTING).scaffold
+        rows = np.minimum(np.arange(frames), len(still.times) - 1)
+        poses = {name: getattr(still, name)[rows] for name in ("xyz", "quat", "certain")}
+        write_scene(
+            replace(RESTING, scaffold=replace(still, times=np.arange(float(frames)), **poses)), tmp_path / "long.f4x"
+        )
+        return (tmp_path / "long.f4x").stat().st_size
+
+    assert long(2000) - long(1000) < 1000 * 8 + 100  # the times alone
+
+
+def test_moving_nodes_keep_all_their_poses_in_a_file_that_older_programs_read(path):
+    header = read_header(path)
+    assert header["version"] == 1 and "scaffold/held" not in header["arrays"]
+
+
+def test_runs_that_would_unfold_to_too_much_are_not_written_and_not_read(tmp_path, monkeypatch):
+    write_scene(RESTING, tmp_path / "a.f4x")
+    monkeypatch.setattr("f4x_core.scene.runs.MAX_POSES", RESTING.scaffold.certain.size - 1)
+    with pytest.raises(F4xError, match=r"a\.f4x: scaffold/held stands for .* poses, more than"):
+        read_scene(tmp_path / "a.f4x")
+    write_scene(RESTING, tmp_path / "b.f4x")
+    assert read_header(tmp_path / "b.f4x")["version"] == 1
+    assert_same(RESTING, read_scene(tmp_path / "b.f4x"))
+
+
+def test_a_stranger_unfolds_runs_with_the_lines_of_the_documentation(tmp_path):
+    write_scene(RESTING, tmp_path / "a.f4x")
+    arrays = {}
+    with zipfile.ZipFile(tmp_path / "a.f4x") as archive:
+        for name in json.loads(archive.read("scene.json"))["arrays"]:
+            arrays[name] = np.load(io.BytesIO(archive.read(f"{name}.npy")), allow_pickle=False)
+    text = (Path(__file__).parents[2] / "docs" / "scene_file.md").read_text(encoding="utf-8")
+    (lines,) = (part.split("```")[0] for part in text.split("```python")[1:] if "np.repeat" in part)
+    exec(lines, {"arrays": arrays, "np": np})
+    for name in ("xyz", "quat", "certain"):
+        np.testing.assert_array_equal(arrays[f"scaffold/{name}"], getattr(RESTING.scaffold, name))
 
 
 def test_read_arrays_cannot_be_changed(path):
@@ -124,6 +202,7 @@ def test_an_edit_that_could_not_be_read_back_is_refused(path, record, next_id):
         {"extra": {"../up": np.zeros(2)}},
         {"extra": {"words": np.array(["a"])}},
         {"extra": {"static/xyz": np.zeros((6, 3))}},
+        {"extra": {"scaffold/held": np.ones(2, np.int32)}},
     ],
 )
 def test_a_scene_that_could_not_be_read_back_is_refused(tmp_path, fields):
@@ -213,6 +292,10 @@ def without(name):
     return lambda path: rewritten(path, lambda header: header.pop(name))
 
 
+def without_array(name):
+    return lambda path: rewritten(path, lambda header: header["arrays"].pop(name))
+
+
 def huge_shape(path):
     """An .npy header that promises 8 EB; sha256 is right."""
     data = npy(np.zeros(4)).replace(b"(4,), ", b"(999999999999999999,), ", 1)
@@ -275,6 +358,31 @@ HOSTILE = {
     "RecursionError|recursion": lambda path: rewritten(path, members={"scene.json": b"[" * 200_000}),
     "codec": lambda path: rewritten(path, members={"scene.json": b"\xff\xfe{}"}),
 }
+
+
+HELD = np.tile(np.int32([3, len(RESTING.scaffold.times) - 3]), len(RESTING.scaffold))
+HOSTILE_RUNS = [
+    ("does not fill", with_array("scaffold/held", HELD + np.int32(1))),
+    ("does not fill", with_array("scaffold/held", HELD.reshape(-1, 2))),
+    ("does not fill", with_array("scaffold/held", HELD.astype(np.int64))),
+    ("does not fill", with_array("scaffold/held", HELD[:0])),
+    ("does not fill", with_array("scaffold/held", HELD + np.tile(np.int32([-3, 3]), len(HELD) // 2))),  # a run of 0
+    ("does not fill", with_array("scaffold/held", HELD + np.int32([0, 1, -1, *HELD[3:] * 0]))),  # one over two nodes
+    ("expected float32", with_array("scaffold/xyz", np.zeros((len(HELD) - 1, 3), np.float32))),
+    ("expected float32", with_array("scaffold/quat", np.zeros((len(HELD), 4000), np.float32))),
+    ("expected bool", with_array("scaffold/certain", np.zeros(len(HELD), np.int64))),
+    ("without the arrays", without_array("scaffold/quat")),
+    ("without the arrays", with_array("scaffold/times", np.zeros((), np.float64))),
+]
+
+
+@pytest.mark.parametrize(("words", "change"), HOSTILE_RUNS)
+def test_hostile_runs_give_one_sentence(path, words, change):
+    write_scene(RESTING, path)
+    change(path)
+    with pytest.raises(F4xError, match=words) as caught:
+        read_scene(path)
+    assert str(caught.value).startswith(str(path)) and str(caught.value).count(str(path)) == 1
 
 
 @pytest.mark.parametrize("words", HOSTILE)
