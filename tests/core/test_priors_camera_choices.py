@@ -315,7 +315,7 @@ def test_a_mirror_image_is_decided_on_a_sample(monkeypatch):
     start = solution_of(true)
     sample, frames = module._sampled(start)
     found = module._resolve_mirror(job, start)
-    starts, seen, lens, known = asked[0]
+    starts, _, lens, known = asked[0]
     assert len(starts) == 1 and lens == job.lens
     np.testing.assert_array_equal(known.frames, frames)
     np.testing.assert_array_equal(found.bundle.center[frames], true.center[frames] + 1)

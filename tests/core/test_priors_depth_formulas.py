@@ -94,7 +94,6 @@ def test_the_epipolar_direction_is_where_a_shift_of_the_camera_moves_a_pixel():
 
 def dense_roughness(guide, smooth, flat):
     """Normal matrix of the smoothness terms, term by term."""
-    height, width = guide.shape
     index, total = np.arange(guide.size).reshape(guide.shape), np.zeros((guide.size,) * 2)
     for lines in (np.arange(guide.size).reshape(guide.shape), index.T):
         levels = guide.ravel()[lines].astype(float)

@@ -32,7 +32,7 @@ def test_the_mirror_image_turns_inverse_distance_about():
     bundle = ground(travel=0.4, points=60, frames=5)
     bundle = replace(
         bundle,
-        center=bundle.center + [0.2, -0.1, 0.3],
+        center=bundle.center + np.array([0.2, -0.1, 0.3]),
         points=np.vstack([bundle.points[:-3], [[0, 0, 40], [3, 1, 90], [0.3, 0.2, -2]]]),
     )
     found = module.mirrored(bundle)
@@ -223,7 +223,7 @@ def test_movers_are_compared_with_what_is_beside_them():
 def test_three_tracks_on_each_side_are_enough(below):
     mask = np.zeros((1, HEIGHT, WIDTH), bool)
     mask[0, 60:101, 140:181] = True
-    places = [[150, 105], [160, 110], [170, 99]][:below] + [[130, 70], [190, 60], [160, 50]]
+    places = [*[[150, 105], [160, 110], [170, 99]][:below], [130, 70], [190, 60], [160, 50]]
     inverse = np.array([[1.0] * below + [0.5] * 3])
     known = cues(np.array([places], float), np.ones((1, below + 3), bool), mask=mask)
     found = module._movers_in_front(module._TrackDepths(inverse), known)

@@ -80,7 +80,7 @@ def test_scores_are_carried_along_the_flow_with_half_the_weight(gaps):
             values, weights = [score[t, y, x]], [1.0]
             for gap in (-2, -1, 1, 2):
                 if gap in flows and 0 <= t + gap < FRAMES:
-                    place = (x + 0.5, y + 0.5) + flows[gap][t, y, x].astype(float)
+                    place = np.array((x + 0.5, y + 0.5)) + flows[gap][t, y, x].astype(float)
                     values.append(sampled(score[t + gap], place))
                     weights.append(0.5)
             assert found[t, y, x] == pytest.approx(np.average(values, weights=weights), abs=0.02)  # remap's fractions
@@ -416,8 +416,8 @@ def test_a_slow_pan_is_no_standing_camera():
     unit = 176 / 480
     for step, static in ((0.25, False), (0.12, True), (0.35, False)):
         flows = {gap: np.full((6, 120, 176, 2), 0.0, np.float16) for gap in (1, -1, 4, -4)}
-        for gap, flow in flows.items():
-            flow[..., 0] = step * unit * gap
+        for gap, moves in flows.items():
+            moves[..., 0] = step * unit * gap
         assert module.motion_score(pictures, flows, (1, 4), silent)[1]["static_camera"] == static
     flows = {gap: np.zeros((1, 120, 176, 2), np.float16) for gap in (1, -1)}
     found, statistics = module.motion_score(pictures[:1], flows, (1, 4), silent)

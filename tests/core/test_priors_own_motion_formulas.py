@@ -166,7 +166,8 @@ def accepted(monkeypatch, errors=0.5, follows=1.0, bulge=0.5, relief=1.0, steady
     ("measures", "rigid"),
     [
         ({}, True), ({"errors": 1.0}, True), ({"errors": 1.01}, False), ({"follows": 0.75}, True), ({"follows": 0.7}, False),
-        ({"bulge": 0.15}, True), ({"bulge": 0.14}, False), ({"relief": 1.5}, True), ({"relief": 1.51}, False), ({"steady": False}, False),
+        ({"bulge": 0.15}, True), ({"bulge": 0.14}, False), ({"relief": 1.5}, True), ({"relief": 1.51}, False),
+        ({"steady": False}, False),
         ({"tracks": 30}, True), ({"tracks": 29}, False), ({"bulge": np.nan}, False),
     ],
 )  # fmt: skip
@@ -221,9 +222,8 @@ def test_other_frames_start_at_the_nearest_sampled_one(monkeypatch):
     asked = []
     monkeypatch.setattr(module, "resect", lambda *all: asked.append(all) or all[0])
     module._at_all_frames(bundle, frames, order, follows, tracks, seen)
-    near = [0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3]  # the first of equals: 2 is as far from 0 as from 4
-    near[2] = 0
-    whole, sighted, others, rounds, scale = asked[0]
+    near = [0, 0, 0, 1, 1, 1, 2, 2, 2, 2, 3, 3]  # the first of equals: 2 is as far from 0 as from 4
+    whole, sighted, others, *_ = asked[0]
     np.testing.assert_array_equal(whole.rotation, bundle.rotation[near])
     np.testing.assert_array_equal(whole.center, bundle.center[near])
     np.testing.assert_array_equal(whole.points, bundle.points[follows])

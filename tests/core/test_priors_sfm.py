@@ -263,7 +263,7 @@ def test_the_first_pair_has_the_most_parallax():
     tracks, visible = project(true, noise=0.1)
     visible[9:, :65] = False
     best = (-1.0, 0, 0)
-    for i in range(0, 14):
+    for i in range(14):
         for j in range(i + 1, 14):
             shared = visible[i] & visible[j]
             if shared.sum() >= 60:

@@ -285,15 +285,13 @@ def test_squares_of_a_wide_picture_are_told_apart():
     tracks = np.tile(np.array(places + places, np.float32), (8, 1, 1))
     visible = np.ones((8, 240), bool)
     visible[6:, 120:] = False  # the second of every square is shorter
-    kept, seen = module.thinned(tracks, visible, 240 - 1)
+    kept, _ = module.thinned(tracks, visible, 240 - 1)
     assert kept.shape[1] == 239
-    few, seen = module.thinned(tracks[:, ::-1], visible[:, ::-1], 120)
+    few, _ = module.thinned(tracks[:, ::-1], visible[:, ::-1], 120)
     np.testing.assert_array_equal(few, tracks[:, :120][:, ::-1])
-    visible[:, :20], visible[6:, :20] = (
-        True,
-        False,
-    )  # the first row's tracks last no longer than the others' second ones
-    few, seen = module.thinned(tracks, visible, 200)
+    visible[:, :20] = True
+    visible[6:, :20] = False  # the first row's tracks last no longer than the others' second ones
+    few, _ = module.thinned(tracks, visible, 200)
     assert set(map(tuple, few[0])) == set(places)
 
 

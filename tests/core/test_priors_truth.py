@@ -1,5 +1,7 @@
 """Priors from rendered truth without any files: visibility, chained motion and seeds against loops over pixels."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -159,7 +161,7 @@ def test_seeds_are_tracked_both_ways(moving):
                 np.testing.assert_array_equal(visible[i], known.shows(frame, uv, z))
         return
     for order in ((2, 3), (2, 1, 0)):
-        for before, i in zip(order[:-1], order[1:], strict=True):
+        for before, i in pairwise(order):
             for n in range(len(seeds)):
                 if not visible[before, n]:
                     assert not visible[i, n] and np.isnan(tracks[i, n]).all()
