@@ -1,7 +1,8 @@
 // Eight lanes at once, and the processor's choice of instruction set. Shared by all kernels of this folder.
 //
 // A kernel file includes itself: its second half, between F4X_ISA and its end, is compiled once for the plain target and,
-// on x86 with GCC or clang, once more for AVX2 + FMA (each_isa.hpp). That half begins by including lanes_isa.hpp.
+// on x86 with GCC or clang, once more for AVX2 + FMA and for AVX-512 (each_isa.hpp). Vectors stay eight lanes wide: AVX-512 gives
+// them twice as many registers and masks, and rounds as AVX2 does. Groups for 16 lanes gained nothing. That half begins by including lanes_isa.hpp.
 
 #pragma once
 
@@ -16,7 +17,15 @@
 #include <immintrin.h>
 #if !defined(F4X_PLAIN) && !defined(F4X_NO_AVX2)
 #define F4X_HAS_AVX2 1
+#if !defined(F4X_NO_AVX512)
+#define F4X_HAS_AVX512 1
 #endif
+#endif
+#endif
+#if defined(__clang__)
+#define F4X_NARROW  // of itself
+#else
+#define F4X_NARROW ",prefer-vector-width=256"
 #endif
 
 #if defined(_WIN32)
@@ -89,15 +98,38 @@ inline f8& operator+=(f8& a, const f8& b) { return a = a + b; }
 
 namespace f4x {
 
+#if defined(F4X_HAS_AVX2)
+// Bits of the register files that survive a task switch; a processor with OSXSAVE tells them.
+inline unsigned kept_registers() {
+    unsigned kept, high;
+    __asm__("xgetbv" : "=a"(kept), "=d"(high) : "c"(0));
+    return kept;
+}
+#endif
+
 // Whether the AVX2 half of a kernel file exists and may run here.
 inline bool has_avx2() {
 #if defined(F4X_HAS_AVX2)
     static const bool found = [] {
-        unsigned a, b, c, d, saved, high;
+        unsigned a, b, c, d;
         if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_FMA) || !(c & bit_OSXSAVE)) return false;
-        __asm__("xgetbv" : "=a"(saved), "=d"(high) : "c"(0));
-        if ((saved & 6) != 6) return false;  // the upper halves of the registers survive a task switch
+        if ((kept_registers() & 6) != 6) return false;  // the upper halves of the registers
         return __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & bit_AVX2);
+    }();
+    return found;
+#else
+    return false;
+#endif
+}
+
+// Whether the AVX-512 half of a kernel file exists and may run here.
+inline bool has_avx512() {
+#if defined(F4X_HAS_AVX512)
+    static const bool found = [] {
+        const unsigned wanted = bit_AVX512F | bit_AVX512VL | bit_AVX512DQ | bit_AVX512BW;
+        unsigned a, b, c, d;
+        if (!has_avx2() || (kept_registers() & 0xe6) != 0xe6) return false;  // masks, and registers 16 to 31
+        return __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & wanted) == wanted;
     }();
     return found;
 #else

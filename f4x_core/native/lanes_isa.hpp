@@ -9,7 +9,11 @@ F4X_HOT f8 load(const float* from) {
 }
 F4X_HOT void store(float* to, const f8& v) { std::memcpy(to, &v, sizeof v); }
 F4X_HOT f8 broadcast(float x) { return f8{x, x, x, x, x, x, x, x}; }
+#if defined(F4X_AVX512)
+F4X_HOT f8 keep_where(const i8& mask, const f8& v) { return mask ? v : f8{}; }  // a mask register, no vector
+#else
 F4X_HOT f8 keep_where(const i8& mask, const f8& v) { return (f8)(mask & (i8)v); }
+#endif
 F4X_HOT f8 select(const i8& mask, const f8& yes, const f8& no) {
 #if defined(__GNUC__) && !defined(F4X_PLAIN)
     return mask ? yes : no;
@@ -58,7 +62,11 @@ F4X_HOT void transpose(f8* rows) {
 
 #if defined(F4X_AVX2)
 F4X_HOT f8 root(const f8& x) { return (f8)_mm256_sqrt_ps((__m256)x); }
+#if defined(F4X_AVX512)
+F4X_HOT uint32_t mask_bits(const i8& mask) { return uint32_t(_mm256_movepi32_mask((__m256i)mask)); }
+#else
 F4X_HOT uint32_t mask_bits(const i8& mask) { return uint32_t(_mm256_movemask_ps((__m256)mask)); }
+#endif
 #else
 F4X_HOT f8 root(const f8& x) {
     f8 r;

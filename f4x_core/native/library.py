@@ -61,7 +61,7 @@ def require_library() -> ctypes.CDLL:
 
 
 def instruction_set(library: ctypes.CDLL) -> str:
-    """Which version of the kernels this processor runs: `avx2` or `plain`."""
+    """Which version of the kernels this processor runs: `avx512`, `avx2` (the same to the bit) or `plain`."""
     return library.f4x_instruction_set().decode()
 
 

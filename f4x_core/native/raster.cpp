@@ -1161,9 +1161,11 @@ F4X_TARGET void gather(const Problem& p, State& s, int64_t begin, int64_t end, c
         for (int lane = 0; lane < 8; ++lane) camera[k] += cameras[k][lane];
 }
 
-constexpr const char* NAMES[] = {"plain", "avx2"};
+constexpr const char* NAMES[] = {"plain", "avx2", "avx512"};
 const Kernels kernels = {
-#if defined(F4X_AVX2)
+#if defined(F4X_AVX512)
+    NAMES[2],
+#elif defined(F4X_AVX2)
     NAMES[1],
 #else
     NAMES[0],

@@ -274,18 +274,46 @@ print(float(out.alpha.max()), float(out.depth.max()))
     assert depth == pytest.approx(2 * alpha, rel=1e-5)
 
 
-@pytest.mark.parametrize("flag", ["-DF4X_PLAIN", "-DF4X_NO_AVX2"])
-@pytest.mark.slow
-def test_other_builds_of_the_kernel_agree(flag, tmp_path, monkeypatch):
-    """The kernel without vector extensions (other compilers) and without AVX2 (other processors) passes the self-check."""
+def built_with(flag, folder):
+    """The kernel library compiled with another flag, where the flag can be given."""
     if Path(find_compiler()[0]).stem == "cl":
         pytest.skip("flags for GCC and clang")
-    output = tmp_path / "other.so"
+    output = folder / "other.so"
     done = subprocess.run([*compile_command(find_compiler(), output), flag], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+    return output
+
+
+@pytest.mark.parametrize("flag", ["-DF4X_PLAIN", "-DF4X_NO_AVX2", "-DF4X_NO_AVX512"])
+@pytest.mark.slow
+def test_other_builds_of_the_kernel_agree(flag, tmp_path, monkeypatch):
+    """The kernel without vector extensions (other compilers) and for other processors passes the self-check."""
+    own = instruction_set(library.open_library()[0])
+    output = built_with(flag, tmp_path)
     monkeypatch.setattr("f4x_core.native.library.library_path", lambda: output)
     assert native.available(), native.why_not()
-    assert instruction_set(library.open_library()[0]) == "plain"
+    expected = "avx2" if flag == "-DF4X_NO_AVX512" and own != "plain" else "plain"
+    assert instruction_set(library.open_library()[0]) == expected
+
+
+@pytest.mark.slow
+def test_wide_registers_change_no_bit(tmp_path, monkeypatch):
+    """AVX-512 rounds as AVX2 does: pictures and gradients are the same on both kinds of processor."""
+    if instruction_set(library.open_library()[0]) != "avx512":
+        pytest.skip("a processor with AVX-512")
+    scene = make_scene(400, 7, 90, 61, seed=5)
+    results = []
+    narrow = built_with("-DF4X_NO_AVX512", tmp_path)
+    for wide in (True, False):
+        if not wide:
+            monkeypatch.setattr("f4x_core.native.library.library_path", lambda: narrow)
+        leaves = {name: array.clone().requires_grad_() for name, array in scene.items()}
+        out = draw(**leaves, width=90, height=61, backend="native")
+        (out.channels.square().sum() + out.depth.sum() + out.alpha.sum()).backward()
+        gradients = [leaf.grad for leaf in leaves.values() if leaf.grad is not None]
+        results.append([out.channels.detach(), out.depth.detach(), out.alpha.detach(), *gradients])
+    assert len(results[0]) > 6
+    assert all(torch.equal(one, other) for one, other in zip(*results, strict=True))
 
 
 def test_pairs_are_the_pixels_that_each_splat_reaches():

@@ -133,9 +133,10 @@ def test_inside_the_band_both_backends_keep_the_sign():
         assert deformer.slot_signs(torch.tensor(table)).tolist() == [[1, sign]]
 
 
-def test_things_that_all_move_by_themselves_are_as_many_groups_as_there_may_be():
+@pytest.mark.parametrize("count", [1, 3, MAX_GROUPS, MAX_GROUPS + 6])
+def test_things_that_all_move_by_themselves_are_as_many_groups_as_asked_for(count):
     xyz = np.random.default_rng(4).normal(size=(8, MAX_GROUPS + 6, 3))
-    assert rigid_groups(xyz, 1e-3).max() + 1 == MAX_GROUPS
+    assert rigid_groups(xyz, count).max() + 1 == count
 
 
 def test_nodes_joined_while_both_fade_stay_where_they_are():
