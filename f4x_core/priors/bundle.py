@@ -14,13 +14,16 @@ clip with little translation depended on where it started.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from ..geometry import pose, quaternion
 from ..geometry.camera import CameraPath
+from ..native import open_library
+from . import bundle_native
 
 ROBUST_PX = 1.0
 """Cauchy scale in pixels: good tracks stay below, a wrong one soon stops pulling."""
@@ -57,6 +60,17 @@ class Observations:
     def keep(self, chosen: np.ndarray) -> Observations:
         """The chosen rows (mask or indices)."""
         return Observations(self.frame[chosen], self.point[chosen], self.uv[chosen], self.weight[chosen])
+
+    def by_frame(self, frames: int) -> list[Observations]:
+        """The sightings of each frame."""
+        order = np.argsort(self.frame, kind="stable")
+        ends = np.searchsorted(self.frame[order], np.arange(frames + 1))
+        return [self.keep(order[start:end]) for start, end in pairwise(ends)]
+
+    def of_points(self) -> tuple[np.ndarray, Observations]:
+        """Which points are sighted at all, and the sightings of those alone."""
+        used, point = np.unique(self.point, return_inverse=True)
+        return used, replace(self, point=point)
 
     def visible(self, frames: int, points: int) -> np.ndarray:
         """(frames, points) bool: which point was seen in which frame."""
@@ -160,6 +174,11 @@ class BundleConfig:
     """Expected deviation of inverse distances from their median, relative to it (`DEPTH_PRIOR`): 1 for a world around the
     camera, less for one object seen from afar, whose depth is about what its width and height are."""
 
+    @property
+    def unknowns(self) -> int:
+        """Of one camera: rotation, centre and, where the lens zooms, the logarithm of its focal length."""
+        return 7 if self.refine_zoom else 6
+
 
 def rays(bundle: Bundle, observations: Observations) -> np.ndarray:
     """Unit viewing directions in the world, `(O, 3)`."""
@@ -210,14 +229,14 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
     config = config or BundleConfig()
     origin, unit = bundle.center[len(bundle.center) // 2], _unit(bundle)
     problem = _Problem.of(bundle, origin, unit)
-    damping, cost = 1e-4, _cost(problem, observations, config)
+    damping, cost = 1e-4, _costs(problem, observations, config).sum()
     for _ in range(config.iterations):
         belief = cost  # priors weigh as much as a fraction of the present error
         total = cost + _prior_cost(problem, config, belief)
         equations = _normal_equations(problem, observations, config, belief)
         for _ in range(8):
             moved = problem.moved(*_solve(equations, damping, len(problem.center)), config)
-            moved_cost = _cost(moved, observations, config)
+            moved_cost = _costs(moved, observations, config).sum()
             moved_total = moved_cost + _prior_cost(moved, config, belief)
             if moved_total < total:
                 break
@@ -234,7 +253,7 @@ def adjust(bundle: Bundle, observations: Observations, config: BundleConfig | No
 def total_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> float:
     """Cost that `adjust` minimises, per observation (px^2): robust squared error and priors."""
     problem = _Problem.of(bundle, bundle.center[len(bundle.center) // 2], _unit(bundle)).centred()
-    cost = _cost(problem, observations, config)
+    cost = _costs(problem, observations, config).sum()
     return (cost + _prior_cost(problem, config, cost)) / max(len(observations.frame), 1)
 
 
@@ -246,33 +265,27 @@ def resect(
     seen, config = observations.keep(chosen), BundleConfig(refine_focal=False, robust_px=robust_px)
     if not len(seen.frame):
         return bundle
-    count = len(bundle.center)
-    focal = bundle.focals[seen.frame]
-    damping, cost = 1e-3, _frame_cost(bundle, seen, config)
+    used, seen = seen.of_points()
+    problem = _Problem.of(replace(bundle, points=bundle.points[used]), np.zeros(3), 1.0)
+    damping, cost = 1e-3, _costs(problem, seen, config)
     for _ in range(iterations):
-        local = bundle.local(seen)
-        project, plane, ahead = _projection(local, focal)
-        residual = np.where(ahead[:, None], focal[:, None] * plane + bundle.principal - seen.uv, 0.0)
-        weight = seen.weight / (1 + (residual**2).sum(1) / robust_px**2) * ahead
-        cameras = np.concatenate([np.cross(local[:, None, :], project), -project @ bundle.rotation[seen.frame]], axis=2)
-        scaled, sums = cameras * weight[:, None, None], _incidence(seen.frame, count)
-        normal = (sums @ np.einsum("oki,okj->oij", scaled, cameras).reshape(-1, 36)).reshape(-1, 6, 6)
-        gradient = sums @ np.einsum("oki,ok->oi", scaled, residual)
+        sums = _sums(problem, seen, config, held_points=True)
+        normal, gradient = sums.blocks[:, :6, :6], sums.slopes[:, :6]
         diagonal = np.einsum("fii->fi", normal)
         damped = normal + damping * diagonal[:, :, None] * np.eye(6) + 1e-9 * np.eye(6)
         step = -np.linalg.solve(damped, gradient[..., None])[..., 0]
         turn = quaternion.to_matrix(quaternion.from_rotation_vector(step[:, :3]))
-        moved = replace(bundle, rotation=turn @ bundle.rotation, center=bundle.center + step[:, 3:])
-        moved_cost = _frame_cost(moved, seen, config)
+        moved = replace(problem, rotation=turn @ problem.rotation, center=problem.center + step[:, 3:])
+        moved_cost = _costs(moved, seen, config)
         better = moved_cost < cost  # (F,)
-        bundle = replace(
-            bundle,
-            rotation=np.where(better[:, None, None], moved.rotation, bundle.rotation),
-            center=np.where(better[:, None], moved.center, bundle.center),
+        problem = replace(
+            problem,
+            rotation=np.where(better[:, None, None], moved.rotation, problem.rotation),
+            center=np.where(better[:, None], moved.center, problem.center),
         )
         cost = np.where(better, moved_cost, cost)
         damping = damping / 3 if better.any() else damping * 10
-    return bundle
+    return replace(bundle, rotation=problem.rotation, center=problem.center)
 
 
 def _incidence(index: np.ndarray, count: int) -> csr_matrix:
@@ -326,9 +339,10 @@ class _Problem:
         zoom = self.zoom if zooms else None
         return Bundle(self.focal, self.principal, self.rotation, outside(self.center), outside(points), zoom)
 
-    def focals(self, observations: Observations) -> np.ndarray:
-        """(O,) focal lengths in pixels."""
-        return self.focal * self.zoom[observations.frame]
+    @property
+    def focals(self) -> np.ndarray:
+        """(F,) focal lengths in pixels."""
+        return self.focal * self.zoom
 
     @property
     def inverse_distance(self) -> np.ndarray:
@@ -343,11 +357,9 @@ class _Problem:
         reflection = np.eye(4) - 2 * normal[:, :, None] * normal[:, None, :] / (normal**2).sum(1)[:, None, None]
         return reflection[:, :, :3]
 
-    def local(self, observations: Observations) -> np.ndarray:
-        """Observed points in the axes of their camera, `(3, O)`, scaled by the length of the homogeneous vector."""
-        seen = self.points.T[:, observations.point]
-        offset = seen[:3] - seen[3] * self.center.T[:, observations.frame]
-        return np.einsum("ijo,jo->io", self.rotation.transpose(1, 2, 0)[:, :, observations.frame], offset)
+    def local(self, frame: int, points: np.ndarray) -> np.ndarray:
+        """Homogeneous `points (n, 4)` in the axes of a camera, `(3, n)`, scaled by the length of the homogeneous vector."""
+        return self.rotation[frame] @ (points[:, :3] - points[:, 3:] * self.center[frame]).T
 
     def moved(self, cameras: np.ndarray, focal: float, points: np.ndarray, config: BundleConfig) -> _Problem:
         """After a step of the cameras `(F, 6)`, or `(F, 7)` with the logarithm of their zoom, of the logarithm of the focal
@@ -390,12 +402,50 @@ def _robust(squared: np.ndarray, config: BundleConfig) -> np.ndarray:
     return scale * np.log1p(np.where(np.isfinite(squared), squared, BEHIND_PX**2) / scale)
 
 
-def _cost(problem: _Problem, observations: Observations, config: BundleConfig) -> float:
-    local = problem.local(observations)
-    ahead = local[2] > MIN_DEPTH
-    plane = problem.focals(observations) * local[:2] / np.where(ahead, local[2], 1.0) + problem.principal[:, None]
-    squared = np.where(ahead, ((plane - observations.uv.T) ** 2).sum(0), np.inf)
-    return float((observations.weight * _robust(squared, config)).sum())
+def _costs(problem: _Problem, observations: Observations, config: BundleConfig) -> np.ndarray:
+    """(F,) cost of the sightings of every frame."""
+    if open_library()[0] is None:
+        return _plain_costs(problem, observations, config)
+    costs = np.empty(len(problem.center))
+    bundle_native.F4X_BUNDLE_COSTS(_sightings(problem, observations, config, costs=costs))
+    return costs
+
+
+def _plain_costs(problem: _Problem, observations: Observations, config: BundleConfig) -> np.ndarray:
+    costs = np.zeros(len(problem.center))
+    for frame, seen in enumerate(observations.by_frame(len(costs))):
+        local = problem.local(frame, problem.points[seen.point])
+        ahead = local[2] > MIN_DEPTH
+        plane = problem.focals[frame] * local[:2] / np.where(ahead, local[2], 1.0) + problem.principal[:, None]
+        squared = np.where(ahead, ((plane - seen.uv.T) ** 2).sum(0), np.inf)
+        costs[frame] = (seen.weight * _robust(squared, config)).sum()
+    return costs
+
+
+def _sightings(problem: _Problem, observations: Observations, config: BundleConfig, **outputs: np.ndarray) -> Any:
+    """What the compiled sums read, with the arrays that they write."""
+    return bundle_native.SIGHTINGS(
+        count=len(observations.frame),
+        frames=len(problem.center),
+        points=len(problem.points),
+        unknowns=config.unknowns,
+        centers=config.refine_centers,
+        lens=config.refine_focal or config.refine_zoom,
+        shared=config.refine_focal,
+        robust=config.robust_px,
+        behind=BEHIND_PX,
+        min_depth=MIN_DEPTH,
+        principal=tuple(problem.principal),
+        frame=np.ascontiguousarray(observations.frame, np.int64),
+        point=np.ascontiguousarray(observations.point, np.int64),
+        uv=np.ascontiguousarray(observations.uv, np.float64),
+        weight=np.ascontiguousarray(observations.weight, np.float64),
+        rotation=np.ascontiguousarray(problem.rotation, np.float64),
+        center=np.ascontiguousarray(problem.center, np.float64),
+        focal=problem.focals,
+        homogeneous=problem.points,
+        **outputs,
+    )
 
 
 def _depth_prior(config: BundleConfig) -> float:
@@ -424,54 +474,101 @@ def _bends(frames: int) -> np.ndarray:
     return rows / np.sqrt(frames)
 
 
-def _frame_cost(bundle: Bundle, observations: Observations, config: BundleConfig) -> np.ndarray:
-    cost = observations.weight * _robust((bundle.residuals(observations) ** 2).sum(1), config)
-    return np.bincount(observations.frame, cost, len(bundle.center))
+class _Linear(NamedTuple):
+    """The n sightings of one camera and how they change with it and with the points."""
 
-
-def _projection(local: np.ndarray, focal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivative `(O, 2, 3)` of the picture to points in camera axes, the plane `(O, 2)` they fall on, which lie ahead.
-
-    `focal (O,)` in pixels.
-    """
-    ahead = local[:, 2] > MIN_DEPTH
-    z = np.where(ahead, local[:, 2], 1.0)
-    plane = local[:, :2] / z[:, None]
-    project = np.zeros((len(z), 2, 3))
-    project[:, 0, 0] = project[:, 1, 1] = focal / z
-    project[:, :, 2] = -focal[:, None] * plane / z[:, None]
-    return project, plane, ahead
+    residual: np.ndarray
+    """(2, n) pixels."""
+    to_camera: np.ndarray
+    """(2, 7, n): by rotation, centre, log focal length."""
+    to_point: np.ndarray
+    """(2, 3, n): by the point, along its tangents."""
+    weight: np.ndarray
+    """(n,)"""
 
 
 def _linearise(
-    problem: _Problem, observations: Observations, config: BundleConfig
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals `(2, O)`, Jacobians to (rotation, centre, log focal) `(2, 7, O)` and point `(2, 3, O)`, weights `(O,)`.
+    problem: _Problem, frame: int, seen: Observations, tangents: np.ndarray, config: BundleConfig
+) -> _Linear:
+    """Derivatives of the sightings `seen` of a frame; `tangents (P, 4, 3)` of the problem.
 
-    Observations are the last axis: numpy works on long rows, a tenth faster than on as many small matrices.
+    Sightings are the last axis: numpy works on long rows, faster than on as many small matrices.
     """
-    frame, point, focal = observations.frame, observations.point, problem.focals(observations)
-    rotation, center = problem.rotation.transpose(1, 2, 0)[:, :, frame], problem.center.T[:, frame]  # (3, 3, O)
-    local, length = problem.local(observations), problem.points[point, 3]
+    rotation, focal = problem.rotation[frame], problem.focals[frame]
+    points = problem.points[seen.point]
+    local, length = problem.local(frame, points), points[:, 3]
     ahead = local[2] > MIN_DEPTH
     z = np.where(ahead, local[2], 1.0)
     x, y = plane = local[:2] / z
     projected = focal * plane
-    residual = np.where(ahead, projected + problem.principal[:, None] - observations.uv.T, 0.0)
-    to_rotation = focal * np.stack([[-x * y, 1 + x * x, -y], [-1 - y * y, x * y, x]])  # for R <- exp(omega) R
-    turned = focal / z * (rotation[:2] - plane[:, None] * rotation[2])  # (2, 3, O), to the point in world axes
-    to_camera = np.concatenate([to_rotation, -turned * length, projected[:, None]], axis=1)
-    tangents = problem.tangents.transpose(1, 2, 0)[:, :, point]  # (4, 3, O)
-    to_scale = -np.einsum("ajo,jo->ao", turned, center)
-    to_point = np.einsum("ajo,jko->ako", turned, tangents[:3]) + to_scale[:, None] * tangents[3]
-    weight = observations.weight / (1 + (residual**2).sum(0) / config.robust_px**2) * ahead
-    return residual, to_camera, to_point, weight
+    residual = np.where(ahead, projected + problem.principal[:, None] - seen.uv.T, 0.0)
+    turned = focal / z * (rotation[:2, :, None] - plane[:, None] * rotation[2][:, None])  # to the point in world axes
+    to_camera = np.empty((2, 7, len(z)))
+    to_camera[:, :3] = focal * np.stack([[-x * y, 1 + x * x, -y], [-1 - y * y, x * y, x]])  # for R <- exp(omega) R
+    np.multiply(turned, -length, out=to_camera[:, 3:6])
+    to_camera[:, 6] = projected
+    steps = tangents[seen.point]
+    shifts = steps[:, :3] - problem.center[frame][:, None] * steps[:, 3:]  # (n, 3, 3): of the point from the camera
+    to_point = np.einsum("ajn,njk->akn", turned, shifts)
+    weight = seen.weight / (1 + (residual**2).sum(0) / config.robust_px**2) * ahead
+    if not config.refine_centers:
+        to_camera[:, 3:6] = 0
+    if not config.refine_focal and not config.refine_zoom:
+        to_camera[:, 6] = 0
+    return _Linear(residual, to_camera, to_point, weight)
 
 
-def _sums(rows: np.ndarray, index: np.ndarray, count: int) -> np.ndarray:
-    """(..., count) sums of the entries of `rows (..., O)` with equal index."""
-    flat = [np.bincount(index, row, count) for row in rows.reshape(-1, len(index))]
-    return np.reshape(flat, (*rows.shape[:-1], count))
+class _Sums(NamedTuple):
+    """Products of the derivatives of all sightings, added up by camera and by point."""
+
+    blocks: np.ndarray
+    """(F, 7, 7) of the cameras: rotation, centre, log focal length."""
+    slopes: np.ndarray
+    """(F, 7) of the cameras with the residuals."""
+    coupling: np.ndarray
+    """(3, 6F+1, P) of points and cameras, (3, 7F+1, P) where the lens zooms; the last row is the focal length of all."""
+    points: np.ndarray
+    """(P, 3, 3)"""
+    point_slopes: np.ndarray
+    """(P, 3)"""
+
+    @classmethod
+    def none(cls, frames: int, points: int, config: BundleConfig) -> _Sums:
+        """Zeros."""
+        shapes = (frames, 7, 7), (frames, 7), (3, config.unknowns * frames + 1, points), (points, 3, 3), (points, 3)
+        return cls(*map(np.zeros, shapes))
+
+
+def _sums(problem: _Problem, observations: Observations, config: BundleConfig, held_points: bool = False) -> _Sums:
+    """The sums at `problem`; of points that are held nothing need be added up."""
+    if open_library()[0] is None:
+        return _plain_sums(problem, observations, config)
+    sums = _Sums.none(len(problem.center), 0 if held_points else len(problem.points), config)
+    outputs = {"blocks": sums.blocks, "slopes": sums.slopes}
+    if not held_points:
+        outputs |= {"coupling": sums.coupling, "point_blocks": sums.points, "point_slopes": sums.point_slopes}
+        outputs["tangents"] = np.ascontiguousarray(problem.tangents)
+    bundle_native.F4X_BUNDLE_EQUATIONS(_sightings(problem, observations, config, **outputs))
+    return sums
+
+
+def _plain_sums(problem: _Problem, observations: Observations, config: BundleConfig) -> _Sums:
+    frames, tangents = len(problem.center), problem.tangents
+    sums = _Sums.none(frames, len(problem.points), config)
+    for frame, seen in enumerate(observations.by_frame(frames)):
+        residual, to_camera, to_point, weight = _linearise(problem, frame, seen, tangents, config)
+        weighted, scaled = to_camera * weight, to_point * weight
+        sums.blocks[frame] = (weighted @ to_camera.transpose(0, 2, 1)).sum(0)
+        sums.slopes[frame] = (weighted @ residual[:, :, None]).sum(0)[:, 0]
+        # A point is sighted once per frame, so that no index stands twice.
+        own = slice(config.unknowns * frame, config.unknowns * (frame + 1))
+        products = sum(to_point[axis, :, None] * weighted[axis] for axis in (0, 1))  # (3, 7, n)
+        sums.coupling[:, own, seen.point] = products[:, : config.unknowns]
+        if config.refine_focal:
+            sums.coupling[:, -1, seen.point] += products[:, 6]
+        sums.points[seen.point] += np.einsum("ain,ajn->nij", scaled, to_point)
+        sums.point_slopes[seen.point] += (scaled * residual[:, None]).sum(0).T
+    return sums
 
 
 class _NormalEquations(NamedTuple):
@@ -496,43 +593,17 @@ def _normal_equations(
     problem: _Problem, observations: Observations, config: BundleConfig, belief: float
 ) -> _NormalEquations:
     """The normal equations of half the cost at `problem`, its priors included."""
-    frames, count = len(problem.center), len(problem.points)
-    residual, to_camera, to_point, weight = _linearise(problem, observations, config)
-    if not config.refine_centers:
-        to_camera[:, 3:6] = 0
-    own_count = 7 if config.refine_zoom else 6
-    if not config.refine_focal and not config.refine_zoom:
-        to_camera[:, 6] = 0
-    weighted = to_camera * weight  # (2, 7, O)
-    blocks = np.empty((frames, 7, 7))
-    for row in range(7):
-        products = np.einsum("ao,ajo->jo", weighted[:, row], to_camera[:, row:])
-        blocks[:, row, row:] = _sums(products, observations.frame, frames).T
-        blocks[:, row:, row] = blocks[:, row, row:]
-    camera_gradient = _sums(np.einsum("aio,ao->io", weighted, residual), observations.frame, frames).T  # (F, 7)
-    size = own_count * frames
+    frames, each = len(problem.center), config.unknowns
+    sums, size = _sums(problem, observations, config), each * frames
     camera, gradient = np.zeros((size + 1, size + 1)), np.zeros(size + 1)
     for f in range(frames):
-        own = slice(own_count * f, own_count * (f + 1))
-        camera[own, own] = blocks[f, :own_count, :own_count]
-    gradient[:size] = camera_gradient[:, :own_count].ravel()
+        own = slice(each * f, each * (f + 1))
+        camera[own, own] = sums.blocks[f, :each, :each]
+    gradient[:size] = sums.slopes[:, :each].ravel()
     if config.refine_focal:
-        camera[:size, size] = camera[size, :size] = blocks[:, :own_count, 6].ravel()
-        camera[size, size], gradient[size] = blocks[:, 6, 6].sum(), camera_gradient[:, 6].sum()
-
-    coupling = np.zeros((3, size + 1, count))
-    # A point is sighted once per frame, so plain assignment adds nothing up twice.
-    first = observations.frame * (own_count * count) + observations.point
-    for which, entries in enumerate(coupling.reshape(3, -1)):
-        products = np.einsum("aio,ao->io", weighted, to_point[:, which])
-        for row in range(own_count):
-            entries[first + row * count] = products[row]
-        if config.refine_focal:
-            coupling[which, size] = np.bincount(observations.point, products[6], count)
-    scaled = to_point * weight
-    points = _sums(np.einsum("aio,ajo->ijo", scaled, to_point), observations.point, count).transpose(2, 0, 1).copy()
-    point_gradient = _sums(np.einsum("aio,ao->io", scaled, residual), observations.point, count).T.copy()
-    equations = _NormalEquations(camera, gradient, coupling, points, point_gradient)
+        camera[:size, size] = camera[size, :size] = sums.blocks[:, :each, 6].ravel()
+        camera[size, size], gradient[size] = sums.blocks[:, 6, 6].sum(), sums.slopes[:, 6].sum()
+    equations = _NormalEquations(camera, gradient, sums.coupling, sums.points, sums.point_slopes)
     _add_priors(problem, config, belief, equations)
     return equations
 
@@ -574,12 +645,18 @@ def _solve(equations: _NormalEquations, damping: float, cameras: int) -> tuple[n
     lower = np.linalg.cholesky(points + (damping * diagonal + floor)[:, :, None] * np.eye(3))
     root = np.linalg.inv(lower).transpose(0, 2, 1)  # inverse = root root^T, so C inverse C^T takes half the products
     inverse = root @ root.transpose(0, 2, 1)
-    eliminated = np.concatenate([sum(coupling[i] * root[:, i, j] for i in range(j + 1)) for j in range(3)], axis=1)
+    eliminated = np.empty_like(coupling)  # (3, 6F+1, P)
+    for j in range(3):
+        np.multiply(coupling[0], root[:, 0, j], out=eliminated[j])
+    for i, j in ((1, 1), (1, 2), (2, 2)):
+        eliminated[j] += coupling[i] * root[:, i, j]
     own = np.diag(camera)
     # Unknowns that are held fixed have empty rows: a unit pivot keeps them at zero.
     system = camera + np.diag(damping * own + np.where(own > 0, 1e-9 * own.mean(), 1.0))
-    system -= eliminated @ eliminated.T
-    reduced = gradient - eliminated @ np.einsum("pij,pi->jp", root, point_gradient).ravel()
+    system -= sum(part @ part.T for part in eliminated)
+    reduced = gradient - sum(
+        part @ along for part, along in zip(eliminated, np.einsum("pij,pi->jp", root, point_gradient), strict=True)
+    )
     step = -np.linalg.solve(system, reduced)
     moved = -np.einsum("pij,pj->pi", inverse, point_gradient + (step @ coupling).T)
     return step[:-1].reshape(cameras, -1), float(step[-1]), moved

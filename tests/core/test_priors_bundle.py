@@ -13,6 +13,15 @@ from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, r
 FRAMES, POINTS = 4, 15
 
 
+@pytest.fixture(params=["plain", "compiled"])
+def sums(request, monkeypatch):
+    """Both ways to add sightings up."""
+    if request.param == "plain":
+        monkeypatch.setattr(module, "open_library", lambda: (None, "not for this test"))
+    elif module.open_library()[0] is None:
+        pytest.skip(module.open_library()[1])
+
+
 def disturbed(zoom=True):
     """Cameras and points that miss what was seen by a few pixels, and the sightings, of different weights."""
     rng = np.random.default_rng(7)
@@ -107,6 +116,12 @@ def test_triangulated_points_are_nearest_to_their_rays_by_angle():
     assert triangulate(replace(still, rotation=bundle.rotation), seen, POINTS)[1][3] < 1e-6  # a single ray
 
 
+def local_of(problem, seen):
+    """(3,O) sighted points in the axes of their camera."""
+    pairs = zip(seen.frame, seen.point, strict=True)
+    return np.stack([problem.local(frame, problem.points[[point]])[:, 0] for frame, point in pairs], 1)
+
+
 def problem_of(bundle):
     return module._Problem.of(bundle, np.array([0.1, -0.2, 0.3]), 1.7)
 
@@ -119,9 +134,11 @@ def test_a_problem_is_the_same_geometry_in_other_axes():
     np.testing.assert_allclose(xyz, (bundle.points - [0.1, -0.2, 0.3]) / 1.7, rtol=1e-12)
     np.testing.assert_allclose(problem.inverse_distance, 1 / np.linalg.norm(xyz, axis=1), rtol=1e-12)
     for one in (problem, problem.centred(), problem.centred().centred()):
-        local = one.local(seen)
+        local = local_of(one, seen)
         np.testing.assert_allclose(
-            one.focals(seen) * local[:2] / local[2] + one.principal[:, None], seen_by_hand(bundle, seen)[1].T, rtol=1e-9
+            one.focals[seen.frame] * local[:2] / local[2] + one.principal[:, None],
+            seen_by_hand(bundle, seen)[1].T,
+            rtol=1e-9,
         )
         back = one.bundle(np.array([0.1, -0.2, 0.3]), 1.7, True)
         for name in ("focals", "rotation", "center", "points"):
@@ -171,20 +188,19 @@ def test_a_step_turns_shifts_and_zooms():
     )
 
 
-def test_the_cost_is_cauchys_of_the_squared_errors():
+def test_the_cost_is_cauchys_of_the_squared_errors(sums):
     bundle, seen = disturbed()
     config = BundleConfig(robust_px=1.7)
     squared = bundle.errors(seen) ** 2
     by_hand = seen.weight * 1.7**2 * np.log(1 + squared / 1.7**2)
-    assert module._cost(problem_of(bundle), seen, config) == pytest.approx(by_hand.sum(), rel=1e-9)
     frames = [by_hand[seen.frame == frame].sum() for frame in range(FRAMES)]
-    np.testing.assert_allclose(module._frame_cost(bundle, seen, config), frames, rtol=1e-9)
+    np.testing.assert_allclose(module._costs(problem_of(bundle), seen, config), frames, rtol=1e-9)
     behind = 1.7**2 * np.log(1 + module.BEHIND_PX**2 / 1.7**2)
     np.testing.assert_allclose(
         module._robust(np.array([np.inf, 3.0]), config), [behind, 1.7**2 * np.log(1 + 3 / 1.7**2)]
     )
     turned = replace(bundle, rotation=np.diag([1.0, -1.0, -1.0]) @ bundle.rotation)
-    assert module._cost(problem_of(turned), seen, config) == pytest.approx(seen.weight.sum() * behind)
+    assert module._costs(problem_of(turned), seen, config).sum() == pytest.approx(seen.weight.sum() * behind)
 
 
 def prior_by_hand(problem, config):
@@ -213,7 +229,7 @@ def test_what_is_believed_costs_what_its_docstring_says(zooms):
     for one in (config, replace(config, refine_centers=False), replace(config, refine_focal=False)):
         assert module._prior_cost(problem, one, 3.0) == pytest.approx(3 * prior_by_hand(problem, one))
     centred = module._Problem.of(bundle, bundle.center[2], module._unit(bundle)).centred()
-    cost = module._cost(centred, seen, config)
+    cost = module._costs(centred, seen, config).sum()
     expected = cost * (1 + prior_by_hand(centred, config)) / len(seen.frame)
     assert total_cost(bundle, seen, config) == pytest.approx(expected)
 
@@ -237,8 +253,8 @@ def test_the_unit_is_the_median_distance_of_finite_points():
 
 
 def residuals_of(problem, seen):
-    local = problem.local(seen)
-    return (problem.focals(seen) * local[:2] / local[2] + problem.principal[:, None] - seen.uv.T).T.ravel()
+    local = local_of(problem, seen)
+    return (problem.focals[seen.frame] * local[:2] / local[2] + problem.principal[:, None] - seen.uv.T).T.ravel()
 
 
 def dense_normal_equations(problem, seen, config):
@@ -265,7 +281,7 @@ def dense_normal_equations(problem, seen, config):
 
 
 @pytest.mark.parametrize("changes", [{}, {"refine_zoom": True}, {"refine_focal": False}, {"refine_centers": False}])
-def test_normal_equations_are_those_of_the_dense_jacobian(changes):
+def test_normal_equations_are_those_of_the_dense_jacobian(changes, sums):
     bundle, seen = disturbed()
     config = replace(BundleConfig(robust_px=1.5), **changes)
     problem = problem_of(bundle)
@@ -449,7 +465,7 @@ def resected_by_hand(bundle, seen, frame, iterations, damping=1e-3, robust=2.0):
 
 
 @pytest.mark.parametrize(("iterations", "far"), [(1, 0.03), (3, 0.03), (8, 0.6)])
-def test_resecting_is_levenberg_marquardt_of_one_camera(iterations, far):
+def test_resecting_is_levenberg_marquardt_of_one_camera(iterations, far, sums):
     bundle, seen = disturbed()
     rng = np.random.default_rng(5)
     center, rotation = bundle.center.copy(), bundle.rotation.copy()
@@ -472,34 +488,46 @@ def test_a_rejected_step_of_resecting_is_tried_again_with_ten_times_the_damping(
     center[2] += [0.03, -0.02, 0.01]
     start = replace(bundle, center=center)
     expected = resected_by_hand(start, seen, 2, 1, damping=0.1)
-    costs, real = [0, 1, 1], module._frame_cost  # the start's, then two steps that are refused
-    monkeypatch.setattr(module, "_frame_cost", lambda *all: real(*all) + (costs.pop(0) * 1e9 if costs else 0))
+    costs, real = [0, 1, 1], module._costs  # the start's, then two steps that are refused
+    monkeypatch.setattr(module, "_costs", lambda *all: real(*all) + (costs.pop(0) * 1e9 if costs else 0))
     found = resect(start, seen, np.array([2]), 3)
     np.testing.assert_allclose(found.center, expected.center, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(found.rotation, expected.rotation, atol=1e-6)
 
 
-def test_sums_go_to_their_index():
-    rows = np.arange(24.0).reshape(2, 3, 4)
-    index = np.array([2, 0, 2, 4])
-    expected = np.zeros((2, 3, 5))
-    for column, where in enumerate(index):
-        expected[..., where] += rows[..., column]
-    np.testing.assert_array_equal(module._sums(rows, index, 5), expected)
+def test_sightings_are_told_apart_by_frame_and_point():
     seen = project(truth(frames=3, points=9))[1]
     frame, point = np.nonzero(seen)
-    rebuilt = Observations(frame, point, np.zeros((len(frame), 2)), np.ones(len(frame))).visible(3, 9)
-    np.testing.assert_array_equal(rebuilt, seen)
+    all_seen = Observations(frame, point, np.zeros((len(frame), 2)), np.arange(1.0, len(frame) + 1))
+    np.testing.assert_array_equal(all_seen.visible(3, 9), seen)
+    mixed = all_seen.keep(np.random.default_rng(0).permutation(np.flatnonzero((frame != 1) & (point != 4))))
+    views = mixed.by_frame(3)
+    assert [len(view.frame) for view in views] == [sum(mixed.frame == 0), 0, sum(mixed.frame == 2)]
+    for view in views[::2]:
+        np.testing.assert_array_equal(view.weight, mixed.weight[mixed.frame == view.frame[0]])
+    used, fewer = mixed.of_points()
+    assert 4 not in used
+    np.testing.assert_array_equal(used[fewer.point], mixed.point)
 
 
-def test_a_point_behind_its_camera_pulls_nothing():
-    local = np.array([[1.0, 2, 4], [1, 2, -4], [1, 2, 1.1e-6]])
-    project_, plane, ahead = module._projection(local, np.array([2.0, 3, 5]))
-    np.testing.assert_array_equal(ahead, [True, False, True])
-    np.testing.assert_allclose(plane[0], [0.25, 0.5])
-    np.testing.assert_allclose(project_[0], [[0.5, 0, -0.125], [0, 0.5, -0.25]])
+def test_a_point_behind_its_camera_pulls_nothing(sums):
     bundle, seen = disturbed()
     turned = replace(bundle, rotation=np.where(np.arange(4)[:, None, None] == 1, -1.0, 1.0) * bundle.rotation)
-    residual, _, _, weight = module._linearise(problem_of(turned), seen, BundleConfig())
-    assert not weight[seen.frame == 1].any() and not residual[:, seen.frame == 1].any()
-    assert weight[seen.frame != 1].all()
+    found, without = (
+        module._sums(problem_of(turned), part, BundleConfig(refine_zoom=True))
+        for part in (seen, seen.keep(seen.frame != 1))
+    )
+    assert not found.blocks[1].any() and not found.slopes[1].any() and found.blocks[0].any()
+    for one, other in zip(found, without, strict=True):
+        np.testing.assert_array_equal(one, other)
+    near = replace(problem_of(bundle), rotation=np.tile(np.eye(3), (4, 1, 1)), center=np.zeros((4, 3)))
+    for z, counts in ((1.1e-6, True), (0.9e-6, False)):
+        near.points[:] = 0.6, 0.8, z, 0.0
+        assert module._sums(near, seen, BundleConfig()).blocks.any() == counts
+
+
+def test_points_that_are_held_take_no_sums():
+    problem, (_, seen) = problem_of(disturbed()[0]), disturbed()
+    full, cameras = (module._sums(problem, seen, BundleConfig(), held) for held in (False, True))
+    np.testing.assert_array_equal(full.blocks, cameras.blocks)
+    np.testing.assert_array_equal(full.slopes, cameras.slopes)

@@ -107,7 +107,7 @@ def test_normal_equations_are_the_derivative_of_the_cost(belief, zooms):
 
     def cost(cameras, focal, points):
         moved = problem.moved(cameras, focal, points, config)
-        return (module._cost(moved, observations, config) + module._prior_cost(moved, config, belief)) / 2
+        return (module._costs(moved, observations, config).sum() + module._prior_cost(moved, config, belief)) / 2
 
     zero, still = np.zeros((4, 7 if zooms else 6)), np.zeros((20, 3))
     h = 1e-6
