@@ -124,7 +124,7 @@ def place_objects(
 
     found = ndimage.find_objects(labels)
     rows: list[dict[str, Any]] = []
-    for mover in (body for region in in_threads(bodies, range(1, len(found) + 1)) for body in region):
+    for mover in (body for number in range(1, len(found) + 1) for body in bodies(number)):
         place = _place_upright_plane if mover.motion is None else _place_rigid_body
         decided = place(mover, maps, priors)
         rows.append(
@@ -278,12 +278,12 @@ def _split(region: _MovingObject, bodies: list[_MovingObject], priors: Priors) -
 
 def _place_upright_plane(mover: _MovingObject, maps: _Maps, priors: Priors) -> str:
     """Write an object without a structure of its own as one upright plane per frame; returns what decided its depth."""
-    contacts = np.array(
-        [
-            _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mask)
-            for f, mask in zip(mover.frames, mover.masks, strict=True)
-        ]
-    )
+
+    def contact(i: int) -> tuple[float, float, float]:
+        f = mover.frames[i]
+        return _contact(maps.inverse[f], maps.static_confidence[f], maps.moving[f], mover.masks[i])
+
+    contacts = np.array(in_threads(contact, range(len(mover.frames))))
     size = np.array(
         in_threads(lambda i: _growth(priors, mover.frames[i], mover.masks[i]), range(len(mover.frames) - 1))
     )
