@@ -147,7 +147,7 @@ class _Losses:
         assert nodes is not None
         window = slice(max(0, frame - reach), frame + reach + 1)
         xyz, quat = nodes.parameters["node_xyz"][window], nodes.quat[window]
-        coordinate, length = arap_losses(xyz, quat, nodes.edges, config.shifts, config.shift_weights)
+        coordinate, length = arap_losses(xyz, quat, nodes.edges, config.shifts, config.shift_weights, model.kernels)
         smooth = smoothness_losses(xyz, quat, torch.from_numpy(model.times[window]))
         loss = w.arap_coordinate * coordinate + w.arap_length * length
         loss = loss + w.velocity * smooth.velocity + w.acceleration * smooth.acceleration

@@ -75,7 +75,7 @@ def start_scaffold(priors: Priors, config: FitConfig, progress: Progress) -> Sta
     progress("scaffold", 1, 2, f"{len(scaffold)} nodes")
     sightlines = _sightlines(scaffold, priors, chosen[lifted.index[selection.index]])
     lifted_scaffold = scaffold
-    scaffold = optimise_geometry(scaffold, settings.geometry(config.seed), progress, sightlines)
+    scaffold = optimise_geometry(scaffold, settings.geometry(config.seed), progress, sightlines, config.kernels)
     priors = replace(priors, depth=carried_depth(priors, lifted_scaffold, scaffold))
     progress("scaffold", 2, 2, f"{len(scaffold)} nodes")
     evidence = ", ".join(f"{row.nodes}: {row.residual:.2f}" for row in selection.table)

@@ -11,6 +11,8 @@ import numpy as np
 import torch
 
 from ..geometry import quaternion
+from ..native.kernels import TORCH, Kernels
+from .arap_native import NativeArap
 from .graph import EdgeLevel
 
 
@@ -67,12 +69,18 @@ def arap_losses(
     edges: ArapEdges,
     shifts: tuple[int, ...] = (2, 4),
     shift_weights: tuple[float, ...] = (0.6, 0.4),
+    kernels: Kernels = TORCH,
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return scalars `(coordinate, length)` of poses `xyz (F, M, 3)`, `quat (F, M, 4)` unit.
 
     With `l_ab(t) = R_b(t)^T (x_a(t) - x_b(t))`: `sum_s v_s mean_t,a sum_b h_ab |l_ab(t) - l_ab(t + s)|` and the same
     for `| |l_ab(t)| - |l_ab(t + s)| |`. Zero for every rigid motion of the whole. Shifts of F or more are left out.
     """
+    pairs = [(shift, weight) for shift, weight in zip(shifts, shift_weights, strict=True) if shift < len(xyz)]
+    if kernels.native and pairs:
+        listed = edges.node, edges.neighbour, edges.weight, edges.detached_from
+        coordinate, length = NativeArap.apply(xyz, quaternion.to_matrix(quat), listed, pairs)
+        return coordinate, length
     origin = torch.cat(
         [
             xyz.index_select(1, edges.neighbour[: edges.detached_from]),
@@ -83,7 +91,6 @@ def arap_losses(
     offset = xyz.index_select(1, edges.node) - origin  # (F, E, 3)
     frame = quaternion.to_matrix(quat).index_select(1, edges.neighbour)  # (F, E, 3, 3), columns are the axes
     local = (frame * offset[..., None]).sum(dim=-2)  # R^T offset
-    pairs = [(shift, weight) for shift, weight in zip(shifts, shift_weights, strict=True) if shift < len(xyz)]
     coordinate = _Drift.apply(local, edges.weight, pairs)
     return coordinate, _Drift.apply(_norm(offset)[..., None], edges.weight, pairs)
 

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from ..geometry import quaternion
+from ..native.kernels import TORCH, Kernels
 from ..progress import Progress, silent
 from .deformation import align_signs
 from .distance import curve_distance
@@ -67,6 +68,7 @@ def optimise_geometry(
     config: GeometryConfig | None = None,
     progress: Progress = silent,
     sightlines: Sightlines | None = None,
+    kernels: Kernels = TORCH,
 ) -> Scaffold:
     """Return the scaffold with positions filled in and smoothed, rotations settled, and its graph built anew.
 
@@ -101,7 +103,7 @@ def optimise_geometry(
         window = slice(first, first + config.window)
         x = torch.where(certain, start, xyz) if config.certain == "hard" else xyz
         x, q = x[window], quaternion.normalize(quat[window])
-        coordinate, length = arap_losses(x, q, edges, config.shifts, config.shift_weights)
+        coordinate, length = arap_losses(x, q, edges, config.shifts, config.shift_weights, kernels)
         smooth = smoothness_losses(x, q, times[window])
         loss = (
             config.coordinate * coordinate

@@ -1,0 +1,84 @@
+"""The as-rigid-as-possible losses by the compiled library, differentiable once. float32 on the CPU."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from ..errors import F4xError
+from ..native.binder import INT32, INT64, Array, Function, Struct
+
+_XYZ, _AXES = ("frames", "nodes", 3), ("frames", "nodes", 3, 3)
+ARAP = Struct(
+    "Arap",
+    {
+        **dict.fromkeys(("edges", "leading"), INT64),
+        **dict.fromkeys(("frames", "nodes", "shifts"), INT32),
+        "xyz": Array("float32", _XYZ),
+        "axes": Array("float32", _AXES),
+        "node": Array("int64", ("edges",)),
+        "neighbour": Array("int64", ("edges",)),
+        "weight": Array("float32", ("edges",)),
+        "shift": Array("int32", ("shifts",)),
+        "factor": Array("float32", ("shifts",)),
+        "losses": Array("float64", (2,), output=True),
+        "d_coordinate": Array("float32", _XYZ, output=True),
+        "d_length": Array("float32", _XYZ, output=True),
+        "d_axes": Array("float32", _AXES, output=True),
+    },
+)
+"""`struct Arap` of arap.cpp."""
+F4X_ARAP = Function("f4x_arap", {"problem": ARAP}, INT32)
+
+
+class NativeArap(torch.autograd.Function):
+    """The losses `(2,)` of coordinates and lengths of positions (F,M,3) and axes (F,M,3,3), the axes as columns.
+
+    `edges` are the node, the neighbour and the weight of each edge, and how many of them come before those that send no
+    gradient to the neighbour's position; `pairs` the frame distances and their factors. Gradients are made on the way, as
+    the losses are scalars; there are none to the weights.
+    """
+
+    @staticmethod
+    def forward(
+        ctx, xyz: Tensor, axes: Tensor, edges: tuple[Tensor, Tensor, Tensor, int], pairs: Sequence[tuple[int, float]]
+    ) -> Tensor:
+        """Both losses; raises F4xError where memory runs out."""
+        node, neighbour, weight, leading = edges
+        xyz, axes = xyz.contiguous(), axes.contiguous()
+        gradients = {"d_coordinate": torch.empty_like(xyz), "d_length": torch.empty_like(xyz)}
+        gradients["d_axes"] = torch.empty_like(axes)
+        losses = torch.empty(2, dtype=torch.float64)
+        problem = ARAP(
+            edges=len(node),
+            leading=leading,
+            frames=len(xyz),
+            nodes=xyz.shape[1],
+            shifts=len(pairs),
+            xyz=xyz,
+            axes=axes,
+            node=node,
+            neighbour=neighbour,
+            weight=weight,
+            shift=torch.tensor([shift for shift, _ in pairs], dtype=torch.int32),
+            factor=torch.tensor([factor / (len(xyz) - shift) for shift, factor in pairs]),
+            losses=losses,
+            **gradients,
+        )
+        if F4X_ARAP(problem):
+            raise F4xError(
+                f"The scaffold ran out of memory at {xyz.shape[1]} nodes: give fewer by --set scaffold.max_nodes."
+            )
+        ctx.save_for_backward(*gradients.values())
+        return losses.to(xyz.dtype)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx, factors: Tensor) -> Any:
+        """Gradients of the positions and the axes."""
+        coordinate, length, axes = ctx.saved_tensors
+        return factors[0] * coordinate + factors[1] * length, factors[0] * axes, None, None

@@ -1,0 +1,74 @@
+"""The compiled as-rigid-as-possible losses against the torch ones in float64: values, gradients, and poses that coincide."""
+
+import numpy as np
+import pytest
+import torch
+
+from f4x_core.geometry import quaternion
+from f4x_core.native.kernels import TORCH, Kernels
+from f4x_core.scaffold.graph import EdgeLevel
+from f4x_core.scaffold.losses import ArapEdges, arap_losses
+
+pytestmark = pytest.mark.usefixtures("native_library")
+
+SHIFTS, WEIGHTS = (1, 3, 9), (0.5, 0.3, 0.2)
+
+
+def both(xyz, quat, detach=True, factors=(1.3, 0.4)):
+    """Losses and gradients of poses (F,M,…) in float64 by torch, and in float32 by the library."""
+    nodes = xyz.shape[1]
+    rng = np.random.default_rng(1)
+    neighbours = np.stack([rng.permutation(nodes)[:4] for _ in range(nodes)])
+    mask = rng.random(neighbours.shape) > 0.2
+    level = EdgeLevel(np.arange(nodes), rng.permutation(nodes), 0.3)
+    results = []
+    for kernels, dtype in ((TORCH, torch.float64), (Kernels(native=True), torch.float32)):
+        x, q = (torch.tensor(array, dtype=dtype, requires_grad=True) for array in (xyz, quat))
+        edges = ArapEdges.build(neighbours, mask, 1.0, [level], detach=detach, dtype=dtype)
+        losses = torch.stack(arap_losses(x, quaternion.normalize(q), edges, SHIFTS, WEIGHTS, kernels))
+        (losses * torch.tensor(factors, dtype=dtype)).sum().backward()
+        results.append([losses.detach().double(), x.grad.double(), q.grad.double()])
+    return results
+
+
+@pytest.mark.parametrize("frames", [2, 3, 4, 8, 9, 10, 11, 17, 24, 33])
+@pytest.mark.parametrize("detach", [False, True])
+def test_values_and_gradients_are_those_of_torch(frames, detach):
+    rng = np.random.default_rng(frames)
+    xyz = rng.normal(size=(1, 9, 3)) + 0.2 * rng.normal(size=(frames, 9, 3))
+    expected, found = both(xyz, rng.normal(size=(frames, 9, 4)), detach)
+    assert expected[0].min() > 1e-3
+    for one, other in zip(expected, found, strict=True):
+        torch.testing.assert_close(other, one, rtol=1e-5, atol=2e-6 * float(one.abs().max()))
+
+
+@pytest.mark.parametrize("factors", [(1.0, 0.0), (0.0, 1.0)])
+def test_each_loss_has_a_gradient_of_its_own(factors):
+    rng = np.random.default_rng(3)
+    expected, found = both(rng.normal(size=(12, 7, 3)), rng.normal(size=(12, 7, 4)), factors=factors)
+    for one, other in zip(expected, found, strict=True):
+        torch.testing.assert_close(other, one, rtol=1e-5, atol=2e-6 * max(float(one.abs().max()), 1.0))
+
+
+def test_nodes_that_coincide_and_stand_still_have_no_gradient():
+    _, (losses, xyz, quat) = both(np.zeros((10, 6, 3)), np.tile([1.0, 0, 0, 0], (10, 6, 1)))
+    assert not losses.any() and not xyz.any() and not quat.any()
+    still = np.tile(np.random.default_rng(0).normal(size=(1, 6, 3)), (10, 1, 1))
+    _, (losses, xyz, quat) = both(still, np.tile([1.0, 0, 0, 0], (10, 6, 1)))
+    assert not losses.any() and not xyz.any() and not quat.any()
+
+
+def test_poses_of_any_layout_are_read():
+    """A window of a larger tensor, positions that are every second node of another."""
+    rng = np.random.default_rng(5)
+    edges = ArapEdges.build(np.array([[0, 1], [1, 2], [2, 0]]), np.ones((3, 2), bool))
+    wide = torch.tensor(rng.normal(size=(20, 6, 3)), dtype=torch.float32)
+    quat = quaternion.normalize(torch.tensor(rng.normal(size=(20, 6, 4)), dtype=torch.float32))
+    parts = wide[3:15, ::2], quat[3:15, ::2]
+    found = arap_losses(*parts, edges, kernels=Kernels(native=True))
+    expected = arap_losses(*(part.contiguous() for part in parts), edges, kernels=Kernels(native=True))
+    assert found == expected and found[0] > 0
+    turned = (part.permute(2, 1, 0).contiguous().permute(2, 1, 0) for part in parts)
+    assert arap_losses(*turned, edges, kernels=Kernels(native=True)) == expected
+    none = arap_losses(parts[0][:1], parts[1][:1], edges, kernels=Kernels(native=True))
+    assert none == (0, 0)
