@@ -110,15 +110,37 @@ def exercise() -> None:
             got = deformation.backward(posed, "sigma", threads, np.ones_like(means), np.ones_like(quats))
             deformation.relate_backward(arrays, got["tables"])
 
+    _adjust()
+
+
+def _adjust() -> None:
+    """Call the sums of bundle adjustment: few and many sightings, points behind their cameras, lenses that zoom."""
+    from f4x_core.priors.bundle import Bundle, BundleConfig, Observations, adjust, resect
+
+    rng = np.random.default_rng(3)
+    for frames, points in ((1, 1), (3, 12), (9, 200)):
+        frame, point = np.nonzero(rng.random((frames, points)) > 0.2)
+        seen = Observations(frame, point, rng.uniform(0, 100, (len(frame), 2)), np.ones(len(frame)))
+        rotation, center = np.tile(np.eye(3), (frames, 1, 1)), 0.1 * rng.normal(size=(frames, 3))
+        bundle = Bundle(100.0, np.array([50.0, 50.0]), rotation, center, rng.normal([0, 0, 2], 1, (points, 3)))
+        for zooms in (False, True):
+            adjust(bundle, seen, BundleConfig(iterations=3, refine_zoom=zooms))
+        resect(bundle, seen, np.arange(frames), 3)
+
 
 def exercise_with_torch() -> None:
-    """Call the colours and the picture loss, forward and backward."""
+    """Call the colours, the picture loss and the losses of the scaffold, forward and backward."""
     import torch
 
     from f4x_core.fit.losses import rgb_loss
     from f4x_core.gaussians import appearance
     from f4x_core.native.kernels import Kernels
+    from f4x_core.scaffold.losses import ArapEdges, arap_losses
 
+    for frames in (2, 7, 8, 9, 40):
+        edges = ArapEdges.build(np.arange(12).reshape(4, 3) % 4, np.ones((4, 3), bool))
+        xyz, quat = (torch.randn(frames, 4, axes, requires_grad=True) for axes in (3, 4))
+        sum(arap_losses(xyz, quat, edges, (1, 5, 8), (0.3, 0.3, 0.4), Kernels(True))).backward()
     for threads in (1, 4):
         for coefficients in (1, 4, 9, 16):
             for count in (1, 9, 3000):
