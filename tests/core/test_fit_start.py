@@ -206,7 +206,7 @@ def test_the_scaffold_is_optimised_as_its_own_tracks_saw_it_and_depth_goes_along
     priors, config = with_moving_tracks(49), profile("quick")
     given = []
 
-    def optimise(scaffold, settings, progress, sightlines):
+    def optimise(scaffold, settings, progress, sightlines, *_):
         given.append((scaffold, sightlines))
         return replace(scaffold, xyz=scaffold.xyz * [1.1, 1.1, 1.1])
 
