@@ -1,7 +1,7 @@
 """Stable codes of everything that can go wrong for a user: the family of an error follows from the module that raises it.
 
-`with_code` ends a sentence with its code, `f4x doctor CODE` and docs/troubleshooting.md explain it. A sentence may be worded anew and
-a module may move; its family keeps its code.
+`with_code` ends a sentence with its code, `f4x doctor CODE` and docs/troubleshooting.md explain it. A sentence may be worded anew
+and a module may move; its family keeps its code.
 """
 
 from __future__ import annotations
@@ -224,7 +224,7 @@ def code_of_module(name: str) -> str:
 
 
 def code_of(error: BaseException) -> str:
-    """Code of an exception that was raised: of the first F4xError in its chain of causes, by the innermost module that has a family."""
+    """Code of an exception that was raised: of the first F4xError in its chain, by the innermost module with a family."""
     if isinstance(error, MemoryError):
         return "F4X-MEMORY"
     if isinstance(error, OSError):

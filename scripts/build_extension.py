@@ -52,7 +52,7 @@ def blender_platform(target: str) -> str:
 
 
 def stage(folder: Path, target: str | None) -> None:
-    """Copy what belongs into the zip: of the libraries those of the present sources, for `target` or all platforms that are built."""
+    """Copy what belongs into the zip: of the libraries those of the present sources, for `target` or all that are built."""
     wanted = library_path(target).name if target else f"-{library_path().name.split('-')[1]}-"
     old = [path.name for path in FOLDER.iterdir() if wanted not in path.name] if FOLDER.is_dir() else []
     for part in PARTS:

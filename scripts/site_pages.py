@@ -18,8 +18,8 @@ ERRORS = ("F4xError", "Refusal", "Absent", "ChatError", "Unanswerable", "Missing
 """Exceptions whose sentence a user reads."""
 HEAD = """# Troubleshooting
 
-Every error ends with a code in brackets: `… give more frames. [F4X-CLIP]`. The sentence says which file is meant and what to do in this
-case; the line here says what all errors of the family have in common. `f4x doctor F4X-CLIP` prints it without this page.
+Every error ends with a code in brackets: `… give more frames. [F4X-CLIP]`. The sentence says which file is meant and what to do in
+this case; the line here says what all errors of the family have in common. `f4x doctor F4X-CLIP` prints it without this page.
 
 If that does not help, open an issue with what `f4x doctor --report` prints (with `--scene my_scene/scene.f4x` where a scene is
 concerned): versions, backends and numbers, without paths and names.

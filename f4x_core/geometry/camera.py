@@ -11,8 +11,8 @@ import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
-from . import pose
 from ..versions import CAMERA_PATH
+from . import pose
 from .arrays import Array, are_indices, like, namespace
 from .interpolation import interpolate, interpolate_rotation
 

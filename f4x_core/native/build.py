@@ -1,7 +1,7 @@
 """Compiles the kernels into one shared library with the compiler that is there; standard library only.
 
-`python -m f4x_core.native.build` does it from a shell; with `--target NAME` or `--all` the package ziglang compiles for one or every
-platform of `TARGETS`.
+`python -m f4x_core.native.build` does it from a shell; with `--target NAME` or `--all` the package ziglang compiles for one
+platform or every platform of `TARGETS`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ FLAGS = [
 
 
 def find_compiler(target: str | None = None) -> list[str] | None:
-    """Command that starts a C++ compiler: without `target` what is on the path or else the package ziglang, with it the latter; or None."""
+    """Command that starts a C++ compiler: what is on the path, else the package ziglang; for a `target` that alone. None without one."""
     if target is None:  # what is given away is built by zig alone: the same bytes everywhere, and for old systems too
         for name in COMPILERS:
             if found := shutil.which(name):
