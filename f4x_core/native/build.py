@@ -43,7 +43,7 @@ FLAGS = [
 
 
 def find_compiler(target: str | None = None) -> list[str] | None:
-    """Command that starts a C++ compiler: what is on the path, else the package ziglang; for a `target` that alone. None without one."""
+    """Command that starts a C++ compiler: one on the path, else the package ziglang; for a `target` that alone. None without."""
     if target is None:  # what is given away is built by zig alone: the same bytes everywhere, and for old systems too
         for name in COMPILERS:
             if found := shutil.which(name):
