@@ -154,9 +154,12 @@ def docs() -> int:
 def release(arguments: list[str]) -> int:
     """Everything that a release gives away, and then its installation in a new environment and a real Blender."""
     code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ZIG])
-    code = code or run([str(ROOT / "scripts" / "release.py"), *arguments])
+    code = code or run(["-m", "scripts.release", *arguments])
     if code or "--help" in arguments or "-h" in arguments:
         return code
+    output = arguments[-1] if arguments else "dist"  # the command has one option, -o DIR
+    os.environ["F4X_RELEASE"] = str(ROOT / output)
+    blender_root()
     return run(["-m", "pytest", "-m", "real", "-rs", "tests/real/test_release.py"])
 
 
@@ -166,12 +169,17 @@ def mutants(rooms: list[str]) -> int:
     return code or run(["-m", "benchmarks.studies.mutations", *rooms])
 
 
+def blender_root() -> str:
+    """Folder of the system with a real Blender; tests find it by the variable F4X_BLENDER_ROOT."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return os.environ.setdefault("F4X_BLENDER_ROOT", str(cache / "feature4x" / "blender"))
+
+
 def blender(arguments: list[str]) -> int:
     """The tests in a real Blender, in the system of F4X_BLENDER_ROOT or one that is kept for this user."""
     from real_blender import UnavailableError, prepare  # not at the top: only Debian's and Ubuntu's root gets far
 
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    root = os.environ.setdefault("F4X_BLENDER_ROOT", str(cache / "feature4x" / "blender"))
+    root = blender_root()
     try:
         print(f"{prepare(Path(root))} in {root}", flush=True)
     except (UnavailableError, OSError) as error:

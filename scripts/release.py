@@ -19,10 +19,10 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from build_extension import builder
-
 from f4x_core.native.build import TARGETS
 from f4x_core.versions import VERSION
+
+from .build_extension import builder
 
 ROOT = Path(__file__).resolve().parents[1]
 TAG = f"v{VERSION}"
