@@ -38,6 +38,7 @@ from ..f4x_core.edit.plan import propose
 from ..f4x_core.edit.styles import STYLES
 from ..f4x_core.edit.words import plural
 from ..f4x_core.errors import F4xError
+from ..f4x_core.troubles import with_code
 from . import display, session
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
@@ -357,7 +358,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             scene, edit_context = session.edited_scene(root), session.context_of(root)
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
-            state.answer = panel_words(str(error))
+            state.answer = panel_words(with_code(error))
             raise
         for candidate in proposal.candidates:
             row = state.readings.add()

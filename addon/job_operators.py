@@ -11,6 +11,7 @@ from bpy_extras.io_utils import ExportHelper, ImportHelper
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.formats import FORMATS
 from ..f4x_core.scene.formats.usd import expected_bytes
+from ..f4x_core.troubles import with_code
 from . import jobs, session
 from .motion_edits import unwritten
 from .preferences import worker_python
@@ -95,7 +96,7 @@ class _WorkerOperator:
         try:
             self.start(context)
         except F4xError as error:
-            self.report({"ERROR"}, panel_words(str(error)))
+            self.report({"ERROR"}, panel_words(with_code(error)))
             return {"CANCELLED"}
         return {"FINISHED"}
 

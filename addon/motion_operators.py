@@ -13,6 +13,7 @@ from mathutils import Vector
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.grab import grab, within_reach
+from ..f4x_core.troubles import with_code
 from . import display, session
 from .motion_edits import changes, mark_keyed
 from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene
@@ -42,7 +43,7 @@ class _MotionOperator(bpy.types.Operator):
         try:
             self.act(context, session.root_of(context.object))
         except F4xError as error:
-            self.report({"ERROR"}, panel_words(str(error)))
+            self.report({"ERROR"}, panel_words(with_code(error)))
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -104,7 +105,7 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
         try:
             self._grab = _Grab(context, session.root_of(context.object), self.reach)
         except F4xError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, with_code(error))
             return {"CANCELLED"}
         self._start = (event.mouse_region_x, event.mouse_region_y)
         context.window_manager.modal_handler_add(self)

@@ -9,6 +9,7 @@ from bpy.props import BoolProperty, CollectionProperty, IntProperty, StringPrope
 from bpy_extras.io_utils import ImportHelper
 
 from ..f4x_core.errors import F4xError
+from ..f4x_core.troubles import with_code
 from . import packing, session, viewport
 from .clip_background import doubt, show_clip
 from .import_scene import SOURCE, import_scene
@@ -84,7 +85,7 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
                 step=self.step,
             )
         except F4xError as error:
-            self.report({"ERROR"}, panel_words(str(error)))
+            self.report({"ERROR"}, panel_words(with_code(error)))
             return {"CANCELLED"}
         if clip is not None:
             _warn_of_clip(self, root)
@@ -153,7 +154,7 @@ class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
             show_clip(camera, images, np.arange(scene.frame_start, scene.frame_end + 1))
             _warn_of_clip(self, root)
         except F4xError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, with_code(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 

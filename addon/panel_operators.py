@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..f4x_core.errors import F4xError
+from ..f4x_core.troubles import with_code
 from . import session
 from .wording import panel_words
 
@@ -31,6 +32,6 @@ class SceneOperator:
         try:
             self.act(context, session.root_of(context.object))
         except F4xError as error:
-            self.report({"ERROR"}, panel_words(str(error)))
+            self.report({"ERROR"}, panel_words(with_code(error)))
             return {"CANCELLED"}
         return {"FINISHED"}

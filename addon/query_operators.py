@@ -21,6 +21,7 @@ from ..f4x_core.query.labels import spellings, words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
 from ..f4x_core.query.selection import Selection
+from ..f4x_core.troubles import with_code
 from . import display, marking, session
 from .evaluated import HIDDEN
 from .job_operators import look_up
@@ -164,7 +165,7 @@ class _Prompt(SceneOperator):
             done = self.handle(context, event)
         except F4xError as error:
             self._finish(context)
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, with_code(error))
             return {"CANCELLED"}
         root = session.root_of(context.object)
         if done and root.f4x.follow:  # that takes many seconds: the window must not stand still

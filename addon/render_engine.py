@@ -15,6 +15,7 @@ from gpu_extras.presets import draw_texture_2d
 from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.scene import stage
 from ..f4x_core.scene.color import linear_from_srgb
+from ..f4x_core.troubles import with_code
 from . import display, evaluated
 from .axes import Eye, camera_eye, eye
 
@@ -111,7 +112,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         except Cancelled:
             self.update_stats("Feature4X", "cancelled")
         except F4xError as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, with_code(error))
 
     def _render(self, depsgraph):
         scene, layer = depsgraph.scene, depsgraph.view_layer

@@ -8,7 +8,9 @@ imports them; the functions over them are therefore called `select`, `ask` and `
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+from . import versions
+
+__version__ = versions.VERSION
 
 __all__ = [
     "Camera",

@@ -24,8 +24,8 @@ STAMP = VENV / "installed.sha256"
 PYTHON = (3, 11)
 # The C++ compiler that builds for all platforms from any of them; 100 MB, so it comes only when it is asked for.
 ZIG = "ziglang==0.17.1"
-# Makes pages of docstrings; it comes only when it is asked for.
-PDOC = "pdoc==16.0.0"
+# Make the site of documents and docstrings; they come only when they are asked for.
+SITE = ("mkdocs==1.6.1", "mkdocs-material==9.8.1", "mkdocstrings[python]==1.0.8")
 # Breaks formulas to see whether a test notices; it comes only when it is asked for.
 MUTMUT = "mutmut==3.8.1"
 EVERYDAY = ("-m", "not slow and not real")
@@ -39,7 +39,8 @@ VERBS = {
     "blender": "install, scripts and window in a real Blender, in a Debian of its own; says SKIPPED unless root and network allow",
     "results": "docs/results.md and the figures in documents from benchmarks/results/, after taking over the report in DIR, if any",
     "mutants": "formulas of a ROOM (fit, scaffold, …; none: the report's five) broken by mutmut, and which no test notices",
-    "docs": "pages of all public functions and classes, from their docstrings, in build/docs",
+    "docs": "the documentation site with pages of all docstrings, links checked, in build/site",
+    "release": "wheels, extensions, source, notes and checksums from the last commit, in -o DIR; then tries them",
     "setup": "only make .venv, install what is pinned, and build the native kernel",
 }
 
@@ -141,17 +142,25 @@ def extension(arguments: list[str]) -> int:
 
 
 def docs() -> int:
-    """HTML pages of every module of the core, by pdoc; a module that cannot be imported fails it."""
-    output = ROOT / "build" / "docs"
-    files = (file.relative_to(ROOT).with_suffix("") for file in (ROOT / "f4x_core").rglob("*.py"))
-    # By name: below a package that lists its names, pdoc would look for nothing else, and of what it cannot import it only warns.
-    modules = sorted(".".join(file.parts).removesuffix(".__init__") for file in files if file.name != "__main__")
-    code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", PDOC])
-    code = code or run(["-c", "import importlib, sys; [*map(importlib.import_module, sys.argv[1:])]", *modules])
-    code = code or run(["-m", "pdoc", "--docformat", "markdown", "-o", str(output), *modules])
+    """The site, by mkdocs; a link or anchor that leads nowhere fails it, and so does a module whose docstrings cannot be read."""
+    code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", *SITE])
+    code = code or run([str(ROOT / "scripts" / "site_pages.py"), str(ROOT / "build" / "site_pages")])
+    code = code or run(["-m", "mkdocs", "build", "--strict", "--quiet"])
     if code == 0:
-        print(f"{output / 'index.html'}")
+        print(f"{ROOT / 'build' / 'site' / 'index.html'}")
     return code
+
+
+def release(arguments: list[str]) -> int:
+    """Everything that a release gives away, and then its installation in a new environment and a real Blender."""
+    code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ZIG])
+    code = code or run(["-m", "scripts.release", *arguments])
+    if code or "--help" in arguments or "-h" in arguments:
+        return code
+    output = arguments[-1] if arguments else "dist"  # the command has one option, -o DIR
+    os.environ["F4X_RELEASE"] = str(ROOT / output)
+    blender_root()
+    return run(["-m", "pytest", "-m", "real", "-rs", "tests/real/test_release.py"])
 
 
 def mutants(rooms: list[str]) -> int:
@@ -160,12 +169,17 @@ def mutants(rooms: list[str]) -> int:
     return code or run(["-m", "benchmarks.studies.mutations", *rooms])
 
 
+def blender_root() -> str:
+    """Folder of the system with a real Blender; tests find it by the variable F4X_BLENDER_ROOT."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return os.environ.setdefault("F4X_BLENDER_ROOT", str(cache / "feature4x" / "blender"))
+
+
 def blender(arguments: list[str]) -> int:
     """The tests in a real Blender, in the system of F4X_BLENDER_ROOT or one that is kept for this user."""
     from real_blender import UnavailableError, prepare  # not at the top: only Debian's and Ubuntu's root gets far
 
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    root = os.environ.setdefault("F4X_BLENDER_ROOT", str(cache / "feature4x" / "blender"))
+    root = blender_root()
     try:
         print(f"{prepare(Path(root))} in {root}", flush=True)
     except (UnavailableError, OSError) as error:
@@ -204,6 +218,8 @@ def main() -> int:
         return extension(args.options)
     if args.verb == "docs":
         return docs()
+    if args.verb == "release":
+        return release(args.options)
     if args.verb == "blender":
         return blender(args.options)
     return lint() if args.verb == "lint" else 0

@@ -31,6 +31,7 @@ from pydantic import AnyHttpUrl, ValidationError
 from .. import __version__
 from ..errors import F4xError
 from ..progress import Progress, silent
+from ..troubles import with_code
 from .session import Session
 from .tool_result import TEXTS, ToolResult, plain
 
@@ -187,7 +188,7 @@ def _tool(session: Session, name: str, lock: Lock) -> Callable[..., CallToolResu
             try:
                 return _protocol_result(method(**arguments))
             except F4xError as error:  # clients do not see paths of this machine
-                raise F4xError(str(error).replace(f"{session.folder.root}{os.sep}", "")) from error
+                raise F4xError(with_code(error).replace(f"{session.folder.root}{os.sep}", "")) from error
             finally:
                 session.progress = silent
 

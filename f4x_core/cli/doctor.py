@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import getpass
+import json
 import os
 import platform
+import re
 import time
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from .. import __version__
+from ..files import json_text
 from ..progress import Progress
+from ..scene import read_scene
+from ..troubles import explain
 
 PACKAGES = (
     "numpy",
@@ -26,13 +34,23 @@ PACKAGES = (
     "transformers",
     "bpy",
 )
+PUBLIC_NAMES = {"", "root", "user", "localhost"}
+"""Names that name nobody."""
+_PATH = re.compile(r"(?<![\w:])(?:~|[A-Za-z]:)?(?:[\\/][\w.+ -]*[\w.+-]){2,}[\\/]?")
 # A small scene for the speed line: Gaussians, width, height.
 TRIAL = (10_000, 240, 136)
 
 
 def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Versions, backends, self-check and a speed line."""
+    """Versions, backends, self-check and a speed line; or what a code means.
+
+    Raises:
+        F4xError: there is no such code, or the scene of a report cannot be read.
+    """
     from ..raster import why_not
+
+    if args.code is not None:
+        return {"code": args.code, "text": explain(args.code)}
 
     packages = {}
     for name in PACKAGES:
@@ -57,7 +75,43 @@ def run_doctor(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     lines += [f"{name}: {number}" for name, number in packages.items()]
     lines += [f"raster {name}: {state}" for name, state in backends.items()]
     lines += [f"native {name}: {state}" for name, state in native.items()]
+    if args.report:
+        lines = [f"Feature4X {__version__}", *lines, *(numbers_of(args.scene) if args.scene else [])]
+        result = json.loads(anonymous(json_text(result)))
+        lines = ["```", *anonymous("\n".join(lines)).splitlines(), "```"]
     return {**result, "text": "\n".join(lines)}
+
+
+def anonymous(text: str) -> str:
+    """The text without paths, and without the names of this user and this machine."""
+    text = _PATH.sub("(path)", text)
+    with contextlib.suppress(OSError, KeyError, ImportError):  # a user without a name has none to hide
+        names = {getpass.getuser(), Path.home().name, platform.node()} - PUBLIC_NAMES
+        for name in names:
+            text = re.sub(rf"(?<!\w){re.escape(name)}(?!\w)", "(name)", text)
+    return text
+
+
+def numbers_of(path: Path) -> list[str]:
+    """Lines about a scene and the fit beside it: numbers alone, so that nothing in them can name anybody.
+
+    Raises:
+        F4xError: the scene cannot be read.
+    """
+    scene = read_scene(path)
+    cameras = scene.cameras
+    nodes = 0 if scene.scaffold is None else len(scene.scaffold)
+    lines = [
+        f"scene: {len(scene.static):,} static and {len(scene.dynamic):,} dynamic Gaussians, {nodes} nodes,"
+        f" {len(cameras)} frames of {cameras.width}x{cameras.height}",
+    ]
+    metrics = Path(path).with_name("metrics.json")
+    if metrics.is_file():
+        with contextlib.suppress(ValueError):
+            scores = json.loads(metrics.read_text(encoding="utf-8"))
+            lines += [f"{name}: {value:.4g}" for name, value in scores.items() if isinstance(value, int | float)]
+            lines += [f"{name}: {value:.0f} s" for name, value in scores.get("seconds", {}).items()]
+    return lines
 
 
 def _native() -> dict[str, str]:

@@ -13,6 +13,7 @@ from .. import __version__
 from ..errors import Cancelled, F4xError
 from ..files import json_text
 from ..processes import EXIT_INTERRUPTED, LineProgress, stop_with_parent
+from ..troubles import with_code
 from .checks import output_folder, require_backend, require_folder, require_given, why_slow
 from .terminal import TerminalProgress
 
@@ -65,14 +66,15 @@ def main(arguments: list[str] | None = None) -> int:
                     progress.console.print(slow)
             result = find_verb(args.verb)(args, progress)
     except F4xError as error:
-        return _fail(args, lines, str(error), EXIT_BAD_INPUT)
+        return _fail(args, lines, with_code(error), EXIT_BAD_INPUT)
     except OSError as error:
         where = error.filename or getattr(args, "output", None) or "the output folder"
         parts = [str(error.strerror or error), "nothing half-written was left behind", ADVICE.get(error.errno or 0)]
-        return _fail(args, lines, f"{where}: {'; '.join(filter(None, parts))}.", EXIT_BAD_INPUT)
+        sentence = f"{where}: {'; '.join(filter(None, parts))}."
+        return _fail(args, lines, with_code(error, sentence), EXIT_BAD_INPUT)
     except MemoryError as error:
         sentence = f"The memory does not suffice ({error}); use fewer frames or smaller ones."
-        return _fail(args, lines, sentence, EXIT_BAD_INPUT)
+        return _fail(args, lines, with_code(error, sentence), EXIT_BAD_INPUT)
     except (KeyboardInterrupt, Cancelled):
         again = AGAIN.get(args.verb, "")
         return _fail(args, lines, f"Stopped{again}.", EXIT_INTERRUPTED)

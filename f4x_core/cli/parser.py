@@ -320,7 +320,12 @@ def _batch(verbs: Verbs) -> None:
 
 def _doctor(verbs: Verbs) -> None:
     """`f4x doctor`."""
-    add_verb(verbs, "doctor", "What this machine has, and whether it works.")
+    sub = add_verb(verbs, "doctor", "What this machine has, and whether it works.")
+    sub.add_argument("code", nargs="?", help="explain this code of an error, such as F4X-CLIP, instead")
+    sub.add_argument("--report", action="store_true", help="as Markdown for an issue, without paths and names")
+    sub.add_argument(
+        "--scene", type=path_argument, help="with --report: tell the numbers of this scene and its fit, too"
+    )
 
 
 def _bench(verbs: Verbs) -> None:

@@ -11,12 +11,12 @@ import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
+from ..versions import CAMERA_PATH
 from . import pose
 from .arrays import Array, are_indices, like, namespace
 from .interpolation import interpolate, interpolate_rotation
 
 FORMAT = "f4x-cameras"
-VERSION = 1
 _ARRAYS = ("intrinsics", "world_to_camera", "times")
 _MIN_DEPTH = 1e-8  # world units; nearer to the camera plane the projection is held finite, on its own side
 
@@ -174,7 +174,7 @@ class CameraPath:
         """Return a JSON-compatible dict; `from_json` gives back the same float64 numbers."""
         return {
             "format": FORMAT,
-            "version": VERSION,
+            "version": CAMERA_PATH,
             "axes": "OpenCV: x right, y down, z forward; pixel centres at +0.5",
             "width": self.width,
             "height": self.height,
@@ -185,8 +185,8 @@ class CameraPath:
         """Return the path of a dict written by `to_json`; `source` names it in the F4xError of a wrong one."""
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             raise F4xError(f"{source} is not a camera path: it should be a JSON object with format '{FORMAT}'")
-        if data.get("version") != VERSION:
-            raise F4xError(f"{source} has version {data.get('version')!r}; this Feature4X reads version {VERSION}")
+        if data.get("version") != CAMERA_PATH:
+            raise F4xError(f"{source} has version {data.get('version')!r}; this Feature4X reads version {CAMERA_PATH}")
         try:
             intrinsics, matrices, times = (np.array(data[name], np.float64) for name in _ARRAYS)
             return cls(intrinsics, matrices, times, int(data["width"]), int(data["height"]))

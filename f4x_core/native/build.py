@@ -1,6 +1,7 @@
 """Compiles the kernels into one shared library with the compiler that is there; standard library only.
 
-`python -m f4x_core.native.build` does it from a shell; with `--all` the package ziglang compiles for every platform of `TARGETS`.
+`python -m f4x_core.native.build` does it from a shell; with `--target NAME` or `--all` the package ziglang compiles for one
+platform or every platform of `TARGETS`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from ..errors import F4xError
-from .library import FOLDER, SOURCES, library_path, this_platform
+from .library import FOLDER, SOURCES, library_path
 
 # Platforms of the extension and what zig calls them, with the oldest C library or system that each has to run on.
 TARGETS = {
@@ -42,8 +43,8 @@ FLAGS = [
 
 
 def find_compiler(target: str | None = None) -> list[str] | None:
-    """Command that starts a C++ compiler for a platform: for this one what is on the path, else the package ziglang, else None."""
-    if target in (None, this_platform()):
+    """Command that starts a C++ compiler: one on the path, else the package ziglang; for a `target` that alone. None without."""
+    if target is None:  # what is given away is built by zig alone: the same bytes everywhere, and for old systems too
         for name in COMPILERS:
             if found := shutil.which(name):
                 return [found]
@@ -103,10 +104,11 @@ def main() -> int:
     """Build and say where the libraries are; `--quiet` says nothing when all is well."""
     parser = argparse.ArgumentParser(description="Compile the native library.")
     parser.add_argument("--quiet", action="store_true", help="print only failures")
+    parser.add_argument("--target", choices=TARGETS, help="for this platform, by the package ziglang")
     parser.add_argument("--all", action="store_true", help=f"for every platform: {', '.join(TARGETS)} (needs ziglang)")
     args = parser.parse_args()
     failed = False
-    for target in TARGETS if args.all else [None]:
+    for target in TARGETS if args.all else [args.target]:
         try:
             path = build(target)
         except F4xError as error:

@@ -31,12 +31,12 @@ import numpy as np
 
 from ..errors import F4xError
 from ..files import replace_file
+from ..versions import PRIORS
 
 if TYPE_CHECKING:
     from ..clip import Clip
     from ..geometry.camera import CameraPath
 
-VERSION = 1
 CAMERA_KINDS = ("moving", "pan", "static")
 ARRAYS: dict[str, tuple[str, type]] = {
     "depth": ("FHW", np.float32),
@@ -231,7 +231,7 @@ class Priors:
             entry = self.provenance.setdefault(name, {})
             entry["previous"], entry["digest"] = entry.get("digest"), _digest_bytes(data)
         head = {
-            "version": VERSION,
+            "version": PRIORS,
             "width": self.width,
             "height": self.height,
             "frames": [int(frame) for frame in self.frames],
@@ -267,8 +267,8 @@ def read_head(folder: Path) -> dict[str, Any]:
         raise F4xError(f"{folder} is not a priors folder (no priors.json); build the priors first.") from error
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise F4xError(f"{path} is not readable JSON ({error}); build the priors again.") from error
-    if not isinstance(head, dict) or head.get("version") != VERSION:
-        raise F4xError(f"{path} is not of version {VERSION}; build the priors again with this program.")
+    if not isinstance(head, dict) or head.get("version") != PRIORS:
+        raise F4xError(f"{path} is not of version {PRIORS}; build the priors again with this program.")
     missing = [name for name in REMEMBERED if name not in head]
     if missing:
         raise F4xError(f"{path} is damaged (it lacks '{missing[0]}'); delete it and build the priors again.")

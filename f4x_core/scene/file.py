@@ -25,6 +25,7 @@ from ..errors import F4xError
 from ..files import json_data, replace_file
 from ..geometry.camera import CameraPath
 from ..scaffold import Scaffold
+from ..versions import SCENE_FILE
 from .field import FeatureField
 from .model import (
     CAMERA_ARRAYS,
@@ -41,9 +42,6 @@ from .model import (
 from .runs import HELD, fold, unfold
 
 FORMAT = "f4x"
-VERSION = 4
-"""The newest that this program reads. 1: the beginning. 2: a feature field. 3: Gaussians that come and go. 4: node poses as runs.
-Written is the smallest that holds the scene."""
 HEADER = "scene.json"
 GROUPS = {"static": GAUSSIAN_ARRAYS, "dynamic": DYNAMIC_ARRAYS, "scaffold": SCAFFOLD_ARRAYS, "cameras": CAMERA_ARRAYS}
 
@@ -245,9 +243,9 @@ def _check_header(header: Any, path: Path) -> None:
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise F4xError(f"{path}: {HEADER} does not say format 'f4x', so not a Feature4X scene; choose a .f4x file")
     version = header.get("version")
-    if type(version) is int and version > VERSION:
+    if type(version) is int and version > SCENE_FILE:
         raise F4xError(
-            f"{path}: made by a newer version of Feature4X (file version {version}, this one reads {VERSION}); update"
+            f"{path}: made by a newer version of Feature4X (file version {version}, this one reads {SCENE_FILE}); update"
         )
     if type(version) is not int or version < 1:
         raise F4xError(f"{path}: {HEADER} has no valid version; export the scene again")

@@ -147,8 +147,17 @@ def run_example(source):
     return variables
 
 
-def test_there_are_three_examples():
-    assert [len(examples(name)) for name in ("README.md", "docs/python.md")] == [1, 2]
+def test_there_are_four_examples():
+    assert [len(examples(name)) for name in ("README.md", "docs/programmers.md", "docs/python.md")] == [1, 1, 2]
+
+
+def test_the_example_for_programmers_runs(tmp_path, monkeypatch, capsys):
+    (tmp_path / "my_scene").mkdir()
+    write_scene(known_as("swan", fps=2.0), tmp_path / "my_scene" / "scene.f4x")
+    monkeypatch.chdir(tmp_path)
+    images = run_example(examples("docs/programmers.md")[0])["images"]
+    assert len(list((tmp_path / "gold").glob("*.png"))) == len(images) > 1
+    assert len(read_scene("my_scene/golden.f4x").edits) == 1 and "dynamic" in capsys.readouterr().out
 
 
 def test_the_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):

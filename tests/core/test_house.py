@@ -26,7 +26,10 @@ ROOMS = (
     *("api", "batch", "agent", "cli"),
 )
 """In the order data flows: a room imports itself and rooms to its left."""
-SHARED = ("errors", "files", "page", "progress", "processes", "parallel", "installation", "__init__", "__main__")
+SHARED = (
+    *("errors", "files", "page", "progress", "processes", "parallel", "installation", "troubles", "versions"),
+    *("__init__", "__main__"),
+)
 """Common ground below all rooms, and the two doors."""
 DOORS = ("f4x_core/__init__.py", "f4x_core/__main__.py")
 """They name rooms: the first one to type checkers alone, to programs lazily."""
@@ -47,6 +50,8 @@ TORCH_FREE = (
     "processes",
     "parallel",
     "installation",
+    "troubles",
+    "versions",
 )
 NUMPY_ONLY = (
     "native",
@@ -61,6 +66,8 @@ NUMPY_ONLY = (
     "progress",
     "processes",
     "installation",
+    "troubles",
+    "versions",
 )
 """What Blender's own Python imports: numpy is the only wheel there."""
 WHEELS = {"torch", "cv2", "av", "scipy", "PIL", "pycolmap", "matplotlib", "OpenEXR", "rich", "trimesh"}
@@ -168,7 +175,8 @@ def test_arrows_point_to_the_left(file):
 
 def test_the_door_for_programs_imports_no_room():
     tree = at_import_time(ast.parse((ROOT / "f4x_core" / "__init__.py").read_text(encoding="utf-8")))
-    assert {module.split(".")[0] for _, module in imports(tree, ("f4x_core",))} <= {"importlib", "typing"}
+    names = {module.removeprefix("f4x_core.") for _, module in imports(tree, ("f4x_core",))}
+    assert names <= {"importlib", "typing", "versions"}
 
 
 @pytest.mark.parametrize("file", CORE, ids=name_of)

@@ -17,8 +17,8 @@ from random_scene import arrays_of, assert_same, random_scene
 
 from f4x_core.errors import F4xError
 from f4x_core.scene import read_header, read_scene, write_edits, write_scene
-from f4x_core.scene.file import VERSION
 from f4x_core.scene.model import KEYS
+from f4x_core.versions import SCENE_FILE as VERSION
 
 BASE = random_scene(static=6, dynamic=4)
 

@@ -1,0 +1,69 @@
+"""What a release rests on: one version everywhere, notes from the change log, zips that are the same twice, documents that show."""
+
+import re
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from f4x_core.versions import VERSION
+from scripts.build_extension import blender_platform, reproducible
+from scripts.release import ReleaseError, repeated_versions, section_of, write_sums
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+LINK = re.compile(r"\]\(([^)\s]+)")
+
+
+def test_every_file_that_repeats_the_version_has_it():
+    assert set(repeated_versions(ROOT).values()) == {VERSION}
+    assert section_of((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), VERSION)
+
+
+def test_notes_are_the_section_of_the_version():
+    log = "# Changes\n\n## 0.2.0\n\n* new\n\n## 0.1.0 (2026)\n\n* first\n"
+    assert section_of(log, "0.2.0") == "* new\n" and section_of(log, "0.1.0") == "* first\n"
+    with pytest.raises(ReleaseError, match=r"says nothing under .## 0\.1"):
+        section_of("## 0.1\n\n## 0.0\n\nold", "0.1")
+
+
+def test_the_same_contents_make_the_same_zip(tmp_path):
+    for name, order, date in (("a", "xy", 1990), ("b", "yx", 2020)):
+        with zipfile.ZipFile(tmp_path / name, "w") as archive:
+            for entry in order:
+                archive.writestr(zipfile.ZipInfo(entry, (date, 1, 1, 0, 0, 0)), entry * 50)
+        reproducible(tmp_path / name)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    assert zipfile.ZipFile(tmp_path / "a").read("y") == b"y" * 50
+
+
+def test_sums_name_every_file_but_themselves(tmp_path):
+    (tmp_path / "part").mkdir()
+    (tmp_path / "part" / "file").write_bytes(b"")
+    for _ in range(2):
+        write_sums(tmp_path)
+    empty = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
+    assert (tmp_path / "SHA256SUMS").read_text() == f"{empty}  part/file\n"
+
+
+def test_blender_calls_platforms_otherwise():
+    assert [blender_platform(name) for name in ("linux-x86_64", "macos-arm64")] == ["linux-x64", "macos-arm64"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_to_files_lead_somewhere(page):
+    targets = [target.partition("#")[0] for target in LINK.findall(page.read_text(encoding="utf-8"))]
+    local = [
+        target
+        for target in targets
+        if target and ":" not in target and not target.startswith(("NAME", "results", "api/"))
+    ]
+    assert [target for target in local if not (page.parent / target).exists()] == []
+
+
+def test_quoted_diagnoses_were_said_of_the_films_shown():
+    text = (ROOT / "docs" / "which_clips.md").read_text(encoding="utf-8")
+    poor = text[text.index("## Poor") :]
+    said = (ROOT / "benchmarks" / "results" / "hard-cases.json").read_text(encoding="utf-8")
+    quotes = re.findall(r"^> (.+)$", poor, re.MULTILINE)
+    assert len(quotes) >= 6 and [quote for quote in quotes if quote not in said] == []

@@ -1,0 +1,101 @@
+"""Codes of errors: every module that raises has a family, the sentence carries it, and the page explains it."""
+
+import ast
+import os
+from pathlib import Path
+
+import pytest
+
+from f4x_core.cli import main
+from f4x_core.cli.doctor import anonymous
+from f4x_core.errors import F4xError
+from f4x_core.troubles import TROUBLES, code_of, code_of_module, explain, with_code
+from scripts.site_pages import TROUBLESHOOTING, sentences_of, troubleshooting
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = [file for folder in ("f4x_core", "addon", "scripts") for file in (ROOT / folder).rglob("*.py")]
+
+
+def module_of(file: Path) -> str:
+    return ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def test_every_module_that_raises_has_a_family():
+    raising = [file for file in SOURCES if "raise F4xError(" in file.read_text(encoding="utf-8")]
+    assert len(raising) > 100
+    assert [module_of(file) for file in raising if code_of_module(module_of(file)) == "F4X-OTHER"] == []
+
+
+def test_every_family_names_modules_that_are_there():
+    modules = {module_of(file) for file in SOURCES} | {"scripts"}
+    assert [name for trouble in TROUBLES for name in trouble.modules if name not in modules] == []
+
+
+def test_codes_and_modules_occur_once():
+    codes = [trouble.code for trouble in TROUBLES]
+    modules = [name for trouble in TROUBLES for name in trouble.modules]
+    assert len(codes) == len(set(codes)) and len(modules) == len(set(modules))
+
+
+@pytest.mark.parametrize(
+    ("module", "code"),
+    [
+        ("f4x_core.clip.video", "F4X-CLIP"),
+        ("f4x_core.scene.file", "F4X-SCENE"),
+        ("f4x_core.scene.ply", "F4X-IMPORT"),
+        ("bl_ext.user_default.feature4x.f4x_core.edit.stack", "F4X-EDIT"),
+        ("bl_ext.user_default.feature4x.addon.session", "F4X-BLENDER"),
+        ("somewhere.else", "F4X-OTHER"),
+    ],
+)
+def test_the_longest_name_that_fits_decides(module, code):
+    assert code_of_module(module) == code
+
+
+def test_the_code_is_that_of_the_first_cause_and_stands_once():
+    from f4x_core.edit.operations import _check_range
+
+    try:
+        try:
+            _check_range("strength", 2.0)
+        except F4xError as error:
+            raise F4xError(f"edit 3: {error}") from error
+    except F4xError as error:
+        outer = error
+    assert code_of(outer) == "F4X-EDIT" and with_code(outer).endswith("[F4X-EDIT]")
+    told = F4xError("the worker said so. [F4X-CLIP]")
+    assert with_code(told) == "the worker said so. [F4X-CLIP]"
+    assert code_of(OSError()) == "F4X-DISK" and code_of(MemoryError()) == "F4X-MEMORY"
+
+
+def test_the_command_line_ends_its_sentence_with_the_code(tmp_path, capsys):
+    (tmp_path / "scene.f4x").write_bytes(b"no scene")
+    assert main(["info", str(tmp_path / "scene.f4x")]) == 2
+    assert capsys.readouterr().err.rstrip().endswith("[F4X-SCENE]")
+    assert main(["doctor", "f4x-scene"]) == 0 and "What helps:" in capsys.readouterr().out
+    assert main(["doctor", "F4X-NOTHING"]) == 2 and "[F4X-OPTION]" not in capsys.readouterr().out
+
+
+def test_every_code_is_explained_on_the_page():
+    assert TROUBLESHOOTING.read_text(encoding="utf-8") == troubleshooting(), "run `python3 scripts/dev.py docs`"
+    assert all(explain(trouble.code).count("\n") == 1 for trouble in TROUBLES)
+
+
+def test_sentences_are_read_out_of_the_code():
+    source = """def f():
+    raise F4xError(f"{path}: {count} frames" " are too few; give more.") from error
+"""
+    assert sentences_of(ast.parse(source)) == ["…: … frames are too few; give more."]
+
+
+def test_a_report_names_neither_paths_nor_people(monkeypatch):
+    import getpass
+    import platform
+
+    monkeypatch.setattr(getpass, "getuser", lambda: "maria")
+    monkeypatch.setattr(platform, "node", lambda: "marias-laptop")
+    text = anonymous(
+        "compiler: /opt/secret place/bin/c++ of maria on marias-laptop; 12 ms at 240x136\nC:\\Users\\max\\x.f4x"
+    )
+    assert not any(word in text for word in ("secret", "maria", "max", os.sep + "bin"))
+    assert "12 ms at 240x136" in text and "Linux x86_64, 2 cores" in anonymous("Linux x86_64, 2 cores")
