@@ -169,7 +169,7 @@ def draw(
     )
     colors = _joined(features, sum(widths.values()))
     view = replace(camera, world_to_camera=camera.world_to_camera @ frame)
-    config = replace(settings.config or _fitted_config(clouds, camera), near=settings.near)
+    config = replace(settings.config or fitted_config(clouds, camera), near=settings.near)
 
     images: dict[str, np.ndarray] = {}
     for band in [rows] if progress is silent else _bands(rows, camera.width):
@@ -191,7 +191,7 @@ def draw(
     return images
 
 
-def _fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
+def fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
     """Return the rasteriser's constants of the largest cloud whose fit is known."""
     from ..raster import RasterConfig
 
