@@ -14,7 +14,6 @@ import gpu
 import numpy as np
 
 from ..f4x_core.errors import F4xError
-from ..f4x_core.raster.contract import MAX_DEFAULT_THREADS
 from ..f4x_core.scene import splat_shader as glsl
 from ..f4x_core.scene.depth_order import OrderSettings
 from ..f4x_core.scene.splat_textures import SplatTextures, as_seen, clip_matrix, refuse_too_large, triangle_vertices
@@ -106,9 +105,9 @@ class GpuPicture:
     def _draw_splats(self, targets: _Targets, seen: Eye, moving: bool) -> None:
         self.splats.clouds = as_seen(self.splats.clouds, seen.back)
         camera, config = seen.camera, self.splats.config(seen.camera)
-        threads = min(config.threads, MAX_DEFAULT_THREADS)
         coarse = self.is_coarse(moving)
-        order, count = self.splats.order(camera, OrderSettings(seen.near, seen.far, config.alpha_min, coarse, threads))
+        settings = OrderSettings(seen.near, seen.far, config.alpha_min, coarse, config.threads)
+        order, count = self.splats.order(camera, settings)
         if not count:
             return
         rows = -(-count // order.shape[1])
