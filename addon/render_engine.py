@@ -4,8 +4,6 @@ Colours: a scene's Gaussians are display sRGB and are blended as such, over the 
 picture in linear light, so the Standard view transform shows the core's own numbers.
 """
 
-from dataclasses import replace
-
 import bpy
 import gpu
 import numpy as np
@@ -16,7 +14,7 @@ from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.scene import stage
 from ..f4x_core.scene.color import linear_from_srgb
 from . import display, evaluated, viewport_gpu
-from .axes import Eye, camera_eye, eye
+from .axes import camera_eye, eye
 
 # pass of the stage -> (name in Blender, channels, kind of socket)
 _PASSES = {
@@ -141,7 +139,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             return {"Combined": _combined(images, transparent)} | named
 
         written = stage.draw(
-            _as_seen(clouds, seen),
+            stage.as_seen(clouds, seen.back),
             surfaces,
             seen.camera,
             stage.DrawSettings(seen.near, seen.far, background),
@@ -214,14 +212,9 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         seen = eye(projection, world_to_view, *size)
         clouds, surfaces, background = self._stage
         settings = stage.DrawSettings(seen.near, seen.far, background)
-        images = stage.draw(_as_seen(clouds, seen), surfaces, seen.camera, settings)
+        images = stage.draw(stage.as_seen(clouds, seen.back), surfaces, seen.camera, settings)
         flat = np.ascontiguousarray(_combined(images, transparent=False)[::-1], np.float32).ravel()
         return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
-
-
-def _as_seen(clouds: list[stage.Cloud], seen: Eye) -> list[stage.Cloud]:
-    """The clouds without the focal lengths of their fits where the view has no perspective, and so no angles."""
-    return [replace(cloud, fitted_focal=None) for cloud in clouds] if seen.back else clouds
 
 
 def _wanted(layer: bpy.types.ViewLayer) -> list[str]:

@@ -1,4 +1,4 @@
-"""The viewport's picture on the graphics card, with Blender's `gpu` module: what the core packs is uploaded, and drawn in its order.
+"""The viewport's picture on the graphics card, with Blender's `gpu` module: what the core packs, in its order.
 
 Off screen, in sRGB as the engine blends: the world's colour, surfaces with their depth, the Gaussians farthest first over
 them, then the whole in linear light. Everything with numbers in it is the core's (`splat_textures`, `splat_shader`).
@@ -9,15 +9,14 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 
-import bpy
 import gpu
 import numpy as np
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scene import splat_shader as glsl
 from ..f4x_core.scene.depth_order import OrderSettings
-from ..f4x_core.scene.splat_textures import SplatTextures, as_seen, clip_matrix, refuse_too_large, triangle_vertices
-from ..f4x_core.scene.stage import Cloud, Surface
+from ..f4x_core.scene.splat_textures import SplatTextures, clip_matrix, refuse_too_large, triangle_vertices
+from ..f4x_core.scene.stage import Cloud, Surface, as_seen, fitted_config
 from .axes import Eye
 
 FORMATS = {1: "R32F", 4: "RGBA32F"}
@@ -32,6 +31,7 @@ FARTHEST = 3e38
 _STRIP = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
 _shaders: dict[str, gpu.types.GPUShader] = {}
 _refusal: str | None = None  # why the graphics card cannot draw, once it has said so
+_said: set[str] = set()
 
 
 class GpuPicture:
@@ -43,7 +43,7 @@ class GpuPicture:
             _shaders.update(_compile())
         self.splats = SplatTextures()
         self.milliseconds: dict[str, float] = {}
-        """What the last `load` and `draw` took of the processor's time."""
+        """What the last `load` and `draw`, and of the latter `prepare`, took of this thread."""
         self._background = np.zeros(3)
         self._textures: dict[str, gpu.types.GPUTexture] = {}
         self._surfaces: gpu.types.GPUBatch | None = None
@@ -71,10 +71,20 @@ class GpuPicture:
         if self._targets is None or self._targets.size != size:
             self._targets = _Targets(size)
         targets, far = self._targets, min(seen.far, FARTHEST)
+        config = fitted_config(as_seen(self.splats.clouds, seen.back), seen.camera)
+        settings = OrderSettings(seen.near, seen.far, config.alpha_min, self.is_coarse(moving), config.threads)
+        order, count = self.splats.order(seen.camera, settings)
+        tables = {
+            "order": _texture(order[: max(1, -(-count // order.shape[1]))]),
+            "view": _texture(self.splats.view(seen.camera)),
+        }
+        self.milliseconds["prepare"] = 1e3 * (time.thread_time() - start)
         targets.clear(self._background, far)
         if self._surfaces is not None:
             self._draw_surfaces(targets, seen, far)
-        self._draw_splats(targets, seen, moving)
+        if count:
+            constants = glsl.splat_constants(seen.camera, seen.near, config, self.splats.terms)
+            self._draw_splats(targets, tables, constants, count)
         self._draw_linear(targets)
         self.milliseconds["draw"] = 1e3 * (time.thread_time() - start)
         return targets.linear
@@ -102,26 +112,16 @@ class GpuPicture:
             self._surfaces.draw(shader)
             _use("NONE", "NONE", depth_mask=False)
 
-    def _draw_splats(self, targets: _Targets, seen: Eye, moving: bool) -> None:
-        self.splats.clouds = as_seen(self.splats.clouds, seen.back)
-        camera, config = seen.camera, self.splats.config(seen.camera)
-        coarse = self.is_coarse(moving)
-        settings = OrderSettings(seen.near, seen.far, config.alpha_min, coarse, config.threads)
-        order, count = self.splats.order(camera, settings)
-        if not count:
-            return
-        rows = -(-count // order.shape[1])
-        textures = {"order": _texture(order[:rows]), "view": _texture(self.splats.view(camera)), **self._textures}
-        textures["limit"] = targets.limit
+    def _draw_splats(self, targets: _Targets, tables: Mapping, constants: Mapping, count: int) -> None:
         shader = _shaders["splat"]
+        textures = {**self._textures, **tables, "limit": targets.limit}
         with targets.blended.bind():
             _use("ALPHA_PREMULT", "NONE", depth_mask=False)
             shader.bind()
             for name in glsl.SPLAT_SAMPLERS:
                 shader.uniform_sampler(name, textures[name])
-            shader.uniform_float("lens", camera.intrinsics[[0, 1, 0, 1], [0, 1, 2, 2]].tolist())
-            shader.uniform_float("frame", (camera.width, camera.height, seen.near, config.blur))
-            shader.uniform_float("rule", (config.alpha_min, config.alpha_max, self.splats.terms, 0.0))
+            for name, values in constants.items():
+                shader.uniform_float(name, values)
             self._strip.draw_instanced(shader, instance_start=0, instance_count=count)
             _use("NONE", "NONE", depth_mask=False)
 
@@ -156,7 +156,7 @@ class _Targets:
 
 
 def picture() -> GpuPicture | None:
-    """A new picture; None where the graphics card has refused, which is printed once."""
+    """A new picture; None where the graphics card has refused."""
     if _refusal is not None:
         return None
     try:
@@ -167,18 +167,21 @@ def picture() -> GpuPicture | None:
 
 
 def refuse(error: Exception) -> None:
-    """Note that the graphics card cannot draw, and say so once."""
+    """Say once why the graphics card does not draw; it is not asked again, unless it is this scene that it cannot draw."""
     global _refusal
-    if _refusal is None:
-        first = (str(error).strip() or type(error).__name__).splitlines()[0]
-        _refusal = first
-        print(f"Feature4X: the graphics card does not draw the viewport ({first}); the processor does.")
+    sentence = (str(error).strip() or type(error).__name__).splitlines()[0]
+    if not isinstance(error, F4xError):
+        _refusal = sentence
+    if sentence not in _said:
+        _said.add(sentence)
+        print(f"Feature4X: the graphics card does not draw the viewport ({sentence}); the processor does.", flush=True)
 
 
 def forget() -> None:
     """Free the shaders and let the graphics card be asked again."""
     global _refusal
     _shaders.clear()
+    _said.clear()
     _refusal = None
 
 

@@ -10,7 +10,8 @@ Interfaces (names and GLSL types) stand beside the sources because Blender decla
 from __future__ import annotations
 
 from ..geometry import spherical_harmonics as sh
-from ..raster.contract import FRUSTUM_MARGIN
+from ..geometry.camera import Camera
+from ..raster.contract import FRUSTUM_MARGIN, RasterConfig
 from .splat_textures import VIEW_TEXELS, WIDTH
 from .stage import AMBIENT
 
@@ -133,6 +134,17 @@ void main()
   color = vec4(shade.rgb * alpha, alpha);
 }
 """
+
+
+def splat_constants(camera: Camera, near: float, config: RasterConfig, terms: int) -> dict[str, tuple[float, ...]]:
+    """The values of `SPLAT_CONSTANTS`; `terms` harmonics above degree 0."""
+    fx, fy, cx, cy = camera.intrinsics[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
+    return {
+        "lens": (fx, fy, cx, cy),
+        "frame": (camera.width, camera.height, near, config.blur),
+        "rule": (config.alpha_min, config.alpha_max, terms, 0.0),
+    }
+
 
 SURFACE_CONSTANTS = {"to_clip": "MAT4", "eye": "VEC4"}
 """World to clip space; the camera's centre and the depth from which on nothing is drawn."""

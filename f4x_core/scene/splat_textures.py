@@ -14,15 +14,13 @@ entry i of a list with one texel each is at (i % WIDTH, i // WIDTH).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ..errors import F4xError
 from ..geometry.camera import Camera
-from ..raster.contract import RasterConfig
 from .depth_order import OrderSettings, depth_order
-from .stage import Cloud, Surface, fitted_config
+from .stage import Cloud, Surface
 
 WIDTH = 8192
 """Texels of a row; every card that Blender runs on takes 16384."""
@@ -100,10 +98,6 @@ class SplatTextures:
         )
         return self._order.reshape(-1, WIDTH, 1), count
 
-    def config(self, camera: Camera) -> RasterConfig:
-        """The rasteriser's constants that `stage.draw` takes for this camera."""
-        return fitted_config(self.clouds, camera)
-
     def _rows(self, name: str, texels: int) -> np.ndarray:
         """(N, texels, channels) view of a texture; of one channel, (N, texels)."""
         count, channels = len(self), CHANNELS[name]
@@ -127,9 +121,11 @@ class SplatTextures:
         return changed
 
 
-def as_seen(clouds: Sequence[Cloud], back: float) -> list[Cloud]:
-    """The clouds without the focal lengths of their fits where the view has no perspective (`back` > 0), and so no angles."""
-    return [replace(cloud, fitted_focal=None) for cloud in clouds] if back else list(clouds)
+def refuse_too_large(textures: SplatTextures, limit: int) -> None:
+    """Raise F4xError where a texture has more rows than the `limit` of a card."""
+    largest = max((len(array) for array in textures.arrays.values()), default=0)
+    if largest > limit:
+        raise F4xError(f"the picture needs textures of {largest} rows, the graphics card takes {limit}")
 
 
 def triangle_vertices(surfaces: Sequence[Surface]) -> dict[str, np.ndarray]:
@@ -205,10 +201,3 @@ def _fill_harmonics(cloud: Cloud, number: int, part: np.ndarray) -> None:
     own = part.reshape(len(cloud.means), -1, 4)
     own[:] = 0
     own[:, : cloud.sh.shape[1] - 1, :3] = cloud.sh[:, 1:]
-
-
-def refuse_too_large(textures: SplatTextures, limit: int) -> None:
-    """Raise F4xError where a texture has more rows than the `limit` of a card."""
-    largest = max((len(array) for array in textures.arrays.values()), default=0)
-    if largest > limit:
-        raise F4xError(f"the picture needs textures of {largest} rows, the graphics card takes {limit}")

@@ -191,6 +191,11 @@ def draw(
     return images
 
 
+def as_seen(clouds: Sequence[Cloud], back: float) -> list[Cloud]:
+    """The clouds without the focal lengths of their fits where the view has no perspective (`back` > 0), and so no angles."""
+    return [replace(cloud, fitted_focal=None) for cloud in clouds] if back else list(clouds)
+
+
 def fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
     """Return the rasteriser's constants of the largest cloud whose fit is known."""
     from ..raster import RasterConfig
