@@ -52,7 +52,7 @@ class Reader:
 
     def __init__(self) -> None:
         """Nothing has been read yet."""
-        self._clouds: dict[tuple, Cloud | None] = {}
+        self._clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
         self._surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
         self._written: dict[int, frozenset[str] | None] = {}
 
@@ -63,7 +63,7 @@ class Reader:
         changed = _Changes(depsgraph)
         if changed.trees:
             self._written = {}
-        clouds: dict[tuple, Cloud | None] = {}
+        clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
         surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
         for instance in depsgraph.object_instances:
             item = instance.object
@@ -74,26 +74,30 @@ class Reader:
             if hidden or (view is not None and not owner.visible_in_viewport_get(view)):
                 continue
             to_world = np.array(instance.matrix_world)
-            key = (item.original.session_uid, *instance.persistent_id, owner.session_uid)
+            data = item.original.data.session_uid
+            key = (item.original.session_uid, data, *instance.persistent_id, owner.session_uid)
             if item.type == "POINTCLOUD":
                 clouds[key] = self._cloud(key, item, to_world, changed)
             else:
                 surfaces[key] = to_world, self._surface(key, item, to_world, changed)
         self._clouds, self._surfaces = clouds, surfaces
-        seen = [surface for _, surface in surfaces.values()]
-        return [c for c in clouds.values() if c is not None], [s for s in seen if s is not None]
+        found = [cloud for cloud, _ in clouds.values()], [surface for _, surface in surfaces.values()]
+        return [cloud for cloud in found[0] if cloud is not None], [part for part in found[1] if part is not None]
 
-    def _cloud(self, key: tuple, item: bpy.types.Object, to_world: np.ndarray, changed: _Changes) -> Cloud | None:
-        old = self._clouds.get(key)
-        if old is None or changed.any_data(item):
-            return _cloud(item.data, to_world, item.pass_index)
+    def _cloud(
+        self, key: tuple, item: bpy.types.Object, to_world: np.ndarray, changed: _Changes
+    ) -> tuple[Cloud | None, frozenset[str] | None]:
+        """The cloud, and the attributes that its modifiers write."""
+        written = self._written_by(item)
+        old, before = self._clouds.get(key, (None, None))
+        if old is None or changed.any_data(item) or written != before:
+            return _cloud(item.data, to_world, item.pass_index), written
         old = replace(old, to_world=to_world, index=item.pass_index)
         if not changed.shape(item):
-            return old
-        written = self._written_by(item)
+            return old, written
         if written is None:
-            return _cloud(item.data, to_world, item.pass_index)
-        return _reread(item.data, old, written)
+            return _cloud(item.data, to_world, item.pass_index), None
+        return _reread(item.data, old, written), written
 
     def _written_by(self, item: bpy.types.Object) -> frozenset[str] | None:
         """Attributes that the modifiers of a point cloud write; None = they may do anything."""

@@ -83,7 +83,7 @@ class GpuPicture:
         if self._surfaces is not None:
             self._draw_surfaces(targets, seen, far)
         if count:
-            constants = glsl.splat_constants(seen.camera, seen.near, config, self.splats.terms)
+            constants = glsl.splat_constants(seen.camera, seen.near, config, self.splats)
             self._draw_splats(targets, tables, constants, count)
         self._draw_linear(targets)
         self.milliseconds["draw"] = 1e3 * (time.thread_time() - start)

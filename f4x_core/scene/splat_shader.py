@@ -12,13 +12,13 @@ from __future__ import annotations
 from ..geometry import spherical_harmonics as sh
 from ..geometry.camera import Camera
 from ..raster.contract import FRUSTUM_MARGIN, RasterConfig
-from .splat_textures import VIEW_TEXELS, WIDTH
+from .splat_textures import CHANNELS, VIEW_TEXELS, WIDTH, SplatTextures
 from .stage import AMBIENT
 
-SPLAT_SAMPLERS = ("order", "view", "means", "quats", "turns", "shapes", "looks", "harmonics", "limit")
+SPLAT_SAMPLERS = ("order", "view", *CHANNELS, "limit")
 """2D float textures, in the order of their slots."""
 SPLAT_CONSTANTS = {"lens": "VEC4", "frame": "VEC4", "rule": "VEC4"}
-"""fx, fy, cx, cy in pixels; width, height, near, blur; alpha_min, alpha_max, harmonics above degree 0, unused."""
+"""fx, fy, cx, cy in pixels; width, height, near, blur; alpha_min, alpha_max, harmonics above degree 0, `split`."""
 SPLAT_FLAT = {"conic": "VEC4", "shade": "VEC4"}
 """A, k, r of the exponent A (dx - k dy)^2 + r dy^2, opacity; colour, depth. The same in all of a quad."""
 SPLAT_SMOOTH = {"offset": "VEC2"}
@@ -62,6 +62,11 @@ vec3 shaded(int i, vec3 base, int terms, vec3 direction)
 SPLAT_VERTEX = f"""
 vec4 texel(sampler2D list, int i) {{ return texelFetch(list, ivec2(i % {WIDTH}, i / {WIDTH}), 0); }}
 
+vec3 point(sampler2D list, int i)
+{{
+  return vec3(texel(list, 3 * i).r, texel(list, 3 * i + 1).r, texel(list, 3 * i + 2).r);
+}}
+
 vec3 turned_back(vec4 q, vec3 v)
 {{
   float size = dot(q, q);
@@ -86,7 +91,18 @@ void main()
 {{
   int i = int(texel(order, gl_InstanceID).r + 0.5);
   vec4 shape = texel(shapes, i), look = texel(looks, i);
-  vec3 mean = vec3(texel(means, 3 * i).r, texel(means, 3 * i + 1).r, texel(means, 3 * i + 2).r);
+  int own = i - int(rule.w + 0.5);
+  vec4 quat, turn = vec4(1.0, 0.0, 0.0, 0.0);
+  vec3 mean;
+  if (own < 0) {{
+    mean = point(means, i);
+    quat = texel(quats, i);
+  }}
+  else {{
+    mean = point(moving_means, own);
+    quat = texel(moving_quats, own);
+    turn = texel(turns, own);
+  }}
   int cloud = {VIEW_TEXELS} * int(shape.w + 0.5);
   vec4 right = texelFetch(view, ivec2(cloud, 0), 0);
   vec4 down = texelFetch(view, ivec2(cloud + 1, 0), 0);
@@ -98,7 +114,7 @@ void main()
 
   vec2 margin = {0.5 * FRUSTUM_MARGIN} * size / focal;
   slope = clamp(slope, -middle / focal - margin, (size - middle) / focal + margin);
-  mat3 axes = rotation(texel(quats, i));
+  mat3 axes = rotation(quat);
   vec3 across = (right.xyz - forward.xyz * slope.x) * (focal.x / at.z) * axes * shape.xyz;
   vec3 along = (down.xyz - forward.xyz * slope.y) * (focal.y / at.z) * axes * shape.xyz;
   vec3 minors = cross(across, along);
@@ -108,7 +124,7 @@ void main()
   yy += blur;
 
   conic = vec4(yy / det, xy / yy, 1.0 / yy, look.a);
-  vec3 direction = turned_back(texel(turns, i), mean - centre);
+  vec3 direction = turned_back(turn, mean - centre);
   shade = vec4(max(shaded(i, look.rgb, int(rule.z + 0.5), direction), vec3(0.0)), at.z);
 
   // the ellipse at which alpha is alpha_min, in a rectangle along its axes
@@ -136,13 +152,15 @@ void main()
 """
 
 
-def splat_constants(camera: Camera, near: float, config: RasterConfig, terms: int) -> dict[str, tuple[float, ...]]:
-    """The values of `SPLAT_CONSTANTS`; `terms` harmonics above degree 0."""
+def splat_constants(
+    camera: Camera, near: float, config: RasterConfig, splats: SplatTextures
+) -> dict[str, tuple[float, ...]]:
+    """The values of `SPLAT_CONSTANTS`."""
     fx, fy, cx, cy = camera.intrinsics[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
     return {
         "lens": (fx, fy, cx, cy),
         "frame": (camera.width, camera.height, near, config.blur),
-        "rule": (config.alpha_min, config.alpha_max, terms, 0.0),
+        "rule": (config.alpha_min, config.alpha_max, splats.terms, splats.split),
     }
 
 

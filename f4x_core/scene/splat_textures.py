@@ -1,11 +1,13 @@
 """A stage as textures for a graphics card: every Gaussian's numbers in float texels, small tables per view, triangles.
 
 `splat_shader` reads them. Nothing here knows a graphics library: arrays go in and come out. A texture is `WIDTH` texels wide;
-entry i of a list with one texel each is at (i % WIDTH, i // WIDTH).
+entry i of a list with one texel each is at (i % WIDTH, i // WIDTH). Clouds that motion turns come last, `split` Gaussians after
+the others, and have textures of their own: playback fills only these again.
 
     means      1 float  x, y, z of Gaussian i at 3 i, 3 i + 1, 3 i + 2, in its object's frame
     quats      4        wxyz as it stands now
-    turns      4        wxyz that motion gave it; (1,0,0,0) where there is none
+    moving_means, moving_quats: the same of Gaussian `split` + i
+    turns      4        wxyz that motion gave Gaussian `split` + i
     shapes     4        activated scales, number of its cloud
     looks      4        harmonic of degree 0, opacity
     harmonics  4        the others, `terms` texels each: red, green, blue, 0
@@ -13,6 +15,7 @@ entry i of a list with one texel each is at (i % WIDTH, i // WIDTH).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -24,11 +27,14 @@ from .stage import Cloud, Surface
 
 WIDTH = 8192
 """Texels of a row; every card that Blender runs on takes 16384."""
-CHANNELS = {"means": 1, "quats": 4, "turns": 4, "shapes": 4, "looks": 4, "harmonics": 4}
+STILL, MOVING = ("means", "quats"), ("moving_means", "moving_quats", "turns")
+"""Textures of the clouds that motion does not turn, and of those that it does; the others are of all."""
+CHANNELS = {"means": 1, "moving_means": 1} | dict.fromkeys(
+    ("quats", "moving_quats", "turns", "shapes", "looks", "harmonics"), 4
+)
 """The textures and the floats of a texel."""
 VIEW_TEXELS = 5
 """Texels per cloud of a view: three rows of the matrix to the camera, the camera's centre in the object's frame, unused."""
-IDENTITY = np.array([1, 0, 0, 0], np.float32)
 
 
 class SplatTextures:
@@ -38,11 +44,14 @@ class SplatTextures:
         """Nothing yet; `update` fills it."""
         self.clouds: list[Cloud] = []
         self.starts = np.zeros(1, np.int64)
+        self.split = 0
+        """The first Gaussian of the clouds that motion turns."""
         self.arrays: dict[str, np.ndarray] = {}
         """(rows, WIDTH, channels) float32 by the names above."""
         self.terms = 0
         """Harmonics above degree 0 of the cloud that has most."""
-        self._sources: dict[str, list[np.ndarray | None]] = {}
+        self._sources: dict[str, list[tuple]] = {}
+        self._means = np.zeros((0, 3), np.float32)
         self._opacities = np.zeros(0, np.float32)
         self._order = np.zeros(0, np.float32)
 
@@ -55,23 +64,17 @@ class SplatTextures:
 
         What is the very array that it was before is not looked at again.
         """
+        clouds = sorted(clouds, key=lambda cloud: cloud.turn is not None)
         starts = np.cumsum([0, *(len(cloud.means) for cloud in clouds)]).astype(np.int64)
+        split = sum(len(cloud.means) for cloud in clouds if cloud.turn is None)
         terms = max((cloud.sh.shape[1] - 1 for cloud in clouds), default=0)
-        if not np.array_equal(starts, self.starts) or terms != self.terms:
+        if not np.array_equal(starts, self.starts) or (terms, split) != (self.terms, self.split):
             self._sources, self.arrays = {}, {}
-        self.clouds, self.starts, self.terms = list(clouds), starts, terms
-        fill: dict[str, Callable[[Cloud, int, np.ndarray], None]] = {
-            "means": _fill_means,
-            "quats": _fill_quats,
-            "turns": _fill_turns,
-            "shapes": _fill_shapes,
-            "looks": _fill_looks,
-            "harmonics": _fill_harmonics,
-        }
-        texels = {"means": 3, "harmonics": max(terms, 1)}
-        changed = {name for name in fill if self._refill(name, texels.get(name, 1), fill[name])}
+            self._means = np.zeros((starts[-1], 3), np.float32)
+        self.clouds, self.starts, self.split, self.terms = clouds, starts, split, terms
+        changed = {name for name in CHANNELS if self._refill(name)}
         if "looks" in changed:
-            self._opacities = np.ascontiguousarray(self._rows("looks", 1)[:, 3])
+            self._opacities = np.ascontiguousarray(self._rows("looks")[:, 0, 3])
         return changed
 
     def view(self, camera: Camera) -> np.ndarray:
@@ -87,36 +90,49 @@ class SplatTextures:
         if self._order.size != _padded(len(self)):
             self._order = np.zeros(_padded(len(self)), np.float32)
         rows = np.stack([(camera.world_to_camera @ cloud.to_world)[2] for cloud in self.clouds] or [np.zeros(4)])
-        means, starts = self._rows("means", 3)[..., 0], self.starts
         count = depth_order(
-            means,
+            self._means,
             self._opacities,
-            starts if self.clouds else np.zeros(2, np.int64),
+            self.starts if self.clouds else np.zeros(2, np.int64),
             rows.astype(np.float32),
             settings,
             self._order[: len(self)],
         )
         return self._order.reshape(-1, WIDTH, 1), count
 
-    def _rows(self, name: str, texels: int) -> np.ndarray:
-        """(N, texels, channels) view of a texture; of one channel, (N, texels)."""
-        count, channels = len(self), CHANNELS[name]
-        flat = self.arrays[name].reshape(-1)[: count * texels * channels]
-        return flat.reshape(count, texels, channels) if texels > 1 else flat.reshape(count, channels)
+    def _page(self, name: str) -> tuple[int, int]:
+        """The first Gaussian that a texture holds, and the first that it does not."""
+        if name in STILL:
+            return 0, self.split
+        return (self.split if name in MOVING else 0), len(self)
 
-    def _refill(self, name: str, texels: int, fill: Callable[[Cloud, int, np.ndarray], None]) -> bool:
+    def _texels(self, name: str) -> int:
+        """Texels of a Gaussian."""
+        return max(self.terms, 1) if name == "harmonics" else 3 // CHANNELS[name] or 1
+
+    def _rows(self, name: str) -> np.ndarray:
+        """(Gaussians of the texture, texels, channels) view of it."""
+        first, last = self._page(name)
+        shape = (last - first, self._texels(name), CHANNELS[name])
+        return self.arrays[name].reshape(-1)[: math.prod(shape)].reshape(shape)
+
+    def _refill(self, name: str) -> bool:
         """Fill the parts of a texture whose clouds have other arrays than before; whether there was one."""
+        first, last = self._page(name)
+        fill, old = _FILL[name], self._sources.get(name)
         sources = [_SOURCES[name](cloud) for cloud in self.clouds]
-        old = self._sources.get(name)
         if old is None:
-            rows = _padded(len(self) * texels) // WIDTH
+            rows = _padded((last - first) * self._texels(name)) // WIDTH
             self.arrays[name] = np.zeros((rows, WIDTH, CHANNELS[name]), np.float32)
         self._sources[name] = sources
-        parts, changed = self._rows(name, texels), old is None
-        for number, (cloud, source) in enumerate(zip(self.clouds, sources, strict=True)):
-            if old is not None and all(a is b for a, b in zip(source, old[number], strict=True)):
+        parts, changed = self._rows(name), old is None
+        for number, (cloud, begin, end) in enumerate(zip(self.clouds, self.starts, self.starts[1:], strict=False)):
+            known = old is not None and all(a is b for a, b in zip(sources[number], old[number], strict=True))
+            if known or not first <= begin < end <= last:
                 continue
-            fill(cloud, number, parts[self.starts[number] : self.starts[number + 1]])
+            fill(cloud, number, parts[begin - first : end - first])
+            if name in ("means", "moving_means"):
+                self._means[begin:end] = cloud.means
             changed = True
         return changed
 
@@ -166,38 +182,50 @@ def _padded(texels: int) -> int:
     return max(-(-texels // WIDTH), 1) * WIDTH
 
 
+def _fill_means(cloud: Cloud, number: int, part: np.ndarray) -> None:
+    part[..., 0] = cloud.means
+
+
+def _fill_quats(cloud: Cloud, number: int, part: np.ndarray) -> None:
+    part[:, 0] = cloud.quats
+
+
+def _fill_turns(cloud: Cloud, number: int, part: np.ndarray) -> None:
+    part[:, 0] = cloud.turn
+
+
+def _fill_shapes(cloud: Cloud, number: int, part: np.ndarray) -> None:
+    part[:, 0, :3], part[:, 0, 3] = cloud.scales, number
+
+
+def _fill_looks(cloud: Cloud, number: int, part: np.ndarray) -> None:
+    part[:, 0, :3], part[:, 0, 3] = cloud.sh[:, 0], cloud.opacities
+
+
+def _fill_harmonics(cloud: Cloud, number: int, part: np.ndarray) -> None:
+    part[:] = 0
+    part[:, : cloud.sh.shape[1] - 1, :3] = cloud.sh[:, 1:]
+
+
+_FILL: dict[str, Callable[[Cloud, int, np.ndarray], None]] = {
+    "means": _fill_means,
+    "quats": _fill_quats,
+    "moving_means": _fill_means,
+    "moving_quats": _fill_quats,
+    "turns": _fill_turns,
+    "shapes": _fill_shapes,
+    "looks": _fill_looks,
+    "harmonics": _fill_harmonics,
+}
+"""Fills the part (n, texels, channels) of a texture that holds a cloud, by its number."""
 _SOURCES: dict[str, Callable[[Cloud], tuple]] = {
     "means": lambda cloud: (cloud.means,),
     "quats": lambda cloud: (cloud.quats,),
+    "moving_means": lambda cloud: (cloud.means,),
+    "moving_quats": lambda cloud: (cloud.quats,),
     "turns": lambda cloud: (cloud.turn,),
     "shapes": lambda cloud: (cloud.scales,),
     "looks": lambda cloud: (cloud.sh, cloud.opacities),
     "harmonics": lambda cloud: (cloud.sh,),
 }
 """The arrays that a texture is made of."""
-
-
-def _fill_means(cloud: Cloud, number: int, part: np.ndarray) -> None:
-    part[..., 0] = cloud.means
-
-
-def _fill_quats(cloud: Cloud, number: int, part: np.ndarray) -> None:
-    part[:] = cloud.quats
-
-
-def _fill_turns(cloud: Cloud, number: int, part: np.ndarray) -> None:
-    part[:] = IDENTITY if cloud.turn is None else cloud.turn
-
-
-def _fill_shapes(cloud: Cloud, number: int, part: np.ndarray) -> None:
-    part[:, :3], part[:, 3] = cloud.scales, number
-
-
-def _fill_looks(cloud: Cloud, number: int, part: np.ndarray) -> None:
-    part[:, :3], part[:, 3] = cloud.sh[:, 0], cloud.opacities
-
-
-def _fill_harmonics(cloud: Cloud, number: int, part: np.ndarray) -> None:
-    own = part.reshape(len(cloud.means), -1, 4)
-    own[:] = 0
-    own[:, : cloud.sh.shape[1] - 1, :3] = cloud.sh[:, 1:]

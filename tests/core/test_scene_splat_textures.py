@@ -48,17 +48,18 @@ def texels(textures: SplatTextures, name: str, first: int, count: int) -> np.nda
 
 def test_every_number_is_where_the_shader_looks_for_it():
     textures, clouds = SplatTextures(), make_clouds()
-    assert textures.update(clouds) == set(CHANNELS)
-    assert len(textures) == sum(COUNTS) and textures.terms == 3
+    assert textures.update(clouds[::-1]) == set(CHANNELS)  # what motion turns comes last
+    assert (len(textures), textures.split, textures.terms) == (sum(COUNTS), COUNTS[0], 3)
     for i in (0, COUNTS[0] - 1, COUNTS[0], sum(COUNTS) - 1):
         number = int(i >= COUNTS[0])
         cloud, own = clouds[number], i - number * COUNTS[0]
-        assert np.array_equal(texels(textures, "means", 3 * i, 3)[:, 0], cloud.means[own])
-        assert np.array_equal(texels(textures, "quats", i, 1)[0], cloud.quats[own])
+        page = "moving_" * number
+        assert np.array_equal(texels(textures, f"{page}means", 3 * own, 3)[:, 0], cloud.means[own])
+        assert np.array_equal(texels(textures, f"{page}quats", own, 1)[0], cloud.quats[own])
+        if number:
+            assert np.array_equal(texels(textures, "turns", own, 1)[0], cloud.turn[own])
         assert np.array_equal(texels(textures, "shapes", i, 1)[0], [*cloud.scales[own], number])
         assert np.array_equal(texels(textures, "looks", i, 1)[0], [*cloud.sh[own, 0], cloud.opacities[own]])
-        turn = [1, 0, 0, 0] if cloud.turn is None else cloud.turn[own]
-        assert np.array_equal(texels(textures, "turns", i, 1)[0], np.float32(turn))
         higher = np.zeros((3, 3)) if number == 0 else cloud.sh[own, 1:]
         assert np.array_equal(texels(textures, "harmonics", 3 * i, 3)[:, :3], np.float32(higher))
 
@@ -68,8 +69,8 @@ def test_only_what_is_another_array_is_filled_again():
     textures.update(clouds)
     assert textures.update(clouds) == set()
     moved = replace(clouds[1], means=clouds[1].means + 1, quats=clouds[1].quats.copy())
-    assert textures.update([clouds[0], moved]) == {"means", "quats"}
-    assert np.array_equal(texels(textures, "means", 3 * COUNTS[0], 3)[:, 0], moved.means[0])
+    assert textures.update([clouds[0], moved]) == {"moving_means", "moving_quats"}
+    assert np.array_equal(texels(textures, "moving_means", 0, 3)[:, 0], moved.means[0])
     assert textures.update([clouds[0], replace(moved, opacities=moved.opacities * 0)]) == {"looks"}
     assert textures.update([clouds[0], replace(moved, to_world=np.eye(4))]) == {
         "looks"
