@@ -1,5 +1,9 @@
 """What stands in the evaluated Blender scene, as the core's stage: Gaussians after geometry nodes, surfaces, the world."""
 
+from __future__ import annotations
+
+from dataclasses import replace
+
 import bpy
 import numpy as np
 
@@ -16,6 +20,17 @@ LAYERS = {"latent": "f4x_latent", "selection": ".selection", "score": "f4x_score
 """Passes of the stage and the point attributes they show."""
 GREY = (0.8, 0.8, 0.8)
 """Linear colour of a surface without a material, Blender's own."""
+_POSED = {"position": "means", "rotation": "quats", "turn": "turn", "scale": "scales", "radiance:base": "looks"}
+"""Attributes that may be read anew one by one, and what of a cloud they are."""
+_UNSEEN = {"rgb", "radius"}
+"""Attributes that the engine does not look at."""
+_READERS = (
+    "NodeGroupInput",
+    "GeometryNodeCaptureAttribute",
+    "GeometryNodeCollectionInfo",
+    "GeometryNodeObjectInfo",
+)
+"""Nodes that hand on geometry as it is."""
 SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
@@ -26,24 +41,109 @@ def stage(
 
     `view` is the viewport that looks, where one does: it may hide objects of its own.
     """
-    clouds: list[Cloud] = []
-    surfaces: list[Surface] = []
-    for instance in depsgraph.object_instances:
-        item = instance.object
-        owner = (instance.parent or item).original
-        hidden = not instance.show_self or not item.visible_camera
-        if hidden or (view is not None and not owner.visible_in_viewport_get(view)):
-            continue
-        to_world = np.array(instance.matrix_world)
-        if item.type == "POINTCLOUD":
-            cloud = _cloud(item.data, to_world, item.pass_index)
-            if cloud is not None:
-                clouds.append(cloud)
-        elif item.type in SOLID:
-            surface = surface_of(item, to_world)
-            if surface is not None:
-                surfaces.append(surface)
-    return clouds, surfaces
+    return Reader().stage(depsgraph, view)
+
+
+class Reader:
+    """Reads a stage again and again, each time only what Blender says has changed: what has not is the very same array.
+
+    It has to be asked after every evaluation, as a viewport's engine is.
+    """
+
+    def __init__(self) -> None:
+        """Nothing has been read yet."""
+        self._clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
+        self._surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
+        self._written: dict[int, frozenset[str] | None] = {}
+
+    def stage(
+        self, depsgraph: bpy.types.Depsgraph, view: bpy.types.SpaceView3D | None = None
+    ) -> tuple[list[Cloud], list[Surface]]:
+        """As the function `stage`."""
+        changed = _Changes(depsgraph)
+        if changed.trees:
+            self._written = {}
+        clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
+        surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
+        for instance in depsgraph.object_instances:
+            item = instance.object
+            if item.type != "POINTCLOUD" and item.type not in SOLID:
+                continue
+            owner = (instance.parent or item).original
+            hidden = not instance.show_self or not item.visible_camera
+            if hidden or (view is not None and not owner.visible_in_viewport_get(view)):
+                continue
+            to_world = np.array(instance.matrix_world)
+            data = item.original.data.session_uid
+            key = (item.original.session_uid, data, *instance.persistent_id, owner.session_uid)
+            if item.type == "POINTCLOUD":
+                clouds[key] = self._cloud(key, item, to_world, changed)
+            else:
+                surfaces[key] = to_world, self._surface(key, item, to_world, changed)
+        self._clouds, self._surfaces = clouds, surfaces
+        found = [cloud for cloud, _ in clouds.values()], [surface for _, surface in surfaces.values()]
+        return [cloud for cloud in found[0] if cloud is not None], [part for part in found[1] if part is not None]
+
+    def _cloud(
+        self, key: tuple, item: bpy.types.Object, to_world: np.ndarray, changed: _Changes
+    ) -> tuple[Cloud | None, frozenset[str] | None]:
+        """The cloud, and the attributes that its modifiers write."""
+        written = self._written_by(item)
+        old, before = self._clouds.get(key, (None, None))
+        if old is None or changed.any_data(item) or written != before:
+            return _cloud(item.data, to_world, item.pass_index), written
+        old = replace(old, to_world=to_world, index=item.pass_index)
+        if not changed.shape(item):
+            return old, written
+        if written is None:
+            return _cloud(item.data, to_world, item.pass_index), None
+        return _reread(item.data, old, written), written
+
+    def _written_by(self, item: bpy.types.Object) -> frozenset[str] | None:
+        """Attributes that the modifiers of a point cloud write; None = they may do anything."""
+        written: frozenset[str] | None = frozenset()
+        for modifier in item.original.modifiers:
+            tree = modifier.node_group if modifier.type == "NODES" else None
+            uid = tree.session_uid if tree else -1
+            if uid not in self._written:
+                self._written[uid] = _attributes_of(tree)
+            one = self._written[uid]
+            written = None if written is None or one is None else written | one
+        return written
+
+    def _surface(self, key: tuple, item: bpy.types.Object, to_world: np.ndarray, changed: _Changes) -> Surface | None:
+        old = self._surfaces.get(key)
+        if old is None or changed.others or changed.shape(item) or not np.array_equal(old[0], to_world):
+            return surface_of(item, to_world)
+        return old[1]
+
+
+class _Changes:
+    """What an evaluation changed."""
+
+    def __init__(self, depsgraph: bpy.types.Depsgraph) -> None:
+        self._shapes: set[int] = set()
+        self._data: set[int] = set()
+        self.trees = self.others = False
+        """Whether a node tree, and whether anything but objects, point clouds and animation has changed."""
+        for update in depsgraph.updates:
+            data = update.id.original
+            if isinstance(data, bpy.types.Object):
+                if update.is_updated_geometry or update.is_updated_shading:
+                    self._shapes.add(data.session_uid)
+            elif isinstance(data, bpy.types.PointCloud):
+                self._data.add(data.session_uid)
+            elif not isinstance(data, bpy.types.Scene | bpy.types.Action | bpy.types.Collection):
+                self.others = True
+                self.trees |= isinstance(data, bpy.types.NodeTree)
+
+    def shape(self, item: bpy.types.Object) -> bool:
+        """Whether modifiers of an evaluated object ran, or its own settings changed."""
+        return item.original.session_uid in self._shapes
+
+    def any_data(self, item: bpy.types.Object) -> bool:
+        """Whether anything about the points of an evaluated object may have changed, not only what its modifiers write."""
+        return self.trees or item.original.data.session_uid in self._data
 
 
 def world_color(world: bpy.types.World | None) -> np.ndarray:
@@ -84,6 +184,37 @@ def _cloud(data: bpy.types.PointCloud, to_world: np.ndarray, index: int) -> Clou
         fitted_focal=data.get(FITTED_FOCAL),
         layers={name: values.reshape(len(base), -1) for name, values in layers.items() if values is not None},
     )
+
+
+def _reread(data: bpy.types.PointCloud, old: Cloud, written: frozenset[str]) -> Cloud | None:
+    """The cloud with what its modifiers write read anew; None where it holds no Gaussians any more."""
+    found = {name: read_attribute(data, name) for name in written & _POSED.keys()}
+    if any(values is None or len(values) != len(old.means) for values in found.values()):
+        return _cloud(data, old.to_world, old.index)
+    new = {_POSED[name]: values for name, values in found.items()}
+    if "looks" in new:
+        base = new.pop("looks")
+        hidden = read_attribute(data, HIDDEN)
+        new["opacities"] = np.clip(base[:, 3], 0, 1) * (1 if hidden is None else ~hidden.astype(bool))
+        if not np.array_equal(base[:, :3], old.sh[:, 0]):
+            new["sh"] = np.concatenate([base[:, None, :3], old.sh[:, 1:]], 1)
+    return replace(old, **new)
+
+
+def _attributes_of(tree: bpy.types.NodeTree | None) -> frozenset[str] | None:
+    """Attributes of the points that a tree writes; None where it holds a node of which this is not known."""
+    if tree is None:
+        return None
+    written: set[str] = set()
+    for node in tree.nodes:
+        makes = any(socket.type == "GEOMETRY" and socket.is_linked for socket in node.outputs)
+        if node.bl_idname == "GeometryNodeStoreNamedAttribute" and not node.inputs["Name"].is_linked:
+            written.add(node.inputs["Name"].default_value)
+        elif node.bl_idname == "GeometryNodeSetPosition":
+            written.add("position")
+        elif makes and node.bl_idname not in _READERS:
+            return None
+    return frozenset(written) if written <= _POSED.keys() | _UNSEEN else None
 
 
 def surface_of(item: bpy.types.Object, to_world: np.ndarray) -> Surface | None:

@@ -4,8 +4,6 @@ Colours: a scene's Gaussians are display sRGB and are blended as such, over the 
 picture in linear light, so the Standard view transform shows the core's own numbers.
 """
 
-from dataclasses import replace
-
 import bpy
 import gpu
 import numpy as np
@@ -16,8 +14,8 @@ from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.scene import stage
 from ..f4x_core.scene.color import linear_from_srgb
 from ..f4x_core.troubles import with_code
-from . import display, evaluated
-from .axes import Eye, camera_eye, eye
+from . import display, evaluated, viewport_gpu
+from .axes import camera_eye, eye
 
 # pass of the stage -> (name in Blender, channels, kind of socket)
 _PASSES = {
@@ -95,8 +93,8 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
     def __init__(self, *args, **kwargs):
         """Start without a viewport picture; finished renders never ask for one."""
         super().__init__(*args, **kwargs)
-        self._stage = self._view = self._texture = None
-        self._step = 0
+        self._stage = self._view = self._texture = self._card = None
+        self._reader, self._step = evaluated.Reader(), 0
 
     def update_render_passes(self, scene, layer):
         """Tell the compositor which sockets there are."""
@@ -142,7 +140,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             return {"Combined": _combined(images, transparent)} | named
 
         written = stage.draw(
-            _as_seen(clouds, seen),
+            stage.as_seen(clouds, seen.back),
             surfaces,
             seen.camera,
             stage.DrawSettings(seen.near, seen.far, background),
@@ -163,41 +161,61 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
 
     def view_update(self, context, depsgraph):
         """Something changed in the scene: read it again."""
-        self._stage = (*evaluated.stage(depsgraph, context.space_data), evaluated.world_color(depsgraph.scene.world))
+        self._stage = (*self._reader.stage(depsgraph, context.space_data), evaluated.world_color(depsgraph.scene.world))
         self._step = 0
 
     def view_draw(self, context, depsgraph):
-        """Draw the viewport, coarse after every change and then in full."""
+        """Draw the viewport: on the graphics card, else coarse after every change and then in full."""
         region, region_3d = context.region, context.region_data
         view = (np.array(region_3d.window_matrix), np.array(region_3d.view_matrix), region.width, region.height)
         if self._view is None or any(np.any(a != b) for a, b in zip(view, self._view, strict=True)):
             self._view, self._step = view, 0
-        if self._step < len(COARSE_TO_FINE):
-            self._texture = self._view_texture(COARSE_TO_FINE[self._step], context.space_data)
-            self._step += 1
-            if self._step < len(COARSE_TO_FINE):
-                self.tag_redraw()
+        if not self._draw_on_card():
+            self._draw_on_processor()
         gpu.state.blend_set("ALPHA_PREMULT")
         self.bind_display_space_shader(depsgraph.scene)
         draw_texture_2d(self._texture, (0, 0), region.width, region.height)
         self.unbind_display_space_shader()
         gpu.state.blend_set("NONE")
 
-    def _view_texture(self, coarse: int, space: bpy.types.SpaceView3D) -> gpu.types.GPUTexture:
+    def _draw_on_card(self) -> bool:
+        """Let the graphics card draw the picture; False where it refuses."""
+        if self._card is None:
+            self._card = viewport_gpu.picture()
+        if self._card is None:
+            return False
+        try:
+            if self._step == 0:
+                self._card.load(*self._stage)
+            if self._step < 2:  # a coarse order first, the exact one when nothing has moved since
+                moving = self._step == 0
+                self._texture = self._card.draw(eye(*self._view), moving=moving)
+                self._step += 1 if self._card.is_coarse(moving) else 2
+                if self._step < 2:
+                    self.tag_redraw()
+        except Exception as error:  # drivers refuse in many words
+            viewport_gpu.refuse(error)
+            self._card, self._step = None, 0
+            return False
+        return True
+
+    def _draw_on_processor(self) -> None:
+        if self._step < len(COARSE_TO_FINE):
+            self._texture = self._view_texture(COARSE_TO_FINE[self._step])
+            self._step += 1
+            if self._step < len(COARSE_TO_FINE):
+                self.tag_redraw()
+
+    def _view_texture(self, coarse: int) -> gpu.types.GPUTexture:
         """The viewport's picture, `coarse` times smaller."""
         projection, world_to_view, width, height = self._view
         size = (-(-width // coarse), -(-height // coarse))
         seen = eye(projection, world_to_view, *size)
         clouds, surfaces, background = self._stage
         settings = stage.DrawSettings(seen.near, seen.far, background)
-        images = stage.draw(_as_seen(clouds, seen), surfaces, seen.camera, settings)
+        images = stage.draw(stage.as_seen(clouds, seen.back), surfaces, seen.camera, settings)
         flat = np.ascontiguousarray(_combined(images, transparent=False)[::-1], np.float32).ravel()
         return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
-
-
-def _as_seen(clouds: list[stage.Cloud], seen: Eye) -> list[stage.Cloud]:
-    """The clouds without the focal lengths of their fits where the view has no perspective, and so no angles."""
-    return [replace(cloud, fitted_focal=None) for cloud in clouds] if seen.back else clouds
 
 
 def _wanted(layer: bpy.types.ViewLayer) -> list[str]:
@@ -245,6 +263,7 @@ def unregister() -> None:
     for panel in _shared_panels():
         panel.COMPAT_ENGINES.discard(Feature4XRenderEngine.bl_idname)
     del bpy.types.ViewLayer.f4x_passes
+    viewport_gpu.forget()
 
 
 CLASSES = (F4X_PG_passes, F4X_PT_passes, F4X_PT_film, Feature4XRenderEngine)

@@ -36,6 +36,7 @@ PACKAGES = (
     "xvfb",
     "xdotool",
     "libgl1-mesa-dri",
+    "mesa-vulkan-drivers",
     "libegl1",
 )
 MIRROR = "http://deb.debian.org/debian"

@@ -169,7 +169,7 @@ def draw(
     )
     colors = _joined(features, sum(widths.values()))
     view = replace(camera, world_to_camera=camera.world_to_camera @ frame)
-    config = replace(settings.config or _fitted_config(clouds, camera), near=settings.near)
+    config = replace(settings.config or fitted_config(clouds, camera), near=settings.near)
 
     images: dict[str, np.ndarray] = {}
     for band in [rows] if progress is silent else _bands(rows, camera.width):
@@ -191,7 +191,12 @@ def draw(
     return images
 
 
-def _fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
+def as_seen(clouds: Sequence[Cloud], back: float) -> list[Cloud]:
+    """The clouds without the focal lengths of their fits where the view has no perspective (`back` > 0), and so no angles."""
+    return [replace(cloud, fitted_focal=None) for cloud in clouds] if back else list(clouds)
+
+
+def fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
     """Return the rasteriser's constants of the largest cloud whose fit is known."""
     from ..raster import RasterConfig
 

@@ -75,3 +75,8 @@ def test_the_viewport_shows_what_was_done(window):
     for name in STEPS[1:9]:
         red, _, blue = median(name, beside)
         assert blue > 150 > 2 * red, name
+
+
+def test_the_graphics_card_draws_the_viewport(window):
+    folder, _ = window
+    assert "the processor does" not in (folder / "blender.log").read_text()
