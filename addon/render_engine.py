@@ -93,7 +93,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
     def __init__(self, *args, **kwargs):
         """Start without a viewport picture; finished renders never ask for one."""
         super().__init__(*args, **kwargs)
-        self._stage = self._view = self._texture = self._card = None
+        self._stage = self._view = self._texture = self._card = self._refused = None
         self._reader, self._step = evaluated.Reader(), 0
 
     def update_render_passes(self, scene, layer):
@@ -180,7 +180,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
 
     def _draw_on_card(self) -> bool:
         """Let the graphics card draw the picture; False where it refuses."""
-        if self._card is None:
+        if self._card is None and self._stage is not self._refused:
             self._card = viewport_gpu.picture()
         if self._card is None:
             return False
@@ -195,7 +195,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
                     self.tag_redraw()
         except Exception as error:  # drivers refuse in many words
             viewport_gpu.refuse(error)
-            self._card, self._step = None, 0
+            self._card, self._step, self._refused = None, 0, self._stage
             return False
         return True
 

@@ -109,6 +109,22 @@ def exercise() -> None:
             means, quats = deformation.forward(posed, "sigma", threads)
             got = deformation.backward(posed, "sigma", threads, np.ones_like(means), np.ones_like(quats))
             deformation.relate_backward(arrays, got["tables"])
+    _exercise_order(rng)
+
+
+def _exercise_order(rng: np.random.Generator) -> None:
+    """Order Gaussians by depth, some of them not finite; so many that several threads take part."""
+    from f4x_core.scene.depth_order import OrderSettings, depth_order
+
+    rows = np.array([[0, 0, 1, 0], [0, 0.1, 1, 0.2]], np.float32)
+    for count in (0, 1, 200_000):
+        means = rng.normal(size=(count, 3)).astype(np.float32)
+        means[::11] = np.nan
+        opacities, out = np.ones(count, np.float32), np.zeros(count, np.float32)
+        for threads in (1, 4):
+            for coarse in (False, True):
+                settings = OrderSettings(0.1, 2.0, 0.01, coarse, threads)
+                depth_order(means, opacities, np.array([0, count // 3, count]), rows, settings, out)
 
     _adjust()
 
