@@ -36,8 +36,8 @@ from ..f4x_core.edit.operations import (
 )
 from ..f4x_core.edit.plan import propose
 from ..f4x_core.edit.styles import STYLES
-from ..f4x_core.edit.words import plural
 from ..f4x_core.errors import F4xError
+from ..f4x_core.language.lexicon import plural
 from . import display, session
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator

@@ -14,9 +14,9 @@ from ..edit.operations import Name
 from ..edit.plan import preview, propose
 from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
-from ..edit.words import plural
 from ..errors import F4xError
 from ..files import replace_file
+from ..language.lexicon import plural
 from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.labels import encode_labels

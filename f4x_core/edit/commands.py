@@ -6,8 +6,31 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .colour_names import Colour
-from .grammar import Rule, constant, either, listed, lit, optional, silent, table
+from ..language.amounts import (
+    PLACES,
+    Amount,
+    Distance,
+    Steps,
+    Vector,
+    amount,
+    comparison,
+    degree,
+    displacement,
+    distance,
+    factor,
+    fraction,
+    fraction_of,
+    multiple,
+    number,
+    percent,
+    signed,
+    steps,
+)
+from ..language.colour_names import Colour
+from ..language.colours import GRAY, colour, colourish, more_colour
+from ..language.grammar import Refusal, Rule, constant, either, listed, lit, optional, silent, table
+from ..language.lexicon import inflected
+from ..language.times import TimeExpression, duration
 from .operations import (
     Delete,
     Duplicate,
@@ -23,47 +46,21 @@ from .operations import (
     Reverse,
     Style,
     Transform,
-    Vector,
 )
 from .phrases import (
-    GRAY,
-    PLACES,
-    Amount,
-    Distance,
-    Refusal,
     SentenceContext,
-    Steps,
-    TimeExpression,
     When,
     Who,
-    amount,
-    colour,
-    colourish,
-    comparison,
-    degree,
-    displacement,
-    distance,
-    duration,
     everything_but,
     everything_else,
-    factor,
-    fraction,
-    fraction_of,
     known_thing,
     means_something,
-    more_colour,
-    multiple,
     name,
-    number,
-    percent,
-    signed,
-    steps,
     thing,
     whose,
 )
 from .selects import All, Not, SelectKind
 from .styles import STYLES
-from .words import inflected
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
 """What "red" or "twice as big" does to somebody at some time."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from functools import singledispatch
 
-from .colour_names import COLOURS, Colour, name_of
+from ..language.amounts import PLACES
+from ..language.colour_names import COLOURS, Colour, name_of
+from ..language.lexicon import plural
 from .commands import MORE_COLOUR, SHOWN
 from .operations import (
     Delete,
@@ -24,9 +26,8 @@ from .operations import (
     Transform,
     Vector,
 )
-from .phrases import COPY, PLACES
+from .phrases import COPY
 from .selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
-from .words import plural
 
 _WHICH = {"largest": "biggest"}
 _AXES = (("to the left", "to the right"), ("up", "down"), ("forward", "back"))

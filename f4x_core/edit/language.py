@@ -12,14 +12,14 @@ from difflib import SequenceMatcher, get_close_matches
 from typing import Any, NamedTuple
 
 from ..errors import F4xError
-from .colour_names import COLOURS, SHADES
-from .commands import COMMANDS, Command
-from .description import describe
-from .grammar import (
+from ..language.colour_names import COLOURS, SHADES
+from ..language.colours import colour
+from ..language.grammar import (
     NOTHING,
     VOCABULARY,
     Mismatch,
     Reading,
+    Refusal,
     Rule,
     Token,
     bag,
@@ -30,10 +30,13 @@ from .grammar import (
     table,
     tokenise,
 )
+from ..language.lexicon import FUNCTION_WORDS, inflected, singular, word_set
+from ..language.times import Span, span
+from .commands import COMMANDS, Command
+from .description import describe
 from .operations import Duplicate, Operation
-from .phrases import Refusal, SentenceContext, Span, When, colour, familiar, span, together
+from .phrases import SentenceContext, When, familiar, together
 from .selects import Named, SelectKind, parts_of
-from .words import FUNCTION_WORDS, inflected, singular, word_set
 
 __all__ = ["Refusal", "describe", "parse"]
 

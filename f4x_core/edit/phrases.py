@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
-from ..errors import F4xError
-from .colour_names import COLOURS, SHADES, Colour, from_hex, shaded
-from .grammar import (
+from ..language.amounts import VIEWER, number, number_at
+from ..language.colour_names import COLOURS, SHADES
+from ..language.colours import PURE_COLOURS, colour
+from ..language.grammar import (
     VOCABULARY,
-    Mismatch,
     Reading,
+    Refusal,
     Rule,
     either,
     generated,
@@ -23,35 +24,16 @@ from .grammar import (
     table,
     tokenise,
 )
-from .operations import Duplicate, Vector
+from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, singular, word_set
+from ..language.times import END, Clip, Span
+from .operations import Duplicate
 from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
-from .words import EVERYBODY, FRACTIONS, FUNCTION_WORDS, NO_THINGS, ONES, TENS, singular, word_set
-
-PLACES = 3
-"""Decimals that numbers worked out from words keep."""
-
-
-class Refusal(F4xError):  # noqa: N818  # nothing went wrong
-    """A sentence that is not understood, or asks for what cannot be."""
-
-    def __init__(self, reason: str, nearest: tuple[str, ...] = ()):
-        """`reason`: why, one sentence; `nearest`: commands that are known, as example sentences."""
-        hint = " Try: " + "; ".join(f'"{example}"' for example in nearest) + "." if nearest else ""
-        super().__init__(reason + hint)
-        self.reason = reason
-        self.nearest = nearest
 
 
 @dataclass
-class SentenceContext:
+class SentenceContext(Clip):
     """The clip and names that a sentence refers to, and what the sentence has named so far."""
 
-    fps: float
-    """Clip frames per second."""
-    frames: int
-    """Frames of the clip."""
-    frame: float = 0.0
-    """The present one."""
     selected: bool = False
     """Something is selected at present."""
     names: dict[str, str] = field(default_factory=dict)
@@ -98,281 +80,6 @@ class SentenceContext:
     def and_copies(self, select: SelectKind) -> SelectKind:
         """Return the selection of a plural noun: the object and the copies that the sentence made of it."""
         return together((select, *(Named(name) for name, who in self.copies.items() if who == select)))
-
-
-# How much ------------------------------------------------------------------------------------------------------------
-
-
-def _number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
-    word, following = reading.word(at), reading.word(at + 1)
-    if word[:1].isdecimal() or word[:1] == ".":
-        try:
-            number = float(word)
-        except ValueError:  # a digit of another script
-            return
-        below = reading.word(at + 2)
-        if following == "/" and below.isdecimal() and float(below):
-            yield at + 3, number / float(below)
-        yield at + 1, number
-    elif word in TENS:
-        if 0 < ONES.get(following, 0) < 10:
-            yield at + 2, float(TENS[word] + ONES[following])
-        yield at + 1, float(TENS[word])
-    elif word in ONES:
-        if following == "hundred":
-            yield at + 2, 100.0 * ONES[word]
-        if following == "and" and reading.word(at + 2) == "a" and reading.word(at + 3) == "half":
-            yield at + 4, ONES[word] + 0.5
-        if following == "point" and reading.word(at + 2) in ONES:
-            yield at + 3, ONES[word] + ONES[reading.word(at + 2)] / 10
-        yield at + 1, float(ONES[word])
-    elif word in ("a", "one") and following == "hundred":
-        yield at + 2, 100.0
-
-
-number = generated(_number_at)
-signed = (lit("-|minus") + number >> (lambda x: -x)) | number
-VOCABULARY.update(ONES, TENS, FRACTIONS)
-
-_percent_sign = lit("%|percent|per cent|pct")
-percent = number + _percent_sign >> (lambda x: x / 100)
-fraction = table(
-    {
-        "half|one half|a half": 0.5,
-        "a third|one third": 1 / 3,
-        "a quarter|one quarter": 0.25,
-        "two thirds": 2 / 3,
-        "three quarters": 0.75,
-        "a fifth|one fifth": 0.2,
-        "a tenth|one tenth": 0.1,
-    }
-)
-multiple = either(
-    number + lit("times|x|fold"), table({"twice|double|doubly": 2.0, "thrice|triple": 3.0, "quadruple": 4.0}), fraction
-)
-"""A factor: "three times", "2x", "twice", "half"."""
-
-
-class Amount(NamedTuple):
-    """An amount: a little, much, times, a fraction more or less, or to a fraction."""
-
-    kind: str
-    """`small`, `large`, `times`, `fraction`, `to`."""
-    value: float = 1.0
-    """Of the last three."""
-
-
-degree = table(
-    {
-        "(just) a [little|tiny|wee|small] bit|(just|only) a [little|tad|touch|bit]|slightly|somewhat|a smidge|a hair": Amount(
-            "small"
-        ),
-        "much|(quite) a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much": Amount(
-            "large"
-        ),
-    }
-)
-_by_factor = lit("by") + ~lit("a") + lit("factor") + ~lit("of")
-amount = either(
-    degree,
-    _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
-    ~lit("by") + percent >> (lambda x: Amount("fraction", x)),
-    lit("by") + fraction >> (lambda x: Amount("fraction", x)),
-    ~lit("by") + multiple >> (lambda x: Amount("times", x)),
-)
-SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
-"""Factors up and down: a bit, much, and without a degree."""
-
-
-def factor(how: Amount | None, upward: bool) -> float:
-    """The factor of something that gets more (`upward`) or less by an amount; Mismatch where it would be none."""
-    if how is None or how.kind in ("small", "large"):
-        up, down = STEP if how is None else SMALL_STEP if how.kind == "small" else LARGE_STEP
-        return up if upward else down
-    if how.kind == "to":
-        return how.value
-    if how.kind == "fraction":
-        return round(1 + how.value if upward else 1 - how.value, PLACES)
-    if how.value <= 0:
-        raise Mismatch
-    return round(how.value if upward or how.value < 1 else 1 / how.value, PLACES)
-
-
-def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -> Rule:
-    """A factor from "bigger", "a bit smaller", "three times bigger", "twice as big", "20 % smaller", "less big"."""
-    compared = table({comparatives: True, lesser: False})
-    plain = table({positives: True, opposites: False})
-    more = either(compared, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
-    so = lit("as") + plain + ~(lit("as") + ~lit("it|they|he|she|that|this") + lit("is|are|was|were|before|now"))
-    return either(
-        optional(amount) + more >> factor,
-        more + amount >> (lambda upward, how: factor(how, upward)),
-        multiple + so >> (lambda x, upward: factor(Amount("times", x), True) if upward else _inverse(x)),
-        percent + so >> (lambda x, upward: x if upward else _inverse(x)),
-    )
-
-
-def _inverse(x: float) -> float:
-    if x <= 0:
-        raise Mismatch
-    return round(1 / x, PLACES)
-
-
-ITS = "its|their|his|her|the|the original|its own|their own|its original|its current|the current|the normal|normal|the original"
-
-
-def fraction_of(quality: str) -> Rule:
-    """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
-    noun = ~lit("of") + ~lit(ITS) + lit(quality)
-    return either(multiple, percent) + noun
-
-
-# Which colour --------------------------------------------------------------------------------------------------------
-
-_MAX_COLOUR_WORDS = 3
-"""Words that a colour's name is written in: "light sky blue"."""
-
-
-def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
-    word = reading.word(at)
-    if word.startswith("#") and len(word) > 1:
-        yield at + 1, from_hex(word[1:])
-    for count in range(_MAX_COLOUR_WORDS, 0, -1):
-        name = "".join(reading.word(i) for i in range(at, at + count))
-        if name in COLOURS and at + count <= len(reading.tokens):
-            yield at + count, COLOURS[name]
-    if word in SHADES:
-        for end, (base,) in colour.at(reading, at + 1).items():
-            yield end, shaded(word, base)
-
-
-colour = generated(_colour_at)
-GRAY: Colour = COLOURS["gray"]
-_REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "black", "gray")}
-_REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
-_REDDISH = {name + "ish": name for name in ("green", "yellow", "pink", "brown", "gray", "black", "orange")}
-_REDDISH |= {"reddish": "red", "bluish|blueish": "blue", "whitish": "white", "purplish": "purple", "goldish": "gold"}
-colourish = table({word: COLOURS[name] for word, name in _REDDISH.items()})
-more_colour = either(
-    table({word: COLOURS[name] for word, name in _REDDER.items()}) >> (lambda rgb: (rgb, 1)),
-    lit("more") + colour >> (lambda rgb: (rgb, 1)),
-    lit("less") + colour >> (lambda rgb: (rgb, -1)),
-)
-PURE_COLOURS = word_set(
-    "red green blue yellow black white gray brown purple pink cyan magenta turquoise beige crimson maroon navy teal violet "
-    "golden scarlet burgundy khaki indigo fuchsia"
-)
-"""Colour words that are no things: "delete the rose" has an object, "delete the red" has none."""
-
-
-# When ----------------------------------------------------------------------------------------------------------------
-
-
-class TimeExpression(NamedTuple):
-    """A sum of what a time can be counted in, as clip frame: frames + seconds x rate + last x last frame + now x present one."""
-
-    frames: float = 0.0
-    seconds: float = 0.0
-    last: float = 0.0
-    now: float = 0.0
-
-    def plus(self, other: TimeExpression, sign: float = 1.0) -> TimeExpression:
-        """This + sign x the other."""
-        return TimeExpression(*(a + sign * b for a, b in zip(self, other, strict=True)))
-
-    def resolve(self, context: SentenceContext) -> float:
-        """Clip frame, maybe outside the clip."""
-        last = context.frames - 1
-        return round(self.frames + self.seconds * context.fps + self.last * last + self.now * context.frame, PLACES)
-
-
-START, END, NOW = TimeExpression(), TimeExpression(last=1.0), TimeExpression(now=1.0)
-
-
-class Span(NamedTuple):
-    """From … to."""
-
-    start: TimeExpression
-    end: TimeExpression | None
-    """None: open."""
-    kind: str = "range"
-    """`moment`: only the start is given; `length`: only the length; `always`."""
-
-
-_unit = table(
-    {
-        "second|seconds|sec|secs|s": TimeExpression(seconds=1.0),
-        "frame|frames": TimeExpression(frames=1.0),
-        "minute|minutes|min|mins": TimeExpression(seconds=60.0),
-        "millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
-    }
-)
-
-
-def _times(x: float, unit: TimeExpression) -> TimeExpression:
-    return TimeExpression().plus(unit, x)
-
-
-duration = either(
-    number + _unit >> _times,
-    table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
-    >> _times,
-    lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit)),
-)
-_edge = table(
-    {
-        "the (very) [beginning|start] (of the clip|of the video|of the scene)|the start|start|beginning": START,
-        "the (very) end (of the clip|of the video|of the scene)|end": END,
-        "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
-    }
-)
-_clock = number + lit(":") + number >> (lambda minutes, seconds: TimeExpression(seconds=60 * minutes + seconds))
-_counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
-_measured = number + _unit + ~lit("in|into (the) [clip|video|scene]|mark") >> _times
-_fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
-moment = either(_edge, _counted, _measured, _fraction_moment, _clock)
-_to = lit("to|-|until|up to|through|and|thru")
-_pair = either(
-    moment + _to + moment >> (lambda a, b: (a, b)),
-    ~lit("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
-    number + _to + number + _unit >> (lambda a, b, unit: (_times(a, unit), _times(b, unit))),
-)
-_pair_between = lit("between") + _pair
-_pair_from = ~lit("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
-_length = either(duration, optional(number, 1.0) + _unit >> _times)
-_first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") + _length
-_last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
-_onward = ~lit("on|onward|forward|and on|and onward|on out")
-_since = lit(
-    "from|after|since|as of|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|at|in|on|"
-    "once we reach|when we reach"
-)
-_begin = _since + moment + _onward
-_for = lit("for|lasting") + duration
-
-
-def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
-    return Span(start, start.plus(length))
-
-
-_comma = ~lit(",")
-span = either(
-    (_pair_from | _pair_between) >> (lambda pair: Span(*pair)),
-    _for + _comma + _begin >> (lambda length, start: _lasting(start, length)),
-    _begin + _comma + _for >> _lasting,
-    _first >> (lambda length: Span(START, length)),
-    _last >> (lambda length: Span(END.plus(length, -1.0), None)),
-    lit("until|before|up to|up until") + moment >> (lambda end: Span(START, end)),
-    _begin >> (lambda start: Span(start, None, "moment")),
-    _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
-    table(
-        {
-            "always|all the time|the whole time|[for|during|throughout|over] the [whole|entire] [clip|video|time]|"
-            "throughout|forever": Span(START, None, "always")
-        }
-    ),
-)
-"""A `Span`."""
 
 
 @dataclass(frozen=True)
@@ -524,7 +231,7 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
 
 
-_several = silent(generated(lambda reading, at: ((end, x) for end, x in _number_at(reading, at) if x >= 2)))
+_several = silent(generated(lambda reading, at: ((end, x) for end, x in number_at(reading, at) if x >= 2)))
 _article = lit(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|some|every|each|any|all|all (of) [the|these|those|my]|both|"
     "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
@@ -598,15 +305,14 @@ _WHICH = {
     "biggest|largest|bigger|larger": "largest",
     "smallest|tiniest|littlest|smaller": "smallest",
 }
-_viewer = "the camera|the viewer|the lens|me|us|here"
 _WHERE = {
     "on [the|its] (far) left (side|hand side)|at the (far) left": "left",
     "on [the|its] (far) right (side|hand side)|at the (far) right": "right",
     "at the (very) top|on (the) top|on the top side": "top",
     "at the (very) bottom|on the bottom": "bottom",
     "in the (very) [middle|center]|at the center": "middle",
-    f"in front|in the front|at the front|[closest|nearest] to [{_viewer}]|closest|nearest": "nearest",
-    f"in the back|at the [back|rear]|in the rear|[farthest|furthest] (away) from [{_viewer}]|"
+    f"in front|in the front|at the front|[closest|nearest] to [{VIEWER}]|closest|nearest": "nearest",
+    f"in the back|at the [back|rear]|in the rear|[farthest|furthest] (away) from [{VIEWER}]|"
     "farthest (away)|furthest (away)": "farthest",
 }
 _which, _where = table(_WHICH), ~lit("that is|that are|which is|which are|standing|sitting") + table(_WHERE)
@@ -809,96 +515,6 @@ def whose(quality: str) -> Rule:
         lit("its|their|his|her|this|that") + lit(quality) >> (lambda *_: lambda context: context.it("'its'")),
         thing + ~lit("'s|'") + lit(quality),
     )
-
-
-# Which way -----------------------------------------------------------------------------------------------------------
-
-_SIDE = "side|hand side|direction"
-direction = table(
-    {
-        f"left|leftward|[to|toward|on] [the|its|my|your] left ({_SIDE})|more to the left|[further|farther] (to the) left": (
-            -1,
-            0,
-            0,
-        ),
-        f"right|rightward|[to|toward|on] [the|its|my|your] right ({_SIDE})|more to the right|[further|farther] (to the) right": (
-            1,
-            0,
-            0,
-        ),
-        "up|upward|higher|higher up|[further|farther] up|to the top": (0, -1, 0),
-        "down|downward|lower|lower down|[further|farther] down|to the bottom": (0, 1, 0),
-        f"[further|farther] [back|backward|away]|(further|farther) away from [{_viewer}]|away|back|backward|from [{_viewer}]|"
-        "to the back|into the distance|toward the back|into the background": (0, 0, 1),
-        f"forward|[closer|nearer] [to|toward] [{_viewer}]|closer|nearer|[to|toward] [{_viewer}]|to the front|into the foreground": (
-            0,
-            0,
-            -1,
-        ),
-    }
-)
-beside = table(
-    {
-        "(right) [next to|beside|alongside] [it|him|her|them|itself|the original]": (1, 0, 0),
-        "behind [it|him|her|them|itself|the original]": (0, 0, 1),
-        "in front of [it|him|her|them|itself|the original]": (0, 0, -1),
-        "above [it|him|her|them|itself|the original]": (0, -1, 0),
-        "[below|under|underneath] [it|him|her|them|itself|the original]": (0, 1, 0),
-        "(to the) left of [it|him|her|them|itself|the original]": (-1, 0, 0),
-        "(to the) right of [it|him|her|them|itself|the original]": (1, 0, 0),
-    }
-)
-
-
-Unit = Literal["world", "size"]
-
-
-class Distance(NamedTuple):
-    """A distance in `unit`."""
-
-    value: float
-    unit: Unit = "size"
-
-
-Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...]
-"""(distance before, direction, distance behind) of each step of a way."""
-_body = lit("size|sizes|width|widths|body width|body widths|height|length|lengths|body length|body lengths")
-distance = either(
-    degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
-    lit("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
-    ~lit("by|for") + multiple + ~lit("of") + lit(ITS) + _body >> Distance,
-    ~lit("by|for") + (percent + ~lit("of") + lit(ITS) + _body) >> Distance,
-    ~lit("by|for") + (number | fraction) + ~lit("a|of a|of") + _body >> Distance,
-    ~lit("by|for") + lit("a|its|its own|their|their own|the|his|her|one full") + _body >> (lambda *_: Distance(1.0)),
-    ~lit("by|for") + number + lit("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
-    ~lit("by|for") + lit("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
-    lit("by") + number >> (lambda x: Distance(x, "world")),
-)
-_step = optional(distance) + direction + optional(distance)
-
-
-steps = either(
-    listed(_step, lit("and|,|, and|and then|and also")),
-    beside >> (lambda way: ((None, way, None),)),
-    distance + listed(_step, lit("and")) >> (lambda far, ways: (*ways[:-1], (*ways[-1][:2], far))),
-)
-"""`Steps` of "a bit to the left and up by 2 widths"."""
-
-
-def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vector, Unit]:
-    """The sum of steps along the camera's axes, and its unit; each by its own distance, the last's, `far` or the default."""
-    shared = way[-1][2] or far or Distance(default)
-    vector, units = [0.0, 0.0, 0.0], set()
-    for before, signs, behind in way:
-        one = before or behind or shared
-        units.add(one.unit)
-        for axis, step in enumerate(signs):
-            if step and vector[axis]:
-                raise Refusal("Two of the directions are on one line; say one of them.")
-            vector[axis] += step * one.value
-    if len(units) > 1:
-        raise Refusal("One distance is in sizes and another in units of the world; use one of them.")
-    return (vector[0], vector[1], vector[2]), units.pop()
 
 
 # What it is called ---------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
+from ..language.grammar import Refusal
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.inventory import things_there
@@ -20,7 +21,6 @@ from .apply import edited, stack_of, with_operations
 from .description import describe
 from .judge import judge
 from .operations import Duplicate, Freeze, Loop, Operation, Retime, Reverse, Transform
-from .phrases import Refusal
 from .records import Record
 from .request import Request
 from .resolve import Absent, EditorState, Resolver, labels_of, rows_of

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
-from ..query.compounds import head_of, names_another
+from ..language.compounds import head_of, names_another
 from ..query.inventory import labels_of, nearest_there
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted

@@ -13,13 +13,14 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import Trajectory, original
+from ..language.compounds import ADJECTIVE
+from ..language.lexicon import spellings
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
 from .chat import ChatServer, image_part
-from .compounds import ADJECTIVE
 from .inventory import find, labels_of, nearest_there, things_there
-from .labels import Encode, spellings, text_head
+from .labels import Encode, text_head
 from .not_deleted import not_deleted
 from .pixels import head_map
 from .selection import Selection

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from f4x_core.edit import styles
-from f4x_core.edit.colour_names import COLOURS
 from f4x_core.edit.commands import COMMANDS, SHOWN
-from f4x_core.edit.grammar import VOCABULARY
 from f4x_core.edit.language import MAX_CHARACTERS, Refusal, describe, nearest, parse
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Transform, read_operation
 from f4x_core.edit.selects import Current, Ids, Instance, Named, Not, Or, Text
 from f4x_core.errors import F4xError
+from f4x_core.language.colour_names import COLOURS
+from f4x_core.language.grammar import VOCABULARY
 
 TABLE = json.loads(Path(__file__).with_name("phrases.json").read_text())
 UNSEEN = json.loads(Path(__file__).with_name("phrases_unseen.json").read_text())

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
-from .words import CONTRACTIONS, SPELLING
+from ..errors import F4xError
+from .lexicon import CONTRACTIONS, SPELLING
 
 Ways = dict[int, tuple[Any, ...]]
 """End of a match -> its values; the first is the preferred one."""
@@ -141,6 +142,17 @@ class Rule:
             return ways
 
         return Rule(match)
+
+
+class Refusal(F4xError):  # noqa: N818  # nothing went wrong
+    """A sentence that is not understood, or asks for what cannot be."""
+
+    def __init__(self, reason: str, nearest: tuple[str, ...] = ()):
+        """`reason`: why, one sentence; `nearest`: commands that are known, as example sentences."""
+        hint = " Try: " + "; ".join(f'"{example}"' for example in nearest) + "." if nearest else ""
+        super().__init__(reason + hint)
+        self.reason = reason
+        self.nearest = nearest
 
 
 class Mismatch(Exception):  # noqa: N818  # it never leaves the grammar

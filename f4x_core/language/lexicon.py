@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 
@@ -75,6 +76,17 @@ def singular(word: str) -> str:
     if word.endswith(("sses", "xes", "ches", "shes", "zzes")):
         return word[:-2]
     return word[:-1]
+
+
+def spellings(word: str) -> list[str]:
+    """`word` as a vocabulary may have it, likeliest first: in lower case, without its article, in the singular.
+
+    "The Dogs" -> the dogs, dogs, dog.
+    """
+    plain = " ".join(word.lower().split())
+    bare = re.sub(r"^(the|an?|any|some|this|that|these|those) ", "", plain)
+    *first, last = bare.split() or [""]
+    return list(dict.fromkeys([plain, bare, " ".join([*first, singular(last)])]))
 
 
 def plural(noun: str, count: float) -> str:
