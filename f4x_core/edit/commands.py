@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ..language.amounts import (
@@ -28,14 +28,17 @@ from ..language.amounts import (
 )
 from ..language.colour_names import Colour
 from ..language.colours import GRAY, colour, colourish, more_colour
-from ..language.grammar import Refusal, Rule, constant, either, listed, lit, optional, silent, table
+from ..language.grammar import Mismatch, Refusal, Rule, constant, either, listed, lit, optional, silent, table
 from ..language.lexicon import inflected
 from ..language.times import TimeExpression, duration
 from .operations import (
+    Blur,
     Delete,
     Duplicate,
     Extract,
     Freeze,
+    Glow,
+    Grade,
     Loop,
     Match,
     Name,
@@ -45,21 +48,24 @@ from .operations import (
     Retime,
     Reverse,
     Style,
+    Swap,
     Transform,
 )
 from .phrases import (
     SentenceContext,
     When,
     Who,
+    colors,
     everything_but,
     everything_else,
+    everywhere,
     known_thing,
     means_something,
     name,
     thing,
     whose,
 )
-from .selects import All, Not, SelectKind
+from .selects import All, Not, Or, SelectKind, Text
 from .styles import STYLES
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
@@ -75,8 +81,14 @@ MORE_COLOUR = 0.3
 """How far "redder" goes from gray to red."""
 SHOWN = 10.0
 """Factor that makes anything opaque that is there at all."""
+WARMER = 0.5
+"""Warmth of "warmer"; a bit: half, much: twice as much."""
+BLUR, GLOW = 0.02, 0.5
+"""Radius of "blur" in world units and strength of "glow"; a bit: half, much: twice as much."""
 COPY_DISTANCE = 1.2
 """Widths to the next copy: beside the thing, with a gap."""
+BESIDE = (COPY_DISTANCE, 0.0, 0.0)
+"""Where a copy goes when the sentence does not say, in sizes along the camera's axes."""
 TILT = 30.0
 """Degrees, where the sentence names none."""
 
@@ -119,15 +131,66 @@ def _added(times: float, more: tuple[Colour, int]) -> Value:
     return _recoloured((red, green, blue), "add")
 
 
+def _contrasted(by: float) -> Value:
+    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.effect)
+
+
+def _saturated(by: float) -> Value:
+    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.effect)
+
+
+def _warmed(how: Amount | None, warmer: bool) -> Value:
+    kind, value = (None, 0.0) if how is None else (how.kind, how.value)
+    if kind not in (None, "small", "large", "fraction"):
+        raise Mismatch
+    warmth = value if kind == "fraction" else {None: WARMER, "small": WARMER / 2, "large": 2 * WARMER}[kind]
+    return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.effect)
+
+
+def _blurred(how: Amount | None = None) -> Value:
+    if how is not None and how.kind not in ("small", "large"):
+        raise Mismatch
+    radius = BLUR * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+    return lambda who, when, _: Blur(who, radius, **when.effect)
+
+
+def _glowing(how: Amount | None = None, rgb: Colour | None = None) -> Value:
+    if how is not None and how.kind not in ("small", "large"):
+        raise Mismatch
+    strength = GLOW * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+    return lambda who, when, _: Glow(who, strength, rgb, **when.effect)
+
+
+def _swapped(other: Who | None = None) -> Value:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        pair = (who,) if other is None else (who, other(context))
+        if other is None and isinstance(who, Text):
+            pair = tuple(replace(who, labels=(label,)) for label in who.labels)
+        elif other is None and isinstance(who, Or):
+            pair = who.of
+        if len(pair) != 2:
+            raise Refusal("Two things can change places; say which two, for example 'swap the dog and the cat'.")
+        return Swap(*pair, **when.growth)
+
+    return value
+
+
+def _stretched(by: float) -> Value:
+    if by <= 0:
+        raise Mismatch
+    return _retimed(1 / by)
+
+
 def _opacity(by: float) -> Value:
     return lambda who, when, _: Opacity(who, round(by, PLACES), **when.effect)
 
 
-def _faded(by: float, slowly: bool = False, inward: bool = False) -> Value:
-    def value(who: SelectKind, when: When, _: SentenceContext) -> Operation:
-        if (slowly or inward) and "ease" not in when.fading:
+def _faded(by: float, inward: bool = False) -> Value:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        fading = when.fading(context, inward)
+        if (when.slowly or inward) and "ease" not in fading:
             raise Refusal("It is not said from when to when it fades; add for example 'from second 1 to 2'.")
-        return Opacity(who, round(by, PLACES), **when.fading, inward=inward)
+        return Opacity(who, round(by, PLACES), **fading, inward=inward)
 
     return value
 
@@ -195,7 +258,7 @@ def _frozen(who: SelectKind, when: When, context: SentenceContext) -> Operation:
 
 
 def _retimed(by: float) -> Value:
-    return lambda who, when, _: Retime(who, round(by, PLACES), **when.effect)
+    return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
 
 
 def _reversed(who: SelectKind, when: When, _: SentenceContext) -> Operation:
@@ -258,6 +321,36 @@ _SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speed
 _brightness_value = (
     either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright")) >> _lit
 )
+_contrast_value = comparison("punchier", "flatter", "contrasty|contrastful|punchy", "flat") >> _contrasted
+_saturation_value = (
+    comparison(
+        "more saturated|richer",
+        "duller|less saturated",
+        "saturated|vivid|colorful|vibrant|intense|rich",
+        "desaturated|muted|dull|washed out",
+    )
+    >> _saturated
+)
+_warmer = table(
+    {"warmer|more warm|less cool|less cold": True, "cooler|colder|chillier|more cool|more cold|less warm": False}
+)
+_warmth_value = either(
+    optional(amount) + _warmer >> _warmed, _warmer + amount >> (lambda warmer, how: _warmed(how, warmer))
+)
+_softly = either(
+    degree,
+    table(
+        {
+            "softly|faintly|gently|weakly": Amount("small"),
+            "heavily|strongly|intensely|brightly|very|really|badly": Amount("large"),
+        }
+    ),
+)
+_blurry = lit("blurry|blurred|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred")
+_blur_value = ~lit("go") + either(optional(_softly) + _blurry >> _blurred, _blurry + _softly >> _blurred)
+_glow_value = (
+    optional(_softly) + lit("glowing|glowy|luminous|aglow|radiant") + ~lit("in") + optional(colour) >> _glowing
+)
 _size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale")) >> _scaled
 _slow_motion = lit("(in) (a) slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
 _paced = either(
@@ -274,6 +367,7 @@ _backward = lit(
     "backward|in reverse|reversed|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: _reversed)
 _see_through = lit("transparent|see through|translucent|transparency|sheer")
+_share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
 _transparency = either(
     percent + _see_through >> (lambda x: 1 - x),
     table(
@@ -293,6 +387,8 @@ _transparency = either(
     lit("(a) transparency (of)") + (percent | number) >> (lambda x: 1 - x),
     lit("(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|reappear")
     >> (lambda: SHOWN),
+    optional(amount) + lit("more") + _see_through >> (lambda how: 1 - _share_of(how)),
+    optional(amount) + lit("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
     lit("(completely|totally) invisible|(completely|totally) hidden|vanish|vanished|disappear|disappeared")
     >> (lambda: 0.0),
 )
@@ -339,6 +435,7 @@ _a_look = either(
     constant(1.0) + lit("in|into|with") + ~lit("a|an|the|some") + _any_look + _effect,
     _seem + _strongly + _look_adjective,
 ) >> (lambda strength, look: _styled(look, strength))
+_bare_look = table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> _styled
 _given_look = _article + _any_look + ~lit("like|colored") + _effect >> _styled
 _source = ~lit("that of|those of|the colors of|the color of") + known_thing + ~lit("'s (color|colors)")
 _same_as = (
@@ -353,6 +450,11 @@ _made = either(
     _without_colour,
     _more_colour_value,
     _brightness_value,
+    _contrast_value,
+    _saturation_value,
+    _warmth_value,
+    _blur_value,
+    _glow_value,
     _size_value,
     _pace_value,
     _opacity_value,
@@ -360,6 +462,7 @@ _made = either(
     _same_colour,
     _a_look,
     _alike,
+    _bare_look,
 )
 
 
@@ -386,6 +489,8 @@ class Command:
     """Verbs of which the thing is the subject: "the dog should stop"."""
     gapped: bool = True
     """Its verb may be left out: "make the dog red and the cat blue"."""
+    whole: bool = False
+    """Without a thing it is for everything: "increase the contrast"."""
     bare: bool = True
     """After another command "it" may be left out: "move the dog left and turn around"."""
 
@@ -404,9 +509,10 @@ def _command(
     itself: str = "",
     gapped: bool = True,
     bare: bool = True,
+    whole: bool = False,
     **slots: Any,
 ) -> None:
-    COMMANDS.append(Command(example, verbs, make, slots, frozenset(needed.split()), who, itself, gapped, bare))
+    COMMANDS.append(Command(example, verbs, make, slots, frozenset(needed.split()), who, itself, gapped, whole, bare))
 
 
 def _always(value: Value) -> Callable[[], Value]:
@@ -499,9 +605,11 @@ def _more_or_less(
     _command(example, verbs, lambda how=None: made(factor(how, upward)), needed, who=who, itself=itself, **slots)
 
 
-def _quality(kind: str, words: str, made: Making) -> None:
-    """Commands about "the size of the dog" and its like."""
+def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
+    """Commands about "the size of the dog" and its like; `whole`: "the contrast" alone is that of everything."""
     its = whose(words)
+    if whole:
+        its = either(its, ~lit("the|all the|overall|the overall") + lit(words) + everywhere)
     _more_or_less(
         f"increase the {kind} of the dog", "increase|raise|boost|turn up|bump up|up", made, words, True, who=its
     )
@@ -574,6 +682,135 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
 _scale = ~lit("by|to") + ~lit("a factor of|factor") + either(fraction_of("size"), percent, multiple, number)
 _command("scale the dog by 2", "scale|resize|rescale", _scaled, "by", by=_scale)
 
+_as_long = either(
+    multiple + lit("as long") >> _stretched,
+    multiple + lit("longer") >> _stretched,
+    ~lit("to|by") + ~lit("a factor of") + fraction_of("length|duration|time") >> _stretched,
+    lit("by") + ~lit("a factor of") + (multiple | number) >> _stretched,
+)
+_command(
+    "stretch the motion of the dog by 2",
+    "stretch|stretch out|extend",
+    lambda by: by,
+    "by",
+    who=either(whose("time|motion|movement|duration"), thing),
+    by=_as_long,
+)
+_command("make the dog take twice as long", "", lambda by: by, "by", itself="take|last", by=_as_long)
+
+# Grading, focus, light
+for _kind, _words, _made_by in (
+    ("contrast", "contrast", _contrasted),
+    (
+        "saturation",
+        "saturation|color saturation|vividness|vibrance|vibrancy|color intensity|intensity of the colors",
+        _saturated,
+    ),
+):
+    _quality(_kind, _words, _made_by, whole=True)
+    _more = optional(amount) + table({"more|higher|stronger|extra": True, "less|lower|weaker": False}) + lit(_words)
+    _how_much = either(
+        _more >> (lambda how, upward, made=_made_by: made(factor(how, upward))),
+        table({"no": 0.0}) + lit(_words) >> _made_by,
+    )
+    _command(f"give the dog more {_kind}", "give", _listed, "values", who=~lit("to") + thing, values=_values(_how_much))
+    _command(
+        f"add more {_kind} to the dog",
+        "add|put|use|apply|have",
+        _listed,
+        "values",
+        who=lit("to|on|in|into") + thing,
+        whole=True,
+        values=_values(_how_much),
+    )
+    _command(
+        f"add {_kind}",
+        "add|boost",
+        _always(_made_by(factor(None, True))),
+        "it",
+        who=lit("to|on|in|into") + thing,
+        whole=True,
+        it=lit("some|a bit of|a little") + lit(_words) | lit(_words),
+    )
+    _command(
+        f"more {_kind}",
+        "",
+        _listed,
+        "values",
+        who=lit("for|on|in") + thing,
+        whole=True,
+        values=_values(_how_much),
+    )
+_command(
+    "saturate the colors",
+    "saturate",
+    lambda how=None: _saturated(factor(how, True)),
+    who=~lit("the colors of|all") + either(thing, colors),
+    how=amount,
+)
+_command(
+    "warm up the picture", "warm|warm up", lambda how=None: _warmed(how, True), who=thing, how=amount, up=lit("up")
+)
+_command(
+    "cool down the picture",
+    "cool|cool down|cool off",
+    lambda how=None: _warmed(how, False),
+    who=thing,
+    how=amount,
+    down=lit("down|off"),
+)
+_command(
+    "make the colors warmer",
+    "make|turn|render",
+    lambda values: values,
+    "values",
+    who=~lit("the") + colors,
+    values=_values(_warmth_value, _saturation_value, _contrast_value, _brightness_value),
+)
+_command(
+    "blur the background", "blur|blur out|defocus|unfocus|soften", _blurred, who=thing, how=_softly, out=lit("out")
+)
+_blur_noun = (
+    ~lit("some|a|an")
+    + optional(table({"slight|soft|light|gentle|little": Amount("small"), "strong|heavy": Amount("large")}))
+    + lit("blur|blurring")
+)
+_command(
+    "add a blur to the background", "add|apply|put|give", _blurred, "how", who=lit("to|on|over") + thing, how=_blur_noun
+)
+_command("give the background a blur", "give", _blurred, "how", who=thing, how=_blur_noun)
+_command("make the dog glow", "", _glowing, itself="glow|shine|light up", how=_softly, rgb=~lit("in|in a") + colour)
+_glow_noun = either(
+    ~lit("some|a|an")
+    + optional(table({"slight|soft|faint|gentle|subtle": Amount("small"), "strong|bright|intense": Amount("large")}))
+    + optional(colour)
+    + lit("glow|halo|shine|aura")
+    >> (lambda how, rgb: (how, rgb))
+)
+_command("give the dog a glow", "give", lambda glow: _glowing(*glow), "glow", who=thing, glow=_glow_noun)
+_command(
+    "add a glow to the dog",
+    "add|apply|put",
+    lambda glow: _glowing(*glow),
+    "glow",
+    who=lit("to|on|around|onto") + thing,
+    glow=_glow_noun,
+)
+
+# Places of two
+_places = lit(
+    "(the|their) [places|positions|spots|locations|place|position] (with each other|with one another)|with each other|with one another|around"
+)
+_command(
+    "swap the dog and the cat",
+    "swap|exchange|switch|trade|interchange|swap over",
+    _swapped,
+    who=~lit("(the) [places|positions|spots|locations] of") + thing,
+    itself="swap places|change places|trade places|switch places|swap|exchange places|swap positions|switch positions|change positions",
+    other=lit("with|for") + thing,
+    places=_places,
+)
+
 # Opacity
 _command("hide the car", "hide|conceal", _always(_opacity(0.0)), itself="disappear|vanish|hide|become invisible")
 _again = lit("again|once more")
@@ -589,33 +826,29 @@ _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") |
     lambda x: 1 - x
 )
 _outward = lit("out|away|out completely|to nothing|to invisible")
-_slowly = table({"slowly|gradually|little by little|bit by bit|smoothly": True})
 _command(
     "fade the background",
     "fade|dissolve",
-    lambda by=0.5, slowly=False: _faded(by, slowly),
+    lambda by=0.5: _faded(by),
     itself="fade",
     by=_to_fraction,
-    slowly=_slowly,
 )
 _command(
     "fade out the dog",
     "fade|dissolve",
-    lambda slowly=False: _faded(0.0, slowly),
+    lambda: _faded(0.0),
     "out",
     itself="fade",
     out=_outward,
-    slowly=_slowly,
 )
 
 _command(
     "fade in the dog from second 1 to 2",
     "fade|dissolve",
-    lambda slowly=False: _faded(0.0, slowly, inward=True),
+    lambda: _faded(0.0, inward=True),
     "inward",
     itself="fade",
     inward=lit("in|into view"),
-    slowly=_slowly,
 )
 
 # Taking out, and leaving alone
@@ -730,7 +963,17 @@ _command("tilt the lamp by 20 degrees", _TILTING, _tilted, "angle", itself=_TILT
 _lagging = (
     ~lit(",") + ~lit("but|that is|which is|by") + ~lit("delayed|lagging|trailing|starting|running|runs") + ~lit("by")
 )
+_following = lit(
+    "that [follows|trails|chases|lags|runs|walks|moves] (behind|after) (it|him|her)|[following|trailing|lagging] (behind|after) (it|him|her)|"
+    "[follow|trail] (behind|after) (it|him|her|the original)|to [follow|trail] (behind|after) (it|him|her|the original)"
+)
 _shift = either(
+    ~lit(",")
+    + _following
+    + ~lit("by|with|at|on the same path")
+    + ~lit("a delay of|a distance of")
+    + duration
+    + ~lit("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
     _lagging
     + duration
     + lit("later|behind|late|after|after [it|the original]|behind [it|the original]|afterward|delayed|in the future"),
@@ -753,6 +996,21 @@ _ADDING = "make|create|add|put|place|give me|insert|produce|generate|set|have"
 _how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("times|x")
 _command("copy the dog", "copy|duplicate|clone|replicate", _copied, times=_how_often, **_beside)
 _command("put a copy of the car to the left", _ADDING, _copied, "times", bare=False, times=_copies, **_beside)
+_LETTING = "|".join(
+    f"{let} {copy} {verb}"
+    for let in ("let", "have", "make")
+    for copy in ("a copy", "a clone", "a duplicate", "another one", "a second one")
+    for verb in ("follow", "trail", "chase")
+)
+_command(
+    "let a copy follow the dog half a second behind",
+    _LETTING,
+    _copied,
+    "shift",
+    bare=False,
+    shift=_shift | ~lit("by|with") + duration,
+    path=lit("along (its|the same) path|on (its|the same) path"),
+)
 _command("add another dog", _ADDING, _copied, "times", bare=False, times=_others, **_beside)
 _command("another copy of the dog", "", _copied, "times", bare=False, times=_copies | _others, **_beside)
 
@@ -773,7 +1031,12 @@ _command(
     _listed,
     "values",
     itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen",
-    values=_values(~lit("in|at") + _pace, _backward, lit("in") + _coloured, _a_look),
+    values=_values(
+        ~lit("in|at") + _pace,
+        _backward,
+        lit("in") + _coloured,
+        _a_look,
+    ),
 )
 _in_time = lit("in time|the motion of|the movement of")
 _command("reverse the car", "reverse|rewind", _always(_reversed), itself="reverse|rewind", in_time=_in_time)

@@ -15,8 +15,10 @@ from ..errors import F4xError
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import colour
 from ..language.grammar import (
+    NAMES_TOO,
     NOTHING,
     VOCABULARY,
+    Doubt,
     Mismatch,
     Reading,
     Refusal,
@@ -30,13 +32,13 @@ from ..language.grammar import (
     table,
     tokenise,
 )
-from ..language.lexicon import FUNCTION_WORDS, inflected, singular, word_set
+from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
 from ..language.times import Span, span
-from .commands import COMMANDS, Command
+from .commands import BESIDE, COMMANDS, COPY_DISTANCE, Command
 from .description import describe
-from .operations import Duplicate, Operation
+from .operations import Duplicate, Operation, Transform
 from .phrases import SentenceContext, When, familiar, together
-from .selects import Named, SelectKind, parts_of
+from .selects import All, Named, SelectKind, parts_of
 
 __all__ = ["Refusal", "describe", "parse"]
 
@@ -55,7 +57,16 @@ class Clause(NamedTuple):
 
 
 _when = ~lit(",") + span
+_slowly = ~lit(",") + table(
+    {
+        "slowly|gradually|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
+        "(in) a gradual way": True
+    }
+)
 _between = lit("and|,|, and|but|while|, but|, while|and also")
+_afterward = lit(
+    "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
+)
 _modal = lit(
     "should|must|shall|ought to|has to|have to|needs to|need to|is to|are to|will|is supposed to|are supposed to|had better"
 )
@@ -68,7 +79,7 @@ _let = lit("let|have|make|get")
 
 def _telling(filled: dict[str, Any]) -> dict[str, Any]:
     """Slots that say more than who: "and the cat" alone belongs to the list before it."""
-    if len(filled) == 1:
+    if filled.keys() <= {"who", "slowly"}:
         raise Mismatch
     return filled
 
@@ -85,8 +96,9 @@ def _stated(verb: str) -> str:
 
 def _of(command: Command) -> Rule:
     """The clauses of a command: by its verb, of a subject, in the passive."""
-    slots = {**command.slots, "when": _when}
-    first = bag({"who": command.who, **slots}, command.needed | (frozenset() if command.bare else {"who"}))
+    slots = {**command.slots, "when": _when, "slowly": _slowly}
+    alone = command.bare or command.whole
+    first = bag({"who": command.who, **slots}, command.needed | (frozenset() if alone else {"who"}))
     more = bag({"who": command.who, **slots}, command.needed | {"who"}) >> _telling
     own = bag(slots, command.needed)
 
@@ -100,6 +112,12 @@ def _of(command: Command) -> Rule:
     if command.verbs or not command.itself:
         phrase = (verb(1) if command.verbs else NOTHING) + first >> (lambda one: (one,))
         ways.append(phrase)
+        if command.gapped and command.needed:  # "make the dog red, then blue after one second"
+            later = bag(slots, command.needed) >> (lambda filled: {**filled, "later": True})
+            ways.append(
+                phrase + listed(_afterward + later, NOTHING)
+                >> (lambda pieces, rest: pieces + tuple(one for (one,) in rest))
+            )
         if command.gapped:
             others = _between + listed(more, _between) >> (lambda pieces: tuple(piece for (piece,) in pieces))
             ways.append(phrase + others >> (lambda pieces, rest: pieces + rest))
@@ -152,6 +170,8 @@ _core = either(*(_of(command) for command in COMMANDS))
 _clause = (
     either(
         _filler + _core,
+        _filler + silent(_slowly) + _core
+        >> (lambda clause: clause._replace(pieces=tuple({**one, "slowly": True} for one in clause.pieces))),
         _filler + span + ~lit(",|:") + _filler + _core >> (lambda front, clause: clause._replace(front=front)),
     )
     + ~lit(",")
@@ -191,30 +211,56 @@ def parse(
         raise Refusal(
             f"The sentence has {len(sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
         )
+    known = _known((*labels, *names))
+    context = SentenceContext(
+        fps, frames, frame, selected, {name.lower(): name for name in names}, earlier=copies or {}
+    )
+    reading, clauses = _read(sentence, known)
+    slip = _slip(reading, clauses is not None)
+    if slip is not None and (clauses is None or labels):
+        wrong, word = slip
+        instead = sentence[: wrong.start] + word + sentence[wrong.end :]
+        better, meant = _read(instead, known)
+        if meant is not None or _slip(better, False):
+            raise Doubt(f"I do not understand '{sentence[wrong.start : wrong.end]}'; did you mean '{word}'?", instead)
+    if clauses is None:
+        reason, answer = _not_understood(reading)
+        raise Refusal(reason, _nearest(reading.tokens) if answer else ())
+    try:
+        operations = _placed(list(_operations(clauses, context)))
+    except Refusal as refusal:
+        raise Refusal(refusal.reason, _nearest(reading.tokens)) from refusal
+    except F4xError as error:
+        raise Refusal(f"That is not possible: {error}", _nearest(reading.tokens)) from error
+    named = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
+    spare = context.spare - named
+    return tuple(
+        replace(one, name="") if isinstance(one, Duplicate) and one.name in spare else one for one in operations
+    )
+
+
+def _read(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[Reading, tuple[tuple[Any, ...], ...] | None]:
+    """The words of a sentence, and its clauses where it is one; Refusal where it is a question, too long or empty."""
     tokens = [token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED]
     if len(tokens) > MAX_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
     if not any(token.is_word for token in tokens):
         raise Refusal("Nothing is said that could be done.", _nearest(tokens))
-    reading = Reading.of(sentence, tokens, _known((*labels, *names)))
+    reading = Reading.of(sentence, tokens, known)
     found = _sentence.at(reading, 0).get(len(tokens))
-    if found is None:
-        reason, answer = _not_understood(reading)
-        raise Refusal(reason, _nearest(tokens) if answer else ())
-    context = SentenceContext(
-        fps, frames, frame, selected, {name.lower(): name for name in names}, earlier=copies or {}
-    )
-    try:
-        operations = list(_operations(found[0], context))
-    except Refusal as refusal:
-        raise Refusal(refusal.reason, _nearest(tokens)) from refusal
-    except F4xError as error:
-        raise Refusal(f"That is not possible: {error}", _nearest(tokens)) from error
-    meant = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
-    spare = context.spare - meant
-    return tuple(
-        replace(one, name="") if isinstance(one, Duplicate) and one.name in spare else one for one in operations
-    )
+    return reading, None if found is None else found[0]
+
+
+def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
+    """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
+    parts = {word for words in reading.known for word in words}
+    lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | COLOURS.keys() | SHADES.keys() | parts
+    for token in reading.tokens:
+        if token.is_word and not {token.text, singular(token.text)} & lexicon:
+            meant = misspelt(token.text, parts) or (None if understood else misspelt(token.text, lexicon))
+            if meant:
+                return token, meant
+    return None
 
 
 def _selected(operation: Operation) -> Iterator[SelectKind]:
@@ -252,6 +298,10 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
     return known
 
 
+_OF_ALL = ("who", "when", "later", "slowly")
+"""Slots that every command has."""
+
+
 def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) -> Iterator[Operation]:
     """The operations of clauses, each of which may follow (whether its separator is hard)."""
     front: Span | None = None
@@ -259,23 +309,23 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
         if any(separators):
             front = None
         front = clause.front or front
-        last = clause.pieces[-1].get("when")
+        last = None if "later" in clause.pieces[-1] else clause.pieces[-1].get("when")
         topics: list[SelectKind] = []
         for piece in clause.pieces:
             own = piece.get("when")
             if own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
+            if clause.command.whole and "who" not in piece:
+                context.last = All()
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
             if who is None:
                 raise Refusal(
                     "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
                 )
             topics.append(who)
-            arguments = {
-                name: value for name, value in piece.items() if name not in ("who", "when") and value is not None
-            }
+            arguments = {name: value for name, value in piece.items() if name not in _OF_ALL and value is not None}
             made = clause.command.make(**arguments)
-            settled = When.of(own or front or last, context)
+            settled = When.of(own or front or last, context, "slowly" in piece)
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
             for operation in operations:
@@ -283,6 +333,28 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
                     operation, topics[-1] = context.copied(operation)
                 yield operation
         context.they = together(topics)
+
+
+def _placed(operations: list[Operation]) -> list[Operation]:
+    """The operations; a copy that is put somewhere at once is made there: "copy the dog and put the copy on the left"."""
+    placed: list[Operation] = []
+    for one in operations:
+        made = placed[-1] if placed else None
+        if (
+            isinstance(made, Duplicate)
+            and isinstance(one, Transform)
+            and made.offset == BESIDE
+            and made.unit == one.unit
+        ):
+            stays = replace(one, translate=(0.0, 0.0, 0.0), select=made.select, unit="world", axes="world")
+            if one.select == Named(made.name) and stays == Transform(made.select) and any(one.translate):
+                far = COPY_DISTANCE if max(map(abs, one.translate)) == 1 else 1.0
+                x, y, z = (far * step for step in one.translate)
+                if x or z:
+                    placed[-1] = replace(made, offset=(x, y, z))
+                    continue
+        placed.append(one)
+    return placed
 
 
 def _compatible(operations: list[Operation]) -> list[Operation]:

@@ -10,6 +10,7 @@ from ..language.amounts import VIEWER, number, number_at
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import PURE_COLOURS, colour
 from ..language.grammar import (
+    NOTHING,
     VOCABULARY,
     Reading,
     Refusal,
@@ -27,7 +28,7 @@ from ..language.grammar import (
 from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, singular, word_set
 from ..language.times import END, Clip, Span
 from .operations import Duplicate
-from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
+from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
 
 
 @dataclass
@@ -91,11 +92,14 @@ class When:
     kind: str = "range"
     """As in `Span`."""
 
+    slowly: bool = False
+    """It is said to come little by little."""
+
     @classmethod
-    def of(cls, phrase: Span | None, context: SentenceContext) -> When:
+    def of(cls, phrase: Span | None, context: SentenceContext, slowly: bool = False) -> When:
         """Clip frames of a span; Refusal: outside of the clip, or ending before it starts."""
         if phrase is None or phrase.kind == "always":
-            return cls()
+            return cls(slowly=slowly)
         start, end = phrase.start.resolve(context), None if phrase.end is None else phrase.end.resolve(context)
         last = context.frames - 1
         for frame in (start, end):
@@ -107,11 +111,18 @@ class When:
         end = None if end is None or phrase.end == END else min(end, last)
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
-        return cls((float(start), None if end is None else float(end)), phrase.kind)
+        kind = "moment" if phrase.kind == "from" else phrase.kind
+        return cls((float(start), None if end is None else float(end)), kind, slowly)
 
     @property
     def effect(self) -> dict[str, Any]:
         """Field `frames` of what is in effect for a while."""
+        if self.slowly:
+            raise Refusal("That cannot come little by little: it is there or not; leave 'slowly' out.")
+        return self._frames
+
+    @property
+    def _frames(self) -> dict[str, Any]:
         if self.kind == "length":
             raise Refusal("It is said how long, not from when; add for example 'from second 1'.")
         return {} if self.frames is None else {"frames": self.frames}
@@ -119,14 +130,25 @@ class When:
     @property
     def growth(self) -> dict[str, Any]:
         """Fields of a transform: grows over a range, jumps at a moment."""
-        if self.kind == "moment" and self.frames is not None:
+        if self.slowly and self.frames is None:
+            return {"frames": (0.0, None)}
+        if self.kind == "moment" and self.frames is not None and not self.slowly:
             return {"frames": (self.frames[0], self.frames[0]), "ease": "step"}
-        return self.effect
+        return self._frames
 
     @property
-    def fading(self) -> dict[str, Any]:
-        """Fields of an opacity that comes little by little over a range."""
-        return self.effect | ({"ease": "linear"} if self.frames is not None and self.kind == "range" else {})
+    def pace(self) -> dict[str, Any]:
+        """Fields of a change of speed."""
+        return self._frames | ({"ease": "smooth"} if self.slowly else {})
+
+    def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:
+        """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""
+        frames, last = self.frames, context.frames - 1
+        if self.kind == "moment" and frames is not None and frames[0] == (0 if inward else last):
+            frames = (0.0, float(min(context.fps, last))) if inward else (float(max(last - context.fps, 0)), None)
+        elif frames is None or (self.kind != "range" and not self.slowly):
+            return self._frames
+        return self._frames | {"frames": frames, "ease": "linear"}
 
     def pause(self, context: SentenceContext) -> dict[str, Any]:
         """Fields of a freeze."""
@@ -192,10 +214,21 @@ def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known part of a known whole: "roof of the house"."""
     for middle, part in _known_at(reading, at):
+        if reading.word(middle) == "'s":  # a part that no label has is the scene's to know
+            for end, stranger in _stranger_at(reading, middle + 1):
+                yield end, f"{reading.text_of(at, middle).lower()}'s {stranger}"
         if reading.word(middle) == "of":
             whole = middle + 1 + (reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"))
             for end, label in _known_at(reading, whole):
                 yield end, f"{part} {reading.text_of(middle, whole).lower()} {label}"
+
+
+def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """A part that no label has of a known whole: "legs of the dog"."""
+    for middle, part in _stranger_at(reading, at):
+        if reading.word(middle) == "of" and reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"):
+            for end, label in _known_at(reading, middle + 2):
+                yield end, f"{label}'s {part}"
 
 
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -269,6 +302,7 @@ _OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones"
 _objects = lit(_OBJECTS)
 _known, _part, _modified, _stranger = map(_things, (_known_at, _part_at, _modified_at, _stranger_at))
 _everybody, _strangers, _bare_stranger = map(_things, (_everybody_at, _strangers_at, _bare_stranger_at))
+_part_of_known = _article + _things(_part_of_known_at)
 familiar = either(_part, _known, _modified, _everybody)
 """A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
@@ -361,6 +395,31 @@ _point = lit(
 ) + lit("at|on|under") + _place + optional(lit("in|at|of|on") + lit("frame") + number) >> (
     lambda x, y, seen: lambda context: Point(context.present if seen is None else _frame(seen, context), x, y)
 )
+_SIDE_OF = {
+    "upper|top": "top",
+    "lower|bottom": "bottom",
+    "left": "left",
+    "right": "right",
+    "left hand": "left",
+    "right hand": "right",
+}
+SHARES = {"half": 0.5, "third": 0.333, "quarter": 0.25, "two thirds": 0.667, "part|portion|side|section": 0.5}
+_part_of = ~lit("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
+
+
+def _placed_part(side: Any, share: float, whole: Who) -> Who:
+    return lambda context: Part(whole(context), side, share, context.present)
+
+
+_its = lambda context: context.it("'its'")  # noqa: E731
+_placed = either(
+    _part_of + lit("of") + generated(lambda reading, at: ((end, who) for end, (who,) in _whole.at(reading, at).items()))
+    >> _placed_part,
+    (familiar | ~_article + _noun) + lit("'s|'") + _part_of
+    >> (lambda whole, side, share: _placed_part(side, share, whole)),
+    lit("its|his|her|their") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
+    >> (lambda side, share: _placed_part(side, share, _its)),
+)
 _it = lit("it|this|that|him|her|he|she|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all") >> (
     lambda: lambda context: context.it("'it'")
 )
@@ -416,8 +475,12 @@ _everybody_else = _everybody + lit("else") >> (
 _in_scene = ~lit(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{_PICTURE}]|out of the [{_PICTURE}]"
 )
+_whole = either(
+    familiar, _determiner + _noun, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
+)
 _definite = (
     either(
+        _placed,
         everything_else,
         _everybody_else,
         _current,
@@ -428,6 +491,7 @@ _definite = (
         _determiner + _noun,
         _instance,
         _moving_noun,
+        _part_of_known,
         _named_at_length,
         _everything >> _always(All()),
         _it,
@@ -506,6 +570,12 @@ def _without(kind: Who, rest: Who) -> Who:
 
 thing = either(everything_but >> _spared, _union, _union + _besides >> _without)
 """Whom a command is about: a `Who`."""
+
+
+everywhere = NOTHING >> _always(All())
+"""Whom a command without an object is for, where that is the whole picture."""
+colors = lit("the colors|colors|all colors|all the colors") >> _always(All())
+"""The colours of everything."""
 
 
 def whose(quality: str) -> Rule:

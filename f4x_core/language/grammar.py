@@ -155,6 +155,15 @@ class Refusal(F4xError):  # noqa: N818  # nothing went wrong
         self.nearest = nearest
 
 
+class Doubt(Refusal):
+    """A sentence that would be understood if a word were spelt otherwise: it is asked about, and not done."""
+
+    def __init__(self, reason: str, instead: str):
+        """`instead`: the sentence that was probably meant."""
+        super().__init__(reason)
+        self.instead = instead
+
+
 class Mismatch(Exception):  # noqa: N818  # it never leaves the grammar
     """The words fit a rule and their meaning does not."""
 
@@ -165,6 +174,8 @@ def _union(first: Ways, second: Ways) -> Ways:
 
 VOCABULARY: set[str] = set()
 """Every word of the grammar itself: none of them is taken for a thing."""
+NAMES_TOO: set[str] = set()
+"""Words of the grammar that may be names of things as well."""
 
 
 def table(entries: Mapping[str, Any], *, reserve: bool = True) -> Rule:
@@ -177,8 +188,7 @@ def table(entries: Mapping[str, Any], *, reserve: bool = True) -> Rule:
     for spec, value in entries.items():
         for words in (words for alternative in _alternatives(spec) for words in _expanded(alternative)):
             by_first.setdefault(words[0], []).append((words, value))
-            if reserve:
-                VOCABULARY.update(words)
+            (VOCABULARY if reserve else NAMES_TOO).update(words)
     for rows in by_first.values():
         rows.sort(key=lambda row: -len(row[0]))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from .amounts import PLACES, number
+from .amounts import PLACES, fraction, number, percent
 from .grammar import either, lit, optional, table
 
 
@@ -22,12 +22,14 @@ class Clip:
 
 
 class TimeExpression(NamedTuple):
-    """A sum of what a time can be counted in, as clip frame: frames + seconds x rate + last x last frame + now x present one."""
+    """A sum of what a time can be counted in, as clip frame: frames + seconds x rate + last x last frame + now x present one
+    + clip x number of frames."""
 
     frames: float = 0.0
     seconds: float = 0.0
     last: float = 0.0
     now: float = 0.0
+    clip: float = 0.0
 
     def plus(self, other: TimeExpression, sign: float = 1.0) -> TimeExpression:
         """This + sign x the other."""
@@ -36,10 +38,12 @@ class TimeExpression(NamedTuple):
     def resolve(self, context: Clip) -> float:
         """Clip frame, maybe outside the clip."""
         last = context.frames - 1
-        return round(self.frames + self.seconds * context.fps + self.last * last + self.now * context.frame, PLACES)
+        counted = self.frames + self.seconds * context.fps + self.last * last + self.now * context.frame
+        return round(counted + self.clip * context.frames, PLACES)
 
 
 START, END, NOW = TimeExpression(), TimeExpression(last=1.0), TimeExpression(now=1.0)
+HALF_WAY = TimeExpression(clip=0.5)
 
 
 class Span(NamedTuple):
@@ -49,7 +53,7 @@ class Span(NamedTuple):
     end: TimeExpression | None
     """None: open."""
     kind: str = "range"
-    """`moment`: only the start is given; `length`: only the length; `always`."""
+    """`moment`, `from`: only the start is given, at or since which it is; `length`: only the length; `always`."""
 
 
 _unit = table(
@@ -57,7 +61,7 @@ _unit = table(
         "second|seconds|sec|secs|s": TimeExpression(seconds=1.0),
         "frame|frames": TimeExpression(frames=1.0),
         "minute|minutes|min|mins": TimeExpression(seconds=60.0),
-        "millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
+        "msec|millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
     }
 )
 
@@ -75,15 +79,31 @@ duration = either(
 _edge = table(
     {
         "the (very) [beginning|start] (of the clip|of the video|of the scene)|the start|start|beginning": START,
-        "the (very) end (of the clip|of the video|of the scene)|end": END,
+        "the (very) end (of the clip|of the video|of the scene)|end|the last frame": END,
         "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
     }
 )
-_clock = number + lit(":") + number >> (lambda minutes, seconds: TimeExpression(seconds=60 * minutes + seconds))
+_clock = either(
+    number + lit(":") + number + lit(":") + number >> (lambda h, m, s: TimeExpression(seconds=3600 * h + 60 * m + s)),
+    number + lit(":") + number + ~lit("minutes") >> (lambda m, s: TimeExpression(seconds=60 * m + s)),
+)
+_whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
+_through = lit("(of the way) [through|in|into|along]|of the way") + ~lit(f"the (whole) [{_whole}]|it")
+_part_way = either(
+    lit("halfway|half way|midway|mid way") + ~(_through | lit("point") + ~lit(f"of the [{_whole}]"))
+    >> (lambda: HALF_WAY),
+    lit(f"the middle of the [{_whole}]|the [halfway|half way] [point|mark] (of the [{_whole}])|mid clip")
+    >> (lambda: HALF_WAY),
+    fraction + _through >> (lambda x: TimeExpression(clip=x)),
+    percent + _through >> (lambda x: TimeExpression(clip=x)),
+)
+"""Moments that are told by how much of the clip is over."""
 _counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
-_measured = number + _unit + ~lit("in|into (the) [clip|video|scene]|mark") >> _times
+_inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
+_measured = either(number + _unit + ~lit(f"{_inside}|mark"), lit("the") + number + _unit + lit("mark|point")) >> _times
 _fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
-moment = either(_edge, _counted, _measured, _fraction_moment, _clock)
+_numbered = ~lit("the") + number + lit("th|st|nd|rd") + lit("frame") >> (lambda x: TimeExpression(frames=x))
+moment = either(_edge, _numbered, _counted, _measured, _fraction_moment, _clock, _part_way)
 _to = lit("to|-|until|up to|through|and|thru")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),
@@ -96,12 +116,19 @@ _length = either(duration, optional(number, 1.0) + _unit >> _times)
 _first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") + _length
 _last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
 _onward = ~lit("on|onward|forward|and on|and onward|on out")
-_since = lit(
-    "from|after|since|as of|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|at|in|on|"
-    "once we reach|when we reach"
-)
-_begin = _since + moment + _onward
-_for = lit("for|lasting") + duration
+_since = lit("from|after|since|as of|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past")
+_at = lit("at|in|on|once we reach|when we reach|around|exactly at|right at")
+_bare = either((number + _unit >> _times) + lit(_inside), _part_way)
+"""Moments that need no word before them: "two seconds in"."""
+_since_then = _since + moment + _onward
+_just_then = (_at + moment | _bare) + _onward
+_begin = _since_then | _just_then
+_for = lit("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
+_part = table({"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4}) + ~lit(f"of the [{_whole}]")
+_within = ~lit("for|in|during|over|within|throughout") + lit("the")
+_leading = _within + lit("first") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
+_closing = _within + lit("last|final") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
+_second_half = _within + lit("second half") + ~lit(f"of the [{_whole}]") >> (lambda: Span(HALF_WAY, None))
 
 
 def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
@@ -116,12 +143,18 @@ span = either(
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
     lit("until|before|up to|up until") + moment >> (lambda end: Span(START, end)),
-    _begin >> (lambda start: Span(start, None, "moment")),
+    _leading,
+    _closing,
+    _second_half,
+    _since_then >> (lambda start: Span(start, None, "from")),
+    _just_then >> (lambda start: Span(start, None, "moment")),
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
             "always|all the time|the whole time|[for|during|throughout|over] the [whole|entire] [clip|video|time]|"
-            "throughout|forever": Span(START, None, "always")
+            "throughout|forever|the whole way through|from start to finish|from (the) beginning to (the) end": Span(
+                START, None, "always"
+            )
         }
     ),
 )

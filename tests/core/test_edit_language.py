@@ -267,7 +267,6 @@ def test_long_texts_take_bounded_time(part):
         ("make the dog darker red", "'darker red'"),
         ("paint the second dog blue", "'the second dog'"),
         ("hide the dog behind the tree", "'behind'"),
-        ("paint the dog's snout blue", "'snout'"),
         ("undo the last edit", "`f4x undo SCENE`"),
         ("change the color of the dog", "not said to which color"),
     ],
@@ -280,7 +279,12 @@ def test_the_word_that_is_blamed_is_the_one_at_fault(sentence, word):
 
 
 def test_examples_are_about_what_is_there():
-    assert nearest("make the sky pink", ("swan", "water"))[0] in ("make the swan red", "darken the swan")
+    assert nearest("make the sky pink", ("swan", "water"))[0] in (
+        "make the swan red",
+        "darken the swan",
+        "make the swan glow",
+        "make the swan take twice as long",
+    )
     told = [example for sentence in ("make the sky pink", "remove the sky") for example in nearest(sentence, ("swan",))]
     assert not any(word in " ".join(told).split() for word in ("sky", "dog", "car"))
     assert nearest("match the water", ("swan", "water"))[0] == "match the water to the swan"
