@@ -510,6 +510,8 @@ def dyed_by(operation: Operation, whom: Appearance, tones: Any) -> Appearance:
     assert isinstance(operation, Recolour | Style | Match | Grade)
     rgb = colours.colours_of(whom.sh)
     if isinstance(operation, Grade):
+        if (operation.contrast, operation.saturation, operation.warmth) == (1, 1, 0):
+            return whom
         goal = colours.graded(rgb, operation.contrast, operation.saturation, operation.warmth, tones)
         dc = spherical_harmonics.dc_from_rgb(goal).astype(np.float32)
         return Appearance(
