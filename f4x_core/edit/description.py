@@ -310,11 +310,20 @@ def _rounded(values: tuple[float, ...]) -> str:
 
 
 def _way(vector: Vector, unit: str, axes: str) -> str:
-    measure = "unit" if unit == "world" else "size"
+    measure = "unit" if unit == "world" else "width"
     if axes == "world":
         return f"by ({_rounded(vector)}) {measure}s along the scene's own axes"
+    return " and ".join(f"by {step}" for step in _steps(vector, measure))
+
+
+def _steps(vector: Vector, measure: str) -> list[str]:
     steps = [(abs(x), _AXES[axis][x > 0]) for axis, x in enumerate(vector) if x]
-    return " and ".join(f"by {far:g} {plural(measure, far)} {way}" for far, way in steps)
+    return [f"{far:g} {plural(measure, far)} {way}" for far, way in steps]
+
+
+def steps_in_words(vector: Vector) -> str:
+    """A way in widths along the camera's axes: "1.1 widths to the left and 0.2 widths up"."""
+    return " and ".join(_steps(vector, "width"))
 
 
 def _turn(who: str, rotate: Vector, axes: str) -> str:

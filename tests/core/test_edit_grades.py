@@ -40,7 +40,9 @@ def test_a_blur_widens_and_thins():
     np.testing.assert_allclose(after.scales[few], np.hypot(before.scales[few], 0.3), rtol=1e-5)
     np.testing.assert_array_equal(after.scales[~few], before.scales[~few])
     light = before.opacities[few] * np.prod(np.sort(before.scales[few], 1)[:, 1:], 1)
-    np.testing.assert_allclose(after.opacities[few] * np.prod(np.sort(after.scales[few], 1)[:, 1:], 1), light, rtol=1e-4)
+    np.testing.assert_allclose(
+        after.opacities[few] * np.prod(np.sort(after.scales[few], 1)[:, 1:], 1), light, rtol=1e-4
+    )
     assert thinning(before.scales, 0.0) == pytest.approx(1)
 
 
