@@ -59,13 +59,15 @@ from .phrases import (
     everything_but,
     everything_else,
     everywhere,
+    known_noun,
     known_thing,
     means_something,
     name,
     thing,
+    two_of_them,
     whose,
 )
-from .selects import All, Not, Or, SelectKind, Text
+from .selects import All, Current, Instance, Not, Or, SelectKind, Text
 from .styles import STYLES
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
@@ -168,6 +170,9 @@ def _swapped(other: Who | None = None) -> Value:
             pair = tuple(replace(who, labels=(label,)) for label in who.labels)
         elif other is None and isinstance(who, Or):
             pair = who.of
+        if len(pair) == 1 and getattr(who, "number", "") == "both":
+            of = replace(who, number="any")  # type: ignore[type-var]  # a `Text`
+            pair = (Instance(of, "left", context.present), Instance(of, "right", context.present))
         if len(pair) != 2:
             raise Refusal("Two things can change places; say which two, for example 'swap the dog and the cat'.")
         return Swap(*pair, **when.growth)
@@ -261,6 +266,11 @@ def _retimed(by: float) -> Value:
     return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
 
 
+def _noted(context: SentenceContext, who: SelectKind) -> SelectKind:
+    context.last = who
+    return who
+
+
 def _reversed(who: SelectKind, when: When, _: SentenceContext) -> Operation:
     return Reverse(who, **when.effect)
 
@@ -302,7 +312,9 @@ _colored = ~lit("(in) color|colored|tone|tint")
 _flat = lit("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
 _colour_value = either(
     _article + _flat + ~_flat + colour + _colored >> _recoloured,
-    lit("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of") + (colour | colourish)
+    lit("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of")
+    + ~lit("more")
+    + (colour | colourish)
     >> _faintly,
     ~lit("a|an|some") + colourish + _colored >> _faintly,
     _fully + ~lit("a|an|some") + _shade_of + ~lit("the color") + colour + _colored >> _assigned,
@@ -326,7 +338,7 @@ _saturation_value = (
     comparison(
         "more saturated|richer",
         "duller|less saturated",
-        "saturated|vivid|colorful|vibrant|intense|rich",
+        "saturated|vivid|colorful|vibrant|intense|rich|lively",
         "desaturated|muted|dull|washed out",
     )
     >> _saturated
@@ -336,6 +348,10 @@ _warmer = table(
 )
 _warmth_value = either(
     optional(amount) + _warmer >> _warmed, _warmer + amount >> (lambda warmer, how: _warmed(how, warmer))
+)
+_pop = lit("pop|pop more|stand out more|come alive") >> (lambda: _saturated(factor(None, True)))
+_sized = either(
+    table({"tiny|small|little|minute": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0}) >> _scaled,
 )
 _softly = either(
     degree,
@@ -453,6 +469,8 @@ _made = either(
     _contrast_value,
     _saturation_value,
     _warmth_value,
+    _pop,
+    _sized,
     _blur_value,
     _glow_value,
     _size_value,
@@ -464,6 +482,11 @@ _made = either(
     _alike,
     _bare_look,
 )
+
+
+def REMARK() -> Value:  # it stands for what is said and asks for nothing
+    """Make nothing: "leave the dog alone"."""
+    raise Mismatch
 
 
 # Commands ------------------------------------------------------------------------------------------------------------
@@ -539,6 +562,7 @@ _command(
     values=_values(
         _a_look,
         _into + either(_coloured, _alike, _a_look, _same_as),
+        lit("to") + ~lit("a|an|pure|solid") + _look_name >> _styled,
         lit("to|into") + _colour_of,  # of "change the color of the dog" nobody knows to what
         _more_colour_value,
         _opacity_value,
@@ -586,6 +610,9 @@ _command(
 
 
 # More and less: size, pace, light, opacity
+_until = lit("until [it|he|she|they] [is|are]") + multiple + lit("as [big|tall|large|high|long|wide|small|fast|bright]")
+
+
 def _more_or_less(
     example: str,
     verbs: str,
@@ -598,7 +625,10 @@ def _more_or_less(
 ) -> None:
     to = fraction_of(quality) | lit("to") + either(multiple, percent) | lit("in half|by a half") >> (lambda: 0.5)
     how = either(
-        ~lit("to") + to >> (lambda x: Amount("to", x)), amount, lit("by") + number >> (lambda x: Amount("times", x))
+        ~lit("to") + to >> (lambda x: Amount("to", x)),
+        _until >> (lambda x: Amount("to", x)),
+        amount,
+        lit("by") + number >> (lambda x: Amount("times", x)),
     )
     slots: dict[str, Any] = {"how": how, "particle": lit(particle)} if particle else {"how": how}
     needed = "particle" if particle else ""
@@ -765,7 +795,7 @@ _command(
     lambda values: values,
     "values",
     who=~lit("the") + colors,
-    values=_values(_warmth_value, _saturation_value, _contrast_value, _brightness_value),
+    values=_values(_warmth_value, _saturation_value, _contrast_value, _brightness_value, _pop),
 )
 _command(
     "blur the background", "blur|blur out|defocus|unfocus|soften", _blurred, who=thing, how=_softly, out=lit("out")
@@ -805,7 +835,7 @@ _command(
     "swap the dog and the cat",
     "swap|exchange|switch|trade|interchange|swap over",
     _swapped,
-    who=~lit("(the) [places|positions|spots|locations] of") + thing,
+    who=~lit("(the) [places|positions|spots|locations] of") + (two_of_them | thing),
     itself="swap places|change places|trade places|switch places|swap|exchange places|swap positions|switch positions|change positions",
     other=lit("with|for") + thing,
     places=_places,
@@ -982,8 +1012,18 @@ _shift = either(
     _lagging + duration + lit("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
 )
+_in_a_row = lit(
+    "in a row|in a line|side by side|next to each other|one after another|one after the other|beside each other"
+)
 _called_so = ~lit(",") + lit("called|named|by the name of") + name
-_beside: dict[str, Any] = {"way": steps, "far": distance, "shift": _shift, "called": _called_so}
+_apart = distance + lit("apart") | ~lit("by") + number + lit("apart") >> Distance
+_beside: dict[str, Any] = {
+    "way": ~lit(",") + steps,
+    "far": _apart | distance,
+    "row": _in_a_row,
+    "shift": _shift,
+    "called": _called_so,
+}
 _copies = either(
     lit("a|another|one|one more|a second|an extra|a new") + lit("copy|clone|duplicate|replica") >> (lambda: 1.0),
     number + ~lit("more|extra|other|additional") + lit("copies|clones|duplicates|replicas"),
@@ -1030,8 +1070,9 @@ _command(
     "play|run|show|put|set|render|play back|replay|move|drive|do",
     _listed,
     "values",
-    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen",
+    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll|turn",
     values=_values(
+        multiple >> _retimed,
         ~lit("in|at") + _pace,
         _backward,
         lit("in") + _coloured,
@@ -1055,6 +1096,10 @@ _command("play the dog in a loop from second 1 to 2", "play|run|show|put", _loop
 
 # Looks, colours of others, names
 _given = _values(
+    ~lit("a|an|some")
+    + either(_warmth_value, _brightness_value, _saturation_value, _contrast_value)
+    + lit("tone|tones|look|feel|color|colors|light|appearance|mood"),
+    known_thing + lit("'s|'") + lit("color|colors|coloring|look|appearance") >> _matched,
     _given_look,
     _same_colour,
     _opacity_value,
@@ -1075,3 +1120,164 @@ for _who in (whose("color|colors|coloring|look"), thing):
 _command("make the hat match the shirt", "", _matched, "source", itself="match", source=known_thing)
 _called = ~lit("as|to") + name
 _command("call the dog rex", "call|name|label|tag|dub|nickname", _named, "called", gapped=False, called=_called)
+
+# What is said in passing, and commands without a verb
+TOPIC = Command("the dog: make it red", "", REMARK, {})
+_remark = lit("alone|as it is|as they are|as is|untouched|unchanged|as it was|the way it is|out of it|in peace")
+_command(
+    "make the dog red",
+    "leave|keep",
+    REMARK,
+    "remark",
+    bare=False,
+    gapped=False,
+    who=either(thing, lit("it") >> (lambda: lambda context: context.last or All())),
+    remark=_remark,
+)
+_quality_words = "bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
+_complained_of = either(
+    lit("it|this|that")
+    >> (lambda: lambda context: _noted(context, context.last or (Current() if context.selected else All()))),
+    thing,
+)
+_command(
+    "brighten the dog",
+    "",
+    REMARK,
+    "remark",
+    bare=False,
+    gapped=False,
+    who=_complained_of,
+    remark=lit("is|are|looks|look|seems|seem|was|were")
+    + ~lit("a bit|a little|much|way|far")
+    + lit("too")
+    + lit(_quality_words),
+)
+_command("tone down the sky", "tone down", lambda how=None: _lit(factor(how, False)), how=amount)
+_command("tone the sky down", "tone", lambda how=None: _lit(factor(how, False)), "down", how=amount, down=lit("down"))
+_day = lit("(the) day|daytime|daylight") >> (lambda: lambda context: _noted(context, All()))
+_command(
+    "turn day into night",
+    "turn|change|make|transform",
+    _listed,
+    "values",
+    bare=False,
+    gapped=False,
+    who=_day,
+    values=_values(lit("into|to") + _bare_look),
+)
+_keeps = lit("keeps|keep|retains|stays|stay|remains") + lit("(its|their|his|her) [color|colors]|colored|in color")
+_command(
+    "only the dog keeps its color",
+    "",
+    _always(_rest_grayed),
+    "only keeps",
+    bare=False,
+    gapped=False,
+    only=_only,
+    keeps=_keeps,
+    rest=~lit(",|and")
+    + silent(everything_else)
+    + lit("goes|go|turns|becomes|is|should be|should go|gets|turn|become")
+    + silent(_without_colour | colour),
+)
+_changed = either(_size_value, _pace_value, _brightness_value, _saturation_value, _warmth_value, _contrast_value)
+_command(
+    "the dog twice as fast",
+    "",
+    _listed,
+    "values",
+    bare=False,
+    gapped=False,
+    values=_values(
+        _changed, lit("in") + (_coloured | _any_look >> _styled), ~lit("in") + _slow_motion >> _retimed, _backward
+    ),
+)
+_command(
+    "a bigger dog",
+    "",
+    _listed,
+    "values",
+    bare=False,
+    gapped=False,
+    who=known_noun,
+    values=~lit("a|an|some|the") + either(_changed, _sized) >> (lambda value: ((value,),)),
+)
+_command("no dog", "", _delete, "no", bare=False, gapped=False, no=lit("no"))
+for _kind, _words, _made_by in (
+    ("contrast", "contrast", _contrasted),
+    ("saturation", "saturation", _saturated),
+    ("brightness", "brightness", _lit),
+):
+    _command(
+        f"turn the {_kind} up",
+        "turn|bring|push|crank|pull|dial|take|put",
+        lambda quality, upward, how=None, made=_made_by: made(factor(how, upward)),
+        "quality upward",
+        whole=True,
+        who=lit("on|of|for|in") + thing,
+        quality=~lit("the") + lit(_words) >> (lambda: True),
+        upward=table({"up|way up": True, "down": False}),
+        how=amount,
+    )
+
+# Trails
+_behind = lit("follow|trail|chase|[drive|run|walk|go|come|move] [behind|after]") + ~lit(
+    "it|him|her|the first (one)|the original (one)|the other (one)"
+)
+_command(
+    "let a second dog follow it one second later",
+    "let|have|make",
+    _copied,
+    "behind shift",
+    bare=False,
+    gapped=False,
+    who=lit("a second|another|a copy of the|a clone of the|one more|a duplicate of the") + known_noun,
+    behind=_behind,
+    shift=_shift | ~lit("by|with") + duration,
+)
+TRAIL_COPIES, TRAIL_LAG = 3.0, 0.2
+"""Copies of a trail, and seconds from one to the next."""
+
+
+def _trailed(count: float = TRAIL_COPIES) -> Value:
+    return _copied(times=count, shift=TimeExpression(seconds=TRAIL_LAG))
+
+
+_a_trail = (
+    ~lit("a|an")
+    + ~lit("ghost|ghostly|faint|motion")
+    + lit("trail")
+    + optional(lit("of") + number + ~lit("ghost|ghostly|faint|fading") + lit("copies|clones|ghosts"), TRAIL_COPIES)
+)
+_command("give the dog a trail", "give", _trailed, "count", bare=False, count=_a_trail)
+_command(
+    "leave a trail behind the dog",
+    "leave|add|put|make|draw",
+    _trailed,
+    "count",
+    bare=False,
+    who=lit("behind|after|to|of") + thing,
+    count=_a_trail,
+)
+
+
+# A part of the clip, made longer
+def _lasting(to: TimeExpression) -> Value:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if when.frames is None or when.frames[1] is None or to.resolve(context) <= 0:
+            raise Refusal("It is not said which part is to last so long; add for example 'from second 1 to 2'.")
+        speed = (when.frames[1] - when.frames[0]) / to.resolve(context)
+        return Retime(who, round(speed, PLACES), **when.pace)
+
+    return value
+
+
+_command(
+    "stretch the first second to two seconds",
+    "stretch|stretch out|extend|slow down|compress|squeeze",
+    _lasting,
+    "to",
+    whole=True,
+    to=lit("to|into|over") + duration,
+)

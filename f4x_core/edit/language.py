@@ -28,17 +28,18 @@ from ..language.grammar import (
     either,
     listed,
     lit,
+    optional,
     silent,
     table,
     tokenise,
 )
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
 from ..language.times import Span, span
-from .commands import BESIDE, COMMANDS, COPY_DISTANCE, Command
+from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, TOPIC, Command
 from .description import describe
-from .operations import Duplicate, Operation, Transform
-from .phrases import SentenceContext, When, familiar, together
-from .selects import All, Named, SelectKind, parts_of
+from .operations import Duplicate, Opacity, Operation, Transform
+from .phrases import SentenceContext, When, besides, familiar, thing, together
+from .selects import All, And, Named, Not, SelectKind, parts_of
 
 __all__ = ["Refusal", "describe", "parse"]
 
@@ -60,7 +61,8 @@ _when = ~lit(",") + span
 _slowly = ~lit(",") + table(
     {
         "slowly|gradually|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
-        "(in) a gradual way": True
+        "(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
+        "with soft ends|eased": True
     }
 )
 _between = lit("and|,|, and|but|while|, but|, while|and also")
@@ -79,7 +81,7 @@ _let = lit("let|have|make|get")
 
 def _telling(filled: dict[str, Any]) -> dict[str, Any]:
     """Slots that say more than who: "and the cat" alone belongs to the list before it."""
-    if filled.keys() <= {"who", "slowly"}:
+    if filled.keys() <= {"who", "slowly", "besides"}:
         raise Mismatch
     return filled
 
@@ -96,7 +98,7 @@ def _stated(verb: str) -> str:
 
 def _of(command: Command) -> Rule:
     """The clauses of a command: by its verb, of a subject, in the passive."""
-    slots = {**command.slots, "when": _when, "slowly": _slowly}
+    slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides}
     alone = command.bare or command.whole
     first = bag({"who": command.who, **slots}, command.needed | (frozenset() if alone else {"who"}))
     more = bag({"who": command.who, **slots}, command.needed | {"who"}) >> _telling
@@ -140,6 +142,9 @@ def _of(command: Command) -> Rule:
     if command is COMMANDS[0]:  # what can be made of a thing, it can also be: "the dog should be red"
         ways += [
             subject + _modal + _being + own >> of_subject,
+            subject + lit("becomes|become|turns|gets|goes") + own >> of_subject,
+            lit("could|can") + subject + _being + own >> of_subject,
+            subject + lit("is|are") + own >> (lambda who, filled: ({**filled, "who": who, "stated": True},)),
             (_want | _let) + subject + ~(~lit("to") + _being) + own >> of_subject,
         ]
     return either(*ways) >> (lambda pieces: Clause(command, pieces))
@@ -156,7 +161,7 @@ _filler = silent(
             "go ahead and|let us|try to|try|i want (you) to|i need you to|i would (really) like (you) to|i would love (you) to|"
             "we want (you) to|we would like to|we should|we need to|you should|you can|simply|actually|maybe|perhaps|"
             "be so kind (as) to|just|in addition|besides|additionally|after that|afterward|after this|feel free to|let me|"
-            "help me|help me to|um|uh|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile"
+            "help me|help me to|um|uh|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile|overall|finally|clean up|:"
         )
         | _request,
         lit(",") | NOTHING,
@@ -164,7 +169,7 @@ _filler = silent(
 )
 _tail = ~lit(
     "now|too|as well|again|also|for me|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
-    "for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
+    "overall|in total|for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
 )
 _core = either(*(_of(command) for command in COMMANDS))
 _clause = (
@@ -183,10 +188,11 @@ _SOFT, _HARD = (
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
 _ends = silent(~listed(lit(".|;|!|,"), NOTHING))
-_polite = lit("please") | _request
+_polite = lit("please|could|can") | _request
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
-_sentence = ~lit("and") + _ends + listed(_clause, _separator) + _ends
+_topic = thing + lit(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
+_sentence = ~lit("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
 _DROPPED = word_set("please kindly thanks thank")
 
 
@@ -213,7 +219,13 @@ def parse(
         )
     known = _known((*labels, *names))
     context = SentenceContext(
-        fps, frames, frame, selected, {name.lower(): name for name in names}, earlier=copies or {}
+        fps,
+        frames,
+        frame,
+        selected,
+        {name.lower(): name for name in names},
+        earlier=copies or {},
+        labels=frozenset(labels),
     )
     reading, clauses = _read(sentence, known)
     slip = _slip(reading, clauses is not None)
@@ -228,6 +240,8 @@ def parse(
         raise Refusal(reason, _nearest(reading.tokens) if answer else ())
     try:
         operations = _placed(list(_operations(clauses, context)))
+        if not operations:
+            raise Refusal("Nothing is said that could be done.")
     except Refusal as refusal:
         raise Refusal(refusal.reason, _nearest(reading.tokens)) from refusal
     except F4xError as error:
@@ -248,15 +262,19 @@ def _read(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[Reading,
         raise Refusal("Nothing is said that could be done.", _nearest(tokens))
     reading = Reading.of(sentence, tokens, known)
     found = _sentence.at(reading, 0).get(len(tokens))
-    return reading, None if found is None else found[0]
+    if found is None:
+        return reading, None
+    topic, clauses = found
+    return reading, (*([] if topic is None else [(topic,)]), *clauses)
 
 
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
     parts = {word for words in reading.known for word in words}
     lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | COLOURS.keys() | SHADES.keys() | parts
-    for token in reading.tokens:
-        if token.is_word and not {token.text, singular(token.text)} & lexicon:
+    for at, token in enumerate(reading.tokens):
+        describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
+        if token.is_word and not describes and not {token.text, singular(token.text)} & lexicon:
             meant = misspelt(token.text, parts) or (None if understood else misspelt(token.text, lexicon))
             if meant:
                 return token, meant
@@ -298,7 +316,7 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
     return known
 
 
-_OF_ALL = ("who", "when", "later", "slowly")
+_OF_ALL = ("who", "when", "later", "slowly", "besides", "stated")
 """Slots that every command has."""
 
 
@@ -322,6 +340,13 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
                 raise Refusal(
                     "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
                 )
+            if "besides" in piece:
+                spared = Not(piece["besides"](context))
+                context.last = who = spared if who == All() else And((who, spared))
+            if "stated" in piece and not (own or front):
+                raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
+            if clause.command.make is REMARK:
+                continue
             topics.append(who)
             arguments = {name: value for name, value in piece.items() if name not in _OF_ALL and value is not None}
             made = clause.command.make(**arguments)
@@ -332,7 +357,7 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
                 if isinstance(operation, Duplicate):
                     operation, topics[-1] = context.copied(operation)
                 yield operation
-        context.they = together(topics)
+        context.they = together(topics) if topics else None
 
 
 def _placed(operations: list[Operation]) -> list[Operation]:
@@ -360,12 +385,13 @@ def _placed(operations: list[Operation]) -> list[Operation]:
 def _compatible(operations: list[Operation]) -> list[Operation]:
     """The operations; Refusal when two of them set the same thing."""
     kinds = {(type(one), getattr(one, "mode", None), getattr(one, "rotate", None)) for one in operations}
-    if len(kinds) < len(operations):
+    unseen = len(operations) > 1 and any(isinstance(one, Opacity) and one.factor == 0 for one in operations)
+    if unseen or len(kinds) < len(operations):
         raise Refusal("Two things are said that exclude one another, as 'red and blue' do; say one of them.")
     return operations
 
 
-_ELSEWHERE = {"undo": "undo", "revert": "undo", "redo": "redo"}
+_ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
 """Word -> verb of `f4x` that does it."""
 _UNKNOWN_WAYS = (
     (lit("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),

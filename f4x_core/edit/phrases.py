@@ -30,6 +30,12 @@ from ..language.times import END, Clip, Span
 from .operations import Duplicate
 from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
 
+HIM_OR_HER = {
+    "'him'": ("man", "boy", "person", "people"),
+    "'her'": ("woman", "girl", "person", "people"),
+}
+"""Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
+
 
 @dataclass
 class SentenceContext(Clip):
@@ -47,6 +53,8 @@ class SentenceContext(Clip):
     """Name of the copies of each command that made some, the last one last -> what was copied."""
     spare: set[str] = field(default_factory=set)
     """Those of the names that nobody gave."""
+    labels: frozenset[str] = frozenset()
+    """Words that the scene knows."""
     earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
     """The copies of each earlier command that made some, the last one last -> what was copied."""
 
@@ -56,7 +64,10 @@ class SentenceContext(Clip):
         return min(max(round(self.frame), 0), self.frames - 1)
 
     def it(self, word: str) -> SelectKind:
-        """The last thing named, else what is selected; Refusal when there is neither."""
+        """The last thing named, else what is selected, else the one man or woman whom "him" or "her" can be; Refusal without."""
+        if self.last is None and not self.selected and word in HIM_OR_HER:
+            meant = next((label for label in HIM_OR_HER[word] if label in self.labels), None)
+            self.last = None if meant is None else Text((meant,))
         if self.last is None and not self.selected:
             raise Refusal(f"Nothing is named or selected that {word} could be; name a thing or select one.")
         return self.last or Current()
@@ -313,6 +324,9 @@ _moving = either(
     )
     + lit("moves|move|is moving|are moving|is in motion|does move"),
     ~_article + lit("moving") + _objects,
+    lit(
+        "the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|walks|walk|running|walking|moving|moves|move]"
+    ),
 ) >> _always(Moving())
 _static = either(
     lit(
@@ -420,7 +434,8 @@ _placed = either(
     lit("its|his|her|their") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
     >> (lambda side, share: _placed_part(side, share, _its)),
 )
-_it = lit("it|this|that|him|her|he|she|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all") >> (
+_he_or_she = table({"him|he": "'him'", "her|she": "'her'"}) >> (lambda word: lambda context: context.it(word))
+_it = _he_or_she | lit("it|this|that|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all") >> (
     lambda: lambda context: context.it("'it'")
 )
 _they = lit(
@@ -542,6 +557,10 @@ _both_of_them = (
     )
     + _in_scene
 ) >> (lambda label: lambda context: _both(label, context))
+two_of_them = lit("the two|these two|those two|my two|two") + generated(
+    lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
+) >> (lambda label: lambda context: _both(label, context))
+"""Two of a kind, who can change places."""
 _union = either(_both_of_them, ~lit("both|either") + listed(_single, _and_also) >> _all_of)
 known_thing = ~lit("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
@@ -568,6 +587,10 @@ def _without(kind: Who, rest: Who) -> Who:
     return who
 
 
+besides = _besides
+"""Whom a command leaves out, said at its end: "move everything down except the dog"."""
+known_noun = either(_part, _known, _modified)
+"""A noun alone: the copies of it in "let a second dog follow"."""
 thing = either(everything_but >> _spared, _union, _union + _besides >> _without)
 """Whom a command is about: a `Who`."""
 

@@ -24,9 +24,7 @@ def told(scene: Scene, operations: Sequence[Operation], frame: float = 0.0) -> I
     scene, fps = edited(scene), scene.fps
     for operation in operations:
         line = _line(scene, operation, frame)
-        yield re.sub(
-            r"\bframe ([\d.]*\d)", lambda found: f"frame {found[1]} ({float(found[1]) / fps:.1f} s)", line
-        )
+        yield re.sub(r"\bframe ([\d.]*\d)", lambda found: f"frame {found[1]} ({float(found[1]) / fps:.1f} s)", line)
         scene = with_operations(scene, operation)
 
 

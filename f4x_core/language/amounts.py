@@ -140,15 +140,15 @@ def fraction_of(quality: str) -> Rule:
 # Which way -----------------------------------------------------------------------------------------------------------
 
 VIEWER = "the camera|the viewer|the lens|me|us|here"
-_SIDE = "side|hand side|direction"
+_SIDE = "side|hand side|direction|side of the picture|hand side of the picture|half of the picture|edge"
 direction = table(
     {
-        f"left|leftward|[to|toward|on] [the|its|my|your] left ({_SIDE})|more to the left|[further|farther] (to the) left": (
+        f"left|leftward|(over) [to|toward|on] [the|its|my|your] left ({_SIDE})|more to the left|[further|farther] (to the) left": (
             -1,
             0,
             0,
         ),
-        f"right|rightward|[to|toward|on] [the|its|my|your] right ({_SIDE})|more to the right|[further|farther] (to the) right": (
+        f"right|rightward|(over) [to|toward|on] [the|its|my|your] right ({_SIDE})|more to the right|[further|farther] (to the) right": (
             1,
             0,
             0,
@@ -220,6 +220,8 @@ def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vect
         one = before or behind or shared
         units.add(one.unit)
         for axis, step in enumerate(signs):
+            if step and vector[axis] * step > 0:  # "back, away from the camera" is one way said twice
+                continue
             if step and vector[axis]:
                 raise Refusal("Two of the directions are on one line; say one of them.")
             vector[axis] += step * one.value

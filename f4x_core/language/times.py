@@ -84,6 +84,8 @@ _edge = table(
     }
 )
 _clock = either(
+    number + lit(":") + number + lit(":") + number + lit(":") + number
+    >> (lambda h, m, s, f: TimeExpression(frames=f, seconds=3600 * h + 60 * m + s)),
     number + lit(":") + number + lit(":") + number >> (lambda h, m, s: TimeExpression(seconds=3600 * h + 60 * m + s)),
     number + lit(":") + number + ~lit("minutes") >> (lambda m, s: TimeExpression(seconds=60 * m + s)),
 )
@@ -95,7 +97,7 @@ _part_way = either(
     lit(f"the middle of the [{_whole}]|the [halfway|half way] [point|mark] (of the [{_whole}])|mid clip")
     >> (lambda: HALF_WAY),
     fraction + _through >> (lambda x: TimeExpression(clip=x)),
-    percent + _through >> (lambda x: TimeExpression(clip=x)),
+    percent + (_through | lit(f"of the [{_whole}]")) >> (lambda x: TimeExpression(clip=x)),
 )
 """Moments that are told by how much of the clip is over."""
 _counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
@@ -143,6 +145,8 @@ span = either(
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
     lit("until|before|up to|up until") + moment >> (lambda end: Span(START, end)),
+    ~lit("only|just") + _just_then + lit("only|alone") >> (lambda start: Span(start, start)),
+    lit("only|just") + _just_then >> (lambda start: Span(start, start)),
     _leading,
     _closing,
     _second_half,
