@@ -18,7 +18,7 @@ from ..query.score import THRESHOLD
 from ..query.selection import Selection, fingerprint
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id, pivot_of, with_operations
-from .connected_objects import part_of, pick_object, split_objects, width_along
+from ..query.connected_objects import part_of, pick_object, split_objects, width_along
 from .description import whom
 from .operations import Duplicate, Freeze, Glow, Opacity, Operation, Rekey, Swap, Transform
 from .selects import (

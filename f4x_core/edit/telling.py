@@ -10,7 +10,7 @@ import numpy as np
 
 from ..scene import Scene
 from .apply import edited, with_operations
-from .connected_objects import width_along
+from ..query.connected_objects import width_along
 from .description import describe, steps_in_words, whom
 from .operations import Duplicate, Operation, Swap, Transform, Vector
 from .resolve import rows_of

@@ -120,7 +120,10 @@ _last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|fina
 _onward = ~lit("on|onward|forward|and on|and onward|on out")
 _since = lit("from|after|since|as of|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past")
 _at = lit("at|in|on|once we reach|when we reach|around|exactly at|right at")
-_bare = either((number + _unit >> _times) + lit(_inside), _part_way)
+_before_end = duration + lit(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
+    lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
+)
+_bare = either((number + _unit >> _times) + lit(_inside), _part_way, _before_end)
 """Moments that need no word before them: "two seconds in"."""
 _since_then = _since + moment + _onward
 _just_then = (_at + moment | _bare) + _onward

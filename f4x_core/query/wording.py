@@ -7,10 +7,12 @@ understood whole is refused, for half an understanding gives an answer to anothe
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from ..errors import F4xError
+from ..language.grammar import NAMES_TOO, Doubt, Reading, tokenise
+from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt
+from ..language.times import Clip, Span, span
 
 CAN = (
     "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
@@ -262,86 +264,29 @@ def _names(text: str) -> tuple[str, ...] | None:
     return tuple(dict.fromkeys(names))
 
 
-_N = r"(\d+(?:\.\d+)?)"
-_S = r"(?:s|secs?|seconds?)"
-_IN = r"(?:at|in|on|during|around|over|by)?"
-_TO = r"(?:and|to|until|till|-|through)"
-Read = Callable[[re.Match[str]], tuple[tuple[str, float], tuple[str, float]]]
-"""From a match to (unit, number) of the first and the last moment; units: second, frame, fraction of the clip."""
-
-
-def _unit(text: str) -> str:
-    return "frame" if text.startswith("frame") else "second"
-
-
-_TIMES: tuple[tuple[str, Read], ...] = (
-    (
-        rf"(?:between|from|in|during|over)? ?(?:the )?(seconds?|frames?) {_N} ?{_TO} ?(?:second |frame )?{_N}",
-        lambda m: ((_unit(m[1]), float(m[2])), (_unit(m[1]), float(m[3]))),
-    ),
-    (
-        rf"(?:between|from|in|during) {_N} ?(?:{_S}|frames)? ?{_TO} ?{_N} ?({_S}|frames)",
-        lambda m: ((_unit(m[3]), float(m[1])), (_unit(m[3]), float(m[2]))),
-    ),
-    (
-        rf"(after|since|before|until|till) (?:the )?(second|frame|time) {_N}",
-        lambda m: (
-            ((_unit(m[2]), float(m[3])), ("fraction", 1))
-            if m[1] in ("after", "since")
-            else (("fraction", 0), (_unit(m[2]), float(m[3])))
-        ),
-    ),
-    (
-        rf"(?:in|during|over) the (first|last) {_N} ({_S}|frames)",
-        lambda m: (
-            (("fraction", 0), (_unit(m[3]), float(m[2])))
-            if m[1] == "first"
-            else ((f"last {_unit(m[3])}", float(m[2])), ("fraction", 1))
-        ),
-    ),
-    (rf"{_IN} ?(?:the )?(\d+):(\d\d)(?: minutes)?", lambda m: (("second", 60 * float(m[1]) + float(m[2])),) * 2),
-    (
-        rf"{_IN} ?(?:the )?(second|frame|time|moment|timestamp)s? (?:number |no |# ?)?{_N}(?: ?{_S})?",
-        lambda m: ((_unit(m[1]), float(m[2])),) * 2,
-    ),
-    (rf"(?:{_IN}|after) ?{_N} ?{_S}(?: (?:in|into))?(?: {_CLIP})?", lambda m: (("second", float(m[1])),) * 2),
-    (
-        rf"(?:at|in|near) the (?:very )?(start|beginning|end|first frame|last frame)(?: of {_CLIP})?",
-        lambda m: (("fraction", float(m[1] in ("end", "last frame"))),) * 2,
-    ),
-    (
-        rf"half ?way(?: (?:through|into))?(?: {_CLIP})?|(?:at|in) the middle of {_CLIP}",
-        lambda m: (("fraction", 0.5),) * 2,
-    ),
-)
-_NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
-_DIGITS = {word: str(n) for n, word in enumerate(_NUMBERS)}
-
-
 def _without_times(text: str, fps: float, frames: int) -> tuple[str, tuple[float, float] | None]:
     """`text` without the time that it names, and that time in clip frames; F4xError where the clip has none such."""
-    number = "|".join(_DIGITS)
-    text = re.sub(rf"\b(seconds?|frames?) ({number})\b", lambda m: f"{m[1]} {_DIGITS[m[2]]}", text)
-    text = re.sub(rf"\b({number}) (seconds?|frames)\b", lambda m: f"{_DIGITS[m[1]]} {m[2]}", text)
-    for pattern, read in _TIMES:
-        found = re.search(rf"(?<![\w-]){pattern}(?![\w:])", text)
-        if found is not None:
-            first, last = (_frame(unit, value, fps, frames) for unit, value in read(found))
-            rest = " ".join((text[: found.start()] + " " + text[found.end() :]).replace(",", " ").split())
-            return rest, (min(first, last), max(first, last))
+    tokens = tokenise(text)
+    reading = Reading.of(text, tokens, {})
+    for at in range(len(tokens)):
+        ways = {end: one for end, (one,) in span.at(reading, at).items() if one.kind not in ("always", "length")}
+        if ways:
+            end = max(ways)
+            before, after = text[: tokens[at].start], text[tokens[end - 1].end :]
+            return " ".join(f"{before} {after}".replace(",", " ").split()), _frames(ways[end], Clip(fps, frames))
     return text, None
 
 
-def _frame(unit: str, value: float, fps: float, frames: int) -> float:
-    """The clip frame of a moment."""
-    last, seconds = frames - 1, frames / fps
-    if unit == "fraction":
-        return value * last
-    within = value <= (last if unit == "frame" else frames if unit == "last frame" else seconds)
-    if not within:
-        raise F4xError(
-            f"There is no {unit.removeprefix('last ')} {value:g}: the clip lasts {seconds:.2f} seconds, frames 0 to {last}."
-        )
-    if unit.startswith("last "):
-        return max(0.0, frames - value * (fps if unit == "last second" else 1))
-    return min(value * (fps if unit == "second" else 1), last)
+def _frames(said: Span, clip: Clip) -> tuple[float, float]:
+    """First and last clip frame of a span, of a moment twice the same."""
+    last = clip.frames - 1
+    first = said.start.resolve(clip)
+    final = first if said.kind == "moment" else last if said.end is None else said.end.resolve(clip)
+    for frame, moment in ((first, said.start), (final, said.end or said.start)):
+        if not 0 <= frame <= clip.frames or (frame > last and not (moment.seconds or moment.clip)):
+            unit, value = ("second", frame / clip.fps) if moment.seconds else ("frame", frame)
+            raise F4xError(
+                f"There is no {unit} {value:g}: the clip lasts {clip.frames / clip.fps:.2f} seconds, frames 0 to {last}."
+            )
+    first, final = min(first, last), min(final, last)
+    return min(first, final), max(first, final)
