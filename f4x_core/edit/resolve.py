@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..language.compounds import head_of, names_another
+from ..query.connected_objects import part_of, pick_object, split_objects, width_along
 from ..query.inventory import labels_of, nearest_there
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
@@ -18,7 +19,6 @@ from ..query.score import THRESHOLD
 from ..query.selection import Selection, fingerprint
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id, pivot_of, with_operations
-from ..query.connected_objects import part_of, pick_object, split_objects, width_along
 from .description import whom
 from .operations import Duplicate, Freeze, Glow, Opacity, Operation, Rekey, Swap, Transform
 from .selects import (

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..query.connected_objects import width_along
 from ..scene import Scene
 from .apply import edited, with_operations
-from ..query.connected_objects import width_along
 from .description import describe, steps_in_words, whom
 from .operations import Duplicate, Operation, Swap, Transform, Vector
 from .resolve import rows_of

@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass, replace
 
 from ..errors import F4xError
-from ..language.grammar import NAMES_TOO, Doubt, Reading, tokenise
+from ..language.grammar import Doubt, Reading, tokenise
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt
 from ..language.times import Clip, Span, span
 
@@ -42,7 +42,11 @@ class Asked:
     negated: bool = False
     """Whether yes means that it is not so: "Does it never move?"."""
     manner: str = ""
-    """The verb, where it asks for more than motion: "Does it fly?"."""
+    """The verb, where it asks for more than motion: "Does it fly?"; the relation or the order, where it asks for one."""
+    extreme: str = ""
+    """min, max or mean, where it asks for one of many moments."""
+    other: tuple[str, ...] = ()
+    """The second of two things, also the last of `things`; empty with a kind that compares: the camera."""
 
     def yes(self, so: bool) -> str:
         """Yes or No where one is wanted, by whether what it asks about (without the negation) is so."""
@@ -72,8 +76,90 @@ _CAN_SEE = r"(?:do|can|could) (?:you|i|we|one)"
 _DO = r"(?:does|do|did|is|are|was|were|has|have|will)"
 _START = r"(?:(?:start|begin|stop|finish|cease)(?:s|ing)? ?(?:to )?)?"
 _WHO = r"(?P<who>.+?)"
-_WHEN = r"(?:when|(?:at|in|from|since|until) (?:what|which) (?:time|times|moment|second|seconds|frame|frames))"
+_WHEN = r"(?:when|(?:(?:at|in|from|since|until) )?(?:what|which) (?:time|times|moment|second|seconds|frame|frames))"
+_OTHER = r"(?P<other>.+?)"
+_CAMERA = r"(?:(?:the |a )?(?:camera|viewer|lens)|me|us|you|here)"
+_COLOUR = r"(?:light |dark )?(?:red|orange|yellow|green|blue|purple|pink|brown|black|white|gr[ae]y)"
+_NEAR, _FAR = r"(?:the )?(?:nearest|closest)", r"(?:the )?(?:farthest|furthest|most distant)"
 _US = r"(?: (?:to|from) (?:the camera|the viewer|us|me|you|here))?"
+
+_MOMENTS = tuple(
+    (
+        f"{which}_moment",
+        rf"{_WHEN} {_DO} {_WHO} (?:come |get |go |be )?{how}(?: away)?(?: together| (?:to|from|of) {_OTHER})?",
+    )
+    for which, how in (("nearest", _NEAR), ("farthest", _FAR))
+)
+_EXTREME = r"(?P<extreme>top|maximum|max|highest|greatest|peak|average|mean|lowest|minimum|least)"
+_BETWEEN_TWO: tuple[tuple[str, str], ...] = (
+    *_MOMENTS,
+    (
+        "nearest_moment",
+        rf"{_WHEN} {_DO} {_WHO} (?:come|go|drive|walk|run|ride)? ?(?:past|pass|pass by|by)(?: {_CAMERA})?",
+    ),
+    ("highest_moment", rf"{_WHEN} {_DO} {_WHO} (?:at )?(?:its |his |her |the )?(?:highest(?: point)?|top)"),
+    ("highest_moment", rf"which frame shows {_WHO} (?:at )?(?:its |his |her |the )?(?:highest(?: point)?|top)"),
+    ("fastest_moment", rf"{_WHEN} {_DO} {_WHO} (?:{_MOVE} )?(?:the |at its )?(?:fastest|quickest)"),
+    (
+        "distance",
+        rf"how (?:far|close|near) (?:away )?(?:is|are|was|were) {_WHO} (?:apart|(?:away )?(?:from|to) {_OTHER})",
+    ),
+    ("distance", rf"how far apart (?:is|are|was|were) {_WHO}"),
+    ("distance", rf"(?:what is )?(?:the )?distance (?:between|from|of) {_WHO} (?:and|to|from) {_OTHER}"),
+    ("distance", rf"how (?P<min>close|near) {_DO} {_WHO} (?:come|get) (?:to {_OTHER}|together)"),
+    ("fast", rf"(?:what is )?(?:the )?{_EXTREME} speed (?:of|for) {_WHO}"),
+    ("fast", rf"what is {_WHO}'s {_EXTREME} speed"),
+    ("rise", rf"how high {_DO} {_WHO} (?:jump|rise|go|fly|leap|get|climb|hop|move)"),
+    ("compare_size", rf"which (?:one )?is (?P<relation>bigger|larger|smaller),? {_WHO} or {_OTHER}"),
+    ("polar compare_size", rf"(?:is|are) {_WHO} (?P<relation>bigger|larger|smaller) than {_OTHER}"),
+    ("polar nearest", rf"(?:is|are|was|were) {_WHO} (?:closer|nearer)(?: to {_CAMERA})? than {_OTHER}"),
+    ("nearest", rf"which (?:one )?is (?:closer|nearer)(?: to {_CAMERA})?,? {_WHO} or {_OTHER}"),
+    ("nearest", rf"(?:what|who|which (?:thing|object|one)) is {_NEAR}(?: (?:thing|object|one))?(?: to {_OTHER})?"),
+    (
+        "farthest",
+        rf"(?:what|who|which (?:thing|object|one)) is {_FAR}(?: (?:thing|object|one))?(?: away)?(?: from {_OTHER})?",
+    ),
+    ("biggest", r"(?:what|which (?:thing|object|one)) is the (?:biggest|largest)(?: (?:thing|object|one))?"),
+    ("most_moving", rf"(?:who|what|which (?:thing|object|one)) {_MOVE} (?:the )?(?:most|farthest|furthest)"),
+    ("colour", rf"(?:what|which) colou?rs? (?:is|are|does|do|has|have|was) {_WHO}(?: have)?"),
+    (
+        "colour",
+        rf"{_WHO} (?:is|are|has|have) (?:what|which) colou?rs?|(?:what is )?(?:the )?colou?rs? of (?P<who2>.+?)",
+    ),
+    ("polar colour", rf"(?:is|are) {_WHO} (?P<relation>{_COLOUR}(?: or {_COLOUR})?)"),
+    (
+        "count_moving",
+        rf"how many (?:separate |different |single )?(?:(?:things|objects|ones|people)(?: that)? )?(?:are |do )?{_MOVE}{_WAY}(?: in {_PICTURE})?",
+    ),
+    (
+        "polar count_moving",
+        rf"(?:is|are) (?:anything|something|anyone|anybody)(?: else)? {_MOVE} (?:apart from|besides|except(?: for)?|other than|but) {_WHO}",
+    ),
+    (
+        "count",
+        rf"how many {_WHO}(?: (?:are|is) (?:there|visible)| (?:can|do) (?:you|we|i|one) (?:see|find))"
+        rf"(?: (?:on|in|at) the (?P<side>left|right)(?: half| side)?)?(?: {_SEEN})?",
+    ),
+    ("count", r"how many (?P<who>\S+) are (?:on|in|at) the (?P<side>left|right)(?: half| side)?"),
+    (
+        "order",
+        r"(?:order|sort|list|name|rank|tell me|give me) (?:everything|(?:all )?(?:of )?(?:the )?(?:things|objects)|what is there)"
+        r" (?P<relation>from left to right|by distance|from near to far|from front to back|by depth)",
+    ),
+    ("order", r"what (?:is there|do you see) (?P<relation>from left to right|from near to far|from front to back)"),
+    (
+        "polar relation",
+        rf"(?:is|are|was|were) {_WHO} (?P<relation>in front of|behind|left of|right of|to the left of|to the right of|above|below) {_OTHER}",
+    ),
+    ("behind", rf"(?:what|who) is behind {_WHO}"),
+    ("neighbours", rf"(?:what|who) is (?:next to|beside|near|close to|around) {_WHO}"),
+    ("between", rf"(?:is there (?:anything|something)|what is(?: there)?) between {_WHO} and {_OTHER}"),
+    ("still", r"what (?:is|are|stands?|stays?|keeps?)(?: standing| staying)? (?:still|at rest|stationary|static)"),
+    ("does", rf"what (?:does|do|did) {_WHO} do"),
+    ("polar stops", rf"{_DO} {_WHO} (?:ever )?(?:stop|pause|come to a stop|halt|stand still)(?: moving)?"),
+    ("where at the end", rf"where {_DO} {_WHO} (?:end|go|finish)(?: up)|where (?P<who2>.+?) ends up"),
+)
+"""Questions that compare two things, the moments of one, or the colours of one."""
 
 FORMS: tuple[tuple[str, str], ...] = (
     (
@@ -98,6 +184,7 @@ FORMS: tuple[tuple[str, str], ...] = (
         rf"(?:what|which(?: (?:one|thing|object))?) (?:is the (?:first|last) (?:one |thing )?to "
         rf"(?:{_START})?{_MOVE}|{_START}{_MOVE} (?:first|last))",
     ),
+    *_BETWEEN_TWO,
     (
         "motion",
         rf"(?:what|which (?:things?|objects?|ones?|parts?)|who) ?(?:is|are)? {_MOVE}{_WAY}|what motion is there",
@@ -117,7 +204,10 @@ FORMS: tuple[tuple[str, str], ...] = (
     ),
     ("far", rf"(?:how far|how much|(?:what|which) distance) {_DO} {_WHO} (?:{_MOVE}|cover(?:s|ed)?){_WAY}"),
     ("where", rf"how (?:far|near|close)(?: away)? (?:is|are) {_WHO}(?: away)?{_US}"),
-    ("size", rf"how (?:big|large|small) (?:is|are|does|do) {_WHO}(?: (?:appear|look|seem))?(?: in {_PICTURE})?"),
+    (
+        "size",
+        rf"how (?:big|large|small|long|tall|wide|high) (?:is|are|does|do) {_WHO}(?: (?:appear|look|seem))?(?: in {_PICTURE})?",
+    ),
     ("size", rf"how much of {_PICTURE} (?:is|are|does|do) {_WHO}(?: (?:cover|fill|take up))?"),
     ("motion", rf"{_WHEN} {_DO} {_WHO} {_START}{_MOVE}{_WAY}"),
     ("motion", rf"{_WHEN} {_DO} {_WHO} (?:start|begin|stop|stand still|rest)(?:s|ing)?"),
@@ -158,7 +248,10 @@ FORMS: tuple[tuple[str, str], ...] = (
         rf"(?: {_SEEN})?",
     ),
     ("polar seen", rf"(?:does|do) {_PICTURE} (?:have|show|contain|include) {_WHO}"),
-    ("polar seen", rf"(?:is|are|was|were) {_WHO} {_SEEN}"),
+    (
+        "polar seen",
+        rf"(?:is|are|was|were) {_WHO} {_SEEN}|(?:can|could) (?P<who2>.+?) be (?:seen|found|spotted)|any (?P<who3>.+?)",
+    ),
     (
         "things",
         rf"what (?:happens|is happening|goes on|is going on|is there|are there|is it|is this|does it show|does {_CLIP} show)"
@@ -172,13 +265,22 @@ FORMS: tuple[tuple[str, str], ...] = (
     (
         "things",
         rf"(?:what|which) (?:things|objects) (?:are (?:there|seen|visible)|do you see)"
-        rf"(?: in {_PICTURE})*|describe {_PICTURE}",
+        rf"(?: in {_PICTURE})*|(?:describe|summari[sz]e)(?: {_PICTURE})?|what {_CLIP} shows|what changes",
     ),
 )
 """(kind, pattern), the first that fits; a kind that begins with `polar` is answered by yes or no."""
 
+_EXTREMES = {
+    "top": "max",
+    "max": "max",
+    "hig": "max",
+    "gre": "max",
+    "pea": "max",
+    "ave": "mean",
+    "mea": "mean",
+} | dict.fromkeys(("low", "min", "lea"), "min")
 SUBJECTS = (
-    (r"\bcolou?r|\bpaint|\btexture|\bmade of\b|\bmaterial", "what colour or material a thing has"),
+    (r"\bpaint|\btexture|\bmade of\b|\bmaterial", "what material a thing has"),
     (r"\bcamera|\blens|\bfocal|\biso\b|\baperture|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
     (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
     (r"^(?:and )?who\b|\bwhose\b|\bname\b", "who somebody is"),
@@ -204,6 +306,18 @@ _NOT_SO = rf"^(?:(?P<there>{_DO} there) (?:no|not (?:an?|any))|(?P<whom>{_DO} .+
 _SIDES = {"center": "middle", "centre": "middle"}
 
 
+_ASKING_WORDS = {*FUNCTION_WORDS, *SPELLING} | {
+    word for _, pattern in FORMS for word in re.findall(r"[a-z]{3,}", re.sub(r"\\.", " ", pattern))
+}
+
+
+def _mended(text: str) -> str:
+    """`text` with what is probably misspelt as it is probably meant."""
+    return re.sub(
+        r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
+    )
+
+
 def read_question(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
     """Parse `question`, one or several joined by "and", about a clip of `frames` frames.
 
@@ -211,14 +325,29 @@ def read_question(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
     """
     text = " ".join(question.lower().replace("’", "'").split())
     text = re.sub(r"\b(what|where|when|who|how|there|it|that)'s\b", r"\1 is", text)
+    text = re.sub(r",? (?:and )?if so,? (where|when)\b", r"? \1 is it", text)
     parts = re.split(rf"[?!.;]+ (?:and )?|,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
     understood: list[Asked] = []
     for part in parts:
-        asked = _understood(re.sub(rf"^(?:{_POLITE})+", "", part), fps, frames)
+        bare = re.sub(rf"^(?:{_POLITE})+", "", part)
+        try:
+            asked = _understood(bare, fps, frames)
+        except Unanswerable:
+            instead = _mended(bare)
+            if instead == bare or not _fits(instead, fps, frames):
+                raise
+            raise Doubt(f"I do not understand '{bare}'; did you mean '{instead}'?", instead) from None
         if understood and not asked.things and re.search(_IT, part):
             asked = replace(asked, things=understood[-1].things)
         understood.append(asked)
     return tuple(understood)
+
+
+def _fits(text: str, fps: float, frames: int) -> bool:
+    try:
+        return bool(_understood(text, fps, frames))
+    except F4xError:
+        return False
 
 
 def _understood(text: str, fps: float, frames: int) -> Asked:
@@ -234,15 +363,20 @@ def _understood(text: str, fps: float, frames: int) -> Asked:
             continue
         groups = found.groupdict()
         things = _names(next((text for name, text in groups.items() if text and name.startswith("who")), ""))
+        beside = groups.get("other") or ""
+        other = () if re.fullmatch(_CAMERA, beside) else _names(beside)
+        things = None if things is None or other is None else (*things, *other)
         polar, bare = kind.startswith("polar "), kind.removeprefix("polar ")
         if things is None or (negated and not polar) or (bare in ("frames", "long", "rate") and span is not None):
             continue
         side = groups.get("side") or ""
         still = bare == "still"
-        asked_kind = "motion" if still else bare
-        return Asked(
-            asked_kind, things, span, _SIDES.get(side, side), polar, negated != still, groups.get("manner") or ""
-        )
+        asked_kind = "motion" if still and polar else bare.removesuffix(" at the end")
+        span = (frames - 1.0, frames - 1.0) if bare.endswith(" at the end") else span
+        manner = groups.get("manner") or groups.get("relation") or ""
+        extreme = "min" if groups.get("min") else _EXTREMES.get((groups.get("extreme") or "")[:3], "")
+        side, negated = _SIDES.get(side, side), negated != (still and polar)
+        return Asked(asked_kind, things, span, side, polar, negated, manner, extreme, other or ())
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, whole)), "that")
     negation = re.search(_NEGATION, whole)
     if negation and subject == "that":
