@@ -165,13 +165,13 @@ def _glowing(how: Amount | None = None, rgb: Colour | None = None) -> Value:
 
 def _swapped(other: Who | None = None) -> Value:
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        pair = (who,) if other is None else (who, other(context))
+        pair: tuple[SelectKind, ...] = (who,) if other is None else (who, other(context))
         if other is None and isinstance(who, Text):
             pair = tuple(replace(who, labels=(label,)) for label in who.labels)
         elif other is None and isinstance(who, Or):
             pair = who.of
-        if len(pair) == 1 and getattr(who, "number", "") == "both":
-            of = replace(who, number="any")  # type: ignore[type-var]  # a `Text`
+        if len(pair) == 1 and isinstance(who, Text) and who.number == "both":
+            of = replace(who, number="any")
             pair = (Instance(of, "left", context.present), Instance(of, "right", context.present))
         if len(pair) != 2:
             raise Refusal("Two things can change places; say which two, for example 'swap the dog and the cat'.")

@@ -417,6 +417,14 @@ _SIDE_OF = {
     "left hand": "left",
     "right hand": "right",
 }
+
+
+def _whole_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
+    """A thing that has parts; by name, because things are made of parts of things."""
+    for end, (who,) in _whole_thing.at(reading, at).items():
+        yield end, who
+
+
 SHARES = {"half": 0.5, "third": 0.333, "quarter": 0.25, "two thirds": 0.667, "part|portion|side|section": 0.5}
 _part_of = ~lit("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
 
@@ -427,8 +435,7 @@ def _placed_part(side: Any, share: float, whole: Who) -> Who:
 
 _its = lambda context: context.it("'its'")  # noqa: E731
 _placed = either(
-    _part_of + lit("of") + generated(lambda reading, at: ((end, who) for end, (who,) in _whole.at(reading, at).items()))
-    >> _placed_part,
+    _part_of + lit("of") + generated(_whole_at) >> _placed_part,
     (familiar | ~_article + _noun) + lit("'s|'") + _part_of
     >> (lambda whole, side, share: _placed_part(side, share, whole)),
     lit("its|his|her|their") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
@@ -490,7 +497,7 @@ _everybody_else = _everybody + lit("else") >> (
 _in_scene = ~lit(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{_PICTURE}]|out of the [{_PICTURE}]"
 )
-_whole = either(
+_whole_thing: Rule = either(
     familiar, _determiner + _noun, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
 )
 _definite = (

@@ -48,8 +48,8 @@ def _line(scene: Scene, operation: Operation, frame: float) -> str:
         way = steps_in_words(seen(operation.shift or (0.0, 0.0, 0.0)))
         return f"{describe(operation)}: {who} goes {way or 'nowhere'}, {whom(operation.other)} the other way"
     if isinstance(operation, Transform):
-        turned = tuple(float(np.round(angle, 1)) for angle in axes.T @ np.array(operation.rotate))
-        asked = replace(operation, translate=seen(operation.translate), rotate=turned, unit="size", axes="camera")
+        x, y, z = (float(np.round(angle, 1)) for angle in axes.T @ np.array(operation.rotate))
+        asked = replace(operation, translate=seen(operation.translate), rotate=(x, y, z), unit="size", axes="camera")
         return describe(asked)
     way = steps_in_words(seen(operation.offset))
     later = operation.time_shift

@@ -91,7 +91,8 @@ def spellings(word: str) -> list[str]:
 
 def slips(word: str, other: str) -> int:
     """Letters that are wrong, missing, too many or swapped with their neighbour between two words (optimal string alignment)."""
-    before, row = [], list(range(len(other) + 1))
+    before: list[int] = []
+    row = list(range(len(other) + 1))
     for i, letter in enumerate(word, 1):
         older, before, row = before, row, [i]
         for j, its in enumerate(other, 1):

@@ -16,7 +16,8 @@ from ..language.times import Clip, Span, span
 
 CAN = (
     "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
-    " what moves first, what there is at a second or frame, and how long the clip is (more by a model: --endpoint or --model)"
+    " what moves first, when it is nearest, farthest, highest or fastest, how far two things are apart, what colour a thing has, how many"
+    " there are and move, their order from left to right or in depth, what there is at a second or frame, and how long the clip is (more by a model: --endpoint or --model)"
 )
 """What a refusal says."""
 

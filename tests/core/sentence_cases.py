@@ -16,7 +16,15 @@ from f4x_core.query.wording import read_question
 
 WORK = Path(__file__).parents[1] / "data" / "sentences_work.json"
 FPS, FRAMES = 24.0, 72
-AWAY = {"left": (0, -1), "right": (0, 1), "up": (1, -1), "down": (1, 1), "closer": (2, -1), "away": (2, 1), "behind": (2, 1)}
+AWAY = {
+    "left": (0, -1),
+    "right": (0, 1),
+    "up": (1, -1),
+    "down": (1, 1),
+    "closer": (2, -1),
+    "away": (2, 1),
+    "behind": (2, 1),
+}
 PEOPLE = {"man", "person", "guy", "people", "child", "girl", "boy", "rider", "dancer"}
 
 
@@ -177,7 +185,9 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
     select = made["select"]
     ok = False
     if kind in ("delete", "opacity") and slot.get("factor", 0) == 0:
-        ok = op == "delete" or (op == "opacity" and made["factor"] == 0 and made.get("inward", False) == slot.get("inward", False))
+        ok = op == "delete" or (
+            op == "opacity" and made["factor"] == 0 and made.get("inward", False) == slot.get("inward", False)
+        )
         if op == "extract" and slot.get("target") == "background":
             return True
     elif kind == "opacity":
@@ -219,7 +229,9 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
             ok = ok and abs(made.get("time_shift", 0) - (lag["frames"] if isinstance(lag, dict) else lag * FPS)) <= 1
         elif kind == "follow":
             ok = ok and made.get("time_shift", 0) > 0
-        ok = ok and _way_fits(slot.get("direction"), made.get("offset", [0, 0, 0]), behind_ok=made.get("time_shift", 0) > 0)
+        ok = ok and _way_fits(
+            slot.get("direction"), made.get("offset", [0, 0, 0]), behind_ok=made.get("time_shift", 0) > 0
+        )
         if "by" in slot:
             ok = ok and abs(max(map(abs, made["offset"])) - slot["by"]["amount"]) < 0.01
     elif kind == "freeze":
@@ -239,7 +251,7 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
         if ok and "span" not in slot and made.get("frames") in (None, [0.0, None]):
             return ok and _who_fits(slot, select, row)
     elif kind == "style":
-        ok = op == "style" and made["look"] == slot["look"] or (
+        ok = (op == "style" and made["look"] == slot["look"]) or (
             op == "recolour" and slot["look"] == "gold" and tuple(made["rgb"]) == COLOURS["gold"]
         )
     elif kind == "match":

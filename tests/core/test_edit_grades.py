@@ -7,7 +7,6 @@ from random_scene import random_scene
 from f4x_core.edit import colours
 from f4x_core.edit.apply import thinning, with_operations
 from f4x_core.edit.bake import bake
-from f4x_core.query.connected_objects import part_of
 from f4x_core.edit.operations import Blur, Glow, Grade, Retime, Swap, Transform
 from f4x_core.edit.resolve import EditorState, resolve
 from f4x_core.edit.retiming import time_map_of
@@ -15,6 +14,7 @@ from f4x_core.edit.selects import All, Ids, Part
 from f4x_core.edit.stack import of
 from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import Camera
+from f4x_core.query.connected_objects import part_of
 
 SCENE = random_scene()
 FEW, OTHERS = Ids.of(np.arange(5)), Ids.of(np.arange(5, 12))
