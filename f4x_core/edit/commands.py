@@ -241,7 +241,10 @@ def _copied(
     times: float = 1.0,
     shift: TimeExpression | None = None,
     called: str = "",
+    own: tuple[Steps, Who] | None = None,
 ) -> Value:
+    if own is not None:
+        way = own[0]
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
     arguments: dict[str, Any] = {"count": int(times), "name": called}
@@ -252,6 +255,9 @@ def _copied(
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         if called:
             context.names.setdefault(called.lower(), called)
+        if own is not None and own[1](context) != who:
+            raise Refusal("A copy goes beside what it is a copy of; say for example 'copy the dog to the left'.")
+        context.last = who
         later = 0.0 if shift is None else shift.resolve(context)
         return Duplicate(who, time_shift=later, **arguments, **when.none("A copy"))
 
@@ -570,7 +576,7 @@ _command(
 )
 _command(
     "paint the car blue",
-    "paint|repaint|color|recolor|dye|spray|colorize|stain|shade",
+    "cover|paint|repaint|color|recolor|dye|spray|colorize|stain|shade",
     _listed,
     "values",
     values=_values(~lit("in|to|as|with|into") + (_coloured | _same_colour), _more_colour_value, _alike, _a_look),
@@ -1017,9 +1023,15 @@ _in_a_row = lit(
 )
 _called_so = ~lit(",") + lit("called|named|by the name of") + name
 _apart = distance + lit("apart") | ~lit("by") + number + lit("apart") >> Distance
+_ways_beside = {
+    "behind": (0, 0, 1), "in front of": (0, 0, -1), "next to|beside|alongside|to the right of|right of": (1, 0, 0),
+    "to the left of|left of": (-1, 0, 0), "above|over|on top of": (0, -1, 0), "below|under|beneath": (0, 1, 0),
+}  # fmt: skip
+_own = table(_ways_beside) + thing >> (lambda way, who: (((None, way, None),), who))
 _beside: dict[str, Any] = {
+    "own": _own,
     "way": ~lit(",") + steps,
-    "far": _apart | distance,
+    "far": ~lit(",") + _apart | distance,
     "row": _in_a_row,
     "shift": _shift,
     "called": _called_so,
@@ -1152,6 +1164,36 @@ _command(
     + ~lit("a bit|a little|much|way|far")
     + lit("too")
     + lit(_quality_words),
+)
+_wanted = lit("i want|i would like|we want|we would like|i would love|we need|i need")
+_command(
+    "I want a white dog",
+    "",
+    lambda want, rgb, rest=None: _assigned(rgb),
+    "want rgb",
+    bare=False,
+    gapped=False,
+    who=known_noun,
+    want=_wanted >> (lambda: True),
+    rgb=~lit("a|an|the|to have a") + colour,
+    rest=lit("instead (of)") + ~(~lit("a|an|the|that") + silent(colour) + lit("one|ones")),
+)
+_there = lit("is|are|stands|was")
+_command(
+    "put the dog where the cat is and the cat where the dog is",
+    "put|move|place",
+    lambda other: _swapped(other),
+    "other",
+    gapped=False,
+    other=lit("where")
+    + thing
+    + _there
+    + lit("and|, and")
+    + ~lit("put|move|place")
+    + silent(thing)
+    + lit("where")
+    + silent(thing)
+    + _there,
 )
 _command("tone down the sky", "tone down", lambda how=None: _lit(factor(how, False)), how=amount)
 _command("tone the sky down", "tone", lambda how=None: _lit(factor(how, False)), "down", how=amount, down=lit("down"))

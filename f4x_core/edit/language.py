@@ -34,7 +34,7 @@ from ..language.grammar import (
     tokenise,
 )
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
-from ..language.times import Span, span
+from ..language.times import HALF_WAY, Span, TimeExpression, span
 from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, TOPIC, Command
 from .description import describe
 from .operations import Duplicate, Opacity, Operation, Transform
@@ -130,7 +130,8 @@ def _of(command: Command) -> Rule:
         ways += [
             subject + states + own >> of_subject,
             _let + subject + ~lit("to") + itself >> of_subject,
-            subject + _modal + itself >> of_subject,
+            subject + _modal + optional(_slowly, False) + itself
+            >> (lambda who, slowly, filled: ({**filled, "who": who} | ({"slowly": True} if slowly else {}),)),
             _want + subject + ~lit("to") + itself >> of_subject,
         ]
     if command.verbs:
@@ -228,6 +229,10 @@ def parse(
         labels=frozenset(labels),
     )
     reading, clauses = _read(sentence, known)
+    context.overall = any(token.text == "overall" for token in reading.tokens)
+    for rule, doubt in _DOUBTFUL:
+        if any(rule.at(reading, at) for at in range(len(reading.tokens))):
+            raise Refusal(doubt)
     slip = _slip(reading, clauses is not None)
     if slip is not None and (clauses is None or labels):
         wrong, word = slip
@@ -331,7 +336,9 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
         topics: list[SelectKind] = []
         for piece in clause.pieces:
             own = piece.get("when")
-            if own and clause.front:
+            if own and clause.front and clause.front.kind == "moment" and own.kind == "length":
+                own = _about(clause.front.start, own)
+            elif own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
             if clause.command.whole and "who" not in piece:
                 context.last = All()
@@ -382,6 +389,13 @@ def _placed(operations: list[Operation]) -> list[Operation]:
     return placed
 
 
+def _about(moment: TimeExpression, length: Span) -> Span:
+    """The span of a length from a moment on, or about the middle of the clip."""
+    far = TimeExpression() if length.end is None else length.end.plus(length.start, -1.0)
+    start = moment.plus(far, -0.5) if moment == HALF_WAY else moment
+    return Span(start, start.plus(far))
+
+
 def _compatible(operations: list[Operation]) -> list[Operation]:
     """The operations; Refusal when two of them set the same thing."""
     kinds = {(type(one), getattr(one, "mode", None), getattr(one, "rotate", None)) for one in operations}
@@ -393,6 +407,17 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 _ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
 """Word -> verb of `f4x` that does it."""
+_DOUBTFUL = (
+    (
+        lit("only [after|from|until|before|between|during|for|since|while]"),
+        "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'.",
+    ),
+    (
+        lit("put [it|him|her|them|this|that] back"),
+        "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
+    ),
+)
+"""Phrases that can be meant in two ways, and what is asked instead of doing either."""
 _UNKNOWN_WAYS = (
     (lit("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (

@@ -55,6 +55,8 @@ class SentenceContext(Clip):
     """Those of the names that nobody gave."""
     labels: frozenset[str] = frozenset()
     """Words that the scene knows."""
+    overall: bool = False
+    """"Overall" is said: "it" is the picture where nothing was named."""
     earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
     """The copies of each earlier command that made some, the last one last -> what was copied."""
 
@@ -68,6 +70,8 @@ class SentenceContext(Clip):
         if self.last is None and not self.selected and word in HIM_OR_HER:
             meant = next((label for label in HIM_OR_HER[word] if label in self.labels), None)
             self.last = None if meant is None else Text((meant,))
+        if self.last is None and not self.selected and self.overall:
+            return All()
         if self.last is None and not self.selected:
             raise Refusal(f"Nothing is named or selected that {word} could be; name a thing or select one.")
         return self.last or Current()

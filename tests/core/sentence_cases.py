@@ -10,7 +10,7 @@ from f4x_core.edit.language import parse
 from f4x_core.errors import F4xError
 from f4x_core.fit.vocabulary import EVERYDAY
 from f4x_core.language.colour_names import COLOURS
-from f4x_core.language.grammar import Doubt, tokenise
+from f4x_core.language.grammar import Doubt
 from f4x_core.language.lexicon import singular
 from f4x_core.query.wording import read_question
 
@@ -120,10 +120,6 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
     main = {label for label in found if "shadow" not in label or "shadow" in wanted}
     near = {"people", "person", "man", "guy"}
     return any(wanted in label or label in wanted for label in main) or bool(main and main <= near and wanted in near)
-
-
-def _moment(value: Any, end: bool = False) -> float | None:
-    return None
 
 
 def _span_fits(span: dict[str, Any] | None, op: dict[str, Any], which: str = "span") -> bool:
@@ -257,7 +253,9 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
     elif kind == "match":
         ok = op == "match" and _one(slot["source"]) in _labels(made["source"])
     elif kind == "swap":
-        ok = op == "swap" and (_one(slot["other"]) in _labels(made["other"]) or slot.get("plural", False))
+        ok = op == "swap" and (
+            any(_one(slot["other"]) in label for label in _labels(made["other"])) or slot.get("plural", False)
+        )
     else:
         ok = op == kind
     if op == "swap" and slot.get("plural"):
@@ -354,6 +352,3 @@ def _questions_fit(wanted: list[dict[str, Any]], asked: Any) -> bool:
             if not _span_fits(slot["time"], frames, "span" if isinstance(pair, list) else "at"):
                 return False
     return True
-
-
-__all__ = ["rows", "tokenise", "verdict"]
