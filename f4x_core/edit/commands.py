@@ -835,14 +835,16 @@ _command(
 
 # Places of two
 _places = lit(
-    "(the|their) [places|positions|spots|locations|place|position] (with each other|with one another)|with each other|with one another|around"
+    "(the|their) [places|positions|spots|locations|place|position] (with "
+    "each other|with one another)|with each other|with one another|around"
 )
 _command(
     "swap the dog and the cat",
     "swap|exchange|switch|trade|interchange|swap over",
     _swapped,
     who=~lit("(the) [places|positions|spots|locations] of") + (two_of_them | thing),
-    itself="swap places|change places|trade places|switch places|swap|exchange places|swap positions|switch positions|change positions",
+    itself="swap places|change places|trade places|switch places|swap|"
+    "exchange places|swap positions|switch positions|change positions",
     other=lit("with|for") + thing,
     places=_places,
 )
@@ -1000,7 +1002,8 @@ _lagging = (
     ~lit(",") + ~lit("but|that is|which is|by") + ~lit("delayed|lagging|trailing|starting|running|runs") + ~lit("by")
 )
 _following = lit(
-    "that [follows|trails|chases|lags|runs|walks|moves] (behind|after) (it|him|her)|[following|trailing|lagging] (behind|after) (it|him|her)|"
+    "that [follows|trails|chases|lags|runs|walks|moves] (behind|after) (it|"
+    "him|her)|[following|trailing|lagging] (behind|after) (it|him|her)|"
     "[follow|trail] (behind|after) (it|him|her|the original)|to [follow|trail] (behind|after) (it|him|her|the original)"
 )
 _shift = either(
@@ -1146,7 +1149,8 @@ _command(
     who=either(thing, lit("it") >> (lambda: lambda context: context.last or All())),
     remark=_remark,
 )
-_quality_words = "bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
+_quality_words = "bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
+"colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
 _complained_of = either(
     lit("it|this|that")
     >> (lambda: lambda context: _noted(context, context.last or (Current() if context.selected else All()))),

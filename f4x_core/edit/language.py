@@ -61,7 +61,8 @@ _when = ~lit(",") + span
 _slowly = ~lit(",") + table(
     {
         "slowly|gradually|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
-        "(in) a gradual way|easing in and out|easing in|easing out|with (a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
+        "(in) a gradual way|easing in and out|easing in|easing out|with "
+        "(a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
         "with soft ends|eased": True
     }
 )

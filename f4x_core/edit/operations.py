@@ -386,7 +386,7 @@ class Glow(Change):
 
 @dataclass(frozen=True)
 class Swap(Change):
-    """Two things change places: each goes where the base of the other is at the frame that is looked at, and keeps its own motion."""
+    """Two things change places: each goes where the base of the other is at the frame that is looked at, with its own motion."""
 
     TAG = "swap"
     select: SelectKind

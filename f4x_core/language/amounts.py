@@ -14,6 +14,7 @@ Vector = tuple[float, float, float]
 
 
 def number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
+    """The numbers that begin at a word, in digits or words, the longest first."""
     word, following = reading.word(at), reading.word(at + 1)
     if word[:1].isdecimal() or word[:1] == ".":
         try:
@@ -148,7 +149,8 @@ direction = table(
             0,
             0,
         ),
-        f"right|rightward|(over) [to|toward|on] [the|its|my|your] right ({_SIDE})|more to the right|[further|farther] (to the) right": (
+        f"right|rightward|(over) [to|toward|on] [the|its|my|your] right "
+        f"({_SIDE})|more to the right|[further|farther] (to the) right": (
             1,
             0,
             0,

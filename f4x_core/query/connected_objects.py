@@ -94,7 +94,7 @@ def pick_object(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera
 
 
 def part_of(points: np.ndarray, side: str, share: float, camera: Camera) -> np.ndarray:
-    """(n,) bool: which of `points (n,3)` lie in the outer fraction `share` of their extent towards `side`, seen through `camera`."""
+    """(n,) bool: which of `points (n,3)` lie in the outer `share` of their extent towards `side`, as `camera` sees it."""
     pixels, _ = camera.project(points.astype(np.float64))
     along = pixels[:, int(side in ("top", "bottom"))] * (1 if side in ("top", "left") else -1)
     low, high = np.percentile(along, INNER)

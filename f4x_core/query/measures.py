@@ -121,7 +121,8 @@ class Comparison:
         apart, what = self._apart()
         k = int(apart.argmin() if which == "nearest" else apart.argmax())
         whom = "each other" if len(self.things) > 1 else "the camera"
-        return f"{what} {which} {'to' if which == 'nearest' else 'from'} {whom} {self._at(k)}: {apart[k]:.2f} times the median depth."
+        return f"{what} {which} {'to' if which == 'nearest' else 'from'} "
+        f"{whom} {self._at(k)}: {apart[k]:.2f} times the median depth."
 
     def _speeds(self) -> np.ndarray:
         """(K,) world units a second of the first thing; F4xError for a single moment."""
@@ -145,7 +146,8 @@ class Comparison:
     def _rise(self) -> str:
         height = self.things[0].centres[:, 1]
         k = int(height.argmin())
-        return f"{self.things[0].name} rises by {height.max() - height.min():.2f} times the median depth; it is highest {self._at(k)}."
+        return f"{self.things[0].name} rises by {height.max() - height.min():.2f} "
+        f"times the median depth; it is highest {self._at(k)}."
 
     def _two(self) -> tuple[Measured, Measured]:
         if len(self.things) < 2:
@@ -252,7 +254,8 @@ class Comparison:
         names = ", ".join(thing.name for thing in moving)
         return _polar(
             self.asked.yes(bool(moving)),
-            f"{len(moving)} separate {plural('thing', len(moving))} {'moves' if len(moving) == 1 else 'move'}{f': {names}' if names else ''}.",
+            f"{len(moving)} separate {plural('thing', len(moving))} "
+            f"{'moves' if len(moving) == 1 else 'move'}{f': {names}' if names else ''}.",
         )
 
     def _is_moving(self, thing: Measured) -> bool:

@@ -16,8 +16,10 @@ from ..language.times import Clip, Span, span
 
 CAN = (
     "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
-    " what moves first, when it is nearest, farthest, highest or fastest, how far two things are apart, what colour a thing has, how many"
-    " there are and move, their order from left to right or in depth, what there is at a second or frame, and how long the clip is (more by a model: --endpoint or --model)"
+    " what moves first, when it is nearest, farthest, highest or fastest, "
+    "how far two things are apart, what colour a thing has, how many"
+    " there are and move, their order from left to right or in depth, what there is at a "
+    "second or frame, and how long the clip is (more by a model: --endpoint or --model)"
 )
 """What a refusal says."""
 
@@ -130,11 +132,13 @@ _BETWEEN_TWO: tuple[tuple[str, str], ...] = (
     ("polar colour", rf"(?:is|are) {_WHO} (?P<relation>{_COLOUR}(?: or {_COLOUR})?)"),
     (
         "count_moving",
-        rf"how many (?:separate |different |single )?(?:(?:things|objects|ones|people)(?: that)? )?(?:are |do )?{_MOVE}{_WAY}(?: in {_PICTURE})?",
+        rf"how many (?:separate |different |single )?(?:(?:things|objects|ones|"
+        rf"people)(?: that)? )?(?:are |do )?{_MOVE}{_WAY}(?: in {_PICTURE})?",
     ),
     (
         "polar count_moving",
-        rf"(?:is|are) (?:anything|something|anyone|anybody)(?: else)? {_MOVE} (?:apart from|besides|except(?: for)?|other than|but) {_WHO}",
+        rf"(?:is|are) (?:anything|something|anyone|anybody)(?: else)? {_MOVE} "
+        rf"(?:apart from|besides|except(?: for)?|other than|but) {_WHO}",
     ),
     (
         "count",
@@ -150,7 +154,8 @@ _BETWEEN_TWO: tuple[tuple[str, str], ...] = (
     ("order", r"what (?:is there|do you see) (?P<relation>from left to right|from near to far|from front to back)"),
     (
         "polar relation",
-        rf"(?:is|are|was|were) {_WHO} (?P<relation>in front of|behind|left of|right of|to the left of|to the right of|above|below) {_OTHER}",
+        rf"(?:is|are|was|were) {_WHO} (?P<relation>in front of|behind|left "
+        rf"of|right of|to the left of|to the right of|above|below) {_OTHER}",
     ),
     ("behind", rf"(?:what|who) is behind {_WHO}"),
     ("neighbours", rf"(?:what|who) is (?:next to|beside|near|close to|around) {_WHO}"),
