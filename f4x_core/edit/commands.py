@@ -1149,8 +1149,10 @@ _command(
     who=either(thing, lit("it") >> (lambda: lambda context: context.last or All())),
     remark=_remark,
 )
-_quality_words = "bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
-"colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
+_quality_words = (
+    "bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
+    "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
+)
 _complained_of = either(
     lit("it|this|that")
     >> (lambda: lambda context: _noted(context, context.last or (Current() if context.selected else All()))),

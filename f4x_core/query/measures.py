@@ -121,8 +121,8 @@ class Comparison:
         apart, what = self._apart()
         k = int(apart.argmin() if which == "nearest" else apart.argmax())
         whom = "each other" if len(self.things) > 1 else "the camera"
-        return f"{what} {which} {'to' if which == 'nearest' else 'from'} "
-        f"{whom} {self._at(k)}: {apart[k]:.2f} times the median depth."
+        preposition = "to" if which == "nearest" else "from"
+        return f"{what} {which} {preposition} {whom} {self._at(k)}: {apart[k]:.2f} times the median depth."
 
     def _speeds(self) -> np.ndarray:
         """(K,) world units a second of the first thing; F4xError for a single moment."""
@@ -146,8 +146,8 @@ class Comparison:
     def _rise(self) -> str:
         height = self.things[0].centres[:, 1]
         k = int(height.argmin())
-        return f"{self.things[0].name} rises by {height.max() - height.min():.2f} "
-        f"times the median depth; it is highest {self._at(k)}."
+        rise = height.max() - height.min()
+        return f"{self.things[0].name} rises by {rise:.2f} times the median depth; it is highest {self._at(k)}."
 
     def _two(self) -> tuple[Measured, Measured]:
         if len(self.things) < 2:
