@@ -17,7 +17,6 @@ from bpy.props import (
 )
 from mathutils import Euler
 
-from ..f4x_core.edit.description import describe
 from ..f4x_core.edit.operations import (
     Delete,
     Duplicate,
@@ -36,8 +35,9 @@ from ..f4x_core.edit.operations import (
 )
 from ..f4x_core.edit.plan import propose
 from ..f4x_core.edit.styles import STYLES
-from ..f4x_core.edit.words import plural
+from ..f4x_core.edit.telling import told
 from ..f4x_core.errors import F4xError
+from ..f4x_core.language.lexicon import plural
 from ..f4x_core.troubles import with_code
 from . import display, session
 from .axes import BLENDER_FROM_SCENE
@@ -364,7 +364,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             row = state.readings.add()
             row.name = candidate.why or "as said"
             row.operations = json.dumps([operation.to_json() for operation in candidate.operations])
-            row.description = "\n".join(describe(operation) for operation in candidate.operations)
+            row.description = "\n".join(told(scene, candidate.operations, edit_context.frame))
         state.answer = " ".join(proposal.notes)
         state.reading_index = proposal.best
         state.preview = True

@@ -6,7 +6,7 @@ import json
 
 import bpy
 
-from ..f4x_core.edit.words import plural
+from ..f4x_core.language.lexicon import plural
 from . import edit_operators, marking, session
 from .lines import draw_lines
 from .motion_edits import unwritten

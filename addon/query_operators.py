@@ -15,9 +15,10 @@ from gpu_extras.batch import batch_for_shader
 from ..f4x_core.edit.naming import by_labels, by_names, check_negatives, together
 from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import Cancelled, F4xError
+from ..f4x_core.language.lexicon import spellings
 from ..f4x_core.progress import Progress
 from ..f4x_core.query.inventory import known_instead
-from ..f4x_core.query.labels import spellings, words_of
+from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
 from ..f4x_core.query.selection import Selection

@@ -20,7 +20,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..f4x_core.edit.words import plural
+from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scaffold.missing import carriers
 from . import session
 from .point_cloud import read_attribute, write_attribute

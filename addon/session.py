@@ -36,8 +36,8 @@ from ..f4x_core.edit.operations import Operation, read_operation
 from ..f4x_core.edit.resolve import EditorState, resolve
 from ..f4x_core.edit.selects import MAX_WORDS_LENGTH, Ids
 from ..f4x_core.edit.stack import UNDONE, EditStack, merge, read_stack, with_stack, write_stack
-from ..f4x_core.edit.words import plural
 from ..f4x_core.errors import F4xError
+from ..f4x_core.language.lexicon import plural
 from ..f4x_core.query.calibration import prepare
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene, read_header, read_scene

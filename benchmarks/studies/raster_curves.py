@@ -15,7 +15,7 @@ from typing import Any
 
 import torch
 
-from f4x_core.edit.words import plural
+from f4x_core.language.lexicon import plural
 from f4x_core.raster import RasterConfig, why_not
 from f4x_core.raster.native import available
 

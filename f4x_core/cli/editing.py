@@ -14,9 +14,11 @@ from ..edit.operations import Name
 from ..edit.plan import preview, propose
 from ..edit.resolve import EditorState, resolve
 from ..edit.stack import Edit, EditStack, of, read_stack, redo, undo, write_stack
-from ..edit.words import plural
+from ..edit.telling import told
 from ..errors import F4xError
 from ..files import replace_file
+from ..language.grammar import Doubt
+from ..language.lexicon import plural
 from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.labels import encode_labels
@@ -28,7 +30,7 @@ SELECTION = "selection.json"
 
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Append the edits of a sentence or of a JSON file to the scene's stack, in place or in another file, or only show them."""
-    scene = open_scene(args.scene)
+    scene = unedited = open_scene(args.scene)
     before = len(scene.edits)
     if args.say is not None:
         scene, found, lines = _propose(scene, args, progress)
@@ -45,9 +47,10 @@ def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         write_scene(base_of(scene), args.output)
         where = str(args.output)
     chosen = {step.edit.id: int(step.chosen.sum()) for step in getattr(scene, "steps", ())}
+    plan = told(unedited, [edit.operation for edit in new], args.frame)
     lines += [
-        f"{number} {edit_line(edit)}" + (f": {chosen[edit.id]:,} Gaussians" if edit.id in chosen else "")
-        for number, edit in enumerate(new, before + 1)
+        f"{number} {line}" + (f": {chosen[edit.id]:,} Gaussians" if edit.id in chosen else "")
+        for number, (edit, line) in enumerate(zip(new, plan, strict=True), before + 1)
     ]
     return {
         **found,
@@ -139,8 +142,16 @@ def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tupl
     """(scene with the best reading of `--say`, all readings as JSON, all readings as lines of text)."""
     server = ChatServer.from_environment(args.endpoint)
     context = _context(args)
-    options: dict[str, Any] = {"server": server, "encode": encode_labels, "candidates": args.candidates}
-    proposal = propose(scene, args.say, context, backend=args.backend, progress=progress, **options)
+    options: dict[str, Any] = {
+        "server": server,
+        "encode": encode_labels,
+        "candidates": args.candidates,
+        "yes": args.yes,
+    }
+    try:
+        proposal = propose(scene, args.say, context, backend=args.backend, progress=progress, **options)
+    except Doubt as doubt:
+        raise F4xError(f"{doubt} Say '{doubt.instead}', or add --yes.") from doubt
     if args.contact_sheet is not None:
         candidates = [candidate.operations for candidate in proposal.candidates]
         with replace_file(args.contact_sheet) as file:

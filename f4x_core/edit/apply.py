@@ -23,8 +23,22 @@ from ..scene import PosedSplats, Scene, read_scene
 from ..scene.model import faded
 from . import colours
 from .keys import rekeyed
-from .operations import Delete, Duplicate, Extract, Match, Opacity, Operation, Recolour, Style, Transform, rotation_of
-from .retiming import AppearanceChange, effect, progress
+from .operations import (
+    Blur,
+    Delete,
+    Duplicate,
+    Extract,
+    Glow,
+    Grade,
+    Match,
+    Opacity,
+    Operation,
+    Recolour,
+    Style,
+    Transform,
+    rotation_of,
+)
+from .retiming import AppearanceChange, effect, holds, progress
 from .splat_rows import SplatRows, Step, steps_of
 from .stack import EditStack, of, with_stack
 from .styles import STYLES
@@ -255,8 +269,12 @@ class EditedScene(Scene):
             presence = self.presence(time)[rows]
             state = Placement(posed.means[rows], posed.quats[rows], posed.scales[rows], presence)
         for below in range(start, depth):
-            if isinstance(self.steps[below].edit.operation, Transform):
+            operation = self.steps[below].edit.operation
+            if isinstance(operation, Transform):
                 state = self._apply_transform(below, time, rows, state)
+            elif isinstance(operation, Blur) and holds(operation.frames, time):
+                wider = np.sqrt(state.scales**2 + np.float32(operation.radius**2))
+                state = state._replace(scales=np.where(self.steps[below].chosen[rows][:, None], wider, state.scales))
         return state
 
     def _appearance(self, depth: int, time: float, rows: Wanted) -> Appearance:
@@ -341,6 +359,10 @@ class EditedScene(Scene):
             return state
         if isinstance(operation, Delete | Extract):
             return state._replace(opacities=np.where(dyed, np.float32(0), state.opacities))
+        if isinstance(operation, Blur):
+            sizes = self._constant["scales"][step.before.origin[rows]]
+            fainter = state.opacities * thinning(sizes, operation.radius)
+            return state._replace(opacities=np.where(dyed, fainter, state.opacities))
         if isinstance(operation, Opacity):
             factor = np.float32(1 + fraction * (operation.factor - 1))
             if operation.factor < 1 and 0 < fraction < 1:  # on the way from all to the factor
@@ -418,7 +440,7 @@ def with_operations(scene: Scene, *operations: Operation, sentence: str = "") ->
     """The edited scene with operations appended to its stack, ids for copies reserved where they are missing."""
     scene = base_of(scene)
     for operation in operations:
-        if isinstance(operation, Duplicate) and operation.first_id < 0:
+        if isinstance(operation, Duplicate | Glow) and operation.first_id < 0:
             operation = replace(operation, first_id=next_id(scene))
         scene = with_stack(scene, of(scene).append(operation, sentence))
     return edited(scene)
@@ -457,9 +479,18 @@ def thinned(opacities: np.ndarray, left: float) -> np.ndarray:
     return (1 - (1 - np.minimum(opacities, MAX_ALPHA)) ** depth).astype(np.float32)
 
 
+def thinning(sizes: np.ndarray, radius: float) -> np.ndarray:
+    """(n,) float32 factors of opacity of Gaussians of `sizes (n,3)` that a blur by `radius` widens: the light they stop stays the
+    same, seen along their thinnest axis."""
+    broad = np.sort(sizes.astype(np.float64), axis=1)[:, 1:]
+    return (np.prod(broad, 1) / np.prod(np.hypot(broad, radius), 1)).astype(np.float32)
+
+
 def has_tones(operation: Operation) -> bool:
     """Whether the colours of one Gaussian depend on those of the others it is chosen with."""
-    return isinstance(operation, Style | Match) or (isinstance(operation, Recolour) and operation.keep_luminance)
+    return isinstance(operation, Style | Match | Grade) or (
+        isinstance(operation, Recolour) and operation.keep_luminance
+    )
 
 
 def tones_of(operation: Operation, whom: Appearance, other: Appearance | None) -> Any:
@@ -476,8 +507,17 @@ def tones_of(operation: Operation, whom: Appearance, other: Appearance | None) -
 
 def dyed_by(operation: Operation, whom: Appearance, tones: Any) -> Appearance:
     """The Gaussians with the colours that the operation gives them; `tones` of `tones_of`."""
-    assert isinstance(operation, Recolour | Style | Match)
-    rgb, strength = colours.colours_of(whom.sh), operation.strength
+    assert isinstance(operation, Recolour | Style | Match | Grade)
+    rgb = colours.colours_of(whom.sh)
+    if isinstance(operation, Grade):
+        if (operation.contrast, operation.saturation, operation.warmth) == (1, 1, 0):
+            return whom
+        goal = colours.graded(rgb, operation.contrast, operation.saturation, operation.warmth, tones)
+        dc = spherical_harmonics.dc_from_rgb(goal).astype(np.float32)
+        return Appearance(
+            whom.opacities, np.concatenate([dc[:, None], whom.sh[:, 1:] * np.float32(operation.contrast)], axis=1)
+        )
+    strength = operation.strength
     if strength == 0:
         return whom
     opacities, rest = whom.opacities, whom.sh[:, 1:]

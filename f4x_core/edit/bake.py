@@ -24,7 +24,7 @@ from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.model import SCAFFOLD_ARRAYS, empty_arrays
 from .apply import APPEARANCE_OPERATIONS, NO_MOTION, EditedScene, Motion, base_of, edited, motion_of, next_id
 from .keys import with_keys_folded
-from .operations import Delete, Duplicate, Name, Opacity, Transform
+from .operations import Blur, Delete, Duplicate, Glow, Name, Opacity, Transform
 from .retiming import progress
 from .selects import Ids, Moving, Select
 from .splat_rows import SplatRows
@@ -81,6 +81,8 @@ def needs_time(edit: Edit) -> bool:
     operation = edit.operation
     if isinstance(operation, Transform):
         return operation.frames is not None and operation.scale != 1
+    if isinstance(operation, Glow | Blur):  # sizes that nodes and folded arrays would not carry alike
+        return True
     return isinstance(operation, APPEARANCE_OPERATIONS) and operation.frames is not None
 
 

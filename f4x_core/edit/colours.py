@@ -37,6 +37,8 @@ MIN_CONTRAST = 0.3
 """A look is spread over the lights of a selection, but over no less than this, or noise would get all its colours."""
 TAILS = (2, 98)
 """Percentiles between which the lights of a selection lie; a few odd Gaussians do not count."""
+WARM = (0.02, 0.08)
+"""OKLab a and b that full warmth adds to white: towards the light of a candle, black stays black."""
 MAX_SPREAD_RATIO = 3.0
 """A spread of colours is carried over by no larger factor, or the few tints of a grey thing would glare."""
 MIN_SPREAD = 1e-3
@@ -94,6 +96,14 @@ def with_hue(rgb: np.ndarray, target: np.ndarray) -> np.ndarray:
     if goal[0] < DARKEST:
         goal = np.array([1.0, 0, 0])
     return rgb_from_lab(lab_from_rgb(rgb)[:, :1] * goal / goal[0])
+
+
+def graded(rgb: np.ndarray, contrast: float, saturation: float, warmth: float, lightness: float) -> np.ndarray:
+    """sRGB (n,3): `rgb (n,3)` with its lights spread about OKLab `lightness`, its saturation scaled and its tints shifted."""
+    lab = lab_from_rgb(rgb)
+    light = lightness + contrast * (lab[:, :1] - lightness)
+    tint = saturation * lab[:, 1:] + warmth * np.array(WARM) * np.clip(light, 0, 1)
+    return rgb_from_lab(np.concatenate([light, tint], 1))
 
 
 def lights_of(rgb: np.ndarray) -> tuple[float, float]:

@@ -3,16 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from .colour_names import Colour
-from .grammar import Rule, constant, either, listed, lit, optional, silent, table
+from ..language.amounts import (
+    PLACES,
+    Amount,
+    Distance,
+    Steps,
+    Vector,
+    amount,
+    comparison,
+    degree,
+    displacement,
+    distance,
+    factor,
+    fraction,
+    fraction_of,
+    multiple,
+    number,
+    percent,
+    signed,
+    steps,
+)
+from ..language.colour_names import Colour
+from ..language.colours import GRAY, colour, colourish, more_colour
+from ..language.grammar import Mismatch, Refusal, Rule, constant, either, listed, lit, optional, silent, table
+from ..language.lexicon import inflected
+from ..language.times import TimeExpression, duration
 from .operations import (
+    Blur,
     Delete,
     Duplicate,
     Extract,
     Freeze,
+    Glow,
+    Grade,
     Loop,
     Match,
     Name,
@@ -22,48 +48,27 @@ from .operations import (
     Retime,
     Reverse,
     Style,
+    Swap,
     Transform,
-    Vector,
 )
 from .phrases import (
-    GRAY,
-    PLACES,
-    Amount,
-    Distance,
-    Refusal,
     SentenceContext,
-    Steps,
-    TimeExpression,
     When,
     Who,
-    amount,
-    colour,
-    colourish,
-    comparison,
-    degree,
-    displacement,
-    distance,
-    duration,
+    colors,
     everything_but,
     everything_else,
-    factor,
-    fraction,
-    fraction_of,
+    everywhere,
+    known_noun,
     known_thing,
     means_something,
-    more_colour,
-    multiple,
     name,
-    number,
-    percent,
-    signed,
-    steps,
     thing,
+    two_of_them,
     whose,
 )
-from .selects import All, Not, SelectKind
+from .selects import All, Current, Instance, Not, Or, SelectKind, Text
 from .styles import STYLES
-from .words import inflected
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
 """What "red" or "twice as big" does to somebody at some time."""
@@ -78,8 +83,14 @@ MORE_COLOUR = 0.3
 """How far "redder" goes from gray to red."""
 SHOWN = 10.0
 """Factor that makes anything opaque that is there at all."""
+WARMER = 0.5
+"""Warmth of "warmer"; a bit: half, much: twice as much."""
+BLUR, GLOW = 0.02, 0.5
+"""Radius of "blur" in world units and strength of "glow"; a bit: half, much: twice as much."""
 COPY_DISTANCE = 1.2
 """Widths to the next copy: beside the thing, with a gap."""
+BESIDE = (COPY_DISTANCE, 0.0, 0.0)
+"""Where a copy goes when the sentence does not say, in sizes along the camera's axes."""
 TILT = 30.0
 """Degrees, where the sentence names none."""
 
@@ -122,15 +133,69 @@ def _added(times: float, more: tuple[Colour, int]) -> Value:
     return _recoloured((red, green, blue), "add")
 
 
+def _contrasted(by: float) -> Value:
+    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.effect)
+
+
+def _saturated(by: float) -> Value:
+    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.effect)
+
+
+def _warmed(how: Amount | None, warmer: bool) -> Value:
+    kind, value = (None, 0.0) if how is None else (how.kind, how.value)
+    if kind not in (None, "small", "large", "fraction"):
+        raise Mismatch
+    warmth = value if kind == "fraction" else {None: WARMER, "small": WARMER / 2, "large": 2 * WARMER}[kind]
+    return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.effect)
+
+
+def _blurred(how: Amount | None = None) -> Value:
+    if how is not None and how.kind not in ("small", "large"):
+        raise Mismatch
+    radius = BLUR * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+    return lambda who, when, _: Blur(who, radius, **when.effect)
+
+
+def _glowing(how: Amount | None = None, rgb: Colour | None = None) -> Value:
+    if how is not None and how.kind not in ("small", "large"):
+        raise Mismatch
+    strength = GLOW * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+    return lambda who, when, _: Glow(who, strength, rgb, **when.effect)
+
+
+def _swapped(other: Who | None = None) -> Value:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        pair: tuple[SelectKind, ...] = (who,) if other is None else (who, other(context))
+        if other is None and isinstance(who, Text):
+            pair = tuple(replace(who, labels=(label,)) for label in who.labels)
+        elif other is None and isinstance(who, Or):
+            pair = who.of
+        if len(pair) == 1 and isinstance(who, Text) and who.number == "both":
+            of = replace(who, number="any")
+            pair = (Instance(of, "left", context.present), Instance(of, "right", context.present))
+        if len(pair) != 2:
+            raise Refusal("Two things can change places; say which two, for example 'swap the dog and the cat'.")
+        return Swap(*pair, **when.growth)
+
+    return value
+
+
+def _stretched(by: float) -> Value:
+    if by <= 0:
+        raise Mismatch
+    return _retimed(1 / by)
+
+
 def _opacity(by: float) -> Value:
     return lambda who, when, _: Opacity(who, round(by, PLACES), **when.effect)
 
 
-def _faded(by: float, slowly: bool = False, inward: bool = False) -> Value:
-    def value(who: SelectKind, when: When, _: SentenceContext) -> Operation:
-        if (slowly or inward) and "ease" not in when.fading:
+def _faded(by: float, inward: bool = False) -> Value:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        fading = when.fading(context, inward)
+        if (when.slowly or inward) and "ease" not in fading:
             raise Refusal("It is not said from when to when it fades; add for example 'from second 1 to 2'.")
-        return Opacity(who, round(by, PLACES), **when.fading, inward=inward)
+        return Opacity(who, round(by, PLACES), **fading, inward=inward)
 
     return value
 
@@ -176,7 +241,10 @@ def _copied(
     times: float = 1.0,
     shift: TimeExpression | None = None,
     called: str = "",
+    own: tuple[Steps, Who] | None = None,
 ) -> Value:
+    if own is not None:
+        way = own[0]
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
     arguments: dict[str, Any] = {"count": int(times), "name": called}
@@ -187,6 +255,9 @@ def _copied(
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         if called:
             context.names.setdefault(called.lower(), called)
+        if own is not None and own[1](context) != who:
+            raise Refusal("A copy goes beside what it is a copy of; say for example 'copy the dog to the left'.")
+        context.last = who
         later = 0.0 if shift is None else shift.resolve(context)
         return Duplicate(who, time_shift=later, **arguments, **when.none("A copy"))
 
@@ -198,7 +269,12 @@ def _frozen(who: SelectKind, when: When, context: SentenceContext) -> Operation:
 
 
 def _retimed(by: float) -> Value:
-    return lambda who, when, _: Retime(who, round(by, PLACES), **when.effect)
+    return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
+
+
+def _noted(context: SentenceContext, who: SelectKind) -> SelectKind:
+    context.last = who
+    return who
 
 
 def _reversed(who: SelectKind, when: When, _: SentenceContext) -> Operation:
@@ -242,7 +318,9 @@ _colored = ~lit("(in) color|colored|tone|tint")
 _flat = lit("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
 _colour_value = either(
     _article + _flat + ~_flat + colour + _colored >> _recoloured,
-    lit("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of") + (colour | colourish)
+    lit("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of")
+    + ~lit("more")
+    + (colour | colourish)
     >> _faintly,
     ~lit("a|an|some") + colourish + _colored >> _faintly,
     _fully + ~lit("a|an|some") + _shade_of + ~lit("the color") + colour + _colored >> _assigned,
@@ -261,6 +339,40 @@ _SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speed
 _brightness_value = (
     either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright")) >> _lit
 )
+_contrast_value = comparison("punchier", "flatter", "contrasty|contrastful|punchy", "flat") >> _contrasted
+_saturation_value = (
+    comparison(
+        "more saturated|richer",
+        "duller|less saturated",
+        "saturated|vivid|colorful|vibrant|intense|rich|lively",
+        "desaturated|muted|dull|washed out",
+    )
+    >> _saturated
+)
+_warmer = table(
+    {"warmer|more warm|less cool|less cold": True, "cooler|colder|chillier|more cool|more cold|less warm": False}
+)
+_warmth_value = either(
+    optional(amount) + _warmer >> _warmed, _warmer + amount >> (lambda warmer, how: _warmed(how, warmer))
+)
+_pop = lit("pop|pop more|stand out more|come alive") >> (lambda: _saturated(factor(None, True)))
+_sized = either(
+    table({"tiny|small|little|minute": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0}) >> _scaled,
+)
+_softly = either(
+    degree,
+    table(
+        {
+            "softly|faintly|gently|weakly": Amount("small"),
+            "heavily|strongly|intensely|brightly|very|really|badly": Amount("large"),
+        }
+    ),
+)
+_blurry = lit("blurry|blurred|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred")
+_blur_value = ~lit("go") + either(optional(_softly) + _blurry >> _blurred, _blurry + _softly >> _blurred)
+_glow_value = (
+    optional(_softly) + lit("glowing|glowy|luminous|aglow|radiant") + ~lit("in") + optional(colour) >> _glowing
+)
 _size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale")) >> _scaled
 _slow_motion = lit("(in) (a) slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
 _paced = either(
@@ -277,6 +389,7 @@ _backward = lit(
     "backward|in reverse|reversed|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: _reversed)
 _see_through = lit("transparent|see through|translucent|transparency|sheer")
+_share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
 _transparency = either(
     percent + _see_through >> (lambda x: 1 - x),
     table(
@@ -296,6 +409,8 @@ _transparency = either(
     lit("(a) transparency (of)") + (percent | number) >> (lambda x: 1 - x),
     lit("(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|reappear")
     >> (lambda: SHOWN),
+    optional(amount) + lit("more") + _see_through >> (lambda how: 1 - _share_of(how)),
+    optional(amount) + lit("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
     lit("(completely|totally) invisible|(completely|totally) hidden|vanish|vanished|disappear|disappeared")
     >> (lambda: 0.0),
 )
@@ -342,6 +457,7 @@ _a_look = either(
     constant(1.0) + lit("in|into|with") + ~lit("a|an|the|some") + _any_look + _effect,
     _seem + _strongly + _look_adjective,
 ) >> (lambda strength, look: _styled(look, strength))
+_bare_look = table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> _styled
 _given_look = _article + _any_look + ~lit("like|colored") + _effect >> _styled
 _source = ~lit("that of|those of|the colors of|the color of") + known_thing + ~lit("'s (color|colors)")
 _same_as = (
@@ -356,6 +472,13 @@ _made = either(
     _without_colour,
     _more_colour_value,
     _brightness_value,
+    _contrast_value,
+    _saturation_value,
+    _warmth_value,
+    _pop,
+    _sized,
+    _blur_value,
+    _glow_value,
     _size_value,
     _pace_value,
     _opacity_value,
@@ -363,7 +486,13 @@ _made = either(
     _same_colour,
     _a_look,
     _alike,
+    _bare_look,
 )
+
+
+def REMARK() -> Value:  # it stands for what is said and asks for nothing
+    """Make nothing: "leave the dog alone"."""
+    raise Mismatch
 
 
 # Commands ------------------------------------------------------------------------------------------------------------
@@ -389,6 +518,8 @@ class Command:
     """Verbs of which the thing is the subject: "the dog should stop"."""
     gapped: bool = True
     """Its verb may be left out: "make the dog red and the cat blue"."""
+    whole: bool = False
+    """Without a thing it is for everything: "increase the contrast"."""
     bare: bool = True
     """After another command "it" may be left out: "move the dog left and turn around"."""
 
@@ -407,9 +538,10 @@ def _command(
     itself: str = "",
     gapped: bool = True,
     bare: bool = True,
+    whole: bool = False,
     **slots: Any,
 ) -> None:
-    COMMANDS.append(Command(example, verbs, make, slots, frozenset(needed.split()), who, itself, gapped, bare))
+    COMMANDS.append(Command(example, verbs, make, slots, frozenset(needed.split()), who, itself, gapped, whole, bare))
 
 
 def _always(value: Value) -> Callable[[], Value]:
@@ -436,6 +568,7 @@ _command(
     values=_values(
         _a_look,
         _into + either(_coloured, _alike, _a_look, _same_as),
+        lit("to") + ~lit("a|an|pure|solid") + _look_name >> _styled,
         lit("to|into") + _colour_of,  # of "change the color of the dog" nobody knows to what
         _more_colour_value,
         _opacity_value,
@@ -443,7 +576,7 @@ _command(
 )
 _command(
     "paint the car blue",
-    "paint|repaint|color|recolor|dye|spray|colorize|stain|shade",
+    "cover|paint|repaint|color|recolor|dye|spray|colorize|stain|shade",
     _listed,
     "values",
     values=_values(~lit("in|to|as|with|into") + (_coloured | _same_colour), _more_colour_value, _alike, _a_look),
@@ -483,6 +616,9 @@ _command(
 
 
 # More and less: size, pace, light, opacity
+_until = lit("until [it|he|she|they] [is|are]") + multiple + lit("as [big|tall|large|high|long|wide|small|fast|bright]")
+
+
 def _more_or_less(
     example: str,
     verbs: str,
@@ -495,16 +631,21 @@ def _more_or_less(
 ) -> None:
     to = fraction_of(quality) | lit("to") + either(multiple, percent) | lit("in half|by a half") >> (lambda: 0.5)
     how = either(
-        ~lit("to") + to >> (lambda x: Amount("to", x)), amount, lit("by") + number >> (lambda x: Amount("times", x))
+        ~lit("to") + to >> (lambda x: Amount("to", x)),
+        _until >> (lambda x: Amount("to", x)),
+        amount,
+        lit("by") + number >> (lambda x: Amount("times", x)),
     )
     slots: dict[str, Any] = {"how": how, "particle": lit(particle)} if particle else {"how": how}
     needed = "particle" if particle else ""
     _command(example, verbs, lambda how=None: made(factor(how, upward)), needed, who=who, itself=itself, **slots)
 
 
-def _quality(kind: str, words: str, made: Making) -> None:
-    """Commands about "the size of the dog" and its like."""
+def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
+    """Commands about "the size of the dog" and its like; `whole`: "the contrast" alone is that of everything."""
     its = whose(words)
+    if whole:
+        its = either(its, ~lit("the|all the|overall|the overall") + lit(words) + everywhere)
     _more_or_less(
         f"increase the {kind} of the dog", "increase|raise|boost|turn up|bump up|up", made, words, True, who=its
     )
@@ -577,6 +718,137 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
 _scale = ~lit("by|to") + ~lit("a factor of|factor") + either(fraction_of("size"), percent, multiple, number)
 _command("scale the dog by 2", "scale|resize|rescale", _scaled, "by", by=_scale)
 
+_as_long = either(
+    multiple + lit("as long") >> _stretched,
+    multiple + lit("longer") >> _stretched,
+    ~lit("to|by") + ~lit("a factor of") + fraction_of("length|duration|time") >> _stretched,
+    lit("by") + ~lit("a factor of") + (multiple | number) >> _stretched,
+)
+_command(
+    "stretch the motion of the dog by 2",
+    "stretch|stretch out|extend",
+    lambda by: by,
+    "by",
+    who=either(whose("time|motion|movement|duration"), thing),
+    by=_as_long,
+)
+_command("make the dog take twice as long", "", lambda by: by, "by", itself="take|last", by=_as_long)
+
+# Grading, focus, light
+for _kind, _words, _made_by in (
+    ("contrast", "contrast", _contrasted),
+    (
+        "saturation",
+        "saturation|color saturation|vividness|vibrance|vibrancy|color intensity|intensity of the colors",
+        _saturated,
+    ),
+):
+    _quality(_kind, _words, _made_by, whole=True)
+    _more = optional(amount) + table({"more|higher|stronger|extra": True, "less|lower|weaker": False}) + lit(_words)
+    _how_much = either(
+        _more >> (lambda how, upward, made=_made_by: made(factor(how, upward))),
+        table({"no": 0.0}) + lit(_words) >> _made_by,
+    )
+    _command(f"give the dog more {_kind}", "give", _listed, "values", who=~lit("to") + thing, values=_values(_how_much))
+    _command(
+        f"add more {_kind} to the dog",
+        "add|put|use|apply|have",
+        _listed,
+        "values",
+        who=lit("to|on|in|into") + thing,
+        whole=True,
+        values=_values(_how_much),
+    )
+    _command(
+        f"add {_kind}",
+        "add|boost",
+        _always(_made_by(factor(None, True))),
+        "it",
+        who=lit("to|on|in|into") + thing,
+        whole=True,
+        it=lit("some|a bit of|a little") + lit(_words) | lit(_words),
+    )
+    _command(
+        f"more {_kind}",
+        "",
+        _listed,
+        "values",
+        who=lit("for|on|in") + thing,
+        whole=True,
+        values=_values(_how_much),
+    )
+_command(
+    "saturate the colors",
+    "saturate",
+    lambda how=None: _saturated(factor(how, True)),
+    who=~lit("the colors of|all") + either(thing, colors),
+    how=amount,
+)
+_command(
+    "warm up the picture", "warm|warm up", lambda how=None: _warmed(how, True), who=thing, how=amount, up=lit("up")
+)
+_command(
+    "cool down the picture",
+    "cool|cool down|cool off",
+    lambda how=None: _warmed(how, False),
+    who=thing,
+    how=amount,
+    down=lit("down|off"),
+)
+_command(
+    "make the colors warmer",
+    "make|turn|render",
+    lambda values: values,
+    "values",
+    who=~lit("the") + colors,
+    values=_values(_warmth_value, _saturation_value, _contrast_value, _brightness_value, _pop),
+)
+_command(
+    "blur the background", "blur|blur out|defocus|unfocus|soften", _blurred, who=thing, how=_softly, out=lit("out")
+)
+_blur_noun = (
+    ~lit("some|a|an")
+    + optional(table({"slight|soft|light|gentle|little": Amount("small"), "strong|heavy": Amount("large")}))
+    + lit("blur|blurring")
+)
+_command(
+    "add a blur to the background", "add|apply|put|give", _blurred, "how", who=lit("to|on|over") + thing, how=_blur_noun
+)
+_command("give the background a blur", "give", _blurred, "how", who=thing, how=_blur_noun)
+_command("make the dog glow", "", _glowing, itself="glow|shine|light up", how=_softly, rgb=~lit("in|in a") + colour)
+_glow_noun = either(
+    ~lit("some|a|an")
+    + optional(table({"slight|soft|faint|gentle|subtle": Amount("small"), "strong|bright|intense": Amount("large")}))
+    + optional(colour)
+    + lit("glow|halo|shine|aura")
+    >> (lambda how, rgb: (how, rgb))
+)
+_command("give the dog a glow", "give", lambda glow: _glowing(*glow), "glow", who=thing, glow=_glow_noun)
+_command(
+    "add a glow to the dog",
+    "add|apply|put",
+    lambda glow: _glowing(*glow),
+    "glow",
+    who=lit("to|on|around|onto") + thing,
+    glow=_glow_noun,
+)
+
+# Places of two
+_places = lit(
+    "(the|their) [places|positions|spots|locations|place|position] (with "
+    "each other|with one another)|with each other|with one another|around"
+)
+_command(
+    "swap the dog and the cat",
+    "swap|exchange|switch|trade|interchange|swap over",
+    _swapped,
+    who=~lit("(the) [places|positions|spots|locations] of") + (two_of_them | thing),
+    itself="swap places|change places|trade places|switch places|swap|"
+    "exchange places|swap positions|switch positions|change positions",
+    other=lit("with|for") + thing,
+    places=_places,
+)
+
 # Opacity
 _command("hide the car", "hide|conceal", _always(_opacity(0.0)), itself="disappear|vanish|hide|become invisible")
 _again = lit("again|once more")
@@ -592,33 +864,29 @@ _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") |
     lambda x: 1 - x
 )
 _outward = lit("out|away|out completely|to nothing|to invisible")
-_slowly = table({"slowly|gradually|little by little|bit by bit|smoothly": True})
 _command(
     "fade the background",
     "fade|dissolve",
-    lambda by=0.5, slowly=False: _faded(by, slowly),
+    lambda by=0.5: _faded(by),
     itself="fade",
     by=_to_fraction,
-    slowly=_slowly,
 )
 _command(
     "fade out the dog",
     "fade|dissolve",
-    lambda slowly=False: _faded(0.0, slowly),
+    lambda: _faded(0.0),
     "out",
     itself="fade",
     out=_outward,
-    slowly=_slowly,
 )
 
 _command(
     "fade in the dog from second 1 to 2",
     "fade|dissolve",
-    lambda slowly=False: _faded(0.0, slowly, inward=True),
+    lambda: _faded(0.0, inward=True),
     "inward",
     itself="fade",
     inward=lit("in|into view"),
-    slowly=_slowly,
 )
 
 # Taking out, and leaving alone
@@ -733,7 +1001,18 @@ _command("tilt the lamp by 20 degrees", _TILTING, _tilted, "angle", itself=_TILT
 _lagging = (
     ~lit(",") + ~lit("but|that is|which is|by") + ~lit("delayed|lagging|trailing|starting|running|runs") + ~lit("by")
 )
+_following = lit(
+    "that [follows|trails|chases|lags|runs|walks|moves] (behind|after) (it|"
+    "him|her)|[following|trailing|lagging] (behind|after) (it|him|her)|"
+    "[follow|trail] (behind|after) (it|him|her|the original)|to [follow|trail] (behind|after) (it|him|her|the original)"
+)
 _shift = either(
+    ~lit(",")
+    + _following
+    + ~lit("by|with|at|on the same path")
+    + ~lit("a delay of|a distance of")
+    + duration
+    + ~lit("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
     _lagging
     + duration
     + lit("later|behind|late|after|after [it|the original]|behind [it|the original]|afterward|delayed|in the future"),
@@ -742,8 +1021,24 @@ _shift = either(
     _lagging + duration + lit("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
 )
+_in_a_row = lit(
+    "in a row|in a line|side by side|next to each other|one after another|one after the other|beside each other"
+)
 _called_so = ~lit(",") + lit("called|named|by the name of") + name
-_beside: dict[str, Any] = {"way": steps, "far": distance, "shift": _shift, "called": _called_so}
+_apart = distance + lit("apart") | ~lit("by") + number + lit("apart") >> Distance
+_ways_beside = {
+    "behind": (0, 0, 1), "in front of": (0, 0, -1), "next to|beside|alongside|to the right of|right of": (1, 0, 0),
+    "to the left of|left of": (-1, 0, 0), "above|over|on top of": (0, -1, 0), "below|under|beneath": (0, 1, 0),
+}  # fmt: skip
+_own = table(_ways_beside) + thing >> (lambda way, who: (((None, way, None),), who))
+_beside: dict[str, Any] = {
+    "own": _own,
+    "way": ~lit(",") + steps,
+    "far": ~lit(",") + _apart | distance,
+    "row": _in_a_row,
+    "shift": _shift,
+    "called": _called_so,
+}
 _copies = either(
     lit("a|another|one|one more|a second|an extra|a new") + lit("copy|clone|duplicate|replica") >> (lambda: 1.0),
     number + ~lit("more|extra|other|additional") + lit("copies|clones|duplicates|replicas"),
@@ -756,6 +1051,21 @@ _ADDING = "make|create|add|put|place|give me|insert|produce|generate|set|have"
 _how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("times|x")
 _command("copy the dog", "copy|duplicate|clone|replicate", _copied, times=_how_often, **_beside)
 _command("put a copy of the car to the left", _ADDING, _copied, "times", bare=False, times=_copies, **_beside)
+_LETTING = "|".join(
+    f"{let} {copy} {verb}"
+    for let in ("let", "have", "make")
+    for copy in ("a copy", "a clone", "a duplicate", "another one", "a second one")
+    for verb in ("follow", "trail", "chase")
+)
+_command(
+    "let a copy follow the dog half a second behind",
+    _LETTING,
+    _copied,
+    "shift",
+    bare=False,
+    shift=_shift | ~lit("by|with") + duration,
+    path=lit("along (its|the same) path|on (its|the same) path"),
+)
 _command("add another dog", _ADDING, _copied, "times", bare=False, times=_others, **_beside)
 _command("another copy of the dog", "", _copied, "times", bare=False, times=_copies | _others, **_beside)
 
@@ -775,8 +1085,14 @@ _command(
     "play|run|show|put|set|render|play back|replay|move|drive|do",
     _listed,
     "values",
-    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen",
-    values=_values(~lit("in|at") + _pace, _backward, lit("in") + _coloured, _a_look),
+    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll|turn",
+    values=_values(
+        multiple >> _retimed,
+        ~lit("in|at") + _pace,
+        _backward,
+        lit("in") + _coloured,
+        _a_look,
+    ),
 )
 _in_time = lit("in time|the motion of|the movement of")
 _command("reverse the car", "reverse|rewind", _always(_reversed), itself="reverse|rewind", in_time=_in_time)
@@ -795,6 +1111,10 @@ _command("play the dog in a loop from second 1 to 2", "play|run|show|put", _loop
 
 # Looks, colours of others, names
 _given = _values(
+    ~lit("a|an|some")
+    + either(_warmth_value, _brightness_value, _saturation_value, _contrast_value)
+    + lit("tone|tones|look|feel|color|colors|light|appearance|mood"),
+    known_thing + lit("'s|'") + lit("color|colors|coloring|look|appearance") >> _matched,
     _given_look,
     _same_colour,
     _opacity_value,
@@ -815,3 +1135,197 @@ for _who in (whose("color|colors|coloring|look"), thing):
 _command("make the hat match the shirt", "", _matched, "source", itself="match", source=known_thing)
 _called = ~lit("as|to") + name
 _command("call the dog rex", "call|name|label|tag|dub|nickname", _named, "called", gapped=False, called=_called)
+
+# What is said in passing, and commands without a verb
+TOPIC = Command("the dog: make it red", "", REMARK, {})
+_remark = lit("alone|as it is|as they are|as is|untouched|unchanged|as it was|the way it is|out of it|in peace")
+_command(
+    "make the dog red",
+    "leave|keep",
+    REMARK,
+    "remark",
+    bare=False,
+    gapped=False,
+    who=either(thing, lit("it") >> (lambda: lambda context: context.last or All())),
+    remark=_remark,
+)
+_quality_words = (
+    "bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
+    "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
+)
+_complained_of = either(
+    lit("it|this|that")
+    >> (lambda: lambda context: _noted(context, context.last or (Current() if context.selected else All()))),
+    thing,
+)
+_command(
+    "brighten the dog",
+    "",
+    REMARK,
+    "remark",
+    bare=False,
+    gapped=False,
+    who=_complained_of,
+    remark=lit("is|are|looks|look|seems|seem|was|were")
+    + ~lit("a bit|a little|much|way|far")
+    + lit("too")
+    + lit(_quality_words),
+)
+_wanted = lit("i want|i would like|we want|we would like|i would love|we need|i need")
+_command(
+    "I want a white dog",
+    "",
+    lambda want, rgb, rest=None: _assigned(rgb),
+    "want rgb",
+    bare=False,
+    gapped=False,
+    who=known_noun,
+    want=_wanted >> (lambda: True),
+    rgb=~lit("a|an|the|to have a") + colour,
+    rest=lit("instead (of)") + ~(~lit("a|an|the|that") + silent(colour) + lit("one|ones")),
+)
+_there = lit("is|are|stands|was")
+_command(
+    "put the dog where the cat is and the cat where the dog is",
+    "put|move|place",
+    lambda other: _swapped(other),
+    "other",
+    gapped=False,
+    other=lit("where")
+    + thing
+    + _there
+    + lit("and|, and")
+    + ~lit("put|move|place")
+    + silent(thing)
+    + lit("where")
+    + silent(thing)
+    + _there,
+)
+_command("tone down the sky", "tone down", lambda how=None: _lit(factor(how, False)), how=amount)
+_command("tone the sky down", "tone", lambda how=None: _lit(factor(how, False)), "down", how=amount, down=lit("down"))
+_day = lit("(the) day|daytime|daylight") >> (lambda: lambda context: _noted(context, All()))
+_command(
+    "turn day into night",
+    "turn|change|make|transform",
+    _listed,
+    "values",
+    bare=False,
+    gapped=False,
+    who=_day,
+    values=_values(lit("into|to") + _bare_look),
+)
+_keeps = lit("keeps|keep|retains|stays|stay|remains") + lit("(its|their|his|her) [color|colors]|colored|in color")
+_command(
+    "only the dog keeps its color",
+    "",
+    _always(_rest_grayed),
+    "only keeps",
+    bare=False,
+    gapped=False,
+    only=_only,
+    keeps=_keeps,
+    rest=~lit(",|and")
+    + silent(everything_else)
+    + lit("goes|go|turns|becomes|is|should be|should go|gets|turn|become")
+    + silent(_without_colour | colour),
+)
+_changed = either(_size_value, _pace_value, _brightness_value, _saturation_value, _warmth_value, _contrast_value)
+_command(
+    "the dog twice as fast",
+    "",
+    _listed,
+    "values",
+    bare=False,
+    gapped=False,
+    values=_values(
+        _changed, lit("in") + (_coloured | _any_look >> _styled), ~lit("in") + _slow_motion >> _retimed, _backward
+    ),
+)
+_command(
+    "a bigger dog",
+    "",
+    _listed,
+    "values",
+    bare=False,
+    gapped=False,
+    who=known_noun,
+    values=~lit("a|an|some|the") + either(_changed, _sized) >> (lambda value: ((value,),)),
+)
+_command("no dog", "", _delete, "no", bare=False, gapped=False, no=lit("no"))
+for _kind, _words, _made_by in (
+    ("contrast", "contrast", _contrasted),
+    ("saturation", "saturation", _saturated),
+    ("brightness", "brightness", _lit),
+):
+    _command(
+        f"turn the {_kind} up",
+        "turn|bring|push|crank|pull|dial|take|put",
+        lambda quality, upward, how=None, made=_made_by: made(factor(how, upward)),
+        "quality upward",
+        whole=True,
+        who=lit("on|of|for|in") + thing,
+        quality=~lit("the") + lit(_words) >> (lambda: True),
+        upward=table({"up|way up": True, "down": False}),
+        how=amount,
+    )
+
+# Trails
+_behind = lit("follow|trail|chase|[drive|run|walk|go|come|move] [behind|after]") + ~lit(
+    "it|him|her|the first (one)|the original (one)|the other (one)"
+)
+_command(
+    "let a second dog follow it one second later",
+    "let|have|make",
+    _copied,
+    "behind shift",
+    bare=False,
+    gapped=False,
+    who=lit("a second|another|a copy of the|a clone of the|one more|a duplicate of the") + known_noun,
+    behind=_behind,
+    shift=_shift | ~lit("by|with") + duration,
+)
+TRAIL_COPIES, TRAIL_LAG = 3.0, 0.2
+"""Copies of a trail, and seconds from one to the next."""
+
+
+def _trailed(count: float = TRAIL_COPIES) -> Value:
+    return _copied(times=count, shift=TimeExpression(seconds=TRAIL_LAG))
+
+
+_a_trail = (
+    ~lit("a|an")
+    + ~lit("ghost|ghostly|faint|motion")
+    + lit("trail")
+    + optional(lit("of") + number + ~lit("ghost|ghostly|faint|fading") + lit("copies|clones|ghosts"), TRAIL_COPIES)
+)
+_command("give the dog a trail", "give", _trailed, "count", bare=False, count=_a_trail)
+_command(
+    "leave a trail behind the dog",
+    "leave|add|put|make|draw",
+    _trailed,
+    "count",
+    bare=False,
+    who=lit("behind|after|to|of") + thing,
+    count=_a_trail,
+)
+
+
+# A part of the clip, made longer
+def _lasting(to: TimeExpression) -> Value:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if when.frames is None or when.frames[1] is None or to.resolve(context) <= 0:
+            raise Refusal("It is not said which part is to last so long; add for example 'from second 1 to 2'.")
+        speed = (when.frames[1] - when.frames[0]) / to.resolve(context)
+        return Retime(who, round(speed, PLACES), **when.pace)
+
+    return value
+
+
+_command(
+    "stretch the first second to two seconds",
+    "stretch|stretch out|extend|slow down|compress|squeeze",
+    _lasting,
+    "to",
+    whole=True,
+    to=lit("to|into|over") + duration,
+)

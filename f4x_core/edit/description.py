@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from functools import singledispatch
 
-from .colour_names import COLOURS, Colour, name_of
-from .commands import MORE_COLOUR, SHOWN
+from ..language.amounts import PLACES
+from ..language.colour_names import COLOURS, Colour, name_of
+from ..language.lexicon import plural
+from .commands import BLUR, GLOW, MORE_COLOUR, SHOWN
 from .operations import (
+    Blur,
     Delete,
     Duplicate,
     Extract,
     Freeze,
+    Glow,
+    Grade,
     Loop,
     Match,
     Name,
@@ -21,12 +26,12 @@ from .operations import (
     Retime,
     Reverse,
     Style,
+    Swap,
     Transform,
     Vector,
 )
-from .phrases import COPY, PLACES
-from .selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
-from .words import plural
+from .phrases import COPY, SHARES
+from .selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
 
 _WHICH = {"largest": "biggest"}
 _AXES = (("to the left", "to the right"), ("up", "down"), ("forward", "back"))
@@ -144,7 +149,8 @@ def _(operation: Freeze) -> str:
 def _(operation: Retime) -> str:
     speeds = {2.0: "twice as fast", 0.5: "at half speed"}
     pace = speeds.get(operation.speed, f"at {_percent(operation.speed)} speed")
-    return f"play {whom(operation.select)} {pace}" + _span(operation.frames)
+    gradually = f"{', ' if operation.frames else ' '}gradually" if operation.ease else ""
+    return f"play {whom(operation.select)} {pace}" + _span(operation.frames) + gradually
 
 
 @_sentence.register
@@ -171,6 +177,39 @@ def _(operation: Match) -> str:
 
 
 @_sentence.register
+def _(operation: Grade) -> str:
+    who, parts = whom(operation.select), []
+    if operation.contrast != 1:
+        parts.append(f"set the contrast of {who} to {_percent(operation.contrast)}")
+    if operation.saturation != 1:
+        parts.append(f"set the saturation of {who} to {_percent(operation.saturation)}")
+    if operation.warmth or not parts:
+        parts.append(f"make {who} {_percent(abs(operation.warmth))} {'cooler' if operation.warmth < 0 else 'warmer'}")
+    return " and ".join(parts) + _span(operation.frames)
+
+
+@_sentence.register
+def _(operation: Blur) -> str:
+    return f"blur {whom(operation.select)}" + _strongly(operation.radius / BLUR) + _span(operation.frames)
+
+
+@_sentence.register
+def _(operation: Glow) -> str:
+    colour = f" {_colour(operation.rgb)}" if operation.rgb else ""
+    return (
+        f"make {whom(operation.select)} glow{colour}" + _strongly(operation.strength / GLOW) + _span(operation.frames)
+    )
+
+
+@_sentence.register
+def _(operation: Swap) -> str:
+    when = f" at frame {operation.frames[0]:g}" if operation.frames and operation.ease == "step" else ""
+    return f"swap {whom(operation.select)} with {whom(operation.other)}" + (
+        when or _span(operation.frames, "to the end")
+    )
+
+
+@_sentence.register
 def _(operation: Name) -> str:
     return f'call {whom(operation.select)} "{operation.name}"'
 
@@ -190,6 +229,10 @@ def whom(select: SelectKind) -> str:
         if isinstance(select.of, Moving | Or):
             kind = "moving thing" if isinstance(select.of, Moving) else f"one of {whom(select.of)}"
         return f"the {_WHICH.get(select.which, select.which)} {kind} of frame {select.frame}"
+    if isinstance(select, Part):
+        side = {"top": "upper", "bottom": "lower"}.get(select.side, select.side)
+        share = next((name for name, x in SHARES.items() if x == select.share), "part")
+        return f"the {side} {share} of {whom(select.of)}"
     if isinstance(select, Point):
         return f"the thing at {select.x:g}, {select.y:g} in frame {select.frame}"
     if isinstance(select, Box):
@@ -244,6 +287,10 @@ def _times(factor: float, plain: str, more: str, less: str) -> str:
     return f"{_percent(factor - 1)} {more}" if factor >= 1 else f"{_percent(1 - factor)} {less}"
 
 
+def _strongly(times: float) -> str:
+    return {1.0: "", 0.5: " a bit", 2.0: " strongly"}.get(times, f" {times:g} times as much")
+
+
 def _percent(fraction: float) -> str:
     return f"{round(100 * fraction, PLACES):g} %"
 
@@ -263,11 +310,20 @@ def _rounded(values: tuple[float, ...]) -> str:
 
 
 def _way(vector: Vector, unit: str, axes: str) -> str:
-    measure = "unit" if unit == "world" else "size"
+    measure = "unit" if unit == "world" else "width"
     if axes == "world":
         return f"by ({_rounded(vector)}) {measure}s along the scene's own axes"
+    return " and ".join(f"by {step}" for step in _steps(vector, measure))
+
+
+def _steps(vector: Vector, measure: str) -> list[str]:
     steps = [(abs(x), _AXES[axis][x > 0]) for axis, x in enumerate(vector) if x]
-    return " and ".join(f"by {far:g} {plural(measure, far)} {way}" for far, way in steps)
+    return [f"{far:g} {plural(measure, far)} {way}" for far, way in steps]
+
+
+def steps_in_words(vector: Vector) -> str:
+    """A way in widths along the camera's axes: "1.1 widths to the left and 0.2 widths up"."""
+    return " and ".join(_steps(vector, "width"))
 
 
 def _turn(who: str, rotate: Vector, axes: str) -> str:

@@ -16,7 +16,7 @@ from ..query.pixels import heat_map
 from ..query.selection import Selection
 from ..scene import PosedSplats, Scene
 from .apply import APPEARANCE_OPERATIONS, EVERY, Appearance, EditedScene
-from .operations import Transform
+from .operations import Blur, Transform
 from .retiming import effect
 
 GREY = 0.5
@@ -35,7 +35,7 @@ class Display:
         """(n,) int rows that are drawn separately, copies included, in increasing order."""
         apart = np.zeros(len(self.scene.ids), bool)
         for step in self._steps:
-            if step.reads or isinstance(step.edit.operation, Transform):
+            if step.reads or isinstance(step.edit.operation, Transform | Blur):
                 apart[: len(step.chosen)] |= step.chosen
         apart[len(self.scene.static) + len(self.scene.dynamic) :] = True
         return np.flatnonzero(apart & self.there)

@@ -12,28 +12,34 @@ from difflib import SequenceMatcher, get_close_matches
 from typing import Any, NamedTuple
 
 from ..errors import F4xError
-from .colour_names import COLOURS, SHADES
-from .commands import COMMANDS, Command
-from .description import describe
-from .grammar import (
+from ..language.colour_names import COLOURS, SHADES
+from ..language.colours import colour
+from ..language.grammar import (
+    NAMES_TOO,
     NOTHING,
     VOCABULARY,
+    Doubt,
     Mismatch,
     Reading,
+    Refusal,
     Rule,
     Token,
     bag,
     either,
     listed,
     lit,
+    optional,
     silent,
     table,
     tokenise,
 )
-from .operations import Duplicate, Operation
-from .phrases import Refusal, SentenceContext, Span, When, colour, familiar, span, together
-from .selects import Named, SelectKind, parts_of
-from .words import FUNCTION_WORDS, inflected, singular, word_set
+from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
+from ..language.times import HALF_WAY, Span, TimeExpression, span
+from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, TOPIC, Command
+from .description import describe
+from .operations import Duplicate, Opacity, Operation, Transform
+from .phrases import SentenceContext, When, besides, familiar, thing, together
+from .selects import All, And, Named, Not, SelectKind, parts_of
 
 __all__ = ["Refusal", "describe", "parse"]
 
@@ -52,7 +58,18 @@ class Clause(NamedTuple):
 
 
 _when = ~lit(",") + span
+_slowly = ~lit(",") + table(
+    {
+        "slowly|gradually|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
+        "(in) a gradual way|easing in and out|easing in|easing out|with "
+        "(a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
+        "with soft ends|eased": True
+    }
+)
 _between = lit("and|,|, and|but|while|, but|, while|and also")
+_afterward = lit(
+    "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
+)
 _modal = lit(
     "should|must|shall|ought to|has to|have to|needs to|need to|is to|are to|will|is supposed to|are supposed to|had better"
 )
@@ -65,7 +82,7 @@ _let = lit("let|have|make|get")
 
 def _telling(filled: dict[str, Any]) -> dict[str, Any]:
     """Slots that say more than who: "and the cat" alone belongs to the list before it."""
-    if len(filled) == 1:
+    if filled.keys() <= {"who", "slowly", "besides"}:
         raise Mismatch
     return filled
 
@@ -82,8 +99,9 @@ def _stated(verb: str) -> str:
 
 def _of(command: Command) -> Rule:
     """The clauses of a command: by its verb, of a subject, in the passive."""
-    slots = {**command.slots, "when": _when}
-    first = bag({"who": command.who, **slots}, command.needed | (frozenset() if command.bare else {"who"}))
+    slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides}
+    alone = command.bare or command.whole
+    first = bag({"who": command.who, **slots}, command.needed | (frozenset() if alone else {"who"}))
     more = bag({"who": command.who, **slots}, command.needed | {"who"}) >> _telling
     own = bag(slots, command.needed)
 
@@ -97,6 +115,12 @@ def _of(command: Command) -> Rule:
     if command.verbs or not command.itself:
         phrase = (verb(1) if command.verbs else NOTHING) + first >> (lambda one: (one,))
         ways.append(phrase)
+        if command.gapped and command.needed:  # "make the dog red, then blue after one second"
+            later = bag(slots, command.needed) >> (lambda filled: {**filled, "later": True})
+            ways.append(
+                phrase + listed(_afterward + later, NOTHING)
+                >> (lambda pieces, rest: pieces + tuple(one for (one,) in rest))
+            )
         if command.gapped:
             others = _between + listed(more, _between) >> (lambda pieces: tuple(piece for (piece,) in pieces))
             ways.append(phrase + others >> (lambda pieces, rest: pieces + rest))
@@ -107,7 +131,8 @@ def _of(command: Command) -> Rule:
         ways += [
             subject + states + own >> of_subject,
             _let + subject + ~lit("to") + itself >> of_subject,
-            subject + _modal + itself >> of_subject,
+            subject + _modal + optional(_slowly, False) + itself
+            >> (lambda who, slowly, filled: ({**filled, "who": who} | ({"slowly": True} if slowly else {}),)),
             _want + subject + ~lit("to") + itself >> of_subject,
         ]
     if command.verbs:
@@ -119,6 +144,9 @@ def _of(command: Command) -> Rule:
     if command is COMMANDS[0]:  # what can be made of a thing, it can also be: "the dog should be red"
         ways += [
             subject + _modal + _being + own >> of_subject,
+            subject + lit("becomes|become|turns|gets|goes") + own >> of_subject,
+            lit("could|can") + subject + _being + own >> of_subject,
+            subject + lit("is|are") + own >> (lambda who, filled: ({**filled, "who": who, "stated": True},)),
             (_want | _let) + subject + ~(~lit("to") + _being) + own >> of_subject,
         ]
     return either(*ways) >> (lambda pieces: Clause(command, pieces))
@@ -135,7 +163,7 @@ _filler = silent(
             "go ahead and|let us|try to|try|i want (you) to|i need you to|i would (really) like (you) to|i would love (you) to|"
             "we want (you) to|we would like to|we should|we need to|you should|you can|simply|actually|maybe|perhaps|"
             "be so kind (as) to|just|in addition|besides|additionally|after that|afterward|after this|feel free to|let me|"
-            "help me|help me to|um|uh|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile"
+            "help me|help me to|um|uh|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile|overall|finally|clean up|:"
         )
         | _request,
         lit(",") | NOTHING,
@@ -143,12 +171,14 @@ _filler = silent(
 )
 _tail = ~lit(
     "now|too|as well|again|also|for me|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
-    "for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
+    "overall|in total|for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
 )
 _core = either(*(_of(command) for command in COMMANDS))
 _clause = (
     either(
         _filler + _core,
+        _filler + silent(_slowly) + _core
+        >> (lambda clause: clause._replace(pieces=tuple({**one, "slowly": True} for one in clause.pieces))),
         _filler + span + ~lit(",|:") + _filler + _core >> (lambda front, clause: clause._replace(front=front)),
     )
     + ~lit(",")
@@ -160,10 +190,11 @@ _SOFT, _HARD = (
 )
 _separator = listed(table({_SOFT: False, _HARD: True}), NOTHING) >> (lambda parts: any(hard for (hard,) in parts))
 _ends = silent(~listed(lit(".|;|!|,"), NOTHING))
-_polite = lit("please") | _request
+_polite = lit("please|could|can") | _request
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
-_sentence = ~lit("and") + _ends + listed(_clause, _separator) + _ends
+_topic = thing + lit(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
+_sentence = ~lit("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
 _DROPPED = word_set("please kindly thanks thank")
 
 
@@ -188,30 +219,72 @@ def parse(
         raise Refusal(
             f"The sentence has {len(sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
         )
+    known = _known((*labels, *names))
+    context = SentenceContext(
+        fps,
+        frames,
+        frame,
+        selected,
+        {name.lower(): name for name in names},
+        earlier=copies or {},
+        labels=frozenset(labels),
+    )
+    reading, clauses = _read(sentence, known)
+    context.overall = any(token.text == "overall" for token in reading.tokens)
+    for rule, doubt in _DOUBTFUL:
+        if any(rule.at(reading, at) for at in range(len(reading.tokens))):
+            raise Refusal(doubt)
+    slip = _slip(reading, clauses is not None)
+    if slip is not None and (clauses is None or labels):
+        wrong, word = slip
+        instead = sentence[: wrong.start] + word + sentence[wrong.end :]
+        better, meant = _read(instead, known)
+        if meant is not None or _slip(better, False):
+            raise Doubt(f"I do not understand '{sentence[wrong.start : wrong.end]}'; did you mean '{word}'?", instead)
+    if clauses is None:
+        reason, answer = _not_understood(reading)
+        raise Refusal(reason, _nearest(reading.tokens) if answer else ())
+    try:
+        operations = _placed(list(_operations(clauses, context)))
+        if not operations:
+            raise Refusal("Nothing is said that could be done.")
+    except Refusal as refusal:
+        raise Refusal(refusal.reason, _nearest(reading.tokens)) from refusal
+    except F4xError as error:
+        raise Refusal(f"That is not possible: {error}", _nearest(reading.tokens)) from error
+    named = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
+    spare = context.spare - named
+    return tuple(
+        replace(one, name="") if isinstance(one, Duplicate) and one.name in spare else one for one in operations
+    )
+
+
+def _read(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[Reading, tuple[tuple[Any, ...], ...] | None]:
+    """The words of a sentence, and its clauses where it is one; Refusal where it is a question, too long or empty."""
     tokens = [token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED]
     if len(tokens) > MAX_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
     if not any(token.is_word for token in tokens):
         raise Refusal("Nothing is said that could be done.", _nearest(tokens))
-    reading = Reading.of(sentence, tokens, _known((*labels, *names)))
+    reading = Reading.of(sentence, tokens, known)
     found = _sentence.at(reading, 0).get(len(tokens))
     if found is None:
-        reason, answer = _not_understood(reading)
-        raise Refusal(reason, _nearest(tokens) if answer else ())
-    context = SentenceContext(
-        fps, frames, frame, selected, {name.lower(): name for name in names}, earlier=copies or {}
-    )
-    try:
-        operations = list(_operations(found[0], context))
-    except Refusal as refusal:
-        raise Refusal(refusal.reason, _nearest(tokens)) from refusal
-    except F4xError as error:
-        raise Refusal(f"That is not possible: {error}", _nearest(tokens)) from error
-    meant = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
-    spare = context.spare - meant
-    return tuple(
-        replace(one, name="") if isinstance(one, Duplicate) and one.name in spare else one for one in operations
-    )
+        return reading, None
+    topic, clauses = found
+    return reading, (*([] if topic is None else [(topic,)]), *clauses)
+
+
+def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
+    """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
+    parts = {word for words in reading.known for word in words}
+    lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | COLOURS.keys() | SHADES.keys() | parts
+    for at, token in enumerate(reading.tokens):
+        describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
+        if token.is_word and not describes and not {token.text, singular(token.text)} & lexicon:
+            meant = misspelt(token.text, parts) or (None if understood else misspelt(token.text, lexicon))
+            if meant:
+                return token, meant
+    return None
 
 
 def _selected(operation: Operation) -> Iterator[SelectKind]:
@@ -249,6 +322,10 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
     return known
 
 
+_OF_ALL = ("who", "when", "later", "slowly", "besides", "stated")
+"""Slots that every command has."""
+
+
 def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) -> Iterator[Operation]:
     """The operations of clauses, each of which may follow (whether its separator is hard)."""
     front: Span | None = None
@@ -256,42 +333,92 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
         if any(separators):
             front = None
         front = clause.front or front
-        last = clause.pieces[-1].get("when")
+        last = None if "later" in clause.pieces[-1] else clause.pieces[-1].get("when")
         topics: list[SelectKind] = []
         for piece in clause.pieces:
             own = piece.get("when")
-            if own and clause.front:
+            if own and clause.front and clause.front.kind == "moment" and own.kind == "length":
+                own = _about(clause.front.start, own)
+            elif own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
+            if clause.command.whole and "who" not in piece:
+                context.last = All()
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
             if who is None:
                 raise Refusal(
                     "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
                 )
+            if "besides" in piece:
+                spared = Not(piece["besides"](context))
+                context.last = who = spared if who == All() else And((who, spared))
+            if "stated" in piece and not (own or front):
+                raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
+            if clause.command.make is REMARK:
+                continue
             topics.append(who)
-            arguments = {
-                name: value for name, value in piece.items() if name not in ("who", "when") and value is not None
-            }
+            arguments = {name: value for name, value in piece.items() if name not in _OF_ALL and value is not None}
             made = clause.command.make(**arguments)
-            settled = When.of(own or front or last, context)
+            settled = When.of(own or front or last, context, "slowly" in piece)
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
             for operation in operations:
                 if isinstance(operation, Duplicate):
                     operation, topics[-1] = context.copied(operation)
                 yield operation
-        context.they = together(topics)
+        context.they = together(topics) if topics else None
+
+
+def _placed(operations: list[Operation]) -> list[Operation]:
+    """The operations; a copy that is put somewhere at once is made there: "copy the dog and put the copy on the left"."""
+    placed: list[Operation] = []
+    for one in operations:
+        made = placed[-1] if placed else None
+        if (
+            isinstance(made, Duplicate)
+            and isinstance(one, Transform)
+            and made.offset == BESIDE
+            and made.unit == one.unit
+        ):
+            stays = replace(one, translate=(0.0, 0.0, 0.0), select=made.select, unit="world", axes="world")
+            if one.select == Named(made.name) and stays == Transform(made.select) and any(one.translate):
+                far = COPY_DISTANCE if max(map(abs, one.translate)) == 1 else 1.0
+                x, y, z = (far * step for step in one.translate)
+                if x or z:
+                    placed[-1] = replace(made, offset=(x, y, z))
+                    continue
+        placed.append(one)
+    return placed
+
+
+def _about(moment: TimeExpression, length: Span) -> Span:
+    """The span of a length from a moment on, or about the middle of the clip."""
+    far = TimeExpression() if length.end is None else length.end.plus(length.start, -1.0)
+    start = moment.plus(far, -0.5) if moment == HALF_WAY else moment
+    return Span(start, start.plus(far))
 
 
 def _compatible(operations: list[Operation]) -> list[Operation]:
     """The operations; Refusal when two of them set the same thing."""
     kinds = {(type(one), getattr(one, "mode", None), getattr(one, "rotate", None)) for one in operations}
-    if len(kinds) < len(operations):
+    unseen = len(operations) > 1 and any(isinstance(one, Opacity) and one.factor == 0 for one in operations)
+    if unseen or len(kinds) < len(operations):
         raise Refusal("Two things are said that exclude one another, as 'red and blue' do; say one of them.")
     return operations
 
 
-_ELSEWHERE = {"undo": "undo", "revert": "undo", "redo": "redo"}
+_ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
 """Word -> verb of `f4x` that does it."""
+_DOUBTFUL = (
+    (
+        lit("only [after|from|until|before|between|during|for|since|while]"),
+        "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'.",
+    ),
+    (
+        lit("put [it|him|her|them|this|that] back"),
+        "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
+    ),
+)
+"""Phrases that can be meant in two ways, and what is asked instead of doing either."""
 _UNKNOWN_WAYS = (
     (lit("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (

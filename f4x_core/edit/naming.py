@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import F4xError
+from ..language.lexicon import spellings
 from ..query.inventory import is_calibrated, labels_of, select_word
-from ..query.labels import BACKGROUND, Encode, spellings
+from ..query.labels import BACKGROUND, Encode
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import F4xError
 from .records import Record, near, read_record
-from .selects import Moving, SelectKind
+from .selects import Moving, Named, SelectKind
 from .styles import STYLES
 
 Vector = tuple[float, float, float]
@@ -240,6 +240,8 @@ class Retime(Change):
     """2 is twice as fast; at the end of the clip's motion it stands still."""
     frames: Span | None = None
     """Only from … to; afterwards at the old speed from where it then is. None = the whole clip."""
+    ease: Literal["linear", "smooth"] | None = None
+    """None: at once. Else the speed changes from the old one at the first frame to the new one at the last, and stays."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -312,6 +314,94 @@ class Match(Change):
     def __post_init__(self) -> None:
         """Validate."""
         _check_range("strength", self.strength)
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Grade(Change):
+    """Contrast, saturation and warmth, in OKLab; 1, 1, 0 is as before."""
+
+    TAG = "grade"
+    select: SelectKind
+    contrast: float = 1.0
+    """Factor of the distance of each light from the mean light of the selection."""
+    saturation: float = 1.0
+    """Factor of the distance from gray."""
+    warmth: float = 0.0
+    """From -1, bluish, to 1, yellowish."""
+    frames: Span | None = None
+    """In effect from … to; None = always."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_range("contrast", self.contrast, 10)
+        _check_range("saturation", self.saturation, 10)
+        if not -1 <= self.warmth <= 1:
+            raise F4xError(f"warmth is {self.warmth:g}; give a number from -1 to 1.")
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Blur(Change):
+    """Out of focus: every Gaussian gets wider and as much fainter."""
+
+    TAG = "blur"
+    select: SelectKind
+    radius: float = 0.02
+    """Standard deviation of the blur in world units."""
+    frames: Span | None = None
+    """In effect from … to; None = always."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_range("radius", self.radius, MAX_SCALE)
+        _check_span(self.frames)
+
+
+@dataclass(frozen=True)
+class Glow(Change):
+    """Brighter, with a halo: blurred, faint copies in the same places, whose ids follow `first_id`."""
+
+    TAG = "glow"
+    select: SelectKind
+    strength: float = 0.5
+    """0 is none, 1 a halo as dense as the thing."""
+    rgb: Vector | None = None
+    """Colour of the halo, sRGB in [0, 1]; None = that of the thing."""
+    radius: float = 0.04
+    """Standard deviation of the halo in world units."""
+    frames: Span | None = None
+    """In effect from … to; None = always."""
+    first_id: int = -1
+    """First id of the halo; planning reserves it."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_range("strength", self.strength)
+        _check_range("radius", self.radius, MAX_SCALE)
+        _check_span(self.frames)
+        if self.rgb is not None and not all(0 <= value <= 1 for value in self.rgb):
+            raise F4xError(f"rgb is {list(self.rgb)}; give three numbers from 0 to 1.")
+
+
+@dataclass(frozen=True)
+class Swap(Change):
+    """Two things change places: each goes where the base of the other is at the frame that is looked at, with its own motion."""
+
+    TAG = "swap"
+    select: SelectKind
+    other: SelectKind
+    """With whom."""
+    shift: Vector | None = None
+    """World units that `select` goes, and `other` the other way; None = planning measures it."""
+    frames: Span | None = None
+    """As in `Transform`."""
+    ease: Ease = "smooth"
+    """As in `Transform`."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        _check_numbers("shift", self.shift or ())
         _check_span(self.frames)
 
 
@@ -393,10 +483,50 @@ Operation = Union[  # noqa: UP007  # read at run time
     Loop,
     Style,
     Match,
+    Grade,
+    Blur,
+    Glow,
+    Swap,
     Name,
     Rekey,
 ]
 """Any operation."""
+
+
+HALO = "halo of what glows"
+"""Name by which the steps of a glow select its halo."""
+HALO_LIGHT = 1.5
+"""What glows is so much brighter."""
+
+
+def steps_of_operation(operation: Operation) -> tuple[Operation, ...]:
+    """The simpler operations that an operation of a stack stands for, in order; most stand for themselves."""
+    if isinstance(operation, Swap):
+        if operation.shift is None:
+            raise F4xError("it is not measured yet how far they go; plan the edit, which settles that.")
+        x, y, z = operation.shift
+        common = {"frames": operation.frames, "ease": operation.ease}
+        there = Transform(operation.select, (x, y, z), **common)  # type: ignore[arg-type]  # the fields of a transform
+        return there, Transform(operation.other, (-x, -y, -z), **common)  # type: ignore[arg-type]
+    if isinstance(operation, Glow):
+        select, strength, frames = operation.select, operation.strength, operation.frames
+        light = 1 + strength * (HALO_LIGHT - 1)
+        halo = Named(HALO)
+        steps: list[Operation] = [
+            Recolour(select, (light, light, light), "multiply", frames=frames),
+            Duplicate(select, first_id=operation.first_id, name=HALO),
+            Blur(halo, operation.radius, None),
+            Opacity(halo, strength),
+        ]
+        if operation.rgb is not None:
+            steps.append(Recolour(halo, operation.rgb))
+        if frames is not None:  # the halo is hidden before and after it
+            first, last = frames
+            steps.append(Opacity(halo, 0.0, (-MAX_NUMBER, np.nextafter(first, -MAX_NUMBER))))
+            if last is not None:
+                steps.append(Opacity(halo, 0.0, (np.nextafter(last, MAX_NUMBER), None)))
+        return tuple(steps)
+    return (operation,)
 
 
 def read_operation(data: object, where: str = "operation") -> Operation:

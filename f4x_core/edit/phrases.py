@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
-from ..errors import F4xError
-from .colour_names import COLOURS, SHADES, Colour, from_hex, shaded
-from .grammar import (
+from ..language.amounts import VIEWER, number, number_at
+from ..language.colour_names import COLOURS, SHADES
+from ..language.colours import PURE_COLOURS, colour
+from ..language.grammar import (
+    NOTHING,
     VOCABULARY,
-    Mismatch,
     Reading,
+    Refusal,
     Rule,
     either,
     generated,
@@ -23,35 +25,22 @@ from .grammar import (
     table,
     tokenise,
 )
-from .operations import Duplicate, Vector
-from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Point, SelectKind, Text
-from .words import EVERYBODY, FRACTIONS, FUNCTION_WORDS, NO_THINGS, ONES, TENS, singular, word_set
+from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, singular, word_set
+from ..language.times import END, Clip, Span
+from .operations import Duplicate
+from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
 
-PLACES = 3
-"""Decimals that numbers worked out from words keep."""
-
-
-class Refusal(F4xError):  # noqa: N818  # nothing went wrong
-    """A sentence that is not understood, or asks for what cannot be."""
-
-    def __init__(self, reason: str, nearest: tuple[str, ...] = ()):
-        """`reason`: why, one sentence; `nearest`: commands that are known, as example sentences."""
-        hint = " Try: " + "; ".join(f'"{example}"' for example in nearest) + "." if nearest else ""
-        super().__init__(reason + hint)
-        self.reason = reason
-        self.nearest = nearest
+HIM_OR_HER = {
+    "'him'": ("man", "boy", "person", "people"),
+    "'her'": ("woman", "girl", "person", "people"),
+}
+"""Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
 
 
 @dataclass
-class SentenceContext:
+class SentenceContext(Clip):
     """The clip and names that a sentence refers to, and what the sentence has named so far."""
 
-    fps: float
-    """Clip frames per second."""
-    frames: int
-    """Frames of the clip."""
-    frame: float = 0.0
-    """The present one."""
     selected: bool = False
     """Something is selected at present."""
     names: dict[str, str] = field(default_factory=dict)
@@ -64,6 +53,10 @@ class SentenceContext:
     """Name of the copies of each command that made some, the last one last -> what was copied."""
     spare: set[str] = field(default_factory=set)
     """Those of the names that nobody gave."""
+    labels: frozenset[str] = frozenset()
+    """Words that the scene knows."""
+    overall: bool = False
+    """"Overall" is said: "it" is the picture where nothing was named."""
     earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
     """The copies of each earlier command that made some, the last one last -> what was copied."""
 
@@ -73,7 +66,12 @@ class SentenceContext:
         return min(max(round(self.frame), 0), self.frames - 1)
 
     def it(self, word: str) -> SelectKind:
-        """The last thing named, else what is selected; Refusal when there is neither."""
+        """The last thing named, else what is selected, else the one man or woman whom "him" or "her" can be; Refusal without."""
+        if self.last is None and not self.selected and word in HIM_OR_HER:
+            meant = next((label for label in HIM_OR_HER[word] if label in self.labels), None)
+            self.last = None if meant is None else Text((meant,))
+        if self.last is None and not self.selected and self.overall:
+            return All()
         if self.last is None and not self.selected:
             raise Refusal(f"Nothing is named or selected that {word} could be; name a thing or select one.")
         return self.last or Current()
@@ -100,281 +98,6 @@ class SentenceContext:
         return together((select, *(Named(name) for name, who in self.copies.items() if who == select)))
 
 
-# How much ------------------------------------------------------------------------------------------------------------
-
-
-def _number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
-    word, following = reading.word(at), reading.word(at + 1)
-    if word[:1].isdecimal() or word[:1] == ".":
-        try:
-            number = float(word)
-        except ValueError:  # a digit of another script
-            return
-        below = reading.word(at + 2)
-        if following == "/" and below.isdecimal() and float(below):
-            yield at + 3, number / float(below)
-        yield at + 1, number
-    elif word in TENS:
-        if 0 < ONES.get(following, 0) < 10:
-            yield at + 2, float(TENS[word] + ONES[following])
-        yield at + 1, float(TENS[word])
-    elif word in ONES:
-        if following == "hundred":
-            yield at + 2, 100.0 * ONES[word]
-        if following == "and" and reading.word(at + 2) == "a" and reading.word(at + 3) == "half":
-            yield at + 4, ONES[word] + 0.5
-        if following == "point" and reading.word(at + 2) in ONES:
-            yield at + 3, ONES[word] + ONES[reading.word(at + 2)] / 10
-        yield at + 1, float(ONES[word])
-    elif word in ("a", "one") and following == "hundred":
-        yield at + 2, 100.0
-
-
-number = generated(_number_at)
-signed = (lit("-|minus") + number >> (lambda x: -x)) | number
-VOCABULARY.update(ONES, TENS, FRACTIONS)
-
-_percent_sign = lit("%|percent|per cent|pct")
-percent = number + _percent_sign >> (lambda x: x / 100)
-fraction = table(
-    {
-        "half|one half|a half": 0.5,
-        "a third|one third": 1 / 3,
-        "a quarter|one quarter": 0.25,
-        "two thirds": 2 / 3,
-        "three quarters": 0.75,
-        "a fifth|one fifth": 0.2,
-        "a tenth|one tenth": 0.1,
-    }
-)
-multiple = either(
-    number + lit("times|x|fold"), table({"twice|double|doubly": 2.0, "thrice|triple": 3.0, "quadruple": 4.0}), fraction
-)
-"""A factor: "three times", "2x", "twice", "half"."""
-
-
-class Amount(NamedTuple):
-    """An amount: a little, much, times, a fraction more or less, or to a fraction."""
-
-    kind: str
-    """`small`, `large`, `times`, `fraction`, `to`."""
-    value: float = 1.0
-    """Of the last three."""
-
-
-degree = table(
-    {
-        "(just) a [little|tiny|wee|small] bit|(just|only) a [little|tad|touch|bit]|slightly|somewhat|a smidge|a hair": Amount(
-            "small"
-        ),
-        "much|(quite) a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much": Amount(
-            "large"
-        ),
-    }
-)
-_by_factor = lit("by") + ~lit("a") + lit("factor") + ~lit("of")
-amount = either(
-    degree,
-    _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
-    ~lit("by") + percent >> (lambda x: Amount("fraction", x)),
-    lit("by") + fraction >> (lambda x: Amount("fraction", x)),
-    ~lit("by") + multiple >> (lambda x: Amount("times", x)),
-)
-SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
-"""Factors up and down: a bit, much, and without a degree."""
-
-
-def factor(how: Amount | None, upward: bool) -> float:
-    """The factor of something that gets more (`upward`) or less by an amount; Mismatch where it would be none."""
-    if how is None or how.kind in ("small", "large"):
-        up, down = STEP if how is None else SMALL_STEP if how.kind == "small" else LARGE_STEP
-        return up if upward else down
-    if how.kind == "to":
-        return how.value
-    if how.kind == "fraction":
-        return round(1 + how.value if upward else 1 - how.value, PLACES)
-    if how.value <= 0:
-        raise Mismatch
-    return round(how.value if upward or how.value < 1 else 1 / how.value, PLACES)
-
-
-def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -> Rule:
-    """A factor from "bigger", "a bit smaller", "three times bigger", "twice as big", "20 % smaller", "less big"."""
-    compared = table({comparatives: True, lesser: False})
-    plain = table({positives: True, opposites: False})
-    more = either(compared, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
-    so = lit("as") + plain + ~(lit("as") + ~lit("it|they|he|she|that|this") + lit("is|are|was|were|before|now"))
-    return either(
-        optional(amount) + more >> factor,
-        more + amount >> (lambda upward, how: factor(how, upward)),
-        multiple + so >> (lambda x, upward: factor(Amount("times", x), True) if upward else _inverse(x)),
-        percent + so >> (lambda x, upward: x if upward else _inverse(x)),
-    )
-
-
-def _inverse(x: float) -> float:
-    if x <= 0:
-        raise Mismatch
-    return round(1 / x, PLACES)
-
-
-ITS = "its|their|his|her|the|the original|its own|their own|its original|its current|the current|the normal|normal|the original"
-
-
-def fraction_of(quality: str) -> Rule:
-    """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
-    noun = ~lit("of") + ~lit(ITS) + lit(quality)
-    return either(multiple, percent) + noun
-
-
-# Which colour --------------------------------------------------------------------------------------------------------
-
-_MAX_COLOUR_WORDS = 3
-"""Words that a colour's name is written in: "light sky blue"."""
-
-
-def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
-    word = reading.word(at)
-    if word.startswith("#") and len(word) > 1:
-        yield at + 1, from_hex(word[1:])
-    for count in range(_MAX_COLOUR_WORDS, 0, -1):
-        name = "".join(reading.word(i) for i in range(at, at + count))
-        if name in COLOURS and at + count <= len(reading.tokens):
-            yield at + count, COLOURS[name]
-    if word in SHADES:
-        for end, (base,) in colour.at(reading, at + 1).items():
-            yield end, shaded(word, base)
-
-
-colour = generated(_colour_at)
-GRAY: Colour = COLOURS["gray"]
-_REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "black", "gray")}
-_REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
-_REDDISH = {name + "ish": name for name in ("green", "yellow", "pink", "brown", "gray", "black", "orange")}
-_REDDISH |= {"reddish": "red", "bluish|blueish": "blue", "whitish": "white", "purplish": "purple", "goldish": "gold"}
-colourish = table({word: COLOURS[name] for word, name in _REDDISH.items()})
-more_colour = either(
-    table({word: COLOURS[name] for word, name in _REDDER.items()}) >> (lambda rgb: (rgb, 1)),
-    lit("more") + colour >> (lambda rgb: (rgb, 1)),
-    lit("less") + colour >> (lambda rgb: (rgb, -1)),
-)
-PURE_COLOURS = word_set(
-    "red green blue yellow black white gray brown purple pink cyan magenta turquoise beige crimson maroon navy teal violet "
-    "golden scarlet burgundy khaki indigo fuchsia"
-)
-"""Colour words that are no things: "delete the rose" has an object, "delete the red" has none."""
-
-
-# When ----------------------------------------------------------------------------------------------------------------
-
-
-class TimeExpression(NamedTuple):
-    """A sum of what a time can be counted in, as clip frame: frames + seconds x rate + last x last frame + now x present one."""
-
-    frames: float = 0.0
-    seconds: float = 0.0
-    last: float = 0.0
-    now: float = 0.0
-
-    def plus(self, other: TimeExpression, sign: float = 1.0) -> TimeExpression:
-        """This + sign x the other."""
-        return TimeExpression(*(a + sign * b for a, b in zip(self, other, strict=True)))
-
-    def resolve(self, context: SentenceContext) -> float:
-        """Clip frame, maybe outside the clip."""
-        last = context.frames - 1
-        return round(self.frames + self.seconds * context.fps + self.last * last + self.now * context.frame, PLACES)
-
-
-START, END, NOW = TimeExpression(), TimeExpression(last=1.0), TimeExpression(now=1.0)
-
-
-class Span(NamedTuple):
-    """From … to."""
-
-    start: TimeExpression
-    end: TimeExpression | None
-    """None: open."""
-    kind: str = "range"
-    """`moment`: only the start is given; `length`: only the length; `always`."""
-
-
-_unit = table(
-    {
-        "second|seconds|sec|secs|s": TimeExpression(seconds=1.0),
-        "frame|frames": TimeExpression(frames=1.0),
-        "minute|minutes|min|mins": TimeExpression(seconds=60.0),
-        "millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
-    }
-)
-
-
-def _times(x: float, unit: TimeExpression) -> TimeExpression:
-    return TimeExpression().plus(unit, x)
-
-
-duration = either(
-    number + _unit >> _times,
-    table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
-    >> _times,
-    lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit)),
-)
-_edge = table(
-    {
-        "the (very) [beginning|start] (of the clip|of the video|of the scene)|the start|start|beginning": START,
-        "the (very) end (of the clip|of the video|of the scene)|end": END,
-        "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
-    }
-)
-_clock = number + lit(":") + number >> (lambda minutes, seconds: TimeExpression(seconds=60 * minutes + seconds))
-_counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
-_measured = number + _unit + ~lit("in|into (the) [clip|video|scene]|mark") >> _times
-_fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
-moment = either(_edge, _counted, _measured, _fraction_moment, _clock)
-_to = lit("to|-|until|up to|through|and|thru")
-_pair = either(
-    moment + _to + moment >> (lambda a, b: (a, b)),
-    ~lit("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
-    number + _to + number + _unit >> (lambda a, b, unit: (_times(a, unit), _times(b, unit))),
-)
-_pair_between = lit("between") + _pair
-_pair_from = ~lit("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
-_length = either(duration, optional(number, 1.0) + _unit >> _times)
-_first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") + _length
-_last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
-_onward = ~lit("on|onward|forward|and on|and onward|on out")
-_since = lit(
-    "from|after|since|as of|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|at|in|on|"
-    "once we reach|when we reach"
-)
-_begin = _since + moment + _onward
-_for = lit("for|lasting") + duration
-
-
-def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
-    return Span(start, start.plus(length))
-
-
-_comma = ~lit(",")
-span = either(
-    (_pair_from | _pair_between) >> (lambda pair: Span(*pair)),
-    _for + _comma + _begin >> (lambda length, start: _lasting(start, length)),
-    _begin + _comma + _for >> _lasting,
-    _first >> (lambda length: Span(START, length)),
-    _last >> (lambda length: Span(END.plus(length, -1.0), None)),
-    lit("until|before|up to|up until") + moment >> (lambda end: Span(START, end)),
-    _begin >> (lambda start: Span(start, None, "moment")),
-    _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
-    table(
-        {
-            "always|all the time|the whole time|[for|during|throughout|over] the [whole|entire] [clip|video|time]|"
-            "throughout|forever": Span(START, None, "always")
-        }
-    ),
-)
-"""A `Span`."""
-
-
 @dataclass(frozen=True)
 class When:
     """A span settled against the clip, in the words of each operation."""
@@ -384,11 +107,14 @@ class When:
     kind: str = "range"
     """As in `Span`."""
 
+    slowly: bool = False
+    """It is said to come little by little."""
+
     @classmethod
-    def of(cls, phrase: Span | None, context: SentenceContext) -> When:
+    def of(cls, phrase: Span | None, context: SentenceContext, slowly: bool = False) -> When:
         """Clip frames of a span; Refusal: outside of the clip, or ending before it starts."""
         if phrase is None or phrase.kind == "always":
-            return cls()
+            return cls(slowly=slowly)
         start, end = phrase.start.resolve(context), None if phrase.end is None else phrase.end.resolve(context)
         last = context.frames - 1
         for frame in (start, end):
@@ -400,11 +126,18 @@ class When:
         end = None if end is None or phrase.end == END else min(end, last)
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
-        return cls((float(start), None if end is None else float(end)), phrase.kind)
+        kind = "moment" if phrase.kind == "from" else phrase.kind
+        return cls((float(start), None if end is None else float(end)), kind, slowly)
 
     @property
     def effect(self) -> dict[str, Any]:
         """Field `frames` of what is in effect for a while."""
+        if self.slowly:
+            raise Refusal("That cannot come little by little: it is there or not; leave 'slowly' out.")
+        return self._frames
+
+    @property
+    def _frames(self) -> dict[str, Any]:
         if self.kind == "length":
             raise Refusal("It is said how long, not from when; add for example 'from second 1'.")
         return {} if self.frames is None else {"frames": self.frames}
@@ -412,14 +145,25 @@ class When:
     @property
     def growth(self) -> dict[str, Any]:
         """Fields of a transform: grows over a range, jumps at a moment."""
-        if self.kind == "moment" and self.frames is not None:
+        if self.slowly and self.frames is None:
+            return {"frames": (0.0, None)}
+        if self.kind == "moment" and self.frames is not None and not self.slowly:
             return {"frames": (self.frames[0], self.frames[0]), "ease": "step"}
-        return self.effect
+        return self._frames
 
     @property
-    def fading(self) -> dict[str, Any]:
-        """Fields of an opacity that comes little by little over a range."""
-        return self.effect | ({"ease": "linear"} if self.frames is not None and self.kind == "range" else {})
+    def pace(self) -> dict[str, Any]:
+        """Fields of a change of speed."""
+        return self._frames | ({"ease": "smooth"} if self.slowly else {})
+
+    def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:
+        """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""
+        frames, last = self.frames, context.frames - 1
+        if self.kind == "moment" and frames is not None and frames[0] == (0 if inward else last):
+            frames = (0.0, float(min(context.fps, last))) if inward else (float(max(last - context.fps, 0)), None)
+        elif frames is None or (self.kind != "range" and not self.slowly):
+            return self._frames
+        return self._frames | {"frames": frames, "ease": "linear"}
 
     def pause(self, context: SentenceContext) -> dict[str, Any]:
         """Fields of a freeze."""
@@ -485,10 +229,21 @@ def _modified_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known part of a known whole: "roof of the house"."""
     for middle, part in _known_at(reading, at):
+        if reading.word(middle) == "'s":  # a part that no label has is the scene's to know
+            for end, stranger in _stranger_at(reading, middle + 1):
+                yield end, f"{reading.text_of(at, middle).lower()}'s {stranger}"
         if reading.word(middle) == "of":
             whole = middle + 1 + (reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"))
             for end, label in _known_at(reading, whole):
                 yield end, f"{part} {reading.text_of(middle, whole).lower()} {label}"
+
+
+def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """A part that no label has of a known whole: "legs of the dog"."""
+    for middle, part in _stranger_at(reading, at):
+        if reading.word(middle) == "of" and reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"):
+            for end, label in _known_at(reading, middle + 2):
+                yield end, f"{label}'s {part}"
 
 
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -524,7 +279,7 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         yield at + 1, next((label for label in EVERYBODY if (label,) in reading.known), EVERYBODY[0])
 
 
-_several = silent(generated(lambda reading, at: ((end, x) for end, x in _number_at(reading, at) if x >= 2)))
+_several = silent(generated(lambda reading, at: ((end, x) for end, x in number_at(reading, at) if x >= 2)))
 _article = lit(
     "the|a|an|this|that|these|those|my|our|your|its|his|her|their|some|every|each|any|all|all (of) [the|these|those|my]|both|"
     "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
@@ -562,6 +317,7 @@ _OBJECTS = "thing|things|object|objects|item|items|part|parts|stuff|one|ones"
 _objects = lit(_OBJECTS)
 _known, _part, _modified, _stranger = map(_things, (_known_at, _part_at, _modified_at, _stranger_at))
 _everybody, _strangers, _bare_stranger = map(_things, (_everybody_at, _strangers_at, _bare_stranger_at))
+_part_of_known = _article + _things(_part_of_known_at)
 familiar = either(_part, _known, _modified, _everybody)
 """A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
@@ -572,6 +328,9 @@ _moving = either(
     )
     + lit("moves|move|is moving|are moving|is in motion|does move"),
     ~_article + lit("moving") + _objects,
+    lit(
+        "the [one|ones|thing|things|object] [that|which] (is|are) [runs|run|walks|walk|running|walking|moving|moves|move]"
+    ),
 ) >> _always(Moving())
 _static = either(
     lit(
@@ -598,15 +357,14 @@ _WHICH = {
     "biggest|largest|bigger|larger": "largest",
     "smallest|tiniest|littlest|smaller": "smallest",
 }
-_viewer = "the camera|the viewer|the lens|me|us|here"
 _WHERE = {
     "on [the|its] (far) left (side|hand side)|at the (far) left": "left",
     "on [the|its] (far) right (side|hand side)|at the (far) right": "right",
     "at the (very) top|on (the) top|on the top side": "top",
     "at the (very) bottom|on the bottom": "bottom",
     "in the (very) [middle|center]|at the center": "middle",
-    f"in front|in the front|at the front|[closest|nearest] to [{_viewer}]|closest|nearest": "nearest",
-    f"in the back|at the [back|rear]|in the rear|[farthest|furthest] (away) from [{_viewer}]|"
+    f"in front|in the front|at the front|[closest|nearest] to [{VIEWER}]|closest|nearest": "nearest",
+    f"in the back|at the [back|rear]|in the rear|[farthest|furthest] (away) from [{VIEWER}]|"
     "farthest (away)|furthest (away)": "farthest",
 }
 _which, _where = table(_WHICH), ~lit("that is|that are|which is|which are|standing|sitting") + table(_WHERE)
@@ -655,7 +413,40 @@ _point = lit(
 ) + lit("at|on|under") + _place + optional(lit("in|at|of|on") + lit("frame") + number) >> (
     lambda x, y, seen: lambda context: Point(context.present if seen is None else _frame(seen, context), x, y)
 )
-_it = lit("it|this|that|him|her|he|she|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all") >> (
+_SIDE_OF = {
+    "upper|top": "top",
+    "lower|bottom": "bottom",
+    "left": "left",
+    "right": "right",
+    "left hand": "left",
+    "right hand": "right",
+}
+
+
+def _whole_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
+    """A thing that has parts; by name, because things are made of parts of things."""
+    for end, (who,) in _whole_thing.at(reading, at).items():
+        yield end, who
+
+
+SHARES = {"half": 0.5, "third": 0.333, "quarter": 0.25, "two thirds": 0.667, "part|portion|side|section": 0.5}
+_part_of = ~lit("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
+
+
+def _placed_part(side: Any, share: float, whole: Who) -> Who:
+    return lambda context: Part(whole(context), side, share, context.present)
+
+
+_its = lambda context: context.it("'its'")  # noqa: E731
+_placed = either(
+    _part_of + lit("of") + generated(_whole_at) >> _placed_part,
+    (familiar | ~_article + _noun) + lit("'s|'") + _part_of
+    >> (lambda whole, side, share: _placed_part(side, share, whole)),
+    lit("its|his|her|their") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
+    >> (lambda side, share: _placed_part(side, share, _its)),
+)
+_he_or_she = table({"him|he": "'him'", "her|she": "'her'"}) >> (lambda word: lambda context: context.it(word))
+_it = _he_or_she | lit("it|this|that|itself|[this|that|the] [thing|one|object]|all of [it|this|that]|it all") >> (
     lambda: lambda context: context.it("'it'")
 )
 _they = lit(
@@ -710,8 +501,12 @@ _everybody_else = _everybody + lit("else") >> (
 _in_scene = ~lit(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{_PICTURE}]|out of the [{_PICTURE}]"
 )
+_whole_thing: Rule = either(
+    familiar, _determiner + _noun, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
+)
 _definite = (
     either(
+        _placed,
         everything_else,
         _everybody_else,
         _current,
@@ -722,6 +517,7 @@ _definite = (
         _determiner + _noun,
         _instance,
         _moving_noun,
+        _part_of_known,
         _named_at_length,
         _everything >> _always(All()),
         _it,
@@ -772,6 +568,10 @@ _both_of_them = (
     )
     + _in_scene
 ) >> (lambda label: lambda context: _both(label, context))
+two_of_them = lit("the two|these two|those two|my two|two") + generated(
+    lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
+) >> (lambda label: lambda context: _both(label, context))
+"""Two of a kind, who can change places."""
 _union = either(_both_of_them, ~lit("both|either") + listed(_single, _and_also) >> _all_of)
 known_thing = ~lit("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
@@ -798,8 +598,18 @@ def _without(kind: Who, rest: Who) -> Who:
     return who
 
 
+besides = _besides
+"""Whom a command leaves out, said at its end: "move everything down except the dog"."""
+known_noun = either(_part, _known, _modified)
+"""A noun alone: the copies of it in "let a second dog follow"."""
 thing = either(everything_but >> _spared, _union, _union + _besides >> _without)
 """Whom a command is about: a `Who`."""
+
+
+everywhere = NOTHING >> _always(All())
+"""Whom a command without an object is for, where that is the whole picture."""
+colors = lit("the colors|colors|all colors|all the colors") >> _always(All())
+"""The colours of everything."""
 
 
 def whose(quality: str) -> Rule:
@@ -809,96 +619,6 @@ def whose(quality: str) -> Rule:
         lit("its|their|his|her|this|that") + lit(quality) >> (lambda *_: lambda context: context.it("'its'")),
         thing + ~lit("'s|'") + lit(quality),
     )
-
-
-# Which way -----------------------------------------------------------------------------------------------------------
-
-_SIDE = "side|hand side|direction"
-direction = table(
-    {
-        f"left|leftward|[to|toward|on] [the|its|my|your] left ({_SIDE})|more to the left|[further|farther] (to the) left": (
-            -1,
-            0,
-            0,
-        ),
-        f"right|rightward|[to|toward|on] [the|its|my|your] right ({_SIDE})|more to the right|[further|farther] (to the) right": (
-            1,
-            0,
-            0,
-        ),
-        "up|upward|higher|higher up|[further|farther] up|to the top": (0, -1, 0),
-        "down|downward|lower|lower down|[further|farther] down|to the bottom": (0, 1, 0),
-        f"[further|farther] [back|backward|away]|(further|farther) away from [{_viewer}]|away|back|backward|from [{_viewer}]|"
-        "to the back|into the distance|toward the back|into the background": (0, 0, 1),
-        f"forward|[closer|nearer] [to|toward] [{_viewer}]|closer|nearer|[to|toward] [{_viewer}]|to the front|into the foreground": (
-            0,
-            0,
-            -1,
-        ),
-    }
-)
-beside = table(
-    {
-        "(right) [next to|beside|alongside] [it|him|her|them|itself|the original]": (1, 0, 0),
-        "behind [it|him|her|them|itself|the original]": (0, 0, 1),
-        "in front of [it|him|her|them|itself|the original]": (0, 0, -1),
-        "above [it|him|her|them|itself|the original]": (0, -1, 0),
-        "[below|under|underneath] [it|him|her|them|itself|the original]": (0, 1, 0),
-        "(to the) left of [it|him|her|them|itself|the original]": (-1, 0, 0),
-        "(to the) right of [it|him|her|them|itself|the original]": (1, 0, 0),
-    }
-)
-
-
-Unit = Literal["world", "size"]
-
-
-class Distance(NamedTuple):
-    """A distance in `unit`."""
-
-    value: float
-    unit: Unit = "size"
-
-
-Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...]
-"""(distance before, direction, distance behind) of each step of a way."""
-_body = lit("size|sizes|width|widths|body width|body widths|height|length|lengths|body length|body lengths")
-distance = either(
-    degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
-    lit("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
-    ~lit("by|for") + multiple + ~lit("of") + lit(ITS) + _body >> Distance,
-    ~lit("by|for") + (percent + ~lit("of") + lit(ITS) + _body) >> Distance,
-    ~lit("by|for") + (number | fraction) + ~lit("a|of a|of") + _body >> Distance,
-    ~lit("by|for") + lit("a|its|its own|their|their own|the|his|her|one full") + _body >> (lambda *_: Distance(1.0)),
-    ~lit("by|for") + number + lit("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
-    ~lit("by|for") + lit("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
-    lit("by") + number >> (lambda x: Distance(x, "world")),
-)
-_step = optional(distance) + direction + optional(distance)
-
-
-steps = either(
-    listed(_step, lit("and|,|, and|and then|and also")),
-    beside >> (lambda way: ((None, way, None),)),
-    distance + listed(_step, lit("and")) >> (lambda far, ways: (*ways[:-1], (*ways[-1][:2], far))),
-)
-"""`Steps` of "a bit to the left and up by 2 widths"."""
-
-
-def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vector, Unit]:
-    """The sum of steps along the camera's axes, and its unit; each by its own distance, the last's, `far` or the default."""
-    shared = way[-1][2] or far or Distance(default)
-    vector, units = [0.0, 0.0, 0.0], set()
-    for before, signs, behind in way:
-        one = before or behind or shared
-        units.add(one.unit)
-        for axis, step in enumerate(signs):
-            if step and vector[axis]:
-                raise Refusal("Two of the directions are on one line; say one of them.")
-            vector[axis] += step * one.value
-    if len(units) > 1:
-        raise Refusal("One distance is in sizes and another in units of the world; use one of them.")
-    return (vector[0], vector[1], vector[2]), units.pop()
 
 
 # What it is called ---------------------------------------------------------------------------------------------------

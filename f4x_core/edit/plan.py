@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
+from ..language.grammar import Doubt, Refusal
 from ..progress import Progress, silent
 from ..query.chat import ChatServer
 from ..query.inventory import things_there
@@ -20,7 +21,6 @@ from .apply import edited, stack_of, with_operations
 from .description import describe
 from .judge import judge
 from .operations import Duplicate, Freeze, Loop, Operation, Retime, Reverse, Transform
-from .phrases import Refusal
 from .records import Record
 from .request import Request
 from .resolve import Absent, EditorState, Resolver, labels_of, rows_of
@@ -84,12 +84,14 @@ def propose(
     server: ChatServer | None = None,
     encode: Encode | None = None,
     candidates: int = 1,
+    yes: bool = False,
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Proposal:
     """Resolve `sentence` in `scene` with its present edits into up to `candidates` variants, of which the judge chooses.
 
     With `server` its model reads the sentence (and, where it sees pictures, chooses), and the grammar does where it fails.
+    `yes`: a word that is probably misspelt is read as what was meant; else `Doubt` asks.
     Raises F4xError (`language.Refusal` with the nearest commands): not understood, nobody there to edit, a time outside.
     """
     if not 1 <= candidates <= MAX_CANDIDATES:
@@ -97,7 +99,9 @@ def propose(
     scene, context = edited(scene), context or EditorState()
     progress("understand", 0, 0)
     try:
-        asked, understood_by, notes = read_sentence(scene, sentence, context, server)
+        asked, understood_by, notes = read_sentence(scene, sentence, context, server, yes)
+    except Doubt:
+        raise
     except Refusal as refusal:
         raise Refusal(refusal.reason, refusal.nearest and language.nearest(sentence, _there(scene))) from refusal
     resolver = Resolver(context, encode)
@@ -129,7 +133,7 @@ def propose(
 
 
 def read_sentence(
-    scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None
+    scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None, yes: bool = False
 ) -> tuple[tuple[Operation, ...], str, tuple[str, ...]]:
     """(operations in the words of the sentence, not yet resolved; who understood it; notes). Raises F4xError."""
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
@@ -148,7 +152,13 @@ def read_sentence(
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)
-    return language.parse(sentence, **arguments, copies=_copies(scene)), GRAMMAR, notes
+    while True:
+        try:
+            return language.parse(sentence, **arguments, copies=_copies(scene)), GRAMMAR, notes
+        except Doubt as doubt:  # each round knows one word more
+            if not yes:
+                raise
+            sentence, notes = doubt.instead, (*notes, f"Read as '{doubt.instead}'.")
 
 
 def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import F4xError
-from ..query.compounds import head_of, names_another
+from ..language.compounds import head_of, names_another
+from ..query.connected_objects import part_of, pick_object, split_objects, width_along
 from ..query.inventory import labels_of, nearest_there
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
@@ -17,10 +18,9 @@ from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
 from ..query.selection import Selection, fingerprint
 from ..scene import Scene
-from .apply import EditedScene, edited, next_id, with_operations
-from .connected_objects import pick_object, split_objects, width_along
+from .apply import EditedScene, edited, next_id, pivot_of, with_operations
 from .description import whom
-from .operations import Duplicate, Freeze, Opacity, Operation, Rekey, Transform
+from .operations import Duplicate, Freeze, Glow, Opacity, Operation, Rekey, Swap, Transform
 from .selects import (
     MAX_WORDS_LENGTH,
     And,
@@ -31,6 +31,7 @@ from .selects import (
     Named,
     Not,
     Or,
+    Part,
     Point,
     Select,
     SelectKind,
@@ -101,12 +102,14 @@ class Resolver:
             return operation
         self._hidden_too = isinstance(operation, Opacity) and operation.factor > 1
         changed: dict[str, Any] = {}
-        for name in {"select", "source"} & {entry.name for entry in fields(operation)}:
+        for name in {"select", "source", "other"} & {entry.name for entry in fields(operation)}:
             changed[name] = self.select(scene, getattr(operation, name), tidy)
         rows = rows_of(scene, changed["select"])
         if isinstance(operation, Transform | Duplicate):
             changed |= self._in_the_world(scene, operation, rows)
-        if isinstance(operation, Duplicate):
+        if isinstance(operation, Swap) and operation.shift is None:
+            changed["shift"] = self._apart(scene, operation, rows, rows_of(scene, changed["other"]))
+        if isinstance(operation, Duplicate | Glow):
             changed["first_id"] = next_id(scene)
         return replace(operation, **changed)
 
@@ -181,6 +184,13 @@ class Resolver:
                 raise Absent(self._nothing(scene, select.of))
             time = float(select.frame)
             return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time))])
+        if isinstance(select, Part):
+            rows = rows_of(scene, self._cached(scene, select.of, tidy))
+            if not len(rows):
+                raise Absent(self._nothing(scene, select.of))
+            time = float(select.frame)
+            inside = part_of(scene.posed(time).means[rows], select.side, select.share, scene.cameras.at(time))
+            return Ids.of(scene.ids[rows[inside]])
         if isinstance(select, Current):
             return Ids.of(self._current(scene).chosen_ids)
         return select
@@ -222,6 +232,13 @@ class Resolver:
         if isinstance(operation, Duplicate):
             return resolved | {"offset": _vector(turn @ move)}
         return resolved | {"translate": _vector(turn @ move), "rotate": _vector(turn @ np.array(operation.rotate))}
+
+    def _apart(self, scene: Scene, operation: Swap, rows: np.ndarray, others: np.ndarray) -> tuple[float, float, float]:
+        """World units from the base of the Gaussians `rows` to that of `others`, at the first frame concerned."""
+        if len(np.intersect1d(rows, others)):
+            raise F4xError("The two things share Gaussians, so they cannot change places; name two separate things.")
+        means = scene.posed(operation.frames[0] if operation.frames else self.context.frame).means
+        return _vector(pivot_of("base", means[others]) - pivot_of("base", means[rows]))
 
     def _nothing(self, scene: Scene, select: SelectKind) -> str:
         """The sentence about a selection that holds no Gaussian."""

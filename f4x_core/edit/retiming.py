@@ -6,11 +6,13 @@ import math
 from collections.abc import Callable
 
 from .operations import (
+    Blur,
     Delete,
     Duplicate,
     Ease,
     Extract,
     Freeze,
+    Grade,
     Loop,
     Match,
     Opacity,
@@ -22,7 +24,7 @@ from .operations import (
     Style,
 )
 
-AppearanceChange = Recolour | Opacity | Delete | Extract | Style | Match
+AppearanceChange = Recolour | Opacity | Delete | Extract | Style | Match | Grade | Blur
 """Operations that change appearance; the others change placement or timing."""
 TimeMap = Callable[[float], float]
 """Clip frame shown -> clip frame read."""
@@ -79,12 +81,21 @@ def _retime(operation: Retime, clip: tuple[float, float]) -> TimeMap:
     begin, end = operation.frames or (first, None)
     stop = math.inf if end is None else end
 
+    def eased(time: float) -> float:
+        length = (last if end is None else end) - begin
+        if time <= begin or length <= 0:
+            return time if time <= begin else min(begin + speed * (time - begin), last)
+        u = min((time - begin) / length, 1.0)
+        grown = u * u / 2 if operation.ease == "linear" else u**3 - u**4 / 2  # the integral of the ease
+        after = max(time - begin - length, 0.0)
+        return min(begin + length * (u + (speed - 1) * grown) + speed * after, last)
+
     def time_map(time: float) -> float:
         if time <= begin:
             return time
         return min(begin + speed * (min(time, stop) - begin) + max(time - stop, 0.0), last)
 
-    return time_map
+    return eased if operation.ease else time_map
 
 
 def _reverse(operation: Reverse, clip: tuple[float, float]) -> TimeMap:

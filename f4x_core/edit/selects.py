@@ -166,6 +166,26 @@ class Instance(Select):
 
 
 @dataclass(frozen=True)
+class Part(Select):
+    """A part of a thing by place: "the upper half of the dog"."""
+
+    TAG = "part"
+    of: SelectKind
+    """The thing."""
+    side: Literal["top", "bottom", "left", "right"]
+    """Where in the picture, seen through the clip's camera at `frame`."""
+    share: float = 0.5
+    """Fraction of its height or width."""
+    frame: int = 0
+    """Clip frame."""
+
+    def __post_init__(self) -> None:
+        """Validate."""
+        if not 0 < self.share <= 1:
+            raise F4xError(f"share is {self.share:g}; give a fraction from 0 to 1.")
+
+
+@dataclass(frozen=True)
 class And(Select):
     """Intersection of selections."""
 
@@ -192,7 +212,7 @@ class Not(Select):
     """What is left out."""
 
 
-SelectKind = Union[All, Moving, Current, Named, Ids, Text, Point, Box, Instance, And, Or, Not]  # noqa: UP007  # forward references
+SelectKind = Union[All, Moving, Current, Named, Ids, Text, Point, Box, Instance, Part, And, Or, Not]  # noqa: UP007  # forward references
 """Any selection."""
 
 

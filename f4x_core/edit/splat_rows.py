@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..scene import Scene
-from .operations import Delete, Duplicate, Extract, Match, Name, Rekey, Transform
+from .operations import Delete, Duplicate, Extract, Match, Name, Rekey, Transform, steps_of_operation
 from .retiming import TimeMap, copy_time_map, time_map_of
 from .selects import All, And, Ids, Moving, Named, Not, Or, SelectKind
 from .stack import Edit
@@ -109,11 +109,14 @@ def steps_of(scene: Scene, edits: tuple[Edit, ...]) -> tuple[tuple[Step, ...], S
     steps = []
     for number, edit in enumerate(edits, 1):
         try:
-            step, rows = _step(edit, rows, clip)
+            for operation in steps_of_operation(edit.operation):
+                step, rows = _step(
+                    edit if operation is edit.operation else replace(edit, operation=operation), rows, clip
+                )
+                if step is not None:
+                    steps.append(step)
         except F4xError as error:
             raise F4xError(f"{scene.name}: {edit.titled(number)}: {error}") from error
-        if step is not None:
-            steps.append(step)
     return tuple(steps), rows
 
 

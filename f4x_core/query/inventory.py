@@ -9,10 +9,11 @@ import numpy as np
 
 from ..errors import F4xError
 from ..features.null import null_vector
+from ..language.compounds import head_of, names_another
+from ..language.lexicon import spellings
 from ..scene import Scene
 from .calibration import evidence
-from .compounds import head_of, names_another
-from .labels import Encode, ask_for, spellings, text_head, unknown_label
+from .labels import Encode, ask_for, text_head, unknown_label
 from .not_deleted import not_deleted
 from .pixels import label_scores
 from .prompts import select_by_text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import F4xError
+from ..language.lexicon import spellings
 from ..scene import Scene
 from ..scene.field import FieldHead
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 BACKGROUND = ("sky", "tree", "grass", "sand", "water", "road", "wall", "fence", "building", "floor")
 """What an asked word is weighed against when no other words are given: what surrounds things."""
-PLURALS = (("s", ""), ("es", ""), ("ies", "y"), ("ves", "f"))
-"""Endings of plurals, and what the singular has in their place."""
 Encode = Callable[[str, list[str]], np.ndarray]
 """(name of a text encoder, labels) -> (L,dim) unit vectors."""
 
@@ -91,17 +89,6 @@ def ask_for(
         rows |= {word.lower(): row for word, row in zip(missing, vectors, strict=True)}
     everything = (*targets, *against)
     return TextQuery(decoder, everything, np.stack([rows[word.lower()] for word in everything]), len(targets))
-
-
-def spellings(word: str) -> list[str]:
-    """`word` as a vocabulary may have it, likeliest first: in lower case, without its article, in the singular.
-
-    "The Dogs" -> the dogs, dogs, dog. Only what a vocabulary knows counts, so a wrong guess ("bus" -> "bu") does no harm.
-    """
-    plain = " ".join(word.lower().split())
-    bare = re.sub(r"^(the|an?|any|some|this|that|these|those) ", "", plain)
-    stems = [bare.removesuffix(end) + more for end, more in PLURALS if bare.endswith(end)]
-    return list(dict.fromkeys([plain, bare, *stems]))
 
 
 def text_head(scene: Scene, name: str | None = None) -> FieldHead:

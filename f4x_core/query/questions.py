@@ -13,13 +13,15 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.arrays import evenly_spaced
 from ..geometry.trajectory import Trajectory, original
+from ..language.compounds import ADJECTIVE
+from ..language.lexicon import spellings
 from ..progress import Progress, silent
 from ..scene import Scene
 from ..scene.view import render
 from .chat import ChatServer, image_part
-from .compounds import ADJECTIVE
 from .inventory import find, labels_of, nearest_there, things_there
-from .labels import Encode, spellings, text_head
+from .labels import Encode, text_head
+from .measures import Comparison, Measured, measure, times_of
 from .not_deleted import not_deleted
 from .pixels import head_map
 from .selection import Selection
@@ -124,6 +126,11 @@ def answer(
     sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
     for asked in read_question(question, scene.fps, len(scene.cameras)):
+        if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and asked.manner):
+            sentence, things = _compared(scene, asked, encode, names or {})
+            sentences.append(sentence)
+            evidence.append({"asked": asked.kind, "span": asked.span, "things": things})
+            continue
         found = (
             []
             if asked.kind in CLIP_FACTS
@@ -258,6 +265,50 @@ def _sighting(scene, label, selection, seen, depths, places, times, views) -> Si
     )
 
 
+def _compared(
+    scene: Scene, asked: Asked, encode: Encode | None, names: Mapping[str, Selection]
+) -> tuple[str, list[str]]:
+    """The sentence about things that are compared, and what they are called."""
+    times = times_of(scene, asked)
+    found, notes = _found(scene, asked, encode, names)
+    if asked.things and (missing := next((word for word, each in found.items() if not each.chosen.any()), None)):
+        absent = Sighting(missing, 0, float(found[missing].scores.max(initial=0)))
+        return _absent(scene, absent, encode, asked.yes(False)), []
+
+    def everything() -> list[Measured]:
+        return measure(scene, _found(scene, replace(asked, things=()), encode, names)[0], times, (*names, THING))
+
+    things = measure(scene, found, times, (*names, THING)) if asked.things else everything()
+    if asked.kind == "count_moving" and asked.things:  # those besides
+        things = [one for one in everything() if one.name not in {thing.name for thing in things}]
+    if not things:
+        return f"{asked.yes(False) or 'Nothing'} that the scene has a word for.", []
+    told = Comparison(scene, asked, things, times).sentence(everything)
+    return " ".join([told[0].upper() + told[1:], *filter(None, notes.values())]), [thing.name for thing in things]
+
+
+def _found(
+    scene: Scene, asked: Asked, encode: Encode | None, names: Mapping[str, Selection]
+) -> tuple[dict[str, Selection], dict[str, str]]:
+    """(whom a question is about, by the word that was looked for; what the search leaves open)."""
+    notes: dict[str, str] = {}
+    if asked.things:
+        given = {name.lower(): name for name in names}
+        words = {
+            name: next((given[form] for form in spellings(name) if form in given), None) or _word_of(scene, name)
+            for name in asked.things
+        }
+        found = {word: names[word] if word in names else find(scene, word, encode) for word in words.values()}
+        notes = {word: _note(scene, name, word) for name, word in words.items() if word not in names}
+    else:
+        found = things_there(scene)
+        rest = scene.moving & not_deleted(scene)
+        for selection in found.values():
+            rest &= ~selection.chosen
+        found |= {THING: Selection(scene.ids, rest.astype(float), np.zeros(len(rest), bool))}
+    return found, notes
+
+
 def _look_for(
     scene: Scene,
     asked: Asked,
@@ -284,21 +335,7 @@ def _look_for(
         shown = [float(view.time) for view in trajectory]
         first, last = min(shown), max(shown)
     times = np.unique(np.linspace(first, last, min(MOMENTS, 1 + round(last - first))))
-    notes: dict[str, str] = {}
-    if asked.things:
-        given = {name.lower(): name for name in names}
-        words = {
-            name: next((given[form] for form in spellings(name) if form in given), None) or _word_of(scene, name)
-            for name in asked.things
-        }
-        found = {word: names[word] if word in names else find(scene, word, encode) for word in words.values()}
-        notes = {word: _note(scene, name, word) for name, word in words.items() if word not in names}
-    else:
-        found = things_there(scene)
-        rest = scene.moving & not_deleted(scene)
-        for selection in found.values():
-            rest &= ~selection.chosen
-        found |= {THING: Selection(scene.ids, rest.astype(float), np.zeros(len(rest), bool))}
+    found, notes = _found(scene, asked, encode, names)
     views = _spread(views, len(views) if asked.kind in COMPLETE else MOMENTS if asked.kind in SEEING else VIEWS)
     sightings = look(scene, views, times, found, backend, progress)
     if not asked.things:
@@ -339,6 +376,21 @@ def _note(scene: Scene, name: str, word: str) -> str:
     return ""
 
 
+COMPARED = (
+    *(
+        "nearest_moment",
+        "farthest_moment",
+        "highest_moment",
+        "fastest_moment",
+        "distance",
+        "rise",
+        "compare_size",
+        "colour",
+    ),
+    *("count", "count_moving", "relation", "nearest", "farthest", "biggest", "most_moving", "behind", "neighbours"),
+    *("between", "still", "stops"),
+)
+"""Kinds that compare things or moments."""
 CLIP_FACTS = ("frames", "long", "rate")
 """Kinds of question about the clip itself."""
 SEEING = ("seen", "seeing")
@@ -477,6 +529,7 @@ SENTENCES = {
     **dict.fromkeys(("where", "side", "size"), _of_place),
     **dict.fromkeys(SEEING, _of_sight),
     "things": _of_thing,
+    "does": _of_thing,
 }
 """Kind of question -> the sentence about a thing that is there."""
 

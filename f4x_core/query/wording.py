@@ -7,14 +7,19 @@ understood whole is refused, for half an understanding gives an answer to anothe
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from ..errors import F4xError
+from ..language.grammar import Doubt, Reading, tokenise
+from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt
+from ..language.times import Clip, Span, span
 
 CAN = (
     "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
-    " what moves first, what there is at a second or frame, and how long the clip is (more by a model: --endpoint or --model)"
+    " what moves first, when it is nearest, farthest, highest or fastest, "
+    "how far two things are apart, what colour a thing has, how many"
+    " there are and move, their order from left to right or in depth, what there is at a "
+    "second or frame, and how long the clip is (more by a model: --endpoint or --model)"
 )
 """What a refusal says."""
 
@@ -40,7 +45,11 @@ class Asked:
     negated: bool = False
     """Whether yes means that it is not so: "Does it never move?"."""
     manner: str = ""
-    """The verb, where it asks for more than motion: "Does it fly?"."""
+    """The verb, where it asks for more than motion: "Does it fly?"; the relation or the order, where it asks for one."""
+    extreme: str = ""
+    """min, max or mean, where it asks for one of many moments."""
+    other: tuple[str, ...] = ()
+    """The second of two things, also the last of `things`; empty with a kind that compares: the camera."""
 
     def yes(self, so: bool) -> str:
         """Yes or No where one is wanted, by whether what it asks about (without the negation) is so."""
@@ -70,8 +79,93 @@ _CAN_SEE = r"(?:do|can|could) (?:you|i|we|one)"
 _DO = r"(?:does|do|did|is|are|was|were|has|have|will)"
 _START = r"(?:(?:start|begin|stop|finish|cease)(?:s|ing)? ?(?:to )?)?"
 _WHO = r"(?P<who>.+?)"
-_WHEN = r"(?:when|(?:at|in|from|since|until) (?:what|which) (?:time|times|moment|second|seconds|frame|frames))"
+_WHEN = r"(?:when|(?:(?:at|in|from|since|until) )?(?:what|which) (?:time|times|moment|second|seconds|frame|frames))"
+_OTHER = r"(?P<other>.+?)"
+_CAMERA = r"(?:(?:the |a )?(?:camera|viewer|lens)|me|us|you|here)"
+_COLOUR = r"(?:light |dark )?(?:red|orange|yellow|green|blue|purple|pink|brown|black|white|gr[ae]y)"
+_NEAR, _FAR = r"(?:the )?(?:nearest|closest)", r"(?:the )?(?:farthest|furthest|most distant)"
 _US = r"(?: (?:to|from) (?:the camera|the viewer|us|me|you|here))?"
+
+_MOMENTS = tuple(
+    (
+        f"{which}_moment",
+        rf"{_WHEN} {_DO} {_WHO} (?:come |get |go |be )?{how}(?: away)?(?: together| (?:to|from|of) {_OTHER})?",
+    )
+    for which, how in (("nearest", _NEAR), ("farthest", _FAR))
+)
+_EXTREME = r"(?P<extreme>top|maximum|max|highest|greatest|peak|average|mean|lowest|minimum|least)"
+_BETWEEN_TWO: tuple[tuple[str, str], ...] = (
+    *_MOMENTS,
+    (
+        "nearest_moment",
+        rf"{_WHEN} {_DO} {_WHO} (?:come|go|drive|walk|run|ride)? ?(?:past|pass|pass by|by)(?: {_CAMERA})?",
+    ),
+    ("highest_moment", rf"{_WHEN} {_DO} {_WHO} (?:at )?(?:its |his |her |the )?(?:highest(?: point)?|top)"),
+    ("highest_moment", rf"which frame shows {_WHO} (?:at )?(?:its |his |her |the )?(?:highest(?: point)?|top)"),
+    ("fastest_moment", rf"{_WHEN} {_DO} {_WHO} (?:{_MOVE} )?(?:the |at its )?(?:fastest|quickest)"),
+    (
+        "distance",
+        rf"how (?:far|close|near) (?:away )?(?:is|are|was|were) {_WHO} (?:apart|(?:away )?(?:from|to) {_OTHER})",
+    ),
+    ("distance", rf"how far apart (?:is|are|was|were) {_WHO}"),
+    ("distance", rf"(?:what is )?(?:the )?distance (?:between|from|of) {_WHO} (?:and|to|from) {_OTHER}"),
+    ("distance", rf"how (?P<min>close|near) {_DO} {_WHO} (?:come|get) (?:to {_OTHER}|together)"),
+    ("fast", rf"(?:what is )?(?:the )?{_EXTREME} speed (?:of|for) {_WHO}"),
+    ("fast", rf"what is {_WHO}'s {_EXTREME} speed"),
+    ("rise", rf"how high {_DO} {_WHO} (?:jump|rise|go|fly|leap|get|climb|hop|move)"),
+    ("compare_size", rf"which (?:one )?is (?P<relation>bigger|larger|smaller),? {_WHO} or {_OTHER}"),
+    ("polar compare_size", rf"(?:is|are) {_WHO} (?P<relation>bigger|larger|smaller) than {_OTHER}"),
+    ("polar nearest", rf"(?:is|are|was|were) {_WHO} (?:closer|nearer)(?: to {_CAMERA})? than {_OTHER}"),
+    ("nearest", rf"which (?:one )?is (?:closer|nearer)(?: to {_CAMERA})?,? {_WHO} or {_OTHER}"),
+    ("nearest", rf"(?:what|who|which (?:thing|object|one)) is {_NEAR}(?: (?:thing|object|one))?(?: to {_OTHER})?"),
+    (
+        "farthest",
+        rf"(?:what|who|which (?:thing|object|one)) is {_FAR}(?: (?:thing|object|one))?(?: away)?(?: from {_OTHER})?",
+    ),
+    ("biggest", r"(?:what|which (?:thing|object|one)) is the (?:biggest|largest)(?: (?:thing|object|one))?"),
+    ("most_moving", rf"(?:who|what|which (?:thing|object|one)) {_MOVE} (?:the )?(?:most|farthest|furthest)"),
+    ("colour", rf"(?:what|which) colou?rs? (?:is|are|does|do|has|have|was) {_WHO}(?: have)?"),
+    (
+        "colour",
+        rf"{_WHO} (?:is|are|has|have) (?:what|which) colou?rs?|(?:what is )?(?:the )?colou?rs? of (?P<who2>.+?)",
+    ),
+    ("polar colour", rf"(?:is|are) {_WHO} (?P<relation>{_COLOUR}(?: or {_COLOUR})?)"),
+    (
+        "count_moving",
+        rf"how many (?:separate |different |single )?(?:(?:things|objects|ones|"
+        rf"people)(?: that)? )?(?:are |do )?{_MOVE}{_WAY}(?: in {_PICTURE})?",
+    ),
+    (
+        "polar count_moving",
+        rf"(?:is|are) (?:anything|something|anyone|anybody)(?: else)? {_MOVE} "
+        rf"(?:apart from|besides|except(?: for)?|other than|but) {_WHO}",
+    ),
+    (
+        "count",
+        rf"how many {_WHO}(?: (?:are|is) (?:there|visible)| (?:can|do) (?:you|we|i|one) (?:see|find))"
+        rf"(?: (?:on|in|at) the (?P<side>left|right)(?: half| side)?)?(?: {_SEEN})?",
+    ),
+    ("count", r"how many (?P<who>\S+) are (?:on|in|at) the (?P<side>left|right)(?: half| side)?"),
+    (
+        "order",
+        r"(?:order|sort|list|name|rank|tell me|give me) (?:everything|(?:all )?(?:of )?(?:the )?(?:things|objects)|what is there)"
+        r" (?P<relation>from left to right|by distance|from near to far|from front to back|by depth)",
+    ),
+    ("order", r"what (?:is there|do you see) (?P<relation>from left to right|from near to far|from front to back)"),
+    (
+        "polar relation",
+        rf"(?:is|are|was|were) {_WHO} (?P<relation>in front of|behind|left "
+        rf"of|right of|to the left of|to the right of|above|below) {_OTHER}",
+    ),
+    ("behind", rf"(?:what|who) is behind {_WHO}"),
+    ("neighbours", rf"(?:what|who) is (?:next to|beside|near|close to|around) {_WHO}"),
+    ("between", rf"(?:is there (?:anything|something)|what is(?: there)?) between {_WHO} and {_OTHER}"),
+    ("still", r"what (?:is|are|stands?|stays?|keeps?)(?: standing| staying)? (?:still|at rest|stationary|static)"),
+    ("does", rf"what (?:does|do|did) {_WHO} do"),
+    ("polar stops", rf"{_DO} {_WHO} (?:ever )?(?:stop|pause|come to a stop|halt|stand still)(?: moving)?"),
+    ("where at the end", rf"where {_DO} {_WHO} (?:end|go|finish)(?: up)|where (?P<who2>.+?) ends up"),
+)
+"""Questions that compare two things, the moments of one, or the colours of one."""
 
 FORMS: tuple[tuple[str, str], ...] = (
     (
@@ -96,6 +190,7 @@ FORMS: tuple[tuple[str, str], ...] = (
         rf"(?:what|which(?: (?:one|thing|object))?) (?:is the (?:first|last) (?:one |thing )?to "
         rf"(?:{_START})?{_MOVE}|{_START}{_MOVE} (?:first|last))",
     ),
+    *_BETWEEN_TWO,
     (
         "motion",
         rf"(?:what|which (?:things?|objects?|ones?|parts?)|who) ?(?:is|are)? {_MOVE}{_WAY}|what motion is there",
@@ -115,7 +210,10 @@ FORMS: tuple[tuple[str, str], ...] = (
     ),
     ("far", rf"(?:how far|how much|(?:what|which) distance) {_DO} {_WHO} (?:{_MOVE}|cover(?:s|ed)?){_WAY}"),
     ("where", rf"how (?:far|near|close)(?: away)? (?:is|are) {_WHO}(?: away)?{_US}"),
-    ("size", rf"how (?:big|large|small) (?:is|are|does|do) {_WHO}(?: (?:appear|look|seem))?(?: in {_PICTURE})?"),
+    (
+        "size",
+        rf"how (?:big|large|small|long|tall|wide|high) (?:is|are|does|do) {_WHO}(?: (?:appear|look|seem))?(?: in {_PICTURE})?",
+    ),
     ("size", rf"how much of {_PICTURE} (?:is|are|does|do) {_WHO}(?: (?:cover|fill|take up))?"),
     ("motion", rf"{_WHEN} {_DO} {_WHO} {_START}{_MOVE}{_WAY}"),
     ("motion", rf"{_WHEN} {_DO} {_WHO} (?:start|begin|stop|stand still|rest)(?:s|ing)?"),
@@ -156,7 +254,10 @@ FORMS: tuple[tuple[str, str], ...] = (
         rf"(?: {_SEEN})?",
     ),
     ("polar seen", rf"(?:does|do) {_PICTURE} (?:have|show|contain|include) {_WHO}"),
-    ("polar seen", rf"(?:is|are|was|were) {_WHO} {_SEEN}"),
+    (
+        "polar seen",
+        rf"(?:is|are|was|were) {_WHO} {_SEEN}|(?:can|could) (?P<who2>.+?) be (?:seen|found|spotted)|any (?P<who3>.+?)",
+    ),
     (
         "things",
         rf"what (?:happens|is happening|goes on|is going on|is there|are there|is it|is this|does it show|does {_CLIP} show)"
@@ -170,13 +271,22 @@ FORMS: tuple[tuple[str, str], ...] = (
     (
         "things",
         rf"(?:what|which) (?:things|objects) (?:are (?:there|seen|visible)|do you see)"
-        rf"(?: in {_PICTURE})*|describe {_PICTURE}",
+        rf"(?: in {_PICTURE})*|(?:describe|summari[sz]e)(?: {_PICTURE})?|what {_CLIP} shows|what changes",
     ),
 )
 """(kind, pattern), the first that fits; a kind that begins with `polar` is answered by yes or no."""
 
+_EXTREMES = {
+    "top": "max",
+    "max": "max",
+    "hig": "max",
+    "gre": "max",
+    "pea": "max",
+    "ave": "mean",
+    "mea": "mean",
+} | dict.fromkeys(("low", "min", "lea"), "min")
 SUBJECTS = (
-    (r"\bcolou?r|\bpaint|\btexture|\bmade of\b|\bmaterial", "what colour or material a thing has"),
+    (r"\bpaint|\btexture|\bmade of\b|\bmaterial", "what material a thing has"),
     (r"\bcamera|\blens|\bfocal|\biso\b|\baperture|\bshutter|\bexposure|\bzoom", "what the camera did or was set to"),
     (r"\bwhy\b|\breason|\bhow come\b", "why something happens"),
     (r"^(?:and )?who\b|\bwhose\b|\bname\b", "who somebody is"),
@@ -202,6 +312,18 @@ _NOT_SO = rf"^(?:(?P<there>{_DO} there) (?:no|not (?:an?|any))|(?P<whom>{_DO} .+
 _SIDES = {"center": "middle", "centre": "middle"}
 
 
+_ASKING_WORDS = {*FUNCTION_WORDS, *SPELLING} | {
+    word for _, pattern in FORMS for word in re.findall(r"[a-z]{3,}", re.sub(r"\\.", " ", pattern))
+}
+
+
+def _mended(text: str) -> str:
+    """`text` with what is probably misspelt as it is probably meant."""
+    return re.sub(
+        r"[a-z]{3,}", lambda m: m[0] if m[0] in _ASKING_WORDS else misspelt(m[0], _ASKING_WORDS) or m[0], text
+    )
+
+
 def read_question(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
     """Parse `question`, one or several joined by "and", about a clip of `frames` frames.
 
@@ -209,14 +331,29 @@ def read_question(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
     """
     text = " ".join(question.lower().replace("’", "'").split())
     text = re.sub(r"\b(what|where|when|who|how|there|it|that)'s\b", r"\1 is", text)
+    text = re.sub(r",? (?:and )?if so,? (where|when)\b", r"? \1 is it", text)
     parts = re.split(rf"[?!.;]+ (?:and )?|,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
     understood: list[Asked] = []
     for part in parts:
-        asked = _understood(re.sub(rf"^(?:{_POLITE})+", "", part), fps, frames)
+        bare = re.sub(rf"^(?:{_POLITE})+", "", part)
+        try:
+            asked = _understood(bare, fps, frames)
+        except Unanswerable:
+            instead = _mended(bare)
+            if instead == bare or not _fits(instead, fps, frames):
+                raise
+            raise Doubt(f"I do not understand '{bare}'; did you mean '{instead}'?", instead) from None
         if understood and not asked.things and re.search(_IT, part):
             asked = replace(asked, things=understood[-1].things)
         understood.append(asked)
     return tuple(understood)
+
+
+def _fits(text: str, fps: float, frames: int) -> bool:
+    try:
+        return bool(_understood(text, fps, frames))
+    except F4xError:
+        return False
 
 
 def _understood(text: str, fps: float, frames: int) -> Asked:
@@ -232,15 +369,20 @@ def _understood(text: str, fps: float, frames: int) -> Asked:
             continue
         groups = found.groupdict()
         things = _names(next((text for name, text in groups.items() if text and name.startswith("who")), ""))
+        beside = groups.get("other") or ""
+        other = () if re.fullmatch(_CAMERA, beside) else _names(beside)
+        things = None if things is None or other is None else (*things, *other)
         polar, bare = kind.startswith("polar "), kind.removeprefix("polar ")
         if things is None or (negated and not polar) or (bare in ("frames", "long", "rate") and span is not None):
             continue
         side = groups.get("side") or ""
         still = bare == "still"
-        asked_kind = "motion" if still else bare
-        return Asked(
-            asked_kind, things, span, _SIDES.get(side, side), polar, negated != still, groups.get("manner") or ""
-        )
+        asked_kind = "motion" if still and polar else bare.removesuffix(" at the end")
+        span = (frames - 1.0, frames - 1.0) if bare.endswith(" at the end") else span
+        manner = groups.get("manner") or groups.get("relation") or ""
+        extreme = "min" if groups.get("min") else _EXTREMES.get((groups.get("extreme") or "")[:3], "")
+        side, negated = _SIDES.get(side, side), negated != (still and polar)
+        return Asked(asked_kind, things, span, side, polar, negated, manner, extreme, other or ())
     subject = next((what for pattern, what in SUBJECTS if re.search(pattern, whole)), "that")
     negation = re.search(_NEGATION, whole)
     if negation and subject == "that":
@@ -262,86 +404,29 @@ def _names(text: str) -> tuple[str, ...] | None:
     return tuple(dict.fromkeys(names))
 
 
-_N = r"(\d+(?:\.\d+)?)"
-_S = r"(?:s|secs?|seconds?)"
-_IN = r"(?:at|in|on|during|around|over|by)?"
-_TO = r"(?:and|to|until|till|-|through)"
-Read = Callable[[re.Match[str]], tuple[tuple[str, float], tuple[str, float]]]
-"""From a match to (unit, number) of the first and the last moment; units: second, frame, fraction of the clip."""
-
-
-def _unit(text: str) -> str:
-    return "frame" if text.startswith("frame") else "second"
-
-
-_TIMES: tuple[tuple[str, Read], ...] = (
-    (
-        rf"(?:between|from|in|during|over)? ?(?:the )?(seconds?|frames?) {_N} ?{_TO} ?(?:second |frame )?{_N}",
-        lambda m: ((_unit(m[1]), float(m[2])), (_unit(m[1]), float(m[3]))),
-    ),
-    (
-        rf"(?:between|from|in|during) {_N} ?(?:{_S}|frames)? ?{_TO} ?{_N} ?({_S}|frames)",
-        lambda m: ((_unit(m[3]), float(m[1])), (_unit(m[3]), float(m[2]))),
-    ),
-    (
-        rf"(after|since|before|until|till) (?:the )?(second|frame|time) {_N}",
-        lambda m: (
-            ((_unit(m[2]), float(m[3])), ("fraction", 1))
-            if m[1] in ("after", "since")
-            else (("fraction", 0), (_unit(m[2]), float(m[3])))
-        ),
-    ),
-    (
-        rf"(?:in|during|over) the (first|last) {_N} ({_S}|frames)",
-        lambda m: (
-            (("fraction", 0), (_unit(m[3]), float(m[2])))
-            if m[1] == "first"
-            else ((f"last {_unit(m[3])}", float(m[2])), ("fraction", 1))
-        ),
-    ),
-    (rf"{_IN} ?(?:the )?(\d+):(\d\d)(?: minutes)?", lambda m: (("second", 60 * float(m[1]) + float(m[2])),) * 2),
-    (
-        rf"{_IN} ?(?:the )?(second|frame|time|moment|timestamp)s? (?:number |no |# ?)?{_N}(?: ?{_S})?",
-        lambda m: ((_unit(m[1]), float(m[2])),) * 2,
-    ),
-    (rf"(?:{_IN}|after) ?{_N} ?{_S}(?: (?:in|into))?(?: {_CLIP})?", lambda m: (("second", float(m[1])),) * 2),
-    (
-        rf"(?:at|in|near) the (?:very )?(start|beginning|end|first frame|last frame)(?: of {_CLIP})?",
-        lambda m: (("fraction", float(m[1] in ("end", "last frame"))),) * 2,
-    ),
-    (
-        rf"half ?way(?: (?:through|into))?(?: {_CLIP})?|(?:at|in) the middle of {_CLIP}",
-        lambda m: (("fraction", 0.5),) * 2,
-    ),
-)
-_NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
-_DIGITS = {word: str(n) for n, word in enumerate(_NUMBERS)}
-
-
 def _without_times(text: str, fps: float, frames: int) -> tuple[str, tuple[float, float] | None]:
     """`text` without the time that it names, and that time in clip frames; F4xError where the clip has none such."""
-    number = "|".join(_DIGITS)
-    text = re.sub(rf"\b(seconds?|frames?) ({number})\b", lambda m: f"{m[1]} {_DIGITS[m[2]]}", text)
-    text = re.sub(rf"\b({number}) (seconds?|frames)\b", lambda m: f"{_DIGITS[m[1]]} {m[2]}", text)
-    for pattern, read in _TIMES:
-        found = re.search(rf"(?<![\w-]){pattern}(?![\w:])", text)
-        if found is not None:
-            first, last = (_frame(unit, value, fps, frames) for unit, value in read(found))
-            rest = " ".join((text[: found.start()] + " " + text[found.end() :]).replace(",", " ").split())
-            return rest, (min(first, last), max(first, last))
+    tokens = tokenise(text)
+    reading = Reading.of(text, tokens, {})
+    for at in range(len(tokens)):
+        ways = {end: one for end, (one,) in span.at(reading, at).items() if one.kind not in ("always", "length")}
+        if ways:
+            end = max(ways)
+            before, after = text[: tokens[at].start], text[tokens[end - 1].end :]
+            return " ".join(f"{before} {after}".replace(",", " ").split()), _frames(ways[end], Clip(fps, frames))
     return text, None
 
 
-def _frame(unit: str, value: float, fps: float, frames: int) -> float:
-    """The clip frame of a moment."""
-    last, seconds = frames - 1, frames / fps
-    if unit == "fraction":
-        return value * last
-    within = value <= (last if unit == "frame" else frames if unit == "last frame" else seconds)
-    if not within:
-        raise F4xError(
-            f"There is no {unit.removeprefix('last ')} {value:g}: the clip lasts {seconds:.2f} seconds, frames 0 to {last}."
-        )
-    if unit.startswith("last "):
-        return max(0.0, frames - value * (fps if unit == "last second" else 1))
-    return min(value * (fps if unit == "second" else 1), last)
+def _frames(said: Span, clip: Clip) -> tuple[float, float]:
+    """First and last clip frame of a span, of a moment twice the same."""
+    last = clip.frames - 1
+    first = said.start.resolve(clip)
+    final = first if said.kind == "moment" else last if said.end is None else said.end.resolve(clip)
+    for frame, moment in ((first, said.start), (final, said.end or said.start)):
+        if not 0 <= frame <= clip.frames or (frame > last and not (moment.seconds or moment.clip)):
+            unit, value = ("second", frame / clip.fps) if moment.seconds else ("frame", frame)
+            raise F4xError(
+                f"There is no {unit} {value:g}: the clip lasts {clip.frames / clip.fps:.2f} seconds, frames 0 to {last}."
+            )
+    first, final = min(first, last), min(final, last)
+    return min(first, final), max(first, final)

@@ -4,10 +4,13 @@ import numpy as np
 from hypothesis import strategies as st
 
 from f4x_core.edit.operations import (
+    Blur,
     Delete,
     Duplicate,
     Extract,
     Freeze,
+    Glow,
+    Grade,
     Loop,
     Match,
     Name,
@@ -16,6 +19,7 @@ from f4x_core.edit.operations import (
     Retime,
     Reverse,
     Style,
+    Swap,
     Transform,
 )
 from f4x_core.edit.selects import All, Ids, Moving, Named, Not, Or
@@ -42,6 +46,7 @@ looks_operations = st.one_of(
     st.builds(Extract, selects, spans),
     st.builds(Style, selects, st.sampled_from(sorted(STYLES)), shares, spans),
     st.builds(Match, selects, selects, shares, spans),
+    st.builds(Grade, selects, shares.map(lambda s: 2 * s), shares.map(lambda s: 2 * s), numbers, spans),
 )  # fmt: skip
 transforms = st.builds(
     Transform, selects, translate=vectors, rotate=vectors.map(lambda v: tuple(90 * x for x in v)),
@@ -52,13 +57,18 @@ duplicates = st.builds(
     Duplicate, selects, offset=vectors, time_shift=st.sampled_from((0.0, 1.0, -1.5)), count=st.integers(1, 2),
     name=st.sampled_from(("", "dog")),
 )  # fmt: skip
+blurs = st.builds(Blur, selects, shares, spans)
+glows = st.builds(Glow, selects, shares, st.none() | colours, shares, spans)
+swaps = st.builds(Swap, selects, selects, vectors, spans, st.sampled_from(("linear", "smooth", "step")))
 retimings = st.one_of(
     st.builds(
         lambda s, at, more: Freeze(s, at, None if more is None else at + more), selects, frames, lasting | frames
     ),
-    st.builds(Retime, selects, st.sampled_from((0.5, 2.0)), spans),
+    st.builds(Retime, selects, st.sampled_from((0.5, 2.0)), spans, st.sampled_from((None, "linear", "smooth"))),
     st.builds(Reverse, selects, spans),
     st.builds(Loop, selects, spans.filter(lambda s: s is not None)),
 )
-operations = st.one_of(looks_operations, transforms, duplicates, retimings, st.builds(Name, selects, st.just("dog")))
+operations = st.one_of(
+    looks_operations, transforms, duplicates, retimings, blurs, glows, swaps, st.builds(Name, selects, st.just("dog"))
+)
 stacks = st.lists(operations, max_size=6).map(lambda listed: [Name(Moving(), "dog"), *listed])

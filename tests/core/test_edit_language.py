@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from f4x_core.edit import styles
-from f4x_core.edit.colour_names import COLOURS
 from f4x_core.edit.commands import COMMANDS, SHOWN
-from f4x_core.edit.grammar import VOCABULARY
 from f4x_core.edit.language import MAX_CHARACTERS, Refusal, describe, nearest, parse
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Transform, read_operation
 from f4x_core.edit.selects import Current, Ids, Instance, Named, Not, Or, Text
 from f4x_core.errors import F4xError
+from f4x_core.language.colour_names import COLOURS
+from f4x_core.language.grammar import VOCABULARY
 
 TABLE = json.loads(Path(__file__).with_name("phrases.json").read_text())
 UNSEEN = json.loads(Path(__file__).with_name("phrases_unseen.json").read_text())
@@ -267,7 +267,6 @@ def test_long_texts_take_bounded_time(part):
         ("make the dog darker red", "'darker red'"),
         ("paint the second dog blue", "'the second dog'"),
         ("hide the dog behind the tree", "'behind'"),
-        ("paint the dog's snout blue", "'snout'"),
         ("undo the last edit", "`f4x undo SCENE`"),
         ("change the color of the dog", "not said to which color"),
     ],
@@ -280,7 +279,12 @@ def test_the_word_that_is_blamed_is_the_one_at_fault(sentence, word):
 
 
 def test_examples_are_about_what_is_there():
-    assert nearest("make the sky pink", ("swan", "water"))[0] in ("make the swan red", "darken the swan")
+    assert nearest("make the sky pink", ("swan", "water"))[0] in (
+        "make the swan red",
+        "darken the swan",
+        "make the swan glow",
+        "make the swan take twice as long",
+    )
     told = [example for sentence in ("make the sky pink", "remove the sky") for example in nearest(sentence, ("swan",))]
     assert not any(word in " ".join(told).split() for word in ("sky", "dog", "car"))
     assert nearest("match the water", ("swan", "water"))[0] == "match the water to the swan"

@@ -14,7 +14,6 @@ from stub_server import client, saying, stub_server
 from f4x_core.cli import main
 from f4x_core.edit import plan
 from f4x_core.edit.apply import edited, with_operations
-from f4x_core.edit.connected_objects import label_components, pick_object, split_objects
 from f4x_core.edit.display import Display
 from f4x_core.edit.language import Refusal, describe
 from f4x_core.edit.operations import Delete, Duplicate, Freeze, Match, Name, Opacity, Recolour, Transform
@@ -24,6 +23,7 @@ from f4x_core.edit.stack import of
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
 from f4x_core.geometry.camera import CameraPath
+from f4x_core.query.connected_objects import label_components, pick_object, split_objects
 from f4x_core.query.prompts import select_by_text
 from f4x_core.scene import StaticSet, read_scene, write_scene
 from f4x_core.scene.view import render

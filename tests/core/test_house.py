@@ -11,6 +11,7 @@ ROOMS = (
     *(
         "native",
         "geometry",
+        "language",
         "clip",
         "priors",
         "scaffold",
@@ -36,6 +37,7 @@ DOORS = ("f4x_core/__init__.py", "f4x_core/__main__.py")
 TORCH_FREE = (
     "native",
     "geometry",
+    "language",
     "clip",
     "priors",
     "scene",
@@ -56,6 +58,7 @@ TORCH_FREE = (
 NUMPY_ONLY = (
     "native",
     "geometry",
+    "language",
     "clip",
     "scene",
     "query",

@@ -215,7 +215,7 @@ def test_a_selection_belongs_to_its_scene(folder, capsys, tmp_path):
 
 
 def test_questions_that_cannot_be_answered_are_one_sentence(folder, capsys):
-    code, out, err = run(capsys, "ask", folder / "scene.f4x", "What colour is the square?")
+    code, out, err = run(capsys, "ask", folder / "scene.f4x", "What is the square made of?")
     assert code == 2 and not out and "it can tell" in err and err.strip().count("\n") == 0
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from .labels import spellings
+from .lexicon import spellings
 
 _IDIOMS = ("hot dog", "sea horse", "sea lion", "guinea pig", "teddy bear", "toilet seat", "shoe tree", "clothes horse")
 _MADE_UP = ("toy", "stuffed", "plush", "teddy", "rocking", "gummy", "cartoon", "imaginary")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 
 
 def word_set(text: str) -> frozenset[str]:
@@ -75,6 +76,39 @@ def singular(word: str) -> str:
     if word.endswith(("sses", "xes", "ches", "shes", "zzes")):
         return word[:-2]
     return word[:-1]
+
+
+def spellings(word: str) -> list[str]:
+    """`word` as a vocabulary may have it, likeliest first: in lower case, without its article, in the singular.
+
+    "The Dogs" -> the dogs, dogs, dog.
+    """
+    plain = " ".join(word.lower().split())
+    bare = re.sub(r"^(the|an?|any|some|this|that|these|those) ", "", plain)
+    *first, last = bare.split() or [""]
+    return list(dict.fromkeys([plain, bare, " ".join([*first, singular(last)])]))
+
+
+def slips(word: str, other: str) -> int:
+    """Letters that are wrong, missing, too many or swapped with their neighbour between two words (optimal string alignment)."""
+    before: list[int] = []
+    row = list(range(len(other) + 1))
+    for i, letter in enumerate(word, 1):
+        older, before, row = before, row, [i]
+        for j, its in enumerate(other, 1):
+            row.append(min(before[j] + 1, row[j - 1] + 1, before[j - 1] + (letter != its)))
+            if i > 1 and j > 1 and letter == other[j - 2] and word[i - 2] == its:
+                row[j] = min(row[j], older[j - 2] + 1)
+    return row[-1]
+
+
+def misspelt(word: str, known: Iterable[str]) -> str | None:
+    """The word of `known` that was probably meant: one slip away, two from seven letters on."""
+    if len(word) < 4:  # of short words only those with two letters swapped
+        return next((other for other in sorted(known) if other != word and sorted(other) == sorted(word)), None)
+    allowed = 1 if len(word) < 7 else 2
+    near = ((slips(word, other), other) for other in known if len(other) > 3 and abs(len(other) - len(word)) <= allowed)
+    return min((pair for pair in near if 0 < pair[0] <= allowed), default=(0, None))[1]
 
 
 def plural(noun: str, count: float) -> str:

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
-from .words import CONTRACTIONS, SPELLING
+from ..errors import F4xError
+from .lexicon import CONTRACTIONS, SPELLING
 
 Ways = dict[int, tuple[Any, ...]]
 """End of a match -> its values; the first is the preferred one."""
@@ -143,6 +144,26 @@ class Rule:
         return Rule(match)
 
 
+class Refusal(F4xError):  # noqa: N818  # nothing went wrong
+    """A sentence that is not understood, or asks for what cannot be."""
+
+    def __init__(self, reason: str, nearest: tuple[str, ...] = ()):
+        """`reason`: why, one sentence; `nearest`: commands that are known, as example sentences."""
+        hint = " Try: " + "; ".join(f'"{example}"' for example in nearest) + "." if nearest else ""
+        super().__init__(reason + hint)
+        self.reason = reason
+        self.nearest = nearest
+
+
+class Doubt(Refusal):
+    """A sentence that would be understood if a word were spelt otherwise: it is asked about, and not done."""
+
+    def __init__(self, reason: str, instead: str):
+        """`instead`: the sentence that was probably meant."""
+        super().__init__(reason)
+        self.instead = instead
+
+
 class Mismatch(Exception):  # noqa: N818  # it never leaves the grammar
     """The words fit a rule and their meaning does not."""
 
@@ -153,6 +174,8 @@ def _union(first: Ways, second: Ways) -> Ways:
 
 VOCABULARY: set[str] = set()
 """Every word of the grammar itself: none of them is taken for a thing."""
+NAMES_TOO: set[str] = set()
+"""Words of the grammar that may be names of things as well."""
 
 
 def table(entries: Mapping[str, Any], *, reserve: bool = True) -> Rule:
@@ -165,8 +188,7 @@ def table(entries: Mapping[str, Any], *, reserve: bool = True) -> Rule:
     for spec, value in entries.items():
         for words in (words for alternative in _alternatives(spec) for words in _expanded(alternative)):
             by_first.setdefault(words[0], []).append((words, value))
-            if reserve:
-                VOCABULARY.update(words)
+            (VOCABULARY if reserve else NAMES_TOO).update(words)
     for rows in by_first.values():
         rows.sort(key=lambda row: -len(row[0]))
 

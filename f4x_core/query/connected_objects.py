@@ -93,6 +93,14 @@ def pick_object(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera
     return rows[owner == np.where(in_front, key, np.inf).argmin()]
 
 
+def part_of(points: np.ndarray, side: str, share: float, camera: Camera) -> np.ndarray:
+    """(n,) bool: which of `points (n,3)` lie in the outer `share` of their extent towards `side`, as `camera` sees it."""
+    pixels, _ = camera.project(points.astype(np.float64))
+    along = pixels[:, int(side in ("top", "bottom"))] * (1 if side in ("top", "left") else -1)
+    low, high = np.percentile(along, INNER)
+    return along <= low + share * (high - low)
+
+
 def centres_of(points: np.ndarray, owner: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """(k,3) float64 weighted means of `points (n,3)` by `owner (n,)`."""
     total = np.bincount(owner, weights)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import colorsys
+
 CSS = (
     "aliceblue f0f8ff antiquewhite faebd7 aqua 00ffff aquamarine 7fffd4 azure f0ffff beige f5f5dc bisque ffe4c4 black 000000 "
     "blanchedalmond ffebcd blue 0000ff blueviolet 8a2be2 brown a52a2a burlywood deb887 cadetblue 5f9ea0 chartreuse 7fff00 "
@@ -81,3 +83,29 @@ def name_of(colour: Colour) -> str | None:
     """A name that means this very colour; the shortest."""
     names = [name for name, value in COLOURS.items() if value == colour]
     return min(names, key=lambda name: (len(name), name), default=None)
+
+
+_HUES = (
+    (15, "red"),
+    (45, "orange"),
+    (70, "yellow"),
+    (170, "green"),
+    (200, "turquoise"),
+    (260, "blue"),
+    (300, "purple"),
+    (345, "pink"),
+)
+"""Degrees of hue up to which a colour is called so."""
+BLACK_VALUE, WHITE_VALUE, GRAY_SATURATION, BROWN_VALUE = 0.2, 0.8, 0.15, 0.6
+"""HSV numbers below or above which a colour is black, white, gray, and an orange is brown."""
+
+
+def everyday_name(colour: Colour) -> str:
+    """What people call a colour at a glance: one of eleven words."""
+    hue, saturation, value = colorsys.rgb_to_hsv(*(min(max(c, 0.0), 1.0) for c in colour))
+    if value < BLACK_VALUE:
+        return "black"
+    if saturation < GRAY_SATURATION:
+        return "white" if value > WHITE_VALUE else "gray"
+    name = next((name for end, name in _HUES if 360 * hue < end), "red")
+    return "brown" if name == "orange" and value < BROWN_VALUE else name

@@ -1,0 +1,62 @@
+"""The plan of an edit in words that a person can check: widths and directions in the picture, frames with their seconds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..query.connected_objects import width_along
+from ..scene import Scene
+from .apply import edited, with_operations
+from .description import describe, steps_in_words, whom
+from .operations import Duplicate, Operation, Swap, Transform, Vector
+from .resolve import rows_of
+
+SLIGHT = 0.02
+"""A part of a way is told from this fraction of its longest part on."""
+
+
+def told(scene: Scene, operations: Sequence[Operation], frame: float = 0.0) -> Iterator[str]:
+    """One line for each of the resolved `operations`, as the camera at its first frame, else at `frame`, sees it."""
+    scene, fps = edited(scene), scene.fps
+    for operation in operations:
+        line = _line(scene, operation, frame)
+        yield re.sub(r"\bframe ([\d.]*\d)", lambda found: f"frame {found[1]} ({float(found[1]) / fps:.1f} s)", line)
+        scene = with_operations(scene, operation)
+
+
+def _line(scene: Scene, operation: Operation, frame: float) -> str:
+    if not isinstance(operation, Transform | Duplicate | Swap):
+        return describe(operation)
+    span = None if isinstance(operation, Duplicate) else operation.frames
+    time = span[0] if span else frame
+    rows = rows_of(scene, operation.select)
+    axes = scene.cameras.at(time).camera_to_world[:3, :3]  # columns: right, down, forward
+    width = max(width_along(scene.posed(time).means[rows], axes[:, 0]), 1e-9) if len(rows) else 1.0
+
+    def seen(vector: Vector) -> Vector:
+        """A world vector in widths along the camera's axes; what is slight beside the rest is none."""
+        way = axes.T @ np.array(vector) / width
+        x, y, z = (float(np.round(part, 2)) if abs(part) >= SLIGHT * np.abs(way).max() else 0.0 for part in way)
+        return x, y, z
+
+    who = whom(operation.select)
+    if isinstance(operation, Swap):
+        way = steps_in_words(seen(operation.shift or (0.0, 0.0, 0.0)))
+        return f"{describe(operation)}: {who} goes {way or 'nowhere'}, {whom(operation.other)} the other way"
+    if isinstance(operation, Transform):
+        x, y, z = (float(np.round(angle, 1)) for angle in axes.T @ np.array(operation.rotate))
+        asked = replace(operation, translate=seen(operation.translate), rotate=(x, y, z), unit="size", axes="camera")
+        return describe(asked)
+    way = steps_in_words(seen(operation.offset))
+    later = operation.time_shift
+    parts = [f"ends {way} of it"] if way else []
+    parts += [
+        f"plays {abs(later):g} frames ({abs(later) / scene.fps:.1f} s) {'later' if later > 0 else 'earlier'}"
+    ] * bool(later)
+    copies = "the copy" if operation.count == 1 else f"each of the {operation.count} copies, seen from the one before,"
+    named = f", called {operation.name}" if operation.name else ""
+    return f"copy {who}{named}: {copies} {' and '.join(parts) or 'is in the same place'}"

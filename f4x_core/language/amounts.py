@@ -1,0 +1,232 @@
+"""How much, how far and which way: numbers, factors, degrees, distances, directions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
+
+from .grammar import VOCABULARY, Mismatch, Reading, Refusal, Rule, either, generated, listed, lit, optional, table
+from .lexicon import FRACTIONS, ONES, TENS
+
+PLACES = 3
+"""Decimals that numbers worked out from words keep."""
+Vector = tuple[float, float, float]
+
+
+def number_at(reading: Reading, at: int) -> Iterator[tuple[int, float]]:
+    """The numbers that begin at a word, in digits or words, the longest first."""
+    word, following = reading.word(at), reading.word(at + 1)
+    if word[:1].isdecimal() or word[:1] == ".":
+        try:
+            number = float(word)
+        except ValueError:  # a digit of another script
+            return
+        below = reading.word(at + 2)
+        if following == "/" and below.isdecimal() and float(below):
+            yield at + 3, number / float(below)
+        yield at + 1, number
+    elif word in TENS:
+        if 0 < ONES.get(following, 0) < 10:
+            yield at + 2, float(TENS[word] + ONES[following])
+        yield at + 1, float(TENS[word])
+    elif word in ONES:
+        if following == "hundred":
+            yield at + 2, 100.0 * ONES[word]
+        if following == "and" and reading.word(at + 2) == "a" and reading.word(at + 3) == "half":
+            yield at + 4, ONES[word] + 0.5
+        if following == "point" and reading.word(at + 2) in ONES:
+            yield at + 3, ONES[word] + ONES[reading.word(at + 2)] / 10
+        yield at + 1, float(ONES[word])
+    elif word in ("a", "one") and following == "hundred":
+        yield at + 2, 100.0
+
+
+number = generated(number_at)
+signed = (lit("-|minus") + number >> (lambda x: -x)) | number
+VOCABULARY.update(ONES, TENS, FRACTIONS)
+
+_percent_sign = lit("%|percent|per cent|pct")
+percent = number + _percent_sign >> (lambda x: x / 100)
+fraction = table(
+    {
+        "half|one half|a half": 0.5,
+        "a third|one third": 1 / 3,
+        "a quarter|one quarter": 0.25,
+        "two thirds": 2 / 3,
+        "three quarters": 0.75,
+        "a fifth|one fifth": 0.2,
+        "a tenth|one tenth": 0.1,
+    }
+)
+multiple = either(
+    number + lit("times|x|fold"), table({"twice|double|doubly": 2.0, "thrice|triple": 3.0, "quadruple": 4.0}), fraction
+)
+"""A factor: "three times", "2x", "twice", "half"."""
+
+
+class Amount(NamedTuple):
+    """An amount: a little, much, times, a fraction more or less, or to a fraction."""
+
+    kind: str
+    """`small`, `large`, `times`, `fraction`, `to`."""
+    value: float = 1.0
+    """Of the last three."""
+
+
+degree = table(
+    {
+        "(just) a [little|tiny|wee|small] bit|(just|only) a [little|tad|touch|bit]|slightly|somewhat|a smidge|a hair": Amount(
+            "small"
+        ),
+        "much|(quite) a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much": Amount(
+            "large"
+        ),
+    }
+)
+_by_factor = lit("by") + ~lit("a") + lit("factor") + ~lit("of")
+amount = either(
+    degree,
+    _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
+    ~lit("by") + percent >> (lambda x: Amount("fraction", x)),
+    lit("by") + fraction >> (lambda x: Amount("fraction", x)),
+    ~lit("by") + multiple >> (lambda x: Amount("times", x)),
+)
+SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
+"""Factors up and down: a bit, much, and without a degree."""
+
+
+def factor(how: Amount | None, upward: bool) -> float:
+    """The factor of something that gets more (`upward`) or less by an amount; Mismatch where it would be none."""
+    if how is None or how.kind in ("small", "large"):
+        up, down = STEP if how is None else SMALL_STEP if how.kind == "small" else LARGE_STEP
+        return up if upward else down
+    if how.kind == "to":
+        return how.value
+    if how.kind == "fraction":
+        return round(1 + how.value if upward else 1 - how.value, PLACES)
+    if how.value <= 0:
+        raise Mismatch
+    return round(how.value if upward or how.value < 1 else 1 / how.value, PLACES)
+
+
+def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -> Rule:
+    """A factor from "bigger", "a bit smaller", "three times bigger", "twice as big", "20 % smaller", "less big"."""
+    compared = table({comparatives: True, lesser: False})
+    plain = table({positives: True, opposites: False})
+    more = either(compared, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
+    so = lit("as") + plain + ~(lit("as") + ~lit("it|they|he|she|that|this") + lit("is|are|was|were|before|now"))
+    return either(
+        optional(amount) + more >> factor,
+        more + amount >> (lambda upward, how: factor(how, upward)),
+        multiple + so >> (lambda x, upward: factor(Amount("times", x), True) if upward else _inverse(x)),
+        percent + so >> (lambda x, upward: x if upward else _inverse(x)),
+    )
+
+
+def _inverse(x: float) -> float:
+    if x <= 0:
+        raise Mismatch
+    return round(1 / x, PLACES)
+
+
+ITS = "its|their|his|her|the|the original|its own|their own|its original|its current|the current|the normal|normal|the original"
+
+
+def fraction_of(quality: str) -> Rule:
+    """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
+    noun = ~lit("of") + ~lit(ITS) + lit(quality)
+    return either(multiple, percent) + noun
+
+
+# Which way -----------------------------------------------------------------------------------------------------------
+
+VIEWER = "the camera|the viewer|the lens|me|us|here"
+_SIDE = "side|hand side|direction|side of the picture|hand side of the picture|half of the picture|edge"
+direction = table(
+    {
+        f"left|leftward|(over) [to|toward|on] [the|its|my|your] left ({_SIDE})|more to the left|[further|farther] (to the) left": (
+            -1,
+            0,
+            0,
+        ),
+        f"right|rightward|(over) [to|toward|on] [the|its|my|your] right "
+        f"({_SIDE})|more to the right|[further|farther] (to the) right": (
+            1,
+            0,
+            0,
+        ),
+        "up|upward|higher|higher up|[further|farther] up|to the top": (0, -1, 0),
+        "down|downward|lower|lower down|[further|farther] down|to the bottom": (0, 1, 0),
+        f"[further|farther] [back|backward|away]|(further|farther) away from [{VIEWER}]|away|back|backward|from [{VIEWER}]|"
+        "to the back|into the distance|toward the back|into the background": (0, 0, 1),
+        f"forward|[closer|nearer] [to|toward] [{VIEWER}]|closer|nearer|[to|toward] [{VIEWER}]|to the front|into the foreground": (
+            0,
+            0,
+            -1,
+        ),
+    }
+)
+beside = table(
+    {
+        "(right) [next to|beside|alongside] [it|him|her|them|itself|the original]": (1, 0, 0),
+        "behind [it|him|her|them|itself|the original]": (0, 0, 1),
+        "in front of [it|him|her|them|itself|the original]": (0, 0, -1),
+        "above [it|him|her|them|itself|the original]": (0, -1, 0),
+        "[below|under|underneath] [it|him|her|them|itself|the original]": (0, 1, 0),
+        "(to the) left of [it|him|her|them|itself|the original]": (-1, 0, 0),
+        "(to the) right of [it|him|her|them|itself|the original]": (1, 0, 0),
+    }
+)
+
+
+Unit = Literal["world", "size"]
+
+
+class Distance(NamedTuple):
+    """A distance in `unit`."""
+
+    value: float
+    unit: Unit = "size"
+
+
+Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...]
+"""(distance before, direction, distance behind) of each step of a way."""
+_body = lit("size|sizes|width|widths|body width|body widths|height|length|lengths|body length|body lengths")
+distance = either(
+    degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
+    lit("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
+    ~lit("by|for") + multiple + ~lit("of") + lit(ITS) + _body >> Distance,
+    ~lit("by|for") + (percent + ~lit("of") + lit(ITS) + _body) >> Distance,
+    ~lit("by|for") + (number | fraction) + ~lit("a|of a|of") + _body >> Distance,
+    ~lit("by|for") + lit("a|its|its own|their|their own|the|his|her|one full") + _body >> (lambda *_: Distance(1.0)),
+    ~lit("by|for") + number + lit("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
+    ~lit("by|for") + lit("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),
+    lit("by") + number >> (lambda x: Distance(x, "world")),
+)
+_step = optional(distance) + direction + optional(distance)
+
+
+steps = either(
+    listed(_step, lit("and|,|, and|and then|and also")),
+    beside >> (lambda way: ((None, way, None),)),
+    distance + listed(_step, lit("and")) >> (lambda far, ways: (*ways[:-1], (*ways[-1][:2], far))),
+)
+"""`Steps` of "a bit to the left and up by 2 widths"."""
+
+
+def displacement(way: Steps, far: Distance | None, default: float) -> tuple[Vector, Unit]:
+    """The sum of steps along the camera's axes, and its unit; each by its own distance, the last's, `far` or the default."""
+    shared = way[-1][2] or far or Distance(default)
+    vector, units = [0.0, 0.0, 0.0], set()
+    for before, signs, behind in way:
+        one = before or behind or shared
+        units.add(one.unit)
+        for axis, step in enumerate(signs):
+            if step and vector[axis] * step > 0:  # "back, away from the camera" is one way said twice
+                continue
+            if step and vector[axis]:
+                raise Refusal("Two of the directions are on one line; say one of them.")
+            vector[axis] += step * one.value
+    if len(units) > 1:
+        raise Refusal("One distance is in sizes and another in units of the world; use one of them.")
+    return (vector[0], vector[1], vector[2]), units.pop()

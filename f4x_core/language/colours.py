@@ -1,0 +1,44 @@
+"""Which colour: names and shades, "reddish", "redder"."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from .colour_names import COLOURS, SHADES, Colour, from_hex, shaded
+from .grammar import Reading, either, generated, lit, table
+from .lexicon import word_set
+
+_MAX_COLOUR_WORDS = 3
+"""Words that a colour's name is written in: "light sky blue"."""
+
+
+def _colour_at(reading: Reading, at: int) -> Iterator[tuple[int, Colour]]:
+    word = reading.word(at)
+    if word.startswith("#") and len(word) > 1:
+        yield at + 1, from_hex(word[1:])
+    for count in range(_MAX_COLOUR_WORDS, 0, -1):
+        name = "".join(reading.word(i) for i in range(at, at + count))
+        if name in COLOURS and at + count <= len(reading.tokens):
+            yield at + count, COLOURS[name]
+    if word in SHADES:
+        for end, (base,) in colour.at(reading, at + 1).items():
+            yield end, shaded(word, base)
+
+
+colour = generated(_colour_at)
+GRAY: Colour = COLOURS["gray"]
+_REDDER = {name + "er": name for name in ("green", "yellow", "pink", "brown", "black", "gray")}
+_REDDER |= {"redder": "red", "bluer": "blue", "whiter": "white", "purpler": "purple", "oranger": "orange"}
+_REDDISH = {name + "ish": name for name in ("green", "yellow", "pink", "brown", "gray", "black", "orange")}
+_REDDISH |= {"reddish": "red", "bluish|blueish": "blue", "whitish": "white", "purplish": "purple", "goldish": "gold"}
+colourish = table({word: COLOURS[name] for word, name in _REDDISH.items()})
+more_colour = either(
+    table({word: COLOURS[name] for word, name in _REDDER.items()}) >> (lambda rgb: (rgb, 1)),
+    lit("more") + colour >> (lambda rgb: (rgb, 1)),
+    lit("less") + colour >> (lambda rgb: (rgb, -1)),
+)
+PURE_COLOURS = word_set(
+    "red green blue yellow black white gray brown purple pink cyan magenta turquoise beige crimson maroon navy teal violet "
+    "golden scarlet burgundy khaki indigo fuchsia"
+)
+"""Colour words that are no things: "delete the rose" has an object, "delete the red" has none."""

@@ -1,0 +1,168 @@
+"""When: moments, durations and spans of a clip, in seconds, frames, time codes and words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from .amounts import PLACES, fraction, number, percent
+from .grammar import either, lit, optional, table
+
+
+@dataclass
+class Clip:
+    """What moments are counted in."""
+
+    fps: float
+    """Clip frames per second."""
+    frames: int
+    """Frames of the clip."""
+    frame: float = 0.0
+    """The present one."""
+
+
+class TimeExpression(NamedTuple):
+    """A sum of what a time can be counted in, as clip frame: frames + seconds x rate + last x last frame + now x present one
+    + clip x number of frames."""
+
+    frames: float = 0.0
+    seconds: float = 0.0
+    last: float = 0.0
+    now: float = 0.0
+    clip: float = 0.0
+
+    def plus(self, other: TimeExpression, sign: float = 1.0) -> TimeExpression:
+        """This + sign x the other."""
+        return TimeExpression(*(a + sign * b for a, b in zip(self, other, strict=True)))
+
+    def resolve(self, context: Clip) -> float:
+        """Clip frame, maybe outside the clip."""
+        last = context.frames - 1
+        counted = self.frames + self.seconds * context.fps + self.last * last + self.now * context.frame
+        return round(counted + self.clip * context.frames, PLACES)
+
+
+START, END, NOW = TimeExpression(), TimeExpression(last=1.0), TimeExpression(now=1.0)
+HALF_WAY = TimeExpression(clip=0.5)
+
+
+class Span(NamedTuple):
+    """From … to."""
+
+    start: TimeExpression
+    end: TimeExpression | None
+    """None: open."""
+    kind: str = "range"
+    """`moment`, `from`: only the start is given, at or since which it is; `length`: only the length; `always`."""
+
+
+_unit = table(
+    {
+        "second|seconds|sec|secs|s": TimeExpression(seconds=1.0),
+        "frame|frames": TimeExpression(frames=1.0),
+        "minute|minutes|min|mins": TimeExpression(seconds=60.0),
+        "msec|millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
+    }
+)
+
+
+def _times(x: float, unit: TimeExpression) -> TimeExpression:
+    return TimeExpression().plus(unit, x)
+
+
+duration = either(
+    number + _unit >> _times,
+    table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
+    >> _times,
+    lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit)),
+)
+_edge = table(
+    {
+        "the (very) [beginning|start] (of the clip|of the video|of the scene)|the start|start|beginning": START,
+        "the (very) end (of the clip|of the video|of the scene)|end|the last frame": END,
+        "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
+    }
+)
+_clock = either(
+    number + lit(":") + number + lit(":") + number + lit(":") + number
+    >> (lambda h, m, s, f: TimeExpression(frames=f, seconds=3600 * h + 60 * m + s)),
+    number + lit(":") + number + lit(":") + number >> (lambda h, m, s: TimeExpression(seconds=3600 * h + 60 * m + s)),
+    number + lit(":") + number + ~lit("minutes") >> (lambda m, s: TimeExpression(seconds=60 * m + s)),
+)
+_whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
+_through = lit("(of the way) [through|in|into|along]|of the way") + ~lit(f"the (whole) [{_whole}]|it")
+_part_way = either(
+    lit("halfway|half way|midway|mid way") + ~(_through | lit("point") + ~lit(f"of the [{_whole}]"))
+    >> (lambda: HALF_WAY),
+    lit(f"the middle of the [{_whole}]|the [halfway|half way] [point|mark] (of the [{_whole}])|mid clip")
+    >> (lambda: HALF_WAY),
+    fraction + _through >> (lambda x: TimeExpression(clip=x)),
+    percent + (_through | lit(f"of the [{_whole}]")) >> (lambda x: TimeExpression(clip=x)),
+)
+"""Moments that are told by how much of the clip is over."""
+_counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
+_inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
+_measured = either(number + _unit + ~lit(f"{_inside}|mark"), lit("the") + number + _unit + lit("mark|point")) >> _times
+_fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
+_numbered = ~lit("the") + number + lit("th|st|nd|rd") + lit("frame") >> (lambda x: TimeExpression(frames=x))
+moment = either(_edge, _numbered, _counted, _measured, _fraction_moment, _clock, _part_way)
+_to = lit("to|-|until|up to|through|and|thru")
+_pair = either(
+    moment + _to + moment >> (lambda a, b: (a, b)),
+    ~lit("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
+    number + _to + number + _unit >> (lambda a, b, unit: (_times(a, unit), _times(b, unit))),
+)
+_pair_between = lit("between") + _pair
+_pair_from = ~lit("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
+_length = either(duration, optional(number, 1.0) + _unit >> _times)
+_first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") + _length
+_last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
+_onward = ~lit("on|onward|forward|and on|and onward|on out")
+_since = lit("from|after|since|as of|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past")
+_at = lit("at|in|on|once we reach|when we reach|around|exactly at|right at")
+_before_end = duration + lit(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
+    lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
+)
+_bare = either((number + _unit >> _times) + lit(_inside), _part_way, _before_end)
+"""Moments that need no word before them: "two seconds in"."""
+_since_then = _since + moment + _onward
+_just_then = (_at + moment | _bare) + _onward
+_begin = _since_then | _just_then
+_for = lit("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
+_part = table({"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4}) + ~lit(f"of the [{_whole}]")
+_within = ~lit("for|in|during|over|within|throughout") + lit("the")
+_leading = _within + lit("first") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
+_closing = _within + lit("last|final") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
+_second_half = _within + lit("second half") + ~lit(f"of the [{_whole}]") >> (lambda: Span(HALF_WAY, None))
+
+
+def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
+    return Span(start, start.plus(length))
+
+
+_comma = ~lit(",")
+span = either(
+    (_pair_from | _pair_between) >> (lambda pair: Span(*pair)),
+    _for + _comma + _begin >> (lambda length, start: _lasting(start, length)),
+    _begin + _comma + _for >> _lasting,
+    _first >> (lambda length: Span(START, length)),
+    _last >> (lambda length: Span(END.plus(length, -1.0), None)),
+    lit("until|before|up to|up until") + moment >> (lambda end: Span(START, end)),
+    ~lit("only|just") + _just_then + lit("only|alone") >> (lambda start: Span(start, start)),
+    lit("only|just") + _just_then >> (lambda start: Span(start, start)),
+    _leading,
+    _closing,
+    _second_half,
+    _since_then >> (lambda start: Span(start, None, "from")),
+    _just_then >> (lambda start: Span(start, None, "moment")),
+    _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
+    table(
+        {
+            "always|all the time|the whole time|[for|during|throughout|over] the [whole|entire] [clip|video|time]|"
+            "throughout|forever|the whole way through|from start to finish|from (the) beginning to (the) end": Span(
+                START, None, "always"
+            )
+        }
+    ),
+)
+"""A `Span`."""

@@ -1,0 +1,301 @@
+"""Answers that compare: moments of a thing, distances between two, colours, counts, order in the picture and in depth."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import F4xError
+from ..geometry import spherical_harmonics
+from ..language.colour_names import everyday_name
+from ..language.lexicon import plural
+from ..scene import Scene
+from .connected_objects import split_objects, width_along
+from .selection import Selection
+from .wording import Asked
+
+MAX_TIMES = 48
+"""Clip times, evenly over what is asked about, at which places are measured."""
+MOVES = 0.03
+"""World units a second (1 = median depth) from which a thing moves."""
+COLOUR_SHARE = 0.2
+"""Share of a thing's surface from which a colour of it is told."""
+BETWEEN = 0.35
+"""Something is between two things where it is nearer to the line than this part of its length, and not at its ends."""
+NEIGHBOURS = 3
+"""As many neighbours are told."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """One thing at K clip times."""
+
+    name: str
+    """As it is told, with its article."""
+    rows: np.ndarray
+    """(n,) rows of `scene.posed`."""
+    centres: np.ndarray
+    """(K,3) world."""
+    pixels: np.ndarray
+    """(K,2) in the clip's camera."""
+    depth: np.ndarray
+    """(K,) world units before the camera."""
+    width: float
+    """World units across the picture, at the first time."""
+    moves: bool
+    """Whether the scaffold or an edit moves most of it."""
+
+
+def measure(
+    scene: Scene, found: Mapping[str, Selection], times: np.ndarray, named: Sequence[str] = ()
+) -> list[Measured]:
+    """The things `found` that have Gaussians, at clip `times (K,)`; those in `named` take no article."""
+    posed = [scene.posed(float(time)) for time in times]
+    cameras = [scene.cameras.at(float(time)) for time in times]
+    measured = []
+    for label, selection in found.items():
+        rows = np.flatnonzero(selection.chosen)
+        if not len(rows):
+            continue
+        centres = np.stack([np.average(one.means[rows], 0, one.opacities[rows] + 1e-6) for one in posed]).astype(float)
+        seen = [camera.project(centre[None]) for camera, centre in zip(cameras, centres, strict=True)]
+        width = width_along(posed[0].means[rows], cameras[0].camera_to_world[:3, 0])
+        name = label if label in named else f"the {label}"
+        pixels, depth = np.stack([pixel[0] for pixel, _ in seen]), np.array([far[0] for _, far in seen])
+        measured.append(Measured(name, rows, centres, pixels, depth, width, bool(scene.moving[rows].mean() > 0.5)))
+    return measured
+
+
+def times_of(scene: Scene, asked: Asked) -> np.ndarray:
+    """(K,) clip times that a question is about."""
+    first, last = asked.span or (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
+    return np.unique(np.linspace(first, last, int(min(MAX_TIMES, 1 + round(last - first)))))
+
+
+class Comparison:
+    """The things of a question, measured, and the sentences about them."""
+
+    def __init__(self, scene: Scene, asked: Asked, things: list[Measured], times: np.ndarray):
+        """`things`: those that were asked about, else all there are."""
+        self.scene, self.asked, self.things, self.times = scene, asked, things, times
+
+    def sentence(self, everything: Callable[[], list[Measured]]) -> str:
+        """The answer; `everything`: what else there is."""
+        kind = self.asked.kind
+        if kind.endswith("_moment"):
+            return self._moment(kind.removesuffix("_moment"))
+        if kind in ("behind", "neighbours", "between"):
+            return self._around(kind, everything())
+        if kind in ("nearest", "farthest") and self.asked.other and not self.asked.polar and len(self.things) == 1:
+            return self._around(kind, everything())
+        return {
+            "distance": self._distance, "rise": self._rise, "compare_size": self._sizes, "colour": self._colour,
+            "count": self._count, "count_moving": self._moving, "order": self._order, "relation": self._relation,
+            "nearest": self._depths, "farthest": self._depths, "biggest": self._biggest, "still": self._still,
+            "most_moving": self._most_moving, "stops": self._stops, "fast": self._speed,
+        }[kind]()  # fmt: skip
+
+    def _at(self, k: int) -> str:
+        return f"at frame {self.times[k]:.0f} ({self.times[k] / self.scene.fps:.1f} s)"
+
+    def _apart(self) -> tuple[np.ndarray, str]:
+        """((K,) world units between the two things, or from the camera; what that is)."""
+        if len(self.things) > 1:
+            one, two = self.things[:2]
+            return np.linalg.norm(one.centres - two.centres, axis=1), f"{one.name} and {two.name} are"
+        (one,) = self.things
+        centres = np.stack([self.scene.cameras.at(float(t)).center for t in self.times])
+        return np.linalg.norm(one.centres - centres, axis=1), f"{one.name} is"
+
+    def _moment(self, which: str) -> str:
+        if which == "fastest":
+            speed = self._speeds()
+            k = int(speed.argmax())
+            return f"{self.things[0].name} is fastest {self._at(k)}: {speed[k]:.2f} times the median depth a second."
+        if which == "highest":
+            k = int(self.things[0].pixels[:, 1].argmin())
+            return f"{self.things[0].name} is highest in the picture {self._at(k)}."
+        apart, what = self._apart()
+        k = int(apart.argmin() if which == "nearest" else apart.argmax())
+        whom = "each other" if len(self.things) > 1 else "the camera"
+        preposition = "to" if which == "nearest" else "from"
+        return f"{what} {which} {preposition} {whom} {self._at(k)}: {apart[k]:.2f} times the median depth."
+
+    def _speeds(self) -> np.ndarray:
+        """(K,) world units a second of the first thing; F4xError for a single moment."""
+        if len(self.times) < 2:
+            raise F4xError("Speed needs more than one moment; ask about a span of time.")
+        return np.linalg.norm(np.gradient(self.things[0].centres, self.times, axis=0), axis=1) * self.scene.fps
+
+    def _speed(self) -> str:
+        speed = self._speeds()
+        value = {"max": speed.max(), "min": speed.min()}.get(self.asked.extreme, speed.mean())
+        word = {"max": "at most", "min": "at least"}.get(self.asked.extreme, "on average")
+        return f"{self.things[0].name} moves at {value:.2f} times the median depth a second {word}."
+
+    def _distance(self) -> str:
+        apart, what = self._apart()
+        k = int(apart.argmin()) if self.asked.extreme == "min" else 0
+        span = "" if len(apart) == 1 else f"; over that time {apart.min():.2f} to {apart.max():.2f}"
+        far = "apart" if len(self.things) > 1 else "from the camera"
+        return f"{what} {apart[k]:.2f} times the median depth {far} {self._at(k)}{span}."
+
+    def _rise(self) -> str:
+        height = self.things[0].centres[:, 1]
+        k = int(height.argmin())
+        rise = height.max() - height.min()
+        return f"{self.things[0].name} rises by {rise:.2f} times the median depth; it is highest {self._at(k)}."
+
+    def _two(self) -> tuple[Measured, Measured]:
+        if len(self.things) < 2:
+            raise F4xError("Two things are compared, and only one is named; name the other.")
+        return self.things[0], self.things[1]
+
+    def _sizes(self) -> str:
+        one, two = self._two()
+        larger, smaller = (one, two) if one.width >= two.width else (two, one)
+        yes = self.asked.yes((larger is one) == (self.asked.manner != "smaller"))
+        return _polar(
+            yes, f"{larger.name} is {larger.width / max(smaller.width, 1e-9):.1f} times as wide as {smaller.name}."
+        )
+
+    def _depths(self) -> str:
+        far = self.asked.kind == "farthest"
+        first, *others = sorted(self.things, key=lambda thing: -thing.depth[0] if far else thing.depth[0])
+        yes = self.asked.yes(first is self.things[0])
+        than = f", {others[0].name} at {others[0].depth[0]:.2f}" if others else ""
+        return _polar(
+            yes,
+            f"{first.name} is {'farther' if far else 'nearer'}, at {first.depth[0]:.2f} times the median depth{than}.",
+        )
+
+    def _relation(self) -> str:
+        one, two = self._two()
+        where = self.asked.manner
+        if where in ("in front of", "behind"):
+            so = bool(one.depth[0] < two.depth[0]) == (where == "in front of")
+            place = "nearer" if one.depth[0] < two.depth[0] else "farther"
+            return _polar(self.asked.yes(so), f"{one.name} is {place} than {two.name} {self._at(0)}.")
+        axis = int(where in ("above", "below"))
+        before = bool(one.pixels[0, axis] < two.pixels[0, axis])
+        names = (("left of", "right of"), ("above", "below"))[axis]
+        so = before == (where.endswith("left of") or where == "above")
+        return _polar(self.asked.yes(so), f"{one.name} is {names[0] if before else names[1]} {two.name} {self._at(0)}.")
+
+    def _around(self, kind: str, everything: list[Measured]) -> str:
+        mine = {thing.name for thing in self.things}
+        others = [thing for thing in everything if thing.name not in mine]
+        one = self.things[0]
+        if kind == "behind":
+            others = [thing for thing in others if thing.depth[0] > one.depth[0]]
+        if kind == "between":
+            two = self._two()[1]
+            way = two.centres[0] - one.centres[0]
+            length = max(float(np.linalg.norm(way)), 1e-9)
+            along = [float((thing.centres[0] - one.centres[0]) @ way) / length**2 for thing in others]
+            aside = [
+                float(np.linalg.norm(t.centres[0] - one.centres[0] - a * way))
+                for t, a in zip(others, along, strict=True)
+            ]
+            others = [t for t, a, d in zip(others, along, aside, strict=True) if 0 < a < 1 and d < BETWEEN * length]
+        others.sort(
+            key=lambda thing: float(np.linalg.norm(thing.centres[0] - one.centres[0])), reverse=kind == "farthest"
+        )
+        names = [thing.name for thing in others[: 1 if kind in ("nearest", "farthest") else NEIGHBOURS]]
+        what = {"behind": "behind", "between": "between them:", "neighbours": "near"}.get(kind, kind)
+        whom = (
+            ""
+            if kind == "between"
+            else f" {'to' if kind == 'nearest' else 'from' if kind == 'farthest' else ''} {one.name}:"
+        )
+        return " ".join(f"{what}{whom} {', '.join(names) or 'nothing that the scene has a word for'}.".split())
+
+    def _colour(self) -> str:
+        sentences = []
+        for thing in self.things:
+            sh = self.scene.posed(float(self.times[0]))
+            rgb = spherical_harmonics.rgb_from_dc(sh.sh[thing.rows, 0].astype(float))
+            weight = sh.opacities[thing.rows] * np.prod(np.sort(sh.scales[thing.rows], 1)[:, 1:], 1)
+            share: dict[str, float] = defaultdict(float)
+            for (red, green, blue), part in zip(rgb, weight / max(weight.sum(), 1e-12), strict=True):
+                share[everyday_name((red, green, blue))] += float(part)
+            ranked = sorted(share.items(), key=lambda item: -item[1])
+            told = [f"{name} ({part:.0%})" for name, part in ranked if part >= COLOUR_SHARE] or [
+                f"{ranked[0][0]} ({ranked[0][1]:.0%})"
+            ]
+            asked = self.asked.manner.replace("grey", "gray").split(" or ")
+            yes = self.asked.yes(ranked[0][0] in asked[0].split()) if len(asked) == 1 else ""
+            sentences.append(_polar(yes, f"{thing.name} is {' and '.join(told)}."))
+        return " ".join(sentences)
+
+    def _count(self) -> str:
+        sentences = []
+        for thing in self.things:
+            posed, camera = self.scene.posed(float(self.times[0])), self.scene.cameras.at(float(self.times[0]))
+            owner, _ = split_objects(posed, thing.rows)
+            numbers = range(int(owner.max()) + 1)
+            if self.asked.side:
+                middles = [
+                    camera.project(np.median(posed.means[thing.rows[owner == n]], 0)[None].astype(float))[0][0, 0]
+                    for n in numbers
+                ]
+                numbers = [n for n in numbers if (middles[n] < camera.width / 2) == (self.asked.side == "left")]  # type: ignore[assignment]
+            label = thing.name.removeprefix("the ")
+            sentences.append(
+                f"{label}: {len(numbers)} separate in the scene {self._at(0)}; those that touch count as one."
+            )
+        return " ".join(sentences)
+
+    def _moving(self) -> str:
+        moving = [thing for thing in self.things if self._is_moving(thing)]
+        names = ", ".join(thing.name for thing in moving)
+        return _polar(
+            self.asked.yes(bool(moving)),
+            f"{len(moving)} separate {plural('thing', len(moving))} "
+            f"{'moves' if len(moving) == 1 else 'move'}{f': {names}' if names else ''}.",
+        )
+
+    def _is_moving(self, thing: Measured) -> bool:
+        if len(self.times) < 2:
+            return thing.moves
+        speed = np.linalg.norm(np.diff(thing.centres, axis=0), axis=1) / np.diff(self.times) * self.scene.fps
+        return thing.moves and bool(speed.max() > MOVES)
+
+    def _still(self) -> str:
+        names = [thing.name for thing in self.things if not self._is_moving(thing)]
+        return f"standing still: {', '.join(names) or 'nothing that the scene has a word for'}."
+
+    def _stops(self) -> str:
+        speed = self._speeds()
+        still = np.flatnonzero(speed < MOVES)
+        if not len(still):
+            return _polar(self.asked.yes(False), f"{self.things[0].name} moves all the time.")
+        return _polar(self.asked.yes(True), f"{self.things[0].name} stands still {self._at(int(still[0]))}.")
+
+    def _order(self) -> str:
+        from_left = self.asked.manner.endswith("right")
+        ranked = sorted(self.things, key=lambda thing: thing.pixels[0, 0] if from_left else thing.depth[0])
+        names = ", ".join(thing.name for thing in ranked)
+        return f"{'from left to right' if from_left else 'from near to far'} {self._at(0)}: {names}."
+
+    def _biggest(self) -> str:
+        one = max(self.things, key=lambda thing: thing.width)
+        return f"the biggest thing is {one.name}, {one.width:.2f} times the median depth wide."
+
+    def _most_moving(self) -> str:
+        ways = {
+            t.name: float(np.linalg.norm(np.diff(t.centres, axis=0), axis=1).sum())
+            for t in self.things
+            if self._is_moving(t)
+        }
+        if not ways:
+            return "nothing moves."
+        name = max(ways, key=lambda each: ways[each])
+        return f"{name} moves the most: {ways[name]:.2f} times the median depth."
+
+
+def _polar(yes: str, sentence: str) -> str:
+    return f"{yes}: {sentence}" if yes else sentence

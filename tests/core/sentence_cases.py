@@ -1,0 +1,354 @@
+"""What a sentence of `tests/data` came to: right, refused or wrong, by the slots that its row names."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from f4x_core.edit.language import parse
+from f4x_core.errors import F4xError
+from f4x_core.fit.vocabulary import EVERYDAY
+from f4x_core.language.colour_names import COLOURS
+from f4x_core.language.grammar import Doubt
+from f4x_core.language.lexicon import singular
+from f4x_core.query.wording import read_question
+
+WORK = Path(__file__).parents[1] / "data" / "sentences_work.json"
+FPS, FRAMES = 24.0, 72
+AWAY = {
+    "left": (0, -1),
+    "right": (0, 1),
+    "up": (1, -1),
+    "down": (1, 1),
+    "closer": (2, -1),
+    "away": (2, 1),
+    "behind": (2, 1),
+}
+PEOPLE = {"man", "person", "guy", "people", "child", "girl", "boy", "rider", "dancer"}
+
+
+def rows(path: Path = WORK) -> list[dict[str, Any]]:
+    """The rows of a file of sentences."""
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def verdict(row: dict[str, Any]) -> str:
+    """right, refused or wrong."""
+    said = [row["text"]]
+    labels = sorted({*EVERYDAY, *_things(row)})
+    try:
+        if row["kind"] == "ask":
+            asked = read_question(row["text"], FPS, FRAMES)
+            ok = _questions_fit(row.get("questions", []), asked)
+        else:
+            made = parse(*said, labels=labels, fps=FPS, frames=FRAMES, selected="selected" in row)
+            ok = _operations_fit(row.get("operations", []), list(made), row)
+    except Doubt:
+        return "right" if row["expect"] == "confirm" else "refused"
+    except F4xError as error:
+        names = any(op["operation"] in ("undo", "redo") for op in row.get("operations", []))
+        if row["expect"] in ("refuse", "confirm") or (names and "f4x" in str(error)):
+            return "right"
+        return "refused"
+    if row["expect"] == "do" or row["category"] == "x_absent":  # of a thing that is not there the scene tells
+        return "right" if ok else "wrong"
+    if row["category"] == "x_destructive":  # which of several is meant, the scene tells
+        return "right" if ok and row["operations"][0]["target"] else "wrong"
+    return "wrong"
+
+
+def _things(row: dict[str, Any]) -> set[str]:
+    found: set[str] = set()
+    for slot in (*row.get("operations", []), *row.get("questions", [])):
+        for key in ("target", "other", "source", "of"):
+            words = slot.get(key)
+            for word in [words] if isinstance(words, str) else words or []:
+                word = word.removeprefix("all but ")
+                if word not in ("all", "background", "moving thing", "the copy", "camera"):
+                    found.add(word)
+    return found
+
+
+def _labels(select: Any) -> set[str]:
+    """Every label in a selection, in the singular."""
+    if isinstance(select, dict):
+        return {_one(w) for w in select.get("labels", ())} | _labels(list(select.values()))
+    if isinstance(select, list):
+        return set().union(*(_labels(part) for part in select)) if select else set()
+    return set()
+
+
+def _one(text: str) -> str:
+    *first, last = text.lower().split()
+    return " ".join([*first, singular(last)])
+
+
+def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any]) -> bool:
+    target = slot.get("target")
+    by = select["by"]
+    if target is None:
+        return True
+    if isinstance(target, list):
+        return {_one(word) for word in target} == _labels(select)
+    if target == "all":
+        return by == "all" or (by == "current")
+    if target == "background":
+        return by == "not" and select["of"]["by"] == "moving"
+    if target == "moving thing":
+        return "moving" in json.dumps(select)
+    if target == "the copy":
+        return by == "named"
+    if target.startswith("all but "):
+        return by == "not" and _labels(select) == {_one(target[8:])}
+    if by == "current":
+        return row.get("selected") == target
+    if "which" in slot:
+        nearest = {"back": "farthest"}.get(slot["which"], slot["which"])
+        if by != "instance" or select["which"] not in (nearest, slot["which"]):
+            return False
+    if "part" in slot and by != "part":
+        return False
+    found = _labels(select)
+    wanted = _one(target)
+    if slot.get("with_shadow") and not any("shadow" in label for label in found):
+        return False
+    if slot.get("colour_is") and slot["colour_is"] not in json.dumps(select) and found != {wanted}:
+        return False
+    if "of" in slot:
+        return any(wanted.split()[-1] in label.split() for label in found)
+    main = {label for label in found if "shadow" not in label or "shadow" in wanted}
+    near = {"people", "person", "man", "guy"}
+    return any(wanted in label or label in wanted for label in main) or bool(main and main <= near and wanted in near)
+
+
+def _span_fits(span: dict[str, Any] | None, op: dict[str, Any], which: str = "span") -> bool:
+    last = FRAMES - 1
+    if which == "at":
+        frames: list[Any] = [op.get("at"), op.get("until")]
+    else:
+        frames = op.get("frames")
+    if span is None:
+        return frames is None
+    if frames is None:
+        part = span.get("part")
+        return part == [0, 1]
+    a, b = frames[0], last if frames[1] is None else frames[1]
+    if "loose" in span:
+        first, final = (x * FRAMES for x in span["part"])
+        return (abs(a - first) <= 18 and abs(b - final) <= 18) and b - a > 2
+    lo: Any
+    hi: Any
+    if "seconds" in span:
+        pair = span["seconds"]
+        lo, hi = (pair, None) if not isinstance(pair, list) else pair
+        lo, hi = lo * FPS, None if hi is None else hi * FPS
+    elif "frames" in span:
+        pair = span["frames"]
+        lo, hi = (pair, None) if not isinstance(pair, list) else pair
+    elif "part" in span:
+        pair = span["part"]
+        lo, hi = (pair, None) if not isinstance(pair, list) else pair
+        lo, hi = lo * FRAMES, None if hi is None else hi * FRAMES
+    elif "last_seconds" in span:
+        lo, hi = FRAMES - span["last_seconds"] * FPS, None
+    elif "last_frames" in span:
+        lo, hi = FRAMES - span["last_frames"], None
+    elif "middle_seconds" in span:
+        half = span["middle_seconds"] * FPS / 2
+        lo, hi = FRAMES / 2 - half, FRAMES / 2 + half
+    elif "seconds_before_end" in span:
+        lo, hi = FRAMES - span["seconds_before_end"] * FPS, None
+    else:
+        lo, hi = 24, 60
+    if which == "at":
+        return abs(a - lo) <= 1
+    return abs(a - lo) <= 1 and abs(b - (last if hi is None else hi)) <= 1
+
+
+def _amount_fits(wanted: Any, value: float) -> bool:
+    if wanted in ("up", "down"):
+        return value > 1 if wanted == "up" else value < 1
+    return abs(value - wanted) < 0.02
+
+
+_NAMES = {"brightness", "contrast", "saturation", "warmth"}
+
+
+def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, Any]) -> bool:
+    kind, op = slot["operation"], made["op"]
+    amount = slot.get("factor", slot.get("change"))
+    select = made["select"]
+    ok = False
+    if kind in ("delete", "opacity") and slot.get("factor", 0) == 0:
+        ok = op == "delete" or (
+            op == "opacity" and made["factor"] == 0 and made.get("inward", False) == slot.get("inward", False)
+        )
+        if op == "extract" and slot.get("target") == "background":
+            return True
+    elif kind == "opacity":
+        ok = op == "opacity" and _amount_fits(amount, made["factor"])
+    elif kind == "extract":
+        ok = op == "extract"
+    elif kind == "recolour":
+        named = COLOURS.get(slot["colour"].replace(" ", ""))
+        if named is None and not slot["colour"].startswith("#"):
+            shade, base = slot["colour"].split()
+            named = COLOURS.get(shade + base) or COLOURS[base]
+        if op == "recolour":
+            mode = made.get("mode", "assign")
+            if mode == "add":
+                ok = slot.get("strength") == "slight" and made["rgb"][0] > 0
+            else:
+                ok = named is None or max(abs(a - b) for a, b in zip(named, made["rgb"], strict=True)) < 0.2
+            if slot.get("strength") == "slight":
+                ok = ok and (mode == "add" or made.get("strength", 1) < 1)
+    elif kind == "brightness":
+        ok = op == "recolour" and made.get("mode") == "multiply" and _amount_fits(amount, made["rgb"][0])
+    elif kind == "saturation":
+        gray = op == "recolour" and made.get("mode") == "hue"
+        ok = (gray and amount in (0, "down")) or (op == "grade" and _amount_fits(amount, made.get("saturation", 1)))
+    elif kind == "contrast":
+        ok = op == "grade" and _amount_fits(amount, made.get("contrast", 1))
+    elif kind == "warmth":
+        ok = op == "grade" and _amount_fits(amount, 1 + made.get("warmth", 0))
+    elif kind in ("blur", "glow"):
+        ok = op == kind
+        if ok and "colour" in slot:
+            ok = tuple(made["rgb"] or ()) == COLOURS[slot["colour"]]
+    elif kind == "transform":
+        ok = op == "transform" and _transform_fits(slot, made)
+    elif kind in ("duplicate", "follow"):
+        ok = op == "duplicate" and (made.get("count", 1) == slot["count"] if "count" in slot else True)
+        lag = slot.get("lag")
+        if lag is not None:
+            ok = ok and abs(made.get("time_shift", 0) - (lag["frames"] if isinstance(lag, dict) else lag * FPS)) <= 1
+        elif kind == "follow":
+            ok = ok and made.get("time_shift", 0) > 0
+        ok = ok and _way_fits(
+            slot.get("direction"), made.get("offset", [0, 0, 0]), behind_ok=made.get("time_shift", 0) > 0
+        )
+        if "by" in slot:
+            ok = ok and abs(max(map(abs, made["offset"])) - slot["by"]["amount"]) < 0.01
+    elif kind == "freeze":
+        ok = op == "freeze"
+        return ok and _who_fits(slot, select, row) and (("at" not in slot) or _span_fits(slot["at"], made, "at"))
+    elif kind in ("retime", "stretch"):
+        ok = op == "retime"
+        if ok and "speed" in slot:
+            ok = _amount_fits(slot["speed"], made["speed"])
+        if ok and "to_seconds" in slot:
+            a, b = slot["span"]["seconds"]
+            ok = _amount_fits((b - a) / slot["to_seconds"], made["speed"])
+        if ok and kind == "stretch" and "factor" in slot:
+            ok = _amount_fits(1 / slot["factor"], made["speed"])
+        if ok and slot.get("ease") == "smooth":
+            ok = made.get("ease") is not None
+        if ok and "span" not in slot and made.get("frames") in (None, [0.0, None]):
+            return ok and _who_fits(slot, select, row)
+    elif kind == "style":
+        ok = (op == "style" and made["look"] == slot["look"]) or (
+            op == "recolour" and slot["look"] == "gold" and tuple(made["rgb"]) == COLOURS["gold"]
+        )
+    elif kind == "match":
+        ok = op == "match" and _one(slot["source"]) in _labels(made["source"])
+    elif kind == "swap":
+        ok = op == "swap" and (
+            any(_one(slot["other"]) in label for label in _labels(made["other"])) or slot.get("plural", False)
+        )
+    else:
+        ok = op == kind
+    if op == "swap" and slot.get("plural"):
+        return ok
+    if not ok or not _who_fits(slot, select, row):
+        return False
+    if slot.get("ease") == "any" and op == "opacity" and not made.get("ease"):
+        return False
+    if op == "duplicate":
+        return True
+    if "span" not in slot and "at" not in slot:
+        return made.get("frames") is None
+    return _span_fits(slot.get("span"), made)
+
+
+def _way_fits(wanted: str | None, vector: list[float], behind_ok: bool = False) -> bool:
+    if wanted in (None, "any"):
+        return wanted is None or any(vector)
+    if wanted == "behind" and behind_ok:
+        return True
+    if wanted not in AWAY:
+        return False
+    axis, sign = AWAY[wanted]
+    axis = {0: 0, 1: 1, 2: 2}[axis]
+    return vector[axis] * sign > 0
+
+
+def _transform_fits(slot: dict[str, Any], made: dict[str, Any]) -> bool:
+    if "scale" in slot and not _amount_fits(slot["scale"], made.get("scale", 1)):
+        return False
+    if "translate" in slot:
+        move = made.get("translate", [0, 0, 0])
+        if not _way_fits(slot["translate"].get("direction"), move):
+            return False
+        if "amount" in slot["translate"] and abs(max(map(abs, move)) - slot["translate"]["amount"]) > 0.01:
+            return False
+    if "rotate" in slot:
+        turn = made.get("rotate", [0, 0, 0])
+        degrees, sense = slot["rotate"].get("degrees", "any"), slot["rotate"].get("sense", "any")
+        if not any(turn) or (isinstance(degrees, (int, float)) and abs(max(map(abs, turn)) - degrees) > 1):
+            return False
+        if sense == "left" and turn[1] >= 0 and turn[2] >= 0:
+            return False
+        if sense == "right" and turn[1] <= 0 and turn[2] <= 0:
+            return False
+    return "pivot" not in slot or made.get("pivot") == slot["pivot"]
+
+
+def _operations_fit(wanted: list[dict[str, Any]], made: list[Any], row: dict[str, Any]) -> bool:
+    records = [one.to_json() for one in made]
+    merged = [slot for slot in wanted if not (slot["operation"] == "recolour" and slot.get("target") is None)]
+    if len(merged) != len(records):
+        return False
+    left = list(records)
+    for slot in merged:
+        fitting = next((one for one in left if _operation_fits(slot, one, row)), None)
+        if fitting is None:
+            return False
+        left.remove(fitting)
+    return True
+
+
+KINDS = {
+    "when_moves": {"motion"}, "moving": {"motion"}, "happens": {"things", "motion", "does"}, "list": {"things"},
+    "duration": {"long"}, "when_visible": {"seen", "always", "seeing", "enter", "leave"}, "direction": {"way"},
+    "travelled": {"far"}, "speed": {"fast"}, "present": {"seen"}, "when_stops": {"motion", "stops"}, "still": {"still"},
+}  # fmt: skip
+
+
+def _questions_fit(wanted: list[dict[str, Any]], asked: Any) -> bool:
+    if len(wanted) != len(asked):
+        return False
+    for slot, one in zip(wanted, asked, strict=True):
+        kinds = KINDS.get(slot["question"], {slot["question"]})
+        if one.kind not in kinds:
+            return False
+        things = {_one(thing) for thing in one.things}
+        for key in ("target", "other"):
+            words = slot.get(key)
+            for word in [words] if isinstance(words, str) else words or []:
+                if word == "camera" or word in PEOPLE:
+                    continue
+                if not any(_one(word).split()[-1] in thing.split() for thing in things):
+                    return False
+        if "extreme" in slot and one.extreme != slot["extreme"]:
+            return False
+        if not slot.get("target") and "time" not in slot and one.span is not None:
+            return False
+        if "time" in slot:
+            if one.span is None:
+                return False
+            frames = {"frames": [one.span[0], one.span[1]], "at": one.span[0]}
+            pair = next(iter(slot["time"].values()))
+            if not _span_fits(slot["time"], frames, "span" if isinstance(pair, list) else "at"):
+                return False
+    return True

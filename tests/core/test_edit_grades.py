@@ -1,0 +1,95 @@
+"""Contrast, warmth, blur, glow, places of two, parts by place and eased speed: what each does to numbers."""
+
+import numpy as np
+import pytest
+from random_scene import random_scene
+
+from f4x_core.edit import colours
+from f4x_core.edit.apply import thinning, with_operations
+from f4x_core.edit.bake import bake
+from f4x_core.edit.operations import Blur, Glow, Grade, Retime, Swap, Transform
+from f4x_core.edit.resolve import EditorState, resolve
+from f4x_core.edit.retiming import time_map_of
+from f4x_core.edit.selects import All, Ids, Part
+from f4x_core.edit.stack import of
+from f4x_core.errors import F4xError
+from f4x_core.geometry.camera import Camera
+from f4x_core.query.connected_objects import part_of
+
+SCENE = random_scene()
+FEW, OTHERS = Ids.of(np.arange(5)), Ids.of(np.arange(5, 12))
+
+
+def test_contrast_spreads_lights_about_the_mean_and_keeps_tints():
+    lab = np.array([[0.4, 0.02, 0.01], [0.6, -0.01, 0.02]])
+    graded = colours.lab_from_rgb(colours.graded(colours.rgb_from_lab(lab), 1.5, 1.0, 0.0, 0.5))
+    np.testing.assert_allclose(graded, [[0.35, 0.02, 0.01], [0.65, -0.01, 0.02]], atol=1e-6)
+    gray = colours.lab_from_rgb(colours.graded(colours.rgb_from_lab(lab), 1.0, 0.0, 0.0, 0.5))
+    np.testing.assert_allclose(gray[:, 1:], 0, atol=1e-6)
+    warm = colours.lab_from_rgb(colours.graded(colours.rgb_from_lab(lab), 1.0, 1.0, 0.5, 0.5))
+    np.testing.assert_allclose(warm[:, 2] - lab[:, 2], 0.5 * colours.WARM[1] * lab[:, 0], atol=1e-6)
+
+
+def test_grading_by_nothing_changes_no_bit():
+    np.testing.assert_array_equal(with_operations(SCENE, Grade(All())).posed(1.0).sh, SCENE.posed(1.0).sh)
+
+
+def test_a_blur_widens_and_thins():
+    before, after = SCENE.posed(1.0), with_operations(SCENE, Blur(FEW, 0.3)).posed(1.0)
+    few = np.isin(SCENE.ids, FEW.array)
+    np.testing.assert_allclose(after.scales[few], np.hypot(before.scales[few], 0.3), rtol=1e-5)
+    np.testing.assert_array_equal(after.scales[~few], before.scales[~few])
+    light = before.opacities[few] * np.prod(np.sort(before.scales[few], 1)[:, 1:], 1)
+    np.testing.assert_allclose(
+        after.opacities[few] * np.prod(np.sort(after.scales[few], 1)[:, 1:], 1), light, rtol=1e-4
+    )
+    assert thinning(before.scales, 0.0) == pytest.approx(1)
+
+
+def test_a_glow_is_one_edit_with_a_halo_that_goes_when_it_ends():
+    glowing = with_operations(SCENE, Glow(FEW, strength=0.5, frames=(1.0, 2.0)))
+    assert len(of(glowing)) == 1 and len(glowing.ids) == len(SCENE.ids) + 5
+    halo = slice(len(SCENE.ids), None)
+    assert (glowing.posed(1.5).opacities[halo] > 0).all()
+    assert (glowing.posed(0.5).opacities[halo] == 0).all() and (glowing.posed(2.5).opacities[halo] == 0).all()
+
+
+def test_two_things_change_places_and_the_edit_bakes_exactly():
+    swap = resolve(SCENE, Swap(FEW, OTHERS), EditorState(frame=1.0))
+    moved, before = with_operations(SCENE, swap), SCENE.posed(1.0).means
+    shift = np.array(swap.shift)
+    np.testing.assert_allclose(moved.posed(1.0).means[:5], before[:5] + shift, atol=1e-5)
+    np.testing.assert_allclose(moved.posed(1.0).means[5:12], before[5:12] - shift, atol=1e-5)
+    np.testing.assert_array_equal(moved.posed(1.0).means[12:], before[12:])
+    baked = bake(moved)
+    assert not baked.edits
+    np.testing.assert_allclose(baked.posed(2.0).means, moved.posed(2.0).means, atol=1e-4)
+    with pytest.raises(F4xError, match="share Gaussians"):
+        resolve(SCENE, Swap(All(), FEW), EditorState())
+    with pytest.raises(F4xError, match="plan the edit"):
+        with_operations(SCENE, Swap(FEW, OTHERS))
+
+
+def test_what_cannot_be_folded_stays_in_the_stack():
+    baked = bake(with_operations(SCENE, Transform(FEW, (1.0, 0.0, 0.0)), Blur(FEW, 0.1)))
+    assert [edit.operation.TAG for edit in of(baked).edits] == ["blur"]
+
+
+@pytest.mark.parametrize("ease", ["linear", "smooth"])
+def test_an_eased_speed_is_the_old_one_at_first_and_the_new_one_at_last(ease):
+    shown = time_map_of(Retime(All(), 0.5, (10.0, 20.0), ease), (0.0, 59.0))
+    times = np.linspace(0, 40, 401)
+    speed = np.gradient([shown(t) for t in times], times)
+    np.testing.assert_allclose(speed[(times < 9.9)], 1, atol=1e-6)
+    np.testing.assert_allclose(speed[(times > 20.1)], 0.5, atol=1e-6)
+    assert speed[np.abs(times - 15).argmin()] == pytest.approx(0.75, abs=1e-3)
+    assert shown(20.0) == pytest.approx(10 + 10 * 0.75)
+
+
+def test_the_upper_half_is_what_lies_above_the_middle_of_the_picture_of_it():
+    camera = Camera(np.array([[50.0, 0, 32], [0, 50, 20], [0, 0, 1]]), np.eye(4), 64, 40)
+    points = np.stack([np.zeros(101), np.linspace(-1, 1, 101), np.full(101, 3.0)], 1)
+    upper = part_of(points, "top", 0.5, camera)
+    assert upper[points[:, 1] < -0.01].all() and not upper[points[:, 1] > 0.01].any()  # y points down
+    part = resolve(SCENE, Grade(Part(FEW, "left", 0.5), contrast=2), EditorState()).select
+    assert 0 < len(part.array) < 5 and set(part.array) < set(FEW.array)
