@@ -62,6 +62,8 @@ def compile_command(compiler: list[str], output: Path) -> list[str]:
     flags = list(FLAGS)
     if output.suffix != ".dll":
         flags.append("-fPIC")
+    if output.suffix == ".dylib":
+        flags.append(f"-Wl,-install_name,@rpath/{output.name}")  # else it holds the path of this build
     if "ziglang" in compiler:
         flags.append("-s")  # no symbols: a tenth of the size
     elif output.suffix == ".so":
