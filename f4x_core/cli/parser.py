@@ -156,16 +156,16 @@ def _info(verbs: Verbs) -> None:
 
 def _export(verbs: Verbs) -> None:
     """`f4x export`."""
-    sub = add_verb(verbs, "export", "Write a scene for other programs: PLY, .splat, glTF, USD, points.")
+    sub = add_verb(verbs, "export", "Write a scene for other programs: PLY, .splat, SPZ, glTF, USD, points.")
     sub.add_argument(
-        "scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat) or a folder of numbered PLY"
+        "scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat, .spz) or a folder of numbered PLY"
     )
     edits_option(sub)
     output_option(
         sub,
         "FILE|DIR",
         required=True,
-        help="FILE.ply, .splat or .glb with --time; FILE.usda for all frames; DIR for NAME_0000.ply, NAME_0001.ply, …",
+        help="FILE.ply, .splat, .spz or .glb with --time; FILE.usda for all frames; DIR for NAME_0000.ply, NAME_0001.ply, …",
     )
     sub.add_argument("--format", choices=FORMATS, help="default: by the ending of FILE; ply for DIR")
     moments = sub.add_mutually_exclusive_group()
