@@ -173,6 +173,16 @@ def _export(verbs: Verbs) -> None:
     moments.add_argument("--frames", metavar="A:B:S", help="first frame, end and step (default: all frames)")
 
 
+def _open(verbs: Verbs) -> None:
+    """`f4x open`."""
+    sub = add_verb(verbs, "open", "Show a scene in the browser, without Blender: one HTML page that plays.")
+    sub.add_argument("scene", type=path_argument, help="a .f4x scene or splats (.ply, .splat, .spz)")
+    edits_option(sub)
+    sub.add_argument("--write", type=path_argument, metavar="FILE", help="only write the page there")
+    sub.add_argument("--word", metavar="WORD[,WORD]", help="buttons that colour what these words mean")
+    sub.add_argument("--degrees", type=float, default=5.0, help="how far aside the page lets look (default: 5)")
+
+
 def _query(verbs: Verbs) -> None:
     """`f4x query`."""
     sub = add_verb(verbs, "query", "Select what a word, a point, a box or a mask means: Gaussians and masks.")
@@ -411,6 +421,7 @@ VERBS = (
     _eval,
     _info,
     _export,
+    _open,
     _query,
     _ask,
     _edit,
