@@ -97,7 +97,7 @@ def read_spz(path: Path | str) -> Splats:
     turned = quaternion.multiply(turn, splats.quats.astype(np.float64)).astype(np.float32)
     # From world axes of the file to each Gaussian's own frame, which turns with it.
     own = spherical_harmonics.rotate(splats.sh, quaternion.conjugate(splats.quats))
-    means = splats.means * np.float32([1, -1, -1])
+    means = splats.means * np.array([1, -1, -1], np.float32)
     return Splats(means, turned, splats.scales, splats.opacities, own)
 
 

@@ -89,7 +89,7 @@ def _motion(scene: Scene, options: PageOptions) -> dict[str, np.ndarray]:
     dynamic, scaffold = scene.dynamic, scene.scaffold
     marks = np.array([*options.words.values()], np.uint8)
     spans = [
-        np.tile(np.float32([-1e9, -1e9, 1e9, 1e9]), (len(part), 1))
+        np.tile(np.array([-1e9, -1e9, 1e9, 1e9], np.float32), (len(part), 1))
         if part.span is None
         else np.clip(part.span, -1e9, 1e9)
         for part in (scene.static, dynamic)
