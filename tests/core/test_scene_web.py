@@ -22,6 +22,8 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 SOFTWARE = ("--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 WAIT_MS = 60_000
 """Of the page's own clock, which runs ahead where nothing is to do."""
+TRIES = 6
+"""On a busy machine that clock can run out before the page's worker has sorted; then there is no picture at all."""
 ROUNDING = 40.0
 """dB, 1 % of the colours: what bytes of colour, opacity and scale (to 3 %) may move; a wrong pose or order gives 20 to 30."""
 
@@ -37,8 +39,11 @@ def picture(page, profile, **asked):
         "--dump-dom",
         address,
     ]
-    shown = subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
-    found = re.search(r"data:image/png;base64,([A-Za-z0-9+/=]+)", shown)
+    found = None
+    for _ in range(TRIES):
+        shown = subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
+        if found := re.search(r"data:image/png;base64,([A-Za-z0-9+/=]+)", shown):
+            break
     assert found, re.search(r'id="message">(.*?)<', shown)
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(found[1]))).convert("RGB")) / 255
 
