@@ -40,9 +40,7 @@ class Format:
 FORMATS = {
     "ply": Format((".ply",), "Gaussians with all harmonics, one moment a file", write_frame=export_frame),
     "splat": Format((".splat",), "Gaussians with one colour in 8 bits, one moment a file", write_frame=write_splat),
-    "spz": Format(
-        (".spz",), "Gaussians with all harmonics in 8 bits, a tenth of PLY, one moment a file", write_frame=write_spz
-    ),
+    "spz": Format((".spz",), "Gaussians with all harmonics in 8 bits, one moment a file", write_frame=write_spz),
     "gltf": Format(
         (".glb", ".gltf"), "Gaussians with harmonics to degree 3, one moment a file", write_frame=write_gltf
     ),
