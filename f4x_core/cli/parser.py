@@ -156,21 +156,31 @@ def _info(verbs: Verbs) -> None:
 
 def _export(verbs: Verbs) -> None:
     """`f4x export`."""
-    sub = add_verb(verbs, "export", "Write a scene for other programs: PLY, .splat, glTF, USD, points.")
+    sub = add_verb(verbs, "export", "Write a scene for other programs: PLY, .splat, SPZ, glTF, USD, points.")
     sub.add_argument(
-        "scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat) or a folder of numbered PLY"
+        "scene", type=path_argument, help="a .f4x scene, splats (.ply, .splat, .spz) or a folder of numbered PLY"
     )
     edits_option(sub)
     output_option(
         sub,
         "FILE|DIR",
         required=True,
-        help="FILE.ply, .splat or .glb with --time; FILE.usda for all frames; DIR for NAME_0000.ply, NAME_0001.ply, …",
+        help="FILE.ply, .splat, .spz or .glb with --time; FILE.usda for all frames; DIR for NAME_0000.ply, NAME_0001.ply, …",
     )
     sub.add_argument("--format", choices=FORMATS, help="default: by the ending of FILE; ply for DIR")
     moments = sub.add_mutually_exclusive_group()
     moments.add_argument("--time", type=float, metavar="T", help="one clip frame, from 0; may lie between two")
     moments.add_argument("--frames", metavar="A:B:S", help="first frame, end and step (default: all frames)")
+
+
+def _open(verbs: Verbs) -> None:
+    """`f4x open`."""
+    sub = add_verb(verbs, "open", "Show a scene in the browser, without Blender: one HTML page that plays.")
+    sub.add_argument("scene", type=path_argument, help="a .f4x scene or splats (.ply, .splat, .spz)")
+    edits_option(sub)
+    sub.add_argument("--write", type=path_argument, metavar="FILE", help="only write the page there")
+    sub.add_argument("--word", metavar="WORD[,WORD]", help="buttons that colour what these words mean")
+    sub.add_argument("--degrees", type=float, default=5.0, help="how far aside the page lets look (default: 5)")
 
 
 def _query(verbs: Verbs) -> None:
@@ -419,6 +429,7 @@ VERBS = (
     _eval,
     _info,
     _export,
+    _open,
     _query,
     _ask,
     _edit,

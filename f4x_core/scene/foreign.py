@@ -22,10 +22,11 @@ from ..geometry.camera import CameraPath
 from ..geometry.splats import Splats
 from .file import HEADER, read_scene
 from .formats.splat import looks_like_splat, read_splat
+from .formats.spz import read_spz
 from .model import PosedSplats, Scene, StaticSet
 from .ply import read_ply
 
-Kind = Literal["scene", "ply", "splat", "sequence"]
+Kind = Literal["scene", "ply", "splat", "spz", "sequence"]
 WIDTH, HEIGHT, FIELD_OF_VIEW = 960, 540, 50.0
 """Pixels and vertical degrees of the camera that frames splats which come without one."""
 SEEN = 0.1
@@ -41,9 +42,9 @@ PROBE = 4096
 """Bytes at the start that signatures look at."""
 CONVERT = "convert it to a 3DGS PLY with a splat editor first"
 FIT = "make a scene of it with `f4x fit {path} -o DIR`"
+GZIP = b"\x1f\x8b"
 SIGNATURES = (
-    (0, b"\x1f\x8b", f"a gzip file (SPZ splats are such); {CONVERT}"),
-    (0, b"NGSP", f"SPZ splats; {CONVERT}"),
+    (0, b"NGSP", f"SPZ splats of version 4, of which 2 and 3 can be read; {CONVERT}"),
     (0, b"glTF", "a glTF binary; import it in Blender, or take the splats' PLY"),
     (0, b"#usda", "a USD stage; import it in Blender, or take the splats' PLY"),
     (0, b"PXR-USDC", "a USD stage; import it in Blender, or take the splats' PLY"),
@@ -63,6 +64,8 @@ SIGNATURES = (
     (0, b"{", "a JSON file; choose a .f4x scene or a splat file"),
 )
 """(offset, bytes there, what the file is and what to do)."""
+READERS = {"ply": read_ply, "splat": read_splat, "spz": read_spz}
+"""Of one file of splats, by kind."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +112,7 @@ class SplatSequence:
 
 
 def open_any(path: Path | str, sequence: bool = True) -> Scene | SplatSequence:
-    """Open a `.f4x` scene, a 3DGS PLY, a `.splat` file or a numbered PLY sequence (its folder or one of its files).
+    """Open a `.f4x` scene, a 3DGS PLY, a `.splat` or `.spz` file or a numbered PLY sequence (its folder or one of its files).
 
     A single splat file becomes a scene in which nothing moves, with one camera that frames it. With `sequence` False
     a numbered file is opened alone. Raises F4xError that says what the file is and what to do with it.
@@ -121,7 +124,7 @@ def open_any(path: Path | str, sequence: bool = True) -> Scene | SplatSequence:
     if kind == "sequence":
         paths = _numbered_files(path) if path.is_dir() else _siblings(path)
         return SplatSequence(_prefix(paths[0]) or paths[0].absolute().parent.name, tuple(paths))
-    return scene_of(read_ply(path) if kind == "ply" else read_splat(path), path.stem, path)
+    return scene_of(READERS[kind](path), path.stem, path)
 
 
 def identify(path: Path | str, sequence: bool = True) -> Kind:
@@ -140,6 +143,8 @@ def identify(path: Path | str, sequence: bool = True) -> Kind:
             return _identify_zip(path)
         if re.match(rb"ply\r?\n", start):
             return "sequence" if sequence and len(_siblings(path)) > 1 else "ply"
+        if start.startswith(GZIP):
+            return "spz"  # `read_spz` says if it is something else
         for offset, signature, sentence in SIGNATURES:
             if start.startswith(signature, offset):
                 raise F4xError(f"{path}: {sentence.format(path=path)}")
@@ -152,7 +157,7 @@ def identify(path: Path | str, sequence: bool = True) -> Kind:
             f"{path}: cannot be read ({error.strerror or error}); choose a .f4x scene or a splat file"
         ) from error
     raise F4xError(
-        f"{path}: neither a scene nor splats that are known here; choose a .f4x, a 3DGS .ply or a .splat file"
+        f"{path}: neither a scene nor splats that are known here; choose a .f4x, a 3DGS .ply, a .splat or a .spz file"
     )
 
 

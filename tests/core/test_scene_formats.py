@@ -2,6 +2,7 @@
 
 import base64
 import dataclasses
+import gzip
 import json
 import shutil
 import struct
@@ -413,11 +414,11 @@ def test_the_ending_tells_the_format(output, name, one, expected):
 @pytest.mark.parametrize(
     ("output", "name", "one", "words"),
     [
-        ("a.obj", None, True, "no export to .obj; end it in .glb, .gltf, .ply, .splat, .usda"),
+        ("a.obj", None, True, "no export to .obj; end it in .glb, .gltf, .ply, .splat, .spz, .usda"),
         ("a.ply", None, False, "FILE.ply together with --time"),
         ("folder", None, True, "FILE.ply together with --time"),
         ("folder", "usd", False, "one file; give FILE.usda"),
-        ("a.ply", "spz", True, "no export format 'spz'; choose from ply, splat, gltf, usd, points, usd-points"),
+        ("a.ply", "sog", True, "no export format 'sog'; choose from ply, splat, spz, gltf, usd, points, usd-points"),
     ],
 )
 def test_what_does_not_go_together_is_said(output, name, one, words):
@@ -590,7 +591,7 @@ STRANGERS = {
     "SOG splats; convert": zipped("meta.json", "means_l.webp"),
     "a USD package": zipped("a.usdc"),
     "not a whole scene file": data(b"PK\x03\x04 but no more"),
-    "a gzip file .SPZ": data(b"\x1f\x8b\x08" + bytes(40)),
+    "holds no SPZ splats": data(gzip.compress(bytes(40))),
     "a glTF binary": lambda path: path.write_bytes(trimesh.creation.box().export(file_type="glb")),
     "a USD stage": data(b"#usda 1.0\n"),
     "a Blender file": data(b"BLENDER-v405"),

@@ -16,6 +16,7 @@ from ..posing import Posable
 from .gltf import write_gltf
 from .points import write_points
 from .splat import write_splat
+from .spz import write_spz
 from .usd import write_usd, write_usd_points
 
 WriteFrame = Callable[[Posable, float, Path, np.ndarray | None], None]
@@ -39,6 +40,7 @@ class Format:
 FORMATS = {
     "ply": Format((".ply",), "Gaussians with all harmonics, one moment a file", write_frame=export_frame),
     "splat": Format((".splat",), "Gaussians with one colour in 8 bits, one moment a file", write_frame=write_splat),
+    "spz": Format((".spz",), "Gaussians with all harmonics in 8 bits, one moment a file", write_frame=write_spz),
     "gltf": Format(
         (".glb", ".gltf"), "Gaussians with harmonics to degree 3, one moment a file", write_frame=write_gltf
     ),

@@ -1,0 +1,159 @@
+"""SPZ: Niantic's compressed splats, versions 2 and 3 (github.com/nianticlabs/spz, README).
+
+A gzip stream: a header of 16 bytes, then by attribute positions in 24-bit fixed point, opacity, colour, log scale, rotation and
+harmonics in 8 bits (rotation in 32: the smallest three components). Axes x right, y up, z backward.
+"""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import F4xError
+from ...files import replace_file
+from ...geometry import quaternion, spherical_harmonics
+from ..ply import Splats
+from ..posing import Y_UP, Posable, moment, similarity_of, world_harmonics
+
+HEADER = np.dtype([("magic", "<u4"), ("version", "<u4"), ("count", "<u4"), ("numbers", "u1", 4)])
+"""`numbers`: degree of the harmonics, fractional bits of a position, flags, nothing."""
+MAGIC = 0x5053474E
+VERSION = 3
+"""Written; 2, with rotations in 24 bits, is read too."""
+MAX_POINTS = 10_000_000
+"""What Niantic's own reader accepts; a header with more is damage."""
+MAX_FRACTION = 20
+"""Fractional bits of a position at most: a millionth of the unit, finer than float32 at the unit itself."""
+FIXED = (1 << 23) - 1
+"""Largest 24-bit signed number."""
+COLOUR_SCALE = 0.15
+"""Of a degree-0 coefficient: bytes span +-3.3, colours somewhat outside [0, 1] too."""
+SCALE_STEPS, SCALE_ORIGIN = 16, 10
+"""A byte of scale is `16 (log scale + 10)`: 6 % a step, from 4.5e-5 to 380."""
+COMPONENT = 511
+"""Largest magnitude of a rotation's component, which stands for sqrt(1/2)."""
+HARMONICS_STEP = (8, 16)
+"""A harmonic's byte is `128 + 128 h` rounded to a multiple of these at degree 1 and above, so that gzip has less to keep."""
+
+
+def write_spz(scene: Posable, time: float, path: Path | str, transform: np.ndarray | None = None) -> None:
+    """Write the scene at clip time `time`, moved by the 4x4 similarity `transform`. Raises F4xError."""
+    posed = moment(scene, time, Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64))
+    data = pack_spz(Splats(posed.means, posed.quats, posed.scales, posed.opacities, world_harmonics(posed)))
+    with replace_file(path) as file:
+        file.write(data)
+
+
+def pack_spz(splats: Splats) -> bytes:
+    """Return the file of `splats` in its axes, the harmonics' directions too. Raises F4xError for too many."""
+    count = len(splats)
+    if count > MAX_POINTS:
+        raise F4xError(f"SPZ holds at most {MAX_POINTS} Gaussians, here are {count}; write PLY")
+    reach = max(float(np.abs(splats.means).max(initial=0)), 1e-6)
+    fraction = int(np.clip(np.floor(np.log2(FIXED / reach)), 0, MAX_FRACTION))
+    fixed = np.clip(np.rint(splats.means.astype(np.float64) * 2**fraction), -FIXED, FIXED).astype("<i4")
+    with np.errstate(divide="ignore"):
+        scale = SCALE_STEPS * (np.log(splats.scales) + SCALE_ORIGIN)
+    header = np.array(
+        [(MAGIC, VERSION, count, (spherical_harmonics.degree_of(splats.sh.shape[1]), fraction, 0, 0))], HEADER
+    )
+    step = np.where(np.arange(1, splats.sh.shape[1]) < 4, *HARMONICS_STEP)[:, None]
+    parts = (
+        np.ascontiguousarray(fixed).view(np.uint8).reshape(count, 3, 4)[..., :3],
+        _bytes(255 * splats.opacities),
+        _bytes(255 * (COLOUR_SCALE * splats.sh[:, 0] + 0.5)),
+        _bytes(scale),
+        _smallest_three(splats.quats),
+        _bytes(np.rint((128 * splats.sh[:, 1:] + 128) / step) * step),
+    )
+    return gzip.compress(header.tobytes() + b"".join(part.tobytes() for part in parts), mtime=0)
+
+
+def read_spz(path: Path | str) -> Splats:
+    """Read versions 2 and 3 into the axes of PLY files (x right, y down, z forward). Raises F4xError that names the damage."""
+    path = Path(path)
+    try:
+        with gzip.open(path) as file:
+            start = file.read(HEADER.itemsize)
+            if len(start) < HEADER.itemsize or int.from_bytes(start[:4], "little") != MAGIC:
+                raise F4xError(f"{path}: a gzip file that holds no SPZ splats; choose another one")
+            header = np.frombuffer(start, HEADER)[0]
+            version, count, (degree, fraction) = int(header["version"]), int(header["count"]), header["numbers"][:2]
+            if version not in (2, 3) or count > MAX_POINTS or degree > spherical_harmonics.MAX_DEGREE or fraction > 24:
+                raise F4xError(f"{path}: SPZ of version {version} with {count} splats; versions 2 and 3 can be read")
+            sizes = (9, 1, 3, 3, 4 if version == VERSION else 3, 3 * ((int(degree) + 1) ** 2 - 1))
+            body = file.read(count * sum(sizes))
+    except (OSError, EOFError, zlib.error) as error:
+        raise F4xError(f"{path}: cannot be read ({error}); copy or export it again") from error
+    if len(body) < count * sum(sizes):
+        raise F4xError(f"{path}: truncated, it promises {count} splats; copy or export it again")
+    ends = count * np.cumsum(sizes)
+    rows = [part.reshape(count, -1) for part in np.split(np.frombuffer(body, np.uint8), ends[:-1])]
+    splats = _unpacked(rows, 2.0 ** -int(fraction))
+    _, turn, _ = similarity_of(Y_UP)
+    turned = quaternion.multiply(turn, splats.quats.astype(np.float64)).astype(np.float32)
+    # From world axes of the file to each Gaussian's own frame, which turns with it.
+    own = spherical_harmonics.rotate(splats.sh, quaternion.conjugate(splats.quats))
+    means = splats.means * np.array([1, -1, -1], np.float32)
+    return Splats(means, turned, splats.scales, splats.opacities, own)
+
+
+def _unpacked(rows: list[np.ndarray], unit: float) -> Splats:
+    """Splats of the six attributes' bytes (N,k), in the file's axes; `unit` is one step of a position."""
+    position, opacity, colour, scale, rotation, harmonics = rows
+    count = len(position)
+    fixed = np.zeros((count, 3, 4), np.uint8)
+    fixed[..., 1:] = position.reshape(count, 3, 3)  # the upper three bytes carry the sign
+    sh = np.concatenate(
+        [
+            ((colour.astype(np.float32) / 255 - 0.5) / COLOUR_SCALE)[:, None],
+            (harmonics.reshape(count, -1, 3).astype(np.float32) - 128) / 128,
+        ],
+        axis=1,
+    )
+    return Splats(
+        means=((fixed.view("<i4")[..., 0] >> 8) * unit).astype(np.float32),
+        quats=_rotations(rotation),
+        scales=np.exp(scale.astype(np.float32) / SCALE_STEPS - SCALE_ORIGIN),
+        opacities=opacity[:, 0].astype(np.float32) / 255,
+        sh=sh.astype(np.float32),
+    )
+
+
+def _bytes(values: np.ndarray) -> np.ndarray:
+    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+
+
+def _smallest_three(quats: np.ndarray) -> np.ndarray:
+    """(N,) uint32 of wxyz rotations: which of x, y, z, w is largest, then sign and 9 bits of each of the others."""
+    xyzw = np.roll(quaternion.normalize(quats.astype(np.float64)), -1, axis=1)
+    largest = np.abs(xyzw).argmax(axis=1)
+    xyzw *= np.where(np.take_along_axis(xyzw, largest[:, None], 1) < 0, -1, 1)
+    magnitude = np.minimum(np.abs(xyzw) * np.sqrt(2) * COMPONENT + 0.5, COMPONENT).astype(np.uint32)
+    packed = largest.astype(np.uint32)
+    for axis in range(4):
+        field = (np.uint32(512) * (xyzw[:, axis] < 0)).astype(np.uint32) | magnitude[:, axis]
+        packed = np.where(largest == axis, packed, (packed << np.uint32(10)) | field)
+    return packed.astype("<u4")
+
+
+def _rotations(rows: np.ndarray) -> np.ndarray:
+    """(N,4) unit wxyz float32 of the bytes of rotations, (N,3) in version 2 or (N,4)."""
+    xyzw = np.zeros((len(rows), 4))
+    if rows.shape[1] == 3:
+        xyzw[:, :3] = rows / 127.5 - 1
+        largest = np.full(len(rows), 3)
+    else:
+        packed = np.ascontiguousarray(rows).view("<u4")[:, 0].astype(np.int64)
+        largest = packed >> 30
+        for axis in (3, 2, 1, 0):
+            stored = largest != axis
+            value = (packed & COMPONENT) / COMPONENT * np.sqrt(0.5) * np.where(packed & 512, -1, 1)
+            xyzw[stored, axis] = value[stored]
+            packed = np.where(stored, packed >> 10, packed)
+    rest = np.sqrt(np.maximum(1 - (xyzw**2).sum(axis=1), 0))
+    np.put_along_axis(xyzw, largest[:, None], rest[:, None], 1)
+    return quaternion.normalize(np.roll(xyzw, 1, axis=1)).astype(np.float32)
