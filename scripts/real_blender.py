@@ -124,8 +124,8 @@ def prepare(root: Path, suite: str = SUITE) -> str:
                     f"{root} is something else than a system with Blender, Xvfb and xdotool; name a new folder"
                 )
             return found
-        _require_debootstrap()
-        mirror = _find_mirror(suite)
+        require_debootstrap()
+        mirror = find_mirror(suite)
         partial = root.with_name(root.name + ".partial")
         _remove(partial)  # of a call that was killed
         try:
@@ -143,13 +143,15 @@ def _install(folder: Path, suite: str, mirror: str) -> str:
     """Bootstrap Debian in `folder` and install Blender there; returns its version."""
     start = time.monotonic()
     print(f"Debian {suite} from {mirror} …", flush=True)
-    _run("debootstrap", "--variant=minbase", f"--keyring={KEYRING}", "--force-check-gpg", suite, str(folder), mirror)
+    run_step(
+        "debootstrap", "--variant=minbase", f"--keyring={KEYRING}", "--force-check-gpg", suite, str(folder), mirror
+    )
     policy = folder / "usr/sbin/policy-rc.d"  # nothing that is installed may start a service
     policy.write_text("#!/bin/sh\nexit 101\n")
     policy.chmod(0o755)
     print(f"Blender, Xvfb and xdotool … ({time.monotonic() - start:.0f} s so far)", flush=True)
-    _run("chroot", str(folder), "apt-get", "-qq", "-y", "install", "--no-install-recommends", *PACKAGES)
-    _run("chroot", str(folder), "apt-get", "-qq", "clean")
+    run_step("chroot", str(folder), "apt-get", "-qq", "-y", "install", "--no-install-recommends", *PACKAGES)
+    run_step("chroot", str(folder), "apt-get", "-qq", "clean")
     found = version(folder)
     if found is None:
         raise UnavailableError(f"Debian {suite} has packages of Blender that do not run here")
@@ -157,7 +159,7 @@ def _install(folder: Path, suite: str, mirror: str) -> str:
     return found
 
 
-def _run(*command: str) -> None:
+def run_step(*command: str) -> None:
     """Run a step. Raises UnavailableError with its last line of output if it fails or takes too long."""
     name = " ".join(command[2:4] if command[0] == "chroot" else command[:1])
     try:
@@ -179,15 +181,15 @@ def _run(*command: str) -> None:
         raise UnavailableError(f"{name} failed ({lines[-1] if lines else f'exit code {error.returncode}'})") from None
 
 
-def _require_debootstrap() -> None:
+def require_debootstrap() -> None:
     """Install debootstrap and Debian's keys with apt where they are missing."""
     if shutil.which("debootstrap") and KEYRING.exists():
         return
     if shutil.which("apt-get") is None:
         raise UnavailableError("debootstrap and Debian's keyring are missing, and there is no apt-get to install them")
     print("debootstrap …", flush=True)
-    _run("apt-get", "-qq", "update")
-    _run("apt-get", "-qq", "-y", "install", "--no-install-recommends", "debootstrap", "debian-archive-keyring")
+    run_step("apt-get", "-qq", "update")
+    run_step("apt-get", "-qq", "-y", "install", "--no-install-recommends", "debootstrap", "debian-archive-keyring")
 
 
 def _sources() -> Iterator[str]:
@@ -200,7 +202,7 @@ def _sources() -> Iterator[str]:
                 yield from re.findall(r"https?://[^\s\]]+", line)
 
 
-def _find_mirror(suite: str) -> str:
+def find_mirror(suite: str) -> str:
     """The first of apt's own sources that has this suite of Debian, else Debian's; UnavailableError where none answers."""
     tried = list(dict.fromkeys([*(url.rstrip("/") for url in _sources()), MIRROR]))
     for url in tried:
@@ -217,7 +219,7 @@ def _unmount(folder: Path) -> None:
     """Unmount all that debootstrap may have left mounted below a folder, the innermost first."""
     mounted = [line.split()[1] for line in Path("/proc/self/mounts").read_text().splitlines()]
     for place in reversed([place for place in mounted if place.startswith(f"{folder.resolve()}/")]):
-        _run("umount", place)
+        run_step("umount", place)
 
 
 def _remove(folder: Path) -> None:

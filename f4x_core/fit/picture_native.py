@@ -9,26 +9,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from ..errors import F4xError
-from ..native.binder import DOUBLE, FLOAT, INT32, INT64, Array, Function, Result, Struct
-
-_PIXELS = ("height", "width", "channels")
-PICTURE = Struct(
-    "Picture",
-    {
-        **dict.fromkeys(("width", "height", "channels", "threads"), INT32),
-        "stride": INT64,
-        "image": Array("float32", _PIXELS, strides=("width*stride", "stride", 1)),
-        "target": Array("float32", _PIXELS),
-        "weight": Array("float32", ("height", "width")),
-        "window": Array("float32", (11,)),
-        "c1": FLOAT,
-        "c2": FLOAT,
-        "structure": FLOAT,
-        "gradient": Array("float32", _PIXELS, optional=True, output=True),
-    },
-)
-"""`struct Picture` of picture.cpp."""
-F4X_PICTURE_LOSS = Function("f4x_picture_loss", {"problem": PICTURE, "total": Result(DOUBLE)}, INT32)
+from ..native.binder import DOUBLE
+from ..native.picture import F4X_PICTURE_LOSS, PICTURE
 
 
 class Comparison(NamedTuple):

@@ -68,6 +68,8 @@ def compile_command(compiler: list[str], output: Path) -> list[str]:
         flags.append("-s")  # no symbols: a tenth of the size
     elif output.suffix == ".so":
         flags += ["-static-libgcc", "-static-libstdc++"]  # no C++ runtime to agree on with Blender's
+    if output.suffix == ".dylib":  # its name for linkers, otherwise the path of this build's temporary folder
+        flags.append(f"-Wl,-install_name,@rpath/{output.name}")
     return [*compiler, *flags, *sources, "-o", str(output)]
 
 

@@ -7,10 +7,10 @@ import pytest
 import torch
 
 from f4x_core.errors import F4xError
-from f4x_core.fit.picture_native import F4X_PICTURE_LOSS, PICTURE
-from f4x_core.gaussians.appearance_native import APPEARANCE
 from f4x_core.native import open_library
+from f4x_core.native.appearance import APPEARANCE
 from f4x_core.native.binder import DOUBLE, FLOAT, INT32, INT64, Array, Function, Result, Struct
+from f4x_core.native.picture import F4X_PICTURE_LOSS, PICTURE
 from f4x_core.raster.native.library import GRADIENTS, PROBLEM
 from f4x_core.scaffold.deformation.native.library import DEFORMATION, RELATIONS
 
