@@ -33,7 +33,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     from importlib import import_module
 
     modules = {"fit": "fitting", "priors": "fitting", "eval": "measuring", "render": "rendering", "export": "rendering"}
-    modules |= {"query": "querying", "ask": "querying"}
+    modules |= {"query": "querying", "ask": "querying", "name": "querying"}
     modules |= dict.fromkeys(("edit", "history", "undo", "redo", "bake"), "editing")
     modules |= {"models": "features", "distill": "distilling"}
     modules |= {"bench": "laboratory", "report": "laboratory"}

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from labelled_scene import HALF, SQUARE, labelled_scene, sheet, square_mask
 
-from f4x_core.features.models.prompt import check_prompt
 from f4x_core.edit.apply import with_operations
 from f4x_core.edit.operations import Duplicate
 from f4x_core.edit.selects import Moving
+from f4x_core.features.models.prompt import check_prompt
 from f4x_core.query import objects
 from f4x_core.query.objects import Superpoints, graph_of, point_out, superpoints_of
 from f4x_core.query.prompts import select_by_box, select_by_points, select_by_prompts

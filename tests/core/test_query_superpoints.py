@@ -408,19 +408,19 @@ def test_each_point_on_every_frame_grows_a_thing_of_its_own(monkeypatch):
 
 
 def test_a_prompt_on_what_mostly_stands_means_nothing_that_moves(monkeypatch):
-    """At a point half of the weights is enough; in a box a quarter, unless a point goes with it."""
-    on = [0, 1, 1, 0, 0, 0]
+    """At a point a fifth of the weights is enough; in a box a quarter, unless a point goes with it."""
+    on = [0, 4, 1, 0, 0, 0]
     pointed = Pointed(monkeypatch, {0: [NOWHERE, NOWHERE, EVERYWHERE, on]})
     assert pointed.asked(_0=POINT) == [2, 3]
     on[0] = 0.01
     assert pointed.asked(_0=POINT) == [0, 1]
-    on[0] = 2
+    on[:2] = 2, 1
     assert pointed.asked(_0={"box": [1, 1, 5, 5]}) == [2, 3]
     on[0] = 2.01
     assert pointed.asked(_0={"box": [1, 1, 5, 5]}) == [0, 1]
     on[:2] = 0.4, 0.4
     assert pointed.asked(_0={"box": [1, 1, 5, 5]} | POINT) == [2, 3]
-    on[0] = 0.7
+    on[0] = 4.7
     assert pointed.asked(_0={"box": [1, 1, 5, 5]} | POINT) == [0, 1]
     on[:3] = 0, 0, 0  # nobody is there
     assert pointed.asked(_0=POINT) is None
