@@ -16,6 +16,7 @@ from f4x_core.clip import write_images
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.features.teachers import TEACHERS
 from f4x_core.fit.vocabulary import with_vocabulary
+from f4x_core.query import prompts
 from f4x_core.query.score import overlap
 from f4x_core.query.selection import Selection
 from f4x_core.scene import read_scene, write_scene
@@ -53,14 +54,15 @@ def test_query_writes_what_it_found(folder, capsys, tmp_path):
     assert (tmp_path / "heat.mp4").stat().st_size > 0
 
 
-def test_a_click_and_a_word_and_a_click_beside_go_together(folder, capsys):
+def test_a_click_and_a_word_and_a_click_beside_go_together(folder, capsys, monkeypatch):
     rows, columns = np.nonzero(square_mask(0))
     click = ["--point", f"{columns.mean() + 0.5},{rows.mean() + 0.5}", "--frame", "0", "--json"]
     for more in (["--beside", "60,5"], ["--text", "square"]):
         code, out, _ = run(capsys, "query", folder / "scene.f4x", *click, *more)
         found = json.loads(out)
         assert code == 0 and found["chosen"] > 0 and found["static"] == 0
-    code, _, err = run(capsys, "query", folder / "scene.f4x", *click[:-1], "--beside", click[1])
+    monkeypatch.setattr(prompts, "point_out", lambda *evidence: None)
+    code, _, err = run(capsys, "query", folder / "scene.f4x", *click, "--beside", "60,5")
     assert code == 2 and "Nothing is left of what is marked" in err
 
 
