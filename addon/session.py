@@ -330,11 +330,10 @@ def forget() -> None:
 
 
 def _prepare(scene: Scene) -> None:
-    """Compute in a thread what the first query needs: neighbourhoods (two seconds without compiled kernels)."""
-    if scene.features is not None:
-        thread = Thread(target=prepare, args=(scene,), daemon=True)
-        _preparing[id(scene.static)] = thread
-        thread.start()
+    """Compute in a thread what the first query needs: superpoints and neighbourhoods (seconds)."""
+    thread = Thread(target=prepare, args=(scene,), daemon=True)
+    _preparing[id(scene.static)] = thread
+    thread.start()
 
 
 def _pending(root: bpy.types.Object) -> str:

@@ -185,12 +185,15 @@ def _open(verbs: Verbs) -> None:
 
 def _query(verbs: Verbs) -> None:
     """`f4x query`."""
-    sub = add_verb(verbs, "query", "Select what a word, a point, a box or a mask means: Gaussians and masks.")
+    sub = add_verb(
+        verbs, "query", "Select what a word, a point, a box, these together, or a mask means: Gaussians and masks."
+    )
     sub.add_argument("scene", type=path_argument)
     edits_option(sub)
     sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
     sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
     sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
+    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with --point or --box")
     sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
     sub.add_argument(
         "--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame"
@@ -200,6 +203,24 @@ def _query(verbs: Verbs) -> None:
     sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
     output_option(sub, help="write DIR/selection.json, DIR/mask/00000.png …, DIR/heat.mp4")
     path_options(sub)
+    backend_option(sub)
+
+
+def _name(verbs: Verbs) -> None:
+    """`f4x name`."""
+    sub = add_verb(
+        verbs, "name", "Teach the scene a word: what a click, a box or a mask selects answers to it from then on."
+    )
+    sub.add_argument("scene", type=path_argument)
+    sub.add_argument("word", metavar="WORD", help="letters, digits, spaces, - and _, for example train")
+    sub.add_argument("--text", metavar="WORD", help="another word for it; with --click, only what that selects")
+    sub.add_argument(
+        "--click", dest="point", metavar="X,Y", help="pixel on the thing, from the upper left corner; with --frame"
+    )
+    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with --click or --box")
+    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
+    sub.add_argument("--mask", type=path_argument, metavar="FILE", help="picture, not black on the thing; with --frame")
+    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the click, box or mask, from 0")
     backend_option(sub)
 
 
@@ -431,6 +452,7 @@ VERBS = (
     _export,
     _open,
     _query,
+    _name,
     _ask,
     _edit,
     _history,

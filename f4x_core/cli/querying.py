@@ -1,4 +1,4 @@
-"""`f4x query` and `f4x ask`."""
+"""`f4x query`, `f4x name` and `f4x ask`."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ import numpy as np
 
 from ..clip import write_video
 from ..clip.images import list_images, read_mask
-from ..edit.apply import open_scene
+from ..edit.apply import open_scene, with_operations
 from ..edit.naming import by_names, by_words, together
+from ..edit.operations import Name
 from ..edit.resolve import named
+from ..edit.selects import Ids
+from ..edit.stack import of, write_stack
 from ..errors import F4xError
 from ..files import json_text, replace_file
 from ..progress import Progress
@@ -21,8 +24,9 @@ from ..query.chat import ChatServer
 from ..query.inventory import nearest_there
 from ..query.labels import Encode, encode_labels, words_of
 from ..query.pixels import coverage_image, heat_map, mask_video
-from ..query.prompts import at_clip_size, select_by_box, select_by_mask, select_by_points
+from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
 from ..query.questions import Answer, answer, ask_features
+from ..query.score import THRESHOLD
 from ..query.selection import Selection
 from ..scene import Scene
 from ..scene.posing import require_time
@@ -32,16 +36,12 @@ from .rendering import times_of, trajectory_of
 
 def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Select Gaussians by words or by a prompt on one frame; with -o write masks, a heat map video and the selection."""
-    given = [name for name in ("text", "point", "box", "mask") if getattr(args, name) is not None]
-    if len(given) != 1:
-        raise F4xError(f"give exactly one of --text, --point, --box and --mask; got {', '.join(given) or 'none'}.")
     if not 0 <= args.threshold <= 1:
         raise F4xError(f"--threshold {args.threshold:g}: give a number from 0 to 1.")
     scene = open_scene(args.scene, args.edits)
     span = _span(scene, args.span) if args.span is not None else None
     views = trajectory_of(scene, args.path, args.degrees)
-    by_word = _by_words(scene, args, span, encoder(progress)) if args.text is not None else {}
-    selection = together(by_word) if by_word else _selection(scene, args, given[0], span, progress)
+    selection, by_word = _select(scene, args, span, progress)
     result: dict[str, Any] = {
         "label": selection.label,
         "chosen": int(selection.chosen.sum()),
@@ -70,6 +70,20 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         result["output"] = str(args.output)
         lines.append(f"{args.output}: selection.json, mask/ with {len(views)} pictures, heat.mp4")
     return {**result, "text": "\n".join(lines)}
+
+
+def run_name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """Make a word of a selection: a `name` edit, which words in queries, questions and sentences then mean."""
+    scene = open_scene(args.scene)
+    args.negatives, args.threshold = None, THRESHOLD
+    selection, _ = _select(scene, args, None, progress)
+    chosen = selection.chosen_ids
+    if not len(chosen):
+        raise F4xError(_empty_line(selection, []) + ".")
+    word = " ".join(args.word.split())
+    write_stack(args.scene, of(with_operations(scene, Name(Ids.of(chosen), word))))
+    text = f"{args.scene}: '{word}' is {len(chosen):,} Gaussians; it answers to that name from now on"
+    return {"name": word, "chosen": len(chosen), "text": text}
 
 
 def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -134,11 +148,45 @@ def _by_words(
     return by_words(scene, words_of(args.text), negatives, args.threshold, encode=encode, span=span)
 
 
+def _select(
+    scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, progress: Progress
+) -> tuple[Selection, dict[str, Selection]]:
+    """What the arguments select, and what each word does where words alone are given."""
+    given = [name for name in ("text", "point", "box", "mask") if getattr(args, name) is not None]
+    if not given or ("mask" in given and len(given) > 1):
+        names = ", ".join(given) or "none"
+        raise F4xError(f"give --text, --point and --box, one of them or together, or --mask alone; got {names}.")
+    if given == ["text"]:
+        by_word = _by_words(scene, args, span, encoder(progress))
+        return together(by_word), by_word
+    if len(given) == 1 and args.beside is None:
+        return _selection(scene, args, given[0], span, progress), {}
+    return _evidence(scene, args, span, progress), {}
+
+
+def _evidence(
+    scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, progress: Progress
+) -> Selection:
+    """Several kinds of evidence at once: a point, one beside it, a box, and words."""
+    if args.frame is None or (args.point is None and args.box is None):
+        raise F4xError("--beside needs --point or --box, and these need --frame T: the clip frame that they belong to.")
+    marks = [(args.point, "--point", True), (args.beside, "--beside", False)]
+    points = [(_numbers(text, 2, flag, "X,Y"), on) for text, flag, on in marks if text is not None]
+    prompt: dict[str, Any] = {"points": [at for at, _ in points], "labels": [on for _, on in points]} if points else {}
+    if args.box is not None:
+        prompt["box"] = _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1")
+    words = None
+    if args.text is not None:
+        negatives = words_of(args.negatives) if args.negatives is not None else None
+        words = together(by_words(scene, words_of(args.text), negatives, args.threshold, encode=encoder(progress)))
+    return select_by_evidence(scene, {args.frame: prompt}, words, args.threshold, span)
+
+
 def _selection(
     scene: Scene, args: argparse.Namespace, kind: str, span: tuple[float, float] | None, progress: Progress
 ) -> Selection:
     if args.negatives is not None:
-        raise F4xError("--not goes with --text; a point beside the object is not offered here.")
+        raise F4xError("--not goes with --text; for a pixel on what is not meant say --beside.")
     if args.frame is None:
         raise F4xError(f"--{kind} needs --frame T: the clip frame that it belongs to.")
     options: dict[str, Any] = {

@@ -15,6 +15,7 @@ import numpy as np
 from ..features.null import null_vector
 from ..scene import Scene
 from .labels import BACKGROUND, TextQuery
+from .objects import graph_of
 from .score import TEMPERATURE, cosines, logistic
 from .smoothing import Patches, group_of
 
@@ -76,7 +77,10 @@ def split(values: np.ndarray, weights: np.ndarray) -> Split:
 
 
 def prepare(scene: Scene) -> None:
-    """Decode the features that words of every text encoder need, so that the first query is as fast as later ones."""
+    """Group the scene and decode the features that words need, so that the first query is as fast as later ones."""
+    graph_of(scene)
+    if scene.features is None:
+        return
     patches = group_of(scene)
     for head in scene.require_field().heads:
         if head.spec.text_encoder is not None:

@@ -191,6 +191,28 @@ def select_by_prompts(
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
 
 
+def select_by_evidence(
+    scene: Scene,
+    prompts: dict[int, dict],
+    words: Selection | None = None,
+    threshold: float = THRESHOLD,
+    span: tuple[float, float] | None = None,
+) -> Selection:
+    """Gaussians of the thing at points, in boxes and of a word together: evidence on one graph (`objects.point_out`).
+
+    `prompts`: {clip frame: points, labels (False = beside it), box}; `words`: what words select, whose scores count as
+    probabilities. Raises F4xError: an empty or contradictory prompt, or one that leaves nothing.
+    """
+    size = (scene.cameras.height, scene.cameras.width)
+    checked = {frame: check_prompt(frame, len(scene.cameras), size, **prompt) for frame, prompt in prompts.items()}
+    scores = point_out(scene, checked, None if words is None else words.scores)
+    if scores is None:
+        raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
+    label = f"prompt at {', '.join(map(str, prompts))}"
+    label = label if words is None else f"{words.label}, {label}"
+    return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
+
+
 def decoder_of(scene: Scene, backend: str = "auto") -> MaskDecoder:
     """The decoder that needs no model: nearest neighbours in the `visual` features of the scene.
 

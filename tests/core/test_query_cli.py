@@ -16,6 +16,7 @@ from f4x_core.clip import write_images
 from f4x_core.features.spec import FeatureSpec
 from f4x_core.features.teachers import TEACHERS
 from f4x_core.fit.vocabulary import with_vocabulary
+from f4x_core.query import prompts
 from f4x_core.query.score import overlap
 from f4x_core.query.selection import Selection
 from f4x_core.scene import read_scene, write_scene
@@ -51,6 +52,34 @@ def test_query_writes_what_it_found(folder, capsys, tmp_path):
     masks = [np.asarray(Image.open(file)) > 0 for file in sorted((tmp_path / "mask").glob("*.png"))]
     assert [overlap(mask, square_mask(float(t))) for t, mask in enumerate(masks)] == [1] * FRAMES
     assert (tmp_path / "heat.mp4").stat().st_size > 0
+
+
+def test_a_click_and_a_word_and_a_click_beside_go_together(folder, capsys, monkeypatch):
+    rows, columns = np.nonzero(square_mask(0))
+    click = ["--point", f"{columns.mean() + 0.5},{rows.mean() + 0.5}", "--frame", "0", "--json"]
+    for more in (["--beside", "60,5"], ["--text", "square"]):
+        code, out, _ = run(capsys, "query", folder / "scene.f4x", *click, *more)
+        found = json.loads(out)
+        assert code == 0 and found["chosen"] > 0 and found["static"] == 0
+    monkeypatch.setattr(prompts, "point_out", lambda *evidence: None)
+    code, _, err = run(capsys, "query", folder / "scene.f4x", *click, "--beside", "60,5")
+    assert code == 2 and "Nothing is left of what is marked" in err
+
+
+def test_a_name_is_a_word_from_then_on(folder, capsys, tmp_path):
+    scene = tmp_path / "scene.f4x"
+    scene.write_bytes((folder / "scene.f4x").read_bytes())
+    rows, columns = np.nonzero(square_mask(0))
+    click = ["--click", f"{columns.mean() + 0.5},{rows.mean() + 0.5}", "--frame", "0"]
+    code, out, _ = run(capsys, "name", scene, "red train", *click, "--json")
+    named = json.loads(out)
+    assert code == 0 and named["name"] == "red train" and named["chosen"] > 0
+    code, out, _ = run(capsys, "query", scene, "--text", "the red train", "--json")
+    assert code == 0 and json.loads(out)["chosen"] == named["chosen"]
+    before = scene.read_bytes()
+    for wrong, words in ((["a/b", *click], "letters, digits"), (["train"], "one of them or together")):
+        code, _, err = run(capsys, "name", scene, *wrong)
+        assert code == 2 and words in err and scene.read_bytes() == before
 
 
 def test_query_by_mask_file_without_features(folder, capsys):
@@ -226,8 +255,10 @@ def test_questions_that_cannot_be_answered_are_one_sentence(folder, capsys):
         (["--text", ""], "names no label"),
         (["--text", "unicorn"], "lacks 'unicorn'"),
         (["--text", "square", "--not", "wall,Squares"], "'Squares' is asked for and excluded at once"),
-        (["--text", "a", "--point", "1,2"], "exactly one"),
-        ([], "exactly one"),
+        (["--text", "a", "--point", "1,2"], "need --frame T"),
+        (["--text", "square", "--beside", "1,2", "--frame", "0"], "--frame goes with"),
+        (["--mask", "nowhere.png", "--text", "square"], "or --mask alone"),
+        ([], "one of them or together"),
         (["--point", "1,2"], "needs --frame"),
         (["--point", "1;2", "--frame", "0"], "write X,Y"),
         (["--point", f"{WIDTH + 9},2", "--frame", "0"], "outside the picture"),

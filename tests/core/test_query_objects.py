@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from labelled_scene import HALF, SQUARE, labelled_scene, sheet, square_mask
 
+from f4x_core.edit.apply import with_operations
+from f4x_core.edit.operations import Duplicate
+from f4x_core.edit.selects import Moving
 from f4x_core.features.models.prompt import check_prompt
-from f4x_core.query.objects import Superpoints, point_out, superpoints_of
+from f4x_core.query import objects
+from f4x_core.query.objects import Superpoints, graph_of, point_out, superpoints_of
 from f4x_core.query.prompts import select_by_box, select_by_points, select_by_prompts
 from f4x_core.scene import DynamicSet
 
@@ -64,11 +68,10 @@ def test_a_box_or_a_point_beside_leaves_out_what_is_not_meant():
         assert found[scene.moving & ~square].mean() < 0.1
 
 
-def test_a_click_on_what_stands_is_no_moving_thing():
+def test_a_click_on_what_stands_selects_nothing_that_moves():
     scene = labelled_scene()
-    prompt = check_prompt(0, len(scene.cameras), (scene.cameras.height, scene.cameras.width), points=[(60, 5)])
-    assert point_out(scene, {0: prompt}) is None
-    assert not select_by_points(scene, [(60, 5)], 0).chosen[scene.moving].any()
+    found = select_by_points(scene, [(60, 5)], 0).chosen
+    assert found.any() and not found[scene.moving].any()
 
 
 def test_a_box_too_small_for_any_piece_means_no_moving_thing():
@@ -81,12 +84,24 @@ def test_a_box_too_small_for_any_piece_means_no_moving_thing():
 def test_nothing_moves():
     scene = replace(labelled_scene(features=False), dynamic=DynamicSet.empty(), scaffold=None)
     prompt = check_prompt(0, len(scene.cameras), (scene.cameras.height, scene.cameras.width), points=[(60, 5)])
-    assert point_out(scene, {0: prompt}) is None
+    assert point_out(scene, {0: prompt}).any()
+
+
+def test_the_graph_is_made_once_and_goes_along_with_edits(monkeypatch):
+    scene = labelled_scene()
+    graph = graph_of(scene)
+    monkeypatch.setattr(objects, "superpoints_of", lambda scene: pytest.fail("made again"))
+    assert graph_of(scene) is graph
+    edited = with_operations(scene, Duplicate(Moving(), first_id=scene.next_id))
+    moving = graph_of(edited).moving
+    np.testing.assert_array_equal(moving.rows, np.flatnonzero(edited.moving))
+    half = len(graph.moving.index)
+    np.testing.assert_array_equal(moving.index, np.tile(graph.moving.index, len(moving.index) // half))
 
 
 def test_pieces_hold_every_moving_gaussian_once():
     scene = labelled_scene()
-    superpoints = superpoints_of(scene)
+    superpoints = superpoints_of(scene).moving
     np.testing.assert_array_equal(superpoints.rows, np.flatnonzero(scene.moving))
     light = np.random.default_rng(0).random(len(scene.ids))
     assert superpoints.gather(light).sum() == pytest.approx(light[scene.moving].sum())
@@ -99,8 +114,9 @@ def test_a_thing_grows_by_the_walk_and_stops_at_the_least_cut():
     bonds = np.kron(np.eye(2), np.ones((4, 4))) * rng.uniform(0.8, 1, (count, count))
     bonds = (bonds + bonds.T) / 2 + 0.02
     np.fill_diagonal(bonds, 0)
+    near = 1 - np.eye(count)
     blend = np.repeat([0.05, 0.8], 4) * rng.uniform(0.8, 1, count)
-    superpoints = Superpoints(np.arange(count), np.arange(count), np.ones(count), bonds, blend, bonds, blend)
+    superpoints = Superpoints(np.arange(count), np.arange(count), np.ones(count), bonds, near, blend)
     marked = np.eye(count)[1]
     np.testing.assert_array_equal(superpoints.grow(marked, np.zeros(count, bool)), np.arange(count) < 4)
     step = bonds / (1.001 * (bonds.sum(1) + blend))  # column j: where the walkers of superpoint j go
