@@ -8,7 +8,7 @@
 #include "lanes.hpp"
 #include "threads.hpp"
 
-// Mirrored field by field in gaussians/appearance_native.py.
+// Mirrored field by field in appearance.py.
 struct Appearance {
     int64_t count;
     int32_t coefficients, threads;  // 1, 4, 9 or 16

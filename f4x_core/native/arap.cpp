@@ -9,7 +9,7 @@
 
 #include "lanes.hpp"
 
-// Mirrored field by field in scaffold/arap_native.py.
+// Mirrored field by field in arap.py.
 struct Arap {
     int64_t edges, leading;            // edges from `leading` on send no gradient to the position of the neighbour
     int32_t frames, nodes, shifts;

@@ -9,7 +9,7 @@
 
 #include "lanes.hpp"
 
-// Mirrored field by field in priors/bundle_native.py.
+// Mirrored field by field in bundle.py.
 struct Sightings {
     int64_t count;
     int32_t frames, points, unknowns;            // unknowns of a camera that couple with points: 6, or 7 where it zooms

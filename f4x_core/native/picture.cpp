@@ -8,7 +8,7 @@
 #include "lanes.hpp"
 #include "threads.hpp"
 
-// Mirrored field by field in fit/picture_native.py.
+// Mirrored field by field in picture.py.
 struct Picture {
     int32_t width, height, channels, threads;
     int64_t stride;                 // floats between two pixels of the picture

@@ -23,7 +23,7 @@ from scipy.sparse import csr_matrix
 from ..geometry import pose, quaternion
 from ..geometry.camera import CameraPath
 from ..native import open_library
-from . import bundle_native
+from ..native.bundle import F4X_BUNDLE_COSTS, F4X_BUNDLE_EQUATIONS, SIGHTINGS
 
 ROBUST_PX = 1.0
 """Cauchy scale in pixels: good tracks stay below, a wrong one soon stops pulling."""
@@ -407,7 +407,7 @@ def _costs(problem: _Problem, observations: Observations, config: BundleConfig) 
     if open_library()[0] is None:
         return _plain_costs(problem, observations, config)
     costs = np.empty(len(problem.center))
-    bundle_native.F4X_BUNDLE_COSTS(_sightings(problem, observations, config, costs=costs))
+    F4X_BUNDLE_COSTS(_sightings(problem, observations, config, costs=costs))
     return costs
 
 
@@ -424,7 +424,7 @@ def _plain_costs(problem: _Problem, observations: Observations, config: BundleCo
 
 def _sightings(problem: _Problem, observations: Observations, config: BundleConfig, **outputs: np.ndarray) -> Any:
     """What the compiled sums read, with the arrays that they write."""
-    return bundle_native.SIGHTINGS(
+    return SIGHTINGS(
         count=len(observations.frame),
         frames=len(problem.center),
         points=len(problem.points),
@@ -548,7 +548,7 @@ def _sums(problem: _Problem, observations: Observations, config: BundleConfig, h
     if not held_points:
         outputs |= {"coupling": sums.coupling, "point_blocks": sums.points, "point_slopes": sums.point_slopes}
         outputs["tangents"] = np.ascontiguousarray(problem.tangents)
-    bundle_native.F4X_BUNDLE_EQUATIONS(_sightings(problem, observations, config, **outputs))
+    F4X_BUNDLE_EQUATIONS(_sightings(problem, observations, config, **outputs))
     return sums
 
 

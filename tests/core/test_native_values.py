@@ -11,11 +11,14 @@ import pytest
 
 from f4x_core.native import binder, instruction_set, measure_peak
 from f4x_core.native.appearance import APPEARANCE, F4X_APPEARANCE, F4X_APPEARANCE_BACKWARD
+from f4x_core.native.arap import ARAP, F4X_ARAP
 from f4x_core.native.binder import DOUBLE
+from f4x_core.native.bundle import F4X_BUNDLE_COSTS, F4X_BUNDLE_EQUATIONS, SIGHTINGS
 from f4x_core.native.library import SOURCES
 from f4x_core.native.picture import F4X_PICTURE_LOSS, PICTURE
 from f4x_core.raster.native import library as raster
 from f4x_core.scaffold.deformation.native import library as deformation
+from f4x_core.scene.depth_order import DEPTH_ORDER, F4X_DEPTH_ORDER
 
 STORED = Path(__file__).with_name("native_values.npz")
 ERROR = 2e-5
@@ -93,21 +96,73 @@ def moved(given):
     return {"means": means, "quats": quats} | {"d_" + name: got[name] for name in LEAVES}
 
 
+def as_rigid_as_possible(given):
+    """Both losses of a scaffold and their gradients."""
+    frames, nodes, _ = given["xyz"].shape
+    got = {name: np.empty_like(given["xyz"]) for name in ("d_coordinate", "d_length")}
+    got |= {"d_axes": np.empty_like(given["axes"]), "losses": np.empty(2)}
+    sizes = {
+        "edges": len(given["node"]),
+        "leading": 20,
+        "frames": frames,
+        "nodes": nodes,
+        "shifts": len(given["shift"]),
+    }
+    assert F4X_ARAP(ARAP(**sizes, **given, **got)) == 0
+    return got
+
+
+def adjusted(given):
+    """Costs and normal equations of a bundle whose lens zooms."""
+    frames, points = len(given["center"]), len(given["homogeneous"])
+    sizes = {"count": len(given["frame"]), "frames": frames, "points": points, "unknowns": 7}
+    sizes |= {"centers": 1, "lens": 1, "shared": 1, "robust": 1.5, "behind": 1000.0, "min_depth": 1e-6}
+    got = {"blocks": (frames, 7, 7), "slopes": (frames, 7), "coupling": (3, 7 * frames + 1, points)}
+    got |= {"point_blocks": (points, 3, 3), "point_slopes": (points, 3)}
+    got = {name: np.zeros(shape) for name, shape in got.items()}
+    arrays = {name: array for name, array in given.items() if name != "principal"}
+    sizes["principal"] = tuple(given["principal"])
+    F4X_BUNDLE_EQUATIONS(SIGHTINGS(**sizes, **arrays, **got))
+    costs = np.empty(frames)
+    F4X_BUNDLE_COSTS(SIGHTINGS(**sizes, **arrays, costs=costs))
+    return got | {"costs": costs}
+
+
+def ordered(watched):
+    """Indices of five Gaussians, the farthest first: one is behind the near plane, one is transparent, two are as far."""
+    means = np.zeros((5, 3), np.float32)
+    means[:, 2] = 2, 5, 0.1, 3, 5
+    order = np.empty(5, np.float32)
+    arrays = {"means": means, "opacities": np.float32([0.5, 0.5, 0.5, 0, 0.5]), "order": order}
+    arrays |= {"starts": np.array([0, 3, 5]), "rows": np.float32([[0, 0, 1, 0]] * 2)}
+    sizes = {"count": 5, "clouds": 2, "threads": 2, "coarse": 0, "near": 0.2, "far": 100.0, "alpha_min": 0.01}
+    found = F4X_DEPTH_ORDER(DEPTH_ORDER(**sizes, **arrays), library=watched)
+    return order[:found].tolist()
+
+
 def test_every_exported_function_gives_the_stored_values(native_library, monkeypatch):
     watched = Watched(native_library)
     monkeypatch.setattr(binder, "require_library", lambda: watched)
     with np.load(STORED) as file:
         stored = dict(file)
-    for kind, function in (("colours", colours), ("picture", picture_loss), ("moved", moved)):
+    kinds = {
+        "colours": colours,
+        "picture": picture_loss,
+        "moved": moved,
+        "arap": as_rigid_as_possible,
+        "bundle": adjusted,
+    }
+    for kind, function in kinds.items():
         found = errors(function(part(stored, f"{kind}_in_")), part(stored, f"{kind}_out_"))
         assert found and max(found.values()) < ERROR, (kind, found)
     assert raster.self_check(watched) < raster.SELF_CHECK_ERROR
     pairs = raster.count_pairs(watched, raster.forward(watched, opaque_square(), keep=True))
     assert pairs == SQUARE_PAIRS
+    assert ordered(watched) == [4, 1, 0]
     assert instruction_set(watched) in ("avx512", "avx2", "plain")
     assert 1e6 < measure_peak(watched, 0.01) < 1e13
     exported = {name for source in SOURCES for name in EXPORT.findall(source.read_text(encoding="utf-8"))}
-    assert watched.asked == exported and len(exported) == 13
+    assert watched.asked == exported and len(exported) == 17
 
 
 SQUARE_PAIRS = 9
@@ -136,6 +191,7 @@ def test_the_stored_values_are_those_of_the_formulas():
 def make_values():
     """Content of native_values.npz; `python tests/core/test_native_values.py` writes it."""
     groups = {"colours": values_of_colours(), "picture": values_of_pictures(), "moved": values_of_motion()}
+    groups |= {"arap": values_of_arap(), "bundle": values_of_bundle()}
     return {
         f"{kind}_{way}_{name}": value
         for kind, ways in groups.items()
@@ -203,6 +259,63 @@ def values_of_motion():
     torch.autograd.backward([means, quats], sent)
     gradients = {"d_" + name: value.grad.numpy() for name, value in tensors.items()}
     return given, {"means": means.detach().numpy(), "quats": quats.detach().numpy()} | gradients
+
+
+def values_of_arap():
+    """11 frames, 6 nodes, 24 edges of which the last four send nothing to the neighbour."""
+    import torch
+
+    rng = np.random.default_rng(5)
+    xyz = (rng.normal(size=(1, 6, 3)) + 0.3 * rng.normal(size=(11, 6, 3))).astype(np.float32)
+    given = {"xyz": xyz, "axes": rng.normal(size=(11, 6, 3, 3)).astype(np.float32)}
+    given |= {"node": np.repeat(np.arange(6), 4), "neighbour": (np.arange(24) * 5 + 1) % 6}
+    given["weight"] = rng.uniform(0.5, 1, 24).astype(np.float32)
+    given |= {"shift": np.int32([1, 3, 9]), "factor": np.float32([0.5, 0.3, 0.2])}
+    x, axes = leaf(given["xyz"]), leaf(given["axes"])
+    origin = torch.where(torch.arange(24)[:, None] < 20, x[:, given["neighbour"]], x.detach()[:, given["neighbour"]])
+    offset = x[:, given["node"]] - origin
+    local = (axes[:, given["neighbour"]] * offset[..., None]).sum(-2)
+    size, weight = offset.norm(dim=-1), torch.tensor(given["weight"], dtype=torch.float64)
+    pairs = list(zip(given["shift"].tolist(), given["factor"].astype(np.float64), strict=True))
+    losses = [
+        sum(v * (weight * (local[s:] - local[:-s]).norm(dim=-1)).sum() for s, v in pairs),
+        sum(v * (weight * (size[s:] - size[:-s]).abs()).sum() for s, v in pairs),
+    ]
+    d_coordinate, d_axes = torch.autograd.grad(losses[0], (x, axes), retain_graph=True)
+    (d_length,) = torch.autograd.grad(losses[1], x)
+    gradients = {"d_coordinate": d_coordinate, "d_length": d_length, "d_axes": d_axes}
+    found = {name: value.numpy() for name, value in gradients.items()}
+    return given, found | {"losses": np.array([loss.item() for loss in losses])}
+
+
+def values_of_bundle():
+    """3 cameras that see 8 points, one of them from behind, by the plain form."""
+    from f4x_core.priors import bundle as plain
+
+    rng = np.random.default_rng(6)
+    points = np.column_stack([rng.normal([0, 0, 4], 0.5, (8, 3)), np.ones(8)])
+    points[7, 2] = -4
+    frame, point = np.nonzero(np.ones((3, 8), bool))
+    seen = plain.Observations(frame, point, rng.uniform(0, 100, (24, 2)), rng.uniform(0.5, 1, 24))
+    cameras = np.stack([np.linalg.qr(np.eye(3) + 0.1 * rng.normal(size=(3, 3)))[0] for _ in range(3)])
+    cameras *= np.sign(np.einsum("fii->fi", cameras))[:, :, None]
+    problem = plain._Problem(
+        focal=100.0,
+        zoom=np.array([0.9, 1.0, 1.2]),
+        principal=np.array([48.0, 52.0]),
+        rotation=cameras,
+        center=0.2 * rng.normal(size=(3, 3)),
+        points=points / np.linalg.norm(points, axis=1, keepdims=True),
+        origin=np.zeros(3),
+        unit=1.0,
+    )
+    config = plain.BundleConfig(refine_zoom=True, robust_px=1.5)
+    sums, costs = plain._plain_sums(problem, seen, config), plain._plain_costs(problem, seen, config)
+    given = {"frame": frame, "point": point, "uv": seen.uv, "weight": seen.weight, "rotation": cameras}
+    given |= {"center": problem.center, "focal": problem.focals, "homogeneous": problem.points}
+    given |= {"tangents": np.ascontiguousarray(problem.tangents), "principal": problem.principal}
+    names = ("blocks", "slopes", "coupling", "point_blocks", "point_slopes")
+    return given, dict(zip(names, sums, strict=True)) | {"costs": costs}
 
 
 if __name__ == "__main__":

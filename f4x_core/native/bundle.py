@@ -1,8 +1,8 @@
-"""The sums of bundle adjustment by the compiled library, in float64. See `bundle` for what they are."""
+"""`struct Sightings` of bundle.cpp and its functions: the sums of bundle adjustment, in float64 (`priors.bundle`)."""
 
 from __future__ import annotations
 
-from ..native.binder import DOUBLE, INT32, INT64, Array, Function, Struct
+from .binder import DOUBLE, INT32, INT64, Array, Function, Struct
 
 _COUPLING = (3, "unknowns*frames+1", "points")
 SIGHTINGS = Struct(
