@@ -150,12 +150,9 @@ def draw_one(
     transparent = settings.background is None
 
     def finish(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        images["combined"] = combined(images["rgb"], images["alpha"], transparent)
-        return {name: images[name] for name in ("combined", "alpha", *passes)}
+        return images | {"combined": combined(images.pop("rgb"), images["alpha"], transparent)}
 
-    return draw(
-        clouds, surfaces, take.camera, settings, passes=passes, region=region, progress=progress, finish=finish
-    )
+    return draw(clouds, surfaces, take.camera, settings, passes=passes, region=region, progress=progress, finish=finish)
 
 
 def combined(rgb: np.ndarray, alpha: np.ndarray, transparent: bool) -> np.ndarray:

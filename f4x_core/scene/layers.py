@@ -35,25 +35,20 @@ MATTES = {"object": "CryptoObject", "collection": "CryptoAsset"}
 """Layer of mattes -> its name. Blender's own name for what is above objects is Asset."""
 
 
-def named_layers(
-    images: Mapping[str, np.ndarray], ids: Mapping[str, np.ndarray], depth: int
-) -> dict[str, tuple[np.ndarray, str]]:
-    """Name in Blender -> ((H,W,C), channels) of `shoot`'s pictures; mattes as pairs.
-
-    Args:
-        images: by the name of the pass.
-        ids: layer of mattes -> (K,) what its channels show (`stage.matte_ids`).
-        depth: pairs of a pixel.
-    """
+def named_layers(images: Mapping[str, np.ndarray], depth: int) -> dict[str, tuple[np.ndarray, str]]:
+    """Name in Blender -> ((H,W,C), channels) of `shoot`'s pictures; mattes as pairs, `depth` of a pixel."""
     found = {}
     for name, image in images.items():
-        if name.startswith(MATTE):
-            layer = name.removeprefix(MATTE)
-            for number, pairs in enumerate(ranked(ids[layer], image, depth)):
-                found[f"{MATTES[layer]}{number:02d}"] = (pairs, CRYPTO_CHANNELS)
-        elif name in PASSES:
+        if name in PASSES:
             title, channels = PASSES[name]
             found[title] = (image.reshape(*image.shape[:2], len(channels)), channels)
+    for layer, title in MATTES.items():
+        prefix = f"{MATTE}{layer}:"
+        names = [name for name in images if name.startswith(prefix)]
+        if names:
+            ids = np.array([int(name.removeprefix(prefix), 16) for name in names], np.uint32)
+            pairs = ranked(ids, np.stack([images[name] for name in names], -1), depth)
+            found |= {f"{title}{number:02d}": (four, CRYPTO_CHANNELS) for number, four in enumerate(pairs)}
     return found
 
 

@@ -15,11 +15,11 @@ from .view import NEAR
 class Mist:
     """Fog that thickens with the distance: `((distance - start) / depth) ^ exponent`, cut to 0 .. 1 (Cycles)."""
 
-    start: float = 0.5
+    start: float = 0.0
     """World units; nearer than this all is clear."""
-    depth: float = 4.0
-    """World units from `start` to where only mist is seen."""
-    exponent: float = 2.0
+    depth: float = 2.0
+    """World units from `start` to where only mist is seen; a scene's median depth is 1."""
+    exponent: float = 1.0
     """Blender's falloff: 1 linear, 2 quadratic, 0.5 inverse quadratic."""
     back: float = 0.0
     """A view without perspective counts depth from a plane so far before the camera; 0 = distance from the camera's centre."""
@@ -27,10 +27,8 @@ class Mist:
 
 def mist_left(mist: Mist, places: np.ndarray, camera: Camera) -> np.ndarray:
     """(N,) how much of `places (N,3)` in the world the mist leaves: 1 clear, 0 nothing."""
-    if mist.back:
-        distance = np.abs(camera.project(places)[1] - mist.back)
-    else:
-        distance = np.linalg.norm(places - camera.center, axis=-1)
+    straight = np.linalg.norm(places - camera.center, axis=-1)
+    distance = np.abs(camera.project(places)[1] - mist.back) if mist.back else straight
     return 1 - np.clip((distance - mist.start) / max(mist.depth, 1e-9), 0, 1) ** mist.exponent
 
 

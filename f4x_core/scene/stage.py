@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .model import Scene
 
 MATTE = "matte:"
-"""Prefix of the passes `matte:LAYER`, coverage by what `Cloud.mattes` tells apart."""
+"""Prefix of the passes `matte:LAYER`, coverage by each thing that `Cloud.mattes` tells apart."""
 PASSES = ("alpha", "depth", "latent", "selection", "score", "index", "vector", "normal", "position", "mist")
 """What `draw` gives besides `rgb` and `matte:LAYER`."""
 BAND = 1 << 17
@@ -182,7 +182,7 @@ def draw(
     * `vector (H,W,4)` pixels as Blender has them (`passes.vectors`), `normal (H,W,3)` of length 1, `position (H,W,3)` in the
       world: means of the Gaussians and the surface behind them, 0 where alpha < 0.1 and there is no surface.
     * `mist (H,W)` from 0, clear, to 1, also where nothing is.
-    * `matte:LAYER (H,W,K)` fraction of the pixel that each of `matte_ids(clouds, surfaces, LAYER)` covers.
+    * `matte:LAYER:ID (H,W)` for `matte:LAYER`: fraction of the pixel that what has this id, in hexadecimal, covers.
 
     Args:
         clouds: Gaussians; one whose centre lies behind a surface is hidden by it as a whole.
@@ -202,7 +202,7 @@ def draw(
     rows, columns = region or (slice(0, camera.height), slice(0, camera.width))
     settings = settings or DrawSettings()
     ground = _Ground.seen(surfaces, camera, settings, [name for name in _GEOMETRY if name in passes])
-    mattes = {name: matte_ids(clouds, surfaces, name.removeprefix(MATTE)) for name in passes if name.startswith(MATTE)}
+    mattes = {name: _matte_ids(clouds, surfaces, name.removeprefix(MATTE)) for name in passes if name.startswith(MATTE)}
     frame = clouds[0].to_world if clouds else np.eye(4)
     numbers = sorted({cloud.index for cloud in clouds}) if "index" in passes else []
     widths = {"rgb": 3} | {name: w for name, w in (_WIDTHS | _GEOMETRY).items() if name in passes}
@@ -235,7 +235,8 @@ def draw(
         drawn = _images(layers, alpha, depth, part, numbers, passes)
         for name, ids in mattes.items():
             behind = part.matte(surfaces, name.removeprefix(MATTE), ids)
-            drawn[name] = layers[name] + (1 - alpha)[..., None] * behind
+            coverage = layers[name] + (1 - alpha)[..., None] * behind
+            drawn |= {f"{name}:{number:08x}": coverage[..., i] for i, number in enumerate(ids)}
         for name, image in (finish(drawn) if finish else drawn).items():
             if name not in images:  # memory is touched, which takes long, only band by band
                 images[name] = np.empty((rows.stop - rows.start, *image.shape[1:]), np.float32)
@@ -267,7 +268,7 @@ def _joined(parts: list[np.ndarray], width: int) -> np.ndarray:
     return np.concatenate([np.zeros((0, width), np.float32), *parts], dtype=np.float32)
 
 
-def matte_ids(clouds: Sequence[Cloud], surfaces: Sequence[Surface], layer: str) -> np.ndarray:
+def _matte_ids(clouds: Sequence[Cloud], surfaces: Sequence[Surface], layer: str) -> np.ndarray:
     """(K,) uint32, increasing: everything that a layer of mattes tells apart."""
     parts = [item.mattes[layer] for item in (*clouds, *surfaces) if layer in item.mattes]
     found = np.unique(np.concatenate([np.zeros(0, np.uint32), *(np.atleast_1d(part) for part in parts)]))
@@ -338,7 +339,14 @@ class _Ground:
         size = (camera.width, camera.height)
         behind = np.asarray((0, 0, 0) if settings.background is None else settings.background, np.float32)
         if not len(triangles):  # one value each, however large the picture is
-            flat = (behind, np.zeros(()), np.array(np.inf), np.zeros(()), np.array(settings.far, np.float32), -np.ones(()))
+            flat = (
+                behind,
+                np.zeros(()),
+                np.array(np.inf),
+                np.zeros(()),
+                np.array(settings.far, np.float32),
+                -np.ones(()),
+            )
             empty = {name: np.broadcast_to(0.0, (camera.height, camera.width, _GEOMETRY[name])) for name in wanted}
             return cls(
                 *(np.broadcast_to(value, (camera.height, camera.width, *value.shape)) for value in flat), layers=empty
@@ -407,7 +415,7 @@ def _ground_layers(
     if "vector" in wanted:
         # where in its triangle a place lies, by least squares in the triangle's plane
         gram = sides @ sides.transpose(0, 2, 1)
-        right = (sides @ (places - corners[:, 0])[..., None])
+        right = sides @ (places - corners[:, 0])[..., None]
         part = np.linalg.solve(gram, right)[..., 0]
         weights = np.concatenate([1 - part.sum(1, keepdims=True), part], 1)[..., None]
         both = [surface.beside or (surface.triangles, surface.triangles) for surface in surfaces]
