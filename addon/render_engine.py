@@ -224,10 +224,11 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             self.add_pass(title, len(channels), channels, layer=layer.name)
         rows, columns = region
         result = self.begin_result(0, 0, columns.stop - columns.start, rows.stop - rows.start, layer=layer.name)
+        whole = self.get_result()
         for name, names in mattes.names.items() if mattes else ():
             if f"{stage.MATTE}{name}" in _wanted(layer):
                 for key, value in cryptomatte.metadata(f"{layer.name}.{layers.MATTES[name]}", names).items():
-                    result.stamp_data_add_field(key, value)
+                    whole.stamp_data_add_field(key, value)
         for render_pass in result.layers[0].passes:
             if render_pass.name in written:
                 image, _ = written[render_pass.name]

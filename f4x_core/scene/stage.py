@@ -37,8 +37,9 @@ NOTHING = 1e10
 AMBIENT = 0.4
 """Fraction of a surface's colour that it keeps where it is seen edge-on; the rest is shaded by the cosine to the view."""
 _WIDTHS = {"latent": 3, "selection": 1, "score": 1}
-_GEOMETRY = {"vector": 4, "normal": 3, "position": 3, "mist": 1}
-"""Passes that surfaces have, too; what is composited of `mist` is the light that it leaves."""
+_GEOMETRY = {"vector": 6, "normal": 3, "mist": 1}
+"""Passes that surfaces have, too. What is composited for `vector` are the ways in the world to where a place was one frame
+before and will be one frame after, for `mist` the light that it leaves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +180,9 @@ def draw(
     * `latent (H,W,3)`, `score (H,W)`: mean of the Gaussians' layers, 0 where their alpha < 0.1.
     * `selection (H,W)`: fraction of the pixel that selected Gaussians cover.
     * `index (H,W)` number of the object that covers most of the pixel, 0 for nothing.
-    * `vector (H,W,4)` pixels as Blender has them (`passes.vectors`), `normal (H,W,3)` of length 1, `position (H,W,3)` in the
-      world: means of the Gaussians and the surface behind them, 0 where alpha < 0.1 and there is no surface.
+    * `position (H,W,3)` in the world, where the pixel's ray has the expected depth; `vector (H,W,4)` in pixels, how that place
+      moves on the screen (`passes.vectors`); `normal (H,W,3)` of length 1. Of Gaussians and the surface behind them; 0 where
+      alpha < 0.1 and there is no surface.
     * `mist (H,W)` from 0, clear, to 1, also where nothing is.
     * `matte:LAYER:ID (H,W)` for `matte:LAYER`: fraction of the pixel that what has this id, in hexadecimal, covers.
 
@@ -233,6 +235,9 @@ def draw(
         layers = dict(zip(widths, np.split(channels, np.cumsum([*widths.values()])[:-1], axis=-1), strict=True))
         part = ground.cut((band, columns))
         drawn = _images(layers, alpha, depth, part, numbers, passes)
+        if {"position", "vector"} & {*passes}:
+            drawn |= _on_rays(drawn, camera, settings, (band, columns))
+        drawn = {name: image for name, image in drawn.items() if name in ("rgb", "alpha", *passes)}
         for name, ids in mattes.items():
             behind = part.matte(surfaces, name.removeprefix(MATTE), ids)
             coverage = layers[name] + (1 - alpha)[..., None] * behind
@@ -289,17 +294,36 @@ def _own_layers(
     own["index"] = np.tile(np.equal(numbers, cloud.index), (count, 1))
     places = cloud.places if {*_GEOMETRY} & {*wanted} else np.zeros((count, 3))
     if "vector" in wanted:
-        own["vector"] = vectors(places, cloud.beside, camera, settings.cameras)
+        own["vector"] = _ways(places, cloud.beside)
     if "normal" in wanted:
         own["normal"] = normals(cloud.quats, cloud.scales, cloud.to_world, places - camera.center)
-    if "position" in wanted:
-        own["position"] = places
     if "mist" in wanted:
         own["mist"] = mist_left(settings.mist, places, camera)[:, None]
     for name, ids in mattes.items():
         if name.removeprefix(MATTE) in cloud.mattes:
             own[name] = np.equal(cloud.mattes[name.removeprefix(MATTE)][:, None], ids)
     return own
+
+
+def _ways(places: np.ndarray, beside: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """(N,6) from `places (N,3)` to where they were and will be."""
+    return np.concatenate([there - places for there in beside or (places, places)], 1)
+
+
+def _on_rays(
+    drawn: dict[str, np.ndarray], camera: Camera, settings: DrawSettings, region: tuple[slice, slice]
+) -> dict[str, np.ndarray]:
+    """Passes `position` and `vector` of a region's `drawn` passes `depth` and, where that is wanted, the ways of `vector`."""
+    there = drawn["depth"] < NOTHING
+    pixels = camera.pixel_grid()[region][there]
+    places = camera.unproject(pixels, drawn["depth"][there].astype(np.float64))
+    found = {"position": np.zeros((*there.shape, 3), np.float32)}
+    found["position"][there] = places
+    if "vector" in drawn:
+        found["vector"] = np.zeros((*there.shape, 4), np.float32)
+        before, after = np.split(drawn["vector"][there], 2, axis=1)
+        found["vector"][there] = vectors(places, (places + before, places + after), camera, settings.cameras)
+    return found
 
 
 def _features(count: int, own: Mapping[str, np.ndarray], widths: Mapping[str, int]) -> np.ndarray:
@@ -406,7 +430,7 @@ def _ground_layers(
     there = hit >= 0
     corners = np.concatenate([surface.triangles for surface in surfaces])[hit[there]].astype(np.float64)
     places = camera.unproject(camera.pixel_grid()[there], depth[there])
-    own = {"position": places, "mist": mist_left(settings.mist, places, camera)[:, None]}
+    own = {"mist": mist_left(settings.mist, places, camera)[:, None]}
     sides = corners[:, 1:] - corners[:, :1]
     if "normal" in wanted:
         normal = np.cross(sides[:, 0], sides[:, 1])
@@ -420,7 +444,7 @@ def _ground_layers(
         weights = np.concatenate([1 - part.sum(1, keepdims=True), part], 1)[..., None]
         both = [surface.beside or (surface.triangles, surface.triangles) for surface in surfaces]
         beside = tuple((np.concatenate([one[i] for one in both])[hit[there]] * weights).sum(1) for i in (0, 1))
-        own["vector"] = vectors(places, (beside[0], beside[1]), camera, settings.cameras)
+        own["vector"] = _ways(places, (beside[0], beside[1]))
     layers = {name: np.zeros((*hit.shape, _GEOMETRY[name])) for name in wanted}
     for name, layer in layers.items():
         layer[there] = own[name]
@@ -447,7 +471,7 @@ def _images(
         mean = np.where((covered | solid)[..., None], summed / total[..., None], 0)
         length = np.linalg.norm(mean, axis=-1, keepdims=True) if name == "normal" else 1
         images[name] = 1 - summed[..., 0] if name == "mist" else mean / np.where(length == 0, 1, length)
-    if "depth" in passes:
+    if {"depth", "position", "vector"} & {*passes}:
         summed = depth + np.where(solid, left * np.where(solid, ground.depth, 0), 0)
         images["depth"] = np.where(covered | solid, summed / total, NOTHING)
     if "latent" in passes:
