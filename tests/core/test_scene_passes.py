@@ -65,8 +65,8 @@ def test_vector_is_what_moving_points_do_on_the_screen(scene, images):
     for chosen, depth, step in ((square, SQUARE, STEP), (inside(~square_mask(T), 6), WALL, 0.0)):
         pixels = cameras[1].pixel_grid()[chosen]
         places = cameras[1].unproject(pixels, np.full(len(pixels), depth))
-        before, _ = cameras[0].project(places - [step, 0, 0])
-        after, _ = cameras[2].project(places + [step, 0, 0])
+        before, _ = cameras[0].project(places - np.array([step, 0, 0]))
+        after, _ = cameras[2].project(places + np.array([step, 0, 0]))
         expected = np.concatenate([(before - pixels) * [1, -1], (pixels - after) * [1, -1]], 1)
         error = np.abs(images["vector"][chosen] - expected)
         print(f"vector: mean {error.mean():.4f} px, largest {error.max():.4f} px of {np.abs(expected).max():.1f}")
@@ -79,7 +79,7 @@ def test_vector_is_what_moving_points_do_on_the_screen(scene, images):
 def test_vectors_stop_at_the_cameras_plane():
     camera = Camera(np.array([[60.0, 0, 32], [0, 60, 20], [0, 0, 1]]), np.eye(4), 64, 40)
     places = np.array([[0.0, 0, 1], [0, 0, 0.02]])
-    found = vectors(places, (places - [0, 0, 0.02], places + [0.1, 0, 0]), camera, None)
+    found = vectors(places, (places - np.array([0, 0, 0.02]), places + np.array([0.1, 0, 0])), camera, None)
     np.testing.assert_allclose(found[0], [0, 0, -6, 0], atol=1e-9)
     assert (found[1, :2] == 0).all() and found[1, 2] < -100
 
