@@ -275,8 +275,9 @@ def _joined(parts: list[np.ndarray], width: int) -> np.ndarray:
 
 def _matte_ids(clouds: Sequence[Cloud], surfaces: Sequence[Surface], layer: str) -> np.ndarray:
     """(K,) uint32, increasing: everything that a layer of mattes tells apart."""
-    parts = [item.mattes[layer] for item in (*clouds, *surfaces) if layer in item.mattes]
-    found = np.unique(np.concatenate([np.zeros(0, np.uint32), *(np.atleast_1d(part) for part in parts)]))
+    owners: list[Cloud | Surface] = [*clouds, *surfaces]
+    parts = [np.atleast_1d(owner.mattes[layer]) for owner in owners if layer in owner.mattes]
+    found = np.unique(np.concatenate([np.zeros(0, np.uint32), *parts]))
     return found[found != 0].astype(np.uint32)
 
 
@@ -372,9 +373,8 @@ class _Ground:
                 -np.ones(()),
             )
             empty = {name: np.broadcast_to(0.0, (camera.height, camera.width, _GEOMETRY[name])) for name in wanted}
-            return cls(
-                *(np.broadcast_to(value, (camera.height, camera.width, *value.shape)) for value in flat), layers=empty
-            )
+            plain = [np.broadcast_to(value, (camera.height, camera.width, *value.shape)) for value in flat]
+            return cls(plain[0], plain[1], plain[2], plain[3], plain[4], plain[5], empty)
         depth, hit = draw_triangles(
             triangles, camera.world_to_camera, camera.intrinsics, *size, near=settings.near, far=settings.far
         )
