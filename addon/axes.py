@@ -8,6 +8,7 @@ import numpy as np
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry.camera import Camera, CameraPath
+from ..f4x_core.scene.exposure import Lens
 
 # OpenCV camera axes (x right, y down, z forward) <-> Blender camera axes (x right, y up, z backward); its own inverse.
 FLIP_YZ = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -63,6 +64,22 @@ def camera_eye(
     seen = eye(np.array(projection), np.linalg.inv(to_world), width, height)
     # from the matrix, in single precision, the far end would be off by some percent
     return seen._replace(near=seen.back + camera.data.clip_start, far=seen.back + camera.data.clip_end)
+
+
+def camera_lens(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph, back: float) -> Lens | None:
+    """The lens of a camera with depth of field, sized as Cycles sizes it; None for one without. `back`: that of its `Eye`."""
+    camera = camera.evaluated_get(depsgraph)
+    data, dof = camera.data, camera.data.dof
+    if not dof.use_dof:
+        return None
+    focus = dof.focus_distance
+    if dof.focus_object is not None:
+        target = dof.focus_object.evaluated_get(depsgraph).matrix_world.translation
+        focus = abs((camera.matrix_world.normalized().inverted() @ target).z)
+    focus = max(focus, data.clip_start)
+    radius = (1.0 if data.type == "ORTHO" else data.lens * 1e-3) / (2 * dof.aperture_fstop)
+    far = (back + focus) / focus  # from far away the same blur takes a larger lens
+    return Lens(radius * far, back + focus, dof.aperture_blades, dof.aperture_rotation, dof.aperture_ratio)
 
 
 def lens_from_intrinsics(matrices: np.ndarray, width: int, height: int, sensor_width: float) -> dict[str, np.ndarray]:

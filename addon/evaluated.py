@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import bpy
 import numpy as np
 
+from ..f4x_core.edit.resolve import named
 from ..f4x_core.scene.color import srgb_from_linear
+from ..f4x_core.scene.cryptomatte import identify
 from ..f4x_core.scene.stage import Cloud, Surface
+from . import session
 from .gaussian_attributes import FITTED_FOCAL
 from .point_cloud import read_attribute
 
@@ -34,14 +38,76 @@ _READERS = (
 SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
-def stage(
-    depsgraph: bpy.types.Depsgraph, view: bpy.types.SpaceView3D | None = None
-) -> tuple[list[Cloud], list[Surface]]:
+class Mattes:
+    """What mattes tell apart: objects, in scenes the selections that edits named, and collections. Gathers their names."""
+
+    def __init__(self):
+        self.names: dict[str, dict[str, None]] = {"object": {}, "collection": {}}
+        self._selected: dict[str, dict[str, np.ndarray]] = {}
+
+    def of(self, owner: bpy.types.Object) -> dict[str, int]:
+        """Layer -> id of an object as a whole."""
+        collections = owner.users_collection
+        return {
+            "object": self._id("object", owner.name),
+            "collection": self._id("collection", collections[0].name) if collections else 0,
+        }
+
+    def of_points(self, owner: bpy.types.Object, data: bpy.types.PointCloud) -> dict[str, np.ndarray]:
+        """Layer -> (N,) id of each point of an object's evaluated `data`; of several selections the last one counts."""
+        ids = {layer: np.full(len(data.points), own, np.uint32) for layer, own in self.of(owner).items()}
+        root, gid = session.root_of(owner), read_attribute(data, "gid")
+        if root is not None and gid is not None:
+            shown = session.shown(root)
+            if root.name not in self._selected:
+                self._selected[root.name] = {name: found.chosen for name, found in named(shown.scene).items()}
+            row, known = shown.rows_of(gid)
+            for name, chosen in self._selected[root.name].items():
+                ids["object"][known & chosen[row]] = self._id("object", name)
+        return ids
+
+    def _id(self, layer: str, name: str) -> int:
+        self.names[layer][name] = None
+        return identify(name)
+
+
+def stage(depsgraph: bpy.types.Depsgraph, mattes: Mattes | None = None) -> tuple[list[Cloud], list[Surface]]:
     """Every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world.
+
+    `mattes`: where those are wanted.
+    """
+    clouds: list[Cloud] = []
+    surfaces: list[Surface] = []
+    for instance, item, owner in _visible(depsgraph, None):
+        to_world = np.array(instance.matrix_world)
+        key = f"{owner.name}/{item.name}/{tuple(instance.persistent_id) if instance.is_instance else ''}"
+        if item.type == "POINTCLOUD":
+            cloud = _cloud(item.data, to_world, item.pass_index)
+            if cloud is not None:
+                ids = mattes.of_points(item.original, item.data) if mattes else {}
+                clouds.append(replace(cloud, key=key, mattes=ids))
+        else:
+            surface = surface_of(item, to_world)
+            if surface is not None:
+                surfaces.append(replace(surface, key=key, mattes=mattes.of(item.original) if mattes else {}))
+    return clouds, surfaces
+
+
+def _visible(
+    depsgraph: bpy.types.Depsgraph, view: bpy.types.SpaceView3D | None
+) -> Iterator[tuple[bpy.types.DepsgraphObjectInstance, bpy.types.Object, bpy.types.Object]]:
+    """(instance, its evaluated object, the object that owns it) of all point clouds and surfaces that a picture shows.
 
     `view` is the viewport that looks, where one does: it may hide objects of its own.
     """
-    return Reader().stage(depsgraph, view)
+    for instance in depsgraph.object_instances:
+        item = instance.object
+        if item.type != "POINTCLOUD" and item.type not in SOLID:
+            continue
+        owner = (instance.parent or item).original
+        hidden = not instance.show_self or not item.visible_camera
+        if not hidden and (view is None or owner.visible_in_viewport_get(view)):
+            yield instance, item, owner
 
 
 class Reader:
@@ -59,20 +125,13 @@ class Reader:
     def stage(
         self, depsgraph: bpy.types.Depsgraph, view: bpy.types.SpaceView3D | None = None
     ) -> tuple[list[Cloud], list[Surface]]:
-        """As the function `stage`."""
+        """As the function `stage`, seen by a viewport, where one looks."""
         changed = _Changes(depsgraph)
         if changed.trees:
             self._written = {}
         clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
         surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
-        for instance in depsgraph.object_instances:
-            item = instance.object
-            if item.type != "POINTCLOUD" and item.type not in SOLID:
-                continue
-            owner = (instance.parent or item).original
-            hidden = not instance.show_self or not item.visible_camera
-            if hidden or (view is not None and not owner.visible_in_viewport_get(view)):
-                continue
+        for instance, item, owner in _visible(depsgraph, view):
             to_world = np.array(instance.matrix_world)
             data = item.original.data.session_uid
             key = (item.original.session_uid, data, *instance.persistent_id, owner.session_uid)

@@ -4,28 +4,40 @@ Colours: a scene's Gaussians are display sRGB and are blended as such, over the 
 picture in linear light, so the Standard view transform shows the core's own numbers.
 """
 
+from collections.abc import Callable
+
 import bpy
 import gpu
 import numpy as np
-from bpy.props import BoolProperty, PointerProperty
+from bpy.props import BoolProperty, IntProperty, PointerProperty
 from gpu_extras.presets import draw_texture_2d
 
 from ..f4x_core.errors import Cancelled, F4xError
-from ..f4x_core.scene import stage
-from ..f4x_core.scene.color import linear_from_srgb
+from ..f4x_core.scene import cryptomatte, layers, stage
+from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
+from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import with_code
 from . import display, evaluated, viewport_gpu
-from .axes import camera_eye, eye
+from .axes import camera_eye, camera_lens, eye
 
-# pass of the stage -> (name in Blender, channels, kind of socket)
-_PASSES = {
-    "depth": ("Depth", "Z", "VALUE"),
-    "index": ("Object Index" if bpy.app.version >= (5, 0, 0) else "IndexOB", "X", "VALUE"),
-    "alpha": ("Alpha", "A", "VALUE"),
-    "latent": ("Latent", "RGB", "COLOR"),
-    "selection": ("Selection", "X", "VALUE"),
-    "score": ("Score", "X", "VALUE"),
+_INDEX = ("Object Index" if bpy.app.version >= (5, 0, 0) else "IndexOB", "X")
+# channels -> kind of socket
+_SOCKETS = {"RGB": "COLOR", "rgba": "COLOR", "XYZ": "VECTOR", "XYZW": "VECTOR"}
+# pass of the stage -> Blender's own switch in the view layer
+_SWITCHES = {
+    "depth": "use_pass_z",
+    "index": "use_pass_object_index",
+    "mist": "use_pass_mist",
+    "position": "use_pass_position",
+    "normal": "use_pass_normal",
+    "vector": "use_pass_vector",
+    f"{stage.MATTE}object": "use_pass_cryptomatte_object",
+    f"{stage.MATTE}collection": "use_pass_cryptomatte_asset",
 }
+# falloff of Blender's mist -> exponent
+_FALLOFF = {"LINEAR": 1.0, "QUADRATIC": 2.0, "INVERSE_QUADRATIC": 0.5}
+SAMPLES = 16
+"""Sharp pictures that a blurred one is made of."""
 COARSE_TO_FINE = (4, 1)
 """The viewport first shows a picture this many times smaller, then the next."""
 # Blender's own panels that speak of passes or filters which this engine does not have
@@ -63,8 +75,14 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
         """One column of switches."""
         layer = context.view_layer
         column = self.layout.column()
-        column.prop(layer, "use_pass_z", text="Depth")
-        column.prop(layer, "use_pass_object_index")
+        for name, switch in _SWITCHES.items():
+            texts = {
+                "depth": "Depth",
+                "matte:object": "Cryptomatte Object",
+                "matte:collection": "Cryptomatte Collection",
+            }
+            column.prop(layer, switch, **({"text": texts[name]} if name in texts else {}))
+        column.prop(layer, "pass_cryptomatte_depth", text="Cryptomatte Levels")
         for name in F4X_PG_passes.__annotations__:
             column.prop(layer.f4x_passes, name)
 
@@ -78,8 +96,49 @@ class F4X_PT_film(bpy.types.Panel):  # noqa: N801
     poll = F4X_PT_passes.poll
 
     def draw(self, context):
-        """One switch: the world's colour, or nothing."""
+        """One switch, the world's colour or nothing, and the number of sharp pictures in a blurred one."""
         self.layout.prop(context.scene.render, "film_transparent", text="Transparent")
+        self.layout.prop(context.scene, "f4x_samples")
+
+
+class F4X_PT_motion_blur(bpy.types.Panel):  # noqa: N801
+    """Blender's own settings of the shutter."""
+
+    bl_label = "Motion Blur"
+    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+    poll = F4X_PT_passes.poll
+
+    def draw_header(self, context):
+        """Draw the switch."""
+        self.layout.prop(context.scene.render, "use_motion_blur", text="")
+
+    def draw(self, context):
+        """When the shutter opens, and for how long."""
+        render = context.scene.render
+        self.layout.active = render.use_motion_blur
+        self.layout.prop(render, "motion_blur_position")
+        self.layout.prop(render, "motion_blur_shutter")
+
+
+class F4X_PT_mist(bpy.types.Panel):  # noqa: N801
+    """Blender's own settings of the pass Mist."""
+
+    bl_label = "Mist Pass"
+    bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "world"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+
+    @classmethod
+    def poll(cls, context):
+        """Shown for this engine where there is a world."""
+        return context.engine in cls.COMPAT_ENGINES and context.world is not None
+
+    def draw(self, context):
+        """Where it begins and how it thickens."""
+        for name in ("start", "depth", "falloff"):
+            self.layout.prop(context.world.mist_settings, name)
 
 
 class Feature4XRenderEngine(bpy.types.RenderEngine):
@@ -99,9 +158,8 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
     def update_render_passes(self, scene, layer):
         """Tell the compositor which sockets there are."""
         self.register_pass(scene, layer, "Combined", 4, "RGBA", "COLOR")
-        for name in _wanted(layer):
-            title, channels, kind = _PASSES[name]
-            self.register_pass(scene, layer, title, len(channels), channels, kind)
+        for title, channels in _titles(layer).items():
+            self.register_pass(scene, layer, title, len(channels), channels, _SOCKETS.get(channels, "VALUE"))
 
     def render(self, depsgraph):
         """Render one view layer at the current frame."""
@@ -117,46 +175,64 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         self.update_stats("Feature4X", "reading the scene")
         display.check_frame(scene.original)
         seen = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
-        clouds, surfaces = evaluated.stage(depsgraph)
-        count = sum(len(cloud.means) for cloud in clouds)
+        region, passes = _region(scene.render, self.resolution_x, self.resolution_y), _wanted(layer)
+        mattes = evaluated.Mattes() if any(name.startswith(stage.MATTE) for name in passes) else None
+        background = None if scene.render.film_transparent else evaluated.world_color(scene.world)
 
         def progress(name: str, done: int, total: int, message: str = "") -> None:
             if self.test_break():
                 raise Cancelled
             self.update_progress(done / total)
-            self.update_stats("Feature4X", f"{count:,} Gaussians, row {done} of {total}")
+            self.update_stats("Feature4X", f"row {done} of {total}")
 
-        rows, columns = _region(scene.render, self.resolution_x, self.resolution_y)
-        passes = _wanted(layer)
-        transparent = scene.render.film_transparent
-        background = None if transparent else evaluated.world_color(scene.world)
-
-        def finish(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-            """Rename the passes for Blender and convert depth."""
-            if "depth" in images:
-                there = images["depth"] < stage.NOTHING
-                images["depth"] = np.where(there, images["depth"] - seen.back, stage.NOTHING)
-            named = {_PASSES[name][0]: images[name] for name in passes}
-            return {"Combined": _combined(images, transparent)} | named
-
-        written = stage.draw(
-            stage.as_seen(clouds, seen.back),
-            surfaces,
-            seen.camera,
-            stage.DrawSettings(seen.near, seen.far, background),
-            passes=passes,
-            region=(rows, columns),
+        images = shoot(
+            self._takes(depsgraph, mattes),
+            _exposure(scene, depsgraph, seen.back),
+            stage.DrawSettings(seen.near, seen.far, background, mist=_mist(scene.world, seen.back)),
+            passes,
+            region=region,
             progress=progress,
-            finish=finish,
         )
-        for name in passes:
-            title, channels, _ = _PASSES[name]
+        if "depth" in images:
+            there = images["depth"] < stage.NOTHING
+            images["depth"] = np.where(there, images["depth"] - seen.back, stage.NOTHING)
+        self._write(layer, images, region, mattes)
+
+    def _takes(self, depsgraph, mattes: evaluated.Mattes | None) -> Callable[[float], Take]:
+        """What reads the scene so many frames from the one that is rendered; Blender evaluates it anew where that is another."""
+        scene = depsgraph.scene
+        start = shown = scene.frame_current + scene.frame_subframe
+
+        def take_at(offset: float) -> Take:
+            nonlocal shown
+            if start + offset != shown:
+                shown = start + offset
+                whole = int(np.floor(shown))
+                self.frame_set(whole, shown - whole)
+            here = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
+            clouds, surfaces = evaluated.stage(depsgraph, mattes=mattes)
+            return Take(stage.as_seen(clouds, here.back), surfaces, here.camera)
+
+        return take_at
+
+    def _write(self, layer, images: dict[str, np.ndarray], region: tuple[slice, slice], mattes) -> None:
+        """Hand the pictures over to Blender in its own names, with the names of mattes in the file's header."""
+        written = layers.named_layers(images, layer.pass_cryptomatte_depth)
+        if "index" in images:
+            written[_INDEX[0]] = (images["index"][..., None], _INDEX[1])
+        for title, channels in _titles(layer).items():
             self.add_pass(title, len(channels), channels, layer=layer.name)
+        rows, columns = region
         result = self.begin_result(0, 0, columns.stop - columns.start, rows.stop - rows.start, layer=layer.name)
+        whole = self.get_result()
+        for name, names in mattes.names.items() if mattes else ():
+            if f"{stage.MATTE}{name}" in _wanted(layer):
+                for key, value in cryptomatte.metadata(f"{layer.name}.{layers.MATTES[name]}", names).items():
+                    whole.stamp_data_add_field(key, value)
         for render_pass in result.layers[0].passes:
             if render_pass.name in written:
-                flat = np.ascontiguousarray(written[render_pass.name][::-1], np.float32).ravel()  # bottom row first
-                render_pass.rect.foreach_set(flat)
+                image, _ = written[render_pass.name]
+                render_pass.rect.foreach_set(np.ascontiguousarray(image[::-1], np.float32).ravel())  # bottom row first
         self.end_result(result)
 
     def view_update(self, context, depsgraph):
@@ -214,14 +290,45 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         clouds, surfaces, background = self._stage
         settings = stage.DrawSettings(seen.near, seen.far, background)
         images = stage.draw(stage.as_seen(clouds, seen.back), surfaces, seen.camera, settings)
-        flat = np.ascontiguousarray(_combined(images, transparent=False)[::-1], np.float32).ravel()
+        picture = combined(images["rgb"], images["alpha"], transparent=False)
+        flat = np.ascontiguousarray(picture[::-1], np.float32).ravel()
         return gpu.types.GPUTexture(size, format="RGBA16F", data=gpu.types.Buffer("FLOAT", flat.size, flat))
 
 
 def _wanted(layer: bpy.types.ViewLayer) -> list[str]:
     """Passes of the stage that a view layer asks for."""
-    builtin = {"depth": layer.use_pass_z, "index": layer.use_pass_object_index}
-    return [name for name in _PASSES if builtin.get(name, getattr(layer.f4x_passes, name, False))]
+    own = [name for name in F4X_PG_passes.__annotations__ if getattr(layer.f4x_passes, name)]
+    return [name for name, switch in _SWITCHES.items() if getattr(layer, switch)] + own
+
+
+def _titles(layer: bpy.types.ViewLayer) -> dict[str, str]:
+    """Name in Blender -> channels of the passes that a view layer asks for, besides Combined."""
+    titles = {}
+    for name in _wanted(layer):
+        if name.startswith(stage.MATTE):
+            title = layers.MATTES[name.removeprefix(stage.MATTE)]
+            count = (layer.pass_cryptomatte_depth + 1) // 2
+            titles |= {f"{title}{number:02d}": layers.CRYPTO_CHANNELS for number in range(count)}
+        else:
+            title, channels = _INDEX if name == "index" else layers.PASSES[name]
+            titles[title] = channels
+    return titles
+
+
+def _mist(world: bpy.types.World | None, back: float) -> Mist:
+    """Blender's own settings of the mist; `back`: of the camera's `Eye`."""
+    if world is None:
+        return Mist(back=back)
+    settings = world.mist_settings
+    return Mist(settings.start, settings.depth, _FALLOFF[settings.falloff], back)
+
+
+def _exposure(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, back: float) -> Exposure:
+    """The shutter of the render settings and the lens of the camera."""
+    render, lens = scene.render, camera_lens(scene.camera, depsgraph, back)
+    span = render.motion_blur_shutter if render.use_motion_blur else 0.0
+    opens = {"START": 0.0, "CENTER": -span / 2, "END": -span}[render.motion_blur_position]
+    return Exposure(scene.f4x_samples, opens, opens + span, lens)
 
 
 def _region(render: bpy.types.RenderSettings, width: int, height: int) -> tuple[slice, slice]:
@@ -231,15 +338,6 @@ def _region(render: bpy.types.RenderSettings, width: int, height: int) -> tuple[
     left, right = int(render.border_min_x * width), int(render.border_max_x * width)
     bottom, top = int(render.border_min_y * height), int(render.border_max_y * height)
     return slice(height - top, height - bottom), slice(left, right)
-
-
-def _combined(images: dict[str, np.ndarray], transparent: bool) -> np.ndarray:
-    """(H,W,4) linear light; with a transparent film the colour under the alpha is what is linearised, then premultiplied."""
-    rgb, alpha = images["rgb"], images["alpha"][..., None]
-    if not transparent:
-        return np.concatenate([linear_from_srgb(rgb), np.ones_like(alpha)], -1)
-    straight = rgb / np.where(alpha > 0, alpha, 1)
-    return np.concatenate([linear_from_srgb(straight) * alpha, alpha], -1)
 
 
 def _shared_panels() -> list[type]:
@@ -254,6 +352,13 @@ def _shared_panels() -> list[type]:
 def register() -> None:
     """Register the pass settings and show Blender's shared panels for this engine."""
     bpy.types.ViewLayer.f4x_passes = PointerProperty(type=F4X_PG_passes)
+    bpy.types.Scene.f4x_samples = IntProperty(
+        name="Samples",
+        description="Sharp pictures that are averaged for motion blur and depth of field",
+        default=SAMPLES,
+        min=1,
+        max=1024,
+    )
     for panel in _shared_panels():
         panel.COMPAT_ENGINES.add(Feature4XRenderEngine.bl_idname)
 
@@ -262,8 +367,8 @@ def unregister() -> None:
     """Undo `register`."""
     for panel in _shared_panels():
         panel.COMPAT_ENGINES.discard(Feature4XRenderEngine.bl_idname)
-    del bpy.types.ViewLayer.f4x_passes
+    del bpy.types.ViewLayer.f4x_passes, bpy.types.Scene.f4x_samples
     viewport_gpu.forget()
 
 
-CLASSES = (F4X_PG_passes, F4X_PT_passes, F4X_PT_film, Feature4XRenderEngine)
+CLASSES = (F4X_PG_passes, F4X_PT_passes, F4X_PT_film, F4X_PT_motion_blur, F4X_PT_mist, Feature4XRenderEngine)

@@ -114,14 +114,29 @@ def _render(verbs: Verbs) -> None:
     sub.add_argument(
         "--path",
         default="original",
-        help="original, orbit, frozen:T (T a clip frame), or a camera path file (default: original)",
+        help="original, orbit, stabilise, slow:FACTOR, bullet:T or frozen:T (T a clip frame), or a camera path file"
+        " (default: original)",
     )
     sub.add_argument(
         "--channels",
         default="rgb",
-        help="comma-separated: rgb,depth,alpha,motion,latent, a head, mask:LABEL (default: rgb)",
+        help="comma-separated: rgb,depth,alpha,motion,latent, a head, mask:LABEL; with --exr also"
+        " vector,normal,position,mist,cryptomatte (default: rgb)",
     )
-    sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit, above 0 and below 90 (default: 5)")
+    sub.add_argument(
+        "--degrees", type=float, default=5.0, help="size of orbit and bullet, above 0 and below 90 (default: 5)"
+    )
+    sub.add_argument("--exr", action="store_true", help="one multi-layer DIR/00000.exr a frame, in Blender's names")
+    sub.add_argument(
+        "--motion-blur", type=float, default=0.0, metavar="F", help="shutter open for F frames about each (film: 0.5)"
+    )
+    sub.add_argument(
+        "--aperture", type=float, default=0.0, metavar="R", help="depth of field of a lens of this radius, world units"
+    )
+    sub.add_argument("--focus", type=float, default=1.0, metavar="D", help="depth that is sharp (default: 1)")
+    sub.add_argument(
+        "--samples", type=int, default=16, metavar="N", help="pictures that make a blurred one (default: 16)"
+    )
     sub.add_argument("--video", action="store_true", help="also write DIR/CHANNEL.mp4")
     sub.add_argument("--frames", metavar="A:B:S", help="first frame, end and step of the path (default: all of it)")
     sub.add_argument("--part", metavar="I/N", help="only the I-th of N parts of these frames, for N machines")

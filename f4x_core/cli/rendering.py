@@ -34,6 +34,14 @@ MASK = "mask:"
 """Prefix of the channel `mask:LABEL`: the fraction of each pixel's blend weight that comes from the Gaussians of a label."""
 # Motion of this fraction of the image width per frame gets the full colour.
 FULL_MOTION = 0.02
+NUMBERED = {
+    "frozen": "frozen:T with T a clip frame, for example frozen:12",
+    "bullet": "bullet:T with T a clip frame, for example bullet:12",
+    "slow": "slow:FACTOR, for example slow:4",
+}
+"""Paths with a number -> how to write them."""
+MAX_SLOWER = 100
+"""Slower than this is a still."""
 
 
 def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
@@ -43,17 +51,27 @@ def trajectory_of(scene: Scene, path: str, degrees: float) -> Trajectory:
         return trajectory.original(cameras)
     if path == "orbit":
         return trajectory.orbit(cameras, degrees=degrees)
-    if path.startswith("frozen:"):
+    if path == "stabilise":
+        return trajectory.stabilised(cameras)
+    kind, colon, number = path.partition(":")
+    if colon and kind in NUMBERED:
         try:
-            time = float(path.removeprefix("frozen:"))
+            value = float(number)
         except ValueError as error:
-            raise F4xError(f"--path {path}: write frozen:T with T a clip frame, for example frozen:12.") from error
-        require_time(scene, time, f"--path {path}")
-        return trajectory.frozen(cameras, time)
+            raise F4xError(f"--path {path}: write {NUMBERED[kind]}.") from error
+        if kind in ("frozen", "bullet"):
+            require_time(scene, value, f"--path {path}")
+        if kind == "bullet":
+            return trajectory.bullet_time(cameras, value, degrees)
+        if kind == "slow":
+            if not 1 <= value <= MAX_SLOWER:
+                raise F4xError(f"--path {path}: give a factor from 1 to {MAX_SLOWER}.")
+            return trajectory.slow_motion(cameras, value)
+        return trajectory.frozen(cameras, value)
     if not Path(path).is_file():
         raise F4xError(
-            f"--path {path}: there is no such file; give original, orbit, frozen:T with T a clip frame"
-            f" (0 to {len(cameras) - 1}), or a camera path file."
+            f"--path {path}: there is no such file; give original, orbit, stabilise, slow:FACTOR, bullet:T or frozen:T"
+            f" with T a clip frame (0 to {len(cameras) - 1}), or a camera path file."
         )
     return trajectory.read_path(path)
 
@@ -71,6 +89,8 @@ def times_of(scene: Scene, path: str, indices: np.ndarray | None = None) -> np.n
 def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write OUT/CHANNEL/00000.png … along a path; depth and motion also as .npy."""
     scene = open_scene(args.scene, args.edits)
+    if args.exr or args.motion_blur or args.aperture:
+        return run_shots(args, scene, progress)
     channels = tuple(args.channels.split(","))
     known = (*CHANNELS, *feature_channels(scene))
     labels = {name: name.removeprefix(MASK) for name in channels if name.startswith(MASK)}
@@ -80,11 +100,7 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             f"--channels {args.channels}: there is no channel {unknown[0]}; choose from {','.join(known)},{MASK}LABEL."
         )
     masks = {name: by_words(scene, [label], encode=encode_labels)[label] for name, label in labels.items()}
-    if not 0 < args.degrees < 90:
-        raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
-    views = trajectory_of(scene, args.path, args.degrees)
-    chosen = frame_indices(args.frames, len(views), f"--path {args.path}")
-    indices = chosen[part_of(len(chosen), args.part, args.video)]
+    views, chosen, indices = views_of(args, scene)
     folders = {name: Path(args.output) / file_name(name) for name in channels}
     for folder in folders.values():
         folder.mkdir(parents=True, exist_ok=True)
@@ -121,6 +137,49 @@ def run_render(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if len(indices) == 0:
         text += f"; {len(chosen)} frames in {args.part.split('/')[1]} parts leave nothing for --part {args.part}"
     return {"frames": len(indices), "output": str(args.output), "text": text}
+
+
+def views_of(args: argparse.Namespace, scene: Scene) -> tuple[Trajectory, np.ndarray, np.ndarray]:
+    """(all views of `--path`, indices that `--frames` chooses, those of them in `--part`)."""
+    if not 0 < args.degrees < 90:
+        raise F4xError(f"--degrees {args.degrees:g}: give a number above 0 and below 90.")
+    views = trajectory_of(scene, args.path, args.degrees)
+    chosen = frame_indices(args.frames, len(views), f"--path {args.path}")
+    return views, chosen, chosen[part_of(len(chosen), args.part, args.video)]
+
+
+def run_shots(args: argparse.Namespace, scene: Scene, progress: Progress) -> dict[str, Any]:
+    """Write OUT/00000.exr … with all passes of a frame, or with motion blur and depth of field OUT/rgb/00000.png …."""
+    from . import shots
+
+    names = shots.passes_of(args.channels.split(","), args.exr)
+    mattes = shots.Mattes.of(scene, args.channels.split(","))
+    exposure = shots.exposure_of(args)
+    views, _, indices = views_of(args, scene)
+    output = Path(args.output)
+    for name in () if args.exr else ("rgb", *names):
+        (output / name).mkdir(parents=True, exist_ok=True)
+    output.mkdir(parents=True, exist_ok=True)
+    videos = []
+    for done, index in enumerate(indices):
+        progress("render", done, len(indices))
+        images = shots.take(scene, views, int(index), exposure, (names, mattes, args.backend))
+        picture = shots.display(images["combined"])
+        if args.exr:
+            shots.write(output / f"{index:05d}.exr", images, mattes)
+        else:
+            maps = {"rgb": picture, "alpha": (images["alpha"] * 255 + 0.5).astype(np.uint8)}
+            write_frame({name: output / name for name in ("rgb", *names)}, int(index), {}, maps)
+        if args.video:
+            videos.append(picture)
+    progress("render", len(indices), len(indices))
+    if videos:
+        write_video(output / "rgb.mp4", np.stack(videos), scene.fps, times_of(scene, args.path, indices))
+    return {
+        "frames": len(indices),
+        "output": str(output),
+        "text": f"{output}: {len(indices)} frames",
+    }
 
 
 def part_of(count: int, part: str | None, video: bool = False) -> range:

@@ -5,7 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import pose, quaternion
 from .camera import Camera, CameraPath
+
+SMOOTH = 8.0
+"""Standard deviation (frames) of the Gaussian that a stabilised camera is smoothed by: a third of a second at 24 frames/s, slower
+than a hand trembles and a walker steps."""
+BULLET = 48
+"""Views of a frozen moment: two seconds at 24 frames/s."""
 
 
 class View(NamedTuple):
@@ -55,6 +62,43 @@ def orbit(
         center = middle.center + radius * (np.cos(angle) * right + np.sin(angle) * down)
         views.append(View(_looking_at(middle, center, target), float(moment)))
     return views
+
+
+def stabilised(path: CameraPath, frames: float = SMOOTH) -> Trajectory:
+    """Return the clip seen by a calm hand: the camera's centre, turn and lens smoothed over `frames` (standard deviation).
+
+    The smoothed turn is the normalised mean of quaternions, for neighbours differ little.
+    """
+    distance = (path.times[:, None] - path.times) / frames
+    weights = np.exp(-0.5 * distance**2)
+    # a mirrored pair on the other side of every camera that has one: at the ends the mean does not lean inwards
+    weights *= np.abs(distance) * frames <= np.minimum(path.times - path.times[0], path.times[-1] - path.times)[:, None]
+    weights[weights.sum(1) == 0] = np.eye(len(path))[weights.sum(1) == 0]
+    weights /= weights.sum(1, keepdims=True)
+    turns, centers = pose.from_matrix(np.linalg.inv(path.world_to_camera))
+    smooth = quaternion.normalize(weights @ quaternion.align_sequence(turns))
+    matrices = pose.to_matrix(*pose.invert(smooth, weights @ centers))
+    intrinsics = np.tensordot(weights, path.intrinsics, 1)
+    return original(CameraPath(intrinsics, matrices, path.times, path.width, path.height))
+
+
+def bullet_time(
+    path: CameraPath, time: float, degrees: float = 5.0, count: int = BULLET, depth: float = 1.0
+) -> Trajectory:
+    """Return the clip that stops at `time` while the camera swings `degrees` to either side in `count` views, and goes on.
+
+    `depth`: distance of the point that it swings about, world units; 1 is the median scene depth.
+    """
+    swing = degrees * np.sin(2 * np.pi * np.arange(1, count + 1) / (count + 1))
+    stopped = [aside(path, time, right=angle, depth=depth) for angle in swing]
+    views = original(path)
+    return [v for v in views if v.time <= time] + stopped + [v for v in views if v.time > time]
+
+
+def slow_motion(path: CameraPath, factor: float) -> Trajectory:
+    """Return the clip `factor` times slower, as many times more views: motion and camera between frames are the scene's own."""
+    count = round((path.times[-1] - path.times[0]) * factor) + 1
+    return original(path.at_times(np.linspace(path.times[0], path.times[-1], count)))
 
 
 def aside(path: CameraPath, time: float, right: float = 0.0, up: float = 0.0, depth: float = 1.0) -> View:

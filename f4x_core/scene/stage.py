@@ -17,13 +17,17 @@ from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..progress import Progress, silent
+from .passes import Mist, mist_left, normals, vectors
 from .view import COVERED
 
 if TYPE_CHECKING:
     from ..raster import RasterConfig
+    from .model import Scene
 
-PASSES = ("alpha", "depth", "latent", "selection", "score", "index")
-"""What `draw` gives besides `rgb`."""
+MATTE = "matte:"
+"""Prefix of the passes `matte:LAYER`, coverage by each thing that `Cloud.mattes` tells apart."""
+PASSES = ("alpha", "depth", "latent", "selection", "score", "index", "vector", "normal", "position", "mist")
+"""What `draw` gives besides `rgb` and `matte:LAYER`."""
 BAND = 1 << 17
 """Pixels of the first band of rows; the time it took sets the size of the next one."""
 PAUSE, GROWTH = 0.3, 8.0
@@ -33,6 +37,9 @@ NOTHING = 1e10
 AMBIENT = 0.4
 """Fraction of a surface's colour that it keeps where it is seen edge-on; the rest is shaded by the cosine to the view."""
 _WIDTHS = {"latent": 3, "selection": 1, "score": 1}
+_GEOMETRY = {"vector": 6, "normal": 3, "mist": 1}
+"""Passes that surfaces have, too. What is composited for `vector` are the ways in the world to where a place was one frame
+before and will be one frame after, for `mist` the light that it leaves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +66,32 @@ class Cloud:
     """Focal length in pixels of the images that it was fitted to (`Scene.fitted_focal`); None = not known."""
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Numbers of the passes `latent (N,3)`, `selection (N,1)`, `score (N,1)`, where it has them."""
+    key: str = ""
+    """Which cloud it is, the same at every moment; only the pass `vector` asks."""
+    beside: tuple[np.ndarray, np.ndarray] | None = None
+    """Centres (N,3) in the world one frame before and one after; None = it stands still."""
+    mattes: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """Layer -> (N,) uint32 id of what each Gaussian belongs to (`cryptomatte.identify`); 0 = nothing."""
+
+    @classmethod
+    def of_scene(cls, scene: Scene, time: float) -> Cloud:
+        """The Gaussians of a scene at clip time `time`; drawn alone they look as through `view.render`."""
+        posed = scene.posed(time)
+        return cls(
+            means=posed.means,
+            quats=posed.quats,
+            scales=posed.scales,
+            opacities=posed.opacities,
+            sh=posed.sh,
+            turn=posed.quats,
+            fitted_focal=scene.fitted_focal(time),
+            key=scene.name,
+        )
+
+    @property
+    def places(self) -> np.ndarray:
+        """(N,3) float64 centres in the world."""
+        return self.means @ self.to_world[:3, :3].T + self.to_world[:3, 3]
 
     def colors(self, center: np.ndarray) -> np.ndarray:
         """(N,3) sRGB seen from `center (3,)` in the world; as in `Scene.colors`, appearance turns with the surface."""
@@ -100,6 +133,12 @@ class Surface:
     """Number of its object in the pass `index`."""
     holdout: bool = False
     """Cut a hole into the picture instead of showing a colour."""
+    key: str = ""
+    """As of a `Cloud`."""
+    beside: tuple[np.ndarray, np.ndarray] | None = None
+    """Corners (T,3,3) in the world one frame before and one after; None = it stands still."""
+    mattes: Mapping[str, int] = field(default_factory=dict)
+    """Layer -> id, as of a `Cloud`."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +155,10 @@ class DrawSettings:
     """Constants of the rasteriser; its `near` is not used. None = those with which the largest cloud was fitted."""
     backend: str = "auto"
     """As in `raster.rasterize`."""
+    cameras: tuple[Camera, Camera] | None = None
+    """The camera one frame before and one after, for the pass `vector`; None = it stands still."""
+    mist: Mist = field(default_factory=Mist)
+    """Of the pass `mist`."""
 
 
 def draw(
@@ -137,13 +180,18 @@ def draw(
     * `latent (H,W,3)`, `score (H,W)`: mean of the Gaussians' layers, 0 where their alpha < 0.1.
     * `selection (H,W)`: fraction of the pixel that selected Gaussians cover.
     * `index (H,W)` number of the object that covers most of the pixel, 0 for nothing.
+    * `position (H,W,3)` in the world, where the pixel's ray has the expected depth; `vector (H,W,4)` in pixels, how that place
+      moves on the screen (`passes.vectors`); `normal (H,W,3)` of length 1. Of Gaussians and the surface behind them; 0 where
+      alpha < 0.1 and there is no surface.
+    * `mist (H,W)` from 0, clear, to 1, also where nothing is.
+    * `matte:LAYER:ID (H,W)` for `matte:LAYER`: fraction of the pixel that what has this id, in hexadecimal, covers.
 
     Args:
         clouds: Gaussians; one whose centre lies behind a surface is hidden by it as a whole.
         surfaces: opaque triangles, without antialiasing.
         camera: pinhole camera in the world.
         settings: clipping planes, background and rasteriser; the defaults of `DrawSettings` when None.
-        passes: any of `PASSES`.
+        passes: any of `PASSES` and `matte:LAYER`.
         region: (rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit.
         progress: called between bands of rows, a few times a second; cancelling passes through. Without it there is one band.
         finish: converts the pictures, pixel by pixel; called with those of each band.
@@ -155,11 +203,14 @@ def draw(
 
     rows, columns = region or (slice(0, camera.height), slice(0, camera.width))
     settings = settings or DrawSettings()
-    ground = _Ground.seen(surfaces, camera, settings)
+    ground = _Ground.seen(surfaces, camera, settings, [name for name in _GEOMETRY if name in passes])
+    mattes = {name: _matte_ids(clouds, surfaces, name.removeprefix(MATTE)) for name in passes if name.startswith(MATTE)}
     frame = clouds[0].to_world if clouds else np.eye(4)
     numbers = sorted({cloud.index for cloud in clouds}) if "index" in passes else []
-    widths = {"rgb": 3} | {name: w for name, w in _WIDTHS.items() if name in passes} | {"index": len(numbers)}
-    features = [_features(cloud, camera, widths, numbers) for cloud in clouds]
+    widths = {"rgb": 3} | {name: w for name, w in (_WIDTHS | _GEOMETRY).items() if name in passes}
+    widths |= {"index": len(numbers)} | {name: len(ids) for name, ids in mattes.items()}
+    own = [_own_layers(cloud, camera, settings, numbers, mattes, widths) for cloud in clouds]
+    features = [_features(len(cloud.means), layers, widths) for cloud, layers in zip(clouds, own, strict=True)]
     moved = [cloud.seen_from(frame) for cloud in clouds]
     splats = Splats(
         means=_joined([cloud.means for cloud in moved], 3),
@@ -182,7 +233,15 @@ def draw(
             np.asarray(part[:, columns], np.float32) for part in (out.channels, out.alpha, out.depth)
         )
         layers = dict(zip(widths, np.split(channels, np.cumsum([*widths.values()])[:-1], axis=-1), strict=True))
-        drawn = _images(layers, alpha, depth, ground.cut((band, columns)), numbers, passes)
+        part = ground.cut((band, columns))
+        drawn = _images(layers, alpha, depth, part, numbers, passes)
+        if {"position", "vector"} & {*passes}:
+            drawn |= _on_rays(drawn, camera, settings, (band, columns))
+        drawn = {name: image for name, image in drawn.items() if name in ("rgb", "alpha", *passes)}
+        for name, ids in mattes.items():
+            behind = part.matte(surfaces, name.removeprefix(MATTE), ids)
+            coverage = layers[name] + (1 - alpha)[..., None] * behind
+            drawn |= {f"{name}:{number:08x}": coverage[..., i] for i, number in enumerate(ids)}
         for name, image in (finish(drawn) if finish else drawn).items():
             if name not in images:  # memory is touched, which takes long, only band by band
                 images[name] = np.empty((rows.stop - rows.start, *image.shape[1:]), np.float32)
@@ -219,11 +278,62 @@ def _joined(parts: list[np.ndarray], width: int) -> np.ndarray:
     return np.concatenate([np.zeros((0, width), np.float32), *parts], dtype=np.float32)
 
 
-def _features(cloud: Cloud, camera: Camera, widths: Mapping[str, int], numbers: Sequence[int]) -> np.ndarray:
-    """(N,C) what is composited of one cloud; 0 in layers that it lacks."""
+def _matte_ids(clouds: Sequence[Cloud], surfaces: Sequence[Surface], layer: str) -> np.ndarray:
+    """(K,) uint32, increasing: everything that a layer of mattes tells apart."""
+    owners: list[Cloud | Surface] = [*clouds, *surfaces]
+    parts = [np.atleast_1d(owner.mattes[layer]) for owner in owners if layer in owner.mattes]
+    found = np.unique(np.concatenate([np.zeros(0, np.uint32), *parts]))
+    return found[found != 0].astype(np.uint32)
+
+
+def _own_layers(
+    cloud: Cloud,
+    camera: Camera,
+    settings: DrawSettings,
+    numbers: Sequence[int],
+    mattes: Mapping[str, np.ndarray],
+    wanted: Collection[str],
+) -> dict[str, np.ndarray]:
+    """Layer -> (N,C) numbers of one cloud's Gaussians, of those layers that it has."""
     count = len(cloud.means)
     own = {"rgb": cloud.colors(camera.center), **cloud.layers}
     own["index"] = np.tile(np.equal(numbers, cloud.index), (count, 1))
+    places = cloud.places if {*_GEOMETRY} & {*wanted} else np.zeros((count, 3))
+    if "vector" in wanted:
+        own["vector"] = _ways(places, cloud.beside)
+    if "normal" in wanted:
+        own["normal"] = normals(cloud.quats, cloud.scales, cloud.to_world, places - camera.center)
+    if "mist" in wanted:
+        own["mist"] = mist_left(settings.mist, places, camera)[:, None]
+    for name, ids in mattes.items():
+        if name.removeprefix(MATTE) in cloud.mattes:
+            own[name] = np.equal(cloud.mattes[name.removeprefix(MATTE)][:, None], ids)
+    return own
+
+
+def _ways(places: np.ndarray, beside: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """(N,6) from `places (N,3)` to where they were and will be."""
+    return np.concatenate([there - places for there in beside or (places, places)], 1)
+
+
+def _on_rays(
+    drawn: dict[str, np.ndarray], camera: Camera, settings: DrawSettings, region: tuple[slice, slice]
+) -> dict[str, np.ndarray]:
+    """Passes `position` and `vector` of a region's `drawn` passes `depth` and, where that is wanted, the ways of `vector`."""
+    there = drawn["depth"] < NOTHING
+    pixels = camera.pixel_grid()[region][there]
+    places = camera.unproject(pixels, drawn["depth"][there].astype(np.float64))
+    found = {"position": np.zeros((*there.shape, 3), np.float32)}
+    found["position"][there] = places
+    if "vector" in drawn:
+        found["vector"] = np.zeros((*there.shape, 4), np.float32)
+        before, after = np.split(drawn["vector"][there], 2, axis=1)
+        found["vector"][there] = vectors(places, (places + before, places + after), camera, settings.cameras)
+    return found
+
+
+def _features(count: int, own: Mapping[str, np.ndarray], widths: Mapping[str, int]) -> np.ndarray:
+    """(N,C) what is composited of `count` Gaussians; 0 in layers that they lack."""
     return np.concatenate(
         [own.get(name, np.zeros((count, width))) for name, width in widths.items()], 1, dtype=np.float32
     )
@@ -243,18 +353,33 @@ class _Ground:
     """(H,W) number of its object, else 0."""
     limit: np.ndarray
     """(H,W) float32 depth from which on Gaussians are hidden."""
+    hit: np.ndarray
+    """(H,W) number of the triangle, all surfaces' one after the other; -1 where there is none."""
+    layers: Mapping[str, np.ndarray]
+    """(H,W,C) of `_GEOMETRY`, 0 where there is no surface."""
 
     @classmethod
-    def seen(cls, surfaces: Sequence[Surface], camera: Camera, settings: DrawSettings) -> _Ground:
-        """Draw surfaces over the background."""
+    def seen(
+        cls, surfaces: Sequence[Surface], camera: Camera, settings: DrawSettings, wanted: Sequence[str]
+    ) -> _Ground:
+        """Draw surfaces over the background, with their `layers` of those names."""
         from ..raster.triangles import draw_triangles
 
         triangles = np.concatenate([np.zeros((0, 3, 3)), *(surface.triangles for surface in surfaces)])
         size = (camera.width, camera.height)
         behind = np.asarray((0, 0, 0) if settings.background is None else settings.background, np.float32)
         if not len(triangles):  # one value each, however large the picture is
-            flat = (behind, np.zeros(()), np.array(np.inf), np.zeros(()), np.array(settings.far, np.float32))
-            return cls(*(np.broadcast_to(value, (camera.height, camera.width, *value.shape)) for value in flat))
+            flat = (
+                behind,
+                np.zeros(()),
+                np.array(np.inf),
+                np.zeros(()),
+                np.array(settings.far, np.float32),
+                -np.ones(()),
+            )
+            empty = {name: np.broadcast_to(0.0, (camera.height, camera.width, _GEOMETRY[name])) for name in wanted}
+            plain = [np.broadcast_to(value, (camera.height, camera.width, *value.shape)) for value in flat]
+            return cls(plain[0], plain[1], plain[2], plain[3], plain[4], plain[5], empty)
         depth, hit = draw_triangles(
             triangles, camera.world_to_camera, camera.intrinsics, *size, near=settings.near, far=settings.far
         )
@@ -280,11 +405,55 @@ class _Ground:
             cosine = np.abs((normal * ray).sum(1)) / (np.linalg.norm(normal, axis=1) * np.linalg.norm(ray, axis=1))
             shading = (AMBIENT + (1 - AMBIENT) * cosine) * shows[there]
             rgb[there] = of_triangles([s.colors for s in surfaces]) * shading[:, None]
-        return cls(rgb, shows, depth, index, np.minimum(depth, settings.far).astype(np.float32))
+        layers = _ground_layers(surfaces, camera, settings, wanted, (depth, hit)) if wanted else {}
+        return cls(rgb, shows, depth, index, np.minimum(depth, settings.far).astype(np.float32), hit, layers)
 
     def cut(self, region: tuple[slice, slice]) -> _Ground:
         """The part inside a region."""
-        return _Ground(*(getattr(self, f.name)[region] for f in fields(self)))
+        plain = {f.name: getattr(self, f.name)[region] for f in fields(self) if f.name != "layers"}
+        return _Ground(**plain, layers={name: layer[region] for name, layer in self.layers.items()})
+
+    def matte(self, surfaces: Sequence[Surface], layer: str, ids: np.ndarray) -> np.ndarray:
+        """(H,W,K) 1 where a surface of that id shows itself."""
+        owners = np.repeat(
+            np.array([surface.mattes.get(layer, 0) for surface in surfaces], np.uint32),
+            [len(surface.triangles) for surface in surfaces],
+        )
+        own = np.append(owners, np.uint32(0))[self.hit.astype(np.int64)]  # -1 is the last
+        return (own[..., None] == ids) * self.alpha[..., None]
+
+
+def _ground_layers(
+    surfaces: Sequence[Surface],
+    camera: Camera,
+    settings: DrawSettings,
+    wanted: Sequence[str],
+    seen: tuple[np.ndarray, np.ndarray],
+) -> dict[str, np.ndarray]:
+    """`_Ground.layers` of surfaces that were `seen` as (depth, number of the triangle) per pixel."""
+    depth, hit = seen
+    there = hit >= 0
+    corners = np.concatenate([surface.triangles for surface in surfaces])[hit[there]].astype(np.float64)
+    places = camera.unproject(camera.pixel_grid()[there], depth[there])
+    own = {"mist": mist_left(settings.mist, places, camera)[:, None]}
+    sides = corners[:, 1:] - corners[:, :1]
+    if "normal" in wanted:
+        normal = np.cross(sides[:, 0], sides[:, 1])
+        normal *= -np.sign((normal * (places - camera.center)).sum(1))[:, None]
+        own["normal"] = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    if "vector" in wanted:
+        # where in its triangle a place lies, by least squares in the triangle's plane
+        gram = sides @ sides.transpose(0, 2, 1)
+        right = sides @ (places - corners[:, 0])[..., None]
+        part = np.linalg.solve(gram, right)[..., 0]
+        weights = np.concatenate([1 - part.sum(1, keepdims=True), part], 1)[..., None]
+        both = [surface.beside or (surface.triangles, surface.triangles) for surface in surfaces]
+        beside = tuple((np.concatenate([one[i] for one in both])[hit[there]] * weights).sum(1) for i in (0, 1))
+        own["vector"] = _ways(places, (beside[0], beside[1]))
+    layers = {name: np.zeros((*hit.shape, _GEOMETRY[name])) for name in wanted}
+    for name, layer in layers.items():
+        layer[there] = own[name]
+    return layers
 
 
 def _images(
@@ -300,9 +469,14 @@ def _images(
     covered = alpha >= COVERED
     divisor = np.where(covered, alpha, 1)
     images = {"rgb": layers["rgb"] + left[..., None] * ground.rgb, "alpha": alpha + left * ground.alpha}
-    if "depth" in passes:
-        solid = np.isfinite(ground.depth)
-        total = np.where(solid, 1, divisor)
+    solid = np.isfinite(ground.depth)
+    total = np.where(solid, 1, divisor)
+    for name, behind in ground.layers.items():
+        summed = layers[name] + left[..., None] * behind
+        mean = np.where((covered | solid)[..., None], summed / total[..., None], 0)
+        length = np.linalg.norm(mean, axis=-1, keepdims=True) if name == "normal" else 1
+        images[name] = 1 - summed[..., 0] if name == "mist" else mean / np.where(length == 0, 1, length)
+    if {"depth", "position", "vector"} & {*passes}:
         summed = depth + np.where(solid, left * np.where(solid, ground.depth, 0), 0)
         images["depth"] = np.where(covered | solid, summed / total, NOTHING)
     if "latent" in passes:

@@ -197,7 +197,7 @@ def test_render_refuses_unknown_channels_and_paths(toy_fit, tmp_path, capsys):
     assert "frozen:T" in fails(capsys, "render", scene, "-o", tmp_path / "r", "--path", "frozen:now")
     for path in (tmp_path / "absent.json", "sideways", "frozen"):
         sentence = fails(capsys, "render", scene, "-o", tmp_path / "r", "--path", path)
-        assert "original, orbit, frozen:T" in sentence and "(0 to 7)" in sentence
+        assert "original, orbit, stabilise" in sentence and "(0 to 7)" in sentence
     for time in ("nan", 99, -1):
         assert "frames, 0 to 7" in fails(capsys, "render", scene, "-o", tmp_path / "r", "--path", f"frozen:{time}")
         assert "frames, 0 to 7" in fails(capsys, "export", scene, "-o", tmp_path / "r.ply", f"--time={time}")

@@ -252,3 +252,39 @@ def test_wrong_shapes_are_refused():
         Camera(np.eye(3), np.full((4, 4), np.nan), 4, 4)
     with pytest.raises(F4xError, match="at least one"):
         CameraPath(np.zeros((0, 3, 3)), np.zeros((0, 4, 4)), [], 4, 4)
+
+
+def _shaky():
+    """A path that walks to the right and trembles."""
+    rng = np.random.default_rng(3)
+    poses = np.tile(np.eye(4), (40, 1, 1))
+    poses[:, 0, 3] = -0.05 * np.arange(40)
+    poses[:, 1, 3] = rng.normal(size=40) * 0.02
+    intrinsics = np.tile(np.array([[60.0, 0, 32], [0, 60, 20], [0, 0, 1]]), (40, 1, 1))
+    return CameraPath(intrinsics, poses, np.arange(40), 64, 40)
+
+
+def test_a_stabilised_camera_walks_on_and_trembles_less():
+    path = _shaky()
+    calm = np.array([view.camera.center for view in trajectory.stabilised(path)])
+    np.testing.assert_allclose(calm[:, 0], path.centers[:, 0], atol=1e-9)  # an even walk stays one, to its ends
+    inner = slice(8, 32)
+    assert np.diff(calm[inner, 1]).std() < 0.2 * np.diff(path.centers[inner, 1]).std()
+    assert [view.time for view in trajectory.stabilised(path)] == list(range(40))
+
+
+def test_bullet_time_stops_swings_and_goes_on():
+    path = _shaky()
+    views = trajectory.bullet_time(path, 12, degrees=10, count=20)
+    assert [view.time for view in views] == [*range(13), *[12.0] * 20, *range(13, 40)]
+    looks = np.array([view.camera.world_to_camera[2, :3] for view in views[13:33]])
+    angles = np.degrees(np.arctan2(looks[:, 0], looks[:, 2]))
+    assert 9 < np.abs(angles).max() <= 10.001 and angles.max() > 5 and angles.min() < -5
+
+
+def test_slow_motion_has_more_views_of_the_same_path():
+    path = _shaky()
+    views = trajectory.slow_motion(path, 4)
+    assert len(views) == 39 * 4 + 1
+    np.testing.assert_allclose([view.time for view in views], np.arange(157) / 4)
+    np.testing.assert_allclose(views[8].camera.center, path.centers[2], atol=1e-12)

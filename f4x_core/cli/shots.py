@@ -1,0 +1,124 @@
+"""Pictures of `f4x render` with all passes in one EXR, motion blur and depth of field: as Blender's render engine takes them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..edit.naming import by_words
+from ..edit.resolve import named
+from ..errors import F4xError
+from ..geometry.camera import CameraPath
+from ..geometry.trajectory import Trajectory
+from ..query.labels import encode_labels
+from ..scene import Scene
+from ..scene.color import srgb_from_linear
+from ..scene.cryptomatte import DEPTH, identify
+from ..scene.exposure import Exposure, Lens, Take, shoot
+from ..scene.layers import named_layers, write_exr
+from ..scene.stage import MATTE, Cloud, DrawSettings
+
+MASK = "mask:"
+CRYPTOMATTE = "cryptomatte"
+PASSES = ("rgb", "alpha", "depth", "vector", "normal", "position", "mist")
+"""Channels of an EXR besides `CRYPTOMATTE` and `mask:LABEL`."""
+OBJECTS = f"{MATTE}object"
+MAX_SAMPLES = 1024
+
+
+@dataclass(frozen=True, eq=False)
+class Mattes:
+    """What the mattes tell apart: the scene, and in it every selection that an edit named or a channel `mask:LABEL` asks for."""
+
+    names: tuple[str, ...]
+    """The scene's own first."""
+    ids: np.ndarray
+    """(N,) uint32 in the order of `posed`."""
+
+    @classmethod
+    def of(cls, scene: Scene, channels: Sequence[str]) -> Mattes | None:
+        """The mattes that the channels ask for; a Gaussian of several selections belongs to the last one."""
+        labels = [name.removeprefix(MASK) for name in channels if name.startswith(MASK)]
+        if CRYPTOMATTE not in channels and not labels:
+            return None
+        selections = named(scene) | by_words(scene, labels, encode=encode_labels)
+        ids = np.full(len(scene.ids), identify(scene.name), np.uint32)
+        for name, selection in selections.items():
+            ids[selection.chosen] = identify(name)
+        return cls((scene.name, *selections), ids)
+
+
+def passes_of(channels: Sequence[str], exr: bool) -> list[str]:
+    """Passes of `shoot` for `--channels`; F4xError for one that there is not."""
+    known = (*PASSES, CRYPTOMATTE) if exr else ("rgb", "alpha")
+    unknown = [name for name in channels if name not in known and not (exr and name.startswith(MASK))]
+    if unknown:
+        where = "with --exr" if exr else "with --motion-blur or --aperture and without --exr"
+        raise F4xError(
+            f"--channels {','.join(channels)}: {where} there is no channel {unknown[0]}; choose from {','.join(known)}."
+        )
+    return [name for name in channels if name in PASSES and name != "rgb"]
+
+
+def exposure_of(args: argparse.Namespace) -> Exposure:
+    """The exposure that the options ask for."""
+    for name, value, most in (("motion-blur", args.motion_blur, 100.0), ("aperture", args.aperture, 100.0)):
+        if not 0 <= value <= most:
+            raise F4xError(f"--{name} {value:g}: give a number from 0 to {most:g}.")
+    if not args.focus > 0:
+        raise F4xError(f"--focus {args.focus:g}: give a depth above 0.")
+    if not 1 <= args.samples <= MAX_SAMPLES:
+        raise F4xError(f"--samples {args.samples}: give a number from 1 to {MAX_SAMPLES}.")
+    lens = Lens(args.aperture, args.focus) if args.aperture else None
+    return Exposure(args.samples, -args.motion_blur / 2, args.motion_blur / 2, lens)
+
+
+def take(
+    scene: Scene,
+    views: Trajectory,
+    index: int,
+    exposure: Exposure,
+    wanted: tuple[Sequence[str], Mattes | None, str],
+) -> dict[str, np.ndarray]:
+    """`shoot` view `index` of a trajectory; `wanted`: passes, mattes, raster backend."""
+    names, mattes, backend = wanted
+    cameras = CameraPath(
+        np.stack([view.camera.intrinsics for view in views]),
+        np.stack([view.camera.world_to_camera for view in views]),
+        np.arange(len(views)),
+        views[0].camera.width,
+        views[0].camera.height,
+    )
+
+    def take_at(offset: float) -> Take:
+        time = _time_at([view.time for view in views], index + offset)
+        cloud = Cloud.of_scene(scene, time)
+        if mattes is not None:
+            cloud = replace(cloud, mattes={"object": mattes.ids})
+        return Take([cloud], [], cameras.at(index + offset))
+
+    passes = [*names, *([OBJECTS] if mattes else [])]
+    return shoot(take_at, exposure, DrawSettings(backend=backend), passes)
+
+
+def write(file: Path, images: Mapping[str, np.ndarray], mattes: Mattes | None) -> None:
+    """Write the pictures of `take` as one multi-layer EXR."""
+    manifests = None if mattes is None else {"object": list(mattes.names)}
+    write_exr(file, named_layers(images, DEPTH), manifests)
+
+
+def display(combined: np.ndarray) -> np.ndarray:
+    """(H,W,3) uint8 sRGB of a picture in linear light."""
+    return (np.clip(srgb_from_linear(combined[..., :3]), 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def _time_at(times: Sequence[float], row: float) -> float:
+    """The time at a fractional view of a trajectory, straight on beyond its ends."""
+    if len(times) == 1:
+        return times[0]
+    below = int(np.clip(np.floor(row), 0, len(times) - 2))
+    return times[below] + (row - below) * (times[below + 1] - times[below])

@@ -1,0 +1,205 @@
+"""What a real camera adds to a picture: a shutter that stays open (motion blur) and a lens that is no point (depth of field).
+
+Both are one average, in linear light, of sharp pictures: each at another moment, through another point of the lens.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..geometry.camera import Camera
+from ..progress import Progress, silent
+from .color import linear_from_srgb
+from .stage import Cloud, DrawSettings, Surface, draw
+
+GOLDEN_ANGLE = np.pi * (3 - 5**0.5)
+"""Points of a disc at this angle from one to the next cover it evenly (Vogel 1979)."""
+GOLDEN_RATIO = (5**0.5 - 1) / 2
+"""Step, of all samples, between the lens points of neighbouring moments, so that neither follows the other."""
+SHARP = ("depth", "index", "latent", "score", "vector", "normal", "position")
+"""Passes that are no light: they show the frame's own moment through the middle of the lens."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A thin lens; everything at `focus` stays sharp."""
+
+    radius: float
+    """World units."""
+    focus: float
+    """Depth along the view axis, world units, above 0."""
+    blades: int = 0
+    """Of the aperture; fewer than 3 make a disc."""
+    rotation: float = 0.0
+    """Of the blades, radians."""
+    ratio: float = 1.0
+    """Height of the aperture, by its width: 2 is an anamorphic lens."""
+
+    def through(self, camera: Camera, point: np.ndarray) -> Camera:
+        """The pinhole camera at `point (2,)` of the unit disc of the lens, right and up."""
+        right, up = point * self.radius
+        matrix, intrinsics = camera.world_to_camera.copy(), camera.intrinsics.copy()
+        matrix[:2, 3] -= right, -up
+        intrinsics[:2, 2] += intrinsics[:2, :2] @ (right, -up) / self.focus
+        return replace(camera, world_to_camera=matrix, intrinsics=intrinsics)
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How one picture is taken."""
+
+    samples: int = 16
+    """Sharp pictures that are averaged, where there is anything to blur."""
+    opens: float = 0.0
+    """When the shutter opens, in frames from the picture's own time."""
+    closes: float = 0.0
+    """When it closes; equal to `opens` = no motion blur."""
+    lens: Lens | None = None
+    """None = a pinhole: no depth of field."""
+
+    @property
+    def blurs(self) -> bool:
+        """Whether more than one sharp picture is needed."""
+        return self.samples > 1 and (self.closes > self.opens or self.lens is not None)
+
+    def moments(self) -> np.ndarray:
+        """(samples,) frames from the picture's own time, in the middle of equal parts of the time that the shutter is open."""
+        return self.opens + (self.closes - self.opens) * (np.arange(self.samples) + 0.5) / self.samples
+
+    def lens_points(self) -> np.ndarray:
+        """(samples,2) points of the unit aperture, right and up, evenly over its area."""
+        rank = np.argsort(np.argsort(np.arange(self.samples) * GOLDEN_RATIO % 1))
+        radius, angle = np.sqrt((rank + 0.5) / self.samples), rank * GOLDEN_ANGLE
+        lens = self.lens or Lens(0.0, 1.0)
+        if lens.blades >= 3:
+            wedge = 2 * np.pi / lens.blades
+            radius = radius * np.cos(wedge / 2) / np.cos(angle % wedge - wedge / 2)
+        angle = angle + lens.rotation
+        return np.stack([radius * np.cos(angle) / lens.ratio, radius * np.sin(angle)], 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """What stands before the camera at one moment."""
+
+    clouds: Sequence[Cloud]
+    surfaces: Sequence[Surface]
+    camera: Camera
+
+
+def shoot(
+    take_at: Callable[[float], Take],
+    exposure: Exposure,
+    settings: DrawSettings,
+    passes: Collection[str] = (),
+    *,
+    region: tuple[slice, slice] | None = None,
+    progress: Progress = silent,
+) -> dict[str, np.ndarray]:
+    """Take one picture: `stage.draw`'s passes, with `combined (H,W,4)` in place of `rgb`: linear light, premultiplied alpha.
+
+    Args:
+        take_at: what is there so many frames from the picture's own time; asked for 0 last.
+        exposure: shutter and lens. Passes of `SHARP` are not blurred.
+        settings: of `stage.draw`; its `cameras` are filled in.
+        passes: of `stage.draw`.
+        region: of `stage.draw`.
+        progress: of `stage.draw`, over all sharp pictures.
+
+    Raises:
+        F4xError: a camera that is not finite.
+    """
+    beside = (take_at(-1.0), take_at(1.0)) if "vector" in passes else None
+    if not exposure.blurs:
+        return draw_one(take_at(0.0), beside, settings, passes, region, progress)
+    soft = [name for name in passes if name not in SHARP]
+    sharp = [name for name in passes if name in SHARP]
+    count = exposure.samples + bool(sharp)
+    still = take_at(0.0) if exposure.closes <= exposure.opens else None
+    total: dict[str, np.ndarray] = {}
+    for done, (moment, point) in enumerate(zip(exposure.moments(), exposure.lens_points(), strict=True)):
+        take = still or take_at(float(moment))
+        if exposure.lens is not None:
+            take = replace(take, camera=exposure.lens.through(take.camera, point))
+        for name, image in draw_one(take, None, settings, soft, region, _part(progress, done, count)).items():
+            total[name] = total.get(name, 0) + image / np.float32(exposure.samples)
+    if sharp:
+        own = draw_one(take_at(0.0), beside, settings, sharp, region, _part(progress, exposure.samples, count))
+        total |= {name: own[name] for name in sharp}
+    return total
+
+
+def draw_one(
+    take: Take,
+    beside: tuple[Take, Take] | None,
+    settings: DrawSettings,
+    passes: Collection[str],
+    region: tuple[slice, slice] | None = None,
+    progress: Progress = silent,
+) -> dict[str, np.ndarray]:
+    """`stage.draw` of one take with `combined` in place of `rgb`; `beside`: those of one frame before and after."""
+    clouds, surfaces = take.clouds, take.surfaces
+    if beside is not None:
+        before, after = beside
+        settings = replace(settings, cameras=(before.camera, after.camera))
+        clouds = _clouds_between(take.clouds, before.clouds, after.clouds)
+        surfaces = _surfaces_between(take.surfaces, before.surfaces, after.surfaces)
+    transparent = settings.background is None
+
+    def finish(images: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return images | {"combined": combined(images.pop("rgb"), images["alpha"], transparent)}
+
+    return draw(clouds, surfaces, take.camera, settings, passes=passes, region=region, progress=progress, finish=finish)
+
+
+def combined(rgb: np.ndarray, alpha: np.ndarray, transparent: bool) -> np.ndarray:
+    """(H,W,4) linear light of `rgb (H,W,3)` sRGB over something (alpha is 1 then), or premultiplied over nothing.
+
+    Over nothing the colour under the `alpha (H,W)` is what is linearised, and then premultiplied.
+    """
+    alpha = alpha[..., None]
+    if not transparent:
+        return np.concatenate([linear_from_srgb(rgb), np.ones_like(alpha)], -1)
+    straight = rgb / np.where(alpha > 0, alpha, 1)
+    return np.concatenate([linear_from_srgb(straight) * alpha, alpha], -1)
+
+
+def _clouds_between(now: Sequence[Cloud], before: Sequence[Cloud], after: Sequence[Cloud]) -> list[Cloud]:
+    """Clouds with their places `beside`, where the same one is there at all three moments."""
+    found = []
+    sides = [{cloud.key: cloud for cloud in part} for part in (before, after)]
+    for cloud in now:
+        others = [side.get(cloud.key) for side in sides]
+        if all(other is not None and len(other.means) == len(cloud.means) for other in others):
+            places = cloud.places
+            # what is absent then has no place: it comes or goes where it is now
+            there = [np.where((other.opacities > 0)[:, None], other.places, places) for other in others if other]
+            cloud = replace(cloud, beside=(there[0], there[1]))
+        found.append(cloud)
+    return found
+
+
+def _surfaces_between(now: Sequence[Surface], before: Sequence[Surface], after: Sequence[Surface]) -> list[Surface]:
+    """As `_clouds_between`."""
+    found = []
+    sides = [{surface.key: surface.triangles for surface in part} for part in (before, after)]
+    for surface in now:
+        first, last = (side.get(surface.key) for side in sides)
+        if first is not None and last is not None and len(first) == len(last) == len(surface.triangles):
+            surface = replace(surface, beside=(first, last))
+        found.append(surface)
+    return found
+
+
+def _part(progress: Progress, number: int, count: int) -> Progress:
+    """`progress` of picture `number` of `count` that are drawn one after the other."""
+    if progress is silent:
+        return silent
+
+    def told(stage: str, done: int, total: int, message: str = "") -> None:
+        progress(stage, number * total + done, count * total, message)
+
+    return told

@@ -1,0 +1,79 @@
+"""One multi-layer EXR for all passes of a frame, in Blender's names: its compositor, Nuke and OpenEXR read them as from Blender."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import F4xError
+from .cryptomatte import metadata, ranked
+from .stage import MATTE
+
+LAYER = "ViewLayer"
+"""Name of the view layer, Blender's own."""
+PASSES = {
+    "combined": ("Combined", "RGBA"),
+    "depth": ("Depth", "Z"),
+    "alpha": ("Alpha", "A"),
+    "vector": ("Vector", "XYZW"),
+    "normal": ("Normal", "XYZ"),
+    "position": ("Position", "XYZ"),
+    "mist": ("Mist", "Z"),
+    "latent": ("Latent", "RGB"),
+    "selection": ("Selection", "X"),
+    "score": ("Score", "X"),
+    "unseen": ("Unseen", "X"),
+}
+"""Pass of `stage.draw` -> (name, channels)."""
+CRYPTO_CHANNELS = "rgba"
+"""Channels of a picture of pairs; lower case, as Blender writes them."""
+MATTES = {"object": "CryptoObject", "collection": "CryptoAsset"}
+"""Layer of mattes -> its name. Blender's own name for what is above objects is Asset."""
+
+
+def named_layers(images: Mapping[str, np.ndarray], depth: int) -> dict[str, tuple[np.ndarray, str]]:
+    """Name in Blender -> ((H,W,C), channels) of `shoot`'s pictures; mattes as pairs, `depth` of a pixel."""
+    found = {}
+    for name, image in images.items():
+        if name in PASSES:
+            title, channels = PASSES[name]
+            found[title] = (image.reshape(*image.shape[:2], len(channels)), channels)
+    for layer, title in MATTES.items():
+        prefix = f"{MATTE}{layer}:"
+        names = [name for name in images if name.startswith(prefix)]
+        if names:
+            ids = np.array([int(name.removeprefix(prefix), 16) for name in names], np.uint32)
+            pairs = ranked(ids, np.stack([images[name] for name in names], -1), depth)
+            found |= {f"{title}{number:02d}": (four, CRYPTO_CHANNELS) for number, four in enumerate(pairs)}
+    return found
+
+
+def write_exr(
+    file: Path, layers: Mapping[str, tuple[np.ndarray, str]], manifests: Mapping[str, list[str]] | None = None
+) -> None:
+    """Write `layers` (of `named_layers`) as float32 channels `ViewLayer.PASS.CHANNEL`, losslessly packed.
+
+    `manifests`: layer of mattes -> names that it tells apart. Raises F4xError where the file cannot be written; nothing stays then.
+    """
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    for layer, names in (manifests or {}).items():
+        header |= metadata(f"{LAYER}.{MATTES[layer]}", names)
+    channels = {
+        f"{LAYER}.{title}.{letter}": np.ascontiguousarray(image[..., i], np.float32)
+        for title, (image, letters) in layers.items()
+        for i, letter in enumerate(letters)
+    }
+    descriptor, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.", suffix=".exr")
+    os.close(descriptor)
+    try:
+        OpenEXR.File(header, channels).write(temporary)
+        os.replace(temporary, file)
+    except (OSError, RuntimeError) as error:
+        Path(temporary).unlink(missing_ok=True)
+        raise F4xError(f"{file}: cannot be written ({error}); check the folder and the free space.") from error
