@@ -156,7 +156,8 @@ def exercise_with_torch() -> None:
     for frames in (2, 7, 8, 9, 40):
         edges = ArapEdges.build(np.arange(12).reshape(4, 3) % 4, np.ones((4, 3), bool))
         xyz, quat = (torch.randn(frames, 4, axes, requires_grad=True) for axes in (3, 4))
-        sum(arap_losses(xyz, quat, edges, (1, 5, 8), (0.3, 0.3, 0.4), Kernels(True))).backward()
+        coordinate, length = arap_losses(xyz, quat, edges, (1, 5, 8), (0.3, 0.3, 0.4), Kernels(True))
+        (coordinate + length).backward()
     for threads in (1, 4):
         for coefficients in (1, 4, 9, 16):
             for count in (1, 9, 3000):

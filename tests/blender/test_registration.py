@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from f4x_core.versions import VERSION
+
 pytestmark = pytest.mark.blender
 pytest.importorskip("bpy", reason="bpy is absent")
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,6 +51,5 @@ def test_the_core_inside_blender_is_the_extensions_own():
 
 def test_manifest_agrees_with_the_package():
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert manifest["version"] == project["version"]
+    assert manifest["version"] == VERSION
     assert manifest["id"] == "feature4x" and manifest["blender_version_min"] == "4.5.0"
