@@ -269,7 +269,7 @@ def test_what_is_shown_is_what_the_core_makes_of_the_stack(done, name, time):
 
 def test_a_sentence_is_previewed_dropped_and_applied(done):
     _, noted, arrays = done
-    assert noted["descriptions"] and "blue from frame 2 on" in noted["descriptions"][0]
+    assert noted["descriptions"] and "blue from frame 2 (0.1 s) on" in noted["descriptions"][0]
     assert np.abs(arrays["planned/radiance:base"] - arrays["refused/radiance:base"]).max() > 0.1
     assert noted["planned"]["stack"] == noted["dropped"]["stack"] == noted["refused"]["stack"]
     np.testing.assert_array_equal(arrays["dropped/radiance:base"], arrays["refused/radiance:base"])
