@@ -28,15 +28,24 @@ def replace_file(path: Path | str) -> Iterator[BinaryIO]:
     The bytes go to a temporary neighbour (same folder, so the rename is atomic), are flushed to the disk and renamed;
     any exception inside removes the neighbour and leaves what was at `path` untouched. A failing disk raises F4xError.
     """
-    path = Path(path)
-    temporary = None
+    with replace_path(path) as temporary, open(temporary, "w+b") as file:
+        yield file
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def replace_path(path: Path | str, suffix: str = ".part") -> Iterator[Path]:
+    """Yield the path of a new file that becomes `path` when the block ends, for libraries that open files themselves.
+
+    As `replace_file`; they see a name that ends in `suffix`.
+    """
+    path, temporary = Path(path), None
     try:
         try:
-            descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:80]}.", suffix=".part")
-            with os.fdopen(descriptor, "w+b") as file:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
+            descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name[:80]}.", suffix=suffix)
+            os.close(descriptor)
+            yield Path(temporary)
             os.chmod(temporary, _mode_of(path))
             os.replace(temporary, path)
             temporary = None

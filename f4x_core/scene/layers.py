@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import F4xError
+from ..files import replace_path
 from .cryptomatte import metadata, ranked
 from .stage import MATTE
 
@@ -69,11 +67,8 @@ def write_exr(
         for title, (image, letters) in layers.items()
         for i, letter in enumerate(letters)
     }
-    descriptor, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.", suffix=".exr")
-    os.close(descriptor)
-    try:
-        OpenEXR.File(header, channels).write(temporary)
-        os.replace(temporary, file)
-    except (OSError, RuntimeError) as error:
-        Path(temporary).unlink(missing_ok=True)
-        raise F4xError(f"{file}: cannot be written ({error}); check the folder and the free space.") from error
+    with replace_path(file, ".exr") as temporary:
+        try:
+            OpenEXR.File(header, channels).write(str(temporary))
+        except RuntimeError as error:  # what OpenEXR makes of a full disk
+            raise OSError(str(error)) from error
