@@ -25,7 +25,7 @@ from dataclasses import asdict, dataclass
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from f4x_core.errors import F4xError
 
@@ -60,6 +60,30 @@ class Mutant:
     before: str
     """The line that changes, without its indent."""
     after: str
+
+
+class Rule(NamedTuple):
+    """A kind of change that matters on no line. `<` for `<=` is none: whether the two can be equal each line decides."""
+
+    before: str
+    """Regular expression whose one group is what changes."""
+    after: str
+    """Regular expression of what the group becomes."""
+    reason: str
+
+
+RULES = (
+    Rule(r"\bzip\(.*?\bstrict=(True)\)", "False", "checks lengths that are always equal"),
+    Rule(
+        r"\breshape\((?:[^()\[\]]|\([^()]*\)|\[[^\[\]]*\])*?(?<=[( ])(-1)(?=[,)])",
+        "-2",
+        "numpy takes any negative length for the one to find out, and torch none but -1",
+    ),
+    Rule(
+        r"(?:\bseed=|[sS]eed\(|\bdefault_rng\()(\d+)(?=[,)])", r"\d+", "any fixed seed gives the same result every time"
+    ),
+)
+"""Survivors of these kinds are equivalent, and `ACCEPTED` does not list them."""
 
 
 def measure_mutations(context: Context) -> Findings:
@@ -107,9 +131,22 @@ def findings_of(results: Sequence[Row]) -> Findings:
 def about_survivor(room: str, mutant: Mutant) -> Row:
     """The row of a mutant that survived; `kind` and `reason` are empty where it matters."""
     known = {(row["file"], row["before"], row["after"]): row for row in accepted()}
-    reason = known.get((mutant.file, mutant.before, mutant.after), {"kind": "", "reason": ""})
+    row = known.get((mutant.file, mutant.before, mutant.after), {"kind": "", "reason": ""})
+    rule = rule_of(mutant)
+    reason = (row["kind"], row["reason"]) if rule is None else ("equivalent", rule.reason)
     change = {"before": mutant.before, "after": mutant.after}
-    return {"room": room, "file": mutant.file} | change | {"kind": reason["kind"], "reason": reason["reason"]}
+    return {"room": room, "file": mutant.file} | change | dict(zip(("kind", "reason"), reason, strict=True))
+
+
+def rule_of(mutant: Mutant) -> Rule | None:
+    """The first rule whose kind of change is all that the mutant changes."""
+    line = mutant.before
+    for rule in RULES:
+        for match in re.finditer(rule.before, line):
+            start, end = match.span(1)
+            if re.fullmatch(re.escape(line[:start]) + rule.after + re.escape(line[end:]), mutant.after):
+                return rule
+    return None
 
 
 def accepted() -> list[dict[str, str]]:

@@ -11,11 +11,13 @@ from benchmarks.studies.mutations import (
     ROOMS,
     ROOT,
     Mutant,
+    about_survivor,
     accepted,
     arithmetic_change,
     configure,
     copy_source,
     findings_of,
+    rule_of,
     run_mutmut,
 )
 from benchmarks.study import Context, MissingError
@@ -59,6 +61,38 @@ def test_listed_survivors_are_still_written_so_and_say_why():
         lines = {line.strip() for line in (ROOT / "f4x_core" / row["file"]).read_text(encoding="utf-8").splitlines()}
         assert row["before"] in lines and row["before"] != row["after"]
         assert row["kind"] in KINDS and row["reason"]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "excused"),
+    [
+        ("for a, b in zip(x, f(y), strict=True):", "for a, b in zip(x, f(y), strict=False):", True),
+        ("for a, b in zip(x, y, strict=False):", "for a, b in zip(x, y, strict=True):", False),
+        ("model.load_state_dict(state, strict=True)", "model.load_state_dict(state, strict=False)", False),
+        ("a = b.reshape(-1, 2).sum(-1)", "a = b.reshape(-2, 2).sum(-1)", True),
+        ("a = b.reshape(-1, 2).reshape(f(c), d[0], -1)", "a = b.reshape(-1, 2).reshape(f(c), d[0], -2)", True),
+        ("a = b.reshape(-1, 2).sum(-1)", "a = b.reshape(-1, 2).sum(-2)", False),
+        ("a = b.reshape(-1, 2)", "a = b.reshape(-1, 3)", False),
+        ("a = b.reshape(-1, 2)", "a = b.reshape(+1, 2)", False),
+        ("a = b.reshape(c.shape[:-1])", "a = b.reshape(c.shape[:-2])", False),
+        ("g = torch.Generator().manual_seed(0)", "g = torch.Generator().manual_seed(1)", True),
+        ("cv2.setRNGSeed(0)  # fixed", "cv2.setRNGSeed(1)  # fixed", True),
+        ("x = default_rng(0).uniform(0, 1)", "x = default_rng(1).uniform(0, 1)", True),
+        ("x = default_rng(0).uniform(0, 1)", "x = default_rng(0).uniform(1, 1)", False),
+        ("edges = levels(distance, seed=0)", "edges = levels(distance, seed=1)", True),
+        ("edges = levels(distance, seed + step)", "edges = levels(distance, seed - step)", False),
+        ("if a < 0:", "if a <= 0:", False),
+    ],
+)
+def test_changes_that_matter_nowhere_need_no_row(before, after, excused):
+    row = about_survivor("fit", Mutant("one", "fit/losses.py", before, after))
+    assert bool(row["kind"]) == bool(row["reason"]) == excused
+    assert row["kind"] == "equivalent" * excused
+
+
+def test_no_row_says_what_a_rule_says():
+    rows = [row for row in accepted() if rule_of(Mutant("one", row["file"], row["before"], row["after"]))]
+    assert rows == []
 
 
 def test_survivors_that_matter_fail_the_study():
