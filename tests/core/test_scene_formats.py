@@ -304,7 +304,8 @@ def test_usd_looks_the_same_at_every_time(tmp_path, usd, degree):
     export(scene, tmp_path / "a.usda", times, "usd", SIMILARITY)
     stage = usd.Stage.Open(str(tmp_path / "a.usda"))
     for time in times:
-        same_picture(scene, time, Y_UP @ SIMILARITY, *usd_gaussians(stage, time), error=1e-3)
+        # rounded numbers: on average a sixteenth of a step of 8 bits
+        same_picture(scene, time, Y_UP @ SIMILARITY, *usd_gaussians(stage, time), error=2.5e-3)
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode(), stage.GetFramesPerSecond()) == (0, TIME, 24)
     static, dynamic = stage.GetDefaultPrim().GetChildren()
     assert (static.GetName(), dynamic.GetName()) == ("static", "dynamic")
@@ -333,6 +334,26 @@ def test_usd_keeps_quaternions_on_one_hemisphere(tmp_path, usd):
         for time in range(6)
     ]
     assert all(((a * b).sum(axis=1) > 0).all() for a, b in pairwise(samples))
+
+
+class Resting(Scene):
+    """As a scene that a retiming edit stops at 2 until 4."""
+
+    def posed(self, time):
+        return super().posed(min(time, 2) + max(time - 4, 0))
+
+
+def test_usd_leaves_out_moments_at_which_nothing_moves(tmp_path, usd):
+    """What stays between two samples is the same in both, so that readers interpolate nothing else."""
+    base = random_scene(degree=0)
+    scene = Resting(**{one.name: getattr(base, one.name) for one in dataclasses.fields(Scene)})
+    export(scene, tmp_path / "a.usda", np.arange(8.0), "usd")
+    prims = Prims(usd, tmp_path / "a.usda")
+    positions = prims[1].GetAttribute("positions")
+    assert positions.GetTimeSamples() == [0, 1, 2, 4, 5, 6, 7]
+    assert np.array_equal(positions.Get(2), positions.Get(3.5)) and not np.array_equal(
+        positions.Get(4), positions.Get(5)
+    )
 
 
 class Fading(Scene):
@@ -371,10 +392,10 @@ def test_usd_points(tmp_path, usd):
     np.testing.assert_allclose(np.array(color.Get()), linear_from_srgb(plain_color(posed))[part], atol=1e-4)
     assert color.GetMetadata("interpolation") == "vertex" and not color.GetNumTimeSamples()
     np.testing.assert_allclose(
-        np.array(dynamic.GetAttribute("primvars:displayOpacity").Get()), posed.opacities[part], atol=1e-4
+        np.array(dynamic.GetAttribute("primvars:displayOpacity").Get()), posed.opacities[part], atol=6e-4
     )
     widths = np.array(dynamic.GetAttribute("widths").Get())
-    np.testing.assert_allclose(widths, 2 * np.cbrt(posed.scales[part].prod(axis=1)), rtol=1e-5)
+    np.testing.assert_allclose(widths, 2 * np.cbrt(posed.scales[part].prod(axis=1)), rtol=6e-3)
 
 
 @pytest.mark.blender

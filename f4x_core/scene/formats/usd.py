@@ -1,17 +1,19 @@
 """Animated `.usda`: splats as `ParticleField3DGaussianSplat` (OpenUSD 26.03 and later), or as `Points` for older readers.
 
-Text, so that no USD library is needed. Gaussians that stay as they are over all written times form the prim `static`,
-the others `dynamic`; an attribute has time samples only where it changes. Time codes are clip frames. The stage is
-y up: data are turned on the way out, harmonics too, because renderers do not turn those with the prim.
+Text, so that no USD library is needed; a number has no more digits than a picture can show. Gaussians that stay as they are
+over all written times form the prim `static`, the others `dynamic`; an attribute has time samples only where it changes. Time
+codes are clip frames. The stage is y up: data are turned on the way out, harmonics too, because renderers do not turn those
+with the prim.
 """
 
 from __future__ import annotations
 
+import itertools
+import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
@@ -32,14 +34,20 @@ MAX_DEGREE = 3
 """Validators of the schema refuse more."""
 REACH = 3.0
 """Standard deviations that the bounding box leaves around a centre: where viewers cut a splat off."""
-DIGITS = 6
-"""Significant digits of a number: 1e-6 of a position, far below a pixel."""
-HARMONICS_DIGITS = 4
-"""Of a coefficient, whose colours end as 8 bits; they are most of the file."""
-SHAPE_DIGITS = 4
-"""Of a quaternion or an extent: a tenth of a thousandth of the size of one Gaussian."""
-AROUND = 4
-"""Characters that a number takes besides its digits: sign, point, comma, blank."""
+FINE = 1 / 100
+"""Positions are rounded to this part of a Gaussian's size (median of the largest standard deviations), or less: a decimal."""
+MIN_DECIMALS = 5
+"""Of a position, however large the Gaussians are: a decimal less lets flat ones on a surface swap their order."""
+DECIMALS = 3
+"""Of a component of a quaternion (0.03 degrees), of an opacity and of a coefficient, whose colours end as 8 bits."""
+LINEAR_DECIMALS = 4
+"""Of a colour in linear light, whose dark tones are 13 times closer to each other."""
+SIZE_DIGITS = 3
+"""Significant digits of a size: half a hundredth at most."""
+EXACT = 9
+"""Significant digits that tell all float32 numbers apart."""
+AROUND = 3
+"""Characters that a number takes besides its decimals: sign or digit, point, comma."""
 ROWS = 8192
 """Rows turned into text at once."""
 
@@ -54,8 +62,10 @@ class Column:
     """Of `FIELDS` and `HARMONICS`: the attribute changes when one of them does."""
     values: Callable[[PosedSplats], np.ndarray]
     """(N,) or (N,k) numbers."""
-    digits: int = DIGITS
-    """Significant digits."""
+    decimals: int | None = DECIMALS
+    """Of each number; None = those of the part's positions."""
+    digits: int | None = None
+    """Significant digits of each number, in place of `decimals`."""
     metadata: Callable[[int], str] = lambda coefficients: ""
     """Metadata in parentheses, given the number of SH coefficients."""
 
@@ -80,16 +90,15 @@ def _harmonics(posed: PosedSplats) -> np.ndarray:
 SPLATS = Kind(
     "ParticleField3DGaussianSplat",
     (
-        Column("point3f[] positions", ("means",), lambda posed: posed.means),
-        Column("quatf[] orientations", ("quats",), lambda posed: posed.quats, SHAPE_DIGITS),
-        Column("float3[] scales", ("scales",), lambda posed: np.maximum(posed.scales, MIN_SCALE), SHAPE_DIGITS),
-        Column("float[] opacities", ("opacities",), lambda posed: posed.opacities, SHAPE_DIGITS),
+        Column("point3f[] positions", ("means",), lambda posed: posed.means, None),
+        Column("quatf[] orientations", ("quats",), lambda posed: posed.quats),
+        Column("float3[] scales", ("scales",), lambda posed: np.maximum(posed.scales, MIN_SCALE), digits=SIZE_DIGITS),
+        Column("float[] opacities", ("opacities",), lambda posed: posed.opacities),
         Column(
             "float3[] radiance:sphericalHarmonicsCoefficients",
             ("sh", HARMONICS),
             _harmonics,
-            HARMONICS_DIGITS,
-            lambda coefficients: f' (elementSize = {coefficients}; interpolation = "vertex")',
+            metadata=lambda coefficients: f' (elementSize = {coefficients}; interpolation = "vertex")',
         ),
     ),
     lambda coefficients: (
@@ -101,22 +110,21 @@ SPLATS = Kind(
 POINTS = Kind(
     "Points",
     (
-        Column("point3f[] points", ("means",), lambda posed: posed.means),
+        Column("point3f[] points", ("means",), lambda posed: posed.means, None),
         # A sphere of one standard deviation; the width is its diameter.
-        Column("float[] widths", ("scales",), lambda posed: 2 * np.cbrt(posed.scales.prod(axis=1))),
+        Column("float[] widths", ("scales",), lambda posed: 2 * np.cbrt(posed.scales.prod(axis=1)), digits=SIZE_DIGITS),
         Column(
             "color3f[] primvars:displayColor",
             ("sh",),
             lambda posed: linear_from_srgb(plain_color(posed)),
-            HARMONICS_DIGITS,
-            lambda _: ' (interpolation = "vertex")',
+            LINEAR_DECIMALS,
+            metadata=lambda _: ' (interpolation = "vertex")',
         ),
         Column(
             "float[] primvars:displayOpacity",
             ("opacities",),
             lambda posed: posed.opacities,
-            HARMONICS_DIGITS,
-            lambda _: ' (interpolation = "vertex")',
+            metadata=lambda _: ' (interpolation = "vertex")',
         ),
     ),
     lambda _: (),
@@ -136,11 +144,11 @@ def write_usd(
 
 def expected_bytes(static: int, dynamic: int, moments: int, coefficients: int) -> int:
     """About the size of the file that `write_usd` makes of so many Gaussians, of which `dynamic` move, at so many moments."""
-    shape, colour = SHAPE_DIGITS + AROUND, 3 * min(coefficients, (MAX_DEGREE + 1) ** 2) * (HARMONICS_DIGITS + AROUND)
-    pose = 3 * (DIGITS + AROUND) + 4 * shape
-    sampled = pose + (
-        colour if coefficients > 1 else 0
-    )  # coefficients turn with the Gaussian, but for the constant one
+    shape = DECIMALS + AROUND
+    colour = 3 * min(coefficients, (MAX_DEGREE + 1) ** 2) * shape
+    pose = 3 * (MIN_DECIMALS + AROUND) + 4 * shape
+    # coefficients turn with the Gaussian, but for the constant one
+    sampled = pose + (colour if coefficients > 1 else 0)
     return static * (pose + 4 * shape + colour) + dynamic * (moments * sampled + 4 * shape + colour)
 
 
@@ -166,6 +174,13 @@ class Part:
     """Corners (3,) of the box that holds them at all times."""
     varying: frozenset[str]
     """Of `FIELDS` and `HARMONICS`, those that change with time."""
+    decimals: int
+    """Of positions."""
+
+    def text(self, column: Column, posed: PosedSplats) -> bytes:
+        """The values of an attribute at one moment."""
+        decimals = self.decimals if column.decimals is None else column.decimals
+        return _array(column.values(self.of(posed)), decimals, column.digits)
 
     def samples(self, column: Column) -> bool:
         """Whether the attribute needs time samples."""
@@ -197,41 +212,55 @@ def _write_stage(
             before = quats
             yield replace(posed, quats=quats)
 
+    def told(moments: Iterator[PosedSplats], message: str) -> Iterator[PosedSplats]:
+        """The moments, each of them reported."""
+        for posed in moments:
+            progress("export", next(done), total, message)
+            yield posed
+
     parts, coefficients = _parts(poses(), path)
     root = re.sub(r"\W", "_", scene.name, flags=re.ASCII)
     root = root if re.match(r"[A-Za-z_]", root) else f"_{root}"
     if not parts:
         raise F4xError(f"{path}: nothing is visible at the chosen times; choose others")
-    done, total = 0, len(times) * sum(part.samples(column) for part in parts for column in kind.columns)
+    done, total = itertools.count(), len(times) * sum(part.samples(column) for part in parts for column in kind.columns)
     with replace_file(path) as file:
         file.write(_header(root, times, scene.fps).encode())
         for part in parts:
             low, high = part.extent
             file.write(f'\n    def {kind.type_name} "{part.name}"\n    {{\n'.encode())
-            file.write(b"        float3[] extent = ")
-            _write_array(file, np.stack([low, high]), DIGITS)
-            file.write(b"\n")
+            file.write(b"        float3[] extent = " + _array(np.stack([low, high]), part.decimals) + b"\n")
             file.write("".join(f"        {line}\n" for line in kind.fixed(coefficients)).encode())
             for column in kind.columns:
                 metadata = column.metadata(coefficients).encode()
                 if not part.samples(column):
-                    file.write(f"        {column.declaration} = ".encode())
-                    _write_array(file, column.values(part.of(next(poses()))), column.digits)
-                    file.write(metadata + b"\n")
+                    text = part.text(column, next(poses()))
+                    file.write(f"        {column.declaration} = ".encode() + text + metadata + b"\n")
                     continue
                 if metadata:  # metadata stand with a declaration, time samples follow alone
                     file.write(f"        {column.declaration}".encode() + metadata + b"\n")
                 file.write(f"        {column.declaration}.timeSamples = {{\n".encode())
-                for time, posed in zip(times, poses(), strict=True):
-                    progress("export", done, total, f"{part.name} {column.declaration.split()[1]}")
-                    done += 1
-                    file.write(f"            {time:.10g}: ".encode())
-                    _write_array(file, column.values(part.of(posed)), column.digits)
-                    file.write(b",\n")
+                moments = told(poses(), f"{part.name} {column.declaration.split()[1]}")
+                for time, text in _samples(times, (part.text(column, posed) for posed in moments)):
+                    file.write(f"            {time:.10g}: ".encode() + text + b",\n")
                 file.write(b"        }\n")
             file.write(b"    }\n")
         file.write(b"}\n")
     progress("export", total, total)
+
+
+def _samples(times: Sequence[float], texts: Iterator[bytes]) -> Iterator[tuple[float, bytes]]:
+    """The moments that are written: of some that follow each other with the same text the first and the last, because readers
+    interpolate between samples; after the last sample nothing changes."""
+    shown, held = b"", None
+    for time, text in zip(times, texts, strict=True):
+        if text == shown:
+            held = time
+            continue
+        if held is not None:
+            yield held, shown
+        yield time, text
+        shown, held = text, None
 
 
 def _parts(poses: Iterator[PosedSplats], path: Path | str) -> tuple[list[Part], int]:
@@ -263,12 +292,20 @@ def _parts(poses: Iterator[PosedSplats], path: Path | str) -> tuple[list[Part], 
                 moving |= changed
     coefficients = min(first.sh.shape[1], (MAX_DEGREE + 1) ** 2)
     if not steady:
-        return [Part("dynamic", None, (low[0], high[0]), frozenset({*FIELDS, HARMONICS}))], coefficients
+        return [
+            Part("dynamic", None, (low[0], high[0]), frozenset({*FIELDS, HARMONICS}), _decimals(first))
+        ], coefficients
     if coefficients > 1 and "quats" in varying:
         varying.add(HARMONICS)
     prims = {"static": (seen & ~moving, frozenset[str]()), "dynamic": (seen & moving, frozenset(varying))}
     return [
-        Part(name, np.flatnonzero(mask), (low[mask].min(axis=0), high[mask].max(axis=0)), fields)
+        Part(
+            name,
+            np.flatnonzero(mask),
+            (low[mask].min(axis=0), high[mask].max(axis=0)),
+            fields,
+            _decimals(first.take(mask)),
+        )
         for name, (mask, fields) in prims.items()
         if mask.any()
     ], coefficients
@@ -292,13 +329,23 @@ def _header(root: str, times: Sequence[float], fps: float) -> str:
     )
 
 
-def _write_array(file: BinaryIO, values: np.ndarray, digits: int) -> None:
-    """Write `[1, 2]` of values (N,), `[(1, 2), (3, 4)]` of (N,k)."""
+def _decimals(posed: PosedSplats) -> int:
+    """How many decimals the positions of such Gaussians need."""
+    size = max(float(np.median(posed.scales.max(axis=1))), MIN_SCALE)
+    return max(MIN_DECIMALS, math.ceil(-math.log10(FINE * size)))
+
+
+def _array(values: np.ndarray, decimals: int, digits: int | None = None) -> bytes:
+    """`[1,2]` of values (N,), `[(1,2),(.3,4)]` of (N,k), rounded to `decimals`, or to significant `digits`."""
+    if digits is None:
+        digits, values = EXACT, np.round(values.astype(np.float64), decimals) + 0.0  # there is no -0 then
     number = f"%.{digits}g"
-    row = number if values.ndim == 1 else f"({', '.join([number] * values.shape[1])})"
-    file.write(b"[")
+    row = number if values.ndim == 1 else f"({','.join([number] * values.shape[1])})"
+    parts = []
     for start in range(0, len(values), ROWS):
         part = values[start : start + ROWS]
-        text = ", ".join([row] * len(part)) % tuple(part.ravel().tolist())
-        file.write((", " if start else "").encode() + text.encode("ascii"))
-    file.write(b"]")
+        text = ("," if start else "[") + ",".join([row] * len(part)) % tuple(part.ravel().tolist())
+        for before in "[(,-":
+            text = text.replace(f"{before}0.", f"{before}.")
+        parts.append(text.encode("ascii"))
+    return b"".join([*parts, b"]"])
