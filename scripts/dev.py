@@ -106,7 +106,7 @@ def run(command: list[str]) -> int:
 
 
 def test(arguments: list[str]) -> int:
-    """The everyday tests, side by side; with arguments of pytest (`-m real` for the real clips) those alone, one after the other."""
+    """The everyday tests side by side; with arguments of pytest (`-m real` for the real clips) those alone, one after the other."""
     return run(["-m", "pytest", *(arguments or (*EVERYDAY, *SIDE_BY_SIDE))])
 
 
