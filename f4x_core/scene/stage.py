@@ -30,6 +30,9 @@ PASSES = ("alpha", "depth", "latent", "selection", "score", "index", "vector", "
 """What `draw` gives besides `rgb` and `matte:LAYER`."""
 BAND = 1 << 17
 """Pixels of the first band of rows; the time it took sets the size of the next one."""
+TALLEST = 1 << 21
+"""Pixels of a band of rows at most, a picture of 1920x1080: what all passes need on their way, in float64, takes memory for one
+band alone (a picture of 3840x2160 would take gigabytes)."""
 PAUSE, GROWTH = 0.3, 8.0
 """Seconds between two calls of `progress`, about; and how many times taller than the last a band may be."""
 NOTHING = 1e10
@@ -193,7 +196,7 @@ def draw(
         settings: clipping planes, background and rasteriser; the defaults of `DrawSettings` when None.
         passes: any of `PASSES` and `matte:LAYER`.
         region: (rows, columns) of the picture to draw; the result is what the whole picture has there, bit for bit.
-        progress: called between bands of rows, a few times a second; cancelling passes through. Without it there is one band.
+        progress: called between bands of rows, a few times a second; cancelling passes through. Without it bands are tall.
         finish: converts the pictures, pixel by pixel; called with those of each band.
 
     Raises:
@@ -223,7 +226,7 @@ def draw(
     config = replace(settings.config or fitted_config(clouds, camera), near=settings.near)
 
     images: dict[str, np.ndarray] = {}
-    for band in [rows] if progress is silent else _bands(rows, camera.width):
+    for band in _tall_bands(rows, camera.width) if progress is silent else _bands(rows, camera.width):
         progress("render", band.start - rows.start, rows.stop - rows.start)
         # Pixels beside the region keep the limit 0 and are not drawn.
         limit = np.zeros((band.stop - band.start, camera.width), np.float32)
@@ -264,14 +267,20 @@ def fitted_config(clouds: Sequence[Cloud], camera: Camera) -> RasterConfig:
     return RasterConfig.as_fitted(None if largest is None else largest.fitted_focal, camera)
 
 
+def _tall_bands(rows: slice, width: int) -> Iterator[slice]:
+    """`rows` in parts of `TALLEST` pixels: as few as memory allows, because each looks at all Gaussians."""
+    count = max(1, TALLEST // width)
+    return (slice(first, min(first + count, rows.stop)) for first in range(rows.start, rows.stop, count))
+
+
 def _bands(rows: slice, width: int) -> Iterator[slice]:
-    """`rows` in parts that each take about `PAUSE` seconds, by how long the last one took."""
+    """`rows` in parts that each take about `PAUSE` seconds, by how long the last one took; none is above `TALLEST`."""
     first, count = rows.start, max(1, BAND // width)
     while first < rows.stop:
         start = time.perf_counter()
         yield slice(first, min(first + count, rows.stop))
         first, taken = first + count, time.perf_counter() - start
-        count = max(1, round(count * min(PAUSE / taken, GROWTH)))
+        count = max(1, min(round(count * min(PAUSE / taken, GROWTH)), TALLEST // width))
 
 
 def _joined(parts: list[np.ndarray], width: int) -> np.ndarray:

@@ -1,6 +1,9 @@
 """Several clouds and surfaces in one picture: untouched it is the scene's own picture, moved it is the moved camera's."""
 
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +13,13 @@ from f4x_core.errors import Cancelled
 from f4x_core.geometry import pose, quaternion, spherical_harmonics
 from f4x_core.geometry.camera import Camera
 from f4x_core.raster import choose_backend
-from f4x_core.scene.stage import NOTHING, PASSES, Cloud, DrawSettings, Surface, _bands, draw
+from f4x_core.scene.stage import NOTHING, PASSES, Cloud, DrawSettings, Surface, _bands, _tall_bands, draw
 from f4x_core.scene.view import render
 
 BACKEND = "plain"  # in float64: equal geometry said differently must give equal pictures
 SETTINGS = DrawSettings(backend=BACKEND)
+GIGABYTES_AT_4K = 3
+"""Most memory for all passes of a million Gaussians: pictures take 0.9, the Gaussians 0.3, one band the rest."""
 SIMILAR = pose.to_matrix(np.array([0.8, 0.2, -0.5, 0.27]), np.array([0.4, -1.0, 2.0])) @ np.diag([1.7, 1.7, 1.7, 1])
 SHEARED = np.array([[1.2, 0.3, 0, 0.1], [0, 0.8, 0.2, -0.3], [0.1, 0, 1.5, 0.5], [0, 0, 0, 1]])
 MIRROR = np.diag([-1.0, 1, 1, 1]) @ SIMILAR
@@ -220,9 +225,47 @@ def test_bands_make_the_same_picture_bit_for_bit(scene, monkeypatch, walls):
         assert (picture == whole[name]).all() and picture.shape[:2] == (28, WIDTH - 13), name
 
 
+def test_bands_that_memory_asks_for_make_the_same_picture(scene, monkeypatch):
+    whole = draw(clouds_of(scene, 0.0), [], scene.cameras[0], SETTINGS, passes=PASSES)
+    monkeypatch.setattr("f4x_core.scene.stage.TALLEST", 9 * WIDTH)
+    assert [band.stop for band in _tall_bands(slice(4, HEIGHT), WIDTH)][:2] == [13, 22]
+    for name, picture in draw(clouds_of(scene, 0.0), [], scene.cameras[0], SETTINGS, passes=PASSES).items():
+        assert (picture == whole[name]).all(), name
+
+
+MILLION = """
+import numpy as np
+from pathlib import Path
+from f4x_core.geometry.camera import Camera
+from f4x_core.scene.stage import PASSES, Cloud, DrawSettings, draw
+
+random, count = np.random.default_rng(0), 1_000_000
+means = random.uniform([-1, -0.6, 0.8], [1, 0.6, 1.6], (count, 3)).astype(np.float32)
+quats = random.normal(size=(count, 4)).astype(np.float32)
+scales = random.uniform(0.0005, 0.003, (count, 3)).astype(np.float32)
+sh = random.normal(0, 0.3, (count, 1, 3)).astype(np.float32)
+cloud = Cloud(means, quats, scales, np.full(count, 0.5, np.float32), sh)
+lens = np.array([[3000.0, 0, 1920], [0, 3000, 1080], [0, 0, 1]])
+images = draw([cloud], [], Camera(lens, np.eye(4), 3840, 2160), DrawSettings(backend="native"), passes=PASSES)
+assert images["rgb"].shape == (2160, 3840, 3) and images["alpha"].mean() > 0.5
+print(next(line.split()[1] for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="only Linux tells the most memory that was held")
+def test_all_passes_of_a_million_gaussians_at_4k_take_few_gigabytes():
+    if choose_backend("auto", np.zeros((1, 3), np.float32)) != "native":
+        pytest.skip("no compiled library")
+    done = subprocess.run([sys.executable, "-c", MILLION], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < GIGABYTES_AT_4K << 20
+
+
 def test_bands_are_as_tall_as_their_time_allows(monkeypatch):
     clock = [0.0]
     monkeypatch.setattr("f4x_core.scene.stage.time.perf_counter", lambda: clock[0])
+    monkeypatch.setattr("f4x_core.scene.stage.TALLEST", 400 << 14)
     heights = []
     for band in _bands(slice(5, 1000), 1 << 14):
         heights.append(band.stop - band.start)
