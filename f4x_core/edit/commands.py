@@ -26,7 +26,7 @@ from ..language.amounts import (
     signed,
     steps,
 )
-from ..language.colour_names import Colour
+from ..language.colour_names import COLOURS, Colour
 from ..language.colours import GRAY, colour, colourish, more_colour
 from ..language.grammar import Mismatch, Refusal, Rule, constant, either, listed, lit, optional, silent, table
 from ..language.lexicon import inflected
@@ -559,10 +559,16 @@ def _values(*rules: Rule) -> Rule:
 # Colours
 _into = ~lit("to|into|in")
 _coloured = _colour_value | _without_colour
-_command("make the dog red", "make|render", _listed, "values", values=_values(_made, lit("gone") >> _always(_deleted)))
+_command(
+    "make the dog red",
+    "make|render|get|have",
+    _listed,
+    "values",
+    values=_values(_made, lit("gone") >> _always(_deleted)),
+)
 _command(
     "turn the dog into gold",
-    "turn|change|convert|transform|switch|set",
+    "turn|change|convert|transform|switch|set|go|morph|transmute|swap",
     _listed,
     "values",
     values=_values(
@@ -576,20 +582,31 @@ _command(
 )
 _command(
     "paint the car blue",
-    "cover|paint|repaint|color|recolor|dye|spray|colorize|stain|shade",
+    "cover|paint|repaint|color|recolor|dye|spray|colorize|stain|shade|respray|redo|coat|fill|dress|wash|bathe",
     _listed,
     "values",
     values=_values(~lit("in|to|as|with|into") + (_coloured | _same_colour), _more_colour_value, _alike, _a_look),
 )
+degree_word = silent(degree)
 _tint = ~lit("a|an") + ~lit("slight|faint") + (colour | colourish)
-_command("tint the sky orange", "tint|tinge", _faintly, "rgb", rgb=~lit("in|to|with") + _tint + _colored)
+_command(
+    "tint the sky orange",
+    "tint|tinge|tone|hint",
+    _faintly,
+    "rgb",
+    rgb=~degree_word + ~lit("in|to|with|toward") + _tint + _colored + ~degree_word,
+)
 _command(
     "change the color of the car to black",
-    "change|set|turn|make|switch|alter|adjust",
+    "change|set|turn|make|switch|alter|adjust|put|shift|swap|update|modify|take|bring",
     lambda colors: colors,
     "colors",
     who=whose("color|colors|coloring"),
-    colors=_values(_into + (_coloured | _same_as), lit("to|like") + (_source >> _matched | _colour_of)),
+    colors=_values(
+        _into + (_coloured | _same_as),
+        (lit("to|like") | ~lit("to") + lit("match|fit|that of|the same as|be like|equal"))
+        + (_source >> _matched | _colour_of),
+    ),
 )
 _command(
     "shift the hue of the car to red",
@@ -599,7 +616,9 @@ _command(
     who=whose("hue|hues|tone"),
     rgb=~lit("to|toward|into") + colour,
 )
-_command("desaturate the background", "desaturate|decolor|decolorize|gray out", _always(_GRAYED))
+_command("desaturate the background", "desaturate|decolor|decolorize|gray out|gray|bleed dry", _always(_GRAYED))
+for _verbs, _name in (("whiten|bleach", "white"), ("blacken", "black"), ("redden", "red")):
+    _command("make the dog red", _verbs, _always(_assigned(COLOURS[_name])), itself=_verbs)
 _command(
     "remove the color of the house",
     "remove|take|take out|take away|drain|strip|strip away|delete|drop|lose|get rid of|erase|suck",
@@ -647,11 +666,16 @@ def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
     if whole:
         its = either(its, ~lit("the|all the|overall|the overall") + lit(words) + everywhere)
     _more_or_less(
-        f"increase the {kind} of the dog", "increase|raise|boost|turn up|bump up|up", made, words, True, who=its
+        f"increase the {kind} of the dog",
+        "increase|raise|boost|turn up|bump up|up|crank up|pump up|push up|push|intensify|lift|add to|strengthen|enhance|improve",
+        made,
+        words,
+        True,
+        who=its,
     )
     _more_or_less(
         f"reduce the {kind} of the dog",
-        "reduce|decrease|lower|turn down|cut|cut down|lessen",
+        "reduce|decrease|lower|turn down|cut|cut down|lessen|drop|bring down|take down|pull down|weaken|diminish|drop down|dial down|tone down",
         made,
         words,
         False,
@@ -680,7 +704,7 @@ _command(
 for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
     (
         "speed up the dog",
-        "speed up|accelerate|quicken|hasten|hurry up",
+        "speed up|accelerate|quicken|hasten|hurry up|fast forward|hurry",
         _retimed,
         "speed|pace",
         True,
@@ -692,7 +716,7 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
     ("slow the dog down", "slow", _retimed, "speed|pace", False, "down", ""),
     (
         "brighten the dog",
-        "brighten|lighten|brighten up|lighten up|illuminate",
+        "brighten|lighten|brighten up|lighten up|illuminate|light up",
         _lit,
         "brightness",
         True,
@@ -700,10 +724,10 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
         "brighten",
     ),
     ("brighten the dog", "brighten|lighten|light", _lit, "brightness", True, "up", ""),
-    ("darken the sky", "darken|dim|dim down", _lit, "brightness", False, "", "darken"),
+    ("darken the sky", "darken|dim|dim down|darken down|shade", _lit, "brightness", False, "", "darken"),
     (
         "enlarge the dog",
-        "grow|enlarge|expand|magnify|scale up|size up|blow up|upscale",
+        "grow|enlarge|expand|magnify|scale up|size up|blow up|upscale|inflate|increase|supersize",
         _scaled,
         "size",
         True,
@@ -711,7 +735,15 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
         "grow|expand",
     ),
     ("scale the dog up", "scale|blow|size", _scaled, "size", True, "up", ""),
-    ("shrink the dog", "shrink|scale down|size down|downscale|contract", _scaled, "size", False, "", "shrink|contract"),
+    (
+        "shrink the dog",
+        "shrink|scale down|size down|downscale|contract|downsize|miniaturize|reduce|compress|deflate",
+        _scaled,
+        "size",
+        False,
+        "",
+        "shrink|contract",
+    ),
     ("scale the dog down", "scale|size|shrink", _scaled, "size", False, "down", ""),
 ):
     _more_or_less(_example, _verbs, _making, _noun, _upward, _particle, itself=_itself)
@@ -777,21 +809,27 @@ for _kind, _words, _made_by in (
         whole=True,
         values=_values(_how_much),
     )
+_picture = ~lit("the colors of|all") + either(thing, colors)
 _command(
     "saturate the colors",
     "saturate",
     lambda how=None: _saturated(factor(how, True)),
-    who=~lit("the colors of|all") + either(thing, colors),
+    who=_picture,
     how=amount,
 )
 _command(
-    "warm up the picture", "warm|warm up", lambda how=None: _warmed(how, True), who=thing, how=amount, up=lit("up")
+    "warm up the picture",
+    "warm|warm up|heat up",
+    lambda how=None: _warmed(how, True),
+    who=_picture,
+    how=amount,
+    up=lit("up"),
 )
 _command(
     "cool down the picture",
     "cool|cool down|cool off",
     lambda how=None: _warmed(how, False),
-    who=thing,
+    who=_picture,
     how=amount,
     down=lit("down|off"),
 )
@@ -804,7 +842,12 @@ _command(
     values=_values(_warmth_value, _saturation_value, _contrast_value, _brightness_value, _pop),
 )
 _command(
-    "blur the background", "blur|blur out|defocus|unfocus|soften", _blurred, who=thing, how=_softly, out=lit("out")
+    "blur the background",
+    "blur|blur out|defocus|unfocus|soften|smear|fuzz",
+    _blurred,
+    who=thing,
+    how=_softly,
+    out=lit("out"),
 )
 _blur_noun = (
     ~lit("some|a|an")
@@ -840,7 +883,7 @@ _places = lit(
 )
 _command(
     "swap the dog and the cat",
-    "swap|exchange|switch|trade|interchange|swap over",
+    "swap|exchange|switch|trade|interchange|swap over|switch around|swap around|flip",
     _swapped,
     who=~lit("(the) [places|positions|spots|locations] of") + (two_of_them | thing),
     itself="swap places|change places|trade places|switch places|swap|"
@@ -850,11 +893,16 @@ _command(
 )
 
 # Opacity
-_command("hide the car", "hide|conceal", _always(_opacity(0.0)), itself="disappear|vanish|hide|become invisible")
+_command(
+    "hide the car",
+    "hide|conceal|make invisible|switch off|turn off|blank out|mask",
+    _always(_opacity(0.0)),
+    itself="disappear|vanish|hide|become invisible",
+)
 _again = lit("again|once more")
 _command(
     "show the dog again",
-    "show|reveal|unhide|reshow|bring back",
+    "show|reveal|unhide|reshow|bring back|restore|unmask",
     _always(_opacity(SHOWN)),
     again=_again,
     itself="reappear",
@@ -890,9 +938,14 @@ _command(
 )
 
 # Taking out, and leaving alone
-_DELETING = "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with"
-_SPLIT = "take|cut|throw|wipe|rub|edit|crop|get"
-_out = lit("out|away|off|out of there|out of [the|this] [scene|picture|video|clip|image|shot|frame]")
+_DELETING = (
+    "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with|kill|nuke|zap|purge|banish|exclude|omit|"
+    "clean up|clear away|dispose of|take away|paint out|get shot of"
+)
+_SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|clear|leave|pull|blot|mask|chuck|kick"
+_out = lit(
+    "out|away|off|out again|out altogether|out of there|out of [the|this] [scene|picture|video|clip|image|shot|frame]"
+)
 _delete, _extract = _always(_deleted), _always(_extracted)
 _command("remove everything except the dog", _DELETING, _extract, who=everything_but)
 _command("take out everything except the dog", _SPLIT, _extract, "out", who=everything_but, out=_out)
@@ -913,7 +966,7 @@ _command(
     colored=_in_colour,
 )
 _command("only the dog", "", _extract, "only", bare=False, only=_only_keep)
-_command("isolate the dog", "isolate|extract|single out|separate out", _extract, bare=False)
+_command("isolate the dog", "isolate|extract|single out|separate out|solo", _extract, bare=False)
 _and_remove = ~lit(",") + ~lit("and|but") + lit("|".join(inflected(_DELETING, 1))) + silent(everything_else)
 _command("keep the dog and remove everything else", "keep|leave|retain", _extract, "rest", bare=False, rest=_and_remove)
 _without = lit("(the|this) [scene|picture|video|clip|image] (but) without|without|no more|minus")
@@ -931,7 +984,8 @@ _command(
 )
 _command(
     "move the dog to the left",
-    "move|shift|push|put|slide|bring|pull|drag|place|shove|carry|send|scoot|nudge|translate|position|drive|displace|set|get",
+    "move|shift|push|put|slide|bring|pull|drag|place|shove|carry|send|scoot|nudge|translate|position|drive|displace|set|get|bump|"
+    "relocate|budge|offset|take|throw|walk|make go|tug|haul|float|jump|drop",
     _moved,
     "way",
     itself="move|go|slide|shift|jump|float|drift|come",
@@ -940,7 +994,7 @@ _command(
 )
 _command(
     "raise the box",
-    "raise|lift|elevate|hoist",
+    "raise|lift|elevate|hoist|pick up|levitate|lift up",
     lambda far=None: _moved(_UP, far),
     itself="rise|go up|levitate",
     far=distance,
@@ -948,13 +1002,16 @@ _command(
 )
 _command(
     "lower the lamp",
-    "lower|sink",
+    "lower|sink|drop|let down",
     lambda far=None: _moved(_DOWN, far),
     itself="sink|go down|descend",
     far=distance,
     particle=lit("down"),
 )
-_ROTATING, _TILTING = "rotate|spin|revolve|pivot|swivel|twirl", "tilt|roll|lean|tip|bank"
+_ROTATING, _TILTING = (
+    "rotate|spin|revolve|pivot|swivel|twirl|whirl|twist|swing",
+    "tilt|roll|lean|tip|bank|slant|incline",
+)
 _sense = table(
     {
         "(to|toward) (the|its|his|her) left|leftward|counterclockwise|counter clockwise|anticlockwise|anti clockwise": -1,
@@ -1049,7 +1106,9 @@ _others = either(
 )
 _ADDING = "make|create|add|put|place|give me|insert|produce|generate|set|have"
 _how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("times|x")
-_command("copy the dog", "copy|duplicate|clone|replicate", _copied, times=_how_often, **_beside)
+_command(
+    "copy the dog", "copy|duplicate|clone|replicate|multiply|double up|reproduce", _copied, times=_how_often, **_beside
+)
 _command("put a copy of the car to the left", _ADDING, _copied, "times", bare=False, times=_copies, **_beside)
 _LETTING = "|".join(
     f"{let} {copy} {verb}"
@@ -1074,12 +1133,16 @@ _still = lit("still|in place|in its tracks|in (mid) motion|moving|from moving|mo
 _STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|stay in place|not move|stand"
 _command(
     "stop the dog at frame 30",
-    "stop|freeze|pause|hold|halt|immobilize",
+    "stop|freeze|pause|hold|halt|immobilize|still|lock|stall|arrest|petrify|freeze frame",
     _always(_frozen),
     itself=f"stop|freeze|pause|halt|{_STANDING}",
     still=_still,
 )
 _command("keep the dog still", "keep|leave", _always(_frozen), "still", still=_still)
+_time = lit("time|the action|the motion|all motion|all movement|the playback|playback|every motion") >> (
+    lambda: lambda context: All()
+)
+_command("stop everything at frame 30", "stop|freeze|pause|hold|halt", _always(_frozen), who=_time)
 _command(
     "play the dog at half speed",
     "play|run|show|put|set|render|play back|replay|move|drive|do",
@@ -1095,7 +1158,14 @@ _command(
     ),
 )
 _in_time = lit("in time|the motion of|the movement of")
-_command("reverse the car", "reverse|rewind", _always(_reversed), itself="reverse|rewind", in_time=_in_time)
+_command(
+    "reverse the car",
+    "reverse|rewind|invert|play back",
+    _always(_reversed),
+    who=either(whose("motion|movement|movements|direction|action|playback|walk|run|order"), thing),
+    itself="reverse|rewind",
+    in_time=_in_time,
+)
 _on_and_on = lit("again and again|over and over (again)|endlessly|repeatedly|in a loop|on loop|on repeat")
 _loop = _always(_looped)
 _part_of = ~lit("of|for|with") + thing
@@ -1110,6 +1180,7 @@ _command(
 _command("play the dog in a loop from second 1 to 2", "play|run|show|put", _loop, "again", again=_on_and_on)
 
 # Looks, colours of others, names
+_new = ~lit("fresh|new|brand new|nice|thick|different|lovely")
 _given = _values(
     ~lit("a|an|some")
     + either(_warmth_value, _brightness_value, _saturation_value, _contrast_value)
@@ -1118,7 +1189,12 @@ _given = _values(
     _given_look,
     _same_colour,
     _opacity_value,
-    ~lit("a|an") + colour + lit("color|look|coloring|paint job|coat of paint|paint") >> _assigned,
+    ~lit("a|an|some")
+    + _new
+    + colour
+    + lit("color|look|coloring|paint job|coat of paint|paint|coat|skin|finish|dress|outfit")
+    >> _assigned,
+    ~lit("a|an") + _new + lit("[coat|layer|lick|splash] of") + colour + ~lit("paint|color|dye") >> _assigned,
     _tint + lit("tint|tinge|touch") >> _faintly,
     ~lit("a|an") + colour + lit("hue") >> _hued,
     lit("the color") + _colour_value,
@@ -1130,7 +1206,7 @@ _with = lit("to|with|and") + ~lit("the [color|colors|coloring|look] of|that of|t
 _matching = _with + ~(lit("'s|'") + ~lit("color|colors|coloring"))
 for _who in (whose("color|colors|coloring|look"), thing):
     _command(
-        "match the dog to the cat", "match|color match|adapt|adjust", _matched, "source", who=_who, source=_matching
+        "match the dog to the cat", "match|color match|adapt|adjust|fit", _matched, "source", who=_who, source=_matching
     )
 _command("make the hat match the shirt", "", _matched, "source", itself="match", source=known_thing)
 _called = ~lit("as|to") + name
@@ -1305,7 +1381,7 @@ _command(
     _trailed,
     "count",
     bare=False,
-    who=lit("behind|after|to|of") + thing,
+    who=lit("behind|after|to|of|for") + thing,
     count=_a_trail,
 )
 
@@ -1323,7 +1399,7 @@ def _lasting(to: TimeExpression) -> Value:
 
 _command(
     "stretch the first second to two seconds",
-    "stretch|stretch out|extend|slow down|compress|squeeze",
+    "stretch|stretch out|extend|slow down|compress|squeeze|draw out|lengthen|prolong|shorten|make last",
     _lasting,
     "to",
     whole=True,

@@ -34,10 +34,11 @@ from ..language.grammar import (
     tokenise,
 )
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
+from ..language.paraphrases import paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
 from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, TOPIC, Command
 from .description import describe
-from .operations import Duplicate, Opacity, Operation, Transform
+from .operations import Delete, Duplicate, Extract, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
 from .selects import All, And, Named, Not, SelectKind, parts_of
 
@@ -57,7 +58,7 @@ class Clause(NamedTuple):
     """A time before the verb; it also holds for what follows with "and"."""
 
 
-_when = ~lit(",") + span
+_when = ~lit(",") + ~lit("but") + ~lit("only|just") + span
 _slowly = ~lit(",") + table(
     {
         "slowly|gradually|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
@@ -168,6 +169,7 @@ _filler = silent(
         | _request,
         lit(",") | NOTHING,
     )
+    + ~lit(",")
 )
 _tail = ~lit(
     "now|too|as well|again|also|for me|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
@@ -179,7 +181,8 @@ _clause = (
         _filler + _core,
         _filler + silent(_slowly) + _core
         >> (lambda clause: clause._replace(pieces=tuple({**one, "slowly": True} for one in clause.pieces))),
-        _filler + span + ~lit(",|:") + _filler + _core >> (lambda front, clause: clause._replace(front=front)),
+        _filler + ~lit("only|just") + span + ~lit(",|:") + _filler + _core
+        >> (lambda front, clause: clause._replace(front=front)),
     )
     + ~lit(",")
     + _tail
@@ -229,7 +232,7 @@ def parse(
         earlier=copies or {},
         labels=frozenset(labels),
     )
-    reading, clauses = _read(sentence, known)
+    sentence, reading, clauses = _read_somehow(sentence, known)
     context.overall = any(token.text == "overall" for token in reading.tokens)
     for rule, doubt in _DOUBTFUL:
         if any(rule.at(reading, at) for at in range(len(reading.tokens))):
@@ -241,13 +244,16 @@ def parse(
         better, meant = _read(instead, known)
         if meant is not None or _slip(better, False):
             raise Doubt(f"I do not understand '{sentence[wrong.start : wrong.end]}'; did you mean '{word}'?", instead)
+    only_then = any(_ONLY_WHEN.at(reading, at) for at in range(len(reading.tokens)))
     if clauses is None:
-        reason, answer = _not_understood(reading)
+        reason, answer = (_SHOWN_ONLY_THEN, False) if only_then else _not_understood(reading)
         raise Refusal(reason, _nearest(reading.tokens) if answer else ())
     try:
         operations = _placed(list(_operations(clauses, context)))
         if not operations:
             raise Refusal("Nothing is said that could be done.")
+        if only_then and any(isinstance(one, (Opacity, Delete, Extract)) for one in operations):
+            raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
     except Refusal as refusal:
         raise Refusal(refusal.reason, _nearest(reading.tokens)) from refusal
     except F4xError as error:
@@ -257,6 +263,26 @@ def parse(
     return tuple(
         replace(one, name="") if isinstance(one, Duplicate) and one.name in spare else one for one in operations
     )
+
+
+def _read_somehow(
+    sentence: str, known: Mapping[tuple[str, ...], str]
+) -> tuple[str, Reading, tuple[tuple[Any, ...], ...] | None]:
+    """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself."""
+    try:
+        reading, clauses = _read(sentence, known)
+    except Refusal:
+        for other in paraphrases(sentence):
+            reading, clauses = _read(other, known)
+            if clauses is not None:
+                return other, reading, clauses
+        raise
+    if clauses is None:
+        for other in paraphrases(sentence):
+            better, meant = _read(other, known)
+            if meant is not None:
+                return other, better, meant
+    return sentence, reading, clauses
 
 
 def _read(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[Reading, tuple[tuple[Any, ...], ...] | None]:
@@ -408,11 +434,9 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 _ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
 """Word -> verb of `f4x` that does it."""
+_SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
+_ONLY_WHEN = lit("only [after|from|until|before|between|during|for|since|while|in]")
 _DOUBTFUL = (
-    (
-        lit("only [after|from|until|before|between|during|for|since|while]"),
-        "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'.",
-    ),
     (
         lit("put [it|him|her|them|this|that] back"),
         "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",

@@ -105,7 +105,7 @@ class When:
     frames: tuple[float, float | None] | None = None
     """None: no time is given."""
     kind: str = "range"
-    """As in `Span`."""
+    """As in `Span`; `end`: the last second, for "at the end"."""
 
     slowly: bool = False
     """It is said to come little by little."""
@@ -127,6 +127,8 @@ class When:
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
         kind = "moment" if phrase.kind == "from" else phrase.kind
+        if phrase.kind == "moment" and phrase.start == END:  # the last frame alone is nothing that could be seen
+            start, kind = max(last - context.fps, 0.0), "end"
         return cls((float(start), None if end is None else float(end)), kind, slowly)
 
     @property
@@ -159,9 +161,9 @@ class When:
     def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:
         """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""
         frames, last = self.frames, context.frames - 1
-        if self.kind == "moment" and frames is not None and frames[0] == (0 if inward else last):
-            frames = (0.0, float(min(context.fps, last))) if inward else (float(max(last - context.fps, 0)), None)
-        elif frames is None or (self.kind != "range" and not self.slowly):
+        if self.kind == "moment" and frames is not None and inward and frames[0] == 0:
+            frames = (0.0, float(min(context.fps, last)))
+        elif frames is None or (self.kind not in ("range", "end") and not self.slowly):
             return self._frames
         return self._frames | {"frames": frames, "ease": "linear"}
 
@@ -169,6 +171,8 @@ class When:
         """Fields of a freeze."""
         if self.frames is None:
             return {"at": float(context.frame)}
+        if self.kind == "end":
+            return {"at": context.frames - 1.0}
         return {"at": self.frames[0]} | ({} if self.frames[1] is None else {"until": self.frames[1]})
 
     def none(self, what: str) -> dict[str, Any]:
