@@ -122,6 +122,23 @@ def test_a_band_is_added_behind_the_coefficients_and_its_constant_to_the_first()
     torch.testing.assert_close(gaussians.sh.detach(), wanted)
 
 
+def test_a_new_band_starts_with_zero_moments_and_the_other_coefficients_go_on():
+    gaussians = some_static(6, degree=1)
+    with torch.no_grad():
+        gaussians.parameters["shN"].copy_(torch.linspace(1, 2, 54).view(6, 3, 3))
+    optimiser = SetOptimiser(gaussians, rates(gaussians))
+    descend(optimiser, 2)
+    before = {name: optimiser.adam.state[value]["exp_avg"].clone() for name, value in gaussians.parameters.items()}
+    optimiser.add_band(torch.zeros(6, 1, 3), torch.ones(6, 5, 3))
+    for moment in ("exp_avg", "exp_avg_sq"):
+        own, new = optimiser.adam.state[gaussians.parameters["shN"]][moment].split([3, 5], 1)
+        assert own.min() > 0 and not new.any()
+    for name in ("shN", "sh0"):
+        now = optimiser.adam.state[gaussians.parameters[name]]["exp_avg"]
+        torch.testing.assert_close(now[:, : before[name].shape[1]], before[name])
+    descend(optimiser)
+
+
 def test_what_is_stored_is_activated_as_3dgs_does():
     gaussians = some_static(7, degree=1)
     rng = np.random.default_rng(1)
