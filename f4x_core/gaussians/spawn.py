@@ -227,7 +227,7 @@ def _blocks(cells: np.ndarray, level: int) -> np.ndarray:
 
 def _cells(blocks: np.ndarray, level: int, shape: tuple[int, ...]) -> np.ndarray:
     """For each of `shape` cells what its block of `2**level` x `2**level` has."""
-    row, column = np.indices(shape, sparse=True)
+    row, column = np.ogrid[: shape[0], : shape[1]]
     return blocks[row >> level, column >> level]
 
 

@@ -156,6 +156,15 @@ def test_a_single_pixel_gets_a_gaussian_and_an_empty_frame_none():
         assert len(found) == len(found.radius) == len(found.depth) == count
 
 
+def test_a_wall_is_covered_by_large_ones_up_to_its_rim():
+    """Nine cells a side: blocks of 4 x 4 pixels, at the rim of 1 x 4, in the corner of a single pixel."""
+    camera = Camera(np.array([[50.0, 0, 5], [0, 50, 5], [0, 0, 1]]), np.eye(4), 9, 9)
+    image, depth = np.full((9, 9, 3), 120, np.uint8), np.full((9, 9), 2.0)
+    config, nothing = SpawnConfig(spacing=1.0, scale=1.0), np.zeros((0, 3))
+    found = cover(image, depth, depth > 0, camera, nothing, config, np.random.default_rng(0))
+    np.testing.assert_allclose(found.radius, np.full(9, 4 * 2.0 / 50), rtol=1e-6)
+
+
 def test_nothing_joined_is_nothing():
     nothing = Spawned.joined([])
     assert [array.shape for array in vars(nothing).values()] == [(0, 3), (0, 3), (0,), (0,)]
