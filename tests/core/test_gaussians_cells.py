@@ -10,7 +10,7 @@ from f4x_core.gaussians.spawn import coarse_to_fine, cover
 from f4x_core.geometry.camera import Camera
 
 Cells = dict[tuple[int, int], list[tuple[int, int]]]
-"""Pixels (row, column) of each cell (row, column)."""
+"""Pixels (row, column) of each cell (row, column); or cells of each block."""
 
 
 def cells_of(height: int, width: int, spacing: float) -> Cells:
@@ -63,8 +63,10 @@ class Frame:
         """0, or 1 and then 2 where all pixels of a block are known and deviate by less than 3 levels of grey and 2 % of depth."""
         found = dict.fromkeys(self.cells, 0)
         for level in (1, 2):
-            for block in {(row >> level, column >> level) for row, column in self.cells}:
-                inside = [cell for cell in self.cells if (cell[0] >> level, cell[1] >> level) == block]
+            blocks: Cells = {}
+            for row, column in self.cells:
+                blocks.setdefault((row >> level, column >> level), []).append((row, column))
+            for inside in blocks.values():
                 pixels = tuple(np.array([pixel for cell in inside for pixel in self.cells[cell]]).T)
                 if not self.valid[pixels].all() or np.std(np.log(self.depth[pixels])) >= 0.02:
                     continue
@@ -88,8 +90,9 @@ class Frame:
     def open_blocks(self, enough: int = 4) -> set[tuple[int, int, int]]:
         """(level, row, column) of the blocks that show something and have no Gaussian inside nor `enough` in all around."""
         found, levels, hits = set(), self.levels(), self.hits()
+        end = [max(cell[axis] for cell in self.cells) for axis in (0, 1)]
         for (row, column), level in levels.items():
-            last = [max(cell[axis] for cell in self.cells) >> level for axis in (0, 1)]
+            last = [number >> level for number in end]
 
             def inside(block, level=level):
                 return sum(n for cell, n in hits.items() if (cell[0] >> level, cell[1] >> level) == block)
