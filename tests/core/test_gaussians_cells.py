@@ -90,21 +90,24 @@ class Frame:
     def open_blocks(self, enough: int = 4) -> set[tuple[int, int, int]]:
         """(level, row, column) of the blocks that show something and have no Gaussian inside nor `enough` in all around."""
         found, levels, hits = set(), self.levels(), self.hits()
+        inside: dict[int, Counter[tuple[int, ...]]] = {level: Counter() for level in (0, 1, 2)}
+        for (row, column), count in hits.items():
+            for level, counted in inside.items():
+                counted[row >> level, column >> level] += count
         end = [max(cell[axis] for cell in self.cells) for axis in (0, 1)]
         for (row, column), level in levels.items():
             last = [number >> level for number in end]
-
-            def inside(block, level=level):
-                return sum(n for cell, n in hits.items() if (cell[0] >> level, cell[1] >> level) == block)
-
             block = row >> level, column >> level
             around = 0
             for down in (-1, 0, 1):
                 for across in (-1, 0, 1):  # beyond the rim is what is at the rim
-                    around += inside(
-                        tuple(min(max(b + d, 0), n) for b, d, n in zip(block, (down, across), last, strict=True))
-                    )
-            if not inside(block) and around < enough and any(self.valid[pixel] for pixel in self.cells[row, column]):
+                    beside = zip(block, (down, across), last, strict=True)
+                    around += inside[level][tuple(min(max(b + d, 0), n) for b, d, n in beside)]
+            if (
+                not inside[level][block]
+                and around < enough
+                and any(self.valid[pixel] for pixel in self.cells[row, column])
+            ):
                 found.add((level, *block))
         return found
 
