@@ -97,5 +97,5 @@ def _best_rotations(placed: np.ndarray, both: np.ndarray, bars: np.ndarray) -> n
     np.add.at(moments, both[:, 0], now[:, :, None] * bars[:, None, :])
     moments += UPRIGHT * np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     u, _, vt = np.linalg.svd(moments)
-    u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[:, None]
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     return u @ vt

@@ -39,7 +39,7 @@ def rigid_groups(xyz: np.ndarray, count: int | None = None) -> np.ndarray:
     xyz = xyz[np.unique(np.linspace(0, len(xyz) - 1, MOMENTS).round().astype(int))].astype(np.float64)
     times, nodes = xyz.shape[:2]
     distance = nonrigidity(xyz)
-    group = distance[:, _medoids(distance, min(max(count or 0, MAX_GROUPS), nodes))].argmin(1)
+    group = distance[:, _medoids(distance, min(max(count or MAX_GROUPS, MAX_GROUPS), nodes))].argmin(1)
     splits = _merged(xyz, [np.flatnonzero(group == number) for number in np.unique(group)])
     if count is None:
         values, floor = 3 * times * nodes, times * nodes * (STILL * np.ptp(xyz)) ** 2

@@ -238,6 +238,9 @@ def test_curve_distance_equals_brute_force(kth, masked):
         kth,
     )
     np.testing.assert_allclose(other, expected[:4, 4:], rtol=1e-5, atol=1e-6)
+    if not masked:  # what was seen of one side alone says nothing about both
+        alone = distance_to(xyz[:, :4], xyz[:, 4:], np.zeros((10, 4), bool), kth=kth)
+        np.testing.assert_array_equal(alone, other)
 
 
 def test_curve_distance_of_one_or_no_curve():
@@ -376,6 +379,19 @@ def test_rotations_of_a_rigid_motion_are_found():
     truth = quaternion.from_rotation_vector(np.array([0.2, 9.0, 0.3]) * np.linspace(0, 1, 24)[:, None])[:, None]
     np.testing.assert_allclose(abs((q * truth).sum(-1)), 1, atol=1e-10)
     assert ((q[1:] * q[:-1]).sum(-1) > 0).all()
+
+
+@pytest.mark.parametrize("unit", [1e-4, 1.0, 1e4])
+def test_three_neighbours_tell_a_turn_wherever_they_are_and_in_any_unit(unit):
+    """Also where none was observed: then what was filled in counts."""
+    rest = np.random.default_rng(0).normal(size=(4, 3)) + np.array([5, -3, 8])
+    turn = quaternion.from_rotation_vector(np.array([0.4, -0.7, 0.2]))
+    xyz = unit * np.stack([rest, quaternion.rotate(turn, rest), rest])
+    neighbours, mask = np.array([[0, 1, 2, 3], [1, 3, 0, 2]]), np.array([[True] * 3 + [False]] * 2)
+    for certain in (None, np.zeros((3, 4), bool)):
+        found = initial_rotations(neighbours, mask, xyz, certain)
+        np.testing.assert_allclose(np.abs(found[1] @ turn), 1, atol=1e-9)
+        np.testing.assert_allclose(np.abs(found[2] @ quaternion.IDENTITY), 1, atol=1e-9)
 
 
 def test_undetermined_rotations_stay():
