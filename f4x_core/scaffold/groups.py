@@ -121,10 +121,13 @@ def shape_change(xyz: np.ndarray) -> np.ndarray:
 
 
 def _medoids(distance: np.ndarray, count: int) -> np.ndarray:
-    """Indices (count,) of the medoids: farthest first, then the middle of each group until nothing changes."""
+    """Indices of the medoids: farthest first, then the middle of each group until nothing changes.
+
+    There are `count`, or fewer where all other nodes coincide with one of them.
+    """
     medoids = [int(distance.sum(1).argmin())]
-    while len(medoids) < count:
-        medoids.append(int(distance[:, medoids].min(1).argmax()))
+    while len(medoids) < count and (apart := distance[:, medoids].min(1)).any():
+        medoids.append(int(apart.argmax()))
     chosen = np.array(medoids)
     for _ in range(ROUNDS):
         group = distance[:, chosen].argmin(1)

@@ -238,6 +238,7 @@ def test_a_part_keeps_its_slots_and_the_unit_is_the_middle_one():
     first, second = row_of_nodes([0.0, 1.0], frames=5, slots=2), row_of_nodes([1.0, 2.0, 3.0], frames=5, slots=3)
     second = replace(second, ids=np.array([11, 12, 13]), times=second.times + 3, unit=3.0)
     second.xyz[..., 1] = 0.4
+    second.certain[:2, 0] = False  # there the first part saw it
     spans = np.array([[-1.0, 0, 3, 5], [3.0, 5, 8, 9]])
     whole, rows = join_scaffolds([first, second], spans)
     assert whole.unit == 2.0 and [row.tolist() for row in rows] == [[0, 1], [1, 2, 3]]

@@ -83,6 +83,13 @@ def test_groups_are_the_same_in_every_unit(unit):
         assert as_sets(rigid_groups(unit * bodies(noise))) == as_sets(rigid_groups(bodies(noise)))
 
 
+def test_nodes_in_one_place_are_in_one_group():
+    assert rigid_groups(np.zeros((5, 4, 3))).tolist() == [0, 0, 0, 0]
+    twice = np.concatenate([bodies(0.02), bodies(0.02)[:, 8:10]], 1)
+    found = rigid_groups(twice)
+    assert found[12:].tolist() == found[8:10].tolist()
+
+
 def test_twelve_times_are_looked_at():
     """Bodies that part between those are one: the rounded twelve of 45 times are 0, 4, 8, ... 44."""
     xyz = np.repeat(bodies(0.0)[:1], 45, 0)
