@@ -38,8 +38,9 @@ def grab(
     turned: its rotation is to be multiplied by it from the left.
     """
     rest = np.asarray(xyz, np.float64)
-    moves = np.zeros(len(rest), bool)
-    moves[np.arange(len(rest)) if free is None else free] = True
+    moves = np.full(len(rest), free is None)
+    if free is not None:
+        moves[free] = True
     moves[grabbed] = False
     placed = rest.copy()
     placed[grabbed] = targets

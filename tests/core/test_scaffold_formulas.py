@@ -107,6 +107,8 @@ def test_shaking_is_the_distance_from_the_line_between_both_neighbours_in_time()
         np.testing.assert_array_equal(_shaking(xyz, times, threshold), off >= threshold)
     line = np.arange(3.0)[:, None, None] * np.array([0.5, 0, 0])
     assert _shaking(line, np.arange(3.0), 0.5)[:, 0].tolist() == [True, False, True], "half is not less than half"
+    bump = np.array([0, 0.5, 0])[:, None, None] * np.array([1.0, 0, 0])
+    assert _shaking(bump, np.arange(3.0), 0.5)[:, 0].tolist() == [True] * 3
     assert _shaking(line[:2], np.arange(2.0), 0.4).all() and not _shaking(line[:1], np.arange(1.0), 0.0).any()
 
 
