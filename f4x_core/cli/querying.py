@@ -24,6 +24,7 @@ from ..query.chat import ChatServer
 from ..query.inventory import nearest_there
 from ..query.labels import Encode, encode_labels, words_of
 from ..query.pixels import coverage_image, heat_map, mask_video
+from ..query.marks import Box, Mark, Point
 from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
 from ..query.questions import Answer, answer, ask_features
 from ..query.score import THRESHOLD
@@ -170,16 +171,18 @@ def _evidence(
     """Several kinds of evidence at once: a point, one beside it, a box, and words."""
     if args.frame is None or (args.point is None and args.box is None):
         raise F4xError("--beside needs --point or --box, and these need --frame T: the clip frame that they belong to.")
-    marks = [(args.point, "--point", True), (args.beside, "--beside", False)]
-    points = [(_numbers(text, 2, flag, "X,Y"), on) for text, flag, on in marks if text is not None]
-    prompt: dict[str, Any] = {"points": [at for at, _ in points], "labels": [on for _, on in points]} if points else {}
+    marks: list[Mark] = [
+        Point(args.frame, on, _numbers(text, 2, flag, "X,Y"))
+        for text, flag, on in ((args.point, "--point", True), (args.beside, "--beside", False))
+        if text is not None
+    ]
     if args.box is not None:
-        prompt["box"] = _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1")
+        marks.append(Box(args.frame, True, _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1")))
     words = None
     if args.text is not None:
         negatives = words_of(args.negatives) if args.negatives is not None else None
         words = together(by_words(scene, words_of(args.text), negatives, args.threshold, encode=encoder(progress)))
-    return select_by_evidence(scene, {args.frame: prompt}, words, args.threshold, span)
+    return select_by_evidence(scene, marks, words, args.threshold, span)
 
 
 def _selection(
