@@ -195,7 +195,11 @@ def _open(verbs: Verbs) -> None:
     edits_option(sub)
     sub.add_argument("--write", type=path_argument, metavar="FILE", help="only write the page there")
     sub.add_argument("--word", metavar="WORD[,WORD]", help="buttons that colour what these words mean")
-    sub.add_argument("--degrees", type=float, default=5.0, help="how far aside the page lets look (default: 5)")
+    sub.add_argument(
+        "--degrees",
+        type=float,
+        help="how far aside the page lets look (default: as far as the scene can be believed, or 5 where that is not known)",
+    )
 
 
 def _query(verbs: Verbs) -> None:
@@ -450,7 +454,11 @@ def _report(verbs: Verbs) -> None:
 def _demo(verbs: Verbs) -> None:
     """`f4x demo`."""
     sub = add_verb(verbs, "demo", "A short rendered clip (or your own) all the way to a Blender file.")
-    sub.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
+    film = sub.add_mutually_exclusive_group()
+    film.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
+    film.add_argument(
+        "--scene", default="procedural", metavar="NAME", help="which rendered one: rolling, meeting, swinging, …"
+    )
     output_option(sub, default=Path("demo"), help="default: demo")
     clip_options(sub)
     fit_options(sub)
