@@ -9,11 +9,11 @@ import pytest
 from f4x_core.cli import main
 from f4x_core.cli.doctor import anonymous
 from f4x_core.errors import F4xError
-from f4x_core.troubles import TROUBLES, code_of, code_of_module, explain, with_code
+from f4x_core.troubles import TOPS, TROUBLES, code_of, code_of_module, explain, with_code
 from scripts.site_pages import TROUBLESHOOTING, sentences_of, troubleshooting
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = [file for folder in ("f4x_core", "addon", "scripts") for file in (ROOT / folder).rglob("*.py")]
+SOURCES = [file for folder in TOPS for file in (ROOT / folder).rglob("*.py")]
 
 
 def module_of(file: Path) -> str:
