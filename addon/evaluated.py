@@ -12,9 +12,9 @@ from ..f4x_core.edit.resolve import named
 from ..f4x_core.scene.color import srgb_from_linear
 from ..f4x_core.scene.cryptomatte import identify
 from ..f4x_core.scene.stage import Cloud, Surface
-from . import session
 from .gaussian_attributes import FITTED_FOCAL
 from .point_cloud import read_attribute
+from .scene_object import SceneObject
 
 ENGINE = "FEATURE4X"
 """Identifier of the render engine."""
@@ -56,13 +56,13 @@ class Mattes:
     def of_points(self, owner: bpy.types.Object, data: bpy.types.PointCloud) -> dict[str, np.ndarray]:
         """Layer -> (N,) id of each point of an object's evaluated `data`; of several selections the last one counts."""
         ids = {layer: np.full(len(data.points), own, np.uint32) for layer, own in self.of(owner).items()}
-        root, gid = session.root_of(owner), read_attribute(data, "gid")
-        if root is not None and gid is not None:
-            shown = session.shown(root)
-            if root.name not in self._selected:
-                self._selected[root.name] = {name: found.chosen for name, found in named(shown.scene).items()}
+        found, gid = SceneObject.of(owner), read_attribute(data, "gid")
+        if found is not None and gid is not None:
+            shown = found.shown
+            if found.name not in self._selected:
+                self._selected[found.name] = {name: each.chosen for name, each in named(shown.scene).items()}
             row, known = shown.rows_of(gid)
-            for name, chosen in self._selected[root.name].items():
+            for name, chosen in self._selected[found.name].items():
                 ids["object"][known & chosen[row]] = self._id("object", name)
         return ids
 

@@ -48,7 +48,8 @@ import numpy as np
 from bpy_extras import view3d_utils
 from mathutils import Vector
 door.load_extension().register()
-from feature4x.addon import jobs, session, worker
+from feature4x.addon import jobs, worker
+from feature4x.addon.scene_object import SELECTED, SceneObject
 view = bpy.context.preferences.view
 view.show_splash = view.show_tooltips = False  # they would take a click
 view.render_display_type = "SCREEN"  # there is no window manager that would focus a new window
@@ -70,11 +71,11 @@ bpy.app.handlers.render_pre.append(note("running"))
 bpy.app.handlers.render_complete.append(note("complete"))
 bpy.app.handlers.render_cancel.append(note("cancelled"))
 
-def on_screen(root, area, region):
+def on_screen(scene_object, area, region):
     # left, top, right, bottom of most of the selected Gaussians, pixels of the screen
-    chosen = session.read(root, session.SELECTED)
-    points = session.shown(root).scene.posed(session.frame_of(root)).means[chosen]
-    points = [root.matrix_world @ Vector(point) for point in points[:: max(1, len(points) // 1000)].tolist()]
+    chosen = scene_object.read(SELECTED)
+    points = scene_object.shown.scene.posed(scene_object.frame).means[chosen]
+    points = [scene_object.root.matrix_world @ Vector(point) for point in points[:: max(1, len(points) // 1000)].tolist()]
     view = area.spaces.active.region_3d
     seen = np.array([view3d_utils.location_3d_to_region_2d(region, view, point) for point in points])
     (left, right), (bottom, top) = np.percentile(seen, (3, 97), axis=0).T
@@ -109,12 +110,12 @@ def look():
             sidebar.active_panel_category = "Feature4X"  # read-only until the sidebar was drawn once
         except (AttributeError, TypeError):
             return 0.5
-    root = session.root_of(bpy.context.object)
-    if root is not None:
-        properties = root.f4x
+    scene_object = SceneObject.of(bpy.context.object)
+    if scene_object is not None:
+        properties = scene_object.state
         if properties.selected and state["thing"] is None:
             region = next(region for region in area.regions if region.type == "WINDOW")
-            state["thing"] = on_screen(root, area, region)
+            state["thing"] = on_screen(scene_object, area, region)
         if os.path.exists("{home}/start_job") and not jobs.all_jobs():
             jobs.start(worker.Job("Wait", [sys.executable, "-c", WAIT]))
         last = bpy.context.window_manager.operators
@@ -124,7 +125,7 @@ def look():
             total=properties.total,
             text=properties.text,
             edits=len(properties.history),
-            saved=session.is_saved(root),
+            saved=scene_object.is_saved,
             last=last[-1].bl_idname if last else "",
             job=[job.state for job in jobs.all_jobs()],
             stage=[job.stage for job in jobs.all_jobs()],

@@ -44,7 +44,7 @@ def test_codes_and_modules_occur_once():
         ("f4x_core.scene.file", "F4X-SCENE"),
         ("f4x_core.scene.ply", "F4X-IMPORT"),
         ("bl_ext.user_default.feature4x.f4x_core.edit.stack", "F4X-EDIT"),
-        ("bl_ext.user_default.feature4x.addon.session", "F4X-BLENDER"),
+        ("bl_ext.user_default.feature4x.addon.scene_object", "F4X-BLENDER"),
         ("somewhere.else", "F4X-OTHER"),
     ],
 )
