@@ -14,12 +14,10 @@ from ..f4x_core.scene.cryptomatte import identify
 from ..f4x_core.scene.stage import Cloud, Surface
 from .gaussian_attributes import FITTED_FOCAL
 from .point_cloud import read_attribute
-from .scene_object import SceneObject
+from .scene_object import HIDDEN, SceneObject
 
 ENGINE = "FEATURE4X"
 """Identifier of the render engine."""
-HIDDEN = "f4x_hidden"
-"""BOOLEAN: points that no picture shows."""
 LAYERS = {"latent": "f4x_latent", "selection": ".selection", "score": "f4x_score"}
 """Passes of the stage and the point attributes they show."""
 GREY = (0.8, 0.8, 0.8)

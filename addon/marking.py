@@ -6,8 +6,10 @@ import json
 
 import numpy as np
 
+from ..f4x_core.query.gesture import select_by_sphere
 from ..f4x_core.query.selection import Selection
 from . import display
+from .axes import Eye
 from .point_cloud import read_attribute, write_attribute
 from .scene_object import BEFORE, SCORE, SELECTED, SceneObject
 
@@ -15,15 +17,30 @@ BARS = 20
 """Number of bars in the histogram of scores."""
 
 
-def ask(scene_object: SceneObject, found: Selection) -> None:
-    """Write the scores of a query to the points, and combine its result with the selection as the mode says."""
+def ask(scene_object: SceneObject, found: Selection, mode: str | None = None) -> None:
+    """Write the scores of a query to the points, and combine its result with the selection by `mode`, or that of the panel."""
     state = scene_object.state
-    scores = np.where(found.wins, 1.0, found.scores).astype(np.float32)  # what wins is chosen at any threshold
-    before = scene_object.read(SELECTED)
-    scene_object.write(**{BEFORE: ("BOOLEAN", before), SCORE: ("FLOAT", scores)})
+    scene_object.write(**{BEFORE: ("BOOLEAN", scene_object.read(SELECTED))})
+    scores = _write_scores(scene_object, found)
     state.histogram = json.dumps(np.histogram(scores, BARS, (0.0, 1.0))[0].tolist())
-    state.combined, state.live, state.called = state.mode, True, ""
+    state.combined, state.live, state.called = mode or state.mode, True, ""
     state.threshold = found.threshold  # selects, by its update
+
+
+def follow_sphere(scene_object: SceneObject) -> None:
+    """Let the Gaussians in the selecting sphere take the place of the last query, combined with the same selection as that."""
+    state, scene = scene_object.state, scene_object.shown.scene
+    if state.sphere_radius > 0:
+        view = scene_object.view(Eye(scene.cameras.at(scene_object.frame), 0.0, np.inf, 0.0))
+        _write_scores(scene_object, select_by_sphere(scene, view, tuple(state.sphere), state.sphere_radius))
+        apply_threshold(scene_object)
+
+
+def _write_scores(scene_object: SceneObject, found: Selection) -> np.ndarray:
+    """Write the scores (N,) float32 of a query to the points and return them; what wins is chosen at any threshold."""
+    scores = np.where(found.wins, 1.0, found.scores).astype(np.float32)
+    scene_object.write(**{SCORE: ("FLOAT", scores)})
+    return scores
 
 
 def apply_threshold(scene_object: SceneObject) -> None:

@@ -8,6 +8,7 @@ import bpy
 
 from ..f4x_core.language.lexicon import plural
 from . import edit_operators, marking
+from .gesture_operators import TOOLS
 from .lines import draw_lines
 from .motion_edits import unwritten
 from .scaffold_rig import layer_of
@@ -158,6 +159,10 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.query_text", text="Query")
         column.prop(state, "negatives", text="", icon="REMOVE", placeholder="but not …")
         layout.prop(state, "follow")
+        row = layout.row(align=True)
+        for tool in TOOLS:
+            row.operator("wm.tool_set_by_id", text=tool.bl_label.rpartition(" ")[2]).name = tool.bl_idname
+        row.prop(state, "through", text="", icon="XRAY")
         column = layout.column(align=True)
         column.active = state.live
         row = column.row()  # there without scores too: buttons that move are missed

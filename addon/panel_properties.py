@@ -41,6 +41,10 @@ def _threshold_moved(self, context) -> None:
     marking.apply_threshold(SceneObject(self.id_data))
 
 
+def _sphere_moved(self, context) -> None:
+    marking.follow_sphere(SceneObject(self.id_data))
+
+
 def _shown_changed(self, context) -> None:
     try:
         display.refresh(SceneObject(self.id_data))
@@ -107,6 +111,25 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     follow: BoolProperty(  # type: ignore[valid-type]
         name="Follow Through the Clip",
         description="Track the point or box through other frames: better if the object is partly hidden, but slow",
+    )
+    through: BoolProperty(  # type: ignore[valid-type]
+        name="Through", description="Gestures in the viewport select also what is hidden behind other Gaussians"
+    )
+    brush: FloatProperty(  # type: ignore[valid-type]
+        name="Radius", description="Radius of the brush in pixels", default=25.0, min=1.0, soft_max=500.0
+    )
+    sphere: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Sphere",
+        description="Centre of the selecting sphere in Blender's world",
+        subtype="XYZ",
+        update=_sphere_moved,
+    )
+    sphere_radius: FloatProperty(  # type: ignore[valid-type]
+        name="Sphere Radius",
+        description="Radius of the selecting sphere; 0: there is none",
+        min=0.0,
+        subtype="DISTANCE",
+        update=_sphere_moved,
     )
     show_score: BoolProperty(  # type: ignore[valid-type]
         name="Heat Map",

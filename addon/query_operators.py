@@ -6,11 +6,9 @@ import threading
 from collections.abc import Callable
 
 import bpy
-import gpu
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 from bpy_extras import view3d_utils
-from gpu_extras.batch import batch_for_shader
 
 from ..f4x_core.edit.naming import by_labels, by_names, check_negatives, together
 from ..f4x_core.edit.resolve import labels_of
@@ -24,11 +22,11 @@ from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.troubles import with_code
 from . import display, marking
-from .evaluated import HIDDEN
 from .job_operators import look_up
+from .outline import Outline
 from .panel_operators import SceneOperator
 from .preferences import find_interpreter
-from .scene_object import SELECTED, SceneObject
+from .scene_object import HIDDEN, SELECTED, SceneObject
 
 QUICK = FollowConfig(lifted=0)
 """Use the prompted frame only."""
@@ -150,7 +148,7 @@ class _Prompt(SceneOperator):
             return {"CANCELLED"}
         scene_object = SceneObject.of(context.object)
         self.frame = scene_object.shown.scene.cameras.frame_at(scene_object.frame)
-        self._area, self._handle, self._thread = context.area, None, None
+        self._area, self._outline, self._thread = context.area, None, None
         context.window.cursor_modal_set(self.cursor)
         context.workspace.status_text_set(self.hint)
         context.window_manager.modal_handler_add(self)
@@ -203,9 +201,9 @@ class _Prompt(SceneOperator):
         raise NotImplementedError
 
     def _finish(self, context) -> None:
-        if self._handle is not None:
-            bpy.types.SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
-            self._handle = None
+        if self._outline is not None:
+            self._outline.end()
+            self._outline = None
         context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)
         self._area.tag_redraw()
@@ -289,11 +287,11 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
         """Handle pressing, dragging and releasing the mouse button."""
         if event.type == "LEFTMOUSE" and event.value == "PRESS":
             region, at = self._mouse(event)
-            self._region, self._corners = region, np.stack([at, at])
-            draw = bpy.types.SpaceView3D.draw_handler_add
-            self._handle = draw(_draw_box, (self._corners, region), "WINDOW", "POST_PIXEL")
+            self._region, self._corners, self._outline = region, np.stack([at, at]), Outline(region)
         elif self._corners is not None and event.type == "MOUSEMOVE":
             self._corners[1] = event.mouse_x - self._region.x, event.mouse_y - self._region.y
+            (left, bottom), (right, top) = self._corners.tolist()
+            self._outline.lines = [[(left, bottom), (right, bottom), (right, top), (left, top)]]
             self._area.tag_redraw()
         elif self._corners is not None and event.type == "LEFTMOUSE" and event.value == "RELEASE":
             if np.ptp(self._corners, axis=0).min() < MIN_BOX_PIXELS:
@@ -306,18 +304,6 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
             self.box = (*low, *high)
             return True
         return False
-
-
-def _draw_box(corners: np.ndarray, region: bpy.types.Region) -> None:
-    """The outline of a box between two corners (2,2), in its own viewport."""
-    if bpy.context.region != region:
-        return
-    (left, bottom), (right, top) = corners.min(0).tolist(), corners.max(0).tolist()
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    outline = [(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)]
-    batch = batch_for_shader(shader, "LINE_STRIP", {"pos": outline})
-    shader.uniform_float("color", (1.0, 0.6, 0.1, 1.0))
-    batch.draw(shader)
 
 
 class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801

@@ -5,6 +5,7 @@ import bpy
 from . import (
     display,
     edit_operators,
+    gesture_operators,
     job_operators,
     jobs,
     motion_operators,
@@ -16,6 +17,7 @@ from . import (
     query_operators,
     render_engine,
     rig_repair,
+    sphere_gizmo,
 )
 
 CLASSES = (
@@ -26,12 +28,14 @@ CLASSES = (
     *job_operators.CLASSES,
     *panel_properties.CLASSES,
     *query_operators.CLASSES,
+    *gesture_operators.CLASSES,
+    *sphere_gizmo.CLASSES,
     *edit_operators.CLASSES,
     *motion_operators.CLASSES,
     *panel.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
-STARTED = (render_engine, panel_properties, display, edit_operators, panel_overlay, rig_repair)
+STARTED = (render_engine, panel_properties, gesture_operators, display, edit_operators, panel_overlay, rig_repair)
 
 
 def _draw_import(self, context) -> None:

@@ -33,9 +33,11 @@ from ..f4x_core.edit.selects import MAX_WORDS_LENGTH, Ids
 from ..f4x_core.edit.stack import EditStack, merge, read_stack, with_stack, write_stack
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.lexicon import plural
+from ..f4x_core.query.gesture import View
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.scene import Scene
 from . import packing, scene_cache
+from .axes import Eye
 from .packing import PACKED, pack, unpacked
 from .point_cloud import read_attribute, write_attribute
 
@@ -44,6 +46,8 @@ APART = "f4x_apart"
 """Property of the separate cloud for Gaussians whose motion is edited: moved, retimed and copied ones."""
 SELECTED, BEFORE, SCORE = ".selection", "f4x_before", "f4x_score"
 """Point attributes: the selection (Blender's own name), the selection before the last query, and the query's scores."""
+HIDDEN = "f4x_hidden"
+"""Point attribute, BOOLEAN: points that no picture shows."""
 TIMED = "f4x_timed"
 """Property of a root whose edits change over time, so that its clouds are updated at every frame."""
 MOVED = 3
@@ -304,6 +308,11 @@ class SceneObject:
         if chosen.chosen.sum() != state.selected:
             return ids
         return replace(ids, words=state.called[:MAX_WORDS_LENGTH])
+
+    def view(self, seen: Eye) -> View:
+        """How the scene is looked at now, for gestures."""
+        to_world, hidden = np.array(self.root.matrix_world), self.read(HIDDEN)
+        return View(seen.camera, self.frame, seen.near, to_world, perspective=not seen.back, hidden=hidden)
 
     # How it is stored
 
