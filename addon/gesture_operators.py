@@ -89,8 +89,10 @@ class _Gesture(SceneOperator):
             return {"CANCELLED"}
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         self._region, self._outline, self._way = region, Outline(region), []
-        if event.type == "LEFTMOUSE" and event.value in {"PRESS", "CLICK_DRAG"}:
+        if event.type == "LEFTMOUSE" and event.value == "CLICK_DRAG":  # the mouse has moved since it was pressed
             self._go(context, event.mouse_prev_press_x, event.mouse_prev_press_y)
+        elif event.type == "LEFTMOUSE" and event.value == "PRESS":
+            self._go(context, event.mouse_x, event.mouse_y)
         context.workspace.status_text_set(f"{self.hint} Right click or Esc: cancel.")
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}

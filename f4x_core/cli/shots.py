@@ -15,6 +15,7 @@ from ..errors import F4xError
 from ..geometry.camera import CameraPath
 from ..geometry.trajectory import Trajectory
 from ..query.labels import encode_labels
+from ..query.unseen import unseen_gaussians
 from ..scene import Scene
 from ..scene.color import srgb_from_linear
 from ..scene.cryptomatte import DEPTH, identify
@@ -24,7 +25,7 @@ from ..scene.stage import MATTE, Cloud, DrawSettings
 
 MASK = "mask:"
 CRYPTOMATTE = "cryptomatte"
-PASSES = ("rgb", "alpha", "depth", "vector", "normal", "position", "mist")
+PASSES = ("rgb", "alpha", "depth", "vector", "normal", "position", "mist", "unseen")
 """Channels of an EXR besides `CRYPTOMATTE` and `mask:LABEL`."""
 OBJECTS = f"{MATTE}object"
 MAX_SAMPLES = 1024
@@ -97,6 +98,8 @@ def take(
     def take_at(offset: float) -> Take:
         time = _time_at([view.time for view in views], index + offset)
         cloud = Cloud.of_scene(scene, time)
+        if "unseen" in names:
+            cloud = replace(cloud, layers={"unseen": unseen_gaussians(scene)[:, None]})
         if mattes is not None:
             cloud = replace(cloud, mattes={"object": mattes.ids})
         return Take([cloud], [], cameras.at(index + offset))

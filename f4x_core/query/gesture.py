@@ -14,16 +14,13 @@ import numpy as np
 from ..errors import F4xError
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
-from ..raster.blend_weights import alpha_sums, blend_weight_sums
 from ..scene import Scene
 from ..scene.stage import Cloud, fitted_config
+from .blend_weights import seen_sums
 from .not_deleted import not_deleted
 from .score import THRESHOLD
 from .selection import Selection, fingerprint
 
-SEEN = 0.1
-"""Fraction of a Gaussian's light that has to reach the camera for it to count as seen: behind one solid surface hardly any is
-left, while the Gaussians of the surface itself share its light in a few layers."""
 COLUMNS = 640
 """Width in pixels, at most, of the picture in which is looked what is seen; Gaussians are many pixels wide or many in number."""
 
@@ -129,7 +126,7 @@ def select_by_gesture(
 ) -> Selection:
     """Gaussians in a shape that is drawn over a view of a scene, moving ones where they are at the view's time.
 
-    `through`: all whose centres lie in the shape, however deep. Otherwise those that are seen (`SEEN`); their scores are the
+    `through`: all whose centres lie in the shape, however deep. Otherwise those that are seen (`seen_sums`); their scores are the
     fractions of what is seen of them that lies in the shape. Neither deleted nor hidden Gaussians are selected.
     """
     cloud = _in_world(scene, view)
@@ -167,9 +164,8 @@ def _seen_inside(cloud: Cloud, view: View, shape: Shape, backend: str) -> np.nda
     inside = shape.contains(pixels).reshape(size[1], size[0])
     layers = np.stack([inside, np.ones_like(inside)], -1).astype(np.float32)
     splats = Splats(cloud.means, cloud.quats, cloud.scales, cloud.opacities)
-    within, total = blend_weight_sums(splats, camera, layers, config=config, backend=backend).astype(np.float64).T
-    seen = (total > 0) & (total >= SEEN * alpha_sums(splats, camera, config=config))
-    return np.clip(np.divide(within, total, out=np.zeros(len(total)), where=seen), 0, 1)
+    sums, seen = seen_sums(splats, camera, layers, config, backend)
+    return np.clip(np.divide(sums[:, 0], sums[:, 1], out=np.zeros(len(sums)), where=seen), 0, 1)
 
 
 def _selection(scene: Scene, view: View, scores: np.ndarray) -> Selection:
