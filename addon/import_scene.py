@@ -28,6 +28,7 @@ from mathutils import Matrix
 from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
+from ..f4x_core.geometry.camera import CameraPath
 from ..f4x_core.scaffold.deformation import pairs_of
 from ..f4x_core.scene import Scene
 from ..f4x_core.scene.foreign import SplatSequence, identify, open_any
@@ -89,7 +90,7 @@ def import_scene(
             )
         else:
             clouds = _add_clouds(name, first, collection, root, material)
-        camera = _add_camera(f"{name} camera", opened, first, collection)
+        camera = add_camera(f"{name} camera", opened.cameras, first, collection)
         for item in (*clouds, camera):
             item.parent = root
         if clip is not None:
@@ -238,9 +239,8 @@ def _add_motion(name, scene: Scene, dynamic, collection, root) -> None:
     modifier.node_group = build_motion_tree(f"{name} motion", nodes, helper, slots, fades)
 
 
-def _add_camera(name: str, opened: Scene | SplatSequence, scene: Scene, collection) -> bpy.types.Object:
-    """Add the clip's camera, which sees as far as `scene` goes; its lens is keyed only when it changes."""
-    cameras = opened.cameras
+def add_camera(name: str, cameras: CameraPath, scene: Scene, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Add a camera keyed along a path, which sees as far as `scene` goes; its lens is keyed only when it changes."""
     camera = _add_object(name, bpy.data.cameras.new(name), collection)
     camera.data.sensor_fit = "HORIZONTAL"
     camera.data.display_size = SMALL

@@ -101,7 +101,7 @@ class _WorkerOperator:
         return {"FINISHED"}
 
 
-class _SceneOperator(_WorkerOperator):
+class SavedSceneOperator(_WorkerOperator):
     """Base of operators on the scene of the active object."""
 
     @classmethod
@@ -113,8 +113,8 @@ class _SceneOperator(_WorkerOperator):
         return True
 
 
-def _saved_scene(context: bpy.types.Context) -> tuple[bpy.types.Object, Path]:
-    """Root and file of the active scene. Raises F4xError if it has unsaved edits, because the worker reads only the file."""
+def saved_scene(context: bpy.types.Context) -> tuple[SceneObject, Path]:
+    """The active scene and its file. Raises F4xError if it has unsaved edits, because the worker reads only the file."""
     scene_object = SceneObject.of(context.active_object)
     if not scene_object.is_saved:
         raise F4xError(f"{scene_object.name} has unsaved edits; press Save Edits to Scene first.")
@@ -166,7 +166,7 @@ class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noq
         start_verb(f"Fit {name}", import_fitted, "fit", clip, *options)
 
 
-class F4X_OT_add_features(_SceneOperator, bpy.types.Operator):  # noqa: N801
+class F4X_OT_add_features(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
     """Add features of vision models to the scene, so that you can query it by words and points."""
 
     bl_idname = "f4x.add_features"
@@ -190,14 +190,14 @@ class F4X_OT_add_features(_SceneOperator, bpy.types.Operator):  # noqa: N801
 
     def start(self, context):
         """Start `f4x distill`."""
-        scene_object, path = _saved_scene(context)
+        scene_object, path = saved_scene(context)
         options = ["--teacher", self.teachers] if self.teachers else []
         options += ["--vocabulary", self.words] if self.words else []
         options += ["--clip", bpy.path.abspath(self.clip)] if self.clip else []
         _add_features(scene_object, path, "" if self.teachers else self.words, options)
 
 
-class F4X_OT_ask_scene(_SceneOperator, bpy.types.Operator):  # noqa: N801
+class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
     """Ask a question about the scene. The answer appears in the Jobs panel."""
 
     bl_idname = "f4x.ask_scene"
@@ -211,11 +211,11 @@ class F4X_OT_ask_scene(_SceneOperator, bpy.types.Operator):  # noqa: N801
 
     def start(self, context):
         """Start `f4x ask`."""
-        _, path = _saved_scene(context)
+        _, path = saved_scene(context)
         start_verb(f"Ask: {self.question}", None, "ask", path, self.question)
 
 
-class F4X_OT_export_scene(_SceneOperator, bpy.types.Operator, ExportHelper):  # noqa: N801
+class F4X_OT_export_scene(SavedSceneOperator, bpy.types.Operator, ExportHelper):  # noqa: N801
     """Export the scene for other programs: one frame as PLY, .splat or glTF, all frames as USD or numbered PLY files."""
 
     bl_idname = "f4x.export_scene"
@@ -245,7 +245,7 @@ class F4X_OT_export_scene(_SceneOperator, bpy.types.Operator, ExportHelper):  # 
 
     def start(self, context):
         """Start `f4x export`."""
-        scene_object, path = _saved_scene(context)
+        scene_object, path = saved_scene(context)
         output = Path(bpy.path.abspath(self.filepath))
         options = ["-o", output] + (["--format", self.format] if self.format != "auto" else [])
         options += ["--time", f"{context.scene.frame_current_final:g}"] if self.one_frame else []
@@ -268,6 +268,8 @@ class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
         column.operator(F4X_OT_add_features.bl_idname, text="Add Features…", icon="OUTLINER_OB_POINTCLOUD")
         column.operator(F4X_OT_ask_scene.bl_idname, text="Question…", icon="QUESTION")
         column.operator(F4X_OT_export_scene.bl_idname, text="Export…", icon="EXPORT")
+        column.operator("f4x.render_film", text="Render Film…", icon="RENDER_ANIMATION")
+        column.operator("f4x.add_path_camera", text="Add Camera…", icon="CAMERA_DATA")
         for job in jobs.all_jobs():
             jobs.draw_job(layout, context, job)
 

@@ -3,6 +3,7 @@
 import bpy
 
 from . import (
+    camera_operators,
     display,
     edit_operators,
     gesture_operators,
@@ -26,6 +27,7 @@ CLASSES = (
     *jobs.CLASSES,
     *preferences.CLASSES,
     *job_operators.CLASSES,
+    *camera_operators.CLASSES,
     *panel_properties.CLASSES,
     *query_operators.CLASSES,
     *gesture_operators.CLASSES,

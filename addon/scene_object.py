@@ -239,8 +239,7 @@ class SceneObject:
     @property
     def frame(self) -> float:
         """The current clip frame, clamped to the clip."""
-        scene = bpy.context.scene
-        return self.shown.time(scene.frame_current + scene.frame_subframe)
+        return self.shown.time(bpy.context.scene.frame_current_final)
 
     @property
     def names(self) -> Mapping[str, np.ndarray]:

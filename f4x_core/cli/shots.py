@@ -12,8 +12,7 @@ import numpy as np
 from ..edit.naming import by_words
 from ..edit.resolve import named
 from ..errors import F4xError
-from ..geometry.camera import CameraPath
-from ..geometry.trajectory import Trajectory
+from ..geometry.trajectory import Trajectory, cameras_of
 from ..query.labels import encode_labels
 from ..query.unseen import unseen_gaussians
 from ..scene import Scene
@@ -87,13 +86,7 @@ def take(
 ) -> dict[str, np.ndarray]:
     """`shoot` view `index` of a trajectory; `wanted`: passes, mattes, raster backend."""
     names, mattes, backend = wanted
-    cameras = CameraPath(
-        np.stack([view.camera.intrinsics for view in views]),
-        np.stack([view.camera.world_to_camera for view in views]),
-        np.arange(len(views)),
-        views[0].camera.width,
-        views[0].camera.height,
-    )
+    cameras = cameras_of(views)
 
     def take_at(offset: float) -> Take:
         time = _time_at([view.time for view in views], index + offset)
