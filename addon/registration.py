@@ -3,8 +3,10 @@
 import bpy
 
 from . import (
+    camera_operators,
     display,
     edit_operators,
+    gesture_operators,
     job_operators,
     jobs,
     motion_operators,
@@ -16,6 +18,7 @@ from . import (
     query_operators,
     render_engine,
     rig_repair,
+    sphere_gizmo,
 )
 
 CLASSES = (
@@ -24,14 +27,17 @@ CLASSES = (
     *jobs.CLASSES,
     *preferences.CLASSES,
     *job_operators.CLASSES,
+    *camera_operators.CLASSES,
     *panel_properties.CLASSES,
     *query_operators.CLASSES,
+    *gesture_operators.CLASSES,
+    *sphere_gizmo.CLASSES,
     *edit_operators.CLASSES,
     *motion_operators.CLASSES,
     *panel.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
-STARTED = (render_engine, panel_properties, display, edit_operators, panel_overlay, rig_repair)
+STARTED = (render_engine, panel_properties, gesture_operators, display, edit_operators, panel_overlay, rig_repair)
 
 
 def _draw_import(self, context) -> None:

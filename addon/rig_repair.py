@@ -22,9 +22,9 @@ from bpy.app.handlers import persistent
 
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scaffold.missing import carriers
-from . import session
 from .point_cloud import read_attribute, write_attribute
 from .scaffold_rig import HANDLE, NODE, NODES, layer_of, nodes_of
+from .scene_object import SceneObject
 
 ORDER = "f4x_order"
 """Property of a root: hash of the names and ids that its nodes had when their places were worked out."""
@@ -102,7 +102,7 @@ def _tell(root: bpy.types.Object, missing: int, copies: list[str]) -> None:
 
 def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
     """Give a copied scene what it still shares with its original; a root that was copied without them becomes an empty."""
-    clouds = session.clouds_of(root)
+    clouds = SceneObject(root).clouds
     if not clouds:
         for key in [key for key in root.keys() if key.startswith("f4x_")]:  # noqa: SIM118 - no mapping
             del root[key]

@@ -93,6 +93,7 @@ def path_options(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--path",
         default="original",
-        help="seen along: original, orbit, frozen:T (T a clip frame), or a camera path file (default: original)",
+        help="seen along: original, orbit, stabilise, slow:FACTOR, bullet:T or frozen:T (T a clip frame), or a camera path file"
+        " (default: original)",
     )
-    sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit (default: 5)")
+    sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit and the swing (default: 5)")
