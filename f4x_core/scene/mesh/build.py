@@ -11,7 +11,7 @@ from ...progress import Progress, silent
 from ..model import PosedSplats, Scene
 from ..posing import plain_color
 from .contour import contour
-from .field import Grid, opacity_field
+from .field import NARROWEST, Grid, opacity_field
 from .simplify import decimated, largest_parts, normals_of, parts_of, smoothed
 from .skin import Carriers, Skin, skin_of
 
@@ -21,6 +21,8 @@ FACES = (20, 5_000_000)
 """Fewest and most triangles that may be asked for."""
 MOMENTS, SAME = 7, 1e-4
 """Clip times at which an edited scene is compared with what its nodes do, and the world units up to which that is the same."""
+APART = 0.5
+"""Grid steps from the middle of a thin sheet to each of its sides."""
 FEWEST = 10
 """Gaussians that a thing needs: a surface around less says nothing about it."""
 
@@ -102,14 +104,11 @@ def mesh_of(
     vertices, faces, colors = _surface(posed, config, progress)
     carriers = _carriers(scene, rows, posed)
     skin = skin_of(vertices, carriers, time) if carriers.strength.any() else None
-    normals = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], normals_of(vertices, faces))
     progress("mesh", 3, 3)
     return SplatMesh(
         vertices.astype(np.float32),
         faces.astype(np.int32),
-        (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)).astype(np.float32),
+        _vertex_normals(vertices, faces).astype(np.float32),
         np.clip(colors, 0, 1).astype(np.float32),
         skin,
         int(parts_of(len(vertices), faces).max()) + 1,
@@ -136,7 +135,11 @@ def _carriers(scene: Scene, rows: np.ndarray, posed: PosedSplats) -> Carriers:
     weight, strength = np.zeros(node.shape, np.float32), np.zeros(len(rows), np.float32)
     if follows.any():
         kept = own[follows]
-        node[follows], weight[follows], strength[follows] = dynamic.node[kept], dynamic.weight[kept], dynamic.strength[kept]
+        node[follows], weight[follows], strength[follows] = (
+            dynamic.node[kept],
+            dynamic.weight[kept],
+            dynamic.strength[kept],
+        )
     if scene.base is not scene and (led := _led_astray(scene, rows, follows)):
         raise F4xError(
             f"edits move {led:,} of the selected Gaussians as no node does; `f4x bake` the scene and make the mesh of the new one."
@@ -154,12 +157,13 @@ def _led_astray(scene: Scene, rows: np.ndarray, follows: np.ndarray) -> int:
     return int(away.sum())
 
 
-def _surface(
-    posed: PosedSplats, config: MeshConfig, progress: Progress
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _surface(posed: PosedSplats, config: MeshConfig, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices (V,3) in the world, triangles (F,3), and (V,3) the mean colour of the Gaussians there."""
     grid = Grid.around(posed, config.resolution)
-    field, colors = opacity_field(posed, grid, plain_color(posed))
+    widened = np.maximum(NARROWEST * grid.step - posed.scales.min(1), 0)
+    field, sums = opacity_field(
+        posed, grid, np.concatenate([plain_color(posed), posed.means, widened[:, None]], axis=1)
+    )
     progress("mesh", 1, 3, "surface")
     vertices, faces = contour(field, config.level)
     vertices, faces = largest_parts(vertices, faces, config.least_part, config.hollows)
@@ -171,4 +175,23 @@ def _surface(
     progress("mesh", 2, 3, f"{len(faces):,} triangles")
     vertices, faces = decimated(vertices, faces, config.faces)
     vertices = grid.origin + grid.step * vertices
-    return vertices, faces, grid.sample(colors, vertices)
+    means = _means(grid, sums, vertices)
+    # A thin sheet was widened for the grid: back towards its middle, but for what its two sides need to stay apart.
+    normals = _vertex_normals(vertices, faces)
+    outside = ((vertices - means[:, 3:6]) * normals).sum(1) - APART * grid.step
+    vertices = vertices - np.clip(outside, 0, 2 * means[:, 6])[:, None] * normals
+    return vertices, faces, _means(grid, sums, vertices)[:, :3]
+
+
+def _means(grid: Grid, sums: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(P,C) means of what `opacity_field` summed, at `points (P,3)`."""
+    *totals, depth = grid.sample(sums, points).T
+    return np.stack(totals, axis=1) / np.maximum(depth, np.finfo(np.float32).tiny)[:, None]
+
+
+def _vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(V,3) of length 1, the mean of the triangles around by area."""
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], normals_of(vertices, faces))
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float32).tiny)

@@ -46,7 +46,7 @@ class Grid:
         room = MARGIN * (high - low).max() + np.median(reach, axis=0)
         low = np.maximum(low - room, (means - reach).min(0))
         high = np.minimum(high + room, (means + reach).max(0))
-        step = max(float((high - low).max()) / resolution, np.finfo(np.float32).tiny)
+        step = max(float(np.max(high - low)) / resolution, float(np.finfo(np.float32).tiny))
         sides = np.ceil((high - low) / step).astype(int) + 3
         return cls(low - step, step, (int(sides[0]), int(sides[1]), int(sides[2])))
 
@@ -63,7 +63,7 @@ class Grid:
 
 
 def opacity_field(splats: Splats, grid: Grid, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (opacity (X,Y,Z) float32 in [0, 1), mean of `values (N,C)` (X,Y,Z,C) float32, 0 where there is no opacity).
+    """Return (opacity (X,Y,Z) float32 in [0, 1), (X,Y,Z,C+1) float32 sums of `values (N,C)` by optical depth, and of the depth).
 
     Opacity at a point is `1 - prod(1 - a g)` over all Gaussians of opacity a and value g there. A Gaussian that is narrower
     than the grid can show is widened to `NARROWEST` steps and pales by what its two widest axes grow: it covers the same area.
@@ -81,7 +81,7 @@ def opacity_field(splats: Splats, grid: Grid, values: np.ndarray) -> tuple[np.nd
     high = np.minimum(np.floor(place + REACH * deviation / grid.step), np.array(grid.shape) - 2).astype(np.int64)
     count = high - low + 1
     size = int(np.prod(grid.shape))
-    depth, mean = np.zeros(size), np.zeros((values.shape[1], size))
+    depth, total = np.zeros(size), np.zeros((values.shape[1], size))
     for rows in _blocks(count):
         at, share = _contributions(place[rows], precision[rows], low[rows], count[rows].max(0), grid.shape)
         share = -np.log1p(-alpha[rows, None] * share)
@@ -90,9 +90,9 @@ def opacity_field(splats: Splats, grid: Grid, values: np.ndarray) -> tuple[np.nd
         depth += np.bincount(flat, share, size)
         owner = np.repeat(rows, inside.sum(1))
         for channel in range(values.shape[1]):
-            mean[channel] += np.bincount(flat, values[owner, channel] * share, size)
-    mean /= np.maximum(depth, np.finfo(np.float32).tiny)
-    return (1 - np.exp(-depth)).astype(np.float32).reshape(grid.shape), mean.T.astype(np.float32).reshape(*grid.shape, -1)
+            total[channel] += np.bincount(flat, values[owner, channel] * share, size)
+    sums = np.concatenate([total, depth[None]]).T.astype(np.float32)
+    return (1 - np.exp(-depth)).astype(np.float32).reshape(grid.shape), sums.reshape(*grid.shape, -1)
 
 
 def _blocks(count: np.ndarray) -> Iterator[np.ndarray]:

@@ -11,7 +11,7 @@ from ...scaffold import Scaffold
 from ...scaffold.deformation import blend, node_poses_at
 
 JOINTS = 8
-"""Nodes that a vertex follows in other programs, the strongest first: glTF holds them in sets of four, and every reader takes one."""
+"""Nodes that a vertex follows in other programs, the strongest first: two of the sets of four that glTF knows."""
 AROUND = 8
 """Gaussians that a vertex takes its weights from: fewer follow them better, more stretch less between two that part."""
 LOOKED_AT = 20_000
@@ -137,7 +137,9 @@ def linearly_carried(vertices: np.ndarray, skin: Skin, scaffold: Scaffold, time:
 
 def deviation(vertices: np.ndarray, skin: Skin, scaffold: Scaffold, times: np.ndarray) -> np.ndarray:
     """Return (T,V) how far a linear blend puts the vertices from where the scaffold carries them, world units."""
-    pairs = ((carried(vertices, skin, scaffold, time), linearly_carried(vertices, skin, scaffold, time)) for time in times)
+    pairs = (
+        (carried(vertices, skin, scaffold, time), linearly_carried(vertices, skin, scaffold, time)) for time in times
+    )
     return np.array([np.linalg.norm(own - linear, axis=1) for own, linear in pairs])
 
 
