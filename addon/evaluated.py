@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import bpy
@@ -35,6 +35,8 @@ _READERS = (
     "GeometryNodeObjectInfo",
 )
 """Nodes that hand on geometry as it is."""
+OF = "f4x_of"
+"""Property of a mesh that was made of Gaussians: their ids. The engine draws the Gaussians and not the mesh."""
 SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
@@ -71,10 +73,14 @@ class Mattes:
         return identify(name)
 
 
-def stage(depsgraph: bpy.types.Depsgraph, mattes: Mattes | None = None) -> tuple[list[Cloud], list[Surface]]:
+def stage(
+    depsgraph: bpy.types.Depsgraph,
+    mattes: Mattes | None = None,
+    lit: Callable[[bpy.types.Object, Cloud], Cloud] | None = None,
+) -> tuple[list[Cloud], list[Surface]]:
     """Every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world.
 
-    `mattes`: where those are wanted.
+    `mattes`: where those are wanted. `lit`: what gives the cloud of an evaluated object its light.
     """
     clouds: list[Cloud] = []
     surfaces: list[Surface] = []
@@ -84,6 +90,7 @@ def stage(depsgraph: bpy.types.Depsgraph, mattes: Mattes | None = None) -> tuple
         if item.type == "POINTCLOUD":
             cloud = _cloud(item.data, to_world, item.pass_index)
             if cloud is not None:
+                cloud = lit(item, cloud) if lit else cloud
                 ids = mattes.of_points(item.original, item.data) if mattes else {}
                 clouds.append(replace(cloud, key=key, mattes=ids))
         else:
@@ -105,7 +112,7 @@ def _visible(
         if item.type != "POINTCLOUD" and item.type not in SOLID:
             continue
         owner = (instance.parent or item).original
-        hidden = not instance.show_self or not item.visible_camera
+        hidden = not instance.show_self or not item.visible_camera or OF in item.original
         if not hidden and (view is None or owner.visible_in_viewport_get(view)):
             yield instance, item, owner
 

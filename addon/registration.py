@@ -7,6 +7,7 @@ from . import (
     edit_operators,
     job_operators,
     jobs,
+    meshes,
     motion_operators,
     operators,
     panel,
@@ -16,6 +17,7 @@ from . import (
     query_operators,
     render_engine,
     rig_repair,
+    shadows,
 )
 
 CLASSES = (
@@ -29,9 +31,11 @@ CLASSES = (
     *edit_operators.CLASSES,
     *motion_operators.CLASSES,
     *panel.CLASSES,
+    *shadows.CLASSES,
+    *meshes.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
-STARTED = (render_engine, panel_properties, display, edit_operators, panel_overlay, rig_repair)
+STARTED = (render_engine, panel_properties, display, edit_operators, panel_overlay, rig_repair, shadows, meshes)
 
 
 def _draw_import(self, context) -> None:

@@ -17,7 +17,7 @@ from ..f4x_core.scene import cryptomatte, layers, stage
 from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import with_code
-from . import display, evaluated, viewport_gpu
+from . import display, evaluated, shadows, viewport_gpu
 from .axes import camera_eye, camera_lens, eye
 
 _INDEX = ("Object Index" if bpy.app.version >= (5, 0, 0) else "IndexOB", "X")
@@ -210,7 +210,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
                 whole = int(np.floor(shown))
                 self.frame_set(whole, shown - whole)
             here = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
-            clouds, surfaces = evaluated.stage(depsgraph, mattes=mattes)
+            clouds, surfaces = evaluated.stage(depsgraph, mattes, shadows.lighting(depsgraph))
             return Take(stage.as_seen(clouds, here.back), surfaces, here.camera)
 
         return take_at
