@@ -25,10 +25,10 @@ def caster(mesh, **more):
         size = (across * first).sum(2)
         offset = starts[:, None] - corner
         beside = np.cross(offset, first)
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"):  # ways along a triangle
             u, v = (across * offset).sum(2) / size, (beside * ways[:, None]).sum(2) / size
             along = (beside * second).sum(2) / size
-        return ((u >= 0) & (v >= 0) & (u + v <= 1) & (along >= 0) & (along <= 1)).any(1)
+            return ((u >= 0) & (v >= 0) & (u + v <= 1) & (along >= 0) & (along <= 1)).any(1)
 
     return Caster(mesh.bounds, blocks, **more)
 
@@ -41,10 +41,10 @@ def test_a_cube_before_the_sun_shades_its_outline():
 
 
 def test_a_ball_of_light_throws_a_larger_shadow():
-    near = Lamp(100.0, 0.0, place=np.array([0.1, -0.2, 0.2]))
+    near = Lamp(100.0, 0.0, place=np.array([0.1, -0.2, 0.25]))
     light = light_left(POINTS, [near], [caster(CUBE)], 1.0)
-    # the face of the cube that is nearer to the lamp, 0.8 before it, seen on the plane at 1.8
-    edge = np.array([0.2, 0.3]) * 1.8 / 0.8
+    # the face of the cube that is nearer to the lamp, 0.75 before it, seen on the plane at 1.75
+    edge = np.array([0.2, 0.3]) * 1.75 / 0.75
     inside = (np.abs(POINTS[:, :2] - [0.1, -0.2]) < edge).all(1)
     np.testing.assert_array_equal(light == 0, inside)
 
@@ -101,5 +101,5 @@ def test_a_factor_is_linear_light_and_leaves_the_rest_alone(degree):
     np.testing.assert_allclose(linear_from_srgb(after), linear_from_srgb(before) * light[:, None], atol=1e-6)
     camera = Camera(np.array([[60.0, 0, 32], [0, 60, 20], [0, 0, 1]]), np.eye(4), 64, 40)
     whole, dark = (draw([one], [], camera)["rgb"] for one in (cloud, shaded))
-    np.testing.assert_array_equal(whole[:, :28], dark[:, :28])
+    np.testing.assert_array_equal(whole[:, :20], dark[:, :20])
     assert (dark[:, 36:60] < whole[:, 36:60]).any()
