@@ -9,6 +9,7 @@ from . import (
     gesture_operators,
     job_operators,
     jobs,
+    meshes,
     motion_operators,
     operators,
     panel,
@@ -18,6 +19,7 @@ from . import (
     query_operators,
     render_engine,
     rig_repair,
+    shadows,
     sphere_gizmo,
 )
 
@@ -35,9 +37,21 @@ CLASSES = (
     *edit_operators.CLASSES,
     *motion_operators.CLASSES,
     *panel.CLASSES,
+    *shadows.CLASSES,
+    *meshes.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
-STARTED = (render_engine, panel_properties, gesture_operators, display, edit_operators, panel_overlay, rig_repair)
+STARTED = (
+    render_engine,
+    panel_properties,
+    gesture_operators,
+    display,
+    edit_operators,
+    panel_overlay,
+    rig_repair,
+    shadows,
+    meshes,
+)
 
 
 def _draw_import(self, context) -> None:

@@ -99,7 +99,7 @@ class ClipFit:
         trainer.run(checkpoint, settings_hash, self.progress)
         self._record("photometric", clock)
         result = self.finish(trainer)
-        known = result.scene.provenance | {"believed_degrees": _believed(priors)}
+        known = {**result.scene.provenance, "believed_degrees": _believed(priors)}
         return replace(result, priors=priors, scene=replace(result.scene, provenance=known))
 
     def _record(self, stage: str, since: float) -> float:
