@@ -55,9 +55,7 @@ def grab(
     # Parts that no edge joins to a fixed node would be free to drift: the small diagonal keeps them where they are.
     anchor = DIAGONAL * rest[moves]
     # The iteration is slow to find a common turn, so it starts from the one that the grabbed and the fixed nodes show.
-    common = (
-        pose.align_similarity(rest[~moves], placed[~moves], with_scale=False)[1] if (~moves).sum() > 2 else np.eye(3)
-    )
+    common = pose.align_similarity(rest[~moves], placed[~moves])[1] if (~moves).sum() > 2 else np.eye(3)
     rotations = np.broadcast_to(common, (len(rest), 3, 3))
     for _ in range(ITERATIONS if moves.any() and largest else 0):
         pull = np.zeros_like(rest)

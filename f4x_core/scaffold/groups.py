@@ -103,7 +103,7 @@ def group_motion(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     centres = xyz.mean(1, dtype=np.float64)
     if xyz.shape[1] < 3:
         return np.tile(quaternion.IDENTITY, (len(xyz), 1)), centres
-    turns = [pose.align_similarity(xyz[0], placed, with_scale=False)[1] for placed in xyz]
+    turns = [pose.align_similarity(xyz[0], placed)[1] for placed in xyz]
     return quaternion.align_sequence(quaternion.from_matrix(np.stack(turns))), centres
 
 
