@@ -17,7 +17,7 @@ from ..f4x_core.scene import cryptomatte, layers, stage
 from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import with_code
-from . import display, evaluated, viewport_gpu
+from . import display, evaluated, shadows, viewport_gpu
 from .axes import camera_eye, camera_lens, eye
 
 _INDEX = ("Object Index" if bpy.app.version >= (5, 0, 0) else "IndexOB", "X")
@@ -56,6 +56,9 @@ class F4X_PG_passes(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this
     )
     score: BoolProperty(  # type: ignore[valid-type]
         name="Score", description="How well the points match a query (point attribute f4x_score)"
+    )
+    unseen: BoolProperty(  # type: ignore[valid-type]
+        name="Unseen", description="Matte of what no frame of the clip shows, such as behind what was removed"
     )
 
 
@@ -177,6 +180,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         seen = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
         region, passes = _region(scene.render, self.resolution_x, self.resolution_y), _wanted(layer)
         mattes = evaluated.Mattes() if any(name.startswith(stage.MATTE) for name in passes) else None
+        more = evaluated.More(mattes, "unseen" in passes, shadows.lighting(depsgraph))
         background = None if scene.render.film_transparent else evaluated.world_color(scene.world)
 
         def progress(name: str, done: int, total: int, message: str = "") -> None:
@@ -186,7 +190,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             self.update_stats("Feature4X", f"row {done} of {total}")
 
         images = shoot(
-            self._takes(depsgraph, mattes),
+            self._takes(depsgraph, more),
             _exposure(scene, depsgraph, seen.back),
             stage.DrawSettings(seen.near, seen.far, background, mist=_mist(scene.world, seen.back)),
             passes,
@@ -198,7 +202,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             images["depth"] = np.where(there, images["depth"] - seen.back, stage.NOTHING)
         self._write(layer, images, region, mattes)
 
-    def _takes(self, depsgraph, mattes: evaluated.Mattes | None) -> Callable[[float], Take]:
+    def _takes(self, depsgraph, more: evaluated.More) -> Callable[[float], Take]:
         """What reads the scene so many frames from the one that is rendered; Blender evaluates it anew where that is another."""
         scene = depsgraph.scene
         start = shown = scene.frame_current + scene.frame_subframe
@@ -210,7 +214,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
                 whole = int(np.floor(shown))
                 self.frame_set(whole, shown - whole)
             here = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
-            clouds, surfaces = evaluated.stage(depsgraph, mattes=mattes)
+            clouds, surfaces = evaluated.stage(depsgraph, more)
             return Take(stage.as_seen(clouds, here.back), surfaces, here.camera)
 
         return take_at

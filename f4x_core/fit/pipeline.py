@@ -22,6 +22,7 @@ from ..progress import Progress, silent
 from ..raster import choose_backend
 from ..scaffold import Scaffold
 from ..scene import DynamicSet, Scene, StaticSet
+from .believed import believed_degrees, depth_evidence
 from .checkpoint import load_checkpoint
 from .config import FitConfig, resolved
 from .harmonics import GAIN_DB
@@ -97,7 +98,9 @@ class ClipFit:
             trainer.restore(state)
         trainer.run(checkpoint, settings_hash, self.progress)
         self._record("photometric", clock)
-        return replace(self.finish(trainer), priors=priors)
+        result = self.finish(trainer)
+        known = {**result.scene.provenance, "believed_degrees": _believed(priors)}
+        return replace(result, priors=priors, scene=replace(result.scene, provenance=known))
 
     def _record(self, stage: str, since: float) -> float:
         """Note the seconds of a stage; returns the time now."""
@@ -216,6 +219,15 @@ def _provenance(trainer: Trainer) -> dict[str, Any]:
         "priors": {n: {k: v for k, v in entry.items() if k not in left_out} for n, entry in priors.items()},
         "backend": choose_backend(config.backend, trainer.model.static.parameters["means"]),
     }
+
+
+def _believed(priors: Priors) -> float | None:
+    """Degrees off the path within which all of the scene can be believed, to a tenth; None where nothing tells."""
+    evidence = depth_evidence(priors)
+    if evidence is None:
+        return None
+    believed = believed_degrees(evidence)
+    return round(believed.static if believed.moving is None else min(believed.static, believed.moving), 1)
 
 
 def require_enough(clip: Clip) -> None:
