@@ -103,7 +103,7 @@ _RIGHT, _UP, _DOWN = (((None, way, None),) for way in ((1, 0, 0), (0, -1, 0), (0
 
 
 def _recoloured(rgb: Colour, mode: Any = "assign", strength: float = 1.0) -> Value:
-    return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.effect)
+    return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.coming)
 
 
 def _hued(rgb: Colour) -> Value:
@@ -116,7 +116,7 @@ _GRAYED = _hued(BLACK_AND_WHITE)
 def _assigned(rgb: Colour, strength: float = 1.0) -> Value:
     if rgb == GRAY:
         return _recoloured(BLACK_AND_WHITE, "hue", strength)
-    return lambda who, when, _: Recolour(who, rgb, strength=strength, keep_luminance=True, **when.effect)
+    return lambda who, when, _: Recolour(who, rgb, strength=strength, keep_luminance=True, **when.coming)
 
 
 def _faintly(rgb: Colour) -> Value:
@@ -134,11 +134,11 @@ def _added(times: float, more: tuple[Colour, int]) -> Value:
 
 
 def _contrasted(by: float) -> Value:
-    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.effect)
+    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)
 
 
 def _saturated(by: float) -> Value:
-    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.effect)
+    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.coming)
 
 
 def _warmed(how: Amount | None, warmer: bool) -> Value:
@@ -146,7 +146,7 @@ def _warmed(how: Amount | None, warmer: bool) -> Value:
     if kind not in (None, "small", "large", "fraction"):
         raise Mismatch
     warmth = value if kind == "fraction" else {None: WARMER, "small": WARMER / 2, "large": 2 * WARMER}[kind]
-    return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.effect)
+    return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.coming)
 
 
 def _blurred(how: Amount | None = None) -> Value:
@@ -288,14 +288,14 @@ def _looped(who: SelectKind, when: When, _: SentenceContext) -> Operation:
 
 
 def _styled(look: str, strength: float = 1.0) -> Value:
-    return lambda who, when, _: Style(who, look, strength, **when.effect)
+    return lambda who, when, _: Style(who, look, strength, **when.coming)
 
 
 def _matched(source: Who) -> Value:
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         found = source(context)
         context.last = who  # what is spoken about is the thing that changes
-        return Match(who, found, **when.effect)
+        return Match(who, found, **when.coming)
 
     return value
 

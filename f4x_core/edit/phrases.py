@@ -139,6 +139,13 @@ class When:
         return self._frames
 
     @property
+    def coming(self) -> dict[str, Any]:
+        """Fields of a change of colours, which may come little by little."""
+        if not self.slowly:
+            return self._frames
+        return {"frames": (0.0, None), **self._frames, "ease": "linear"}
+
+    @property
     def _frames(self) -> dict[str, Any]:
         if self.kind == "length":
             raise Refusal("It is said how long, not from when; add for example 'from second 1'.")
