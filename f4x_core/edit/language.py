@@ -35,7 +35,7 @@ from ..language.grammar import (
 )
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
 from ..language.times import HALF_WAY, Span, TimeExpression, span
-from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, TOPIC, Command
+from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, SAME, TOPIC, Command
 from .description import describe
 from .operations import Duplicate, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
@@ -60,12 +60,17 @@ class Clause(NamedTuple):
 _when = ~lit(",") + span
 _slowly = ~lit(",") + table(
     {
-        "slowly|gradually|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
+        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
         "(in) a gradual way|easing in and out|easing in|easing out|with "
         "(a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
         "with soft ends|eased": True
     }
 )
+_aside = ~lit(",") + lit(
+    "please|really|completely|entirely|fully|totally|simply|immediately|at once|right away|right now|nicely|neatly|properly|"
+    "altogether|as well|too|again|instead|all over|once more|suddenly|abruptly|quickly|for me|for us|there"
+)
+"""Words that add nothing, at any place between the others."""
 _between = lit("and|,|, and|but|while|, but|, while|and also")
 _afterward = lit(
     "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
@@ -82,7 +87,7 @@ _let = lit("let|have|make|get")
 
 def _telling(filled: dict[str, Any]) -> dict[str, Any]:
     """Slots that say more than who: "and the cat" alone belongs to the list before it."""
-    if filled.keys() <= {"who", "slowly", "besides"}:
+    if filled.keys() <= {"who", "slowly", "besides", "aside"}:
         raise Mismatch
     return filled
 
@@ -99,7 +104,7 @@ def _stated(verb: str) -> str:
 
 def _of(command: Command) -> Rule:
     """The clauses of a command: by its verb, of a subject, in the passive."""
-    slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides}
+    slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides, "aside": _aside}
     alone = command.bare or command.whole
     first = bag({"who": command.who, **slots}, command.needed | (frozenset() if alone else {"who"}))
     more = bag({"who": command.who, **slots}, command.needed | {"who"}) >> _telling
@@ -163,14 +168,14 @@ _filler = silent(
             "go ahead and|let us|try to|try|i want (you) to|i need you to|i would (really) like (you) to|i would love (you) to|"
             "we want (you) to|we would like to|we should|we need to|you should|you can|simply|actually|maybe|perhaps|"
             "be so kind (as) to|just|in addition|besides|additionally|after that|afterward|after this|feel free to|let me|"
-            "help me|help me to|um|uh|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile|overall|finally|clean up|:"
+            "help me|help me to|um|uh|i wish you would|i want to|i would like to|we want to|i need to|you could|would be nice to|it would be nice to|now please|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile|overall|finally|clean up|:"
         )
         | _request,
         lit(",") | NOTHING,
     )
 )
 _tail = ~lit(
-    "now|too|as well|again|also|for me|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
+    "now|too|as well|again|also|for me|any more|anymore|any longer|thank you|after all|though|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
     "overall|in total|for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
 )
 _core = either(*(_of(command) for command in COMMANDS))
@@ -322,13 +327,14 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
     return known
 
 
-_OF_ALL = ("who", "when", "later", "slowly", "besides", "stated")
+_OF_ALL = ("who", "when", "later", "slowly", "besides", "aside", "stated")
 """Slots that every command has."""
 
 
 def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) -> Iterator[Operation]:
     """The operations of clauses, each of which may follow (whether its separator is hard)."""
     front: Span | None = None
+    before: tuple[Command, dict[str, Any]] | None = None
     for *separators, clause in clauses:
         if any(separators):
             front = None
@@ -355,9 +361,16 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
                 raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
             if clause.command.make is REMARK:
                 continue
+            command = clause.command
+            if command is SAME:
+                if before is None:
+                    raise Refusal("Nothing was said before that could be done again; say what is to be done.")
+                command, piece = before[0], {**before[1], **piece}
+                own = piece.get("when")
+            before = command, piece
             topics.append(who)
             arguments = {name: value for name, value in piece.items() if name not in _OF_ALL and value is not None}
-            made = clause.command.make(**arguments)
+            made = command.make(**arguments)
             settled = When.of(own or front or last, context, "slowly" in piece)
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
