@@ -67,7 +67,7 @@ from .phrases import (
     two_of_them,
     whose,
 )
-from .selects import All, Current, Instance, Not, Or, SelectKind, Text
+from .selects import All, Current, Instance, Named, Not, Or, SelectKind, Text
 from .styles import STYLES
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
@@ -96,6 +96,8 @@ TILT = 30.0
 
 
 # Values: what follows "make the dog …" --------------------------------------------------------------------------------
+THE_COPY = Named("\0")
+"""What an operation before it makes, until that has a name."""
 UPSIDE_DOWN = (0.0, 0.0, 180.0)
 """Degrees about the camera's axes."""
 _RIGHT, _UP, _DOWN = (((None, way, None),) for way in ((1, 0, 0), (0, -1, 0), (0, 1, 0)))
@@ -187,7 +189,12 @@ def _stretched(by: float) -> Value:
 
 
 def _opacity(by: float) -> Value:
-    return lambda who, when, _: Opacity(who, round(by, PLACES), **when.effect)
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if when.slowly:
+            return _faded(by)(who, when, context)
+        return Opacity(who, round(by, PLACES), **when.effect)
+
+    return value
 
 
 def _faded(by: float, inward: bool = False) -> Value:
@@ -242,7 +249,8 @@ def _copied(
     shift: TimeExpression | None = None,
     called: str = "",
     own: tuple[Steps, Who] | None = None,
-) -> Value:
+    changed: Value | None = None,
+) -> Value | tuple[tuple[Value], ...]:
     if own is not None:
         way = own[0]
     if times != int(times):
@@ -261,6 +269,8 @@ def _copied(
         later = 0.0 if shift is None else shift.resolve(context)
         return Duplicate(who, time_shift=later, **arguments, **when.none("A copy"))
 
+    if changed is not None:
+        return (value,), (lambda who, when, context: changed(THE_COPY, when, context),)
     return value
 
 
@@ -522,6 +532,8 @@ class Command:
     """Without a thing it is for everything: "increase the contrast"."""
     bare: bool = True
     """After another command "it" may be left out: "move the dog left and turn around"."""
+    timed: bool = False
+    """With a time and without a thing it is for everything: "play the last second in slow motion"."""
 
 
 COMMANDS: list[Command] = []
@@ -539,9 +551,12 @@ def _command(
     gapped: bool = True,
     bare: bool = True,
     whole: bool = False,
+    timed: bool = False,
     **slots: Any,
 ) -> None:
-    COMMANDS.append(Command(example, verbs, make, slots, frozenset(needed.split()), who, itself, gapped, whole, bare))
+    COMMANDS.append(
+        Command(example, verbs, make, slots, frozenset(needed.split()), who, itself, gapped, whole, bare, timed)
+    )
 
 
 def _always(value: Value) -> Callable[[], Value]:
@@ -553,7 +568,7 @@ def _listed(values: tuple[tuple[Value], ...]) -> tuple[tuple[Value], ...]:
 
 
 def _values(*rules: Rule) -> Rule:
-    return listed(either(*rules), lit("and|,|, and|but|and also"))
+    return listed(either(*rules), lit("and|,|, and|but|and also|as well as|plus|but also|and then"))
 
 
 # Colours
@@ -650,7 +665,10 @@ def _more_or_less(
     )
     slots: dict[str, Any] = {"how": how, "particle": lit(particle)} if particle else {"how": how}
     needed = "particle" if particle else ""
-    _command(example, verbs, lambda how=None: made(factor(how, upward)), needed, who=who, itself=itself, **slots)
+    timed = "speed" in quality
+    _command(
+        example, verbs, lambda how=None: made(factor(how, upward)), needed, who=who, itself=itself, timed=timed, **slots
+    )
 
 
 def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
@@ -933,7 +951,7 @@ _command("remove the car", _DELETING, _delete, itself="go away|be gone|go|not be
 _command("take the car out", _SPLIT, _delete, "out", bare=False, out=_out)
 _KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
 _only = lit("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
-_only_keep = _only | lit("[only|just] [keep|show|leave|retain]")
+_only_keep = _only | lit("[i|we] [only|just] want (to see)|[i|we] want to see [only|just]|[only|just] [keep|show|leave|retain]")
 _command("keep only the dog", _KEEPING, _extract, "only", bare=False, only=_only)
 _in_colour = lit("in (full) [color|colors]|colored")
 _command(
@@ -975,7 +993,7 @@ _command(
 _command(
     "move the dog to the left",
     "move|shift|push|put|slide|bring|pull|drag|place|shove|carry|send|scoot|nudge|translate|position|drive|displace|set|get|drop|"
-    "throw|have|relocate|fly|float|slip|scooch|budge|transport|take|let|roll|haul|tow|swing|draw|tug|boost|bump",
+    "throw|have|relocate|fly|float|slip|scooch|budge|transport|take|let|haul|tow|swing|draw|tug|boost|bump",
     _moved,
     "way",
     itself="move|go|slide|shift|jump|float|drift|come|fly|glide|wander|roll|hop|step|travel|drive|walk|hover|swim|be",
@@ -1069,8 +1087,8 @@ _shift = either(
     _lagging
     + duration
     + lit("later|behind|late|after|after [it|the original]|behind [it|the original]|afterward|delayed|in the future"),
-    lit("(but) delayed by|(but) with a delay of|(but) lagging (behind) by|(but) trailing (behind) by") + duration,
-    lit("with a") + duration + lit("delay"),
+    lit("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by") + duration,
+    lit("with a") + duration + lit("delay|lag"),
     _lagging + duration + lit("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
 )
@@ -1084,7 +1102,9 @@ _ways_beside = {
     "to the left of|left of": (-1, 0, 0), "above|over|on top of": (0, -1, 0), "below|under|beneath": (0, 1, 0),
 }  # fmt: skip
 _own = table(_ways_beside) + thing >> (lambda way, who: (((None, way, None),), who))
+_another_size = ~lit(",") + ~lit("but|and|only|that is|at") + either(_size_value, _sized, _brightness_value, _opacity_value, ~lit("in") + _colour_value)
 _beside: dict[str, Any] = {
+    "changed": _another_size,
     "own": _own,
     "way": ~lit(",") + steps,
     "far": ~lit(",") + _apart | distance,
@@ -1104,18 +1124,33 @@ _ADDING = "make|create|add|put|place|give me|insert|produce|generate|set|have|ge
 _how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("times|x")
 _command("copy the dog", "copy|duplicate|clone|replicate|make copies of|make a copy of", _copied, times=_how_often, **_beside)
 _command("put a copy of the car to the left", _ADDING, _copied, "times", bare=False, times=_copies, **_beside)
-_LETTING = "|".join(
-    f"{let} {copy} {verb}"
-    for let in ("let", "have", "make")
-    for copy in ("a copy", "a clone", "a duplicate", "another one", "a second one")
-    for verb in ("follow", "trail", "chase")
+_command(
+    "make a smaller copy of the dog to the right", _ADDING, _copied, "changed", bare=False, gapped=False,
+    **(_beside | {"changed": lit("a|another") + either(_size_value, _sized, _colour_value, _brightness_value) + lit("copy|clone|duplicate") + lit("of")}),
 )
+TRAIL_COPIES, TRAIL_LAG = 3.0, 0.2
+"""Copies of a trail, and seconds from one to the next."""
+_followers = either(
+    lit("a|another|one") + lit("copy|clone|duplicate|second one") >> (lambda: 1.0),
+    lit("another one|a second one") >> (lambda: 1.0),
+    number + ~lit("ghost|ghostly|faint") + lit("copies|clones|duplicates|ghosts"),
+    ~lit("some|a few") + lit("copies|clones|ghosts") >> (lambda: TRAIL_COPIES),
+)
+
+
+def _trailing(times: float, shift: TimeExpression | None = None) -> Value | tuple[tuple[Value], ...]:
+    return _copied(times=times, shift=TimeExpression(seconds=TRAIL_LAG) if shift is None else shift)
+
+
 _command(
     "let a copy follow the dog half a second behind",
-    _LETTING,
-    _copied,
-    "shift",
+    "let|have|make|add|put",
+    _trailing,
+    "times follow",
     bare=False,
+    gapped=False,
+    times=_followers,
+    follow=lit("follow|trail|chase|[run|drive|come|walk|go] [behind|after]|that [follow|follows|trail] (behind)|following|trailing (behind)|behind"),
     shift=_shift | ~lit("by|with") + duration,
     path=lit("along (its|the same) path|on (its|the same) path"),
 )
@@ -1129,6 +1164,7 @@ _command(
     "stop the dog at frame 30",
     "stop|freeze|pause|hold|halt|immobilize|stop moving",
     _always(_frozen),
+    timed=True,
     itself=f"stop|freeze|pause|halt|{_STANDING}",
     still=_still,
 )
@@ -1138,9 +1174,10 @@ _command(
     "play|run|show|put|set|render|play back|replay|move|drive|do",
     _listed,
     "values",
+    timed=True,
     itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
     values=_values(
-        multiple >> _retimed,
+        number + lit("x") >> _retimed,
         ~lit("in|at") + _pace,
         _backward,
         lit("in") + _coloured,
@@ -1156,6 +1193,7 @@ _command(
     "loop the dog from second 1 to 2",
     "loop|repeat|cycle|replay",
     _loop,
+    timed=True,
     who=_part_of,
     itself="loop|repeat",
     again=_on_and_on,
@@ -1171,6 +1209,7 @@ _given = _values(
     _given_look,
     _same_colour,
     _opacity_value,
+    lit("a coat of") + colour + lit("paint") >> _assigned,
     ~lit("a|an") + colour + lit("color|look|coloring|paint job|coat of paint|paint") >> _assigned,
     _tint + lit("tint|tinge|touch") >> _faintly,
     ~lit("a|an") + colour + lit("hue") >> _hued,
@@ -1343,10 +1382,6 @@ _command(
     behind=_behind,
     shift=_shift | ~lit("by|with") + duration,
 )
-TRAIL_COPIES, TRAIL_LAG = 3.0, 0.2
-"""Copies of a trail, and seconds from one to the next."""
-
-
 def _trailed(count: float = TRAIL_COPIES) -> Value:
     return _copied(times=count, shift=TimeExpression(seconds=TRAIL_LAG))
 

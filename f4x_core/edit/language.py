@@ -35,7 +35,7 @@ from ..language.grammar import (
 )
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
 from ..language.times import HALF_WAY, Span, TimeExpression, span
-from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, SAME, TOPIC, Command
+from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, SAME, THE_COPY, TOPIC, Command
 from .description import describe
 from .operations import Duplicate, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
@@ -127,6 +127,11 @@ def _of(command: Command) -> Rule:
                 >> (lambda pieces, rest: pieces + tuple(one for (one,) in rest))
             )
         if command.gapped:
+            elsewhen = bag(slots, command.needed | {"when"}) >> (lambda filled: {**filled, "later": True})
+            ways.append(
+                phrase + listed(_between + elsewhen, NOTHING)
+                >> (lambda pieces, rest: pieces + tuple(one for (one,) in rest))
+            )
             others = _between + listed(more, _between) >> (lambda pieces: tuple(piece for (piece,) in pieces))
             ways.append(phrase + others >> (lambda pieces, rest: pieces + rest))
     subject = command.who
@@ -135,7 +140,8 @@ def _of(command: Command) -> Rule:
         states = table({"|".join(map(_stated, command.itself.split("|"))): None}, reserve=False)
         ways += [
             subject + states + own >> of_subject,
-            _let + subject + ~lit("to") + itself >> of_subject,
+            _let + subject + optional(_slowly, False) + ~lit("to") + itself
+            >> (lambda who, slowly, filled: ({**filled, "who": who} | ({"slowly": True} if slowly else {}),)),
             subject + _modal + optional(_slowly, False) + itself
             >> (lambda who, slowly, filled: ({**filled, "who": who} | ({"slowly": True} if slowly else {}),)),
             _want + subject + ~lit("to") + itself >> of_subject,
@@ -285,6 +291,7 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | COLOURS.keys() | SHADES.keys() | parts
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
+        describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
         if token.is_word and not describes and not {token.text, singular(token.text)} & lexicon:
             meant = misspelt(token.text, parts) or (None if understood else misspelt(token.text, lexicon))
             if meant:
@@ -347,7 +354,8 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
                 own = _about(clause.front.start, own)
             elif own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
-            if clause.command.whole and "who" not in piece:
+            nobody = context.last is None and "when" in piece and clause.command.timed
+            if "who" not in piece and (clause.command.whole or nobody):
                 context.last = All()
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
             if who is None:
@@ -375,7 +383,9 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
             for operation in operations:
-                if isinstance(operation, Duplicate):
+                if operation.select == THE_COPY:
+                    operation = replace(operation, select=context.last)
+                elif isinstance(operation, Duplicate):
                     operation, topics[-1] = context.copied(operation)
                 yield operation
         context.they = together(topics) if topics else None
@@ -421,13 +431,14 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 _ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
 """Word -> verb of `f4x` that does it."""
+_last = Rule(lambda reading, at: {at: ()} if at >= len(reading.tokens) or not reading.tokens[at].is_word else {})
 _DOUBTFUL = (
     (
         lit("only [after|from|until|before|between|during|for|since|while]"),
         "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'.",
     ),
     (
-        lit("put [it|him|her|them|this|that] back"),
+        lit("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~lit("again|please") + _last,
         "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
     ),
 )

@@ -26,7 +26,7 @@ from ..language.grammar import (
     tokenise,
 )
 from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, singular, word_set
-from ..language.times import END, Clip, Span
+from ..language.times import END, START, Clip, Span
 from .operations import Duplicate
 from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
 
@@ -109,6 +109,8 @@ class When:
 
     slowly: bool = False
     """It is said to come little by little."""
+    edge: tuple[float, float | None] | None = None
+    """The second that "at the beginning" or "at the end" means for what is in effect for a while."""
 
     @classmethod
     def of(cls, phrase: Span | None, context: SentenceContext, slowly: bool = False) -> When:
@@ -127,14 +129,17 @@ class When:
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
         kind = "moment" if phrase.kind == "from" else phrase.kind
-        return cls((float(start), None if end is None else float(end)), kind, slowly)
+        second, edge = min(context.fps, last), None
+        if phrase.kind == "moment" and phrase.start in (START, END):
+            edge = (0.0, float(second)) if phrase.start == START else (float(max(last - context.fps, 0)), None)
+        return cls((float(start), None if end is None else float(end)), kind, slowly, edge)
 
     @property
     def effect(self) -> dict[str, Any]:
         """Field `frames` of what is in effect for a while."""
         if self.slowly:
             raise Refusal("That cannot come little by little: it is there or not; leave 'slowly' out.")
-        return self._frames
+        return self._frames if self.edge is None else {"frames": self.edge}
 
     @property
     def _frames(self) -> dict[str, Any]:

@@ -155,6 +155,7 @@ span = either(
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
     ~lit("from (the) [start|beginning]") + lit("until|before|up to|up until|not after") + moment >> (lambda end: Span(START, end)),
+    lit("by") + (_numbered | _counted) >> (lambda end: Span(START, end)),
     ~lit("only|just") + _just_then + lit("only|alone") >> (lambda start: Span(start, start)),
     lit("only|just") + _just_then >> (lambda start: Span(start, start)),
     _leading,
