@@ -352,8 +352,8 @@ _brightness_value = (
 _contrast_value = comparison("punchier|crisper", "flatter", "contrasty|contrastful|punchy|contrasted", "flat") >> _contrasted
 _saturation_value = (
     comparison(
-        "more saturated|richer|livelier",
-        "duller|less saturated|paler",
+        "more saturated|richer|livelier|stronger|bolder|more intense",
+        "duller|less saturated|paler|weaker",
         "saturated|vivid|colorful|vibrant|intense|rich|lively|colored",
         "desaturated|muted|dull|washed out|pale|faded",
     )
@@ -383,7 +383,7 @@ _blur_value = ~lit("go") + either(optional(_softly) + _blurry >> _blurred, _blur
 _glow_value = (
     optional(_softly) + lit("glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow") + ~lit("in") + optional(colour) >> _glowing
 )
-_size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale")) >> _scaled
+_size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale|height|width|length")) >> _scaled
 _slow_motion = lit("(in) (a) slow motion|go slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
 _paced = either(
     fraction_of("speed|pace|tempo|rate|velocity"),
@@ -574,7 +574,7 @@ def _values(*rules: Rule) -> Rule:
 # Colours
 _into = ~lit("to|into|in")
 _coloured = _colour_value | _without_colour
-_command("make the dog red", "make|render|have|get", _listed, "values", values=_values(_made, lit("gone") >> _always(_deleted)))
+_command("make the dog red", "make|render|have|get", _listed, "values", values=_values(_made, lit("in") + _coloured, lit("gone") >> _always(_deleted)))
 _command(
     "turn the dog into gold",
     "turn|change|convert|transform|switch|set|put|throw",
@@ -785,7 +785,8 @@ for _kind, _words, _made_by in (
         _more >> (lambda how, upward, made=_made_by: made(factor(how, upward))),
         table({"no": 0.0}) + lit(_words) >> _made_by,
     )
-    _command(f"give the dog more {_kind}", "give", _listed, "values", who=~lit("to") + thing, values=_values(_how_much))
+    _command(f"give the dog more {_kind}", "give", _listed, "values", who=~lit("to") + thing,
+             itself="need|have|get|show", values=_values(_how_much))
     _command(
         f"add more {_kind} to the dog",
         "add|put|use|apply|have|give",
@@ -947,7 +948,7 @@ _out = lit("out|away|off|out of [there|here|sight]|from sight|from view|[out of|
 _delete, _extract = _always(_deleted), _always(_extracted)
 _command("remove everything except the dog", _DELETING, _extract, who=everything_but)
 _command("take out everything except the dog", _SPLIT, _extract, "out", who=everything_but, out=_out)
-_command("remove the car", _DELETING, _delete, itself="go away|be gone|go|not be there|not be visible|get lost|leave", bare=False)
+_command("remove the car", _DELETING, _delete, itself="go away|be gone|go|not be there|not be visible|get lost", bare=False)
 _command("take the car out", _SPLIT, _delete, "out", bare=False, out=_out)
 _KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
 _only = lit("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
@@ -1068,6 +1069,11 @@ _command(
     itself=_TILTING, how=degree, sense=_sense,
 )
 
+_command(
+    "rotate the dog a little to the left", f"{_ROTATING}|turn", lambda how, sense=1: _rotated(15.0 if how.kind == "small" else 120.0, sense),
+    "how", itself=f"{_ROTATING}|turn", how=degree, sense=_sense,
+)
+
 # Copies
 _lagging = (
     ~lit(",") + ~lit("but|that is|which is|by") + ~lit("delayed|lagging|trailing|starting|running|runs") + ~lit("by")
@@ -1158,6 +1164,7 @@ _command("add another dog", _ADDING, _copied, "times", bare=False, times=_others
 _command("another copy of the dog", "", _copied, "times", bare=False, times=_copies | _others, **_beside)
 
 # Time
+_motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
 _still = lit("still|in place|in [the|its|his|her|their] tracks|in mid [air|flight|jump|step|stride|motion|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing still|there")
 _STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|stay in place|not move|stand"
 _command(
@@ -1174,6 +1181,7 @@ _command(
     "play|run|show|put|set|render|play back|replay|move|drive|do",
     _listed,
     "values",
+    who=_motion,
     timed=True,
     itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
     values=_values(
@@ -1184,11 +1192,12 @@ _command(
         _a_look,
     ),
 )
-_in_time = lit("in time|the motion of|the movement of")
-_command("reverse the car", "reverse|rewind|play back to front|run in reverse", _always(_reversed), itself="reverse|rewind", in_time=_in_time)
+_in_time = lit("in time")
+_command("reverse the car", "reverse|rewind|play back to front|run in reverse", _always(_reversed), itself="reverse|rewind", who=_motion,
+         timed=True, in_time=_in_time)
 _on_and_on = lit("again and again|over and over (again)|endlessly|repeatedly|in a loop|on loop|on repeat")
 _loop = _always(_looped)
-_part_of = ~lit("of|for|with") + thing
+_part_of = ~lit("of|for|with") + _motion
 _command(
     "loop the dog from second 1 to 2",
     "loop|repeat|cycle|replay",
@@ -1204,7 +1213,7 @@ _command("play the dog in a loop from second 1 to 2", "play|run|show|put", _loop
 _given = _values(
     ~lit("a|an|some")
     + either(_warmth_value, _brightness_value, _saturation_value, _contrast_value)
-    + lit("tone|tones|look|feel|color|colors|light|appearance|mood"),
+    + lit("tone|tones|look|feel|color|colors|light|appearance|mood|tint|touch|cast|atmosphere"),
     known_thing + lit("'s|'") + lit("color|colors|coloring|look|appearance") >> _matched,
     _given_look,
     _same_colour,

@@ -265,12 +265,16 @@ def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         worn += [end + 1 for end in colour.at(reading, start) for _ in _stranger_at(reading, end)]
         worn += list(colour.at(reading, start)) if start == middle + 1 and reading.word(middle) == "in" else []
         for end in dict.fromkeys(worn):
-            if reading.word(end - 1) not in _SHADES_OF_IT:
+            hue = reading.word(middle) == "in" and end in colour.at(reading, start)
+            if hue or singular(reading.word(end - 1)) in _WORN:
                 yield end, f"{label} {reading.text_of(middle, end).lower()}"
 
 
-_SHADES_OF_IT = word_set("shadow shadows reflection reflections copy")
-"""What goes along with a thing and is not worn by it."""
+_WORN = word_set(
+    "hat cap helmet shirt jacket coat dress sweater jersey pullover hoodie scarf trousers jeans shorts pants skirt suit uniform vest "
+    "boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail horn collar top t tie mask belt sock"
+)
+"""What somebody is told by: of "the dog with the cat" nobody knows whether it is one thing or two."""
 
 
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -308,7 +312,7 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 _several = silent(generated(lambda reading, at: ((end, x) for end, x in number_at(reading, at) if x >= 2)))
 _article = lit(
-    "the|a|an|this|that|these|those|my|our|your|its|his|her|their|some|every|each|any|all|all (of) [the|these|those|my]|both|"
+    "the|a|an|this|that|these|those|my|our|your|its|his|her|their|every|each|any|all|all (of) [the|these|those|my]|both|"
     "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
 )
 _determiner = either(_article + ~_several, _several)
@@ -490,7 +494,7 @@ _they = lit(
 ) >> (lambda: lambda context: context.they or context.it("'they'"))
 COPY = "copy"
 """The name by which "the copy" is selected after "copy the dog"."""
-_copy = lit("[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the new one|the second one") >> (
+_copy = lit("[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the new one") >> (
     lambda: _the_copy
 )
 

@@ -113,6 +113,7 @@ def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -
     plain = table({positives: True, opposites: False})
     more = either(compared, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
     so = ~lit("just|about") + lit("as") + plain + ~(lit("as") + ~lit("it|they|he|she|that|this") + lit("is|are|was|were|before|now"))
+    more = more + ~lit("than [before|now|it is|it was|they are]")
     return either(
         optional(amount) + more >> factor,
         more + amount >> (lambda upward, how: factor(how, upward)),
@@ -133,7 +134,7 @@ ITS = "its|their|his|her|the|the original|its own|their own|its original|its cur
 def fraction_of(quality: str) -> Rule:
     """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
     noun = ~lit("of") + ~lit(ITS) + lit(quality)
-    return either(multiple, percent) + noun
+    return either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0})) + noun
 
 
 # Which way -----------------------------------------------------------------------------------------------------------

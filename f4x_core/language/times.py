@@ -107,9 +107,10 @@ _part_way = either(
 _counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
 _inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
 _measured = either(~lit("exactly|about|around") + number + _unit + ~lit(f"{_inside}|mark|have [passed|elapsed]|are over"), lit("the") + number + _unit + lit("mark|point")) >> _times
+_more_than_one = ~lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit))
 _fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
 _numbered = ~lit("the") + number + lit("th|st|nd|rd") + lit("frame") >> (lambda x: TimeExpression(frames=x))
-moment = either(_edge, _numbered, _counted, _measured, _fraction_moment, _clock, _part_way)
+moment = either(_edge, _more_than_one, _numbered, _counted, _measured, _fraction_moment, _clock, _part_way)
 _to = lit("to|-|until|up to|through|and|thru")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),

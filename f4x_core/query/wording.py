@@ -84,7 +84,7 @@ _LEAVE = (
 )
 _YOU = r"(?:you|i|we|one|anybody|anyone|somebody|someone)"
 _CAN_SEE = rf"(?:do|can|could) {_YOU}"
-_DO = r"(?:does|do|did|is|are|was|were|has|have|will)"
+_DO = r"(?:does|do|did|is|are|was|were|has|have)"
 _IS = r"(?:is|are|was|were)"
 _START = r"(?:(?:start|begin|stop|finish|cease|end|continue)(?:s|ing)? ?(?:to )?)?"
 _WHO = r"(?P<who>.+?)"
@@ -299,7 +299,7 @@ FORMS: tuple[tuple[str, str], ...] = (
         rf"(?:along |on |which|what|describe|tell me)? ?(?:what |which )?(?:the )?(?:path|route|trajectory|course|track|way) (?:{_DO} {_WHO} (?:take|follow|{_MOVE} along)|of (?P<who2>.+?))",
     ),
     ("path", rf"what is {_WHO}'s (?:path|route|trajectory|course)|how {_DO} (?P<who2>.+?) {_MOVE}{_WAY}"),
-    ("where", rf"how (?:far|near|close)(?: away)? {_IS} {_WHO}(?: away)?{_US}"),
+    ("distance", rf"how (?:far|near|close)(?: away)? {_IS} {_WHO}(?: away)?{_US}"),
     ("size", rf"how (?:big|large|small|long|tall|wide|high) {_DO} {_WHO}(?: (?:appear|look|seem))?{_IN}"),
     (
         "size",
@@ -346,7 +346,7 @@ FORMS: tuple[tuple[str, str], ...] = (
         "where",
         rf"(?:what is )?(?:the )?(?:position|location|place|whereabouts) of {_WHO}|(?:what is )?(?P<who2>.+?)'s (?:position|location|place)|where (?P<who3>.+?) is",
     ),
-    ("where", rf"{_IS} {_WHO} (?:near|nearby|close|far|far away){_US}|how far away {_IS} (?P<who2>.+?)"),
+    ("where", rf"{_IS} {_WHO} (?:near|nearby|close|far|far away){_US}"),
     (
         "polar side",
         rf"{_IS} (?:there )?{_WHO} (?:on|at|to|in) the (?P<side>left|right|middle|center|centre)"
