@@ -322,6 +322,7 @@ KINDS = {
     "when_moves": {"motion"}, "moving": {"motion"}, "happens": {"things", "motion", "does"}, "list": {"things"},
     "duration": {"long"}, "when_visible": {"seen", "always", "seeing", "enter", "leave"}, "direction": {"way"},
     "travelled": {"far"}, "speed": {"fast"}, "present": {"seen"}, "when_stops": {"motion", "stops"}, "still": {"still"},
+    "moves": {"motion", "stops"}, "where": {"where", "side"},
 }  # fmt: skip
 
 
