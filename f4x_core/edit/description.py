@@ -165,7 +165,9 @@ def _(operation: Loop) -> str:
 
 @_sentence.register
 def _(operation: Style) -> str:
-    return _coming(operation, f"make {whom(operation.select)} look {_slightly(operation.strength)}like {operation.look}")
+    return _coming(
+        operation, f"make {whom(operation.select)} look {_slightly(operation.strength)}like {operation.look}"
+    )
 
 
 @_sentence.register

@@ -459,17 +459,21 @@ _ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "u
 """Word -> verb of `f4x` that does it."""
 _either = either(lit("either"), silent(familiar) + lit("or") + ~lit("the|a|an") + silent(familiar))
 _last = Rule(lambda reading, at: {at: ()} if at >= len(reading.tokens) or not reading.tokens[at].is_word else {})
+_SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
+_ONLY_WHEN = lit(
+    "only [after|from|until|before|between|during|for|since|while]|"
+    "only [in|at|on|over|within] (the) [first|last|second|frame|frames|seconds|beginning|end|middle]"
+)
 _DOUBTFUL = (
-    (
-        lit("only [after|from|until|before|between|during|for|since|while|in|at|on|over|within] (the) [first|last|second|frame|frames|seconds|beginning|end|middle]|only [after|from|until|before|between|during|for|since|while]"),
-        "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'.",
-    ),
     (
         lit("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~lit("again|please") + _last,
         "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
     ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
-    (lit("some [of|other]|any of|a few (of)"), "Which of them is not said; say for example 'the left one' or 'all of them'."),
+    (
+        lit("some [of|other]|any of|a few (of)"),
+        "Which of them is not said; say for example 'the left one' or 'all of them'.",
+    ),
 )
 """Phrases that can be meant in two ways, and what is asked instead of doing either."""
 _UNKNOWN_WAYS = (

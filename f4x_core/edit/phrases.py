@@ -105,7 +105,7 @@ class When:
     frames: tuple[float, float | None] | None = None
     """None: no time is given."""
     kind: str = "range"
-    """As in `Span`; `end`: the last second, for "at the end"."""
+    """As in `Span`."""
 
     slowly: bool = False
     """It is said to come little by little."""
@@ -139,14 +139,14 @@ class When:
         """Field `frames` of what is in effect for a while."""
         if self.slowly:
             raise Refusal("That cannot come little by little: it is there or not; leave 'slowly' out.")
+        if self.kind == "by" and self.frames is not None:  # blue by second 2: from then on for sure
+            return {"frames": (self.frames[1], None)}
         return self._frames if self.edge is None else {"frames": self.edge}
 
     @property
     def coming(self) -> dict[str, Any]:
         """Fields of a change of colours, which may come little by little."""
-        if not self.slowly:
-            return self._frames
-        return {"frames": (0.0, None), **self._frames, "ease": "linear"}
+        return {"frames": (0.0, None), **self._frames, "ease": "linear"} if self.slowly else self.effect
 
     @property
     def _frames(self) -> dict[str, Any]:
@@ -171,9 +171,9 @@ class When:
     def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:
         """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""
         frames, last = self.frames, context.frames - 1
-        if self.kind == "moment" and frames is not None and inward and frames[0] == 0:
-            frames = (0.0, float(min(context.fps, last)))
-        elif frames is None or (self.kind not in ("range", "end") and not self.slowly):
+        if self.kind == "moment" and frames is not None and frames[0] == (0 if inward else last):
+            frames = (0.0, float(min(context.fps, last))) if inward else (float(max(last - context.fps, 0)), None)
+        elif frames is None or (self.kind not in ("range", "by") and not self.slowly):
             return self._frames
         return self._frames | {"frames": frames, "ease": "linear"}
 
@@ -181,8 +181,6 @@ class When:
         """Fields of a freeze."""
         if self.frames is None:
             return {"at": float(context.frame)}
-        if self.kind == "end":
-            return {"at": context.frames - 1.0}
         return {"at": self.frames[0]} | ({} if self.frames[1] is None else {"until": self.frames[1]})
 
     def none(self, what: str) -> dict[str, Any]:
@@ -270,7 +268,9 @@ def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         if reading.word(middle) not in ("in", "with", "wearing"):
             continue
         start = middle + 1 + (reading.word(middle + 1) in ("the", "a", "an", "his", "her", "their", "its"))
-        worn = [end for end, _ in (*_known_at(reading, start), *_modified_at(reading, start), *_stranger_at(reading, start))]
+        worn = [
+            end for end, _ in (*_known_at(reading, start), *_modified_at(reading, start), *_stranger_at(reading, start))
+        ]
         worn += [end + 1 for end in colour.at(reading, start) for _ in _stranger_at(reading, end)]
         worn += list(colour.at(reading, start)) if start == middle + 1 and reading.word(middle) == "in" else []
         for end in dict.fromkeys(worn):
@@ -503,9 +503,9 @@ _they = lit(
 ) >> (lambda: lambda context: context.they or context.it("'they'"))
 COPY = "copy"
 """The name by which "the copy" is selected after "copy the dog"."""
-_copy = lit("[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the new one") >> (
-    lambda: _the_copy
-)
+_copy = lit(
+    "[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the new one"
+) >> (lambda: _the_copy)
 
 
 def _the_copy(context: SentenceContext) -> SelectKind:
@@ -533,7 +533,9 @@ _current = either(
 _PICTURE = PICTURE
 _everything = silent(
     either(
-        lit("everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|thing]"),
+        lit(
+            "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|thing]"
+        ),
         lit(
             f"(the) [whole|entire|full|complete] [{_PICTURE}|thing]|[the|this|my|our] [{_PICTURE}]|all of the [{_PICTURE}]"
         ),

@@ -84,7 +84,7 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"put a copy of \g<x> \g<rest> it",
     ),
     # Time
-    (rf"^(?P<rest>.+?),? (?:and )?(?:ease|easing) (?:in and out|in|out|it)$", r"smoothly \g<rest>"),
+    (r"^(?P<rest>.+?),? (?:and )?(?:ease|easing) (?:in and out|in|out|it)$", r"smoothly \g<rest>"),
     (rf"^speed ramp(?:ing)?(?::|,)? {_REST}$", r"smoothly \g<rest>"),
 )  # fmt: skip
 _PATTERNS = tuple((re.compile(pattern, re.IGNORECASE), said) for pattern, said in _REWRITINGS)

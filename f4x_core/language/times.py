@@ -53,7 +53,8 @@ class Span(NamedTuple):
     end: TimeExpression | None
     """None: open."""
     kind: str = "range"
-    """`moment`, `from`: only the start is given, at or since which it is; `length`: only the length; `always`."""
+    """`moment`, `from`: only the start is given, at or since which it is; `by`: only when it is done; `length`: only the length;
+    `always`."""
 
 
 _unit = table(
@@ -77,11 +78,11 @@ duration = either(
     lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit)),
     fraction + lit("of a|of an|of one") + _unit >> _times,
 )
-_WHOLE = "clip|video|scene|film|movie|footage|shot|sequence|recording"
+_whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
 _edge = table(
     {
-        f"the (very) [beginning|start|first frame|outset] (of the [{_WHOLE}])|start|beginning": START,
-        f"the (very) [end|last frame|finish] (of the [{_WHOLE}])|end": END,
+        f"the (very) [beginning|start|first frame|outset] (of the [{_whole}])|start|beginning": START,
+        f"the (very) [end|last frame|finish] (of the [{_whole}])|end": END,
         "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
     }
 )
@@ -91,7 +92,6 @@ _clock = either(
     number + lit(":") + number + lit(":") + number >> (lambda h, m, s: TimeExpression(seconds=3600 * h + 60 * m + s)),
     number + lit(":") + number + ~lit("minutes") >> (lambda m, s: TimeExpression(seconds=60 * m + s)),
 )
-_whole = _WHOLE
 _through = lit("(of the way) [through|in|into|along]|of the way") + ~lit(f"the (whole) [{_whole}]|it")
 _of_it = lit(f"of the [{_whole}]|of it")
 _part_way = either(
@@ -109,11 +109,27 @@ _part_way = either(
 _counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
 _frame_number = lit("frame") + ~lit("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
 _inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
-_measured = either(~lit("exactly|about|around") + number + _unit + ~lit(f"{_inside}|mark|have [passed|elapsed]|are over"), lit("the") + number + _unit + lit("mark|point")) >> _times
+_measured = either(number + _unit + ~lit(f"{_inside}|mark"), lit("the") + number + _unit + lit("mark|point")) >> _times
 _more_than_one = ~lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit))
-_fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
-_numbered = ~lit("the") + number + lit("th|st|nd|rd") + lit("frame") >> (lambda x: TimeExpression(frames=x))
-moment = either(_edge, _more_than_one, _numbered, _counted, _measured, _fraction_moment, _clock, _part_way)
+_fraction_moment = table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times
+_nth = either(
+    number + lit("th|st|nd|rd|the"),  # "the" is what "th" is spelt as
+    table(
+        {
+            word: float(n)
+            for n, word in enumerate(["first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth"], 1)
+        }
+    ),
+)
+_numbered = ~lit("the") + number + either(lit("th|st|nd|rd"), lit("th|st|nd|rd|the") + lit("frame")) >> (
+    lambda x: TimeExpression(frames=x)
+)
+_before_end = duration + lit(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
+    lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
+)
+_second_over = lit("the") + _nth + lit("second") + ~lit("is over|has passed") >> (lambda n: TimeExpression(seconds=n))
+"""What is after the second second is after two seconds."""
+moment = either(_edge, _more_than_one, _numbered, _counted, _before_end, _measured, _fraction_moment, _clock, _part_way)
 _to = lit("to|-|until|up to|through|and|thru")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),
@@ -128,11 +144,16 @@ _length = either(duration, optional(number, 1.0) + _unit >> _times)
 _first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") + _length
 _last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
 _onward = ~lit("on|onward|forward|and on|and onward|on out|and later|or later")
-_since = lit("from|after|since|as of|once|only [from|after]|not before|beginning|starting|from (about) after|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past")
-_at = lit("at|in|on|once we reach|when we reach|around|exactly at|right at|when|as soon as")
-_before_end = duration + lit(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
-    lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
+_since = lit(
+    "from|after|since|as of|once|not before|beginning|from (about) after|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
 )
+_middle_point = lit(f"the middle (of the [{_whole}])") >> (lambda: HALF_WAY)
+_reaches = "[we|it] [reach|reaches]|the [clip|video|film|scene] [reaches|is at|gets to]"
+_at = lit(
+    f"at|@|in|on|[once|when|as soon as] {_reaches}|around|exactly at|right at|when|as soon as".replace(
+        _reaches, "we reach"
+    )
+) | (lit("once|when|as soon as") + lit(_reaches))
 _bare = either((duration | number + _unit >> _times) + lit(_inside), _part_way, _before_end, _frame_number)
 """Moments that need no word before them: "two seconds in"."""
 _has_passed = (
@@ -146,12 +167,19 @@ _since_then = either(
 _just_then = (_at + moment | _bare) + _onward
 _begin = _since_then | _just_then
 _for = lit("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
-_part = table({"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4, "fifth": 0.2, "tenth": 0.1, "two thirds": 2 / 3, "three quarters": 0.75}) + ~lit(f"of the [{_whole}]")
-_within = ~lit("for|in|during|over|within|throughout|only [in|during|for]") + lit("the")
+_part = table(
+    {
+        "half": 1 / 2,
+        "third": 1 / 3,
+        "quarter": 1 / 4,
+        "fifth": 0.2,
+        "tenth": 0.1,
+        "two thirds": 2 / 3,
+        "three quarters": 0.75,
+    }
+) + ~lit(f"of the [{_whole}]")
+_within = ~lit("for|in|during|over|within|throughout") + lit("the")
 _leading = _within + lit("first") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
-_middle = ~lit("for|in|during|over|within") + lit("the middle") + _part >> (
-    lambda x: Span(TimeExpression(clip=(1 - x) / 2), TimeExpression(clip=(1 + x) / 2))
-)
 _closing = _within + lit("last|final") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
 _central = _within + lit("middle|central") + either(_part >> (lambda x: TimeExpression(clip=x)), _length) >> (
     lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))
@@ -174,12 +202,13 @@ span = either(
     _begin + _comma + _for >> _lasting,
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
-    ~lit("from (the) [start|beginning]") + lit("until|before|up to|up until|not after") + moment >> (lambda end: Span(START, end)),
-    lit("by") + (_numbered | _counted) >> (lambda end: Span(START, end)),
+    ~lit("from (the) [start|beginning]") + lit("until|before|up to|up until|not after") + (moment | _middle_point)
+    >> (lambda end: Span(START, end)),
+    lit("by") + (_numbered | _counted) >> (lambda end: Span(START, end, "by")),
+    lit("before|until") + lit("the") + _nth + lit("second") >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
     ~lit("only|just") + _just_then + lit("only|alone") >> (lambda start: Span(start, start)),
     lit("only|just") + _just_then >> (lambda start: Span(start, start)),
     _leading,
-    _middle,
     _closing,
     _second_half,
     _central,
@@ -190,8 +219,8 @@ span = either(
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|the whole time|[for|during|throughout|over] the [whole|entire] [clip|video|time]|"
-            "throughout (the [clip|video|scene])|forever|the [entire|whole] way|for good|permanently|the whole way through|from start to finish|from (the) beginning to (the) end": Span(
+            "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|scene]|"
+            "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|for good|permanently|the whole way through|from start to finish|from (the) beginning to (the) end": Span(
                 START, None, "always"
             )
         }
