@@ -34,6 +34,10 @@ CLICKED, JUDGED = (0, 6), (0, 4, 8, 11)
 """Frames that are clicked, one after the other, and those in which the selections are judged."""
 MIN_PIXELS = 40
 """A thing with fewer visible pixels is neither clicked nor judged in a frame."""
+MIN_DEPTH = 3.0
+"""Pixels from a thing's outline to its innermost pixel at least; of one that is hidden but for less no hand would hit the rest."""
+ROUND = 0.4
+"""Standard deviation of a Gaussian in distances of its surface's points: closed, and not much wider than the surface."""
 WANTED = 0.85
 """IoU that a click shall have."""
 
@@ -130,7 +134,9 @@ def true_scene(world: World) -> tuple[Scene, np.ndarray]:
     count = sum(len(body.xyz) for body in still)
     static = StaticSet(ids=np.arange(count), **_splats(still))
     if not movers:
-        scene = Scene(name=world.name, static=static, dynamic=DynamicSet.empty(), scaffold=None, cameras=world.cameras, fps=24.0)
+        scene = Scene(
+            name=world.name, static=static, dynamic=DynamicSet.empty(), scaffold=None, cameras=world.cameras, fps=24.0
+        )
         return scene, labels
     owner = np.repeat(np.arange(len(movers), dtype=np.int32), [len(body.xyz) for body in movers])
     dynamic = DynamicSet(
@@ -156,7 +162,7 @@ def _splats(bodies: list[Body]) -> dict[str, np.ndarray]:
     xyz = np.concatenate([body.at(0.0) for body in bodies]).astype(np.float32)
     colour = np.concatenate([body.colour(body.xyz, np.zeros_like(body.xyz)) for body in bodies])
     apart = np.concatenate(
-        [np.full(len(body.xyz), np.sqrt(_area(body) / len(body.xyz)) * 0.6) for body in bodies]
+        [np.full(len(body.xyz), ROUND * np.sqrt(_area(body) / len(body.xyz))) for body in bodies]
     ).astype(np.float32)
     return {
         "means": xyz,
@@ -180,7 +186,11 @@ def _nodes(world: World, movers: list[Body]) -> Scaffold:
     middles = [body.xyz.mean(0) for body in movers]
     moved = np.array(
         [
-            [body.motion(middle + axes, time / max(times[-1], 1)) for body, middle in zip(movers, middles, strict=True) if body.motion]
+            [
+                body.motion(middle + axes, time / max(times[-1], 1))
+                for body, middle in zip(movers, middles, strict=True)
+                if body.motion
+            ]
             for time in times
         ]
     )  # (T,M,4,3)
@@ -214,6 +224,8 @@ def clicks(world: World, scene: Scene) -> Iterator[tuple[str, int, float]]:
             if mask.sum() < MIN_PIXELS:
                 continue
             deep = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+            if deep.max() < MIN_DEPTH:
+                continue
             y, x = np.unravel_index(deep.argmax(), deep.shape)
             found = select_by_points(scene, [(x + 0.5, y + 0.5)], frame)
             overlaps = []
