@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import F4xError
 from ..language.lexicon import spellings
 from ..query.inventory import is_calibrated, labels_of, select_word
+from ..query.knowledge import refuse_evidence_of_another, refuse_unknown
 from ..query.labels import BACKGROUND, Encode
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
@@ -70,8 +71,10 @@ def by_labels(
     rivals = len(labels) > 1 and not is_calibrated(scene)
     found = {}
     for label in labels:
+        refuse_unknown(scene, label, encode)
         against = [*(negatives or ()), *(other for other in labels if other != label)] if rivals else negatives
         found[label] = select_word(scene, label, against, threshold, encode=encode, span=span)
+        refuse_evidence_of_another(scene, label, found[label], encode)
     return found
 
 

@@ -14,6 +14,7 @@ from ..query.connected_objects import part_of, pick_object, split_objects, width
 from ..query.inventory import labels_of, nearest_there
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
+from ..query.knowledge import refuse_unknown
 from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
 from ..query.selection import Selection, fingerprint
@@ -204,6 +205,7 @@ class Resolver:
             return self.selection(scene, replace(text, labels=labels)).chosen
 
         for label, head in heads.items():
+            refuse_unknown(scene, label, self.encode)
             if names_another(label) and label not in known:
                 raise Absent(unknown_label(scene, label, known, text_head(scene).spec.text_encoder or ""))
             if (head or self._before is not None) and not meant(head or label).any():
