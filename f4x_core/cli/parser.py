@@ -380,7 +380,7 @@ def _doctor(verbs: Verbs) -> None:
 def _bench(verbs: Verbs) -> None:
     """`f4x bench`."""
     sub = add_verb(verbs, "bench", "Speed against error of the kernels on this machine; needs a checkout.")
-    sub.add_argument("what", choices=("raster", "deform", "features", "edit", "scale"))
+    sub.add_argument("what", choices=("raster", "deform", "features", "edit", "select", "scale"))
     sub.add_argument("--clips", type=int, default=8, metavar="N", help="small clips that are fitted, 0 to 8 (scale)")
     sub.add_argument(
         "--long",
@@ -399,11 +399,31 @@ def _bench(verbs: Verbs) -> None:
     sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
     sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
     sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")
-    sub.add_argument("--scene", type=path_argument, help="scene whose answers or edits are measured (features, edit)")
     sub.add_argument(
-        "--masks", type=path_argument, metavar="DIR", help="true masks, one for each clip frame (features, edit)"
+        "--scene",
+        type=path_argument,
+        help="scene whose answers, edits or selections are measured (features, edit, select)",
     )
-    sub.add_argument("--label", metavar="WORD", help="what the masks show (features, edit)")
+    sub.add_argument(
+        "--masks",
+        type=path_argument,
+        metavar="DIR",
+        help="true masks, one for each clip frame (features, edit, select)",
+    )
+    sub.add_argument("--label", metavar="WORD", help="what the masks show (features, edit, select)")
+    sub.add_argument(
+        "--things",
+        type=path_argument,
+        metavar="FILE",
+        help="outlines of things that stand, tests/data/static_things.json (select)",
+    )
+    sub.add_argument(
+        "--seeds",
+        type=int,
+        default=3,
+        metavar="N",
+        help="made-up scenes of each kind, where no --scene is given (select)",
+    )
     sub.add_argument(
         "--truth",
         type=path_argument,

@@ -23,8 +23,8 @@ from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.inventory import nearest_there
 from ..query.labels import Encode, encode_labels, words_of
-from ..query.pixels import coverage_image, heat_map, mask_video
 from ..query.marks import Box, Mark, Point
+from ..query.pixels import coverage_image, heat_map, mask_video
 from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
 from ..query.questions import Answer, answer, ask_features
 from ..query.score import THRESHOLD

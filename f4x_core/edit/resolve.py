@@ -12,9 +12,9 @@ from ..errors import F4xError
 from ..language.compounds import head_of, names_another
 from ..query.connected_objects import part_of, pick_object, split_objects, width_along
 from ..query.inventory import labels_of, nearest_there
+from ..query.knowledge import refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
-from ..query.knowledge import refuse_unknown
 from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
 from ..query.selection import Selection, fingerprint

@@ -21,7 +21,7 @@ from ..scene.view import render
 from .chat import ChatServer, image_part
 from .inventory import find, labels_of, nearest_there, things_there
 from .knowledge import unknown_kind
-from .labels import Encode, text_head
+from .labels import Encode
 from .measures import Comparison, Measured, measure, times_of
 from .not_deleted import not_deleted
 from .pixels import head_map

@@ -495,14 +495,10 @@ def test_what_lies_mostly_under_a_stroke_is_held(monkeypatch):
     stroke = Brush(0, True, [[3, 3], [5, 5]])
     pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 2.01, 0]]})
     assert pointed.asked(stroke) == [2, 3, 4]
-    apart = np.eye(6, dtype=int)[5] * 2.01
-    pointed = Pointed(
-        monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 0, 0] + apart]}, piece=np.array([0, 0, 1, 2])
-    )
+    piece = np.array([0, 0, 1, 2])
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 0, 2.01]]}, piece)
     assert pointed.asked(stroke) == [2, 3, 5]
-    pointed = Pointed(
-        monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 0, 0] + apart - 0.02]}, piece=np.array([0, 0, 1, 2])
-    )
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 0, 1.99]]}, piece)
     assert pointed.asked(stroke) == [2, 3]
 
 

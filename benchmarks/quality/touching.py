@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
 
 from f4x_core.geometry import quaternion, spherical_harmonics
+from f4x_core.progress import Progress, silent
 from f4x_core.query.pixels import coverage_image
 from f4x_core.query.prompts import select_by_points
 from f4x_core.query.score import overlap
@@ -22,14 +24,11 @@ from f4x_core.scaffold import Scaffold
 from f4x_core.scene import DynamicSet, Scene, StaticSet
 from f4x_core.scene.view import render
 
-from ..study import Context, Row, Table
-from .toy_worlds import Body, Motion, Rectangle, World, box, sheet, texture
+from ..studies.toy_worlds import Body, Motion, Rectangle, World, box, sheet, texture
 
 SCENES = ("slide", "cross", "ride", "bump", "table")
 """Two that slide along each other; three that cross and hide each other; one that rides on another; one that drives into another
 and pushes it along; five that stand on a table and touch."""
-QUICK_SEEDS, FULL_SEEDS = 2, 6
-"""Seeds of each."""
 SIZE, FRAMES = (160, 90), 12
 """Pixels and frames of the clips."""
 CLICKED, JUDGED = (0, 6), (0, 4, 8, 11)
@@ -40,8 +39,6 @@ MIN_DEPTH = 3.0
 """Pixels from a thing's outline to its innermost pixel at least; of one that is hidden but for less no hand would hit the rest."""
 ROUND = 0.4
 """Standard deviation of a Gaussian in distances of its surface's points: closed, and not much wider than the surface."""
-WANTED = 0.85
-"""IoU that a click shall have."""
 
 
 CALM = 0.35
@@ -242,24 +239,15 @@ def clicks(scene: Scene, truth: dict[int, dict[str, np.ndarray]]) -> Iterator[tu
             yield label, frame, float(np.mean(overlaps))
 
 
-def measure_touching(context: Context) -> tuple[list[Table], list[str]]:
-    """One click on each thing of the scenes that judge."""
-    rows: list[Row] = []
-    for kind in SCENES:
+def score_clicks(seeds: int, progress: Progress = silent) -> list[dict[str, Any]]:
+    """A row for each kind of scene: `scene`, number of `clicks`, mean `IoU` and `worst IoU`, over so many odd seeds."""
+    rows = []
+    for number, kind in enumerate(SCENES):
         found = []
-        for seed in range(1, 2 * context.choose(QUICK_SEEDS, FULL_SEEDS), 2):
+        for seed in range(1, 2 * seeds, 2):
+            progress("touching", number * seeds + seed // 2, seeds * len(SCENES), kind)
             world = touching_world(kind, seed)
             scene, labels = true_scene(world)
             found += [value for *_, value in clicks(scene, drawn_things(world, scene, labels))]
-        rows.append(
-            {
-                "scene": kind,
-                "clicks": len(found),
-                "IoU": float(np.mean(found)),
-                "worst IoU": min(found),
-                f"at least {WANTED}": float(np.mean(np.array(found) >= WANTED)),
-            }
-        )
-    table = Table("clicks", rows, "Rendered scenes with true labels and motion, no fit; odd seeds, no constant was chosen on them.")
-    notes = [f"{row['scene']}: one click has IoU {row['IoU']:.2f}, at worst {row['worst IoU']:.2f}." for row in rows]
-    return [table], notes
+        rows.append({"scene": kind, "clicks": len(found), "IoU": float(np.mean(found)), "worst IoU": min(found)})
+    return rows
