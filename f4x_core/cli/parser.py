@@ -198,22 +198,32 @@ def _open(verbs: Verbs) -> None:
     sub.add_argument("--degrees", type=float, default=5.0, help="how far aside the page lets look (default: 5)")
 
 
+def _stroke_options(sub: argparse.ArgumentParser) -> None:
+    """Marks that are lines."""
+    sub.add_argument("--brush", metavar="'X,Y X,Y …'", help="stroke on the thing, through these pixels; with --frame")
+    sub.add_argument(
+        "--brush-width", type=float, default=0.0, metavar="PX", help="width of the stroke (default: a point's)"
+    )
+    sub.add_argument("--lasso", metavar="'X,Y X,Y …'", help="line around the thing, through these pixels; with --frame")
+
+
 def _query(verbs: Verbs) -> None:
     """`f4x query`."""
     sub = add_verb(
-        verbs, "query", "Select what a word, a point, a box, these together, or a mask means: Gaussians and masks."
+        verbs, "query", "Select what words and marks on a frame mean, alone or together: Gaussians and masks."
     )
     sub.add_argument("scene", type=path_argument)
     edits_option(sub)
     sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
     sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
     sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
-    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with --point or --box")
+    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with a mark on the thing")
     sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
+    _stroke_options(sub)
     sub.add_argument(
         "--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame"
     )
-    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the point, box or mask, from 0")
+    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the marks, from 0")
     sub.add_argument("--threshold", type=float, default=0.5, metavar="P", help="least score, 0 to 1 (default: 0.5)")
     sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
     output_option(sub, help="write DIR/selection.json, DIR/mask/00000.png …, DIR/heat.mp4")
@@ -232,10 +242,11 @@ def _name(verbs: Verbs) -> None:
     sub.add_argument(
         "--click", dest="point", metavar="X,Y", help="pixel on the thing, from the upper left corner; with --frame"
     )
-    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with --click or --box")
+    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with a mark on the thing")
     sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
+    _stroke_options(sub)
     sub.add_argument("--mask", type=path_argument, metavar="FILE", help="picture, not black on the thing; with --frame")
-    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the click, box or mask, from 0")
+    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the marks, from 0")
     backend_option(sub)
 
 
