@@ -65,13 +65,14 @@ def by_labels(
     span: tuple[float, float] | None = None,
 ) -> dict[str, Selection]:
     """Label -> whom it means by the feature field; several labels are weighed against each other where scores are relative."""
+    for label in labels:
+        refuse_unknown(scene, label, encode)
     if negatives is None and len(labels) > 1:  # one of them is nothing that another is weighed against
         forms = {form for label in labels for form in spellings(label)}
         negatives = [label for label in labels_of(scene) if label.lower() in {*BACKGROUND} - forms]
     rivals = len(labels) > 1 and not is_calibrated(scene)
     found = {}
     for label in labels:
-        refuse_unknown(scene, label, encode)
         against = [*(negatives or ()), *(other for other in labels if other != label)] if rivals else negatives
         found[label] = select_word(scene, label, against, threshold, encode=encode, span=span)
         refuse_evidence_of_another(scene, label, found[label], encode)

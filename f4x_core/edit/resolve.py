@@ -129,6 +129,8 @@ class Resolver:
         """The scored selection of words, at their threshold."""
         key = (not_deleted(scene).tobytes(), replace(text, threshold=THRESHOLD))
         if key not in self._found:
+            for label in text.labels:
+                refuse_unknown(scene, label, self.encode)
             self._found[key] = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
         # Being the best label says no more than a majority would, so it is not enough where more is asked for.
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)
@@ -205,7 +207,6 @@ class Resolver:
             return self.selection(scene, replace(text, labels=labels)).chosen
 
         for label, head in heads.items():
-            refuse_unknown(scene, label, self.encode)
             if names_another(label) and label not in known:
                 raise Absent(unknown_label(scene, label, known, text_head(scene).spec.text_encoder or ""))
             if (head or self._before is not None) and not meant(head or label).any():
