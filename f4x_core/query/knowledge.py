@@ -8,10 +8,11 @@ import numpy as np
 
 from ..errors import F4xError
 from ..features.null import null_vector
+from ..language.lexicon import spellings
 from ..scene import Scene
 from .calibration import evidence
 from .inventory import known_instead, nearest_there
-from .labels import Encode, ask_for, text_head
+from .labels import BACKGROUND, Encode, ask_for, text_head
 from .score import cosines
 from .selection import Selection
 from .smoothing import group_of
@@ -24,9 +25,10 @@ _PEOPLE = (
     r"|cyclists?|pilots?|doctors?|cooks?|chefs?|brides?|grooms?|students?|kings?|queens?|boss(?:es)?|friends?|pedestrians?"
 )
 _SURFACES = (
-    r"road|street|pavement|sidewalk|tarmac|asphalt|concrete|gravel|ground|floor|soil|dirt|mud|sand|beach|desert|grass|lawn|meadow"
-    r"|fields?|carpet|marble|tiles?|sky|ceiling|shadows?"
+    r"street|pavement|sidewalk|tarmac|asphalt|concrete|gravel|ground|soil|dirt|mud|beach|desert|lawn|meadow|fields?|carpet|marble"
+    r"|tiles?|ceiling|shadows?"
 )
+"""Without those of `labels.BACKGROUND`, which compete with one another for what no thing takes."""
 _DRAWN = (
     r"(?:cartoon|drawn|painted|animated|low-poly|clip-?art|comic)(?: .+)?"
     r"|(?:drawing|painting|sketch|cartoon|picture|photo|image)s?(?: of .+)?"
@@ -69,7 +71,8 @@ def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encod
     head = text_head(scene)
     encoder = head.spec.text_encoder or ""
     null = null_vector(encoder)
-    if null is None or not found.chosen.any() or encoder not in scene.require_field().vocabularies:
+    surface = not {*spellings(label)}.isdisjoint(BACKGROUND)  # what no thing takes: evidence plays no part
+    if surface or null is None or not found.chosen.any() or encoder not in scene.require_field().vocabularies:
         return
     labels, vectors = scene.require_field().vocabulary(encoder)
     asked = ask_for(scene, [label], [], encode=encode).vectors[:1]
