@@ -134,7 +134,9 @@ def copy_examples(made: Path, output: Path) -> None:
         digest, name = line.split("  ", 1)
         content = (made / name).read_bytes() if (made / name).is_file() else b""
         if hashlib.sha256(content).hexdigest() != digest:
-            raise ReleaseError(f"{made / name} is not what was made there; python3 scripts/dev.py examples makes it anew.")
+            raise ReleaseError(
+                f"{made / name} is not what was made there; python3 scripts/dev.py examples makes it anew."
+            )
         (output / name).write_bytes(content)
 
 
