@@ -7,16 +7,16 @@ as a clip of one's own would be. The same machine makes the same .f4x again; Ble
 
 import argparse
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from PIL import Image
 
 from f4x_core.clip.rendered_scenes import EXAMPLES
-from f4x_core.scene import read_scene
+from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.formats.web import write_page
 
 from .release import SUMS, write_sums
@@ -48,8 +48,9 @@ def run_in(folder: Path, *command: str) -> None:
 
 def finish(demo: Path, scene: Path) -> None:
     """From the folder of a demo: the scene, and beside it its page, picture and Blender file."""
-    shutil.copyfile(demo / "scene.f4x", scene)
-    write_page(read_scene(scene), scene.with_suffix(".html"))
+    named = replace(read_scene(demo / "scene.f4x"), name=scene.stem)  # the demo calls every clip "clip"
+    write_scene(named, scene)
+    write_page(named, scene.with_suffix(".html"))
     Image.open(demo / "contact_sheet.png").convert("RGB").save(scene.with_suffix(".jpg"), quality=QUALITY)
     blend = scene.with_suffix(".blend").name
     run_in(scene.parent, str(ROOT / "scripts" / "import_scene.py"), scene.name, blend)

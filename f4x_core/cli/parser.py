@@ -506,7 +506,7 @@ def _demo(verbs: Verbs) -> None:
     film = sub.add_mutually_exclusive_group()
     film.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
     film.add_argument(
-        "--scene", default="procedural", metavar="NAME", help="which rendered one: rolling, meeting, swinging, …"
+        "--scene", default="procedural", metavar="NAME", help="which rendered one: driving, meeting, swinging, …"
     )
     output_option(sub, default=Path("demo"), help="default: demo")
     clip_options(sub)
