@@ -10,6 +10,7 @@ from . import (
     job_operators,
     jobs,
     motion_operators,
+    native_motion,
     operators,
     panel,
     panel_overlay,
@@ -37,7 +38,16 @@ CLASSES = (
     *panel.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
-STARTED = (render_engine, panel_properties, gesture_operators, display, edit_operators, panel_overlay, rig_repair)
+STARTED = (
+    render_engine,
+    panel_properties,
+    gesture_operators,
+    display,
+    edit_operators,
+    panel_overlay,
+    rig_repair,
+    native_motion,
+)
 
 
 def _draw_import(self, context) -> None:
