@@ -133,6 +133,7 @@ def look() -> float:
         switch_on()
     for item in bpy.context.scene.objects if wanted else ():
         if _is_off(item) and _carries(item) is None:  # a node was deleted
+            _off.discard(item.session_uid)
             item.modifiers[MOTION].show_viewport = True
         switch_off(item)
     return GLANCE
