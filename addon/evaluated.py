@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -34,6 +34,8 @@ _READERS = (
     "GeometryNodeObjectInfo",
 )
 """Nodes that hand on geometry as it is."""
+OF = "f4x_of"
+"""Property of a mesh that was made of Gaussians: their ids. The engine draws the Gaussians and not the mesh."""
 SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
@@ -77,6 +79,8 @@ class More(NamedTuple):
     """Where those are wanted."""
     unseen: bool = False
     """Whether Gaussians are to say that no frame of their clip shows them."""
+    lit: Callable[[bpy.types.Object, Cloud], Cloud] | None = None
+    """What gives the cloud of an evaluated object its light."""
 
 
 def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[list[Cloud], list[Surface]]:
@@ -91,6 +95,7 @@ def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[lis
         if item.type == "POINTCLOUD":
             cloud = _cloud(item.data, to_world, item.pass_index)
             if cloud is not None:
+                cloud = more.lit(item, cloud) if more.lit else cloud
                 ids = mattes.of_points(item.original, item.data) if mattes else {}
                 unseen = _unseen(item.original, item.data) if more.unseen else {}
                 clouds.append(replace(cloud, key=key, mattes=ids, layers={**cloud.layers, **unseen}))
@@ -122,7 +127,7 @@ def _visible(
         if item.type != "POINTCLOUD" and item.type not in SOLID:
             continue
         owner = (instance.parent or item).original
-        hidden = not instance.show_self or not item.visible_camera
+        hidden = not instance.show_self or not item.visible_camera or OF in item.original
         if not hidden and (view is None or owner.visible_in_viewport_get(view)):
             yield instance, item, owner
 

@@ -41,7 +41,7 @@ from .gaussian_attributes import FITTED_FOCAL, write_appearance, write_places
 from .motion_edits import mark_keyed
 from .motion_nodes import MOTION, build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
-from .rig_repair import add_identity
+from .rig_repair import add_identity, add_pairs
 from .scaffold_rig import add_graph, add_nodes, layer_of
 from .scene_object import PATH, SELECTED, SceneObject
 from .sequence import add_sequence, check_size
@@ -218,17 +218,8 @@ def _add_motion(name, scene: Scene, dynamic, collection, root) -> None:
         write_attribute(dynamic.data, f"pair_{k}", "INT", pairs.index[:, k])
         write_attribute(dynamic.data, f"w_{k}", "FLOAT", gaussians.weight[:, k])
 
-    mesh = bpy.data.meshes.new(f"{name} pairs")
-    mesh.vertices.add(len(pairs.node))
-    rest = quaternion.normalize(scaffold.quat[pairs.reference, pairs.node])
-    write_attribute(mesh, "node", "INT", pairs.node)
-    write_attribute(mesh, "rest_turn", "QUATERNION", quaternion.conjugate(rest))
-    write_attribute(mesh, "rest_place", "FLOAT_VECTOR", scaffold.xyz[pairs.reference, pairs.node])
-    add_identity(mesh, scaffold.ids[pairs.node], pairs.reference)
-    helper = _add_object(mesh.name, mesh, collection)
-    helper.parent = root
-    helper.hide_viewport = helper.hide_render = True
-
+    rest = scaffold.quat[pairs.reference, pairs.node], scaffold.xyz[pairs.reference, pairs.node]
+    helper = add_pairs(f"{name} pairs", root, (pairs.node, scaffold.ids[pairs.node]), pairs.reference, rest)
     curves = scene.curves if isinstance(scene, EditedScene) else scaffold
     assert curves is not None
     nodes = add_nodes(name, curves, scene.cameras.times, collection, root)

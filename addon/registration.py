@@ -9,6 +9,7 @@ from . import (
     gesture_operators,
     job_operators,
     jobs,
+    meshes,
     motion_operators,
     native_motion,
     operators,
@@ -19,6 +20,7 @@ from . import (
     query_operators,
     render_engine,
     rig_repair,
+    shadows,
     sphere_gizmo,
 )
 
@@ -36,6 +38,8 @@ CLASSES = (
     *edit_operators.CLASSES,
     *motion_operators.CLASSES,
     *panel.CLASSES,
+    *shadows.CLASSES,
+    *meshes.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
 STARTED = (
@@ -47,6 +51,8 @@ STARTED = (
     panel_overlay,
     rig_repair,
     native_motion,
+    shadows,
+    meshes,
 )
 
 

@@ -17,7 +17,7 @@ from ..f4x_core.scene import cryptomatte, layers, stage
 from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import with_code
-from . import display, evaluated, viewport_gpu
+from . import display, evaluated, shadows, viewport_gpu
 from .axes import camera_eye, camera_lens, eye
 from .render_settings import ENGINE
 
@@ -181,7 +181,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         seen = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
         region, passes = _region(scene.render, self.resolution_x, self.resolution_y), _wanted(layer)
         mattes = evaluated.Mattes() if any(name.startswith(stage.MATTE) for name in passes) else None
-        more = evaluated.More(mattes, "unseen" in passes)
+        more = evaluated.More(mattes, "unseen" in passes, shadows.lighting(depsgraph))
         background = None if scene.render.film_transparent else evaluated.world_color(scene.world)
 
         def progress(name: str, done: int, total: int, message: str = "") -> None:

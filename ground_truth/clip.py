@@ -28,7 +28,7 @@ from ..addon.render_settings import save_multilayer, save_png
 from ..f4x_core.clip.rendered_motion import camera_poses
 from ..f4x_core.clip.rendered_scenes import RenderedScene
 from ..f4x_core.errors import F4xError
-from .field import build_field
+from .field import build_bodies, build_field
 from .nodes import FPS, key_linear, keyed_times
 from .room import build_deforming_subject, build_room, import_walker
 from .truth import render_frames, use_passes, write_facts
@@ -108,8 +108,12 @@ def write_clip(folder: Path, settings: ClipSettings) -> None:
 def _build(settings: ClipSettings) -> dict[int, Matrix]:
     """Everything but the cameras; returns the clip camera's poses."""
     spec, count = settings.scene, settings.count
-    if spec.setting in ("field", "yard"):
-        build_field(spec, count, settings.seed)
+    if spec.setting in ("field", "yard", "room"):
+        if spec.setting == "room":
+            build_room(np.random.default_rng(settings.seed))
+            build_bodies(spec, count)
+        else:
+            build_field(spec, count, settings.seed)
         times = np.array(keyed_times(count))
         positions, targets = camera_poses(spec, times / max(count - 1, 1), settings.seed)
         return {int(t): _looking_at(Vector(p), Vector(q)) for t, p, q in zip(times, positions, targets, strict=True)}

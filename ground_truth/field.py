@@ -34,7 +34,7 @@ SKY = ("6f9fd8", "d9e6ee")
 
 
 def build_field(spec: RenderedScene, frames: int, seed: int) -> None:
-    """Ground, sky, hills, wall, props and bodies of `spec`; bodies are keyed for `frames` frames."""
+    """Ground, sky, hills, wall, props and bodies of `spec`."""
     random = np.random.default_rng([seed, spec.look, 3])
     first = int(random.integers(1000))
     _build_sky(first)
@@ -48,6 +48,11 @@ def build_field(spec: RenderedScene, frames: int, seed: int) -> None:
     for number in range(spec.props):
         prop = _prop(number, spec, random)
         _place(_solid(f"prop {number}", prop, STATIC_INDEX), prop)
+    build_bodies(spec, frames)
+
+
+def build_bodies(spec: RenderedScene, frames: int) -> None:
+    """The bodies of `spec`, keyed for `frames` frames."""
     for number, body in enumerate(spec.bodies):
         if body.way is None:
             _place(_solid(f"body {number}", body, STATIC_INDEX), body)

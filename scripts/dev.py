@@ -42,6 +42,7 @@ VERBS = {
     "elsewhere": "the core on linux-arm64 (QEMU), windows (Wine) and macos (looked at, not run); all, or those that are named",
     "results": "docs/results.md and the figures in documents from benchmarks/results/, after taking over the report in DIR, if any",
     "mutants": "formulas of a ROOM (fit, scaffold, …; none: the report's five) broken by mutmut, and which no test notices",
+    "examples": "three rendered clips, fitted, as scenes, pages and Blender files, in DIR (build/examples)",
     "docs": "the documentation site with pages of all docstrings, links checked, in build/site",
     "release": "wheels, extensions, source, notes and checksums from the last commit, in -o DIR; then tries them",
     "setup": "only make .venv, install what is pinned, and build the native kernel",
@@ -218,6 +219,8 @@ def main() -> int:
         return coverage()
     if args.verb == "kernels":
         return kernels(args.options)
+    if args.verb == "examples":
+        return run(["-m", "scripts.examples", *args.options])
     if args.verb == "results":
         return run(["-m", "benchmarks.publication", *args.options])
     if args.verb == "mutants":

@@ -1,8 +1,9 @@
 """Make everything that a release gives away, from the last commit alone: `python3 scripts/dev.py release [-o DIR]`.
 
 DIR (dist) then holds: a wheel for each platform, `extensions/` with a zip for each platform and the `index.json` of a repository
-that Blender can be pointed at, one zip for all platforms, the source archive, NOTES.md from CHANGELOG.md, and SHA256SUMS.
-The same commit makes the same bytes: ziglang compiles all libraries, and dates are the commit's.
+that Blender can be pointed at, one zip for all platforms, the source archive, `examples/` (from build/examples, made there if need
+be), NOTES.md from CHANGELOG.md, and SHA256SUMS. The same commit makes the same bytes: ziglang compiles all libraries, and dates are
+the commit's; examples are copied as they lie there.
 """
 
 import argparse
@@ -26,7 +27,7 @@ from .build_extension import builder
 
 ROOT = Path(__file__).resolve().parents[1]
 TAG = f"v{VERSION}"
-ALL, REPOSITORY, NOTES, SUMS = "all-platforms", "extensions", "NOTES.md", "SHA256SUMS"
+ALL, REPOSITORY, EXAMPLES, NOTES, SUMS = "all-platforms", "extensions", "examples", "NOTES.md", "SHA256SUMS"
 """Names in the folder of the release."""
 
 
@@ -122,6 +123,23 @@ def make_extensions(release: Release) -> None:
     release.run(script, "-o", str(release.output / ALL))
 
 
+def copy_examples(made: Path, output: Path) -> None:
+    """Copy the example scenes that lie in `made`, with those files that `SUMS` there tells.
+
+    Raises:
+        ReleaseError: a file is not what it was when they were made.
+    """
+    output.mkdir()
+    for line in (made / SUMS).read_text(encoding="utf-8").splitlines():
+        digest, name = line.split("  ", 1)
+        content = (made / name).read_bytes() if (made / name).is_file() else b""
+        if hashlib.sha256(content).hexdigest() != digest:
+            raise ReleaseError(
+                f"{made / name} is not what was made there; python3 scripts/dev.py examples makes it anew."
+            )
+        (output / name).write_bytes(content)
+
+
 def write_sums(output: Path) -> None:
     """SHA256SUMS of all files, as `sha256sum -c` reads it."""
     files = sorted(file for file in output.rglob("*") if file.is_file() and file.name != SUMS)
@@ -153,6 +171,10 @@ def make(output: Path) -> None:
         print("wheels and extensions …", flush=True)
         make_wheels(release)
         make_extensions(release)
+    if not (ROOT / "build" / EXAMPLES / SUMS).is_file():
+        print("example scenes (half an hour, the first time) …", flush=True)
+        subprocess.run([sys.executable, "-m", "scripts.examples"], cwd=ROOT, check=True)
+    copy_examples(ROOT / "build" / EXAMPLES, output / EXAMPLES)
     (output / NOTES).write_text(notes, encoding="utf-8")
     write_sums(output)
 

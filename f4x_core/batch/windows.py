@@ -97,7 +97,7 @@ def fit_shot(
     `read(start, end)` gives those frames as a clip. Every window leaves its scene in `folder/windows`; with `resume` finished
     ones are kept. F4xError where settings, pictures or the windows before are not what they were.
     """
-    paths, picked, times = [], [], np.zeros(shot.end - shot.start)
+    paths, picked, believed, times = [], [], [], np.zeros(shot.end - shot.start)
     previous: PreviousWindow | None = None
     for number, (start, end) in enumerate(shot.windows):
         place = folder / "windows" / f"{number:03d}"
@@ -109,6 +109,7 @@ def fit_shot(
         scene, next_node = _fit_window(clip, place, config, previous, part_progress, resume)
         paths.append(place / "scene.f4x")
         picked.append(clip.picked.split(":"))
+        believed.append(scene.provenance.get("believed_degrees"))
         if number + 1 < len(shot.windows):
             previous = PreviousWindow(scene, shot.windows[number + 1][0] - start, next_node)
             # One lens films all windows, and their colours are of one degree.
@@ -119,6 +120,7 @@ def fit_shot(
     joined = join_scenes((read_scene(path) for path in paths), local, config.backend, progress, times)
     provenance = {name: value for name, value in joined.provenance.items() if name != "window"}
     provenance |= {"windows": local, "frames": ":".join([picked[0][0], *picked[-1][1:]])}
+    provenance["believed_degrees"] = min((degrees for degrees in believed if degrees is not None), default=None)
     need = {
         "what": "windows",
         "chosen": str(len(shot.windows)),

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from ..clip import Clip
+from ..clip.rendered_scenes import ALL, scenes_named
 from ..clip.video import write_video
 from ..errors import F4xError
 from ..evaluation.contact_sheet import contact_sheet
@@ -76,7 +77,10 @@ def run_demo(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if rendered:
         if args.frames is not None:
             raise F4xError("--frames chooses from your own video; give --clip VIDEO with it.")
-        render_clip(folder / "clip", DemoClip(seed=args.seed), progress)
+        if args.scene == ALL:
+            raise F4xError(f"--scene {ALL}: the demo makes one scene; name one.")
+        scenes_named([args.scene])  # an unknown name is refused before anything is rendered
+        render_clip(folder / "clip", DemoClip(args.scene, seed=args.seed), progress)
         args.clip = str(folder / "clip" / "images")
     clip = clip_of(args, progress)
     fitted = fit_to_folder(clip, folder, config, progress, resume=False)

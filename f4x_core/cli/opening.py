@@ -23,7 +23,7 @@ from ..scene.formats.web import PageOptions, write_page
 
 def run_open(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Write a scene as one HTML page and show it in the browser, or only write it."""
-    if not 0 <= args.degrees < 90:
+    if args.degrees is not None and not 0 <= args.degrees < 90:
         raise F4xError(f"--degrees {args.degrees:g}: give a number from 0 to below 90.")
     scene = _scene_of(args)
     words = [word.strip() for word in (args.word or "").split(",") if word.strip()]

@@ -10,6 +10,7 @@ from .. import __version__
 from ..errors import F4xError
 from ..fit.distil_config import DistilConfig
 from ..scene.formats import FORMATS
+from ..scene.mesh import MeshConfig
 from .checks import path_argument
 from .options import (
     WIDTH,
@@ -21,6 +22,7 @@ from .options import (
     fit_options,
     output_option,
     path_options,
+    prompt_options,
 )
 
 
@@ -188,6 +190,40 @@ def _export(verbs: Verbs) -> None:
     moments.add_argument("--frames", metavar="A:B:S", help="first frame, end and step (default: all frames)")
 
 
+def _mesh(verbs: Verbs) -> None:
+    """`f4x mesh`."""
+    sub = add_verb(
+        verbs,
+        "mesh",
+        "Write a mesh around a thing, moved by its nodes, for shadows, contact and holdouts in other programs.",
+    )
+    sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
+    output_option(sub, "FILE.glb", required=True)
+    sub.add_argument(
+        "--select", type=path_argument, metavar="FILE", help="the selection.json of `f4x query SCENE … -o DIR`"
+    )
+    prompt_options(sub)
+    sub.add_argument(
+        "--time", type=float, metavar="T", help="clip frame whose shape it is (default: where most is there)"
+    )
+    sub.add_argument(
+        "--faces", type=int, default=MeshConfig.faces, metavar="N", help="triangles at most (default: 20000)"
+    )
+    sub.add_argument(
+        "--resolution",
+        type=int,
+        default=MeshConfig.resolution,
+        metavar="N",
+        help="steps along the longest side (default: 96)",
+    )
+    sub.add_argument(
+        "--level", type=float, default=MeshConfig.level, metavar="A", help="opacity at the surface (default: 0.5)"
+    )
+    sub.add_argument("--hollows", action="store_true", help="keep the walls of hollows inside, such as those of a room")
+    backend_option(sub)
+
+
 def _open(verbs: Verbs) -> None:
     """`f4x open`."""
     sub = add_verb(verbs, "open", "Show a scene in the browser, without Blender: one HTML page that plays.")
@@ -195,7 +231,11 @@ def _open(verbs: Verbs) -> None:
     edits_option(sub)
     sub.add_argument("--write", type=path_argument, metavar="FILE", help="only write the page there")
     sub.add_argument("--word", metavar="WORD[,WORD]", help="buttons that colour what these words mean")
-    sub.add_argument("--degrees", type=float, default=5.0, help="how far aside the page lets look (default: 5)")
+    sub.add_argument(
+        "--degrees",
+        type=float,
+        help="how far aside the page lets look (default: as far as the scene can be believed, or 5 where that is not known)",
+    )
 
 
 def _query(verbs: Verbs) -> None:
@@ -205,16 +245,7 @@ def _query(verbs: Verbs) -> None:
     )
     sub.add_argument("scene", type=path_argument)
     edits_option(sub)
-    sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
-    sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
-    sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
-    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with --point or --box")
-    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
-    sub.add_argument(
-        "--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame"
-    )
-    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the point, box or mask, from 0")
-    sub.add_argument("--threshold", type=float, default=0.5, metavar="P", help="least score, 0 to 1 (default: 0.5)")
+    prompt_options(sub)
     sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
     output_option(sub, help="write DIR/selection.json, DIR/mask/00000.png …, DIR/heat.mp4")
     path_options(sub)
@@ -450,7 +481,11 @@ def _report(verbs: Verbs) -> None:
 def _demo(verbs: Verbs) -> None:
     """`f4x demo`."""
     sub = add_verb(verbs, "demo", "A short rendered clip (or your own) all the way to a Blender file.")
-    sub.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
+    film = sub.add_mutually_exclusive_group()
+    film.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
+    film.add_argument(
+        "--scene", default="procedural", metavar="NAME", help="which rendered one: rolling, meeting, swinging, …"
+    )
     output_option(sub, default=Path("demo"), help="default: demo")
     clip_options(sub)
     fit_options(sub)
@@ -465,6 +500,7 @@ VERBS = (
     _eval,
     _info,
     _export,
+    _mesh,
     _open,
     _query,
     _name,

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..geometry import quaternion
 from ..geometry.interpolation import interpolate
-from .rendered_scenes import CameraMove, RenderedScene, Way
+from .rendered_scenes import CameraMove, RenderedScene, Swing, Way
 
 GRAVITY = 9.81  # metres per second squared
 RESTITUTION = 0.45  # speed after a bounce, of that before it
@@ -62,10 +62,12 @@ def body_poses(way: Way, corners: np.ndarray, times: np.ndarray, seconds: float)
     """Position (T,3) of a body's centre and its quaternion wxyz (T,4) at `times` (T,) 0..1 of a clip that long.
 
     `corners` (n,3) are the body's vertices about its centre, at rest upright; the lowest one touches the ground z = 0
-    unless the body hops or falls.
+    unless the body hops, falls or swings.
     """
     stops = np.array(way.stops, float)
     ground = np.stack([interpolate(stops[:, 0], stops[:, 1:], time) for time in times])  # (T,2)
+    if way.swing is not None:
+        return _swung(way.swing, ground, -corners[:, 2].min(), times)
     turns = quaternion.from_rotation_vector(np.radians(way.turn) * times[:, None] * np.array([0.0, 0.0, 1.0]))
     clock = np.maximum(times, 0) * seconds
     if way.rolls:
@@ -86,6 +88,15 @@ def _rolled(ground: np.ndarray, radius: float) -> np.ndarray:
     for x, y in steps:  # the axis lies across the way
         turns.append(quaternion.multiply(quaternion.from_rotation_vector(np.array([-y, x, 0.0]) / radius), turns[-1]))
     return np.stack(turns)
+
+
+def _swung(swing: Swing, ground: np.ndarray, below: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centre (T,3) and quaternion (T,4) of a body that reaches `below` its centre and swings above (T,2), in the xz plane."""
+    angle = np.radians(swing.degrees) * np.sin(2 * np.pi * swing.times * times)
+    hung = swing.lowest + below + swing.length
+    centre = np.column_stack([ground, np.full(len(times), hung)])
+    centre += swing.length * np.stack([np.sin(angle), np.zeros_like(angle), -np.cos(angle)], 1)
+    return centre, quaternion.from_rotation_vector(angle[:, None] * np.array([0.0, -1.0, 0.0]))
 
 
 def _bounced(clock: np.ndarray, drop: float) -> np.ndarray:

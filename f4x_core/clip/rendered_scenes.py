@@ -39,8 +39,22 @@ class CameraMove:
 
 
 @dataclass(frozen=True)
+class Swing:
+    """A body hangs by a point above it and swings across the view, as far to the left as to the right."""
+
+    length: float
+    """From the point to the body's centre, metres."""
+    degrees: float
+    """To either side."""
+    times: float
+    """There and back during the clip."""
+    lowest: float
+    """Of the body above the ground where it hangs straight down, metres."""
+
+
+@dataclass(frozen=True)
 class Way:
-    """How a body moves: along a smooth curve over the ground, turning, rolling, hopping or falling."""
+    """How a body moves: along a smooth curve over the ground, turning, rolling, hopping, falling or swinging."""
 
     stops: tuple[tuple[float, float, float], ...]
     """(time 0..1, x, y): the curve passes through them."""
@@ -52,6 +66,8 @@ class Way:
     """How many hops of which height, metres."""
     drop: float = 0.0
     """Height (metres) from which it falls at first; it bounces, tumbles and comes to rest on a side."""
+    swing: Swing | None = None
+    """It hangs above the curve and swings."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +93,8 @@ class RenderedScene:
 
     name: str
     setting: str = "field"
-    """`field` (ground to the horizon under a sky), `yard` (the same with a wall behind), or of the room: `procedural`,
-    `knight`, `fox`."""
+    """`field` (ground to the horizon under a sky), `yard` (the same with a wall behind), `room` (walls, pictures and boxes),
+    or the room with a figure: `procedural`, `knight`, `fox`."""
     camera: CameraMove = CameraMove()
     bodies: tuple[Body, ...] = ()
     """What moves, and what stands near it."""
@@ -193,11 +209,50 @@ SCENES = {
 }
 """By name. `benchmarks.halves.RENDERED` says which of them constants are chosen on."""
 
+EXAMPLES = {
+    scene.name: scene
+    for scene in (
+        RenderedScene(
+            "rolling",
+            "yard",
+            CameraMove("sweep", 0.3),
+            (
+                Body("ball", (0.9, 0.9, 0.9), 101, way=Way(((0, -1.5, -0.5), (1, 1.4, -0.1)), rolls=True)),
+                _box((-1.7, 1.4), (0.9, 0.7, 1.1), 102, 25),
+                Body("cone", (0.9, 0.9, 1.3), 103, (1.8, 1.5)),
+            ),
+            look=11,
+        ),
+        RenderedScene(
+            "meeting",
+            "yard",
+            CameraMove("sweep", 0.3),
+            (
+                Body("head", (1.0, 0.8, 0.9), 111, way=Way(((0, -1.6, 0.6), (1, 1.5, 0.7)), turn=60)),
+                Body("cylinder", (0.6, 0.6, 1.0), 112, way=Way(((0, 1.3, -0.5), (1, -1.3, -0.4)), turn=-100)),
+                _box((-2.1, 1.7), (0.8, 0.8, 1.2), 113, 30),
+            ),
+            look=12,
+        ),
+        RenderedScene(
+            "swinging",
+            "room",
+            CameraMove("sweep", 0.3, distance=4.6, height=1.45),
+            (Body("cylinder", (0.5, 0.5, 2.2), 121, way=Way(((0, 0.1, 0.0),), swing=Swing(1.15, 18, 1.25, 0.35))),),
+            focus_height=0.85,
+            aside=("left", "right"),
+            props=0,
+        ),
+    )
+}
+"""By name: what `python3 scripts/dev.py examples` gives away. Nothing is chosen on them or judged by them."""
+
 
 def scenes_named(names: Sequence[str]) -> list[RenderedScene]:
-    """The scenes that `names` names, each once; `ALL` stands for every one. F4xError for an unknown name."""
+    """The scenes that `names` names, each once; `ALL` stands for every one of `SCENES`. F4xError for an unknown name."""
+    known = SCENES | EXAMPLES
     wanted = dict.fromkeys(SCENES if ALL in names else names)
     for name in wanted:
-        if name not in SCENES:
-            raise F4xError(f"--scene {name}: no such scene; there are {ALL}, {', '.join(SCENES)}.")
-    return [SCENES[name] for name in wanted]
+        if name not in known:
+            raise F4xError(f"--scene {name}: no such scene; there are {ALL}, {', '.join(known)}.")
+    return [known[name] for name in wanted]

@@ -22,6 +22,7 @@ from ..progress import Progress, silent
 from ..raster import choose_backend
 from ..scaffold import Scaffold
 from ..scene import DynamicSet, Scene, StaticSet
+from .believed import believed_degrees, depth_evidence
 from .checkpoint import load_checkpoint
 from .config import FitConfig, resolved
 from .harmonics import GAIN_DB
@@ -97,7 +98,9 @@ class ClipFit:
             trainer.restore(state)
         trainer.run(checkpoint, settings_hash, self.progress)
         self._record("photometric", clock)
-        return replace(self.finish(trainer), priors=priors)
+        result = self.finish(trainer)
+        known = {**result.scene.provenance, "believed_degrees": _believed(priors)}
+        return replace(result, priors=priors, scene=replace(result.scene, provenance=known))
 
     def _record(self, stage: str, since: float) -> float:
         """Note the seconds of a stage; returns the time now."""
@@ -218,6 +221,15 @@ def _provenance(trainer: Trainer) -> dict[str, Any]:
     }
 
 
+def _believed(priors: Priors) -> float | None:
+    """Degrees off the path within which all of the scene can be believed, to a tenth; None where nothing tells."""
+    evidence = depth_evidence(priors)
+    if evidence is None:
+        return None
+    believed = believed_degrees(evidence)
+    return round(believed.static if believed.moving is None else min(believed.static, believed.moving), 1)
+
+
 def require_enough(clip: Clip) -> None:
     """Raise F4xError when the clip has too few supervised frames or too small pictures for any fit."""
     if len(clip.supervised) < MIN_FRAMES:
@@ -252,8 +264,7 @@ def _gaussian_need(trainer: Trainer) -> Need:
     static, dynamic = len(model.static), len(model) - len(model.static)
     cap = sum(control.limit for control in trainer.controls.values())
     curve = [point["psnr"] for point in trainer.history[-2:]]
-    rooms = {"static": config.spawn_static.max_count, "dynamic": config.spawn_dynamic.max_count}
-    tight = [name for name, count in trainer.spawned.items() if count > 0.9 * rooms[name]]
+    tight = [name for name, count in trainer.spawned.items() if count > 0.9 * config.start_of(name).max_count]
     bound = f" (no room for all that is {' or '.join(tight)}: the whole clip is covered more thinly)" if tight else ""
     gain = f", last {config.measure_every} steps brought {curve[1] - curve[0]:+.2f} dB" if len(curve) == 2 else ""
     return Need(

@@ -142,7 +142,7 @@ def select_by_sphere(scene: Scene, view: View, centre: Sequence[float], radius: 
     """Gaussians whose centres lie within `radius` of `centre (3,)`, in the world, at the view's time; F4xError without a radius."""
     if radius <= 0:
         raise F4xError("A sphere needs a radius above 0.")
-    away = _in_world(scene, view).means - np.asarray(centre, np.float64)
+    away: np.ndarray = _in_world(scene, view).means - np.asarray(centre, np.float64)
     return _selection(scene, view, (away**2).sum(1) <= radius**2)
 
 

@@ -9,18 +9,18 @@ weakest bonds (sweep cut; Andersen, Chung and Lang 2006).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..features.models.prompt import Prompt
 from ..geometry import spherical_harmonics
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.field import FeatureField
 from .blend_weights import blend_weight_sums, total_blend_weights
+from .marks import Mark
 from .smoothing import LOOKS_ALIKE
 
 MOVING, STATIC = 1000, 2000
@@ -54,8 +54,6 @@ fraction of all bonds that is cut, which favours large things. On four filmed cl
 of what stands conductance takes half the picture."""
 SIZES_MOVING, SIZES_STATIC = (0.02, 1.0), (0.001, 0.3)
 """Least and greatest fraction of the blend weights that a thing has: the outline of a few superpoints can be weak by chance."""
-DOT = 0.006
-"""Radius of a point, in widths of the picture: what a hand with a mouse means."""
 MOVING_POINT, MOVING_BOX = 0.2, 0.25
 """Minimum fraction of the blend weights at the points, or in a box, that belongs to moving Gaussians if a moving thing is meant.
 On four filmed clips, pixels inside true masks are missed as often as those outside are taken at 0.2 (under 1 %, ripples apart)."""
@@ -64,6 +62,8 @@ FILLED_MOVING, FILLED_STATIC = 0.9, 0.7
 and not much else moves there."""
 MARKED = 0.3
 """A superpoint is marked by the negative points when it has this fraction of the blend weights of the most marked one."""
+MOSTLY = 0.5
+"""A superpoint belongs to an exact mark, or to one on what is not meant, that has more than this fraction of its blend weights."""
 UNSEEN = 1e-4
 """Minimum blend weight of a Gaussian, in pixels."""
 BLOCK = 4096
@@ -151,45 +151,82 @@ class Superpoints:
         return chosen
 
 
-def point_out(scene: Scene, prompts: Mapping[int, Prompt], likely: np.ndarray | None = None) -> np.ndarray | None:
-    """(N,) float64: 1 for the Gaussians of the thing at points or in a box (clip frame -> prompt), else 0.
+def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = None) -> np.ndarray | None:
+    """(N,) float64: 1 for the Gaussians of the thing that `marks` show (see `marks.Mark`), else 0.
 
-    A moving thing where most blend weights at the points, or a quarter of those in the boxes, belong to moving Gaussians, else
-    one that stands. `likely (N,)` in [0, 1], where it is known by words, is evidence of the same kind. None where nothing is left.
+    A moving thing where enough blend weights at the marks belong to moving Gaussians (`_moves`), else one that stands.
+    `likely (N,)` in [0, 1], where it is known by words, is evidence of the same kind. None where nothing is left.
     """
-    starts, rest = [], np.zeros((3, len(scene.ids)))
-    for frame, prompt in prompts.items():
-        layers = _marks(prompt, (scene.cameras.height, scene.cameras.width))
-        sums = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, layers).T
-        starts += [*sums[3:]]
-        rest += sums[:3]
-    toward = np.sum(starts, 0)
-    minimum = MOVING_POINT if any(prompt.labels.any() for prompt in prompts.values()) else MOVING_BOX
-    moves = toward[scene.moving].any() and toward[scene.moving].sum() >= minimum * toward.sum()
+    signs = _signs(scene, marks)
+    drawn_on = any(mark.on and not mark.around for mark in marks)
+    toward = np.sum(signs.starts, 0)
+    moves = toward[scene.moving].any() and toward[scene.moving].sum() >= _moving_share(marks) * toward.sum()
     superpoints = graph_of(scene).moving if moves else graph_of(scene).static
-    beside, outside, inside = map(superpoints.gather, rest)
-    against = (beside > MARKED * beside.max()) | (outside > inside)
-    doubt = None if likely is None else 1 - superpoints.means(likely, rest[1] + rest[2] + UNSEEN)
-    pointed = any(prompt.labels.any() for prompt in prompts.values())
-    filled = 0.0 if pointed else FILLED_MOVING if moves else FILLED_STATIC
-    chosen = np.any([superpoints.grow(superpoints.gather(start), against, doubt, filled) for start in starts], 0)
+    seen, inside, outside = map(superpoints.gather, (signs.seen, signs.inside, signs.outside))
+    against = outside > inside
+    for beside in map(superpoints.gather, signs.beside):
+        against |= (beside > MARKED * beside.max()) | (beside > MOSTLY * seen)
+    held = np.zeros(len(seen), bool)
+    for exact in map(superpoints.gather, signs.exact):
+        held |= exact > MOSTLY * seen
+    held &= ~against & (seen > 0)
+    doubt = None if likely is None else 1 - superpoints.means(likely, signs.seen + UNSEEN)
+    filled = 0.0 if drawn_on else FILLED_MOVING if moves else FILLED_STATIC
+    chosen = held
+    for start in map(superpoints.gather, signs.starts):
+        chosen = chosen | superpoints.grow(start, against, doubt, filled)
     return superpoints.spread(chosen, len(scene.ids)) if chosen.any() else None
 
 
-def _marks(prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
-    """(H,W,3+n) float32 in {0, 1}: at negative points, outside the box, inside, and at each of n positive points (else inside)."""
-    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+class _Signs(NamedTuple):
+    """Blend weights (N,) of all Gaussians under marks, in pixels."""
 
-    def around(points: np.ndarray) -> np.ndarray:
-        far = (columns[..., None] - points[:, 0]) ** 2 + (rows[..., None] - points[:, 1]) ** 2
-        return (far <= max(1.0, DOT * size[1]) ** 2).any(-1)
+    starts: list[np.ndarray]
+    """Under each mark drawn on the thing; without such marks, inside those around it."""
+    beside: list[np.ndarray]
+    """Under each mark on what is not meant."""
+    exact: list[np.ndarray]
+    """Under each mark most of which belongs to the thing."""
+    inside: np.ndarray
+    """Inside the marks around the thing, in their frames."""
+    outside: np.ndarray
+    """Outside of them."""
+    seen: np.ndarray
+    """In the whole pictures of all marked frames."""
 
-    inside = np.ones(size, bool)
-    if prompt.box is not None:
-        left, top, right, bottom = prompt.box
-        inside = (columns >= left) & (columns <= right) & (rows >= top) & (rows <= bottom)
-    on = [around(point[None]) & inside for point in prompt.points[prompt.labels]] or [inside]
-    return np.stack([around(prompt.points[~prompt.labels]), ~inside, inside, *on], -1).astype(np.float32)
+
+def _signs(scene: Scene, marks: Sequence[Mark]) -> _Signs:
+    """The blend weights under `marks`. F4xError for a mark that marks nothing."""
+    size = (scene.cameras.height, scene.cameras.width)
+    drawn_on = any(mark.on and not mark.around for mark in marks)
+    count = len(scene.ids)
+    signs = _Signs([], [], [], np.zeros(count), np.zeros(count), np.zeros(count))
+    for frame in sorted({mark.frame for mark in marks}):
+        here = [mark for mark in marks if mark.frame == frame]
+        pixels = [mark.pixels(size) for mark in here]
+        region = [at for mark, at in zip(here, pixels, strict=True) if mark.on and mark.around]
+        within = np.any(region, 0) if region else np.ones(size, bool)
+        layers = np.stack([np.ones(size, bool), within, *(at & within for at in pixels)], -1).astype(np.float32)
+        seen, inside, *sums = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, layers).T
+        signs.seen[:] += seen
+        if region:
+            signs.inside[:] += inside
+            signs.outside[:] += seen - inside
+        for mark, under in zip(here, sums, strict=True):
+            if not mark.on:
+                signs.beside.append(under)
+            elif mark.around != drawn_on:
+                signs.starts.append(under)
+            if mark.on and mark.exact:
+                signs.exact.append(under)
+    return signs
+
+
+def _moving_share(marks: Sequence[Mark]) -> float:
+    """Least fraction of the blend weights under `marks` that belongs to moving Gaussians if a moving thing is meant."""
+    if any(mark.on and not mark.around for mark in marks):
+        return MOVING_POINT
+    return MOSTLY if all(mark.exact for mark in marks if mark.on) else MOVING_BOX
 
 
 def graph_of(scene: Scene) -> Graph:

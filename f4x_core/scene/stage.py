@@ -17,6 +17,7 @@ from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..progress import Progress, silent
+from .color import linear_from_srgb, srgb_from_linear
 from .passes import Mist, mist_left, normals, vectors
 from .view import COVERED
 
@@ -73,6 +74,8 @@ class Cloud:
     """Which cloud it is, the same at every moment; only the pass `vector` asks."""
     beside: tuple[np.ndarray, np.ndarray] | None = None
     """Centres (N,3) in the world one frame before and one after; None = it stands still."""
+    light: np.ndarray | None = None
+    """(N,) fraction of its light that reaches each Gaussian (`shadows.light_left`); None = all of it."""
     mattes: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Layer -> (N,) uint32 id of what each Gaussian belongs to (`cryptomatte.identify`); 0 = nothing."""
 
@@ -98,6 +101,14 @@ class Cloud:
 
     def colors(self, center: np.ndarray) -> np.ndarray:
         """(N,3) sRGB seen from `center (3,)` in the world; as in `Scene.colors`, appearance turns with the surface."""
+        colors = self._unshaded(center)
+        if self.light is not None:
+            dark = self.light < 1
+            colors[dark] = srgb_from_linear(linear_from_srgb(colors[dark]) * self.light[dark, None])
+        return colors
+
+    def _unshaded(self, center: np.ndarray) -> np.ndarray:
+        """`colors` as the Gaussians were fitted."""
         if self.sh.shape[1] == 1:
             return np.maximum(spherical_harmonics.rgb_from_dc(self.sh[:, 0]), 0)
         own = np.linalg.solve(self.to_world, np.append(center, 1.0))[:3]

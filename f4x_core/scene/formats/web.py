@@ -27,15 +27,15 @@ from .spz import pack_spz
 KINDS = {"f": "<f4", "u": "<u4", "b": "u1"}
 """Letter in the page's layout -> numbers."""
 DEGREES = 5.0
-"""How far aside a page lets look unless told otherwise: that of `f4x render --path orbit`."""
+"""How far aside a page lets look where no fit tells (splats from elsewhere, older scenes): that of `f4x render --path orbit`."""
 
 
 @dataclass(frozen=True)
 class PageOptions:
     """What a page shows besides the scene."""
 
-    degrees: float = DEGREES
-    """How far off the camera's path one may look, at the scene's centre."""
+    degrees: float | None = None
+    """How far off the camera's path one may look, at the scene's centre; None is `believed_degrees` of the scene."""
     words: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Word -> (N,) bool of the Gaussians in the order of `Scene.posed` that its button colours."""
 
@@ -43,6 +43,7 @@ class PageOptions:
 def write_page(scene: Scene, path: Path | str, options: PageOptions | None = None) -> None:
     """Write the base arrays of `scene` (bake its edits first) as one HTML page. Raises F4xError."""
     options = options or PageOptions()
+    degrees = believed_degrees(scene) if options.degrees is None else options.degrees
     layout, motion = _joined(_motion(scene, options))
     cameras = scene.cameras
     data = {
@@ -53,7 +54,7 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
         "intrinsics": cameras.intrinsics[:, [0, 1, 0, 1], [0, 1, 2, 2]].tolist(),
         "world_to_camera": cameras.world_to_camera.reshape(-1, 16).tolist(),
         "depth": _centre_depth(scene),
-        "degrees": options.degrees,
+        "degrees": degrees,
         "words": list(options.words),
         "static": len(scene.static),
         "slots": scene.dynamic.node.shape[1],
@@ -66,12 +67,18 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
     room = Path(__file__).parent
     page = Template((room / "viewer.html").read_text(encoding="utf-8")).substitute(
         name=html.escape(scene.name),
-        degrees=f"{options.degrees:.3g}",
+        degrees=f"{degrees:.3g}",
         data=json.dumps(data).replace("<", "\\u003c"),  # a word cannot end the script
         script=(room / "viewer.js").read_text(encoding="utf-8"),
     )
     with replace_file(path) as file:
         file.write(page.encode())
+
+
+def believed_degrees(scene: Scene) -> float:
+    """How far off the path the scene can be believed, as its fit found; `DEGREES` where nothing tells."""
+    told = scene.provenance.get("believed_degrees")
+    return DEGREES if told is None else float(told)
 
 
 def _stored(scene: Scene) -> Splats:
