@@ -90,17 +90,23 @@ class F4X_OT_make_mesh(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blend
         name="Resolution", description="Steps along its longest side", default=MeshConfig.resolution, min=8, max=384
     )
     faces: IntProperty(  # type: ignore[valid-type]
-        name="Triangles", description="Number of triangles at most", default=MeshConfig.faces, min=20, max=5_000_000
+        name="Triangles", description="Number of triangles at most", default=MeshConfig.faces, min=20, max=1_000_000
+    )
+
+    current: BoolProperty(  # type: ignore[valid-type]
+        name="As at This Frame",
+        description="Find the surface at the current frame; else at the frame where the thing is spread the widest",
     )
 
     def act(self, context, root):
-        """Make it as the Gaussians are at the current frame."""
+        """Make it; the nodes take it from there to every frame."""
         chosen = session.selection(root)
         if chosen is None:
             raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
         scene = session.edited_scene(root)
+        time = session.frame_of(root) if self.current else None
         config = MeshConfig(self.resolution, self.faces)
-        made = mesh_of(scene, np.isin(scene.ids, chosen.chosen_ids), session.frame_of(root), config)
+        made = mesh_of(scene, np.isin(scene.ids, chosen.chosen_ids), time, config)
         item = add_mesh(root, scene, made, chosen.chosen_ids)
         for other in context.selected_objects:
             other.select_set(False)

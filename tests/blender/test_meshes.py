@@ -45,7 +45,7 @@ shown = session.shown(root()).scene
 session.write(root(), **{session.SELECTED: ("BOOLEAN", shown.moving)})
 scene.frame_set(3)
 arrays["without"] = pixels("without")
-ops.make_mesh(resolution=32, faces=1500)
+ops.make_mesh(resolution=32, faces=1500, current=True)
 item = bpy.context.object
 noted["made"] = is_made(item) and item.parent == root()
 arrays["rest"] = np.array([v.co for v in item.data.vertices])
