@@ -9,7 +9,9 @@ from shapes import carried_sphere, discs, plane, static_scene
 
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.scene import StaticSet, write_scene
+from f4x_core.scene.formats.gltf_mesh import write_gltf_mesh
 from f4x_core.scene.mesh import MeshConfig, carried, mesh_of
+from f4x_core.scene.mesh.skin import linearly_carried
 from f4x_core.scene.stage import Cloud, DrawSettings, draw
 
 from .artist import perform
@@ -94,6 +96,32 @@ def test_a_mesh_of_a_selection(tmp_path):
     np.testing.assert_array_equal(arrays["with"], arrays["without"])  # the engine draws the Gaussians
     np.testing.assert_array_equal(arrays["holdout"], arrays["without"])
     assert arrays["without"].std() > 0.05
+
+
+READ = """
+bpy.ops.wm.read_factory_settings(use_empty=True)
+scene = bpy.context.scene
+scene.render.fps = 24
+bpy.ops.import_scene.gltf(filepath=str(folder / "a.glb"))
+item = next(o for o in bpy.data.objects if o.type == "MESH" and any(m.type == "ARMATURE" for m in o.modifiers))
+for frame in range(FRAMES):
+    scene.frame_set(frame)
+    seen = item.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    arrays[str(frame)] = np.array([seen.matrix_world @ v.co for v in seen.data.vertices])
+arrays["colors"] = np.array([c.color[:3] for c in item.data.color_attributes[0].data])
+"""
+
+
+def test_blender_reads_the_file(tmp_path):
+    scene = carried_sphere(strength=0.9)
+    mesh = mesh_of(scene, scene.moving, 3.0, MeshConfig(24, 600))
+    write_gltf_mesh(scene, mesh, tmp_path / "a.glb")
+    _, arrays = perform(tmp_path, READ.replace("FRAMES", str(FRAMES)))
+    for frame in range(FRAMES):
+        expected = linearly_carried(mesh.vertices.astype(float), mesh.skin, scene.scaffold, float(frame))
+        # Blender normalises the weights that it reads and keeps them in single precision
+        np.testing.assert_allclose(arrays[str(frame)], expected[:, [0, 2, 1]] * [1, 1, -1], atol=1e-3)
+    assert np.ptp(arrays["colors"], axis=0).max() < 1e-3 and arrays["colors"][0, 0] > 2 * arrays["colors"][0, 1]
 
 
 SHADE = (
