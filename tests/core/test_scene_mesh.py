@@ -12,6 +12,10 @@ from random_scene import FRAMES
 from shapes import CENTRE, RADIUS, box, carried_sphere, discs, sphere, static_scene
 
 from f4x_core.cli import main
+from f4x_core.edit.apply import open_scene
+from f4x_core.edit.operations import Transform
+from f4x_core.edit.selects import Moving
+from f4x_core.edit.stack import EditStack, write_stack
 from f4x_core.errors import F4xError
 from f4x_core.geometry import pose, quaternion
 from f4x_core.geometry.splats import Splats
@@ -321,6 +325,23 @@ def test_the_command_writes_what_is_selected(scene_file, tmp_path, capsys):
     assert code == 0 and told["parts"] == 1 and told["faces"] <= 1500 and told["nodes"] == 5
     assert 0 < told["linear_blend_off"]["mean"] < told["linear_blend_off"]["max"] < 1
     assert read_glb(tmp_path / "new" / "a.glb")[0]["animations"]
+
+
+def test_edits_that_nodes_do_not_make_are_baked_or_refused(scene_file, tmp_path, capsys):
+    write_stack(scene_file, EditStack().append(Transform(Moving(), translate=(0.0, 1.0, 0.0), frames=(0.0, 5.0))))
+    scene = open_scene(scene_file)
+    with pytest.raises(F4xError, match=r"edits move 1,500 of the selected Gaussians as no node does"):
+        mesh_of(scene, scene.moving, 0.0, COARSE)
+    some = ("--resolution", 24, "--faces", 800, "--select", tmp_path / "selection.json", "--time", 1)
+    assert f4x(capsys, "mesh", scene_file, "-o", tmp_path / "a.glb", *some)[0] == 0
+    document, numbers = read_glb(tmp_path / "a.glb")
+    where = numbers(document["meshes"][0]["primitives"][0]["attributes"]["POSITION"]) @ Y_UP[:3, :3]
+    middle = scene.posed(1.0).means[scene.moving].mean(0)
+    assert abs(where.mean(0) - middle).max() < 0.1
+    moved = [numbers(one["output"]) @ Y_UP[:3, :3] for one in document["animations"][0]["samplers"][::2]]
+    before = [node_poses_at(scene.scaffold.times, scene.scaffold.xyz, scene.scaffold.quat, t)[0] for t in (0.0, 5.0)]
+    first, last = (np.mean([one[t] for one in moved], axis=0) for t in (0, 5))
+    np.testing.assert_allclose(last - first - (before[1] - before[0]).mean(0), [0, 1, 0], atol=0.02)
 
 
 @pytest.mark.parametrize(
