@@ -7,7 +7,7 @@ away where a mesh stands in their way. Shadows are hard but for the size of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ STRENGTH = 0.7
 """Fraction of the light that lamps take away where none of them reaches: the rest is the sky's."""
 SAMPLES = 16
 """Points of a lamp with a size that are looked at from each Gaussian."""
+BLOCK = 1 << 16
+"""Points that are worked on together: with all their ways about 100 MB."""
 OFF = 1e-4
 """Fraction of the way to a lamp, or of the size of what casts shadows for the sun, before which nothing casts one: a Gaussian that
 lies on a mesh does not hide itself."""
@@ -86,9 +88,16 @@ def light_left(
     for lamp in lamps:
         share = lamp.irradiance(points)
         whole += share
-        seen += share * _visible(points, lamp.ways(points, reach), casters)
+        for first in range(0, len(points), BLOCK):
+            block = slice(first, first + BLOCK)
+            seen[block] += share[block] * _visible(points[block], lamp.ways(points[block], reach), _cut(casters, block))
     lost = 1 - np.where(whole > 0, seen / np.where(whole > 0, whole, 1), 1)
     return np.where(lost > 0, 1 - strength * lost, 1.0)
+
+
+def _cut(casters: Sequence[Caster], block: slice) -> list[Caster]:
+    """The casters as a block of the points knows them."""
+    return [one if one.spared is None else replace(one, spared=one.spared[block]) for one in casters]
 
 
 def _visible(points: np.ndarray, ways: np.ndarray, casters: Sequence[Caster]) -> np.ndarray:

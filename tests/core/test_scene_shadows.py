@@ -82,6 +82,15 @@ def test_what_is_spared_and_what_is_not_there():
     assert light_left(np.zeros((0, 3)), [SUN], [caster(CUBE)]).shape == (0,)
 
 
+def test_points_are_looked_at_in_blocks(monkeypatch):
+    wide = Lamp(3.0, 0.1, towards=np.array([0.0, 0, -1]))
+    spared = POINTS[:, 1] > 0
+    whole = light_left(POINTS, [wide, SUN], [caster(CUBE, spared=spared)])
+    monkeypatch.setattr("f4x_core.scene.shadows.BLOCK", 100)
+    np.testing.assert_array_equal(light_left(POINTS, [wide, SUN], [caster(CUBE, spared=spared)]), whole)
+    assert (whole < 1).any()
+
+
 def test_two_shadows_are_no_darker_than_one():
     again = trimesh.creation.box((0.4, 0.6, 0.1), trimesh.transformations.translation_matrix((0.1, -0.2, 0.5)))
     one, two = (light_left(POINTS, [SUN], [caster(mesh) for mesh in meshes]) for meshes in ([CUBE], [CUBE, again]))
