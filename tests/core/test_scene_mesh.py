@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import trimesh
+from labelled_scene import HALF, labelled_scene
 from random_scene import FRAMES
 from shapes import CENTRE, RADIUS, box, carried_sphere, discs, sphere, static_scene
 
@@ -325,6 +326,18 @@ def test_the_command_writes_what_is_selected(scene_file, tmp_path, capsys):
     assert code == 0 and told["parts"] == 1 and told["faces"] <= 1500 and told["nodes"] == 5
     assert 0 < told["linear_blend_off"]["mean"] < told["linear_blend_off"]["max"] < 1
     assert read_glb(tmp_path / "new" / "a.glb")[0]["animations"]
+
+
+def test_words_and_pixels_select(tmp_path, capsys):
+    scene = labelled_scene()
+    write_scene(scene, tmp_path / "scene.f4x")
+    pixel, _ = scene.cameras[0].project(scene.posed(0.0).means[scene.moving].mean(0, keepdims=True))
+    click = ("--point", ",".join(map(str, pixel[0])), "--frame", 0)
+    for prompt, size in ((("--text", "square"), 2**1.5 * HALF), (click, 2**1.5 * HALF), ((), None)):
+        some = ("--resolution", 24, "--faces", 400, *prompt)
+        code, told = f4x(capsys, "mesh", tmp_path / "scene.f4x", "-o", tmp_path / "a.glb", *some)
+        assert code == 0, told
+        assert told["size"] == pytest.approx(size, rel=0.15) if size else told["size"] > 1
 
 
 def test_edits_that_nodes_do_not_make_are_baked_or_refused(scene_file, tmp_path, capsys):
