@@ -47,7 +47,7 @@ shown = session.shown(root()).scene
 session.write(root(), **{session.SELECTED: ("BOOLEAN", shown.moving)})
 scene.frame_set(3)
 arrays["without"] = pixels("without")
-ops.make_mesh(resolution=32, faces=1500, current=True)
+ops.make_mesh(resolution=24, faces=1500, current=True)
 item = bpy.context.object
 noted["made"] = is_made(item) and item.parent == root()
 arrays["rest"] = np.array([v.co for v in item.data.vertices])
@@ -86,7 +86,7 @@ def test_a_mesh_of_a_selection(tmp_path):
     assert "Nothing is selected" in noted["nothing"]
     assert noted["made"] and noted["hidden"] and noted["held"] and noted["free"] and noted["no body"]
     assert noted["body"] == ["PASSIVE", "MESH", "FINAL", True]
-    mesh = mesh_of(scene, scene.moving, 3.0, MeshConfig(32, 1500))
+    mesh = mesh_of(scene, scene.moving, 3.0, MeshConfig(24, 1500))
     np.testing.assert_allclose(arrays["rest"], mesh.vertices, atol=1e-6)
     moved = [carried(mesh.vertices.astype(float), mesh.skin, scene.scaffold, float(frame)) for frame in range(FRAMES)]
     assert np.abs(moved[0] - moved[4]).max() > 0.1
@@ -155,7 +155,7 @@ sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
 scene.collection.objects.link(sun)
 sun.rotation_euler = (np.pi / 2, 0, 0)
 select(root())
-ops.make_mesh(resolution=32, faces=1500)
+ops.make_mesh(resolution=24, faces=1500)
 arrays["own mesh"] = pixels("own")
 """
 )

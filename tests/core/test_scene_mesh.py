@@ -31,7 +31,7 @@ from f4x_core.scene.mesh.field import NARROWEST, Grid, opacity_field
 from f4x_core.scene.mesh.simplify import decimated, edges_of, largest_parts, normals_of, parts_of, smoothed
 from f4x_core.scene.posing import Y_UP
 
-COARSE = MeshConfig(resolution=32, faces=1500)
+COARSE = MeshConfig(resolution=24, faces=3000)
 
 
 def solid(mesh):
@@ -152,7 +152,7 @@ def test_edges_and_normals():
 def test_a_sphere_of_gaussians():
     scene = static_scene(*sphere(), 0.035)
     mesh = mesh_of(scene, np.ones(len(scene.ids), bool), config=COARSE)
-    step = 2 * RADIUS / 32
+    step = 2 * RADIUS / COARSE.resolution
     off = np.linalg.norm(mesh.vertices - CENTRE, axis=1) - RADIUS
     assert solid(mesh).is_watertight and mesh.parts == 1 and mesh.skin is None
     assert 0.3 * step < off.min() and off.max() < 0.6 * step  # the two sides of a sheet have to stay apart
@@ -165,7 +165,7 @@ def test_a_sphere_of_gaussians():
 def test_a_box_of_gaussians():
     scene = static_scene(*box(), 0.04)
     mesh = mesh_of(scene, np.ones(len(scene.ids), bool), config=COARSE)
-    step = 1 / 32
+    step = 1 / COARSE.resolution
     off = np.abs(mesh.vertices - CENTRE).max(1) - 0.5
     assert solid(mesh).is_watertight and mesh.parts == 1
     assert -0.4 * step < off.min() and off.max() < 0.8 * step
@@ -321,7 +321,7 @@ def scene_file(tmp_path):
 
 
 def test_the_command_writes_what_is_selected(scene_file, tmp_path, capsys):
-    some = ("--resolution", 32, "--faces", 1500, "--select", tmp_path / "selection.json")
+    some = ("--resolution", 24, "--faces", 1500, "--select", tmp_path / "selection.json")
     code, told = f4x(capsys, "mesh", scene_file, "-o", tmp_path / "new" / "a.glb", *some)
     assert code == 0 and told["parts"] == 1 and told["faces"] <= 1500 and told["nodes"] == 5
     assert 0 < told["linear_blend_off"]["mean"] < told["linear_blend_off"]["max"] < 1
