@@ -17,6 +17,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scaffold import Scaffold
 from ..f4x_core.scaffold.deformation import node_poses_at
+from ..f4x_core.scene import Scene
 from ..f4x_core.scene.color import linear_from_srgb
 from ..f4x_core.scene.mesh import MeshConfig, Skin, SplatMesh, mesh_of
 from . import session
@@ -29,8 +30,11 @@ from .rig_repair import ORDER, add_pairs
 from .scaffold_rig import NODES, all_nodes
 
 
-def add_mesh(root: bpy.types.Object, scene: EditedScene, made: SplatMesh, ids: np.ndarray) -> bpy.types.Object:
-    """Add the mesh `made` of the Gaussians `ids` below `root`; it casts shadows and is not seen itself."""
+def add_mesh(root: bpy.types.Object, scene: Scene, made: SplatMesh, count: int) -> bpy.types.Object:
+    """Add the mesh `made` of `count` Gaussians below `root`; it casts shadows, unseen. F4xError without its nodes."""
+    curves = scene.curves if isinstance(scene, EditedScene) else scene.scaffold
+    if made.skin is not None and curves is not None:
+        all_nodes(root, curves.ids[np.unique(made.skin.node)])
     mesh = bpy.data.meshes.new(f"{root.name} mesh")
     mesh.from_pydata(made.vertices.tolist(), [], made.faces.tolist())
     mesh.shade_smooth()
@@ -38,19 +42,18 @@ def add_mesh(root: bpy.types.Object, scene: EditedScene, made: SplatMesh, ids: n
     write_attribute(mesh, "rgb", "FLOAT_COLOR", color)
     mesh.materials.append(_material(mesh.name))
     item = bpy.data.objects.new(mesh.name, mesh)
-    item[OF] = ids.astype(np.int32).tolist()
+    item[OF] = count
     root.users_collection[0].objects.link(item)
     item.parent = root
     item.visible_camera = False
-    if made.skin is not None:
-        _carry(item, root, getattr(scene, "curves", None) or scene.scaffold, made.skin)
+    if made.skin is not None and curves is not None:
+        _carry(item, root, curves, made.skin)
     return item
 
 
 def _carry(item: bpy.types.Object, root: bpy.types.Object, curves: Scaffold, skin: Skin) -> None:
     """Let the nodes of `root` move a mesh by its skin, as geometry nodes move the Gaussians."""
     used, index = np.unique(skin.node, return_inverse=True)
-    all_nodes(root, curves.ids[used])  # before anything is added
     xyz, quat = node_poses_at(curves.times, curves.xyz, curves.quat, skin.time)
     helper = add_pairs(
         f"{item.name} pairs", root, (used, curves.ids[used]), np.zeros(len(used), int), (quat[used], xyz[used])
@@ -107,7 +110,7 @@ class F4X_OT_make_mesh(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blend
         time = session.frame_of(root) if self.current else None
         config = MeshConfig(self.resolution, self.faces)
         made = mesh_of(scene, np.isin(scene.ids, chosen.chosen_ids), time, config)
-        item = add_mesh(root, scene, made, chosen.chosen_ids)
+        item = add_mesh(root, scene, made, len(chosen.chosen_ids))
         for other in context.selected_objects:
             other.select_set(False)
         item.select_set(True)

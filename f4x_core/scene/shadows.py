@@ -7,7 +7,7 @@ away where a mesh stands in their way. Shadows are hard but for the size of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,8 +69,6 @@ class Caster:
     """(2,3) its smallest and largest coordinates in the world."""
     blocks: Callable[[np.ndarray, np.ndarray], np.ndarray]
     """(starts (R,3), ways (R,3)) -> (R,) bool: whether it stands between a start and the end of its way."""
-    spared: np.ndarray | None = None
-    """(N,) bool: points that it casts no shadow on, such as those it was made of; None = there are none."""
 
 
 def light_left(
@@ -90,14 +88,9 @@ def light_left(
         whole += share
         for first in range(0, len(points), BLOCK):
             block = slice(first, first + BLOCK)
-            seen[block] += share[block] * _visible(points[block], lamp.ways(points[block], reach), _cut(casters, block))
+            seen[block] += share[block] * _visible(points[block], lamp.ways(points[block], reach), casters)
     lost = 1 - np.where(whole > 0, seen / np.where(whole > 0, whole, 1), 1)
     return np.where(lost > 0, 1 - strength * lost, 1.0)
-
-
-def _cut(casters: Sequence[Caster], block: slice) -> list[Caster]:
-    """The casters as a block of the points knows them."""
-    return [one if one.spared is None else replace(one, spared=one.spared[block]) for one in casters]
 
 
 def _visible(points: np.ndarray, ways: np.ndarray, casters: Sequence[Caster]) -> np.ndarray:
@@ -105,9 +98,6 @@ def _visible(points: np.ndarray, ways: np.ndarray, casters: Sequence[Caster]) ->
     free = np.ones(ways.shape[:2], bool)
     for caster in casters:
         row, sample = np.nonzero(free & _meets(points, ways, caster.box))
-        if caster.spared is not None:
-            kept = ~caster.spared[row]
-            row, sample = row[kept], sample[kept]
         if len(row):
             way = ways[row, sample]
             free[row, sample] = ~caster.blocks(points[row] + OFF * way, (1 - OFF) * way)

@@ -76,6 +76,10 @@ scene.frame_set(4)
 bpy.context.view_layer.update()
 seen = item.evaluated_get(bpy.context.evaluated_depsgraph_get())
 arrays["renamed"] = np.array([v.co for v in seen.data.vertices])
+bpy.data.objects.remove(node)
+before = len(bpy.data.objects), len(bpy.data.meshes)
+noted["missing"] = refused(ops.make_mesh, resolution=16)
+noted["left"] = (len(bpy.data.objects), len(bpy.data.meshes)) == before
 """
 
 
@@ -85,6 +89,7 @@ def test_a_mesh_of_a_selection(tmp_path):
     noted, arrays = perform(tmp_path, MAKE.replace("FRAMES", str(FRAMES)))
     assert "Nothing is selected" in noted["nothing"]
     assert noted["made"] and noted["hidden"] and noted["held"] and noted["free"] and noted["no body"]
+    assert "1 node is missing" in noted["missing"] and noted["left"]
     assert noted["body"] == ["PASSIVE", "MESH", "FINAL", True]
     mesh = mesh_of(scene, scene.moving, 3.0, MeshConfig(24, 1500))
     np.testing.assert_allclose(arrays["rest"], mesh.vertices, atol=1e-6)
