@@ -90,7 +90,7 @@ class F4X_OT_make_mesh(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blend
     bl_label = "Make Mesh"
 
     resolution: IntProperty(  # type: ignore[valid-type]
-        name="Resolution", description="Steps along its longest side", default=MeshConfig.resolution, min=8, max=384
+        name="Resolution", description="Steps along its longest side", default=MeshConfig.resolution, min=8, max=256
     )
     faces: IntProperty(  # type: ignore[valid-type]
         name="Triangles", description="Number of triangles at most", default=MeshConfig.faces, min=20, max=1_000_000

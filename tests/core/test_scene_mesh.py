@@ -360,7 +360,7 @@ def test_edits_that_nodes_do_not_make_are_baked_or_refused(scene_file, tmp_path,
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("--resolution", "100000"), "--resolution 100000: give a number from 8 to 384"),
+        (("--resolution", "100000"), "--resolution 100000: give a number from 8 to 256"),
         (("--faces", "3"), "--faces 3: give a number from 20"),
         (("--level", "1.5"), "--level 1.5: give a number between 0 and 1"),
         (("--time", "99"), "--time 99: T must lie within"),
@@ -381,6 +381,14 @@ def test_bad_input_is_one_sentence(scene_file, tmp_path, capsys, arguments, sent
     code, told = f4x(capsys, "mesh", scene_file, "-o", tmp_path / "a.glb", *arguments)
     assert code == 2 and sentence in told["error"]
     assert not list(tmp_path.glob("*.glb"))
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_points_without_size_have_no_surface():
+    scene = static_scene(*sphere(), 0.035)
+    scene.static.means[:], scene.static.scales[:] = 1, 0
+    with pytest.raises(F4xError, match="nowhere more opaque"):
+        mesh_of(scene, np.ones(len(scene.ids), bool), config=COARSE)
 
 
 def test_smoke_has_no_surface():

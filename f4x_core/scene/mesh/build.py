@@ -15,8 +15,8 @@ from .field import NARROWEST, Grid, opacity_field
 from .simplify import decimated, largest_parts, normals_of, parts_of, smoothed
 from .skin import Carriers, Skin, skin_of
 
-RESOLUTIONS = (8, 384)
-"""Fewest and most grid steps along the longest side: the latter take about 4 GB."""
+RESOLUTIONS = (8, 256)
+"""Fewest and most grid steps along the longest side: the latter take about 3 GB for a cube."""
 FACES = (20, 1_000_000)
 """Fewest and most triangles that may be asked for."""
 LOOKS, MOST = 30, 0.9
@@ -89,8 +89,8 @@ def mesh_of(
 ) -> SplatMesh:
     """Return the mesh around the Gaussians `chosen (N,) bool` of `scene.posed`, as they are at clip time `time`.
 
-    None is the time at which they are spread the widest. Edits have to be baked
-    for the mesh to move as they say. Raises F4xError for fewer than `FEWEST` visible Gaussians, and where nothing is opaque enough.
+    None is the time at which they are spread the widest. Raises F4xError for fewer than `FEWEST` visible Gaussians, where nothing
+    is opaque enough, and where edits move them as no node does (bake those first).
     """
     config = config or MeshConfig()
     time = widest_time(scene, chosen) if time is None else time
