@@ -35,7 +35,7 @@ _READERS = (
 )
 """Nodes that hand on geometry as it is."""
 OF = "f4x_of"
-"""Property of a mesh that was made of Gaussians: their ids. The engine draws the Gaussians and not the mesh."""
+"""Property of a mesh that was made of Gaussians: how many. The engine draws the Gaussians and not the mesh."""
 SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 

@@ -206,7 +206,7 @@ def _mesh(verbs: Verbs) -> None:
     )
     prompt_options(sub)
     sub.add_argument(
-        "--time", type=float, metavar="T", help="clip frame whose shape it is (default: where most is there)"
+        "--time", type=float, metavar="T", help="clip frame whose shape it is (default: where it is spread the widest)"
     )
     sub.add_argument(
         "--faces", type=int, default=MeshConfig.faces, metavar="N", help="triangles at most (default: 20000)"
