@@ -189,7 +189,7 @@ def _select(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         return {"touching": rows, "text": "\n".join(lines)}
     scene = open_scene(args.scene)
     report: dict[str, Any] = {}
-    lines: list[str] = []
+    lines = []
     if args.masks is not None:
         masks = read_masks(args.masks, scene)
         report["ways"] = score_selecting(scene, masks, args.label, encode_labels, progress=progress)
