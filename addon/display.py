@@ -22,10 +22,10 @@ from bpy.app.handlers import persistent
 from ..f4x_core.edit.description import describe
 from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.errors import F4xError
-from .evaluated import ENGINE
 from .gaussian_attributes import write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
+from .render_settings import ENGINE
 from .scene_object import APART, HIDDEN, SCORE, SELECTED, TIMED, SceneObject, forget
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"

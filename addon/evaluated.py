@@ -15,11 +15,10 @@ from ..f4x_core.scene.color import srgb_from_linear
 from ..f4x_core.scene.cryptomatte import identify
 from ..f4x_core.scene.stage import Cloud, Surface
 from .gaussian_attributes import FITTED_FOCAL
+from .native_motion import carried_cloud
 from .point_cloud import read_attribute
 from .scene_object import HIDDEN, SceneObject
 
-ENGINE = "FEATURE4X"
-"""Identifier of the render engine."""
 LAYERS = {"latent": "f4x_latent", "selection": ".selection", "score": "f4x_score"}
 """Passes of the stage and the point attributes they show."""
 GREY = (0.8, 0.8, 0.8)
@@ -36,7 +35,7 @@ _READERS = (
 )
 """Nodes that hand on geometry as it is."""
 OF = "f4x_of"
-"""Property of a mesh that was made of Gaussians: their ids. The engine draws the Gaussians and not the mesh."""
+"""Property of a mesh that was made of Gaussians: how many. The engine draws the Gaussians and not the mesh."""
 SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
@@ -154,17 +153,20 @@ class Reader:
             self._written = {}
         clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
         surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
+        shown: list[Cloud] = []
         for instance, item, owner in _visible(depsgraph, view):
             to_world = np.array(instance.matrix_world)
             data = item.original.data.session_uid
             key = (item.original.session_uid, data, *instance.persistent_id, owner.session_uid)
             if item.type == "POINTCLOUD":
                 clouds[key] = self._cloud(key, item, to_world, changed)
+                if clouds[key][0] is not None:
+                    shown.append(carried_cloud(item.original, clouds[key][0], item.data))
             else:
                 surfaces[key] = to_world, self._surface(key, item, to_world, changed)
         self._clouds, self._surfaces = clouds, surfaces
-        found = [cloud for cloud, _ in clouds.values()], [surface for _, surface in surfaces.values()]
-        return [cloud for cloud in found[0] if cloud is not None], [part for part in found[1] if part is not None]
+        parts = [surface for _, surface in surfaces.values()]
+        return shown, [part for part in parts if part is not None]
 
     def _cloud(
         self, key: tuple, item: bpy.types.Object, to_world: np.ndarray, changed: _Changes

@@ -16,7 +16,7 @@ from bpy_extras import view3d_utils
 from mathutils import Vector
 
 from ..f4x_core.errors import F4xError
-from ..f4x_core.query.gesture import Box, Brush, Lasso, Shape, select_by_gesture, select_by_sphere
+from ..f4x_core.query.gesture import Box, Brush, Lasso, Shape, select_by_gesture, select_by_sphere, select_thing
 from ..f4x_core.query.neighbourhood import meeting
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.troubles import with_code
@@ -139,17 +139,26 @@ class _Drawn(_Gesture):
     through: BoolProperty(  # type: ignore[valid-type]
         name="Through", description="Select also what is hidden behind other Gaussians"
     )
+    whole: BoolProperty(  # type: ignore[valid-type]
+        name="Whole Thing", description="Select the thing that the gesture marks, all of it and at all times"
+    )
+    around = True
 
     def shape(self, scene_object: SceneObject, flip) -> Shape:
         """The shape; `flip` turns places in the viewport to pixels of the core, whose y axis points down."""
         raise NotImplementedError
 
     def select(self, scene_object, seen):
-        """Gaussians in the shape."""
-        if not self.properties.is_property_set("through"):
-            self.through = scene_object.state.through
+        """Gaussians in the shape, or of the thing that they show."""
+        for name in ("through", "whole"):
+            if not self.properties.is_property_set(name):
+                setattr(self, name, getattr(scene_object.state, name))
         shape = self.shape(scene_object, lambda at: (at[0], seen.camera.height - at[1]))
-        return select_by_gesture(scene_object.shown.scene, scene_object.view(seen), shape, through=self.through)
+        scene = scene_object.shown.scene
+        found = select_by_gesture(scene, scene_object.view(seen), shape, through=self.through)
+        if not self.whole:
+            return found
+        return select_thing(scene, found, scene.cameras.frame_at(scene_object.frame), around=self.around)
 
 
 class F4X_OT_select_box(_Drawn, bpy.types.Operator):  # noqa: N801 - Blender wants this form
@@ -207,6 +216,7 @@ class F4X_OT_select_brush(_Path, bpy.types.Operator):  # noqa: N801
 
     bl_idname, bl_label = "f4x.select_brush", "Select Gaussians: Brush"
     hint = "Paint over what to select. Wheel: radius."
+    around = False
 
     radius: FloatProperty(name="Radius", description="Radius of the brush in pixels", min=1.0, default=25.0)  # type: ignore[valid-type]
 
@@ -330,9 +340,9 @@ class F4X_TL_sphere(_Tool):  # noqa: N801
 
 TOOLS = (F4X_TL_box, F4X_TL_brush, F4X_TL_lasso, F4X_TL_sphere)
 TOOL_SETTINGS = {
-    F4X_TL_box.bl_idname: ("through",),
-    F4X_TL_brush.bl_idname: ("through", "brush"),
-    F4X_TL_lasso.bl_idname: ("through",),
+    F4X_TL_box.bl_idname: ("through", "whole"),
+    F4X_TL_brush.bl_idname: ("through", "whole", "brush"),
+    F4X_TL_lasso.bl_idname: ("through", "whole"),
     F4X_TL_sphere.bl_idname: ("sphere_radius",),
 }
 """What a tool's header shows of the sidebar's state."""

@@ -39,7 +39,7 @@ from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, show_clip
 from .gaussian_attributes import FITTED_FOCAL, write_appearance, write_places
 from .motion_edits import mark_keyed
-from .motion_nodes import build_motion_tree, build_presence_tree
+from .motion_nodes import MOTION, build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
 from .rig_repair import add_identity, add_pairs
 from .scaffold_rig import add_graph, add_nodes, layer_of
@@ -225,7 +225,7 @@ def _add_motion(name, scene: Scene, dynamic, collection, root) -> None:
     nodes = add_nodes(name, curves, scene.cameras.times, collection, root)
     graph = add_graph(name, curves, nodes, collection, root)
     add_identity(graph.data, curves.ids)
-    modifier = dynamic.modifiers.new("Feature4X motion", "NODES")
+    modifier = dynamic.modifiers.new(MOTION, "NODES")
     slots, fades = gaussians.node.shape[1], bool((gaussians.strength < 1).any())
     modifier.node_group = build_motion_tree(f"{name} motion", nodes, helper, slots, fades)
 

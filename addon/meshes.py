@@ -17,6 +17,7 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scaffold import Scaffold
 from ..f4x_core.scaffold.deformation import node_poses_at
+from ..f4x_core.scene import Scene
 from ..f4x_core.scene.color import linear_from_srgb
 from ..f4x_core.scene.mesh import MeshConfig, Skin, SplatMesh, mesh_of
 from .evaluated import OF
@@ -29,8 +30,11 @@ from .scaffold_rig import NODES, all_nodes
 from .scene_object import SceneObject
 
 
-def add_mesh(root: bpy.types.Object, scene: EditedScene, made: SplatMesh, ids: np.ndarray) -> bpy.types.Object:
-    """Add the mesh `made` of the Gaussians `ids` below `root`; it casts shadows and is not seen itself."""
+def add_mesh(root: bpy.types.Object, scene: Scene, made: SplatMesh, count: int) -> bpy.types.Object:
+    """Add the mesh `made` of `count` Gaussians below `root`; it casts shadows, unseen. F4xError without its nodes."""
+    curves = scene.curves if isinstance(scene, EditedScene) else scene.scaffold
+    if made.skin is not None and curves is not None:
+        all_nodes(root, curves.ids[np.unique(made.skin.node)])
     mesh = bpy.data.meshes.new(f"{root.name} mesh")
     mesh.from_pydata(made.vertices.tolist(), [], made.faces.tolist())
     mesh.shade_smooth()
@@ -38,19 +42,18 @@ def add_mesh(root: bpy.types.Object, scene: EditedScene, made: SplatMesh, ids: n
     write_attribute(mesh, "rgb", "FLOAT_COLOR", color)
     mesh.materials.append(_material(mesh.name))
     item = bpy.data.objects.new(mesh.name, mesh)
-    item[OF] = ids.astype(np.int32).tolist()
+    item[OF] = count
     root.users_collection[0].objects.link(item)
     item.parent = root
     item.visible_camera = False
-    if made.skin is not None:
-        _carry(item, root, getattr(scene, "curves", None) or scene.scaffold, made.skin)
+    if made.skin is not None and curves is not None:
+        _carry(item, root, curves, made.skin)
     return item
 
 
 def _carry(item: bpy.types.Object, root: bpy.types.Object, curves: Scaffold, skin: Skin) -> None:
     """Let the nodes of `root` move a mesh by its skin, as geometry nodes move the Gaussians."""
     used, index = np.unique(skin.node, return_inverse=True)
-    all_nodes(root, curves.ids[used])  # before anything is added
     xyz, quat = node_poses_at(curves.times, curves.xyz, curves.quat, skin.time)
     helper = add_pairs(
         f"{item.name} pairs", root, (used, curves.ids[used]), np.zeros(len(used), int), (quat[used], xyz[used])
@@ -87,21 +90,27 @@ class F4X_OT_make_mesh(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blend
     bl_label = "Make Mesh"
 
     resolution: IntProperty(  # type: ignore[valid-type]
-        name="Resolution", description="Steps along its longest side", default=MeshConfig.resolution, min=8, max=384
+        name="Resolution", description="Steps along its longest side", default=MeshConfig.resolution, min=8, max=256
     )
     faces: IntProperty(  # type: ignore[valid-type]
-        name="Triangles", description="Number of triangles at most", default=MeshConfig.faces, min=20, max=5_000_000
+        name="Triangles", description="Number of triangles at most", default=MeshConfig.faces, min=20, max=1_000_000
+    )
+
+    current: BoolProperty(  # type: ignore[valid-type]
+        name="As at This Frame",
+        description="Find the surface at the current frame; else at the frame where the thing is spread the widest",
     )
 
     def act(self, context, scene_object):
-        """Make it as the Gaussians are at the current frame."""
+        """Make it; the nodes take it from there to every frame."""
         chosen = scene_object.selection
         if chosen is None:
             raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
         scene = scene_object.edited
+        time = scene_object.frame if self.current else None
         config = MeshConfig(self.resolution, self.faces)
-        made = mesh_of(scene, np.isin(scene.ids, chosen.chosen_ids), scene_object.frame, config)
-        item = add_mesh(scene_object.root, scene, made, chosen.chosen_ids)
+        made = mesh_of(scene, np.isin(scene.ids, chosen.chosen_ids), time, config)
+        item = add_mesh(scene_object.root, scene, made, len(chosen.chosen_ids))
         for other in context.selected_objects:
             other.select_set(False)
         item.select_set(True)

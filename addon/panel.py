@@ -163,6 +163,7 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         for tool in TOOLS:
             row.operator("wm.tool_set_by_id", text=tool.bl_label.rpartition(" ")[2]).name = tool.bl_idname
         row.prop(state, "through", text="", icon="XRAY")
+        row.prop(state, "whole", text="", icon="OBJECT_DATA")
         column = layout.column(align=True)
         column.active = state.live
         row = column.row()  # there without scores too: buttons that move are missed

@@ -8,6 +8,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
+from .native_motion import carried_places
 from .point_cloud import read_attribute
 from .scene_object import PREVIEW, SELECTED, SceneObject
 
@@ -33,7 +34,7 @@ def _draw() -> None:
             if not cloud.visible_get():
                 continue
             if cloud.session_uid not in _batches:
-                _batches[cloud.session_uid] = _batch(cloud.evaluated_get(depsgraph).data, shader)
+                _batches[cloud.session_uid] = _batch(cloud, cloud.evaluated_get(depsgraph).data, shader)
             batch = _batches[cloud.session_uid]
             if batch is None:
                 continue
@@ -46,12 +47,14 @@ def _draw() -> None:
             gpu.state.blend_set("NONE")
 
 
-def _batch(data: bpy.types.PointCloud, shader: gpu.types.GPUShader) -> gpu.types.GPUBatch | None:
+def _batch(
+    cloud: bpy.types.Object, data: bpy.types.PointCloud, shader: gpu.types.GPUShader
+) -> gpu.types.GPUBatch | None:
     """The selected points of an evaluated cloud; None where there are none."""
     chosen = read_attribute(data, SELECTED)
     if chosen is None or not chosen.any():
         return None
-    return batch_for_shader(shader, "POINTS", {"pos": read_attribute(data, "position")[np.flatnonzero(chosen)]})
+    return batch_for_shader(shader, "POINTS", {"pos": carried_places(cloud, data)[np.flatnonzero(chosen)]})
 
 
 @persistent

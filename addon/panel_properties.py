@@ -115,6 +115,10 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     through: BoolProperty(  # type: ignore[valid-type]
         name="Through", description="Gestures in the viewport select also what is hidden behind other Gaussians"
     )
+    whole: BoolProperty(  # type: ignore[valid-type]
+        name="Whole Thing",
+        description="Gestures in the viewport select the thing that they mark, all of it and at all times",
+    )
     brush: FloatProperty(  # type: ignore[valid-type]
         name="Radius", description="Radius of the brush in pixels", default=25.0, min=1.0, soft_max=500.0
     )

@@ -16,6 +16,7 @@ from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.language.lexicon import spellings
 from ..f4x_core.progress import Progress
 from ..f4x_core.query.inventory import known_instead
+from ..f4x_core.query.knowledge import refuse_unknown
 from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
@@ -60,6 +61,8 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
         found = by_names(shown.scene, words, scene_object.state.threshold)
         called = " and ".join(word if word in found else f"the {word}" for word in words)
         labels = [word for word in words if word not in found]
+        for label in labels:
+            refuse_unknown(scene, label)
         known = {label.lower() for label in labels_of(scene)}
         unknown = [word for word in (*labels, *(negatives or ())) if known.isdisjoint(spellings(word))]
         near = known_instead(scene, unknown) if known and unknown else []

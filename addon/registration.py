@@ -11,6 +11,7 @@ from . import (
     jobs,
     meshes,
     motion_operators,
+    native_motion,
     operators,
     panel,
     panel_overlay,
@@ -49,6 +50,7 @@ STARTED = (
     edit_operators,
     panel_overlay,
     rig_repair,
+    native_motion,
     shadows,
     meshes,
 )

@@ -19,6 +19,7 @@ from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import with_code
 from . import display, evaluated, shadows, viewport_gpu
 from .axes import camera_eye, camera_lens, eye
+from .render_settings import ENGINE
 
 _INDEX = ("Object Index" if bpy.app.version >= (5, 0, 0) else "IndexOB", "X")
 # channels -> kind of socket
@@ -67,7 +68,7 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
 
     bl_label = "Passes"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "view_layer"
-    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {ENGINE}  # noqa: RUF012 - read by Blender
 
     @classmethod
     def poll(cls, context):
@@ -95,7 +96,7 @@ class F4X_PT_film(bpy.types.Panel):  # noqa: N801
 
     bl_label = "Film"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
-    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {ENGINE}  # noqa: RUF012 - read by Blender
     poll = F4X_PT_passes.poll
 
     def draw(self, context):
@@ -110,7 +111,7 @@ class F4X_PT_motion_blur(bpy.types.Panel):  # noqa: N801
     bl_label = "Motion Blur"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
-    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {ENGINE}  # noqa: RUF012 - read by Blender
     poll = F4X_PT_passes.poll
 
     def draw_header(self, context):
@@ -131,7 +132,7 @@ class F4X_PT_mist(bpy.types.Panel):  # noqa: N801
     bl_label = "Mist Pass"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "world"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
-    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {ENGINE}  # noqa: RUF012 - read by Blender
 
     @classmethod
     def poll(cls, context):
@@ -147,7 +148,7 @@ class F4X_PT_mist(bpy.types.Panel):  # noqa: N801
 class Feature4XRenderEngine(bpy.types.RenderEngine):
     """Render engine that draws Gaussians as the core does; other surfaces occlude them and show a flat colour."""
 
-    bl_idname = evaluated.ENGINE
+    bl_idname = ENGINE
     bl_label = "Feature4X"
     bl_use_eevee_viewport = True  # Material Preview is EEVEE's
     bl_use_shading_nodes_custom = False

@@ -13,7 +13,6 @@ from mathutils.bvhtree import BVHTree
 from ..f4x_core.scene import shadows
 from ..f4x_core.scene.stage import Cloud
 from .evaluated import OF, SOLID, surface_of
-from .point_cloud import read_attribute
 from .scene_object import SceneObject
 
 LAMPS = ("SUN", "POINT")
@@ -46,19 +45,19 @@ def lighting(depsgraph: bpy.types.Depsgraph) -> Callable[[bpy.types.Object, Clou
         return None
 
     def lit(item: bpy.types.Object, cloud: Cloud) -> Cloud:
-        found = [replace(caster, spared=_made_of(item, source)) for caster, source in casters]
-        light = shadows.light_left(cloud.places, lamps, found, settings.strength)
+        root = _root(item)
+        # what stands in the clip has its shadow in it already
+        others = [caster for caster, made_of in casters if made_of is None or made_of != root]
+        light = shadows.light_left(cloud.places, lamps, others, settings.strength)
         return cloud if (light == 1).all() else replace(cloud, light=light)
 
     return lit
 
 
-def _made_of(item: bpy.types.Object, source: bpy.types.Object) -> np.ndarray | None:
-    """(N,) bool: the points of an evaluated cloud that the mesh `source` was made of; None for any other mesh."""
-    if OF not in source or SceneObject.of(source) != SceneObject.of(item.original):
-        return None
-    gid = read_attribute(item.data, "gid")
-    return None if gid is None else np.isin(gid, np.array(source[OF]))
+def _root(item: bpy.types.Object) -> bpy.types.Object | None:
+    """The root of the scene that an evaluated object is a part of."""
+    found = SceneObject.of(item.original)
+    return None if found is None else found.root
 
 
 def _lamps(depsgraph: bpy.types.Depsgraph) -> list[shadows.Lamp]:
@@ -80,8 +79,8 @@ def _lamps(depsgraph: bpy.types.Depsgraph) -> list[shadows.Lamp]:
     return found
 
 
-def _casters(depsgraph: bpy.types.Depsgraph) -> list[tuple[shadows.Caster, bpy.types.Object]]:
-    """Everything solid that casts shadows, seen by the camera or not, with its original object; no catchers of shadows."""
+def _casters(depsgraph: bpy.types.Depsgraph) -> list[tuple[shadows.Caster, bpy.types.Object | None]]:
+    """Everything solid that casts shadows, seen by the camera or not; of a mesh of Gaussians also the root of its scene."""
     found = []
     for instance in depsgraph.object_instances:
         item = instance.object
@@ -91,7 +90,8 @@ def _casters(depsgraph: bpy.types.Depsgraph) -> list[tuple[shadows.Caster, bpy.t
         if surface is not None:
             corners = surface.triangles.reshape(-1, 3)
             box = np.stack([corners.min(0), corners.max(0)]).astype(float)
-            found.append((shadows.Caster(box, _rays(corners)), item.original))
+            root = _root(item) if OF in item.original else None
+            found.append((shadows.Caster(box, _rays(corners)), root))
     return found
 
 

@@ -1,22 +1,23 @@
 """Scenes to look at before a clip of one's own: `python3 scripts/dev.py examples [OUT]`.
 
-For each of `clip.rendered_scenes.EXAMPLES`, OUT (build/examples) then holds NAME.html, which any browser plays; NAME.f4x; NAME.blend, which finds it
-beside itself; NAME.jpg, the clip beside what was made of it; and SHA256SUMS. Each is rendered by the demo's generator and fitted
-as a clip of one's own would be. The same machine makes the same .f4x again; Blender's files carry addresses of its memory.
+For each of `clip.rendered_scenes.EXAMPLES`, OUT (build/examples) then holds NAME.html, which any browser plays; NAME.f4x;
+NAME.blend, which finds it beside itself; NAME.jpg, the clip beside what was made of it; and SHA256SUMS. Each is rendered by the
+demo's generator and fitted as a clip of one's own would be. The same machine makes the same .f4x again; Blender's files carry
+addresses of its memory.
 """
 
 import argparse
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from PIL import Image
 
 from f4x_core.clip.rendered_scenes import EXAMPLES
-from f4x_core.scene import read_scene
+from f4x_core.scene import read_scene, write_scene
 from f4x_core.scene.formats.web import write_page
 
 from .release import SUMS, write_sums
@@ -48,8 +49,9 @@ def run_in(folder: Path, *command: str) -> None:
 
 def finish(demo: Path, scene: Path) -> None:
     """From the folder of a demo: the scene, and beside it its page, picture and Blender file."""
-    shutil.copyfile(demo / "scene.f4x", scene)
-    write_page(read_scene(scene), scene.with_suffix(".html"))
+    named = replace(read_scene(demo / "scene.f4x"), name=scene.stem)  # the demo calls every clip "clip"
+    write_scene(named, scene)
+    write_page(named, scene.with_suffix(".html"))
     Image.open(demo / "contact_sheet.png").convert("RGB").save(scene.with_suffix(".jpg"), quality=QUALITY)
     blend = scene.with_suffix(".blend").name
     run_in(scene.parent, str(ROOT / "scripts" / "import_scene.py"), scene.name, blend)

@@ -23,6 +23,7 @@ from .options import (
     output_option,
     path_options,
     prompt_options,
+    stroke_options,
 )
 
 
@@ -205,7 +206,7 @@ def _mesh(verbs: Verbs) -> None:
     )
     prompt_options(sub)
     sub.add_argument(
-        "--time", type=float, metavar="T", help="clip frame whose shape it is (default: where most is there)"
+        "--time", type=float, metavar="T", help="clip frame whose shape it is (default: where it is spread the widest)"
     )
     sub.add_argument(
         "--faces", type=int, default=MeshConfig.faces, metavar="N", help="triangles at most (default: 20000)"
@@ -241,7 +242,7 @@ def _open(verbs: Verbs) -> None:
 def _query(verbs: Verbs) -> None:
     """`f4x query`."""
     sub = add_verb(
-        verbs, "query", "Select what a word, a point, a box, these together, or a mask means: Gaussians and masks."
+        verbs, "query", "Select what words and marks on a frame mean, alone or together: Gaussians and masks."
     )
     sub.add_argument("scene", type=path_argument)
     edits_option(sub)
@@ -263,10 +264,11 @@ def _name(verbs: Verbs) -> None:
     sub.add_argument(
         "--click", dest="point", metavar="X,Y", help="pixel on the thing, from the upper left corner; with --frame"
     )
-    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with --click or --box")
+    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with a mark on the thing")
     sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
+    stroke_options(sub)
     sub.add_argument("--mask", type=path_argument, metavar="FILE", help="picture, not black on the thing; with --frame")
-    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the click, box or mask, from 0")
+    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the marks, from 0")
     backend_option(sub)
 
 
@@ -411,7 +413,7 @@ def _doctor(verbs: Verbs) -> None:
 def _bench(verbs: Verbs) -> None:
     """`f4x bench`."""
     sub = add_verb(verbs, "bench", "Speed against error of the kernels on this machine; needs a checkout.")
-    sub.add_argument("what", choices=("raster", "deform", "features", "edit", "scale"))
+    sub.add_argument("what", choices=("raster", "deform", "features", "edit", "select", "scale"))
     sub.add_argument("--clips", type=int, default=8, metavar="N", help="small clips that are fitted, 0 to 8 (scale)")
     sub.add_argument(
         "--long",
@@ -430,11 +432,31 @@ def _bench(verbs: Verbs) -> None:
     sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
     sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
     sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")
-    sub.add_argument("--scene", type=path_argument, help="scene whose answers or edits are measured (features, edit)")
     sub.add_argument(
-        "--masks", type=path_argument, metavar="DIR", help="true masks, one for each clip frame (features, edit)"
+        "--scene",
+        type=path_argument,
+        help="scene whose answers, edits or selections are measured (features, edit, select)",
     )
-    sub.add_argument("--label", metavar="WORD", help="what the masks show (features, edit)")
+    sub.add_argument(
+        "--masks",
+        type=path_argument,
+        metavar="DIR",
+        help="true masks, one for each clip frame (features, edit, select)",
+    )
+    sub.add_argument("--label", metavar="WORD", help="what the masks show (features, edit, select)")
+    sub.add_argument(
+        "--things",
+        type=path_argument,
+        metavar="FILE",
+        help="outlines of things that stand, tests/data/static_things.json (select)",
+    )
+    sub.add_argument(
+        "--seeds",
+        type=int,
+        default=3,
+        metavar="N",
+        help="made-up scenes of each kind, where no --scene is given (select)",
+    )
     sub.add_argument(
         "--truth",
         type=path_argument,
@@ -484,7 +506,7 @@ def _demo(verbs: Verbs) -> None:
     film = sub.add_mutually_exclusive_group()
     film.add_argument("--clip", type=path_argument, help="your own video instead of the rendered one")
     film.add_argument(
-        "--scene", default="procedural", metavar="NAME", help="which rendered one: rolling, meeting, swinging, …"
+        "--scene", default="procedural", metavar="NAME", help="which rendered one: driving, meeting, swinging, …"
     )
     output_option(sub, default=Path("demo"), help="default: demo")
     clip_options(sub)

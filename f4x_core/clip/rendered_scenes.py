@@ -213,12 +213,18 @@ EXAMPLES = {
     scene.name: scene
     for scene in (
         RenderedScene(
-            "rolling",
+            "driving",
             "yard",
             CameraMove("sweep", 0.3),
             (
-                Body("ball", (0.9, 0.9, 0.9), 101, way=Way(((0, -1.5, -0.5), (1, 1.4, -0.1)), rolls=True)),
-                _box((-1.7, 1.4), (0.9, 0.7, 1.1), 102, 25),
+                Body(
+                    "box",
+                    (1.2, 0.7, 0.7),
+                    101,
+                    turned=12,
+                    way=Way(((0, -1.5, -0.7), (0.5, 0.1, -0.2), (1, 1.3, 0.6)), turn=28),
+                ),
+                _box((-1.9, 1.6), (0.9, 0.7, 1.1), 102, 25),
                 Body("cone", (0.9, 0.9, 1.3), 103, (1.8, 1.5)),
             ),
             look=11,

@@ -17,10 +17,15 @@ from ..geometry.splats import Splats
 from ..scene import Scene
 from ..scene.stage import Cloud, fitted_config
 from .blend_weights import seen_sums
+from .marks import Mark
 from .not_deleted import not_deleted
+from .pixels import coverage_image
+from .prompts import select_by_evidence
 from .score import THRESHOLD
 from .selection import Selection, fingerprint
 
+HALF = 0.5
+"""Fraction of a pixel from which on what is marked covers it."""
 COLUMNS = 640
 """Width in pixels, at most, of the picture in which is looked what is seen; Gaussians are many pixels wide or many in number."""
 
@@ -144,6 +149,32 @@ def select_by_sphere(scene: Scene, view: View, centre: Sequence[float], radius: 
         raise F4xError("A sphere needs a radius above 0.")
     away: np.ndarray = _in_world(scene, view).means - np.asarray(centre, np.float64)
     return _selection(scene, view, (away**2).sum(1) <= radius**2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Covered(Mark):
+    """Pixels of the clip that marked Gaussians cover."""
+
+    covered: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), bool))
+    """(H,W) bool."""
+    around: bool = False
+    exact: bool = False
+
+    def pixels(self, size: tuple[int, int]) -> np.ndarray:
+        """(H,W) bool."""
+        return self.covered
+
+
+def select_thing(scene: Scene, found: Selection, frame: int, *, around: bool) -> Selection:
+    """The thing that a gesture's Gaussians `found` show: evidence as of marks on the clip's frame (`prompts.select_by_evidence`).
+
+    `around`: the gesture went around the thing; else it was drawn on it. F4xError where the clip's camera does not see them.
+    """
+    cameras = scene.cameras
+    covered = coverage_image(scene, found, cameras[frame], float(cameras.times[frame])) > HALF
+    if not covered.any():
+        raise F4xError("The clip's camera does not see what is marked in this frame; choose another frame or place.")
+    return select_by_evidence(scene, [_Covered(frame, True, covered, around, not around)])
 
 
 def _in_world(scene: Scene, view: View) -> Cloud:

@@ -20,6 +20,7 @@ from ..geometry import spherical_harmonics
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.field import FeatureField
 from .blend_weights import blend_weight_sums, total_blend_weights
+from .connected_objects import connect
 from .marks import Mark
 from .smoothing import LOOKS_ALIKE
 
@@ -43,6 +44,9 @@ SIGHT, FAR = 8.0, 1.5
 with monocular depth, angles from the middle camera compare better than metres."""
 NEIGHBOURS = 12
 """Minimum number of superpoints that one is bonded to, and number of static groups that decide how well it blends in."""
+RIGID, NOISE, LASTING = 0.1, 3.0, 1.5
+"""Two neighbours move as one where their distance changes by less than `LASTING` times this fraction of it, or times so many
+medians over all neighbours, as fits are not exact. Four filmed clips then stay in one piece, two things that touch do not."""
 BLENDING = 4.0
 """Bonds of full strength from a superpoint to the static background that looks like it."""
 ESCAPE_MOVING, ESCAPE_STATIC = 1e-3, 1e-2
@@ -102,6 +106,8 @@ class Superpoints:
     """Least and greatest fraction of the blend weights that a thing has."""
     contrast: float = CONTRAST_MOVING
     """How much the mean strength of an outline's bonds counts beside its conductance, 0 to 1."""
+    piece: np.ndarray | None = None
+    """(P,) int64: superpoints of one piece move as one (`_pieces`), and a thing lies within one; None: all are one piece."""
 
     def gather(self, weights: np.ndarray) -> np.ndarray:
         """(P,): sums over superpoints of the blend `weights (N,)` of all Gaussians of the scene."""
@@ -116,6 +122,12 @@ class Superpoints:
     def means(self, values: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(P,): means of `values (N,)` over the Gaussians of each superpoint, weighted by `weights (N,)`."""
         return self.gather(values * weights) / np.maximum(self.gather(weights), 1e-12)
+
+    def apart(self, marked: np.ndarray) -> np.ndarray:
+        """(P,) bool: superpoints of other pieces than the one with most of the blend weights `marked (P,)`."""
+        if self.piece is None or not len(self.piece):
+            return np.zeros(len(marked), bool)
+        return self.piece != np.bincount(self.piece, marked).argmax()
 
     def grow(
         self, marked: np.ndarray, against: np.ndarray, doubt: np.ndarray | None = None, filled: float = 0.0
@@ -174,7 +186,8 @@ def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = N
     filled = 0.0 if drawn_on else FILLED_MOVING if moves else FILLED_STATIC
     chosen = held
     for start in map(superpoints.gather, signs.starts):
-        chosen = chosen | superpoints.grow(start, against, doubt, filled)
+        other = superpoints.apart(np.where(against, 0, start)) if drawn_on else False
+        chosen = chosen | superpoints.grow(start, against | other, doubt, filled)
     return superpoints.spread(chosen, len(scene.ids)) if chosen.any() else None
 
 
@@ -263,9 +276,10 @@ def superpoints_of(scene: Scene) -> Graph:
     bonds, near, unit = _bonds(centres, mine)
     nearest = np.sort(_squares(mine, theirs), axis=1)[:, :NEIGHBOURS]
     blend = BLENDING * np.exp(-nearest.mean(1) / unit) if nearest.size else np.zeros(len(mine))
+    piece = _pieces(centres.reshape(len(centres), TIMES, 3), near)
     outside = _bonds(sights, outlines)[:2]
     return Graph(
-        Superpoints(moving, index, weight, bonds, near, blend),
+        Superpoints(moving, index, weight, bonds, near, blend, piece=piece),
         Superpoints(
             static, backdrop, mass, *outside, np.zeros(len(mass)), ESCAPE_STATIC, SIZES_STATIC, CONTRAST_STATIC
         ),
@@ -343,6 +357,21 @@ def _bonds(place: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, np.nd
     return close * np.exp(-unlike / unit), close, unit
 
 
+def _pieces(places: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(P,) int64 piece of each superpoint, from 0: neighbours (`near (P,P)` > 0) stay together while their distance lasts.
+
+    `places (P,T,3)` at times over the clip. How much a distance changes is measured as a fraction of it, or of the neighbours'
+    median distance where that is more.
+    """
+    one, two = np.nonzero(near)
+    if not len(one):
+        return np.arange(len(near))
+    far = np.linalg.norm(places[one] - places[two], axis=2)
+    change = np.ptp(far, axis=1) / (far.mean(1) + np.median(far) + np.finfo(float).tiny)
+    lasts = change <= LASTING * max(RIGID, NOISE * float(np.median(change)))
+    return connect(np.stack([one, two])[:, lasts], len(near))
+
+
 def _sweep(
     strength: tuple[np.ndarray, np.ndarray],
     most: tuple[np.ndarray, np.ndarray],
@@ -366,5 +395,9 @@ def _sweep(
 def _cuts(bonds: np.ndarray, out: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(P,) bonds that are cut, and (P,) all bonds, of the first 1, 2, … superpoints of `order (P,)`."""
     degree = (bonds.sum(1) + out)[order]
-    inner = np.tril(bonds[order][:, order], -1).sum(1)  # bonds to superpoints before it in the order
+    rank = np.empty(len(order), int)
+    rank[order] = np.arange(len(order))
+    one, two = np.nonzero(bonds)  # few: all pairs would cost a tenth of a second
+    before = rank[two] < rank[one]
+    inner = np.bincount(rank[one[before]], bonds[one[before], two[before]], len(order))  # bonds to those before it
     return np.cumsum(degree - 2 * inner), np.cumsum(degree)

@@ -17,6 +17,8 @@ STRENGTH = 0.7
 """Fraction of the light that lamps take away where none of them reaches: the rest is the sky's."""
 SAMPLES = 16
 """Points of a lamp with a size that are looked at from each Gaussian."""
+BLOCK = 1 << 16
+"""Points that are worked on together: with all their ways about 100 MB."""
 OFF = 1e-4
 """Fraction of the way to a lamp, or of the size of what casts shadows for the sun, before which nothing casts one: a Gaussian that
 lies on a mesh does not hide itself."""
@@ -67,8 +69,6 @@ class Caster:
     """(2,3) its smallest and largest coordinates in the world."""
     blocks: Callable[[np.ndarray, np.ndarray], np.ndarray]
     """(starts (R,3), ways (R,3)) -> (R,) bool: whether it stands between a start and the end of its way."""
-    spared: np.ndarray | None = None
-    """(N,) bool: points that it casts no shadow on, such as those it was made of; None = there are none."""
 
 
 def light_left(
@@ -86,7 +86,9 @@ def light_left(
     for lamp in lamps:
         share = lamp.irradiance(points)
         whole += share
-        seen += share * _visible(points, lamp.ways(points, reach), casters)
+        for first in range(0, len(points), BLOCK):
+            block = slice(first, first + BLOCK)
+            seen[block] += share[block] * _visible(points[block], lamp.ways(points[block], reach), casters)
     lost = 1 - np.where(whole > 0, seen / np.where(whole > 0, whole, 1), 1)
     return np.where(lost > 0, 1 - strength * lost, 1.0)
 
@@ -96,9 +98,6 @@ def _visible(points: np.ndarray, ways: np.ndarray, casters: Sequence[Caster]) ->
     free = np.ones(ways.shape[:2], bool)
     for caster in casters:
         row, sample = np.nonzero(free & _meets(points, ways, caster.box))
-        if caster.spared is not None:
-            kept = ~caster.spared[row]
-            row, sample = row[kept], sample[kept]
         if len(row):
             way = ways[row, sample]
             free[row, sample] = ~caster.blocks(points[row] + OFF * way, (1 - OFF) * way)

@@ -71,6 +71,20 @@ noted["refused"] = refused(ops.select_lasso, path=way({lasso[:2]}))
     assert "three corners" in noted["refused"]
 
 
+def test_a_stroke_selects_the_whole_thing(folder, scene):
+    left, top, right, bottom = square_of(scene)
+    x, y = (left + right) / 2, (top + bottom) / 2
+    script = f"""
+stroke = way({[(x - 2, y), (x + 2, y)]})
+ops.select_brush(path=stroke, radius=2.0); keep("stroke")
+ops.select_brush(path=stroke, radius=2.0, whole=True); keep("thing")
+"""
+    _, arrays = perform(folder, START + script)
+    count = len(scene.static)
+    assert 0 < arrays["stroke"].sum() < len(scene.dynamic)
+    assert arrays["thing"][count:].all() and not arrays["thing"][:count].any()
+
+
 def test_modes_combine_and_a_sphere_follows_its_handles(folder, scene):
     left, top, right, bottom = square_of(scene)
     box = f"box=({left}, {HEIGHT - top}, {right}, {HEIGHT - bottom})"

@@ -9,7 +9,9 @@ from shapes import carried_sphere, discs, plane, static_scene
 
 from f4x_core.geometry.camera import CameraPath
 from f4x_core.scene import StaticSet, write_scene
+from f4x_core.scene.formats.gltf_mesh import write_gltf_mesh
 from f4x_core.scene.mesh import MeshConfig, carried, mesh_of
+from f4x_core.scene.mesh.skin import linearly_carried
 from f4x_core.scene.stage import Cloud, DrawSettings, draw
 
 from .artist import perform
@@ -46,7 +48,7 @@ shown = scene_object().shown.scene
 scene_object().write(**{SELECTED: ("BOOLEAN", shown.moving)})
 scene.frame_set(3)
 arrays["without"] = pixels("without")
-ops.make_mesh(resolution=32, faces=1500)
+ops.make_mesh(resolution=24, faces=1500, current=True)
 item = bpy.context.object
 noted["made"] = is_made(item) and item.parent == root()
 arrays["rest"] = np.array([v.co for v in item.data.vertices])
@@ -75,6 +77,10 @@ scene.frame_set(4)
 bpy.context.view_layer.update()
 seen = item.evaluated_get(bpy.context.evaluated_depsgraph_get())
 arrays["renamed"] = np.array([v.co for v in seen.data.vertices])
+bpy.data.objects.remove(node)
+before = len(bpy.data.objects), len(bpy.data.meshes)
+noted["missing"] = refused(ops.make_mesh, resolution=16)
+noted["left"] = (len(bpy.data.objects), len(bpy.data.meshes)) == before
 """
 
 
@@ -84,8 +90,9 @@ def test_a_mesh_of_a_selection(tmp_path):
     noted, arrays = perform(tmp_path, MAKE.replace("FRAMES", str(FRAMES)))
     assert "Nothing is selected" in noted["nothing"]
     assert noted["made"] and noted["hidden"] and noted["held"] and noted["free"] and noted["no body"]
+    assert "1 node is missing" in noted["missing"] and noted["left"]
     assert noted["body"] == ["PASSIVE", "MESH", "FINAL", True]
-    mesh = mesh_of(scene, scene.moving, 3.0, MeshConfig(32, 1500))
+    mesh = mesh_of(scene, scene.moving, 3.0, MeshConfig(24, 1500))
     np.testing.assert_allclose(arrays["rest"], mesh.vertices, atol=1e-6)
     moved = [carried(mesh.vertices.astype(float), mesh.skin, scene.scaffold, float(frame)) for frame in range(FRAMES)]
     assert np.abs(moved[0] - moved[4]).max() > 0.1
@@ -95,6 +102,32 @@ def test_a_mesh_of_a_selection(tmp_path):
     np.testing.assert_array_equal(arrays["with"], arrays["without"])  # the engine draws the Gaussians
     np.testing.assert_array_equal(arrays["holdout"], arrays["without"])
     assert arrays["without"].std() > 0.05
+
+
+READ = """
+bpy.ops.wm.read_factory_settings(use_empty=True)
+scene = bpy.context.scene
+scene.render.fps = 24
+bpy.ops.import_scene.gltf(filepath=str(folder / "a.glb"))
+item = next(o for o in bpy.data.objects if o.type == "MESH" and any(m.type == "ARMATURE" for m in o.modifiers))
+for frame in range(FRAMES):
+    scene.frame_set(frame)
+    seen = item.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    arrays[str(frame)] = np.array([seen.matrix_world @ v.co for v in seen.data.vertices])
+arrays["colors"] = np.array([c.color[:3] for c in item.data.color_attributes[0].data])
+"""
+
+
+def test_blender_reads_the_file(tmp_path):
+    scene = carried_sphere(strength=0.9)
+    mesh = mesh_of(scene, scene.moving, 3.0, MeshConfig(24, 600))
+    write_gltf_mesh(scene, mesh, tmp_path / "a.glb")
+    _, arrays = perform(tmp_path, READ.replace("FRAMES", str(FRAMES)))
+    for frame in range(FRAMES):
+        expected = linearly_carried(mesh.vertices.astype(float), mesh.skin, scene.scaffold, float(frame))
+        # Blender normalises the weights that it reads and keeps them in single precision
+        np.testing.assert_allclose(arrays[str(frame)], expected[:, [0, 2, 1]] * [1, 1, -1], atol=1e-3)
+    assert np.ptp(arrays["colors"], axis=0).max() < 1e-3 and arrays["colors"][0, 0] > 2 * arrays["colors"][0, 1]
 
 
 SHADE = (
@@ -128,7 +161,7 @@ sun = bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN"))
 scene.collection.objects.link(sun)
 sun.rotation_euler = (np.pi / 2, 0, 0)
 select(root())
-ops.make_mesh(resolution=32, faces=1500)
+ops.make_mesh(resolution=24, faces=1500)
 arrays["own mesh"] = pixels("own")
 """
 )

@@ -149,6 +149,8 @@ def shot(tmp_path_factory):
 def test_windows_join_into_one_scene(shot):
     scene, figures = read_scene(shot.folder / "scene.f4x"), shot.result["metrics"]
     assert len(scene.cameras) == 16 and scene.provenance["frames"] == "0:16:1"
+    parts = [read_scene(shot.folder / "windows" / f"{number:03d}" / "scene.f4x") for number in range(3)]
+    assert scene.provenance["believed_degrees"] == min(part.provenance["believed_degrees"] for part in parts)
     assert figures["used_psnr"] > 22
     assert figures["seam_psnr"] > figures["rest_psnr"] - 0.5, "seams are as good as the rest"
     frames = json.loads((shot.folder / "metrics.json").read_text())["frames"]

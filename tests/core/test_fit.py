@@ -10,6 +10,7 @@ from toy import clip_and_priors
 
 from f4x_core.errors import F4xError
 from f4x_core.fit import pipeline, trainer
+from f4x_core.fit.believed import believed_degrees, depth_evidence
 from f4x_core.fit.checkpoint import load_checkpoint, save_checkpoint
 from f4x_core.fit.config import PROFILES, NodeConfig, profile, resolved
 from f4x_core.fit.losses import depth_loss, masked_l1, psnr, ssim_map
@@ -43,6 +44,8 @@ def test_moving_toy_gets_few_nodes_and_a_good_picture(fit, tmp_path):
     assert len(scene.dynamic) > 50
     assert len(scene.cameras) == 8
     assert (scene.provenance["source"], scene.provenance["frames"], scene.provenance["width"]) == ("toy", "", 64)
+    believed = believed_degrees(depth_evidence(result.priors))
+    assert scene.provenance["believed_degrees"] == round(min(believed.static, believed.moving), 1)
     ids = np.concatenate([scene.static.ids, scene.dynamic.ids])
     assert len(np.unique(ids)) == len(ids) and ids.max() < scene.next_id
 

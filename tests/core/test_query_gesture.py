@@ -9,7 +9,8 @@ from labelled_scene import labelled_scene
 from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import Camera
 from f4x_core.geometry.splats import Splats
-from f4x_core.query.gesture import Box, Brush, Lasso, View, select_by_gesture, select_by_sphere
+from f4x_core.geometry.trajectory import aside
+from f4x_core.query.gesture import Box, Brush, Lasso, View, select_by_gesture, select_by_sphere, select_thing
 from f4x_core.raster.blend_weights import alpha_sums, blend_weight_sums
 
 SCENE = labelled_scene()
@@ -126,6 +127,35 @@ def test_nothing_before_the_near_plane_is_selected():
     found = select_by_gesture(SCENE, view(near=1.0), box_of_square(2.0), through=True)
     assert chosen(found)[1] == 0 < chosen(found)[0]
     assert chosen(select_by_gesture(SCENE, view(near=1.0), box_of_square(2.0)))[1] == 0
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_stroke_on_the_square_shows_the_whole_square(turned):
+    """Also from beside, where the clip's camera is not."""
+    camera = SCENE.cameras.at(2.0)
+    if turned:
+        camera = aside(SCENE.cameras, 2.0, right=15.0, up=8.0).camera
+    posed = SCENE.posed(2.0)
+    pixels, _ = camera.project(posed.means[posed.dynamic])
+    (x, y), width = pixels.mean(0), np.ptp(pixels[:, 0])
+    stroke = Brush([(x - 0.2 * width, y), (x + 0.2 * width, y)], 0.15 * width)
+    painted = select_by_gesture(SCENE, View(camera, 2.0), stroke)
+    assert 0.02 < chosen(painted)[1] < 0.6
+    assert chosen(select_thing(SCENE, painted, 2, around=False)) == (0, 1)
+
+
+def test_a_lasso_around_the_square_shows_the_square_without_the_wall():
+    (left, top), (right, bottom) = box_of_square(2.0).corner, box_of_square(2.0).opposite
+    lasso = Lasso([(left, top), (right, top), (right, bottom), (left, bottom)])
+    marked = select_by_gesture(SCENE, view(), lasso)
+    assert chosen(marked)[0] > 0
+    assert chosen(select_thing(SCENE, marked, 2, around=True)) == (0, 1)
+
+
+def test_what_the_clip_does_not_see_shows_nothing():
+    nothing = select_by_gesture(SCENE, view(), Box((0.0, 0.0), (0.001, 0.001)))
+    with pytest.raises(F4xError, match="does not see"):
+        select_thing(SCENE, nothing, 2, around=True)
 
 
 def test_alpha_sums_are_the_blend_weights_of_gaussians_alone():

@@ -8,7 +8,7 @@ import pytest
 
 from f4x_core.versions import VERSION
 from scripts.build_extension import blender_platform, reproducible
-from scripts.release import ReleaseError, repeated_versions, section_of, write_sums
+from scripts.release import ReleaseError, copy_examples, repeated_versions, section_of, write_sums
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -44,6 +44,19 @@ def test_sums_name_every_file_but_themselves(tmp_path):
         write_sums(tmp_path)
     empty = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
     assert (tmp_path / "SHA256SUMS").read_text() == f"{empty}  part/file\n"
+
+
+def test_examples_are_copied_as_they_were_made(tmp_path):
+    made = tmp_path / "made"
+    made.mkdir()
+    (made / "a.f4x").write_bytes(b"scene")
+    write_sums(made)
+    (made / "notes.txt").write_text("of somebody else")
+    copy_examples(made, tmp_path / "copy")
+    assert [file.name for file in (tmp_path / "copy").iterdir()] == ["a.f4x"]
+    (made / "a.f4x").write_bytes(b"another")
+    with pytest.raises(ReleaseError, match=r"a.f4x is not what was made there"):
+        copy_examples(made, tmp_path / "second")
 
 
 def test_blender_calls_platforms_otherwise():

@@ -5,7 +5,17 @@ import pytest
 
 from benchmarks.halves import REAL, RENDERED, in_order
 from f4x_core.clip.rendered_motion import RESTITUTION, body_poses, camera_poses
-from f4x_core.clip.rendered_scenes import ALL, GRID_MOTIONS, GRID_PATHS, SCENES, Body, Way, scenes_named
+from f4x_core.clip.rendered_scenes import (
+    ALL,
+    EXAMPLES,
+    GRID_MOTIONS,
+    GRID_PATHS,
+    SCENES,
+    Body,
+    Swing,
+    Way,
+    scenes_named,
+)
 from f4x_core.clip.rendered_textures import PATTERNS, SIZE, texture
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
@@ -50,6 +60,28 @@ def test_scenes_are_chosen_by_name():
     assert len(scenes_named([ALL])) == len(SCENES)
     with pytest.raises(F4xError, match="--scene run: no such scene; there are all, procedural"):
         scenes_named(["run"])
+
+
+def test_examples_are_no_clips_that_anything_is_chosen_on_or_judged_by():
+    assert not SCENES.keys() & EXAMPLES.keys() and len(EXAMPLES) == 3
+    assert all(scene.camera.path >= 0.2 and not scene.needs_models for scene in EXAMPLES.values())
+    assert [scene.name for scene in scenes_named(["meeting"])] == ["meeting"]
+
+
+def test_what_swings_keeps_its_distance_and_looks_along_its_rope():
+    swing = Swing(length=1.5, degrees=20, times=2, lowest=0.4)
+    corners = corners_of(Body("box", (0.4, 0.4, 1.0), 1))
+    times = np.linspace(0, 1, 33)
+    places, turns = body_poses(Way(((0, 0.3, -0.2),), swing=swing), corners, times, 2.0)
+    hung = np.array([0.3, -0.2, 0.4 + 0.5 + 1.5])
+    np.testing.assert_allclose(np.linalg.norm(places - hung, axis=1), 1.5)
+    up = quaternion.rotate(turns, np.tile([0.0, 0.0, 1.0], (len(times), 1)))
+    np.testing.assert_allclose(up, (hung - places) / 1.5, atol=1e-12)
+    lowest = (places[:, None] + quaternion.rotate(turns[:, None], corners[None]))[..., 2].min()
+    assert lowest == pytest.approx(0.4, abs=0.02)  # a corner of the box reaches a little lower than its middle
+    angle = np.degrees(np.arctan2(*(places - hung).T[[0]], -(places - hung)[:, 2]))
+    assert angle.max() == pytest.approx(20) and angle.min() == pytest.approx(-20)
+    assert (np.abs(angle[::8]) < 1e-9).all()  # there and back twice
 
 
 @pytest.mark.parametrize("scene", OPEN_AIR, ids=lambda scene: scene.name)

@@ -6,6 +6,7 @@ import gzip
 import json
 import shutil
 import struct
+import sys
 import zipfile
 from itertools import pairwise
 
@@ -336,6 +337,25 @@ def test_usd_keeps_quaternions_on_one_hemisphere(tmp_path, usd):
     assert all(((a * b).sum(axis=1) > 0).all() for a, b in pairwise(samples))
 
 
+@pytest.mark.blender
+def test_binary_usd_holds_what_the_text_holds(tmp_path, usd):
+    scene = random_scene(static=300, dynamic=300, degree=1)
+    for name in ("a.usda", "a.usdc"):
+        export(scene, tmp_path / name, [0.0, 1.0], "usd")
+    text, binary = (usd.Stage.Open(str(tmp_path / name)) for name in ("a.usda", "a.usdc"))
+    assert (tmp_path / "a.usdc").read_bytes()[:8] == b"PXR-USDC"
+    for one, other in zip(usd_gaussians(text, 1.0), usd_gaussians(binary, 1.0), strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.usda", "a.usdc"]
+
+
+def test_binary_usd_without_its_library_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pxr", None)
+    with pytest.raises(F4xError, match="pip install usd-core"):
+        export(random_scene(), tmp_path / "a.usdc", [0.0], "usd")
+    assert list(tmp_path.iterdir()) == []
+
+
 class Resting(Scene):
     """As a scene that a retiming edit stops at 2 until 4."""
 
@@ -435,7 +455,7 @@ def test_the_ending_tells_the_format(output, name, one, expected):
 @pytest.mark.parametrize(
     ("output", "name", "one", "words"),
     [
-        ("a.obj", None, True, "no export to .obj; end it in .glb, .gltf, .ply, .splat, .spz, .usda"),
+        ("a.obj", None, True, "no export to .obj; end it in .glb, .gltf, .ply, .splat, .spz, .usda, .usdc"),
         ("a.ply", None, False, "FILE.ply together with --time"),
         ("folder", None, True, "FILE.ply together with --time"),
         ("folder", "usd", False, "one file; give FILE.usda"),

@@ -15,7 +15,7 @@ SUN = Lamp(3.0, 0.0, towards=np.array([0.0, 0, -1]))
 CUBE = trimesh.creation.box((0.4, 0.6, 0.4), trimesh.transformations.translation_matrix((0.1, -0.2, 1.2)))
 
 
-def caster(mesh, **more):
+def caster(mesh):
     """Tries every triangle (Moeller and Trumbore 1997)."""
     corner, *others = mesh.triangles.transpose(1, 0, 2)
     first, second = (other - corner for other in others)
@@ -30,7 +30,7 @@ def caster(mesh, **more):
             along = (beside * second).sum(2) / size
             return ((u >= 0) & (v >= 0) & (u + v <= 1) & (along >= 0) & (along <= 1)).any(1)
 
-    return Caster(mesh.bounds, blocks, **more)
+    return Caster(mesh.bounds, blocks)
 
 
 def test_a_cube_before_the_sun_shades_its_outline():
@@ -73,13 +73,18 @@ def test_lamps_count_by_what_they_give():
     np.testing.assert_allclose(light[shaded], given / (given + 3))
 
 
-def test_what_is_spared_and_what_is_not_there():
-    spared = POINTS[:, 0] > 0
-    light = light_left(POINTS, [SUN], [caster(CUBE, spared=spared)])
-    assert (light[spared] == 1).all() and (light < 1).any()
+def test_what_is_not_there():
     assert (light_left(POINTS, [], [caster(CUBE)]) == 1).all()
     assert (light_left(POINTS, [SUN], []) == 1).all()
     assert light_left(np.zeros((0, 3)), [SUN], [caster(CUBE)]).shape == (0,)
+
+
+def test_points_are_looked_at_in_blocks(monkeypatch):
+    wide = Lamp(3.0, 0.1, towards=np.array([0.0, 0, -1]))
+    whole = light_left(POINTS, [wide, SUN], [caster(CUBE)])
+    monkeypatch.setattr("f4x_core.scene.shadows.BLOCK", 100)
+    np.testing.assert_array_equal(light_left(POINTS, [wide, SUN], [caster(CUBE)]), whole)
+    assert (whole < 1).any()
 
 
 def test_two_shadows_are_no_darker_than_one():

@@ -1,7 +1,9 @@
 """The page of `f4x open`: what is in it, and in a headless browser its picture against the renderer's own."""
 
 import base64
+import dataclasses
 import io
+import json
 import re
 import shutil
 import subprocess
@@ -70,6 +72,15 @@ def test_a_word_colours_its_gaussians_alone(tmp_path):
     plain, marked, none = (picture(tmp_path / "a.html", tmp_path / "p", word=word) for word in ("", "it", "nothing"))
     np.testing.assert_array_equal(plain, none)
     assert np.abs(marked - plain).max() > 0.1
+
+
+@pytest.mark.parametrize(("told", "options", "expected"), [(3.4, (), 3.4), (None, (), 5), (3.4, ("--degrees", "9"), 9)])
+def test_a_page_lets_look_as_far_as_the_scene_can_be_believed(tmp_path, told, options, expected):
+    scene = dataclasses.replace(random_scene(), provenance={"believed_degrees": told})
+    write_scene(scene, tmp_path / "a.f4x")
+    assert main(["open", str(tmp_path / "a.f4x"), "--write", str(tmp_path / "a.html"), *options]) == 0
+    data = re.search(r"const DATA = (\{.*\});", (tmp_path / "a.html").read_text(encoding="utf-8"))
+    assert data is not None and json.loads(data[1])["degrees"] == expected
 
 
 def test_a_page_is_one_file_and_its_names_stay_text(tmp_path, capsys):

@@ -16,9 +16,10 @@ from pathlib import Path
 import pytest
 from labelled_scene import labelled_scene
 
+from f4x_core.clip.rendered_scenes import EXAMPLES
 from f4x_core.native.build import TARGETS
 from f4x_core.native.library import library_path, this_platform
-from f4x_core.scene import write_scene
+from f4x_core.scene import read_scene, write_scene
 from f4x_core.versions import VERSION
 from scripts.build_extension import blender_platform
 from scripts.real_blender import clean_profile
@@ -76,6 +77,15 @@ def test_the_repository_lists_every_platform_once(release):
         map(blender_platform, TARGETS)
     )
     assert {entry["version"] for entry in entries} == {VERSION}
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_opens_and_tells_nothing_of_the_machine_that_made_it(release, name):
+    files = [release / "examples" / f"{name}{suffix}" for suffix in (".f4x", ".blend", ".html", ".jpg")]
+    assert all(0 < file.stat().st_size < 10e6 for file in files)
+    scene = read_scene(files[0])
+    assert scene.name == name and len(scene.dynamic) > 100
+    assert not Path(scene.provenance["source"]).is_absolute()
 
 
 def test_a_wheel_in_a_new_environment_works(release, tmp_path):

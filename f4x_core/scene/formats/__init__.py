@@ -44,7 +44,9 @@ FORMATS = {
     "gltf": Format(
         (".glb", ".gltf"), "Gaussians with harmonics to degree 3, one moment a file", write_frame=write_gltf
     ),
-    "usd": Format((".usda",), "Gaussians with harmonics to degree 3, all moments in one file", write_clip=write_usd),
+    "usd": Format(
+        (".usda", ".usdc"), "Gaussians with harmonics to degree 3, all moments in one file", write_clip=write_usd
+    ),
     "points": Format((".glb",), "coloured points and the scaffold, one moment a file", write_frame=write_points),
     "usd-points": Format((".usda",), "coloured points, all moments in one file", write_clip=write_usd_points),
 }

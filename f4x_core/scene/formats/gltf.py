@@ -1,7 +1,7 @@
 """glTF 2.0 with `KHR_gaussian_splatting`: one moment as Gaussians, which other viewers draw as coloured points.
 
-Attribute names, types and colour space follow the extension's text (Khronos; the release candidate of 2026, the same
-attributes as ratified): linear scale, opacity in [0, 1], rotation xyzw, harmonics by degree and order with the
+Attribute names, types and colour space follow the extension's text (Khronos; its review draft, the same attributes as ratified in
+2026): linear scale, opacity in [0, 1], rotation xyzw, harmonics by degree and order with the
 Condon-Shortley phase, which are the signs of 3DGS. glTF's axes are y up, z backward: data are turned on the way out,
 harmonics too, because not every viewer turns those with the node.
 """

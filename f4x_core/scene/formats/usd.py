@@ -1,4 +1,6 @@
-"""Animated `.usda`: splats as `ParticleField3DGaussianSplat` (OpenUSD 26.03 and later), or as `Points` for older readers.
+"""Animated `.usda`, or `.usdc` where OpenUSD's library is there: splats as `ParticleField3DGaussianSplat`, or as `Points`.
+
+Readers from OpenUSD 26.03 on know the former, older ones the latter.
 
 Text, so that no USD library is needed; a number has no more digits than a picture can show. Gaussians that stay as they are
 over all written times form the prim `static`, the others `dynamic`; an attribute has time samples only where it changes. Time
@@ -11,6 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import F4xError
-from ...files import replace_file
+from ...files import replace_file, replace_path
 from ...geometry import quaternion, spherical_harmonics
 from ...progress import Progress, silent
 from ..color import linear_from_srgb
@@ -138,7 +141,10 @@ def write_usd(
     transform: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> None:
-    """Write splats at all `times` (clip times, increasing), moved by the 4x4 similarity `transform`. Raises F4xError."""
+    """Write splats at all `times` (clip times, increasing), moved by the 4x4 similarity `transform`.
+
+    A `path` that ends in .usdc gets OpenUSD's binary form of the same. Raises F4xError, also where that lacks its library.
+    """
     _write_stage(scene, times, path, transform, progress, SPLATS)
 
 
@@ -199,16 +205,24 @@ def _write_stage(
     progress: Progress,
     kind: Kind,
 ) -> None:
+    if Path(path).suffix.lower() == ".usdc":
+        _write_binary(Path(path), lambda text: _write_stage(scene, times, text, transform, progress, kind))
+        return
     matrix = Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64)
 
     def poses() -> Iterator[PosedSplats]:
-        """The moments in order; neighbouring quaternions on one hemisphere, because readers interpolate them."""
+        """The moments in order; neighbouring quaternions on one hemisphere, because readers interpolate them.
+
+        Of a rotation's two quaternions the first moment takes the one with fewer signs to write.
+        """
         before = None
         for time in times:
             posed = transformed(scene.posed(time), matrix)
             quats = quaternion.normalize(posed.quats)
             if before is not None and before.shape == quats.shape:
                 quats = np.where((before * quats).sum(axis=1, keepdims=True) < 0, -quats, quats)
+            else:
+                quats = np.where((quats < 0).sum(axis=1, keepdims=True) > 2, -quats, quats)
             before = quats
             yield replace(posed, quats=quats)
 
@@ -247,6 +261,21 @@ def _write_stage(
             file.write(b"    }\n")
         file.write(b"}\n")
     progress("export", total, total)
+
+
+def _write_binary(path: Path, write_text: Callable[[Path], None]) -> None:
+    """Let `write_text` write a .usda beside `path`, and turn that into the .usdc at `path`."""
+    try:
+        from pxr import Sdf
+    except ImportError as error:
+        raise F4xError(
+            f"{path}: the binary form is written by OpenUSD's library (pip install usd-core); name it .usda for text."
+        ) from error
+    with replace_path(path, ".usdc") as binary, tempfile.TemporaryDirectory(dir=path.parent, prefix=".f4x_") as folder:
+        text = Path(folder) / "stage.usda"
+        write_text(text)
+        if not Sdf.Layer.FindOrOpen(str(text)).Export(str(binary)):
+            raise F4xError(f"{path}: OpenUSD could not write it; check the free space.")
 
 
 def _samples(times: Sequence[float], texts: Iterator[bytes]) -> Iterator[tuple[float, bytes]]:

@@ -15,10 +15,12 @@ from .field import NARROWEST, Grid, opacity_field
 from .simplify import decimated, largest_parts, normals_of, parts_of, smoothed
 from .skin import Carriers, Skin, skin_of
 
-RESOLUTIONS = (8, 384)
-"""Fewest and most grid steps along the longest side: the latter take about 4 GB."""
-FACES = (20, 5_000_000)
+RESOLUTIONS = (8, 256)
+"""Fewest and most grid steps along the longest side: the latter take about 3 GB for a cube."""
+FACES = (20, 1_000_000)
 """Fewest and most triangles that may be asked for."""
+LOOKS, MOST = 30, 0.9
+"""Clip times at most that are looked at for the widest one, and the fraction of all opacity that has to be there."""
 MOMENTS, SAME = 7, 1e-4
 """Clip times at which an edited scene is compared with what its nodes do, and the world units up to which that is the same."""
 APART = 0.5
@@ -87,11 +89,11 @@ def mesh_of(
 ) -> SplatMesh:
     """Return the mesh around the Gaussians `chosen (N,) bool` of `scene.posed`, as they are at clip time `time`.
 
-    None is the time at which most of them is there, the middle one of the clip where that is always so. Edits have to be baked
-    for the mesh to move as they say. Raises F4xError for fewer than `FEWEST` visible Gaussians, and where nothing is opaque enough.
+    None is the time at which they are spread the widest. Raises F4xError for fewer than `FEWEST` visible Gaussians, where nothing
+    is opaque enough, and where edits move them as no node does (bake those first).
     """
     config = config or MeshConfig()
-    time = fullest_time(scene, chosen) if time is None else time
+    time = widest_time(scene, chosen) if time is None else time
     posed = scene.posed(time)
     rows = np.flatnonzero(chosen & (posed.opacities > 0))
     if len(rows) < FEWEST:
@@ -103,7 +105,7 @@ def mesh_of(
     progress("mesh", 0, 3, "opacity")
     vertices, faces, colors = _surface(posed, config, progress)
     carriers = _carriers(scene, rows, posed)
-    skin = skin_of(vertices, carriers, time) if carriers.strength.any() else None
+    skin = skin_of(vertices, faces, carriers, time) if carriers.strength.any() else None
     progress("mesh", 3, 3)
     return SplatMesh(
         vertices.astype(np.float32),
@@ -115,15 +117,22 @@ def mesh_of(
     )
 
 
-def fullest_time(scene: Scene, chosen: np.ndarray) -> float:
-    """The clip time at which the opacities of the chosen Gaussians sum to the most; of several the one nearest the middle."""
+def widest_time(scene: Scene, chosen: np.ndarray) -> float:
+    """The clip time at which the chosen Gaussians are spread over the largest volume: what is near each other belongs together.
+
+    Times at which fewer than `MOST` of them are there do not count.
+    """
     times = scene.cameras.times
-    middle = times[len(times) // 2]
-    if not scene.fades:
-        return float(middle)
-    there = np.array([(scene.presence(time)[scene.origin] * chosen).sum() for time in times])
-    best = times[there >= there.max() * (1 - 1e-6)]
-    return float(best[np.abs(best - middle).argmin()])
+    times = times[np.unique(np.linspace(0, len(times) - 1, LOOKS).astype(int))]
+    there, volume = np.zeros(len(times)), np.zeros(len(times))
+    for index, time in enumerate(times):
+        posed = scene.posed(time)
+        weight = posed.opacities[chosen].astype(np.float64)
+        there[index] = weight.sum()
+        if len(weight) and there[index]:
+            volume[index] = np.linalg.det(np.cov(posed.means[chosen].T.astype(np.float64), aweights=weight, ddof=0))
+    volume[there < MOST * there.max()] = -1
+    return float(times[volume.argmax()])
 
 
 def _carriers(scene: Scene, rows: np.ndarray, posed: PosedSplats) -> Carriers:

@@ -51,14 +51,19 @@ def largest_parts(
 def smoothed(vertices: np.ndarray, faces: np.ndarray, rounds: int) -> np.ndarray:
     """Return the vertices after so many rounds of smoothing, each a step to the neighbours' mean and a step back."""
     ends = edges_of(faces)
-    degree = np.maximum(np.bincount(ends.ravel(), minlength=len(vertices)), 1)[:, None]
     for step in (SMOOTH, SWELL) * rounds:
-        total = np.zeros_like(vertices)
-        for axis in range(3):
-            total[:, axis] = np.bincount(ends[:, 0], vertices[ends[:, 1], axis], len(vertices))
-            total[:, axis] += np.bincount(ends[:, 1], vertices[ends[:, 0], axis], len(vertices))
-        vertices = vertices + step * (total / degree - vertices)
+        vertices = vertices + step * (neighbour_means(vertices, ends) - vertices)
     return vertices
+
+
+def neighbour_means(values: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return for each vertex the mean of `values (V,C)` over those that the edges `ends (E,2)` join it with."""
+    degree = np.maximum(np.bincount(ends.ravel(), minlength=len(values)), 1)
+    total = np.empty(values.shape)
+    for column, value in enumerate(values.T):
+        total[:, column] = np.bincount(ends[:, 0], value[ends[:, 1]], len(values))
+        total[:, column] += np.bincount(ends[:, 1], value[ends[:, 0]], len(values))
+    return total / degree[:, None]
 
 
 def decimated(vertices: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

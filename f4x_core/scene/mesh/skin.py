@@ -9,11 +9,14 @@ import numpy as np
 from ...geometry import dual_quaternion, pose
 from ...scaffold import Scaffold
 from ...scaffold.deformation import blend, node_poses_at
+from .simplify import edges_of, neighbour_means
 
 JOINTS = 8
 """Nodes that a vertex follows in other programs, the strongest first: two of the sets of four that glTF knows."""
 AROUND = 8
 """Gaussians that a vertex takes its weights from: fewer follow them better, more stretch less between two that part."""
+EVENED = 5
+"""Rounds in which the weights of a vertex go half-way to the mean of its neighbours'."""
 LOOKED_AT = 20_000
 """Gaussians at most among which the nearest are looked for; of more, evenly so many."""
 BLOCK = 1 << 22
@@ -71,10 +74,11 @@ class Carriers:
     """(N,) 0 for a Gaussian that stays put."""
 
 
-def skin_of(vertices: np.ndarray, carriers: Carriers, time: float) -> Skin:
-    """Let `vertices (V,3)`, as they are at clip time `time`, follow what the Gaussians around them follow.
+def skin_of(vertices: np.ndarray, faces: np.ndarray, carriers: Carriers, time: float) -> Skin:
+    """Let the vertices (V,3) of a mesh, as they are at clip time `time`, follow what the Gaussians around them follow.
 
-    Each takes the mean weights of the `AROUND` nearest, by opacity and distance, and of these the K largest.
+    Each takes the mean weights of the `AROUND` nearest, by opacity and distance. These are evened out along the surface, for
+    neighbours that follow different nodes stretch what is between them, and the K largest are kept.
     """
     picked = np.arange(0, len(carriers.means), -(-len(carriers.means) // LOOKED_AT))
     near, distance = _nearest(vertices, carriers.means[picked])
@@ -84,20 +88,18 @@ def skin_of(vertices: np.ndarray, carriers: Carriers, time: float) -> Skin:
     share *= carriers.strength[near] / share.sum(1, keepdims=True)
     nodes, column = np.unique(carriers.node, return_inverse=True)
     column = column.reshape(carriers.node.shape)
-    slots = min(carriers.node.shape[1], len(nodes))
-    node, weight = np.zeros((len(vertices), slots), np.int32), np.zeros((len(vertices), slots), np.float32)
-    step = max(1, BLOCK // len(nodes))
-    for first in range(0, len(vertices), step):
-        block = slice(first, first + step)
-        total = np.zeros((len(vertices[block]), len(nodes)))
-        for nth in range(near.shape[1]):
-            rows = near[block, nth]
-            own = share[block, nth, None] * carriers.weight[rows]
-            np.add.at(total, (np.arange(len(rows))[:, None], column[rows]), own)
-        most = np.argsort(-total, axis=1, kind="stable")[:, :slots]
-        node[block], weight[block] = nodes[most], np.take_along_axis(total, most, axis=1)
+    total = np.zeros((len(vertices), len(nodes)), np.float32)
+    for nth in range(near.shape[1]):
+        rows = near[:, nth]
+        own = share[:, nth, None] * carriers.weight[rows]
+        np.add.at(total, (np.arange(len(rows))[:, None], column[rows]), own)
+    ends = edges_of(faces)
+    for _ in range(EVENED):
+        total = (total + neighbour_means(total, ends)) / 2
+    most = np.argsort(-total, axis=1, kind="stable")[:, : carriers.node.shape[1]]
+    weight, strength = np.take_along_axis(total, most, axis=1), np.clip(total.sum(1), 0, 1)
     weight /= np.maximum(weight.sum(1, keepdims=True), np.finfo(np.float32).tiny)
-    return Skin(time, node, weight, np.clip(share.sum(1), 0, 1).astype(np.float32))
+    return Skin(time, nodes[most].astype(np.int32), weight.astype(np.float32), strength.astype(np.float32))
 
 
 def _nearest(points: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """Things that touch, cross and hide each other, with true labels: does one click select the thing that was meant?
 
 A scene of the study has one Gaussian for every point of a toy world's surfaces and its true motion, so that what is measured is
-the selection and not the fit; `fitted` measures the same on fits of the worlds' clips. Scenes with even seeds are for choosing
+the selection and not the fit. Scenes with even seeds are for choosing
 constants, those with odd seeds judge them.
 """
 
@@ -10,32 +10,35 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
+import cv2
 import numpy as np
 
 from f4x_core.geometry import quaternion, spherical_harmonics
+from f4x_core.progress import Progress, silent
 from f4x_core.query.pixels import coverage_image
 from f4x_core.query.prompts import select_by_points
 from f4x_core.query.score import overlap
 from f4x_core.scaffold import Scaffold
 from f4x_core.scene import DynamicSet, Scene, StaticSet
+from f4x_core.scene.view import render
 
-from ..study import Context, Row, Table
-from .toy_worlds import Body, Motion, Rectangle, World, box, sheet, texture
+from ..studies.toy_worlds import Body, Motion, Rectangle, World, box, sheet, texture
 
 SCENES = ("slide", "cross", "ride", "bump", "table")
 """Two that slide along each other; three that cross and hide each other; one that rides on another; one that drives into another
 and pushes it along; five that stand on a table and touch."""
-QUICK_SEEDS, FULL_SEEDS = 2, 6
-"""Seeds of each."""
 SIZE, FRAMES = (160, 90), 12
 """Pixels and frames of the clips."""
 CLICKED, JUDGED = (0, 6), (0, 4, 8, 11)
 """Frames that are clicked, one after the other, and those in which the selections are judged."""
 MIN_PIXELS = 40
-"""A thing with fewer visible pixels is neither clicked nor judged in a frame."""
-WANTED = 0.85
-"""IoU that a click shall have."""
+"""A thing with fewer visible pixels is not judged in a frame."""
+MIN_DEPTH = 3.0
+"""Pixels from a thing's outline to its innermost pixel at least; of one that is hidden but for less no hand would hit the rest."""
+ROUND = 0.4
+"""Standard deviation of a Gaussian in distances of its surface's points: closed, and not much wider than the surface."""
 
 
 CALM = 0.35
@@ -130,7 +133,9 @@ def true_scene(world: World) -> tuple[Scene, np.ndarray]:
     count = sum(len(body.xyz) for body in still)
     static = StaticSet(ids=np.arange(count), **_splats(still))
     if not movers:
-        scene = Scene(name=world.name, static=static, dynamic=DynamicSet.empty(), scaffold=None, cameras=world.cameras, fps=24.0)
+        scene = Scene(
+            name=world.name, static=static, dynamic=DynamicSet.empty(), scaffold=None, cameras=world.cameras, fps=24.0
+        )
         return scene, labels
     owner = np.repeat(np.arange(len(movers), dtype=np.int32), [len(body.xyz) for body in movers])
     dynamic = DynamicSet(
@@ -156,11 +161,11 @@ def _splats(bodies: list[Body]) -> dict[str, np.ndarray]:
     xyz = np.concatenate([body.at(0.0) for body in bodies]).astype(np.float32)
     colour = np.concatenate([body.colour(body.xyz, np.zeros_like(body.xyz)) for body in bodies])
     apart = np.concatenate(
-        [np.full(len(body.xyz), np.sqrt(_area(body) / len(body.xyz)) * 0.6) for body in bodies]
+        [np.full(len(body.xyz), ROUND * np.sqrt(_area(body) / len(body.xyz))) for body in bodies]
     ).astype(np.float32)
     return {
         "means": xyz,
-        "quats": np.tile(np.float32([1, 0, 0, 0]), (len(xyz), 1)),
+        "quats": np.tile(np.array([1, 0, 0, 0], np.float32), (len(xyz), 1)),
         "scales": np.repeat(apart[:, None], 3, 1),
         "opacities": np.full(len(xyz), 0.95, np.float32),
         "sh": spherical_harmonics.dc_from_rgb(colour.astype(np.float32))[:, None],
@@ -180,7 +185,11 @@ def _nodes(world: World, movers: list[Body]) -> Scaffold:
     middles = [body.xyz.mean(0) for body in movers]
     moved = np.array(
         [
-            [body.motion(middle + axes, time / max(times[-1], 1)) for body, middle in zip(movers, middles, strict=True) if body.motion]
+            [
+                body.motion(middle + axes, time / max(times[-1], 1))
+                for body, middle in zip(movers, middles, strict=True)
+                if body.motion
+            ]
             for time in times
         ]
     )  # (T,M,4,3)
@@ -203,23 +212,42 @@ def things_of(world: World) -> list[str]:
     return [label for label in world.labels if label not in ("wall", "floor", "table")]
 
 
-def clicks(world: World, scene: Scene) -> Iterator[tuple[str, int, float]]:
-    """(thing, clicked frame, mean IoU over `JUDGED`) of one click at the innermost pixel of every thing."""
-    import cv2
+def drawn_things(world: World, scene: Scene, labels: np.ndarray) -> dict[int, dict[str, np.ndarray]]:
+    """Frame -> thing -> (H,W) bool: where the Gaussians with its label, (N,) int, show most of a pixel."""
+    one = np.eye(len(world.labels), dtype=np.float32)[labels]
+    result = {}
+    for frame in {*CLICKED, *JUDGED}:
+        weights = render(scene, scene.cameras[frame], float(frame), (), values={"label": one})["label"]
+        result[frame] = {name: weights[..., world.labels.index(name)] > 0.5 for name in things_of(world)}
+    return result
 
+
+def clicks(scene: Scene, truth: dict[int, dict[str, np.ndarray]]) -> Iterator[tuple[str, int, float]]:
+    """(thing, clicked frame, mean IoU over `JUDGED`) of one click at the innermost pixel of every thing."""
     for frame in CLICKED:
-        for label in things_of(world):
-            number = world.labels.index(label)
-            mask = world.views[frame].label == number
-            if mask.sum() < MIN_PIXELS:
-                continue
+        for label, mask in truth[frame].items():
             deep = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+            if deep.max() < MIN_DEPTH:
+                continue
             y, x = np.unravel_index(deep.argmax(), deep.shape)
             found = select_by_points(scene, [(x + 0.5, y + 0.5)], frame)
             overlaps = []
             for time in JUDGED:
-                truth = world.views[time].label == number
-                if truth.sum() >= MIN_PIXELS:
+                if truth[time][label].sum() >= MIN_PIXELS:
                     drawn = coverage_image(scene, found, scene.cameras[time], float(time)) > 0.5
-                    overlaps.append(overlap(drawn, truth))
+                    overlaps.append(overlap(drawn, truth[time][label]))
             yield label, frame, float(np.mean(overlaps))
+
+
+def score_clicks(seeds: int, progress: Progress = silent) -> list[dict[str, Any]]:
+    """A row for each kind of scene: `scene`, number of `clicks`, mean `IoU` and `worst IoU`, over so many odd seeds."""
+    rows = []
+    for number, kind in enumerate(SCENES):
+        found = []
+        for seed in range(1, 2 * seeds, 2):
+            progress("touching", number * seeds + seed // 2, seeds * len(SCENES), kind)
+            world = touching_world(kind, seed)
+            scene, labels = true_scene(world)
+            found += [value for *_, value in clicks(scene, drawn_things(world, scene, labels))]
+        rows.append({"scene": kind, "clicks": len(found), "IoU": float(np.mean(found)), "worst IoU": min(found)})
+    return rows
