@@ -322,7 +322,9 @@ def _named(called: str) -> Value:
 
 _small = degree >> (lambda how: A_BIT if how.kind == "small" else 1.0)
 _article = ~lit("a|an|the|some")
-_shade_of = ~lit("(nice|lovely|bright|strong) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very") + ~(lit("from") + silent(colour) + ~lit("to|into"))
+_shade_of = ~lit(
+    "(nice|lovely|bright|strong) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very"
+) + ~(lit("from") + silent(colour) + ~lit("to|into"))
 _fully = ~lit("all|completely|fully|entirely|totally|wholly")
 _colored = ~lit("(in) color|colored|tone|tint")
 _flat = lit("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
@@ -340,7 +342,9 @@ _more_colour_value = (
     >> _added
 )
 _without_colour = lit(
-    "black and white|black white|a black and white [picture|image|look]|without [any|its|all] color|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|without (any) color|"
+    "black and white|black white|a black and white [picture|image|look]|without [any|its|all] color"
+    "|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|without"
+    " (any) color|"
     "without colors"
 ) >> (lambda: _GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
@@ -349,7 +353,9 @@ _SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speed
 _brightness_value = (
     either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright")) >> _lit
 )
-_contrast_value = comparison("punchier|crisper", "flatter", "contrasty|contrastful|punchy|contrasted", "flat") >> _contrasted
+_contrast_value = (
+    comparison("punchier|crisper", "flatter", "contrasty|contrastful|punchy|contrasted", "flat") >> _contrasted
+)
 _saturation_value = (
     comparison(
         "more saturated|richer|livelier|stronger|bolder|more intense",
@@ -365,9 +371,13 @@ _warmer = table(
 _warmth_value = either(
     optional(amount) + _warmer >> _warmed, _warmer + amount >> (lambda warmer, how: _warmed(how, warmer))
 )
-_pop = lit("pop|pop more|pop out|stand out|stand out more|come alive|(more|really) vivid|(very) saturated|(very) colorful|vibrant") >> (lambda: _saturated(factor(None, True)))
+_pop = lit(
+    "pop|pop more|pop out|stand out|stand out more|come alive|(more|really) vivid|(very) saturated|(very) colorful|vibrant"
+) >> (lambda: _saturated(factor(None, True)))
 _sized = either(
-    ~lit("very|really|quite") + table({"tiny|small|little|minute|miniature": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0}) >> _scaled,
+    ~lit("very|really|quite")
+    + table({"tiny|small|little|minute|miniature": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0})
+    >> _scaled,
 )
 _softly = either(
     degree,
@@ -378,10 +388,16 @@ _softly = either(
         }
     ),
 )
-_blurry = ~lit("all") + lit("blurry|blurred|softer|soft focus|less sharp|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred")
+_blurry = ~lit("all") + lit(
+    "blurry|blurred|softer|soft focus|less sharp|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred"
+)
 _blur_value = ~lit("go") + either(optional(_softly) + _blurry >> _blurred, _blurry + _softly >> _blurred)
 _glow_value = (
-    optional(_softly) + lit("glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow") + ~lit("in") + optional(colour) >> _glowing
+    optional(_softly)
+    + lit("glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow")
+    + ~lit("in")
+    + optional(colour)
+    >> _glowing
 )
 _size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale|height|width|length")) >> _scaled
 _slow_motion = lit("(in) (a) slow motion|go slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
@@ -396,7 +412,8 @@ _pace_value = (
 )
 _pace = either(_pace_value, lit("at|in|to") + _paced >> _retimed)
 _backward = lit(
-    "backward|in reverse|reversed|in the opposite direction|back to front|from the end to the start|in reverse order|(the) other way around|from back to front|from end to start"
+    "backward|in reverse|reversed|in the opposite direction|back to front|from the end to the start"
+    "|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: _reversed)
 _see_through = lit("transparent|see through|translucent|transparency|sheer")
 _share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
@@ -421,13 +438,16 @@ _transparency = either(
     >> (lambda: SHOWN),
     optional(amount) + lit("more") + _see_through >> (lambda how: 1 - _share_of(how)),
     optional(amount) + lit("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
-    lit("(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|disappeared")
+    lit(
+        "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|disappeared"
+    )
     >> (lambda: 0.0),
 )
 _opacity_value = ~lit("at|to|with") + _transparency >> _opacity
 _upside_down = lit("upside down|on (its|his|her|their) head|head over heels")
 _look_name = table(
-    {f"{look}|{look}s": look for look in STYLES} | {"flames|flame": "fire", "the night|night time|nighttime": "night"}, reserve=False
+    {f"{look}|{look}s": look for look in STYLES} | {"flames|flame": "fire", "the night|night time|nighttime": "night"},
+    reserve=False,
 )
 _look_adjective = table(
     {
@@ -449,7 +469,9 @@ _look_adjective = table(
     reserve=False,
 )
 _any_look = _look_name | _look_adjective
-_effect = lit("colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment")
+_effect = lit(
+    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment"
+)
 _strongly = optional(_small, 1.0)
 _seem = ~lit("look|looking|looks|appear|seem|feel")
 _a_look = either(
@@ -574,7 +596,13 @@ def _values(*rules: Rule) -> Rule:
 # Colours
 _into = ~lit("to|into|in")
 _coloured = _colour_value | _without_colour
-_command("make the dog red", "make|render|have|get", _listed, "values", values=_values(_made, lit("in") + _coloured, lit("gone") >> _always(_deleted)))
+_command(
+    "make the dog red",
+    "make|render|have|get",
+    _listed,
+    "values",
+    values=_values(_made, lit("in") + _coloured, lit("gone") >> _always(_deleted)),
+)
 _command(
     "turn the dog into gold",
     "turn|change|convert|transform|switch|set|put|throw",
@@ -597,7 +625,14 @@ _command(
     "cover|paint|repaint|color|recolor|dye|spray|spray paint|colorize|stain|shade|dress|dip|coat|drench|bathe|wrap|redo|do",
     _listed,
     "values",
-    values=_values(~lit("all|over|all over") + ~lit("in|to|as|with|into") + (_coloured | _same_colour | _a_look | ~lit("in|with") + ~lit("pure|solid") + _look_name >> _styled), _more_colour_value, _alike, _a_look),
+    values=_values(
+        ~lit("all|over|all over")
+        + ~lit("in|to|as|with|into")
+        + (_coloured | _same_colour | _a_look | ~lit("in|with") + ~lit("pure|solid") + _look_name >> _styled),
+        _more_colour_value,
+        _alike,
+        _a_look,
+    ),
 )
 _tint = ~lit("a|an") + ~lit("slight|faint") + (colour | colourish)
 _command("tint the sky orange", "tint|tinge|tone|wash", _faintly, "rgb", rgb=~lit("in|to|with") + _tint + _colored)
@@ -607,7 +642,11 @@ _command(
     lambda colors: colors,
     "colors",
     who=whose("color|colors|coloring"),
-    colors=_values(~lit("to|into|in|for|with|from") + (_coloured | _same_as), lit("from") + silent(colour) + lit("to") + _coloured, lit("to|like") + (_source >> _matched | _colour_of)),
+    colors=_values(
+        ~lit("to|into|in|for|with|from") + (_coloured | _same_as),
+        lit("from") + silent(colour) + lit("to") + _coloured,
+        lit("to|like") + (_source >> _matched | _colour_of),
+    ),
 )
 _command(
     "shift the hue of the car to red",
@@ -618,8 +657,10 @@ _command(
     rgb=~lit("to|toward|into") + colour,
 )
 _command(
-    "desaturate the background", "desaturate|decolor|decolorize|gray out", lambda how=None: _GRAYED if how is None else
-    _saturated(factor(how, False)), how=lit("by") + number >> (lambda x: Amount("times", x)) | amount,
+    "desaturate the background",
+    "desaturate|decolor|decolorize|gray out",
+    lambda how=None: _GRAYED if how is None else _saturated(factor(how, False)),
+    how=lit("by") + number >> (lambda x: Amount("times", x)) | amount,
 )
 for _verb, _value in (
     ("whiten|bleach", _assigned((1.0, 1.0, 1.0))), ("blacken", _assigned((0.0, 0.0, 0.0))),
@@ -678,11 +719,16 @@ def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
         its = either(its, ~lit("the|all the|overall|the overall") + lit(words) + everywhere)
     _more_or_less(
         f"increase the {kind} of the dog",
-        "increase|raise|boost|turn up|bump up|up|crank up|pump up|dial up|bring up|push up|strengthen|enhance|intensify|push|bump", made, words, True, who=its
+        "increase|raise|boost|turn up|bump up|up|crank up|pump up|dial up|bring up|push up|strengthen|enhance|intensify|push|bump",
+        made,
+        words,
+        True,
+        who=its,
     )
     _more_or_less(
         f"reduce the {kind} of the dog",
-        "reduce|decrease|lower|turn down|cut|cut down|lessen|tone down|bring down|dial down|weaken|diminish|drop|take down|cut back",
+        "reduce|decrease|lower|turn down|cut|cut down|lessen|tone down|bring down|dial down|weaken|diminish"
+        "|drop|take down|cut back",
         made,
         words,
         False,
@@ -742,11 +788,23 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
         "grow|expand",
     ),
     ("scale the dog up", "scale|blow|size", _scaled, "size", True, "up", ""),
-    ("shrink the dog", "shrink|shrink down|scale down|size down|downscale|downsize|contract|reduce|minimize", _scaled, "size", False, "", "shrink|contract"),
+    (
+        "shrink the dog",
+        "shrink|shrink down|scale down|size down|downscale|downsize|contract|reduce|minimize",
+        _scaled,
+        "size",
+        False,
+        "",
+        "shrink|contract",
+    ),
     ("scale the dog down", "scale|size|shrink", _scaled, "size", False, "down", ""),
 ):
     _more_or_less(_example, _verbs, _making, _noun, _upward, _particle, itself=_itself)
-_scale = ~lit("by|to|up to|down to|up by|down by") + ~lit("a factor of|factor") + either(fraction_of("size"), percent, multiple, number)
+_scale = (
+    ~lit("by|to|up to|down to|up by|down by")
+    + ~lit("a factor of|factor")
+    + either(fraction_of("size"), percent, multiple, number)
+)
 _command("scale the dog by 2", "scale|resize|rescale", _scaled, "by", by=_scale)
 for _verb, _times in (("double", 2.0), ("halve", 0.5), ("triple|treble", 3.0), ("quadruple", 4.0)):
     _command(f"{_verb.split('|')[0]} the dog in size", _verb, _always(_scaled(_times)), "its", its=lit("in size"))
@@ -785,8 +843,15 @@ for _kind, _words, _made_by in (
         _more >> (lambda how, upward, made=_made_by: made(factor(how, upward))),
         table({"no": 0.0}) + lit(_words) >> _made_by,
     )
-    _command(f"give the dog more {_kind}", "give", _listed, "values", who=~lit("to") + thing,
-             itself="need|have|get|show", values=_values(_how_much))
+    _command(
+        f"give the dog more {_kind}",
+        "give",
+        _listed,
+        "values",
+        who=~lit("to") + thing,
+        itself="need|have|get|show",
+        values=_values(_how_much),
+    )
     _command(
         f"add more {_kind} to the dog",
         "add|put|use|apply|have|give",
@@ -837,7 +902,12 @@ _command(
     how=amount,
 )
 _command(
-    "warm up the picture", "warm|warm up", lambda how=None: _warmed(how, True), who=either(_its_colors, ~lit("the") + colors, thing), how=amount, up=lit("up")
+    "warm up the picture",
+    "warm|warm up",
+    lambda how=None: _warmed(how, True),
+    who=either(_its_colors, ~lit("the") + colors, thing),
+    how=amount,
+    up=lit("up"),
 )
 _command(
     "cool down the picture",
@@ -856,18 +926,32 @@ _command(
     values=_values(_warmth_value, _saturation_value, _contrast_value, _brightness_value, _pop),
 )
 _command(
-    "blur the background", "blur|blur out|defocus|unfocus|soften|smudge", _blurred, who=thing, how=_softly, out=lit("out")
+    "blur the background",
+    "blur|blur out|defocus|unfocus|soften|smudge",
+    _blurred,
+    who=thing,
+    how=_softly,
+    out=lit("out"),
 )
 _blur_noun = (
     ~lit("some|a|an|a bit of")
-    + optional(table({"slight|soft|light|gentle|little|subtle": Amount("small"), "strong|heavy|thick": Amount("large")}))
+    + optional(
+        table({"slight|soft|light|gentle|little|subtle": Amount("small"), "strong|heavy|thick": Amount("large")})
+    )
     + lit("blur|blurring")
 )
 _command(
     "add a blur to the background", "add|apply|put|give", _blurred, "how", who=lit("to|on|over") + thing, how=_blur_noun
 )
 _command("give the background a blur", "give", _blurred, "how", who=thing, how=_blur_noun)
-_command("make the dog glow", "", _glowing, itself="glow|shine|light up|shimmer|sparkle|radiate|gleam", how=_softly, rgb=~lit("in|in a|a") + colour)
+_command(
+    "make the dog glow",
+    "",
+    _glowing,
+    itself="glow|shine|light up|shimmer|sparkle|radiate|gleam",
+    how=_softly,
+    rgb=~lit("in|in a|a") + colour,
+)
 _glow_noun = either(
     ~lit("some|a|an")
     + optional(table({"slight|soft|faint|gentle|subtle": Amount("small"), "strong|bright|intense": Amount("large")}))
@@ -902,7 +986,12 @@ _command(
 )
 
 # Opacity
-_command("hide the car", "hide|conceal|mask|mask out", _always(_opacity(0.0)), itself="disappear|vanish|hide|become invisible")
+_command(
+    "hide the car",
+    "hide|conceal|mask|mask out",
+    _always(_opacity(0.0)),
+    itself="disappear|vanish|hide|become invisible",
+)
 _again = lit("again|once more|back")
 _command(
     "show the dog again",
@@ -942,17 +1031,28 @@ _command(
 )
 
 # Taking out, and leaving alone
-_DELETING = "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with|dump|ditch|clear|banish|scratch|kill|cut|purge|rid us of"
+_DELETING = (
+    "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with|dump|ditch"
+    "|clear|banish|scratch|kill|cut|purge|rid us of"
+)
 _SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
-_out = lit("out|away|off|out of [there|here|sight]|from sight|from view|[out of|from] [the|this] (whole|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture|video|clip|image|shot|frame]")
+_out = lit(
+    "out|away|off|out of [there|here|sight]|from sight|from view|[out of|from] [the|this] (whole"
+    "|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture"
+    "|video|clip|image|shot|frame]"
+)
 _delete, _extract = _always(_deleted), _always(_extracted)
 _command("remove everything except the dog", _DELETING, _extract, who=everything_but)
 _command("take out everything except the dog", _SPLIT, _extract, "out", who=everything_but, out=_out)
-_command("remove the car", _DELETING, _delete, itself="go away|be gone|go|not be there|not be visible|get lost", bare=False)
+_command(
+    "remove the car", _DELETING, _delete, itself="go away|be gone|go|not be there|not be visible|get lost", bare=False
+)
 _command("take the car out", _SPLIT, _delete, "out", bare=False, out=_out)
 _KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
 _only = lit("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
-_only_keep = _only | lit("[i|we] [only|just] want (to see)|[i|we] want to see [only|just]|[only|just] [keep|show|leave|retain]")
+_only_keep = _only | lit(
+    "[i|we] [only|just] want (to see)|[i|we] want to see [only|just]|[only|just] [keep|show|leave|retain]"
+)
 _command("keep only the dog", _KEEPING, _extract, "only", bare=False, only=_only)
 _in_colour = lit("in (full) [color|colors]|colored")
 _command(
@@ -965,19 +1065,30 @@ _command(
     colored=_in_colour,
 )
 _command("only the dog", "", _extract, "only", bare=False, only=_only_keep)
-_command("crop everything but the dog", "crop|crop out|clear|wipe|strip|strip away|cut|hide", _extract, who=everything_but)
+_command(
+    "crop everything but the dog", "crop|crop out|clear|wipe|strip|strip away|cut|hide", _extract, who=everything_but
+)
 _command("isolate the dog", "isolate|extract|single out|separate out|separate|cut free", _extract, bare=False)
 _and_remove = ~lit(",") + ~lit("and|but") + lit("|".join(inflected(_DELETING, 1))) + silent(everything_else)
 _command("keep the dog and remove everything else", "keep|leave|retain", _extract, "rest", bare=False, rest=_and_remove)
 _unwanted = lit(
-    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need] (to see)|there should be no|let there be no|"
+    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need]"
+    " (to see)|there should be no|let there be no|"
     "[i|we] can do without|no"
 )
 _command(
-    "I do not want to see the dog", "", _delete, "unwanted", bare=False, gapped=False, unwanted=_unwanted,
+    "I do not want to see the dog",
+    "",
+    _delete,
+    "unwanted",
+    bare=False,
+    gapped=False,
+    unwanted=_unwanted,
     there=lit("in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer"),
 )
-_command("strip away the background", "strip away|clear away|clear out|take down|rub off|edit away", _delete, bare=False)
+_command(
+    "strip away the background", "strip away|clear away|clear out|take down|rub off|edit away", _delete, bare=False
+)
 _without = lit("(the|this) [scene|picture|video|clip|image] (but) without|without|no more|minus")
 _command("without the dog", "", _delete, "without", bare=False, without=_without)
 _command("show the scene without the dog", "show|show me|render|make", _delete, "without", bare=False, without=_without)
@@ -1017,17 +1128,22 @@ _command(
     far=distance,
     particle=lit("down|lower"),
 )
-_ROTATING, _TILTING = "rotate|spin|revolve|pivot|swivel|twirl", "tilt|roll|lean|tip|bank|slant|incline|tip over|lean over"
+_ROTATING, _TILTING = (
+    "rotate|spin|revolve|pivot|swivel|twirl",
+    "tilt|roll|lean|tip|bank|slant|incline|tip over|lean over",
+)
 _sense = table(
     {
-        "(over) (to|toward) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise|counter clockwise|anticlockwise|anti clockwise": -1,
+        "(over) (to|toward) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
+        "|counter clockwise|anticlockwise|anti clockwise": -1,
         "(over) (to|toward) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
     }
 )
 _turn = table(
     {
         "half (a) turn|halfway (around)|half way (around)|half (a) circle|half (a) rotation": 180.0,
-        "once|once around|all the way around|around once|full spin|complete (rotation|circle|revolution)": 360.0, "twice|two full turns": 720.0,
+        "once|once around|all the way around|around once|full spin|complete (rotation|circle|revolution)": 360.0,
+        "twice|two full turns": 720.0,
         "quarter (of a) turn|quarter|quarter (of a) circle|quarter rotation": 90.0,
         "full turn|full circle|full rotation|complete turn|whole turn": 360.0,
     }
@@ -1053,7 +1169,8 @@ _command(
     "around",
     itself=f"{_ROTATING}|turn|look|face",
     around=lit(
-        "around|round|the other way (around)|to face the other way|back to front|about|so that [it|he|she] [faces|looks] the other way|"
+        "around|round|the other way (around)|to face the other way|back to front|about|so that [it|he"
+        "|she] [faces|looks] the other way|"
         "[in|to] the [other|opposite] direction|completely around"
     ),
     **_turns,
@@ -1062,16 +1179,26 @@ _command("turn the dog to the left", "turn", _rotated, "sense", itself="turn", *
 _command("turn the dog by 45 degrees", "turn", _rotated, "angle", itself="turn", **_turns)
 _command("rotate the dog by 90 degrees", _ROTATING, _rotated, itself=_ROTATING, **_turns)
 _command("tilt the lamp to the left", _TILTING, _tilted, "sense", itself=_TILTING, angle=_angle, sense=_sense)
-_command("tilt the lamp by 20 degrees", _TILTING, _tilted, "angle",  itself=_TILTING, angle=_angle, sense=_sense)
+_command("tilt the lamp by 20 degrees", _TILTING, _tilted, "angle", itself=_TILTING, angle=_angle, sense=_sense)
 
 _command(
-    "tilt the lamp a little", _TILTING, lambda how, sense=1: _tilted(TILT / 3 if how.kind == "small" else 2 * TILT, sense), "how",
-    itself=_TILTING, how=degree, sense=_sense,
+    "tilt the lamp a little",
+    _TILTING,
+    lambda how, sense=1: _tilted(TILT / 3 if how.kind == "small" else 2 * TILT, sense),
+    "how",
+    itself=_TILTING,
+    how=degree,
+    sense=_sense,
 )
 
 _command(
-    "rotate the dog a little to the left", f"{_ROTATING}|turn", lambda how, sense=1: _rotated(15.0 if how.kind == "small" else 120.0, sense),
-    "how", itself=f"{_ROTATING}|turn", how=degree, sense=_sense,
+    "rotate the dog a little to the left",
+    f"{_ROTATING}|turn",
+    lambda how, sense=1: _rotated(15.0 if how.kind == "small" else 120.0, sense),
+    "how",
+    itself=f"{_ROTATING}|turn",
+    how=degree,
+    sense=_sense,
 )
 
 # Copies
@@ -1093,7 +1220,8 @@ _shift = either(
     _lagging
     + duration
     + lit("later|behind|late|after|after [it|the original]|behind [it|the original]|afterward|delayed|in the future"),
-    lit("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by") + duration,
+    lit("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
+    + duration,
     lit("with a") + duration + lit("delay|lag"),
     _lagging + duration + lit("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
@@ -1108,7 +1236,11 @@ _ways_beside = {
     "to the left of|left of": (-1, 0, 0), "above|over|on top of": (0, -1, 0), "below|under|beneath": (0, 1, 0),
 }  # fmt: skip
 _own = table(_ways_beside) + thing >> (lambda way, who: (((None, way, None),), who))
-_another_size = ~lit(",") + ~lit("but|and|only|that is|at") + either(_size_value, _sized, _brightness_value, _opacity_value, ~lit("in") + _colour_value)
+_another_size = (
+    ~lit(",")
+    + ~lit("but|and|only|that is|at")
+    + either(_size_value, _sized, _brightness_value, _opacity_value, ~lit("in") + _colour_value)
+)
 _beside: dict[str, Any] = {
     "changed": _another_size,
     "own": _own,
@@ -1126,13 +1258,31 @@ _others = either(
     lit("another|a second|one more|an extra|an additional|one other|a further") >> (lambda: 1.0),
     number + lit("more|other|extra|additional|further") + ~lit("of"),
 )
-_ADDING = "make|create|add|put|place|give me|insert|produce|generate|set|have|get me|i want|i would like|we need|show|get|we want|i need"
+_ADDING = (
+    "make|create|add|put|place|give me|insert|produce|generate|set|have|get me|i want|i would like"
+    "|we need|show|get|we want|i need"
+)
 _how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("times|x")
-_command("copy the dog", "copy|duplicate|clone|replicate|make copies of|make a copy of", _copied, times=_how_often, **_beside)
+_command(
+    "copy the dog", "copy|duplicate|clone|replicate|make copies of|make a copy of", _copied, times=_how_often, **_beside
+)
 _command("put a copy of the car to the left", _ADDING, _copied, "times", bare=False, times=_copies, **_beside)
 _command(
-    "make a smaller copy of the dog to the right", _ADDING, _copied, "changed", bare=False, gapped=False,
-    **(_beside | {"changed": lit("a|another") + either(_size_value, _sized, _colour_value, _brightness_value) + lit("copy|clone|duplicate") + lit("of")}),
+    "make a smaller copy of the dog to the right",
+    _ADDING,
+    _copied,
+    "changed",
+    bare=False,
+    gapped=False,
+    **(
+        _beside
+        | {
+            "changed": lit("a|another")
+            + either(_size_value, _sized, _colour_value, _brightness_value)
+            + lit("copy|clone|duplicate")
+            + lit("of")
+        }
+    ),
 )
 TRAIL_COPIES, TRAIL_LAG = 3.0, 0.2
 """Copies of a trail, and seconds from one to the next."""
@@ -1156,7 +1306,10 @@ _command(
     bare=False,
     gapped=False,
     times=_followers,
-    follow=lit("follow|trail|chase|[run|drive|come|walk|go] [behind|after]|that [follow|follows|trail] (behind)|following|trailing (behind)|behind"),
+    follow=lit(
+        "follow|trail|chase|[run|drive|come|walk|go] [behind|after]|that [follow|follows|trail] (behind)"
+        "|following|trailing (behind)|behind"
+    ),
     shift=_shift | ~lit("by|with") + duration,
     path=lit("along (its|the same) path|on (its|the same) path"),
 )
@@ -1165,7 +1318,11 @@ _command("another copy of the dog", "", _copied, "times", bare=False, times=_cop
 
 # Time
 _motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
-_still = lit("still|in place|in [the|its|his|her|their] tracks|in mid [air|flight|jump|step|stride|motion|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing still|there")
+_still = lit(
+    "still|in place|in [the|its|his|her|their] tracks|in mid [air|flight|jump|step|stride|motion"
+    "|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing"
+    " still|there"
+)
 _STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|stay in place|not move|stand"
 _command(
     "stop the dog at frame 30",
@@ -1183,7 +1340,8 @@ _command(
     "values",
     who=_motion,
     timed=True,
-    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
+    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll"
+    "|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
     values=_values(
         number + lit("x") >> _retimed,
         ~lit("in|at") + _pace,
@@ -1193,8 +1351,15 @@ _command(
     ),
 )
 _in_time = lit("in time")
-_command("reverse the car", "reverse|rewind|play back to front|run in reverse", _always(_reversed), itself="reverse|rewind", who=_motion,
-         timed=True, in_time=_in_time)
+_command(
+    "reverse the car",
+    "reverse|rewind|play back to front|run in reverse",
+    _always(_reversed),
+    itself="reverse|rewind",
+    who=_motion,
+    timed=True,
+    in_time=_in_time,
+)
 _on_and_on = lit("again and again|over and over (again)|endlessly|repeatedly|in a loop|on loop|on repeat")
 _loop = _always(_looped)
 _part_of = ~lit("of|for|with") + _motion
@@ -1238,7 +1403,9 @@ _called = ~lit("as|to") + name
 _command("call the dog rex", "call|name|label|tag|dub|nickname", _named, "called", gapped=False, called=_called)
 
 # What is said in passing, and commands without a verb
-_command("make the dog red", "do the same|do that too", _always(_deleted), who=lit("to|with|for|on") + thing, bare=False)
+_command(
+    "make the dog red", "do the same|do that too", _always(_deleted), who=lit("to|with|for|on") + thing, bare=False
+)
 COMMANDS[-1] = SAME = replace(COMMANDS[-1], gapped=False)
 TOPIC = Command("the dog: make it red", "", REMARK, {})
 _remark = lit("alone|as it is|as they are|as is|untouched|unchanged|as it was|the way it is|out of it|in peace")
@@ -1253,7 +1420,12 @@ _command(
     remark=_remark,
 )
 _command(
-    "make the dog red", "", REMARK, "untouched", bare=False, gapped=False,
+    "make the dog red",
+    "",
+    REMARK,
+    "untouched",
+    bare=False,
+    gapped=False,
     untouched=lit("do not [touch|change|affect|alter]|without [touching|changing]|but not"),
 )
 _quality_words = (
@@ -1391,7 +1563,9 @@ _command(
     behind=_behind,
     shift=_shift | ~lit("by|with") + duration,
 )
-def _trailed(count: float = TRAIL_COPIES) -> Value:
+
+
+def _trailed(count: float = TRAIL_COPIES) -> Value | tuple[tuple[Value], ...]:
     return _copied(times=count, shift=TimeExpression(seconds=TRAIL_LAG))
 
 

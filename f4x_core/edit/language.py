@@ -60,7 +60,8 @@ class Clause(NamedTuple):
 _when = ~lit(",") + span
 _slowly = ~lit(",") + table(
     {
-        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
+        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively"
+        "|steadily|over time|more and more|step by step|"
         "(in) a gradual way|easing in and out|easing in|easing out|with "
         "(a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
         "with soft ends|eased": True
@@ -174,14 +175,17 @@ _filler = silent(
             "go ahead and|let us|try to|try|i want (you) to|i need you to|i would (really) like (you) to|i would love (you) to|"
             "we want (you) to|we would like to|we should|we need to|you should|you can|simply|actually|maybe|perhaps|"
             "be so kind (as) to|just|in addition|besides|additionally|after that|afterward|after this|feel free to|let me|"
-            "help me|help me to|um|uh|i wish you would|i want to|i would like to|we want to|i need to|you could|would be nice to|it would be nice to|now please|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile|overall|finally|clean up|:"
+            "help me|help me to|um|uh|i wish you would|i want to|i would like to|we want to|i need to|you"
+            " could|would be nice to|it would be nice to|now please|oh|yes|sure|great|cool|nice|good|at"
+            " the same time|meanwhile|overall|finally|clean up|:"
         )
         | _request,
         lit(",") | NOTHING,
     )
 )
 _tail = ~lit(
-    "now|too|as well|again|also|for me|any more|anymore|any longer|thank you|after all|though|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
+    "now|too|as well|again|also|for me|any more|anymore|any longer|thank you|after all|though|if"
+    " you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
     "overall|in total|for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
 )
 _core = either(*(_of(command) for command in COMMANDS))
@@ -383,7 +387,7 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
             for operation in operations:
-                if operation.select == THE_COPY:
+                if operation.select == THE_COPY and context.last is not None:
                     operation = replace(operation, select=context.last)
                 elif isinstance(operation, Duplicate):
                     operation, topics[-1] = context.copied(operation)
@@ -435,7 +439,11 @@ _either = either(lit("either"), silent(familiar) + lit("or") + ~lit("the|a|an") 
 _last = Rule(lambda reading, at: {at: ()} if at >= len(reading.tokens) or not reading.tokens[at].is_word else {})
 _DOUBTFUL = (
     (
-        lit("only [after|from|until|before|between|during|for|since|while|in|at|on|over|within] (the) [first|last|second|frame|frames|seconds|beginning|end|middle]|only [after|from|until|before|between|during|for|since|while]"),
+        lit(
+            "only [after|from|until|before|between|during|for|since|while|in|at|on|over|within] (the) [first"
+            "|last|second|frame|frames|seconds|beginning|end|middle]|only [after|from|until|before|between"
+            "|during|for|since|while]"
+        ),
         "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'.",
     ),
     (
@@ -443,7 +451,10 @@ _DOUBTFUL = (
         "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
     ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
-    (lit("some [of|other]|any of|a few (of)"), "Which of them is not said; say for example 'the left one' or 'all of them'."),
+    (
+        lit("some [of|other]|any of|a few (of)"),
+        "Which of them is not said; say for example 'the left one' or 'all of them'.",
+    ),
 )
 """Phrases that can be meant in two ways, and what is asked instead of doing either."""
 _UNKNOWN_WAYS = (

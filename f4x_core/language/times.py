@@ -96,7 +96,8 @@ _part_way = either(
     lit("halfway|half way|midway|mid way") + ~(_through | lit("point") + ~lit(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
     lit(
-        f"the (very) middle of the [{_whole}]|the [halfway|half way|half] [point|mark] (of the [{_whole}])|mid clip|the half|half time|"
+        f"the (very) middle of the [{_whole}]|the [halfway|half way|half] [point|mark] (of the [{_whole}])"
+        f"|mid clip|the half|half time|"
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
     )
     >> (lambda: HALF_WAY),
@@ -106,7 +107,13 @@ _part_way = either(
 """Moments that are told by how much of the clip is over."""
 _counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
 _inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
-_measured = either(~lit("exactly|about|around") + number + _unit + ~lit(f"{_inside}|mark|have [passed|elapsed]|are over"), lit("the") + number + _unit + lit("mark|point")) >> _times
+_measured = (
+    either(
+        ~lit("exactly|about|around") + number + _unit + ~lit(f"{_inside}|mark|have [passed|elapsed]|are over"),
+        lit("the") + number + _unit + lit("mark|point"),
+    )
+    >> _times
+)
 _more_than_one = ~lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit))
 _fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
 _numbered = ~lit("the") + number + lit("th|st|nd|rd") + lit("frame") >> (lambda x: TimeExpression(frames=x))
@@ -123,7 +130,10 @@ _length = either(duration, optional(number, 1.0) + _unit >> _times)
 _first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") + _length
 _last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
 _onward = ~lit("on|onward|forward|and on|and onward|on out|and later|or later")
-_since = lit("from|after|since|as of|once|only [from|after]|not before|beginning|starting|from (about) after|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past")
+_since = lit(
+    "from|after|since|as of|once|only [from|after]|not before|beginning|starting|from (about) after"
+    "|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
+)
 _at = lit("at|in|on|once we reach|when we reach|around|exactly at|right at|when|as soon as")
 _before_end = duration + lit(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
     lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
@@ -134,7 +144,17 @@ _since_then = _since + moment + _onward
 _just_then = (_at + moment | _bare) + _onward
 _begin = _since_then | _just_then
 _for = lit("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
-_part = table({"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4, "fifth": 0.2, "tenth": 0.1, "two thirds": 2 / 3, "three quarters": 0.75}) + ~lit(f"of the [{_whole}]")
+_part = table(
+    {
+        "half": 1 / 2,
+        "third": 1 / 3,
+        "quarter": 1 / 4,
+        "fifth": 0.2,
+        "tenth": 0.1,
+        "two thirds": 2 / 3,
+        "three quarters": 0.75,
+    }
+) + ~lit(f"of the [{_whole}]")
 _within = ~lit("for|in|during|over|within|throughout|only [in|during|for]") + lit("the")
 _leading = _within + lit("first") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
 _middle = ~lit("for|in|during|over|within") + lit("the middle") + _part >> (
@@ -155,7 +175,8 @@ span = either(
     _begin + _comma + _for >> _lasting,
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
-    ~lit("from (the) [start|beginning]") + lit("until|before|up to|up until|not after") + moment >> (lambda end: Span(START, end)),
+    ~lit("from (the) [start|beginning]") + lit("until|before|up to|up until|not after") + moment
+    >> (lambda end: Span(START, end)),
     lit("by") + (_numbered | _counted) >> (lambda end: Span(START, end)),
     ~lit("only|just") + _just_then + lit("only|alone") >> (lambda start: Span(start, start)),
     lit("only|just") + _just_then >> (lambda start: Span(start, start)),
@@ -169,9 +190,8 @@ span = either(
     table(
         {
             "always|all the time|the whole time|[for|during|throughout|over] the [whole|entire] [clip|video|time]|"
-            "throughout (the [clip|video|scene])|forever|the [entire|whole] way|for good|permanently|the whole way through|from start to finish|from (the) beginning to (the) end": Span(
-                START, None, "always"
-            )
+            "throughout (the [clip|video|scene])|forever|the [entire|whole] way|for good|permanently|the"
+            " whole way through|from start to finish|from (the) beginning to (the) end": Span(START, None, "always")
         }
     ),
 )
