@@ -388,7 +388,7 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
             operations = _compatible([value(who, settled, context) for (value,) in values])
             for operation in operations:
                 if operation.select == THE_COPY and context.last is not None:
-                    operation = replace(operation, select=context.last)
+                    operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
                 elif isinstance(operation, Duplicate):
                     operation, topics[-1] = context.copied(operation)
                 yield operation
