@@ -377,7 +377,7 @@ _pop = lit(
 _sized = either(
     ~lit("very|really|quite")
     + table({"tiny|small|little|minute|miniature": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0})
-    >> _scaled,
+    >> _scaled
 )
 _softly = either(
     degree,
@@ -871,13 +871,7 @@ for _kind, _words, _made_by in (
         it=lit("some|a bit of|a little|a touch of|a bit") + lit(_words) | lit(_words),
     )
     _command(
-        f"more {_kind}",
-        "",
-        _listed,
-        "values",
-        who=lit("for|on|in") + thing,
-        whole=True,
-        values=_values(_how_much),
+        f"more {_kind}", "", _listed, "values", who=lit("for|on|in") + thing, whole=True, values=_values(_how_much)
     )
 _its_colors = whose("colors|color")
 _command(
@@ -1005,21 +999,8 @@ _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") |
     lambda x: 1 - x
 )
 _outward = lit("out|away|off|to zero|to 0|into nothing|from view|out completely|to nothing|to invisible")
-_command(
-    "fade the background",
-    "fade|dissolve",
-    lambda by=0.5: _faded(by),
-    itself="fade",
-    by=_to_fraction,
-)
-_command(
-    "fade out the dog",
-    "fade|dissolve",
-    lambda: _faded(0.0),
-    "out",
-    itself="fade",
-    out=_outward,
-)
+_command("fade the background", "fade|dissolve", lambda by=0.5: _faded(by), itself="fade", by=_to_fraction)
+_command("fade out the dog", "fade|dissolve", lambda: _faded(0.0), "out", itself="fade", out=_outward)
 
 _command(
     "fade in the dog from second 1 to 2",
@@ -1342,13 +1323,7 @@ _command(
     timed=True,
     itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll"
     "|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
-    values=_values(
-        number + lit("x") >> _retimed,
-        ~lit("in|at") + _pace,
-        _backward,
-        lit("in") + _coloured,
-        _a_look,
-    ),
+    values=_values(number + lit("x") >> _retimed, ~lit("in|at") + _pace, _backward, lit("in") + _coloured, _a_look),
 )
 _in_time = lit("in time")
 _command(

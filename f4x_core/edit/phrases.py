@@ -30,10 +30,7 @@ from ..language.times import END, START, Clip, Span
 from .operations import Duplicate
 from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
 
-HIM_OR_HER = {
-    "'him'": ("man", "boy", "person", "people"),
-    "'her'": ("woman", "girl", "person", "people"),
-}
+HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
 """Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
 
 
