@@ -342,7 +342,9 @@ _more_colour_value = (
     >> _added
 )
 _without_colour = lit(
-    "black and white|black white|a black and white [picture|image|look]|without [any|its|all] color|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|without (any) color|"
+    "black and white|black white|a black and white [picture|image|look]|without [any|its|all] color"
+    "|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|without"
+    " (any) color|"
     "without colors"
 ) >> (lambda: _GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
@@ -375,7 +377,7 @@ _pop = lit(
 _sized = either(
     ~lit("very|really|quite")
     + table({"tiny|small|little|minute|miniature": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0})
-    >> _scaled,
+    >> _scaled
 )
 _softly = either(
     degree,
@@ -410,7 +412,8 @@ _pace_value = (
 )
 _pace = either(_pace_value, lit("at|in|to") + _paced >> _retimed)
 _backward = lit(
-    "backward|in reverse|reversed|in the opposite direction|back to front|from the end to the start|in reverse order|(the) other way around|from back to front|from end to start"
+    "backward|in reverse|reversed|in the opposite direction|back to front|from the end to the start"
+    "|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: _reversed)
 _see_through = lit("transparent|see through|translucent|transparency|sheer")
 _share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
@@ -631,7 +634,6 @@ _command(
         _a_look,
     ),
 )
-degree_word = silent(degree)
 _tint = ~lit("a|an") + ~lit("slight|faint") + (colour | colourish)
 _command("tint the sky orange", "tint|tinge|tone|wash", _faintly, "rgb", rgb=~lit("in|to|with") + _tint + _colored)
 _command(
@@ -725,7 +727,8 @@ def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
     )
     _more_or_less(
         f"reduce the {kind} of the dog",
-        "reduce|decrease|lower|turn down|cut|cut down|lessen|tone down|bring down|dial down|weaken|diminish|drop|take down|cut back",
+        "reduce|decrease|lower|turn down|cut|cut down|lessen|tone down|bring down|dial down|weaken|diminish"
+        "|drop|take down|cut back",
         made,
         words,
         False,
@@ -754,7 +757,7 @@ _command(
 for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
     (
         "speed up the dog",
-        "speed up|accelerate|quicken|hasten|hurry up|fast forward|hurry",
+        "speed up|accelerate|quicken|hasten|hurry up",
         _retimed,
         "speed|pace",
         True,
@@ -868,13 +871,7 @@ for _kind, _words, _made_by in (
         it=lit("some|a bit of|a little|a touch of|a bit") + lit(_words) | lit(_words),
     )
     _command(
-        f"more {_kind}",
-        "",
-        _listed,
-        "values",
-        who=lit("for|on|in") + thing,
-        whole=True,
-        values=_values(_how_much),
+        f"more {_kind}", "", _listed, "values", who=lit("for|on|in") + thing, whole=True, values=_values(_how_much)
     )
 _its_colors = whose("colors|color")
 _command(
@@ -1002,21 +999,8 @@ _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") |
     lambda x: 1 - x
 )
 _outward = lit("out|away|off|to zero|to 0|into nothing|from view|out completely|to nothing|to invisible")
-_command(
-    "fade the background",
-    "fade|dissolve",
-    lambda by=0.5: _faded(by),
-    itself="fade",
-    by=_to_fraction,
-)
-_command(
-    "fade out the dog",
-    "fade|dissolve",
-    lambda: _faded(0.0),
-    "out",
-    itself="fade",
-    out=_outward,
-)
+_command("fade the background", "fade|dissolve", lambda by=0.5: _faded(by), itself="fade", by=_to_fraction)
+_command("fade out the dog", "fade|dissolve", lambda: _faded(0.0), "out", itself="fade", out=_outward)
 
 _command(
     "fade in the dog from second 1 to 2",
@@ -1028,10 +1012,15 @@ _command(
 )
 
 # Taking out, and leaving alone
-_DELETING = "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with|dump|ditch|clear|banish|scratch|kill|cut|purge|rid us of"
+_DELETING = (
+    "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with|dump|ditch"
+    "|clear|banish|scratch|kill|cut|purge|rid us of"
+)
 _SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
 _out = lit(
-    "out|away|off|out of [there|here|sight]|from sight|from view|[out of|from] [the|this] (whole|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture|video|clip|image|shot|frame]"
+    "out|away|off|out of [there|here|sight]|from sight|from view|[out of|from] [the|this] (whole"
+    "|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture"
+    "|video|clip|image|shot|frame]"
 )
 _delete, _extract = _always(_deleted), _always(_extracted)
 _command("remove everything except the dog", _DELETING, _extract, who=everything_but)
@@ -1064,7 +1053,8 @@ _command("isolate the dog", "isolate|extract|single out|separate out|separate|cu
 _and_remove = ~lit(",") + ~lit("and|but") + lit("|".join(inflected(_DELETING, 1))) + silent(everything_else)
 _command("keep the dog and remove everything else", "keep|leave|retain", _extract, "rest", bare=False, rest=_and_remove)
 _unwanted = lit(
-    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need] (to see)|there should be no|let there be no|"
+    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need]"
+    " (to see)|there should be no|let there be no|"
     "[i|we] can do without|no"
 )
 _command(
@@ -1105,7 +1095,7 @@ _command(
 )
 _command(
     "raise the box",
-    "raise|lift|elevate|hoist|pick up|levitate|lift up",
+    "raise|lift|elevate|hoist",
     lambda far=None: _moved(_UP, far),
     itself="rise|go up|levitate|hover|float|ascend|take off|fly",
     far=distance,
@@ -1113,7 +1103,7 @@ _command(
 )
 _command(
     "lower the lamp",
-    "lower|sink|drop|let down",
+    "lower|sink",
     lambda far=None: _moved(_DOWN, far),
     itself="sink|go down|descend|come down",
     far=distance,
@@ -1125,7 +1115,8 @@ _ROTATING, _TILTING = (
 )
 _sense = table(
     {
-        "(over) (to|toward) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise|counter clockwise|anticlockwise|anti clockwise": -1,
+        "(over) (to|toward) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
+        "|counter clockwise|anticlockwise|anti clockwise": -1,
         "(over) (to|toward) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
     }
 )
@@ -1159,7 +1150,8 @@ _command(
     "around",
     itself=f"{_ROTATING}|turn|look|face",
     around=lit(
-        "around|round|the other way (around)|to face the other way|back to front|about|so that [it|he|she] [faces|looks] the other way|"
+        "around|round|the other way (around)|to face the other way|back to front|about|so that [it|he"
+        "|she] [faces|looks] the other way|"
         "[in|to] the [other|opposite] direction|completely around"
     ),
     **_turns,
@@ -1247,7 +1239,10 @@ _others = either(
     lit("another|a second|one more|an extra|an additional|one other|a further") >> (lambda: 1.0),
     number + lit("more|other|extra|additional|further") + ~lit("of"),
 )
-_ADDING = "make|create|add|put|place|give me|insert|produce|generate|set|have|get me|i want|i would like|we need|show|get|we want|i need"
+_ADDING = (
+    "make|create|add|put|place|give me|insert|produce|generate|set|have|get me|i want|i would like"
+    "|we need|show|get|we want|i need"
+)
 _how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("times|x")
 _command(
     "copy the dog", "copy|duplicate|clone|replicate|make copies of|make a copy of", _copied, times=_how_often, **_beside
@@ -1293,7 +1288,8 @@ _command(
     gapped=False,
     times=_followers,
     follow=lit(
-        "follow|trail|chase|[run|drive|come|walk|go] [behind|after]|that [follow|follows|trail] (behind)|following|trailing (behind)|behind"
+        "follow|trail|chase|[run|drive|come|walk|go] [behind|after]|that [follow|follows|trail] (behind)"
+        "|following|trailing (behind)|behind"
     ),
     shift=_shift | ~lit("by|with") + duration,
     path=lit("along (its|the same) path|on (its|the same) path"),
@@ -1304,7 +1300,9 @@ _command("another copy of the dog", "", _copied, "times", bare=False, times=_cop
 # Time
 _motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
 _still = lit(
-    "still|in place|in [the|its|his|her|their] tracks|in mid [air|flight|jump|step|stride|motion|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing still|there"
+    "still|in place|in [the|its|his|her|their] tracks|in mid [air|flight|jump|step|stride|motion"
+    "|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing"
+    " still|there"
 )
 _STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|stay in place|not move|stand"
 _command(
@@ -1316,10 +1314,6 @@ _command(
     still=_still,
 )
 _command("keep the dog still", "keep|leave", _always(_frozen), "still", still=_still)
-_time = lit("time|the action|the motion|all motion|all movement|the playback|playback|every motion") >> (
-    lambda: lambda context: All()
-)
-_command("stop everything at frame 30", "stop|freeze|pause|hold|halt", _always(_frozen), who=_time)
 _command(
     "play the dog at half speed",
     "play|run|show|put|set|render|play back|replay|move|drive|do",
@@ -1327,14 +1321,9 @@ _command(
     "values",
     who=_motion,
     timed=True,
-    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
-    values=_values(
-        number + lit("x") >> _retimed,
-        ~lit("in|at") + _pace,
-        _backward,
-        lit("in") + _coloured,
-        _a_look,
-    ),
+    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll"
+    "|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
+    values=_values(number + lit("x") >> _retimed, ~lit("in|at") + _pace, _backward, lit("in") + _coloured, _a_look),
 )
 _in_time = lit("in time")
 _command(
@@ -1361,7 +1350,6 @@ _command(
 _command("play the dog in a loop from second 1 to 2", "play|run|show|put", _loop, "again", again=_on_and_on)
 
 # Looks, colours of others, names
-_new = ~lit("fresh|new|brand new|nice|thick|different|lovely")
 _given = _values(
     ~lit("a|an|some")
     + either(_warmth_value, _brightness_value, _saturation_value, _contrast_value)
@@ -1383,7 +1371,7 @@ _with = lit("to|with|and") + ~lit("the [color|colors|coloring|look] of|that of|t
 _matching = _with + ~(lit("'s|'") + ~lit("color|colors|coloring"))
 for _who in (whose("color|colors|coloring|look"), thing):
     _command(
-        "match the dog to the cat", "match|color match|adapt|adjust|fit", _matched, "source", who=_who, source=_matching
+        "match the dog to the cat", "match|color match|adapt|adjust", _matched, "source", who=_who, source=_matching
     )
 _command("make the hat match the shirt", "", _matched, "source", itself="match", source=known_thing)
 _called = ~lit("as|to") + name
@@ -1552,7 +1540,7 @@ _command(
 )
 
 
-def _trailed(count: float = TRAIL_COPIES) -> Value:
+def _trailed(count: float = TRAIL_COPIES) -> Value | tuple[tuple[Value], ...]:
     return _copied(times=count, shift=TimeExpression(seconds=TRAIL_LAG))
 
 
@@ -1569,7 +1557,7 @@ _command(
     _trailed,
     "count",
     bare=False,
-    who=lit("behind|after|to|of|for") + thing,
+    who=lit("behind|after|to|of") + thing,
     count=_a_trail,
 )
 
@@ -1587,7 +1575,7 @@ def _lasting(to: TimeExpression) -> Value:
 
 _command(
     "stretch the first second to two seconds",
-    "stretch|stretch out|extend|slow down|compress|squeeze|draw out|lengthen|prolong|shorten|make last",
+    "stretch|stretch out|extend|slow down|compress|squeeze",
     _lasting,
     "to",
     whole=True,

@@ -61,7 +61,8 @@ class Clause(NamedTuple):
 _when = ~lit(",") + ~lit("but") + ~lit("only|just") + span
 _slowly = ~lit(",") + table(
     {
-        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
+        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively"
+        "|steadily|over time|more and more|step by step|"
         "(in) a gradual way|easing in and out|easing in|easing out|with "
         "(a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
         "with soft ends|eased": True
@@ -175,15 +176,17 @@ _filler = silent(
             "go ahead and|let us|try to|try|i want (you) to|i need you to|i would (really) like (you) to|i would love (you) to|"
             "we want (you) to|we would like to|we should|we need to|you should|you can|simply|actually|maybe|perhaps|"
             "be so kind (as) to|just|in addition|besides|additionally|after that|afterward|after this|feel free to|let me|"
-            "help me|help me to|um|uh|i wish you would|i want to|i would like to|we want to|i need to|you could|would be nice to|it would be nice to|now please|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile|overall|finally|clean up|:"
+            "help me|help me to|um|uh|i wish you would|i want to|i would like to|we want to|i need to|you"
+            " could|would be nice to|it would be nice to|now please|oh|yes|sure|great|cool|nice|good|at"
+            " the same time|meanwhile|overall|finally|clean up|:"
         )
         | _request,
         lit(",") | NOTHING,
     )
-    + ~lit(",")
 )
 _tail = ~lit(
-    "now|too|as well|again|also|for me|any more|anymore|any longer|thank you|after all|though|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
+    "now|too|as well|again|also|for me|any more|anymore|any longer|thank you|after all|though|if"
+    " you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
     "overall|in total|for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
 )
 _core = either(*(_of(command) for command in COMMANDS))
@@ -192,8 +195,7 @@ _clause = (
         _filler + _core,
         _filler + silent(_slowly) + _core
         >> (lambda clause: clause._replace(pieces=tuple({**one, "slowly": True} for one in clause.pieces))),
-        _filler + ~lit("only|just") + span + ~lit(",|:") + _filler + _core
-        >> (lambda front, clause: clause._replace(front=front)),
+        _filler + span + ~lit(",|:") + _filler + _core >> (lambda front, clause: clause._replace(front=front)),
     )
     + ~lit(",")
     + _tail
@@ -409,8 +411,8 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
             for operation in operations:
-                if operation.select == THE_COPY:
-                    operation = replace(operation, select=context.last)
+                if operation.select == THE_COPY and context.last is not None:
+                    operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
                 elif isinstance(operation, Duplicate):
                     operation, topics[-1] = context.copied(operation)
                 yield operation

@@ -30,10 +30,7 @@ from ..language.times import END, START, Clip, Span
 from .operations import Duplicate
 from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
 
-HIM_OR_HER = {
-    "'him'": ("man", "boy", "person", "people"),
-    "'her'": ("woman", "girl", "person", "people"),
-}
+HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
 """Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
 
 
@@ -123,7 +120,8 @@ class When:
             # The instant in which the last frame ends is still the clip: "to second 6" of six seconds.
             if frame is not None and not 0 <= frame <= (last if frame is start else last + 1):
                 raise Refusal(
-                    f"Frame {frame:g} is outside the clip, which has frames 0 to {last} ({context.frames / context.fps:g} s)."
+                    f"Frame {frame:g} is outside the clip, which has frames 0 to {last} ({context.frames / context.fps:g}"
+                    f" s)."
                 )
         end = None if end is None or phrase.end == END else min(end, last)
         if end is not None and end < start:
@@ -166,7 +164,7 @@ class When:
     @property
     def pace(self) -> dict[str, Any]:
         """Fields of a change of speed."""
-        return self._frames | ({"ease": "smooth"} if self.slowly else {})
+        return (self._frames if self.edge is None else {"frames": self.edge}) | ({"ease": "smooth"} if self.slowly else {})
 
     def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:
         """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""
@@ -280,8 +278,10 @@ def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 
 _WORN = word_set(
-    "hat cap helmet shirt jacket coat dress sweater jersey pullover hoodie scarf trousers jeans shorts pants skirt suit uniform vest "
-    "boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail horn collar top t tie mask belt sock"
+    "hat cap helmet shirt jacket coat dress sweater jersey pullover hoodie scarf trousers jeans"
+    " shorts pants skirt suit uniform vest "
+    "boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail"
+    " horn collar top t tie mask belt sock"
 )
 """What somebody is told by: of "the dog with the cat" nobody knows whether it is one thing or two."""
 
@@ -411,7 +411,8 @@ _WHERE = {
     "at the (very) top|on (the) top|on the top side": "top",
     "at the (very) bottom|on the bottom": "bottom",
     "in the (very) [middle|center]|at the center": "middle",
-    f"in front|in the [front|foreground]|up front|nearer to [{VIEWER}]|at the front|[closest|nearest] to [{VIEWER}]|closest|nearest": "nearest",
+    f"in front|in the [front|foreground]|up front|nearer to [{VIEWER}]|at the front|[closest|nearest]"
+    f" to [{VIEWER}]|closest|nearest": "nearest",
     f"in the [back|background|distance|rear]|at the [back|rear]|far away|[farthest|furthest] (away) from [{VIEWER}]|"
     "farthest (away)|furthest (away)": "farthest",
 }
@@ -537,19 +538,23 @@ _everything = silent(
             "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|thing]"
         ),
         lit(
-            f"(the) [whole|entire|full|complete] [{_PICTURE}|thing]|[the|this|my|our] [{_PICTURE}]|all of the [{_PICTURE}]"
+            f"(the) [whole|entire|full|complete] [{_PICTURE}|thing]|[the|this|my|our] [{_PICTURE}]|all of"
+            f" the [{_PICTURE}]"
         ),
     )
 )
 everything_else = lit(
-    "[everything|all|anything] else|all the rest|the rest of the [picture|scene|image|video|clip]|the remainder|all others|the (whole) rest (of it|of them|of the scene|of the picture)|the others|"
+    "[everything|all|anything] else|all the rest|the rest of the [picture|scene|image|video|clip]"
+    "|the remainder|all others|the (whole) rest (of it|of them|of the scene|of the picture)|the"
+    " others|"
     "all (the) other [things|objects|stuff]|the other [things|objects]"
 ) >> (lambda *_: lambda context: Not(context.it("'else'")))
 _everybody_else = _everybody + lit("else") >> (
     lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
 )
 _in_scene = ~lit(
-    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{_PICTURE}]|out of the [{_PICTURE}]"
+    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{_PICTURE}]"
+    f"|out of the [{_PICTURE}]"
 )
 _whole_thing: Rule = either(
     familiar, _determiner + _noun, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving

@@ -77,7 +77,8 @@ class Amount(NamedTuple):
 
 degree = table(
     {
-        "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen]|"
+        "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a"
+        " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen]|"
         "slightly|somewhat|(ever) so slightly|a bit of": Amount("small"),
         "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
         "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit": Amount("large"),
@@ -153,17 +154,11 @@ _WITHIN = ~lit(f"of [the|this] [{_OF_IT}]|in [the|this] [{_OF_IT}]")
 direction = (
     table(
         {
-            f"left|leftward|(over|further|farther|off|out) [to|toward|on|at] [the|its|my|your|his|her|their] (far) left ({_SIDE})|more to the left|[further|farther|more] (to the) left": (
-                -1,
-                0,
-                0,
-            ),
-            f"right|rightward|(over|further|farther|off|out) [to|toward|on|at] [the|its|my|your|his|her|their] (far) right "
-            f"({_SIDE})|more to the right|[further|farther|more] (to the) right": (
-                1,
-                0,
-                0,
-            ),
+            f"left|leftward|(over|further|farther|off|out) [to|toward|on|at] [the|its|my|your|his|her|their]"
+            f" (far) left ({_SIDE})|more to the left|[further|farther|more] (to the) left": (-1, 0, 0),
+            f"right|rightward|(over|further|farther|off|out) [to|toward|on|at] [the|its|my|your|his|her|their]"
+            f" (far) right "
+            f"({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
             "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off the ground|"
             "above the ground|toward the [sky|top]": (0, -1, 0),
             "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the floor": (
@@ -171,17 +166,12 @@ direction = (
                 1,
                 0,
             ),
-            f"[further|farther] [back|backward|away]|(further|farther) away from [{VIEWER}]|away|back|backward|from [{VIEWER}]|"
-            "to the [back|rear]|into the [distance|depth]|off into the distance|toward the back|[into|to|toward] the background|deeper (into the scene)": (
-                0,
-                0,
-                1,
-            ),
-            f"forward|to the [foreground|fore]|[closer|nearer] [to|toward] [{VIEWER}]|closer|nearer|[to|toward] [{VIEWER}]|to the front|into the foreground": (
-                0,
-                0,
-                -1,
-            ),
+            f"[further|farther] [back|backward|away]|(further|farther) away from [{VIEWER}]|away|back|backward"
+            f"|from [{VIEWER}]|"
+            "to the [back|rear]|into the [distance|depth]|off into the distance|toward the back|[into|to"
+            "|toward] the background|deeper (into the scene)": (0, 0, 1),
+            f"forward|to the [foreground|fore]|[closer|nearer] [to|toward] [{VIEWER}]|closer|nearer|[to|toward]"
+            f" [{VIEWER}]|to the front|into the foreground": (0, 0, -1),
         }
     )
     + _WITHIN

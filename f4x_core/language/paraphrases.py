@@ -83,7 +83,20 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf" (?P<rest>(?:(?:to the )?(?:left|right) of|behind|next to|beside|in front of|above|below|under)) {_PREVIOUS}$",
         r"put a copy of \g<x> \g<rest> it",
     ),
+    # Colours
+    (
+        rf"^give {_X} an? (?:fresh |new |nice |thick )?(?:coat|layer|lick|splash) of (?P<rest>[\w ]+?)(?: paint| colou?r)?$",
+        r"paint \g<x> \g<rest>",
+    ),
+    (rf"^(?:change|set|make|adjust) the colou?rs? of {_X} to (?:match|fit|be like) (?:that of |those of )?{_REST}$", r"match \g<x> to \g<rest>"),
+    (rf"^(?:change|set|make|adjust) {_X}'s colou?rs? to (?:match|fit|be like) (?:that of |those of )?{_REST}$", r"match \g<x> to \g<rest>"),
+    (rf"^put (?:the colou?r of {_X}|{_X.replace('<x>', '<y>')}'s colou?r) (?:to|on|into) {_REST}$", r"change the color of \g<x>\g<y> to \g<rest>"),
+    (rf"^(?:tint|tinge|tone) {_X} (?:slightly|a (?:little|bit|touch|tad)|a little bit|faintly) {_REST}$", r"make \g<x> slightly \g<rest>"),
     # Time
+    (
+        r"^(?P<verb>stop|freeze|pause|hold|halt) (?:time|the action|the motion|all motion|all movement|(?:the )?playback)(?P<rest>.*)$",
+        r"\g<verb> everything\g<rest>",
+    ),
     (r"^(?P<rest>.+?),? (?:and )?(?:ease|easing) (?:in and out|in|out|it)$", r"smoothly \g<rest>"),
     (rf"^speed ramp(?:ing)?(?::|,)? {_REST}$", r"smoothly \g<rest>"),
 )  # fmt: skip

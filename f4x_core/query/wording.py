@@ -59,16 +59,25 @@ class Asked:
 _CLIP = r"(?:(?:the|this) (?:whole |entire )?)?(?:clip|video|film|movie|footage|sequence|recording|scene|shot)"
 _PICTURE = rf"(?:{_CLIP}|(?:the |this )?(?:picture|image|view|frame)|it|here|sight)"
 _SEEN = (
-    rf"(?:there|here|present|visible|seen|shown|found|spotted|in view|on screen|on view|in (?:the )?sight|(?:with)?in {_PICTURE}"
+    rf"(?:there|here|present|visible|seen|shown|found|spotted|in view|on screen|on view|in (?:the"
+    rf" )?sight|(?:with)?in {_PICTURE}"
     rf"|to be seen)"
 )
 _WAY = rf"(?: (?:around|about|at all|along|in total|altogether|overall|there|now|ever|in {_PICTURE}))*"
-_STANDS = r"(?:stand(?:s|ing)?|stay(?:s|ing)?|remain(?:s|ing)?|keep(?:s|ing)?|lie[s]?|lying|sit(?:s|ting)?|located|placed|to be found)"
-_PLAIN = r"(?:mov(?:e|es|ed|ing)|go(?:es|ing|ne)?|went|travel(?:s|led|ed|ling|ing)?|com(?:e|es|ing)|in motion|head(?:s|ing)?)"
+_STANDS = (
+    r"(?:stand(?:s|ing)?|stay(?:s|ing)?|remain(?:s|ing)?|keep(?:s|ing)?|lie[s]?|lying|sit(?:s|ting)?"
+    r"|located|placed|to be found)"
+)
+_PLAIN = (
+    r"(?:mov(?:e|es|ed|ing)|go(?:es|ing|ne)?|went|travel(?:s|led|ed|ling|ing)?|com(?:e|es|ing)|in"
+    r" motion|head(?:s|ing)?)"
+)
 """Motion of any kind."""
 _MANNER = (
-    r"(?:walk(?:s|ed|ing)?|run(?:s|ning)?|ran|swim(?:s|ming)?|swam|driv(?:e|es|ing|en)|drove|fl(?:y|ies|ying)|roll(?:s|ed|ing)?"
-    r"|rid(?:e|es|ing)|slid(?:e|es|ing)|float(?:s|ed|ing)?|jump(?:s|ed|ing)?|race[sd]?|gallop(?:s|ing)?|danc(?:e|es|ing)|jog(?:s|ging)?)"
+    r"(?:walk(?:s|ed|ing)?|run(?:s|ning)?|ran|swim(?:s|ming)?|swam|driv(?:e|es|ing|en)|drove|fl(?:y"
+    r"|ies|ying)|roll(?:s|ed|ing)?"
+    r"|rid(?:e|es|ing)|slid(?:e|es|ing)|float(?:s|ed|ing)?|jump(?:s|ed|ing)?|race[sd]?|gallop(?:s"
+    r"|ing)?|danc(?:e|es|ing)|jog(?:s|ging)?)"
 )
 """Motion of a kind that nobody can compute: whether a thing moves is told, not whether that is to fly."""
 _MOVE = rf"(?:{_PLAIN}|{_MANNER})"
@@ -77,7 +86,10 @@ _ALWAYS = (
     rf"|(?:in|for|during|over) (?:all|every|each) (?:the )?frames?|(?:in|for|during|over|through)"
     rf" (?:all of {_CLIP}|the (?:whole|entire) (?:clip|video|film|movie|sequence)))"
 )
-_ENTER = rf"(?:appear|show up|arrive|turn up|(?:first )?(?:enter|come into|come in|get into) ?(?:{_PICTURE}|view|sight)?)(?: in {_PICTURE})?"
+_ENTER = (
+    rf"(?:appear|show up|arrive|turn up|(?:first )?(?:enter|come into|come in|get into) ?(?:{_PICTURE}"
+    rf"|view|sight)?)(?: in {_PICTURE})?"
+)
 _LEAVE = (
     rf"(?:disappear|vanish|(?:leave|exit|go out of|move out of|get out of|drop out of)(?: (?:{_PICTURE}|view|sight))?"
     rf"|go away|go out)(?: from {_PICTURE})?"
@@ -89,23 +101,36 @@ _IS = r"(?:is|are|was|were)"
 _START = r"(?:(?:start|begin|stop|finish|cease|end|continue)(?:s|ing)? ?(?:to )?)?"
 _WHO = r"(?P<who>.+?)"
 _MOMENT = r"(?:time|times|moment|moments|second|seconds|frame|frames|point|point in time|instant|picture)"
-_WHEN = rf"(?:when(?: exactly)?|(?:(?:at|in|from|since|until|on|by) )?(?:what|which) {_MOMENT}|from when(?: to when)?|until when|since when)"
+_WHEN = (
+    rf"(?:when(?: exactly)?|(?:(?:at|in|from|since|until|on|by) )?(?:what|which) {_MOMENT}|from when"
+    rf"(?: to when)?|until when|since when)"
+)
 _OTHER = r"(?P<other>.+?)"
 _CAMERA = r"(?:(?:the |a )?(?:camera|viewer|lens|observer)|me|us|you|here)"
 _COLOUR = r"(?:light |dark |bright )?(?:red|orange|yellow|green|blue|purple|pink|brown|black|white|gr[ae]y|beige)"
 _NEAR, _FAR = r"(?:the )?(?:nearest|closest)", r"(?:the )?(?:farthest|furthest|most distant)"
 _US = rf"(?: (?:to|from) {_CAMERA})?"
-_HIGHEST = r"(?:at |in |reach(?:es)? |be )?(?:its |his |her |their |the )?(?:highest(?: point| position)?|top|peak|maximum height)"
+_HIGHEST = (
+    r"(?:at |in |reach(?:es)? |be )?(?:its |his |her |their |the )?(?:highest(?: point| position)?"
+    r"|top|peak|maximum height)"
+)
 _THING = r"(?:thing|object|one|item|person|animal)s?"
 _WHAT = rf"(?:what|who|which(?: {_THING}| of (?:the|these|those)(?: {_THING}| two)?)?)"
 _IN = rf"(?: (?:(?:in|of|on) {_PICTURE}|here|there))*"
 _EXTREME = r"(?P<extreme>top|maximum|max|highest|greatest|peak|average|mean|lowest|minimum|least)"
 _SIDE = r"(?:left|right)"
-_PLACES = rf"(?:in front of|behind|above|below|under|over|(?:(?:to|on|at) (?:the )?)?{_SIDE}(?:[ -]hand)?(?: side)? of|next to|beside|near|close to)"
+_PLACES = (
+    rf"(?:in front of|behind|above|below|under|over|(?:(?:to|on|at) (?:the )?)?{_SIDE}(?:[ -]hand)?"
+    rf"(?: side)? of|next to|beside|near|close to)"
+)
 _FASTER = r"(?:faster|quicker|slower)"
-_TURN = rf"(?:turn(?:s|ing)?(?: around| round| back| (?:to the )?{_SIDE})?|change(?:s)? (?:its |his |her |the |their )?(?:direction|course|way))"
+_TURN = (
+    rf"(?:turn(?:s|ing)?(?: around| round| back| (?:to the )?{_SIDE})?|change(?:s)? (?:its |his |her"
+    rf" |the |their )?(?:direction|course|way))"
+)
 _CLOSER = (
-    rf"(?:(?:(?:{_PLAIN}|get(?:s|ting)?|{_MANNER}) )?(?P<relation>closer|nearer|towards?|away from|farther from)(?: (?:to|towards?))?"
+    rf"(?:(?:(?:{_PLAIN}|get(?:s|ting)?|{_MANNER}) )?(?P<relation>closer|nearer|towards?|away from"
+    rf"|farther from)(?: (?:to|towards?))?"
     rf"|{_PLAIN} (?P<relation2>apart|away))"
 )
 
@@ -132,16 +157,20 @@ FORMS: tuple[tuple[str, str], ...] = (
     ),
     (
         "order",
-        r"(?:(?:can you )?(?:order|sort|list|name|rank|arrange|tell me|give me)|what is the order of|what is) (?:everything|(?:all )?(?:of )?(?:the )?"
-        r"(?:things|objects|items)|what is there|the order) ?(?:in order )?(?P<relation>from (?:left to right|right to left|near to far|far to near"
-        r"|front to back|back to front)|by (?:distance|depth|how (?:far|near|close) they are|size))(?: (?:to|from) (?:the camera|us))?",
+        r"(?:(?:can you )?(?:order|sort|list|name|rank|arrange|tell me|give me)|what is the order of"
+        r"|what is) (?:everything|(?:all )?(?:of )?(?:the )?"
+        r"(?:things|objects|items)|what is there|the order) ?(?:in order )?(?P<relation>from (?:left"
+        r" to right|right to left|near to far|far to near"
+        r"|front to back|back to front)|by (?:distance|depth|how (?:far|near|close) they are|size))(?:"
+        r" (?:to|from) (?:the camera|us))?",
     ),
     ("order", r"what (?:is there|do you see) (?P<relation>from left to right|from near to far|from front to back)"),
     # Moments
     *(
         (
             f"{which}_moment",
-            rf"{_WHEN} {_DO} {_WHO} (?:come |get |go |be |at )?{how}(?: point)?(?: away)?(?: together|(?: to each other)|(?: (?:to|from|of) {_OTHER}))?",
+            rf"{_WHEN} {_DO} {_WHO} (?:come |get |go |be |at )?{how}(?: point)?(?: away)?(?: together|(?:"
+            rf" to each other)|(?: (?:to|from|of) {_OTHER}))?",
         )
         for which, how in (("nearest", _NEAR), ("farthest", rf"(?:{_FAR}|{_FAR} apart)"))
     ),
@@ -149,7 +178,8 @@ FORMS: tuple[tuple[str, str], ...] = (
     ("highest_moment", rf"(?:which (?:frame|moment) shows|{_WHEN} {_DO}) {_WHO} (?:{_MOVE} )?{_HIGHEST}"),
     (
         "fastest_moment",
-        rf"{_WHEN} {_DO} {_WHO} (?:(?:{_MOVE}|reach|have|be|at) )?(?:the |at )?(?:its |his |her |their )?(?:fastest|quickest|(?:top|highest|maximum) speed)",
+        rf"{_WHEN} {_DO} {_WHO} (?:(?:{_MOVE}|reach|have|be|at) )?(?:the |at )?(?:its |his |her |their"
+        rf" )?(?:fastest|quickest|(?:top|highest|maximum) speed)",
     ),
     ("slowest_moment", rf"{_WHEN} {_DO} {_WHO} (?:{_MOVE} )?(?:the |at (?:its|his|her) )?(?:slowest|lowest speed)"),
     ("nearest_moment", rf"{_WHEN} {_DO} {_WHO} (?:meet|reach|touch) {_OTHER}"),
@@ -162,7 +192,8 @@ FORMS: tuple[tuple[str, str], ...] = (
     ),
     (
         "relation",
-        rf"{_WHAT} {_IS} (?:further |farther |more )?(?:to |on )?(?:the )?(?P<relation>{_SIDE}|in front|behind),? {_WHO} or {_OTHER}",
+        rf"{_WHAT} {_IS} (?:further |farther |more )?(?:to |on )?(?:the )?(?P<relation>{_SIDE}|in front"
+        rf"|behind),? {_WHO} or {_OTHER}",
     ),
     (
         "distance",
@@ -171,13 +202,15 @@ FORMS: tuple[tuple[str, str], ...] = (
     ("distance", rf"how (?:far|close) (?:apart {_IS} {_WHO}|is it from (?P<who2>.+?) to {_OTHER})"),
     (
         "distance",
-        rf"(?:what is )?(?:the |how (?:big|large) is the )?(?:distance|gap|space) (?:between|from|of) {_WHO} (?:and|to|from) {_OTHER}",
+        rf"(?:what is )?(?:the |how (?:big|large) is the )?(?:distance|gap|space) (?:between|from|of)"
+        rf" {_WHO} (?:and|to|from) {_OTHER}",
     ),
     ("distance", rf"how (?P<min>close|near) {_DO} {_WHO} (?:come|get)(?: to {_OTHER}| together)?"),
     ("polar leave", rf"{_DO} {_WHO} (?:ever )?{_LEAVE}"),
     (
         "polar count_moving",
-        rf"(?:{_IS}|does|do) (?:anything|something|anyone|anybody)(?: else)? {_MOVE} (?:apart from|besides|except(?: for)?|other than|but) {_WHO}",
+        rf"(?:{_IS}|does|do) (?:anything|something|anyone|anybody)(?: else)? {_MOVE} (?:apart from|besides"
+        rf"|except(?: for)?|other than|but) {_WHO}",
     ),
     ("polar approach", rf"{_DO} {_WHO} {_CLOSER}(?: together| (?:each other|one another)| {_OTHER})?"),
     ("polar approach", rf"{_DO} {_WHO} (?P<relation>approach(?:es|ing)?|leav(?:e|ing)) {_OTHER}"),
@@ -203,7 +236,8 @@ FORMS: tuple[tuple[str, str], ...] = (
     ("most_moving", rf"{_WHAT} {_MOVE} (?:the )?(?:most|farthest|furthest)"),
     (
         "compare_speed",
-        rf"{_WHAT} (?:{_IS}|{_MOVE}) (?:the )?(?P<relation>fastest|quickest|slowest)(?: {_THING})?(?: {_MOVE} {_THING})?{_IN}",
+        rf"{_WHAT} (?:{_IS}|{_MOVE}) (?:the )?(?P<relation>fastest|quickest|slowest)(?: {_THING})?(?:"
+        rf" {_MOVE} {_THING})?{_IN}",
     ),
     # Beside a thing
     ("behind", rf"{_WHAT} {_IS} (?:{_STANDS} )?behind {_WHO}"),
@@ -211,7 +245,8 @@ FORMS: tuple[tuple[str, str], ...] = (
     *(
         (
             f"{side}_of",
-            rf"{_WHAT} (?:{_IS} (?:{_STANDS} )?|{_STANDS} )(?:(?:to|on|at) (?:the )?)?{side}(?:[ -]hand)?(?: side)? of {_WHO}",
+            rf"{_WHAT} (?:{_IS} (?:{_STANDS} )?|{_STANDS} )(?:(?:to|on|at) (?:the )?)?{side}(?:[ -]hand)?"
+            rf"(?: side)? of {_WHO}",
         )
         for side in ("left", "right")
     ),
@@ -221,103 +256,123 @@ FORMS: tuple[tuple[str, str], ...] = (
     ),
     (
         "between",
-        rf"(?:is there (?:anything|something|anyone|anybody)|{_WHAT} {_IS}(?: there)?(?: {_STANDS})?) (?:in )?between {_WHO} and {_OTHER}",
+        rf"(?:is there (?:anything|something|anyone|anybody)|{_WHAT} {_IS}(?: there)?(?: {_STANDS})?)"
+        rf" (?:in )?between {_WHO} and {_OTHER}",
     ),
     # Colour and number
     (
         "colour",
-        rf"(?:what|which) colou?rs? {_DO} {_WHO}(?: have)?|(?:what|which) (?:is )?(?:the )?colou?r(?:s)? (?:of|has|have) (?P<who3>.+?)",
+        rf"(?:what|which) colou?rs? {_DO} {_WHO}(?: have)?|(?:what|which) (?:is )?(?:the )?colou?r(?:s)?"
+        rf" (?:of|has|have) (?P<who3>.+?)",
     ),
     (
         "colour",
-        rf"{_WHO} (?:is|are|has|have) (?:what|which) colou?rs?|(?:(?:what|which) (?:is|are) )?(?:the )?(?:main )?colou?rs? of (?P<who2>.+?)",
+        rf"{_WHO} (?:is|are|has|have) (?:what|which) colou?rs?|(?:(?:what|which) (?:is|are) )?(?:the )?"
+        rf"(?:main )?colou?rs? of (?P<who2>.+?)",
     ),
     ("colour", rf"what is {_WHO}'s colou?r"),
     ("colour", rf"{_IS} {_WHO} (?P<relation>{_COLOUR},? or {_COLOUR})"),
     ("polar colour", rf"{_IS} {_WHO} (?P<relation>{_COLOUR})"),
     (
         "count_moving",
-        rf"how many (?:separate |different |single )?(?:{_THING}|people)?(?: ?that)? ?(?:are |do |is )?{_MOVE}{_WAY}(?: in {_PICTURE})?",
+        rf"how many (?:separate |different |single )?(?:{_THING}|people)?(?: ?that)? ?(?:are |do |is )?{_MOVE}{_WAY}"
+        rf"(?: in {_PICTURE})?",
     ),
     (
         "count",
-        rf"how many {_WHO}(?: (?:are|is)(?: there)?| (?:can|do|could) {_YOU} (?:see|find|spot|count)| (?:can|could) be| does {_PICTURE} (?:have|show|contain))?"
+        rf"how many {_WHO}(?: (?:are|is)(?: there)?| (?:can|do|could) {_YOU} (?:see|find|spot|count)|"
+        rf" (?:can|could) be| does {_PICTURE} (?:have|show|contain))?"
         rf"(?: {_SEEN})*(?: (?:on|in|at) the (?P<side>left|right)(?: half| side)?)?(?: {_SEEN}| of {_PICTURE})*",
     ),
     (
         "count",
-        rf"(?:what is )?(?:the )?(?:count|number) (?:of )?{_WHO}(?: {_SEEN})*|count (?:all )?(?P<who2>.+?)(?: {_SEEN})*",
+        rf"(?:what is )?(?:the )?(?:count|number) (?:of )?{_WHO}(?: {_SEEN})*|count (?:all )?(?P<who2>.+?)"
+        rf"(?: {_SEEN})*",
     ),
     # What there is
     (
         "still",
-        rf"{_WHAT} (?:(?:is|are|does|do) (?:not|never) {_MOVE}|(?:{_IS} )?(?:{_STANDS} )?(?:still|at rest|stationary|static|motionless)|{_IS} {_STANDS})",
+        rf"{_WHAT} (?:(?:is|are|does|do) (?:not|never) {_MOVE}|(?:{_IS} )?(?:{_STANDS} )?(?:still|at rest"
+        rf"|stationary|static|motionless)|{_IS} {_STANDS})",
     ),
     ("motion", rf"{_WHAT} ?{_IS}? {_MOVE}{_WAY}|what motion is there|(?:which|what) parts? (?:is |are )?{_MOVE}"),
     (
         "polar motion",
-        rf"(?:{_IS}|does|do) (?:there )?(?P<who>anything|something|anybody|anyone|somebody|someone)(?: that)?(?: is)? {_PLAIN}{_WAY}",
+        rf"(?:{_IS}|does|do) (?:there )?(?P<who>anything|something|anybody|anyone|somebody|someone)(?:"
+        rf" that)?(?: is)? {_PLAIN}{_WAY}",
     ),
     ("does", rf"what (?:does|do|did) {_WHO} do|what {_IS} (?P<who2>.+?) doing|what happens (?:to|with) (?P<who3>.+?)"),
     # Sizes, ways and moments of one thing
     (
         "fast",
-        rf"(?:what is )?(?:the )?{_EXTREME} speed (?:of|for) {_WHO}|what is (?P<who2>.+?)'s (?P<extreme2>top|maximum|average|mean|lowest) speed",
+        rf"(?:what is )?(?:the )?{_EXTREME} speed (?:of|for) {_WHO}|what is (?P<who2>.+?)'s (?P<extreme2>top"
+        rf"|maximum|average|mean|lowest) speed",
     ),
     (
         "fast",
-        rf"how (?:fast|quick|quickly|slow|slowly) {_DO} {_WHO} at (?:its |his |her )?(?P<extreme>top|maximum|most|fastest)",
+        rf"how (?:fast|quick|quickly|slow|slowly) {_DO} {_WHO} at (?:its |his |her )?(?P<extreme>top|maximum"
+        rf"|most|fastest)",
     ),
     ("rise", rf"how high (?:up )?{_DO} {_WHO} (?:jump|rise|go|fly|leap|get|climb|hop|move|come)(?: up)?"),
     (
         "polar stops",
-        rf"{_DO} {_WHO} (?:ever )?(?:stop|pause|come to a (?:stop|halt|standstill)|halt|{_STANDS} still)(?: moving)?(?: (?:at (?:any|some) (?:time|point|moment)|once|in between))?",
+        rf"{_DO} {_WHO} (?:ever )?(?:stop|pause|come to a (?:stop|halt|standstill)|halt|{_STANDS} still)"
+        rf"(?: moving)?(?: (?:at (?:any|some) (?:time|point|moment)|once|in between))?",
     ),
     ("where at the end", rf"where {_DO} {_WHO} (?:end|go|finish|stop|arrive)(?: up)?|where (?P<who2>.+?) ends up"),
     ("where at the start", rf"where {_DO} {_WHO} (?:start|begin|come from)(?: out| off)?"),
     ("lasting", rf"(?:for )?how (?:long|many frames|many seconds) {_DO} {_WHO} (?:{_START}{_MOVE}){_WAY}"),
     (
         "seeing",
-        rf"(?:for )?how (?:long|many frames|many seconds) (?:(?:can|could|do) {_YOU} see {_WHO}|(?:is|are|can) (?P<who2>.+?)(?: be)? {_SEEN})",
+        rf"(?:for )?how (?:long|many frames|many seconds) (?:(?:can|could|do) {_YOU} see {_WHO}|(?:is"
+        rf"|are|can) (?P<who2>.+?)(?: be)? {_SEEN})",
     ),
     ("fast", rf"how (?:fast|quick|quickly|slow|slowly) {_DO} {_WHO}(?: {_MOVE}{_WAY})?"),
     (
         "fast",
-        rf"(?:what is |(?:at |with )?(?:what|which) )?(?:the )?(?:speed|velocity) (?:of {_WHO}|{_DO} (?P<who2>.+?)(?: {_MOVE}{_WAY}| have)?)",
+        rf"(?:what is |(?:at |with )?(?:what|which) )?(?:the )?(?:speed|velocity) (?:of {_WHO}|{_DO} "
+        rf"(?P<who2>.+?)(?: {_MOVE}{_WAY}| have)?)",
     ),
     ("fast", rf"what is {_WHO}'s (?:speed|velocity)"),
     (
         "far",
-        rf"(?:how far|how much|how much ground|(?:what|which|how much) distance) {_DO} {_WHO} (?:{_MOVE}|cover(?:s|ed)?){_WAY}",
+        rf"(?:how far|how much|how much ground|(?:what|which|how much) distance) {_DO} {_WHO} (?:{_MOVE}"
+        rf"|cover(?:s|ed)?){_WAY}",
     ),
     (
         "far",
-        rf"(?:what is )?(?:the )?(?:length of the (?:path|way|route)|distance travell?ed) (?:of|by) {_WHO}|how long is the (?:path|way|route) of (?P<who2>.+?)",
+        rf"(?:what is )?(?:the )?(?:length of the (?:path|way|route)|distance travell?ed) (?:of|by) {_WHO}"
+        rf"|how long is the (?:path|way|route) of (?P<who2>.+?)",
     ),
     (
         "path",
-        rf"(?:along |on |which|what|describe|tell me)? ?(?:what |which )?(?:the )?(?:path|route|trajectory|course|track|way) (?:{_DO} {_WHO} (?:take|follow|{_MOVE} along)|of (?P<who2>.+?))",
+        rf"(?:along |on |which|what|describe|tell me)? ?(?:what |which )?(?:the )?(?:path|route|trajectory"
+        rf"|course|track|way) (?:{_DO} {_WHO} (?:take|follow|{_MOVE} along)|of (?P<who2>.+?))",
     ),
     ("path", rf"what is {_WHO}'s (?:path|route|trajectory|course)|how {_DO} (?P<who2>.+?) {_MOVE}{_WAY}"),
     ("distance", rf"how (?:far|near|close)(?: away)? {_IS} {_WHO}(?: away)?{_US}"),
     ("size", rf"how (?:big|large|small|long|tall|wide|high) {_DO} {_WHO}(?: (?:appear|look|seem))?{_IN}"),
     (
         "size",
-        rf"(?:what is )?(?:the )?(?:size|height|width) of {_WHO}|(?:what is )?(?P<who2>.+?)'s (?:size|height|width)|what size {_DO} (?P<who3>.+?)(?: have)?",
+        rf"(?:what is )?(?:the )?(?:size|height|width) of {_WHO}|(?:what is )?(?P<who2>.+?)'s (?:size"
+        rf"|height|width)|what size {_DO} (?P<who3>.+?)(?: have)?",
     ),
     (
         "size",
-        rf"how much of {_PICTURE} {_DO} {_WHO}(?: (?:cover|fill|take up|occupy))?|how much (?:space|room) {_DO} (?P<who2>.+?) (?:cover|fill|take up|take|occupy){_IN}",
+        rf"how much of {_PICTURE} {_DO} {_WHO}(?: (?:cover|fill|take up|occupy))?|how much (?:space|room)"
+        rf" {_DO} (?P<who2>.+?) (?:cover|fill|take up|take|occupy){_IN}",
     ),
     ("motion", rf"{_WHEN} {_DO} {_WHO} {_START}{_MOVE}{_WAY}"),
     (
         "motion",
-        rf"{_WHEN} {_DO} {_WHO} (?:start|begin|stop|{_STANDS} still|rest|come to (?:a |rest)(?:stop|halt|standstill)?|halt|pause)(?:s|ing)?",
+        rf"{_WHEN} {_DO} {_WHO} (?:start|begin|stop|{_STANDS} still|rest|come to (?:a |rest)(?:stop|halt"
+        rf"|standstill)?|halt|pause)(?:s|ing)?",
     ),
     (
         "way",
         rf"(?:(?:in|to|into) )?(?:which|what) (?:way|direction|side) {_DO} {_WHO} {_MOVE}{_WAY}(?: in| to)?"
-        rf"|where {_DO} (?P<who2>.+?) {_MOVE}{_WAY}(?: to)?|{_DO} (?P<who3>.+?) {_MOVE} (?:to the )?{_SIDE} or (?:to the )?{_SIDE}"
+        rf"|where {_DO} (?P<who2>.+?) {_MOVE}{_WAY}(?: to)?|{_DO} (?P<who3>.+?) {_MOVE} (?:to the )?{_SIDE}"
+        rf" or (?:to the )?{_SIDE}"
         rf"|(?:what is )?(?:the )?direction of (?P<who4>.+?)",
     ),
     ("enter", rf"{_WHEN} {_DO} {_WHO} (?:first )?{_ENTER}"),
@@ -340,11 +395,13 @@ FORMS: tuple[tuple[str, str], ...] = (
     ),
     (
         "where",
-        rf"(?:(?:in|on|at) )?(?:which|what) (?:part|side|half|place|position|corner|area|third)(?: of {_PICTURE})? {_DO} {_WHO}(?: (?:on|in|at|have|located|{_STANDS}))?",
+        rf"(?:(?:in|on|at) )?(?:which|what) (?:part|side|half|place|position|corner|area|third)(?: of"
+        rf" {_PICTURE})? {_DO} {_WHO}(?: (?:on|in|at|have|located|{_STANDS}))?",
     ),
     (
         "where",
-        rf"(?:what is )?(?:the )?(?:position|location|place|whereabouts) of {_WHO}|(?:what is )?(?P<who2>.+?)'s (?:position|location|place)|where (?P<who3>.+?) is",
+        rf"(?:what is )?(?:the )?(?:position|location|place|whereabouts) of {_WHO}|(?:what is )?(?P<who2>.+?)'s"
+        rf" (?:position|location|place)|where (?P<who3>.+?) is",
     ),
     ("where", rf"{_IS} {_WHO} (?:near|nearby|close|far|far away){_US}"),
     (
@@ -357,27 +414,32 @@ FORMS: tuple[tuple[str, str], ...] = (
     ("polar seen", rf"(?:does|do) {_PICTURE} (?:have|show|contain|include) {_WHO}"),
     (
         "polar seen",
-        rf"{_IS} {_WHO} (?:still |also |ever )?{_SEEN}|(?:can|could) (?P<who2>.+?) be {_SEEN}|any (?P<who3>.+?)(?: {_SEEN})?",
+        rf"{_IS} {_WHO} (?:still |also |ever )?{_SEEN}|(?:can|could) (?P<who2>.+?) be {_SEEN}|any (?P<who3>.+?)"
+        rf"(?: {_SEEN})?",
     ),
     (
         "things",
-        rf"what (?:happens|is happening|goes on|is going on|is there|are there|is it|is this|does it show|does {_CLIP} show|is shown|do we have)"
+        rf"what (?:happens|is happening|goes on|is going on|is there|are there|is it|is this|does it show"
+        rf"|does {_CLIP} show|is shown|do we have)"
         rf"(?: to see)?{_IN}",
     ),
     ("things", rf"what (?:is|are|can be)(?: to be)? (?:seen|shown|visible|in {_PICTURE}){_IN}"),
     ("things", rf"what (?:(?:{_THING}|things) )?(?:can|do|could) {_YOU} (?:see|find|spot|recogni[sz]e){_IN}"),
     (
         "things",
-        rf"(?:what|which) (?:kinds? of )?(?:things|objects|items) (?:are|can be)(?: there| seen| visible)?{_IN}|(?:what|which) (?:things|objects) do you see{_IN}",
+        rf"(?:what|which) (?:kinds? of )?(?:things|objects|items) (?:are|can be)(?: there| seen| visible)?{_IN}"
+        rf"|(?:what|which) (?:things|objects) do you see{_IN}",
     ),
     (
         "things",
-        rf"(?:list|name|enumerate|tell me|show me|give me a list of|what are) (?:everything|(?:all )?(?:of )?(?:the )?(?:things|objects|contents|items))"
+        rf"(?:list|name|enumerate|tell me|show me|give me a list of|what are) (?:everything|(?:all )?"
+        rf"(?:of )?(?:the )?(?:things|objects|contents|items))"
         rf"(?: (?:that )?(?:{_YOU} (?:can )?see|is|are|there is|there are))*{_IN}(?: {_SEEN})?",
     ),
     (
         "things",
-        rf"(?:describe|summari[sz]e|sum up|explain)(?: {_PICTURE}| what (?:happens|is going on|you see))?{_IN}|what {_CLIP} (?:shows|is about)|what (?:changes|is {_CLIP} about|has changed)",
+        rf"(?:describe|summari[sz]e|sum up|explain)(?: {_PICTURE}| what (?:happens|is going on|you see))?{_IN}"
+        rf"|what {_CLIP} (?:shows|is about)|what (?:changes|is {_CLIP} about|has changed)",
     ),
 )
 """(kind, pattern), the first that fits; a kind that begins with `polar` is answered by yes or no."""
@@ -399,28 +461,39 @@ SUBJECTS = (
 _EVERYBODY = r"(?:it|they|them|he|she|this|that|(?:some|any|every)(?:thing|one|body)|things?|objects?|one)"
 """Words for whatever there is."""
 _BINDING = (
-    r"\b(?:of|to|from|with|without|than|that|which|who|whose|when|while|because|before|after|behind|beside|between|under|over"
-    r"|near|on|in|at|by|into|onto|not|no|never|nothing|nobody|none|neither|nor|but|except|besides|only|is|are|was|were|does|do|did|has|have|be|being|been|or|if|as|like|for|you|i|we|what|how"
+    r"\b(?:of|to|from|with|without|than|that|which|who|whose|when|while|because|before|after|behind"
+    r"|beside|between|under|over"
+    r"|near|on|in|at|by|into|onto|not|no|never|nothing|nobody|none|neither|nor|but|except|besides"
+    r"|only|is|are|was|were|does|do|did|has|have|be|being|been|or|if|as|like|for|you|i|we|what|how"
     r"|camera)\b"
 )
 """Words that no name of a thing holds: where one is left over, the question says more than was understood."""
 _NO_NAME = (
-    r"(?:.*ly|start|starts|begins?|stops?|turns?|pass(?:es)?|reach|touch|leaves?|enters?|approach|look(?:s|ing)?|doing|move[sd]?|moving|get|gets|come|comes"
-    r"|goes?|going|the|a|an|there|here|seen|visible|present|still|most|more|less|least|faster|slower|bigger|smaller|first|last|next|together"
+    r"(?:.*ly|start|starts|begins?|stops?|turns?|pass(?:es)?|reach|touch|leaves?|enters?|approach"
+    r"|look(?:s|ing)?|doing|move[sd]?|moving|get|gets|come|comes"
+    r"|goes?|going|the|a|an|there|here|seen|visible|present|still|most|more|less|least|faster|slower"
+    r"|bigger|smaller|first|last|next|together"
     r"|away|apart|around|again|fastest|slowest|highest|lowest|(?:mov|walk|runn|danc|talk|eat|rain|film|driv)(?:ed|ing))"
 )
 """Words that are no part of a name: a verb or an adverb that is left over."""
 _NOUNS = r"fly|family|butterfly|lily|jelly|belly|dolly|ugly|lonely|elderly|early"
-_DONE = r"(?!bed$|red$|seed$|sled$|shed$|weed$|reed$|speed$).{2,}ed|(?!building|swing|string|ring|king|wing|thing|ceiling|painting|clothing|railing|awning|spring).{3,}ing"
+_DONE = (
+    r"(?!bed$|red$|seed$|sled$|shed$|weed$|reed$|speed$).{2,}ed|(?!building|swing|string|ring|king"
+    r"|wing|thing|ceiling|painting|clothing|railing|awning|spring).{3,}ing"
+)
 """A word that no name ends with: "parked", "looking"."""
 _IT = r"\b(?:it|they|them)\b"
 """Words for what was named just before."""
 _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in which|at what|at which)"
 _POLITE = (
-    r"(?:(?:and|so|please|hey|hi|hello|okay|ok|well|now|tell me|say|show me|let me know|i wonder|i want to know|i would like to know|also|then|but"
+    r"(?:(?:and|so|please|hey|hi|hello|okay|ok|well|now|tell me|say|show me|let me know|i wonder"
+    r"|i want to know|i would like to know|also|then|but"
     r"|(?:can|could|would|will) you (?:please )?(?:tell me|say|show me|find out|work out)|do you know|any idea|and),? )"
 )
-_TAIL = r"(?: (?:please|exactly|approximately|roughly|actually|in total|altogether|at all|by the way|then|right now|anywhere|somewhere|in the (?:whole|entire) (?:clip|video|scene)))+$"
+_TAIL = (
+    r"(?: (?:please|exactly|approximately|roughly|actually|in total|altogether|at all|by the way"
+    r"|then|right now|anywhere|somewhere|in the (?:whole|entire) (?:clip|video|scene)))+$"
+)
 """Words at the end that change nothing."""
 _NEGATION = r"\b(?:no|not|never)\b"
 _NOT_SO = rf"^(?:(?P<there>{_DO} there) (?:no|not (?:an?|any))|(?P<whom>{_DO} .+?) (?:not|never))\b"
@@ -580,7 +653,8 @@ def _frames(said: Span, clip: Clip) -> tuple[float, float]:
         if not 0 <= frame <= clip.frames or (frame > last and not (moment.seconds or moment.clip)):
             unit, value = ("second", frame / clip.fps) if moment.seconds else ("frame", frame)
             raise F4xError(
-                f"There is no {unit} {value:g}: the clip lasts {clip.frames / clip.fps:.2f} seconds, frames 0 to {last}."
+                f"There is no {unit} {value:g}: the clip lasts {clip.frames / clip.fps:.2f} seconds, frames 0"
+                f" to {last}."
             )
     first, final = min(first, last), min(final, last)
     return min(first, final), max(first, final)
