@@ -22,11 +22,11 @@ from bpy.app.handlers import persistent
 from ..f4x_core.edit.description import describe
 from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.errors import F4xError
-from . import session
-from .evaluated import ENGINE, HIDDEN
 from .gaussian_attributes import write_appearance, write_places
 from .motion_edits import refresh_keys
 from .point_cloud import new_point_cloud, read_attribute, write_attribute
+from .render_settings import ENGINE
+from .scene_object import APART, HIDDEN, SCORE, SELECTED, TIMED, SceneObject, forget
 
 GONE, LOOKS = "f4x_gone", "f4x_looks"
 VISIBLE = "Feature4X visible"
@@ -35,103 +35,104 @@ _rendering = False
 _failures: dict[int, str] = {}  # session_uid of a root -> why this frame of it could not be worked out
 
 
-def refresh(root: bpy.types.Object) -> None:
+def refresh(scene_object: SceneObject) -> None:
     """Show the preview of a scene, or its pending edits, at the current frame, and update the panel. May raise F4xError."""
     if bpy.context.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
-    display = session.shown(root)
-    refresh_keys(root)
-    _set_up_separate_cloud(root, display)
-    _draw(root, display, everything=True)
-    root[session.TIMED] = display.changes
+    display = scene_object.shown
+    refresh_keys(scene_object)
+    _set_up_separate_cloud(scene_object, display)
+    _draw(scene_object, display, everything=True)
+    scene_object.root[TIMED] = display.changes
     if display.changes:  # a handler writes attributes while a render reads them
         bpy.context.scene.render.use_lock_interface = True
-    update_panel(root)
+    update_panel(scene_object)
 
 
-def update_panel(root: bpy.types.Object) -> None:
+def update_panel(scene_object: SceneObject) -> None:
     """Update the lists and counts of the sidebar from the pending edits."""
     # a script may import without registering the extension; lists of a linked scene cannot be changed
-    if hasattr(root, "f4x") and not session.is_linked(root):
-        _fill_lists(root)
-        count(root)
+    if hasattr(scene_object.root, "f4x") and not scene_object.is_linked:
+        _fill_lists(scene_object)
+        count(scene_object)
 
 
-def hide(root: bpy.types.Object, hidden: np.ndarray) -> None:
+def hide(scene_object: SceneObject, hidden: np.ndarray) -> None:
     """Hide the Gaussians `hidden (N,) bool` and show all others, without an edit."""
-    session.write(root, **{HIDDEN: ("BOOLEAN", hidden)})
-    _add_visibility_modifier(session.clouds_of(root))
+    scene_object.write(**{HIDDEN: ("BOOLEAN", hidden)})
+    _add_visibility_modifier(scene_object.clouds)
 
 
-def count(root: bpy.types.Object) -> None:
+def count(scene_object: SceneObject) -> None:
     """Update the numbers of selected and existing Gaussians in the sidebar."""
     selected = total = 0
-    for cloud in session.clouds_of(root):
-        chosen, gone = (read_attribute(cloud.data, name) for name in (session.SELECTED, GONE))
+    for cloud in scene_object.clouds:
+        chosen, gone = (read_attribute(cloud.data, name) for name in (SELECTED, GONE))
         there = np.ones(len(cloud.data.points), bool) if gone is None else ~gone
         total += int(there.sum())
         selected += 0 if chosen is None else int((chosen & there).sum())
-    root.f4x.selected, root.f4x.total = selected, total
+    state = scene_object.state
+    state.selected, state.total = selected, total
 
 
-def _fill_lists(root: bpy.types.Object) -> None:
+def _fill_lists(scene_object: SceneObject) -> None:
     """Update the lists of edits and of named selections from the pending edits."""
-    state = root.f4x
+    state = scene_object.state
     state.history.clear()
-    for edit in session.stack_of(root).edits:
+    for edit in scene_object.stack.edits:
         row = state.history.add()
         row.name, row.edit_id, row.enabled = describe(edit.operation), edit.id, edit.enabled
     state.history_index = len(state.history) - 1
     state.names.clear()
-    for name, rows in session.names_of(root).items():
+    for name, rows in scene_object.names.items():
         row = state.names.add()
         row.name, row.count = name, len(rows)
     state.name_index = min(max(state.name_index, 0), len(state.names) - 1)
 
 
-def _set_up_separate_cloud(root: bpy.types.Object, display: Display) -> None:
+def _set_up_separate_cloud(scene_object: SceneObject, display: Display) -> None:
     """Create, resize or remove the separate cloud so that it has the needed points; selection and scores are kept."""
-    old = next((cloud for cloud in session.clouds_of(root) if session.APART in cloud), None)
+    old = next((cloud for cloud in scene_object.clouds if APART in cloud), None)
     ids = display.scene.ids[display.apart].astype(np.int32)
     if old is not None and len(old.data.points) == len(ids) and np.array_equal(read_attribute(old.data, "gid"), ids):
         return
     if old is None and not len(ids):
         return
     kept = {
-        name: (kind, session.read(root, name))
-        for name, kind in ((session.SELECTED, "BOOLEAN"), (session.SCORE, "FLOAT"), (HIDDEN, "BOOLEAN"))
+        name: (kind, scene_object.read(name))
+        for name, kind in ((SELECTED, "BOOLEAN"), (SCORE, "FLOAT"), (HIDDEN, "BOOLEAN"))
     }
     if old is not None:
         data = old.data
         bpy.data.objects.remove(old)
         bpy.data.pointclouds.remove(data)
     if len(ids):
-        model = session.clouds_of(root)[0]
-        item = new_point_cloud(f"{root.name} edited", len(ids), model.users_collection[0])
-        item.parent = root
-        item[session.APART] = True
+        model = scene_object.clouds[0]
+        item = new_point_cloud(f"{scene_object.name} edited", len(ids), model.users_collection[0])
+        item.parent = scene_object.root
+        item[APART] = True
         item.data.materials.append(model.active_material)
         write_attribute(item.data, "gid", "INT", ids)
-    session.write(root, **kept)
+    scene_object.write(**kept)
 
 
-def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
+def _draw(scene_object: SceneObject, display: Display, everything: bool) -> None:
     """Write the point attributes of the current frame; without `everything`, only those that have changed."""
-    frame = session.frame_of(root)
+    frame = scene_object.frame
     appearance = display.appearance(frame)
     gone = appearance.opacities == 0
     key = repr(display.appearance_key(frame))
-    everything = everything or root.get(LOOKS) != key
-    root[LOOKS] = key
+    everything = everything or scene_object.root.get(LOOKS) != key
+    scene_object.root[LOOKS] = key
     elsewhere = gone.copy()
     elsewhere[display.apart] = True
-    if hasattr(root, "f4x") and root.f4x.show_score:
-        appearance = by_score(appearance, session.read(root, session.SCORE))
-    for cloud, at, row in session.points(root):
+    if hasattr(scene_object.root, "f4x") and scene_object.state.show_score:
+        appearance = by_score(appearance, scene_object.read(SCORE))
+    for cloud, at, row in scene_object.points():
         data, opacities = cloud.data, appearance.opacities[row]
         if len(at) < len(data.points):  # an artist joined it with something else
             continue
-        if session.APART in cloud:
+        if APART in cloud:
             moment = display.moment(frame)
             part = np.searchsorted(display.apart, row)
             quats, opacities = moment.quats[part], moment.opacities[part]
@@ -144,7 +145,7 @@ def _draw(root: bpy.types.Object, display: Display, everything: bool) -> None:
             continue
         write_appearance(data, quats, appearance.sh[row], opacities)
         data.update_tag()
-    _add_visibility_modifier(session.clouds_of(root))
+    _add_visibility_modifier(scene_object.clouds)
 
 
 def _add_visibility_modifier(clouds: list[bpy.types.Object]) -> None:
@@ -182,15 +183,15 @@ def _visible_tree() -> bpy.types.GeometryNodeTree:
 def check_frame(scene: bpy.types.Scene) -> None:
     """Raise F4xError if a scene in `scene` still shows another frame because this one of it could not be worked out."""
     for root in scene.objects:
-        if root.session_uid in _failures and root.get(session.TIMED):
+        if root.session_uid in _failures and root.get(TIMED):
             raise F4xError(_failures[root.session_uid])
 
 
 @persistent
 def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
     """Update scenes whose edits change over time."""
-    for root in [item for item in scene.objects if item.get(session.TIMED)]:
-        failure, before = _draw_frame(root), _failures.pop(root.session_uid, "")
+    for root in [item for item in scene.objects if item.get(TIMED)]:
+        failure, before = _draw_frame(SceneObject(root)), _failures.pop(root.session_uid, "")
         if failure:  # playback goes on with what was drawn last; renders do not
             _failures[root.session_uid] = failure
         if failure not in ("", before):
@@ -198,15 +199,15 @@ def _frame_changed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
     _end_wrong_render(scene)
 
 
-def _draw_frame(root: bpy.types.Object) -> str:
+def _draw_frame(scene_object: SceneObject) -> str:
     """Draw the current frame of a scene whose edits change over time; returns one sentence where that is impossible."""
-    if session.is_linked(root):  # Blender drops what is written to points of another file
-        return f"The edits of {root.name} change over time, and {session.why_not(root)}."
+    if scene_object.is_linked:  # Blender drops what is written to points of another file
+        return f"The edits of {scene_object.name} change over time, and {scene_object.why_linked_stays}."
     try:
-        _draw(root, session.shown(root), everything=False)
+        _draw(scene_object, scene_object.shown, everything=False)
     except F4xError as error:
         return (
-            f"{error} The edits of {root.name} change over time, so no frame can be rendered without its scene file;"
+            f"{error} The edits of {scene_object.name} change over time, so no frame can be rendered without its scene file;"
             " Object > Feature4X > Pack Scene keeps it in the .blend."
         )
     return ""
@@ -236,7 +237,7 @@ def _render_ended(scene: bpy.types.Scene, *_) -> None:
 
 @persistent
 def _file_loaded(path: str) -> None:
-    session.forget()
+    forget()
     _failures.clear()
 
 
@@ -259,4 +260,4 @@ def unregister() -> None:
     """Undo `register`."""
     for name, function in _HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(function)
-    session.forget()
+    forget()

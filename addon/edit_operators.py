@@ -39,10 +39,11 @@ from ..f4x_core.edit.telling import told
 from ..f4x_core.errors import F4xError
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.troubles import with_code
-from . import display, session
+from . import display
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
 from .preferences import preferences
+from .scene_object import SceneObject
 from .wording import panel_words
 
 READINGS = 4
@@ -55,23 +56,24 @@ def _scene_vector(vector) -> Vector:
     return x, y, z
 
 
-def _span(root: bpy.types.Object) -> Span | None:
+def _span(scene_object: SceneObject) -> Span | None:
     """The time span of the selection."""
-    return (float(root.f4x.first), float(root.f4x.last)) if root.f4x.use_span else None
+    state = scene_object.state
+    return (float(state.first), float(state.last)) if state.use_span else None
 
 
 class _Edit(SceneOperator):
     """An operator that appends one operation on the selection."""
 
-    def operation(self, root: bpy.types.Object) -> Operation:
+    def operation(self, scene_object: SceneObject) -> Operation:
         """Return the operation to append."""
         raise NotImplementedError
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Append and show it."""
-        session.append(root, self.operation(root))
-        display.refresh(root)
-        self.report({"INFO"}, root.f4x.history[-1].name)
+        scene_object.append(self.operation(scene_object))
+        display.refresh(scene_object)
+        self.report({"INFO"}, scene_object.state.history[-1].name)
 
 
 class _Dialog(_Edit):
@@ -79,9 +81,9 @@ class _Dialog(_Edit):
 
     def invoke(self, context, event):
         """Open the dialog; times default to the current frame and the end of the clip."""
-        root = session.root_of(context.object)
-        last = int(session.base_scene(root).cameras.times[-1])
-        for name, value in (("first", round(session.frame_of(root))), ("last", last)):
+        scene_object = SceneObject.of(context.object)
+        last = int(scene_object.base.cameras.times[-1])
+        for name, value in (("first", round(scene_object.frame)), ("last", last)):
             if hasattr(self, name) and not self.properties.is_property_set(name):
                 setattr(self, name, value)
         return context.window_manager.invoke_props_dialog(self)
@@ -101,11 +103,13 @@ class F4X_OT_recolour(_Edit, bpy.types.Operator):  # noqa: N801 - Blender wants 
     )  # type: ignore[valid-type]
     strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """A colour change, of the whole colour or of the hue only."""
         rgb = tuple(round(value, 4) for value in self.rgb)
         mode = {"mode": "hue"} if self.hue else {"keep_luminance": self.shading}
-        return Recolour(session.selected_ids(root), rgb, strength=round(self.strength, 4), frames=_span(root), **mode)
+        return Recolour(
+            scene_object.selected_ids, rgb, strength=round(self.strength, 4), frames=_span(scene_object), **mode
+        )
 
 
 class F4X_OT_style(_Edit, bpy.types.Operator):  # noqa: N801
@@ -116,9 +120,9 @@ class F4X_OT_style(_Edit, bpy.types.Operator):  # noqa: N801
     look: EnumProperty(name="Look", items=[(name, name.capitalize(), "") for name in STYLES])  # type: ignore[valid-type]
     strength: FloatProperty(name="Strength", default=1.0, min=0.0, max=1.0, subtype="FACTOR")  # type: ignore[valid-type]
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """A look from the table."""
-        return Style(session.selected_ids(root), self.look, round(self.strength, 4), _span(root))
+        return Style(scene_object.selected_ids, self.look, round(self.strength, 4), _span(scene_object))
 
 
 class F4X_OT_opacity(_Edit, bpy.types.Operator):  # noqa: N801
@@ -128,9 +132,9 @@ class F4X_OT_opacity(_Edit, bpy.types.Operator):  # noqa: N801
 
     factor: FloatProperty(name="Factor", default=0.5, min=0.0, max=10.0, soft_max=1.0)  # type: ignore[valid-type]
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """Opacity times a factor."""
-        return Opacity(session.selected_ids(root), round(self.factor, 4), _span(root))
+        return Opacity(scene_object.selected_ids, round(self.factor, 4), _span(scene_object))
 
 
 class F4X_OT_remove(_Edit, bpy.types.Operator):  # noqa: N801
@@ -138,9 +142,9 @@ class F4X_OT_remove(_Edit, bpy.types.Operator):  # noqa: N801
 
     bl_idname, bl_label = "f4x.remove", "Remove"
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """Removal in the time span, or for the whole clip."""
-        return Delete(session.selected_ids(root), _span(root))
+        return Delete(scene_object.selected_ids, _span(scene_object))
 
 
 class F4X_OT_extract(_Edit, bpy.types.Operator):  # noqa: N801
@@ -148,9 +152,9 @@ class F4X_OT_extract(_Edit, bpy.types.Operator):  # noqa: N801
 
     bl_idname, bl_label = "f4x.extract", "Keep Only"
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """Removal of everything else in the time span, or for the whole clip."""
-        return Extract(session.selected_ids(root), _span(root))
+        return Extract(scene_object.selected_ids, _span(scene_object))
 
 
 class F4X_OT_restore(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -158,16 +162,16 @@ class F4X_OT_restore(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     bl_idname, bl_label = "f4x.restore", "Restore"
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Switch off what removes."""
-        stack = session.stack_of(root)
+        stack = scene_object.stack
         removing = [edit for edit in stack.edits if edit.enabled and isinstance(edit.operation, Delete | Extract)]
         if not removing:
             raise F4xError("No active edit removes anything, so there is nothing to restore; see the History panel.")
         for edit in removing:
             stack = stack.enable(edit.id, False)
-        session.set_stack(root, stack)
-        display.refresh(root)
+        scene_object.set_stack(stack)
+        display.refresh(scene_object)
 
 
 class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
@@ -200,11 +204,11 @@ class F4X_OT_transform(_Dialog, bpy.types.Operator):  # noqa: N801
         column.prop(self, "first")
         column.prop(self, "last")
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """The transform in the scene's axes; the rotation is a rotation vector in degrees."""
         turn = np.rad2deg(Euler(self.turn).to_quaternion().to_exponential_map())
         return Transform(
-            session.selected_ids(root),
+            scene_object.selected_ids,
             translate=_scene_vector(self.move),
             rotate=_scene_vector(turn),
             scale=round(self.size, 6),
@@ -227,9 +231,9 @@ class F4X_OT_duplicate(_Dialog, bpy.types.Operator):  # noqa: N801
     time_shift: FloatProperty(name="Time Offset", description="Frames by which copies play later; negative: earlier")  # type: ignore[valid-type]
     count: IntProperty(name="Copies", default=1, min=1, max=100)  # type: ignore[valid-type]
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """In the scene's axes."""
-        ids = session.selected_ids(root)
+        ids = scene_object.selected_ids
         return Duplicate(ids, _scene_vector(self.offset), round(self.time_shift, 3), self.count)
 
 
@@ -242,9 +246,9 @@ class F4X_OT_freeze(_Dialog, bpy.types.Operator):  # noqa: N801
     goes_on: BoolProperty(name="Resume Later", description="Continue the motion after the last frame")  # type: ignore[valid-type]
     last: IntProperty(name="Until Frame", min=0)  # type: ignore[valid-type]
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """With or without an end."""
-        return Freeze(session.selected_ids(root), float(self.first), float(self.last) if self.goes_on else None)
+        return Freeze(scene_object.selected_ids, float(self.first), float(self.last) if self.goes_on else None)
 
 
 class F4X_OT_retime(_Dialog, bpy.types.Operator):  # noqa: N801
@@ -255,10 +259,11 @@ class F4X_OT_retime(_Dialog, bpy.types.Operator):  # noqa: N801
     speed: FloatProperty(name="Speed", default=0.5, min=0.001, max=1000.0, soft_min=0.1, soft_max=10.0)  # type: ignore[valid-type]
     backwards: BoolProperty(name="Backwards", description="Play backwards at normal speed; Speed is ignored")  # type: ignore[valid-type]
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """In the time span, or over the whole clip."""
-        ids = session.selected_ids(root)
-        return Reverse(ids, _span(root)) if self.backwards else Retime(ids, round(self.speed, 4), _span(root))
+        ids = scene_object.selected_ids
+        span = _span(scene_object)
+        return Reverse(ids, span) if self.backwards else Retime(ids, round(self.speed, 4), span)
 
 
 class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
@@ -268,9 +273,9 @@ class F4X_OT_name_selection(_Dialog, bpy.types.Operator):  # noqa: N801
 
     called: StringProperty(name="Name", default="thing")  # type: ignore[valid-type]
 
-    def operation(self, root):
+    def operation(self, scene_object):
         """Names travel with the scene file."""
-        return Name(session.selected_ids(root), self.called)
+        return Name(scene_object.selected_ids, self.called)
 
 
 class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -295,9 +300,9 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
         """The tooltip of each button."""
         return cls.bl_rna.properties["how"].enum_items[properties.how].description
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Change the stack, and show it."""
-        stack = session.stack_of(root)
+        stack = scene_object.stack
         if self.how == "CLEAR":
             stack = type(stack)()
         else:
@@ -309,10 +314,11 @@ class F4X_OT_history(SceneOperator, bpy.types.Operator):  # noqa: N801
             else:
                 to = at - 1 if self.how == "UP" else at + 1
                 stack = stack.move(self.edit_id, min(max(to, 0), len(stack) - 1))
-        session.set_stack(root, stack)
-        display.refresh(root)
-        index = next((i for i, row in enumerate(root.f4x.history) if row.edit_id == self.edit_id), None)
-        root.f4x.history_index = len(root.f4x.history) - 1 if index is None else index
+        scene_object.set_stack(stack)
+        display.refresh(scene_object)
+        state = scene_object.state
+        index = next((i for i, row in enumerate(state.history) if row.edit_id == self.edit_id), None)
+        state.history_index = len(state.history) - 1 if index is None else index
 
 
 class F4X_OT_save_edits(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -320,11 +326,11 @@ class F4X_OT_save_edits(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     bl_idname, bl_label = "f4x.save_edits", "Save Edits to Scene"
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Write atomically; edits that others wrote in the meantime are merged, undone ones are taken out."""
-        stack = session.save(root)
-        display.refresh(root)
-        self.report({"INFO"}, f"Saved {len(stack)} {plural('edit', len(stack))} in {session.path_of(root).name}")
+        stack = scene_object.save()
+        display.refresh(scene_object)
+        self.report({"INFO"}, f"Saved {len(stack)} {plural('edit', len(stack))} in {scene_object.path.name}")
 
 
 class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -340,22 +346,22 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     def invoke(self, context, event):
         """Take the sentence from the panel."""
-        root = session.root_of(context.object)
-        self.sentence = root.f4x.sentence
+        scene_object = SceneObject.of(context.object)
+        self.sentence = scene_object.state.sentence
         try:
-            self.act(context, root)
+            self.act(context, scene_object)
         except F4xError:  # the panel shows it, below the sentence; once is enough
             return {"CANCELLED"}
         return {"FINISHED"}
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Show the readings in the panel, or why the sentence was not understood."""
-        state = root.f4x
+        state = scene_object.state
         state.sentence = self.sentence
-        forget_readings(root)
+        forget_readings(scene_object)
         try:
-            session.asked_scene(root)
-            scene, edit_context = session.edited_scene(root), session.context_of(root)
+            scene_object.prepared()
+            scene, edit_context = scene_object.edited, scene_object.context
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
             state.answer = panel_words(with_code(error))
@@ -378,10 +384,10 @@ class F4X_OT_pick_reading(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     number: IntProperty(name="Number", min=0)  # type: ignore[valid-type]
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Choose and preview the reading."""
-        root.f4x.reading_index = self.number
-        root.f4x.preview = True
+        scene_object.state.reading_index = self.number
+        scene_object.state.preview = True
 
 
 class F4X_OT_apply_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -389,13 +395,13 @@ class F4X_OT_apply_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     bl_idname, bl_label = "f4x.apply_plan", "Apply"
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Append the edits to the history, together with their sentence."""
-        if not root.f4x.readings:
+        if not scene_object.state.readings:
             raise F4xError("Nothing is planned; type a sentence and press Plan first.")
-        session.set_stack(root, session.with_reading(root))
-        forget_readings(root)
-        display.refresh(root)
+        scene_object.set_stack(scene_object.with_reading())
+        forget_readings(scene_object)
+        display.refresh(scene_object)
 
 
 class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -404,15 +410,15 @@ class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
     bl_idname, bl_label = "f4x.drop_plan", "Discard"
     bl_options = {"REGISTER"}  # noqa: RUF012
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Back to the pending edits."""
-        forget_readings(root)
-        display.refresh(root)
+        forget_readings(scene_object)
+        display.refresh(scene_object)
 
 
-def forget_readings(root: bpy.types.Object) -> None:
+def forget_readings(scene_object: SceneObject) -> None:
     """Discard the plan and end the preview."""
-    state = root.f4x
+    state = scene_object.state
     state.readings.clear()
     state.answer = ""
     if state.preview:
@@ -423,13 +429,13 @@ def forget_readings(root: bpy.types.Object) -> None:
 def _save_along(path: str) -> None:
     """Save the edits when the .blend is saved, if the preferences ask for it."""
     settings = preferences()
-    for root in [item for item in bpy.data.objects if session.PATH in item and not session.is_linked(item)]:
+    for scene_object in [each for each in SceneObject.among(bpy.data.objects) if not each.is_linked]:
         try:
-            if settings is not None and settings.save_edits and not session.is_saved(root):
-                session.save(root)
-            session.remember(root)
+            if settings is not None and settings.save_edits and not scene_object.is_saved:
+                scene_object.save()
+            scene_object.remember()
         except F4xError as error:  # the .blend keeps the edits, and is saved all the same
-            root.f4x.answer = str(error)
+            scene_object.state.answer = str(error)
 
 
 def register() -> None:

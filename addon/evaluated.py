@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import bpy
 import numpy as np
 
 from ..f4x_core.edit.resolve import named
+from ..f4x_core.query.unseen import unseen_gaussians
 from ..f4x_core.scene.color import srgb_from_linear
 from ..f4x_core.scene.cryptomatte import identify
 from ..f4x_core.scene.stage import Cloud, Surface
-from . import session
 from .gaussian_attributes import FITTED_FOCAL
+from .native_motion import carried_cloud
 from .point_cloud import read_attribute
+from .scene_object import HIDDEN, SceneObject
 
-ENGINE = "FEATURE4X"
-"""Identifier of the render engine."""
-HIDDEN = "f4x_hidden"
-"""BOOLEAN: points that no picture shows."""
 LAYERS = {"latent": "f4x_latent", "selection": ".selection", "score": "f4x_score"}
 """Passes of the stage and the point attributes they show."""
 GREY = (0.8, 0.8, 0.8)
@@ -35,6 +34,8 @@ _READERS = (
     "GeometryNodeObjectInfo",
 )
 """Nodes that hand on geometry as it is."""
+OF = "f4x_of"
+"""Property of a mesh that was made of Gaussians: how many. The engine draws the Gaussians and not the mesh."""
 SOLID = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 
 
@@ -56,13 +57,13 @@ class Mattes:
     def of_points(self, owner: bpy.types.Object, data: bpy.types.PointCloud) -> dict[str, np.ndarray]:
         """Layer -> (N,) id of each point of an object's evaluated `data`; of several selections the last one counts."""
         ids = {layer: np.full(len(data.points), own, np.uint32) for layer, own in self.of(owner).items()}
-        root, gid = session.root_of(owner), read_attribute(data, "gid")
-        if root is not None and gid is not None:
-            shown = session.shown(root)
-            if root.name not in self._selected:
-                self._selected[root.name] = {name: found.chosen for name, found in named(shown.scene).items()}
+        found, gid = SceneObject.of(owner), read_attribute(data, "gid")
+        if found is not None and gid is not None:
+            shown = found.shown
+            if found.name not in self._selected:
+                self._selected[found.name] = {name: each.chosen for name, each in named(shown.scene).items()}
             row, known = shown.rows_of(gid)
-            for name, chosen in self._selected[root.name].items():
+            for name, chosen in self._selected[found.name].items():
                 ids["object"][known & chosen[row]] = self._id("object", name)
         return ids
 
@@ -71,11 +72,21 @@ class Mattes:
         return identify(name)
 
 
-def stage(depsgraph: bpy.types.Depsgraph, mattes: Mattes | None = None) -> tuple[list[Cloud], list[Surface]]:
-    """Every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world.
+class More(NamedTuple):
+    """What of a stage only some passes want."""
 
-    `mattes`: where those are wanted.
-    """
+    mattes: Mattes | None = None
+    """Where those are wanted."""
+    unseen: bool = False
+    """Whether Gaussians are to say that no frame of their clip shows them."""
+    lit: Callable[[bpy.types.Object, Cloud], Cloud] | None = None
+    """What gives the cloud of an evaluated object its light."""
+
+
+def stage(depsgraph: bpy.types.Depsgraph, more: More | None = None) -> tuple[list[Cloud], list[Surface]]:
+    """Every visible point cloud that holds Gaussians and every visible surface, instances too, in Blender's world."""
+    more = more or More()
+    mattes = more.mattes
     clouds: list[Cloud] = []
     surfaces: list[Surface] = []
     for instance, item, owner in _visible(depsgraph, None):
@@ -84,13 +95,24 @@ def stage(depsgraph: bpy.types.Depsgraph, mattes: Mattes | None = None) -> tuple
         if item.type == "POINTCLOUD":
             cloud = _cloud(item.data, to_world, item.pass_index)
             if cloud is not None:
+                cloud = more.lit(item, cloud) if more.lit else cloud
                 ids = mattes.of_points(item.original, item.data) if mattes else {}
-                clouds.append(replace(cloud, key=key, mattes=ids))
+                unseen = _unseen(item.original, item.data) if more.unseen else {}
+                clouds.append(replace(cloud, key=key, mattes=ids, layers={**cloud.layers, **unseen}))
         else:
             surface = surface_of(item, to_world)
             if surface is not None:
                 surfaces.append(replace(surface, key=key, mattes=mattes.of(item.original) if mattes else {}))
     return clouds, surfaces
+
+
+def _unseen(owner: bpy.types.Object, data: bpy.types.PointCloud) -> dict[str, np.ndarray]:
+    """The layer `unseen` (N,1) of evaluated points; nothing where they belong to no scene."""
+    found, gid = SceneObject.of(owner), read_attribute(data, "gid")
+    if found is None or gid is None:
+        return {}
+    row, known = found.shown.rows_of(gid)
+    return {"unseen": (known & unseen_gaussians(found.shown.scene)[row])[:, None]}
 
 
 def _visible(
@@ -105,7 +127,7 @@ def _visible(
         if item.type != "POINTCLOUD" and item.type not in SOLID:
             continue
         owner = (instance.parent or item).original
-        hidden = not instance.show_self or not item.visible_camera
+        hidden = not instance.show_self or not item.visible_camera or OF in item.original
         if not hidden and (view is None or owner.visible_in_viewport_get(view)):
             yield instance, item, owner
 
@@ -131,17 +153,20 @@ class Reader:
             self._written = {}
         clouds: dict[tuple, tuple[Cloud | None, frozenset[str] | None]] = {}
         surfaces: dict[tuple, tuple[np.ndarray, Surface | None]] = {}
+        shown: list[Cloud] = []
         for instance, item, owner in _visible(depsgraph, view):
             to_world = np.array(instance.matrix_world)
             data = item.original.data.session_uid
             key = (item.original.session_uid, data, *instance.persistent_id, owner.session_uid)
             if item.type == "POINTCLOUD":
                 clouds[key] = self._cloud(key, item, to_world, changed)
+                if clouds[key][0] is not None:
+                    shown.append(carried_cloud(item.original, clouds[key][0], item.data))
             else:
                 surfaces[key] = to_world, self._surface(key, item, to_world, changed)
         self._clouds, self._surfaces = clouds, surfaces
-        found = [cloud for cloud, _ in clouds.values()], [surface for _, surface in surfaces.values()]
-        return [cloud for cloud in found[0] if cloud is not None], [part for part in found[1] if part is not None]
+        parts = [surface for _, surface in surfaces.values()]
+        return shown, [part for part in parts if part is not None]
 
     def _cloud(
         self, key: tuple, item: bpy.types.Object, to_world: np.ndarray, changed: _Changes

@@ -28,20 +28,22 @@ from mathutils import Matrix
 from ..f4x_core.edit.apply import EditedScene, edited
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
+from ..f4x_core.geometry.camera import CameraPath
 from ..f4x_core.scaffold.deformation import pairs_of
 from ..f4x_core.scene import Scene
 from ..f4x_core.scene.foreign import SplatSequence, identify, open_any
 from ..f4x_core.scene.view import NEAR
-from . import display, session
+from . import display
 from .animation import ActionWriter
 from .axes import BLENDER_FROM_SCENE, FLIP_YZ, lens_from_intrinsics
 from .clip_background import find_clip, frames_of, show_clip
 from .gaussian_attributes import FITTED_FOCAL, write_appearance, write_places
 from .motion_edits import mark_keyed
-from .motion_nodes import build_motion_tree, build_presence_tree
+from .motion_nodes import MOTION, build_motion_tree, build_presence_tree
 from .point_cloud import new_point_cloud, write_attribute
-from .rig_repair import add_identity
+from .rig_repair import add_identity, add_pairs
 from .scaffold_rig import add_graph, add_nodes, layer_of
+from .scene_object import PATH, SELECTED, SceneObject
 from .sequence import add_sequence, check_size
 
 MAX_NAME = 40  # Blender cuts names at 63 bytes; ours get a suffix
@@ -80,7 +82,7 @@ def import_scene(
         root = _add_object(name, None, collection)
         root.matrix_world = Matrix(BLENDER_FROM_SCENE)
         root.empty_display_size = SMALL
-        root[session.PATH if is_scene else SOURCE] = str(path)
+        root[PATH if is_scene else SOURCE] = str(path)
         material = _splat_material(name)
         if isinstance(opened, SplatSequence):
             clouds = add_sequence(
@@ -88,7 +90,7 @@ def import_scene(
             )
         else:
             clouds = _add_clouds(name, first, collection, root, material)
-        camera = _add_camera(f"{name} camera", opened, first, collection)
+        camera = add_camera(f"{name} camera", opened.cameras, first, collection)
         for item in (*clouds, camera):
             item.parent = root
         if clip is not None:
@@ -96,17 +98,18 @@ def import_scene(
         if set_up_render:
             _set_up_render(bpy.context.scene, opened, camera)
         if is_scene:
-            session.attach(root)
+            scene_object = SceneObject(root)
+            scene_object.attach()
             for cloud in clouds:  # Blender 5 takes new points for selected
-                write_attribute(cloud.data, session.SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
-            mark_keyed(root)
+                write_attribute(cloud.data, SELECTED, "BOOLEAN", np.zeros(len(cloud.data.points), bool))
+            mark_keyed(scene_object)
             layer = layer_of(root)
             if layer is not None:
                 layer.hide_viewport = True  # hundreds of empties would cover what moves; the sidebar shows them
             if first.edits:
-                display.refresh(root)
+                display.refresh(scene_object)
             else:
-                display.update_panel(root)
+                display.update_panel(scene_object)
     except F4xError:
         _take_out(collection)
         raise
@@ -215,30 +218,20 @@ def _add_motion(name, scene: Scene, dynamic, collection, root) -> None:
         write_attribute(dynamic.data, f"pair_{k}", "INT", pairs.index[:, k])
         write_attribute(dynamic.data, f"w_{k}", "FLOAT", gaussians.weight[:, k])
 
-    mesh = bpy.data.meshes.new(f"{name} pairs")
-    mesh.vertices.add(len(pairs.node))
-    rest = quaternion.normalize(scaffold.quat[pairs.reference, pairs.node])
-    write_attribute(mesh, "node", "INT", pairs.node)
-    write_attribute(mesh, "rest_turn", "QUATERNION", quaternion.conjugate(rest))
-    write_attribute(mesh, "rest_place", "FLOAT_VECTOR", scaffold.xyz[pairs.reference, pairs.node])
-    add_identity(mesh, scaffold.ids[pairs.node], pairs.reference)
-    helper = _add_object(mesh.name, mesh, collection)
-    helper.parent = root
-    helper.hide_viewport = helper.hide_render = True
-
+    rest = scaffold.quat[pairs.reference, pairs.node], scaffold.xyz[pairs.reference, pairs.node]
+    helper = add_pairs(f"{name} pairs", root, (pairs.node, scaffold.ids[pairs.node]), pairs.reference, rest)
     curves = scene.curves if isinstance(scene, EditedScene) else scaffold
     assert curves is not None
     nodes = add_nodes(name, curves, scene.cameras.times, collection, root)
     graph = add_graph(name, curves, nodes, collection, root)
     add_identity(graph.data, curves.ids)
-    modifier = dynamic.modifiers.new("Feature4X motion", "NODES")
+    modifier = dynamic.modifiers.new(MOTION, "NODES")
     slots, fades = gaussians.node.shape[1], bool((gaussians.strength < 1).any())
     modifier.node_group = build_motion_tree(f"{name} motion", nodes, helper, slots, fades)
 
 
-def _add_camera(name: str, opened: Scene | SplatSequence, scene: Scene, collection) -> bpy.types.Object:
-    """Add the clip's camera, which sees as far as `scene` goes; its lens is keyed only when it changes."""
-    cameras = opened.cameras
+def add_camera(name: str, cameras: CameraPath, scene: Scene, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Add a camera keyed along a path, which sees as far as `scene` goes; its lens is keyed only when it changes."""
     camera = _add_object(name, bpy.data.cameras.new(name), collection)
     camera.data.sensor_fit = "HORIZONTAL"
     camera.data.display_size = SMALL

@@ -12,9 +12,10 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.scene.formats import FORMATS
 from ..f4x_core.scene.formats.usd import expected_bytes
 from ..f4x_core.troubles import with_code
-from . import jobs, session
+from . import jobs
 from .motion_edits import unwritten
 from .preferences import worker_python
+from .scene_object import PATH, SceneObject
 from .wording import panel_words
 from .worker import RUNNING, Job, core_command
 
@@ -33,10 +34,10 @@ def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, ver
     jobs.start(Job(title, core_command(worker_python(), verb, *arguments), on_done))
 
 
-def usd_megabytes(root: bpy.types.Object, one_frame: bool) -> float:
+def usd_megabytes(scene_object: SceneObject, one_frame: bool) -> float:
     """About the size of the scene as USD; its text grows with frames and moving Gaussians. 0 without the scene file."""
     try:
-        scene = session.edited_scene(root)
+        scene = scene_object.edited
     except F4xError:
         return 0.0
     moments = 1 if one_frame else len(scene.cameras)
@@ -45,7 +46,7 @@ def usd_megabytes(root: bpy.types.Object, one_frame: bool) -> float:
 
 def import_fitted(result: dict[str, Any]) -> None:
     """Import the scene of a finished fit. A file that already shows a scene keeps its render size, frames and camera."""
-    others = [item for item in bpy.data.objects if session.PATH in item and item.parent is None]
+    others = [item for item in bpy.data.objects if PATH in item and item.parent is None]
     alone, view_layer = not others, bpy.context.view_layer
     active, selected = view_layer.objects.active, list(bpy.context.selected_objects)
     try:
@@ -63,26 +64,25 @@ def import_fitted(result: dict[str, Any]) -> None:
         view_layer.objects.active = active
 
 
-def look_up(root: bpy.types.Object, words: Sequence[str]) -> None:
+def look_up(scene_object: SceneObject, words: Sequence[str]) -> None:
     """Let the worker add `words` to the vocabulary of a scene. Raises F4xError if the scene has unsaved edits."""
     listed = ", ".join(words)
-    if not session.is_saved(root):
+    if not scene_object.is_saved:
         raise F4xError(
-            f"{root.name} does not know {listed}; save its edits first, so that the worker can add it to the scene file."
+            f"{scene_object.name} does not know {listed}; save its edits first, so that the worker can add it to the scene file."
         )
-    _add_features(root, session.path_of(root), listed, ["--vocabulary", listed])
+    _add_features(scene_object, scene_object.path, listed, ["--vocabulary", listed])
 
 
-def _add_features(root: bpy.types.Object, path: Path, words: str, options: list[str]) -> None:
+def _add_features(scene_object: SceneObject, path: Path, words: str, options: list[str]) -> None:
     """Start `f4x distill`; the scene is updated at the end unless it was edited meanwhile. `words` go into the title."""
 
     def done(result: dict[str, Any]) -> None:
-        for item in bpy.data.objects:
-            ours = session.PATH in item and session.path_of(item) == path and not session.is_linked(item)
-            if ours and session.is_saved(item):
-                session.attach(item)
+        for each in SceneObject.among(bpy.data.objects):
+            if each.path == path and not each.is_linked and each.is_saved:
+                each.attach()
 
-    title = f"Features of {root.name}" + (f": {words}" if words else "")
+    title = f"Features of {scene_object.name}" + (f": {words}" if words else "")
     if any(job.title == title and job.state == RUNNING for job in jobs.all_jobs()):
         raise F4xError(f"{title}: this job is already running; wait until it is done.")
     start_verb(title, done, "distill", path, *options)
@@ -101,26 +101,28 @@ class _WorkerOperator:
         return {"FINISHED"}
 
 
-class _SceneOperator(_WorkerOperator):
+class SavedSceneOperator(_WorkerOperator):
     """Base of operators on the scene of the active object."""
 
     @classmethod
     def poll(cls, context):
         """Allowed if the active object belongs to a scene."""
-        if session.root_of(context.active_object) is None:
+        if SceneObject.of(context.active_object) is None:
             cls.poll_message_set("Select an object of an imported Feature4X scene")
             return False
         return True
 
 
-def _saved_scene(context: bpy.types.Context) -> tuple[bpy.types.Object, Path]:
-    """Root and file of the active scene. Raises F4xError if it has unsaved edits, because the worker reads only the file."""
-    root = session.root_of(context.active_object)
-    if not session.is_saved(root):
-        raise F4xError(f"{root.name} has unsaved edits; press Save Edits to Scene first.")
-    if unwritten(root):
-        raise F4xError(f"Nodes of {root.name} were moved; press Write Motion Back and Save Edits to Scene first.")
-    return root, session.path_of(root)
+def saved_scene(context: bpy.types.Context) -> tuple[SceneObject, Path]:
+    """The active scene and its file. Raises F4xError if it has unsaved edits, because the worker reads only the file."""
+    scene_object = SceneObject.of(context.active_object)
+    if not scene_object.is_saved:
+        raise F4xError(f"{scene_object.name} has unsaved edits; press Save Edits to Scene first.")
+    if unwritten(scene_object):
+        raise F4xError(
+            f"Nodes of {scene_object.name} were moved; press Write Motion Back and Save Edits to Scene first."
+        )
+    return scene_object, scene_object.path
 
 
 class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noqa: N801 - Blender wants this form
@@ -164,7 +166,7 @@ class F4X_OT_fit_clip(_WorkerOperator, bpy.types.Operator, ImportHelper):  # noq
         start_verb(f"Fit {name}", import_fitted, "fit", clip, *options)
 
 
-class F4X_OT_add_features(_SceneOperator, bpy.types.Operator):  # noqa: N801
+class F4X_OT_add_features(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
     """Add features of vision models to the scene, so that you can query it by words and points."""
 
     bl_idname = "f4x.add_features"
@@ -188,14 +190,14 @@ class F4X_OT_add_features(_SceneOperator, bpy.types.Operator):  # noqa: N801
 
     def start(self, context):
         """Start `f4x distill`."""
-        root, path = _saved_scene(context)
+        scene_object, path = saved_scene(context)
         options = ["--teacher", self.teachers] if self.teachers else []
         options += ["--vocabulary", self.words] if self.words else []
         options += ["--clip", bpy.path.abspath(self.clip)] if self.clip else []
-        _add_features(root, path, "" if self.teachers else self.words, options)
+        _add_features(scene_object, path, "" if self.teachers else self.words, options)
 
 
-class F4X_OT_ask_scene(_SceneOperator, bpy.types.Operator):  # noqa: N801
+class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
     """Ask a question about the scene. The answer appears in the Jobs panel."""
 
     bl_idname = "f4x.ask_scene"
@@ -209,11 +211,11 @@ class F4X_OT_ask_scene(_SceneOperator, bpy.types.Operator):  # noqa: N801
 
     def start(self, context):
         """Start `f4x ask`."""
-        _, path = _saved_scene(context)
+        _, path = saved_scene(context)
         start_verb(f"Ask: {self.question}", None, "ask", path, self.question)
 
 
-class F4X_OT_export_scene(_SceneOperator, bpy.types.Operator, ExportHelper):  # noqa: N801
+class F4X_OT_export_scene(SavedSceneOperator, bpy.types.Operator, ExportHelper):  # noqa: N801
     """Export the scene for other programs: one frame as PLY, .splat or glTF, all frames as USD or numbered PLY files."""
 
     bl_idname = "f4x.export_scene"
@@ -236,18 +238,18 @@ class F4X_OT_export_scene(_SceneOperator, bpy.types.Operator, ExportHelper):  # 
         layout.use_property_split = True
         layout.prop(self, "format")
         layout.prop(self, "one_frame")
-        root = session.root_of(context.active_object)
+        scene_object = SceneObject.of(context.active_object)
         is_text = self.format == "usd" or (self.format == "auto" and self.filepath.lower().endswith(".usda"))
-        if root is not None and is_text:
-            layout.label(text=f"USD as text: about {usd_megabytes(root, self.one_frame):,.0f} MB", icon="INFO")
+        if scene_object is not None and is_text:
+            layout.label(text=f"USD as text: about {usd_megabytes(scene_object, self.one_frame):,.0f} MB", icon="INFO")
 
     def start(self, context):
         """Start `f4x export`."""
-        root, path = _saved_scene(context)
+        scene_object, path = saved_scene(context)
         output = Path(bpy.path.abspath(self.filepath))
         options = ["-o", output] + (["--format", self.format] if self.format != "auto" else [])
         options += ["--time", f"{context.scene.frame_current_final:g}"] if self.one_frame else []
-        start_verb(f"Export {root.name}", None, "export", path, *options)
+        start_verb(f"Export {scene_object.name}", None, "export", path, *options)
 
 
 class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
@@ -266,6 +268,8 @@ class F4X_PT_jobs(bpy.types.Panel):  # noqa: N801
         column.operator(F4X_OT_add_features.bl_idname, text="Add Features…", icon="OUTLINER_OB_POINTCLOUD")
         column.operator(F4X_OT_ask_scene.bl_idname, text="Question…", icon="QUESTION")
         column.operator(F4X_OT_export_scene.bl_idname, text="Export…", icon="EXPORT")
+        column.operator("f4x.render_film", text="Render Film…", icon="RENDER_ANIMATION")
+        column.operator("f4x.add_path_camera", text="Add Camera…", icon="CAMERA_DATA")
         for job in jobs.all_jobs():
             jobs.draw_job(layout, context, job)
 

@@ -4,54 +4,70 @@ from __future__ import annotations
 
 import json
 
-import bpy
 import numpy as np
 
+from ..f4x_core.query.gesture import select_by_sphere
 from ..f4x_core.query.selection import Selection
-from . import display, session
+from . import display
+from .axes import Eye
 from .point_cloud import read_attribute, write_attribute
-from .session import BEFORE, SCORE, SELECTED
+from .scene_object import BEFORE, SCORE, SELECTED, SceneObject
 
 BARS = 20
 """Number of bars in the histogram of scores."""
 
 
-def ask(root: bpy.types.Object, found: Selection) -> None:
-    """Write the scores of a query to the points, and combine its result with the selection as the mode says."""
-    state = root.f4x
-    scores = np.where(found.wins, 1.0, found.scores).astype(np.float32)  # what wins is chosen at any threshold
-    before = session.read(root, SELECTED)
-    session.write(root, **{BEFORE: ("BOOLEAN", before), SCORE: ("FLOAT", scores)})
+def ask(scene_object: SceneObject, found: Selection, mode: str | None = None) -> None:
+    """Write the scores of a query to the points, and combine its result with the selection by `mode`, or that of the panel."""
+    state = scene_object.state
+    scene_object.write(**{BEFORE: ("BOOLEAN", scene_object.read(SELECTED))})
+    scores = _write_scores(scene_object, found)
     state.histogram = json.dumps(np.histogram(scores, BARS, (0.0, 1.0))[0].tolist())
-    state.combined, state.live, state.called = state.mode, True, ""
+    state.combined, state.live, state.called = mode or state.mode, True, ""
     state.threshold = found.threshold  # selects, by its update
 
 
-def apply_threshold(root: bpy.types.Object) -> None:
+def follow_sphere(scene_object: SceneObject) -> None:
+    """Let the Gaussians in the selecting sphere take the place of the last query, combined with the same selection as that."""
+    state, scene = scene_object.state, scene_object.shown.scene
+    if state.sphere_radius > 0:
+        view = scene_object.view(Eye(scene.cameras.at(scene_object.frame), 0.0, np.inf, 0.0))
+        _write_scores(scene_object, select_by_sphere(scene, view, tuple(state.sphere), state.sphere_radius))
+        apply_threshold(scene_object)
+
+
+def _write_scores(scene_object: SceneObject, found: Selection) -> np.ndarray:
+    """Write the scores (N,) float32 of a query to the points and return them; what wins is chosen at any threshold."""
+    scores = np.where(found.wins, 1.0, found.scores).astype(np.float32)
+    scene_object.write(**{SCORE: ("FLOAT", scores)})
+    return scores
+
+
+def apply_threshold(scene_object: SceneObject) -> None:
     """Select by the scores of the points. Does nothing unless the last selection came from a query."""
-    state = root.f4x
+    state = scene_object.state
     if not state.live:
         return
-    for cloud in session.clouds_of(root):
+    for cloud in scene_object.clouds:
         scores, before = read_attribute(cloud.data, SCORE), read_attribute(cloud.data, BEFORE)
         if scores is None or before is None:
             continue
         chosen = _combined(before, scores >= np.float32(state.threshold), state.combined)
         write_attribute(cloud.data, SELECTED, "BOOLEAN", chosen)
         cloud.data.update_tag()
-    display.count(root)
+    display.count(scene_object)
 
 
-def choose(root: bpy.types.Object, chosen: np.ndarray) -> None:
+def choose(scene_object: SceneObject, chosen: np.ndarray) -> None:
     """Select exactly the Gaussians `chosen (N,) bool`, independent of scores and threshold."""
-    root.f4x.live, root.f4x.called = False, ""
-    session.write(root, **{SELECTED: ("BOOLEAN", chosen)})
-    display.count(root)
+    scene_object.state.live, scene_object.state.called = False, ""
+    scene_object.write(**{SELECTED: ("BOOLEAN", chosen)})
+    display.count(scene_object)
 
 
-def combine(root: bpy.types.Object, chosen: np.ndarray) -> None:
+def combine(scene_object: SceneObject, chosen: np.ndarray) -> None:
     """Select the Gaussians `chosen (N,) bool`, combined with the current selection by the mode of the panel."""
-    choose(root, _combined(session.read(root, SELECTED), chosen, root.f4x.mode))
+    choose(scene_object, _combined(scene_object.read(SELECTED), chosen, scene_object.state.mode))
 
 
 def _combined(before: np.ndarray, new: np.ndarray, mode: str) -> np.ndarray:

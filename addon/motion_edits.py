@@ -11,8 +11,8 @@ from ..f4x_core.edit.apply import EditedScene
 from ..f4x_core.edit.operations import Rekey
 from ..f4x_core.errors import F4xError
 from ..f4x_core.scaffold import Scaffold
-from . import session
 from .scaffold_rig import all_nodes, nodes_of, poses_now, poses_of, read_poses, write_poses
+from .scene_object import SceneObject
 
 SHOWN = "f4x_keys"
 """Property of the root: JSON of the ids of the `rekey` edits that its nodes were keyed by."""
@@ -20,17 +20,17 @@ ROUNDING = 3e-6
 """Maximum rounding error of quaternions and of positions (relative above 1) after conversion to float32 matrices."""
 
 
-def changes(root: bpy.types.Object) -> Rekey | None:
+def changes(scene_object: SceneObject) -> Rekey | None:
     """The poses that differ from the pending edits', at every clip frame at which any does; None where none does.
 
     They are read as Blender evaluates them. Raises F4xError where nodes are missing.
     """
-    scene = session.edited_scene(root)
-    curves, frames = _curves(root), scene.cameras.times
-    nodes = all_nodes(root, curves.ids)
+    scene = scene_object.edited
+    curves, frames = _curves(scene_object), scene.cameras.times
+    nodes = all_nodes(scene_object.root, curves.ids)
     old_xyz, old_quat = poses_of(curves, frames)
-    xyz, quat = read_poses(root, nodes, frames)
-    moved = _differ(root, xyz, quat, old_xyz, old_quat)  # (T,M)
+    xyz, quat = read_poses(scene_object.root, nodes, frames)
+    moved = _differ(scene_object.root, xyz, quat, old_xyz, old_quat)  # (T,M)
     when, who = np.flatnonzero(moved.any(1)), np.flatnonzero(moved.any(0))
     if not len(who):
         return None
@@ -40,54 +40,54 @@ def changes(root: bpy.types.Object) -> Rekey | None:
     return Rekey.of(curves.ids[who], frames[when], xyz, quat)
 
 
-def unwritten(root: bpy.types.Object) -> int:
+def unwritten(scene_object: SceneObject) -> int:
     """How many nodes stand elsewhere at the current frame than the pending edits say: what was moved and not written back.
 
     Between clip frames, where Blender and the core interpolate differently, and without the scene file it is 0.
     """
-    frame, nodes = bpy.context.scene.frame_current_final, nodes_of(root)
+    frame, nodes = bpy.context.scene.frame_current_final, nodes_of(scene_object.root)
     try:
-        scene = session.edited_scene(root)
+        scene = scene_object.edited
     except F4xError:
         return 0
     if not nodes or frame not in scene.cameras.times:
         return 0
-    curves = _curves(root)
+    curves = _curves(scene_object)
     there = [i for i, id in enumerate(curves.ids.tolist()) if id in nodes]
     old_xyz, old_quat = (values[:, there] for values in poses_of(curves, np.array([frame])))
-    xyz, quat = poses_now(root, [nodes[curves.ids[i]] for i in there])
-    return int(_differ(root, xyz[None], quat[None], old_xyz, old_quat).sum())
+    xyz, quat = poses_now(scene_object.root, [nodes[curves.ids[i]] for i in there])
+    return int(_differ(scene_object.root, xyz[None], quat[None], old_xyz, old_quat).sum())
 
 
-def refresh_keys(root: bpy.types.Object) -> None:
+def refresh_keys(scene_object: SceneObject) -> None:
     """Key the nodes anew where edits were undone, redone or switched since they were keyed last."""
-    ids = _shown_ids(root)
-    if root.get(SHOWN, "[]") == ids:
+    ids = _shown_ids(scene_object)
+    if scene_object.root.get(SHOWN, "[]") == ids:
         return
-    curves, frames, found = _curves(root), session.edited_scene(root).cameras.times, nodes_of(root)
+    curves, frames, found = _curves(scene_object), scene_object.edited.cameras.times, nodes_of(scene_object.root)
     there = [i for i, id in enumerate(curves.ids.tolist()) if id in found]
     nodes = [found[curves.ids[i]] for i in there]
     xyz, quat = (values[:, there] for values in poses_of(curves, frames))
-    now_xyz, now_quat = read_poses(root, nodes, frames)
-    moved = np.flatnonzero(_differ(root, now_xyz, now_quat, xyz, quat).any(0))
+    now_xyz, now_quat = read_poses(scene_object.root, nodes, frames)
+    moved = np.flatnonzero(_differ(scene_object.root, now_xyz, now_quat, xyz, quat).any(0))
     if len(moved):
-        write_poses(root, [nodes[i] for i in moved], frames, xyz[:, moved], quat[:, moved])
+        write_poses(scene_object.root, [nodes[i] for i in moved], frames, xyz[:, moved], quat[:, moved])
         bpy.context.scene.frame_set(bpy.context.scene.frame_current)
-    root[SHOWN] = ids
+    scene_object.root[SHOWN] = ids
 
 
-def mark_keyed(root: bpy.types.Object) -> None:
+def mark_keyed(scene_object: SceneObject) -> None:
     """Remember that the nodes are keyed by the pending edits: they were just imported so, or just written back."""
-    root[SHOWN] = _shown_ids(root)
+    scene_object.root[SHOWN] = _shown_ids(scene_object)
 
 
-def _shown_ids(root: bpy.types.Object) -> str:
-    edits = session.stack_of(root).edits
+def _shown_ids(scene_object: SceneObject) -> str:
+    edits = scene_object.stack.edits
     return json.dumps([edit.id for edit in edits if edit.enabled and isinstance(edit.operation, Rekey)])
 
 
-def _curves(root: bpy.types.Object) -> Scaffold:
-    scene = session.edited_scene(root)
+def _curves(scene_object: SceneObject) -> Scaffold:
+    scene = scene_object.edited
     curves = scene.curves if isinstance(scene, EditedScene) else scene.scaffold
     assert curves is not None  # there are nodes
     return curves

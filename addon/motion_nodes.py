@@ -25,6 +25,8 @@ import bpy
 
 from ..f4x_core.scaffold.deformation import COLLAPSED, SIGN_BAND
 
+MOTION = "Feature4X motion"
+"""Name of the modifier that moves the dynamic Gaussians."""
 STEP = 1e-4
 """Frames that the shortest ramp of a presence lasts."""
 SCENE_FRAME = "RELATIVE"

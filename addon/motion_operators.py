@@ -14,10 +14,11 @@ from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry import pose, quaternion
 from ..f4x_core.scaffold.grab import grab, within_reach
 from ..f4x_core.troubles import with_code
-from . import display, session
+from . import display
 from .motion_edits import changes, mark_keyed
 from .operators import F4X_OT_choose_clip, F4X_OT_find_scene, F4X_OT_pack_scene
 from .scaffold_rig import NODE, add_handles, all_nodes, hold, nodes_of, read_poses, remove_handles
+from .scene_object import SceneObject
 from .wording import panel_words
 
 
@@ -29,25 +30,25 @@ class _MotionOperator(bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         """Allowed in Object Mode, for a scene with nodes."""
-        root = session.root_of(context.object)
-        if root is None or not any(NODE in item for item in root.children_recursive):
+        scene_object = SceneObject.of(context.object)
+        if scene_object is None or not any(NODE in item for item in scene_object.root.children_recursive):
             cls.poll_message_set("Select an object of an imported scene with moving objects")
             return False
-        if session.is_linked(root):
-            cls.poll_message_set(session.why_not(root))
+        if scene_object.is_linked:
+            cls.poll_message_set(scene_object.why_linked_stays)
             return False
         return context.mode == "OBJECT"
 
     def execute(self, context):
         """Call `act` and report an error."""
         try:
-            self.act(context, session.root_of(context.object))
+            self.act(context, SceneObject.of(context.object))
         except F4xError as error:
             self.report({"ERROR"}, panel_words(with_code(error)))
             return {"CANCELLED"}
         return {"FINISHED"}
 
-    def act(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
+    def act(self, context: bpy.types.Context, scene_object: SceneObject) -> None:
         """Run the operator."""
         raise NotImplementedError
 
@@ -94,16 +95,16 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
             return False
         return True
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Move by `offset` and insert keys."""
-        _Grab(context, root, self.reach).keep(Vector(self.offset), self.hold == "CLIP", self.frames)
+        _Grab(context, scene_object, self.reach).keep(Vector(self.offset), self.hold == "CLIP", self.frames)
 
     def invoke(self, context, event):
         """Follow the mouse until a click."""
         if context.area is None or context.area.type != "VIEW_3D":
             return self.execute(context)
         try:
-            self._grab = _Grab(context, session.root_of(context.object), self.reach)
+            self._grab = _Grab(context, SceneObject.of(context.object), self.reach)
         except F4xError as error:
             self.report({"ERROR"}, with_code(error))
             return {"CANCELLED"}
@@ -142,14 +143,14 @@ class F4X_OT_grab_nodes(_MotionOperator):  # noqa: N801
 class _Grab:
     """The nodes of a scene at the current frame, some of them grabbed."""
 
-    def __init__(self, context: bpy.types.Context, root: bpy.types.Object, reach: float):
-        scaffold = session.base_scene(root).scaffold
+    def __init__(self, context: bpy.types.Context, scene_object: SceneObject, reach: float):
+        scaffold = scene_object.base.scaffold
         assert scaffold is not None  # there are nodes
-        self.root, self.nodes = root, all_nodes(root, scaffold.ids)
+        self.root, self.nodes = scene_object.root, all_nodes(scene_object.root, scaffold.ids)
         self.unit, self.edges = scaffold.unit, scaffold.edges
-        self.frames = session.base_scene(root).cameras.times
+        self.frames = scene_object.base.cameras.times
         self.frame = context.scene.frame_current_final
-        xyz, quat = read_poses(root, self.nodes, np.array([self.frame]))
+        xyz, quat = read_poses(scene_object.root, self.nodes, np.array([self.frame]))
         self.xyz, self.quat = xyz[0], quat[0]
         self.grabbed = np.array([i for i, item in enumerate(self.nodes) if item.select_get()])
         self.anchor = self.nodes[self.grabbed[0]].matrix_world.translation.copy()
@@ -194,11 +195,11 @@ class F4X_OT_add_handles(_MotionOperator):  # noqa: N801
         name="Groups", description="Number of groups; 0 = as many as there seem to be", default=0, min=0, soft_max=24
     )
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Group the nodes anew."""
-        scene = session.base_scene(root)
-        handles = add_handles(root, scene.scaffold.unit, scene.cameras.times, self.count or None)
-        self.report({"INFO"}, f"Added {len(handles)} handles for {len(nodes_of(root))} nodes")
+        scene = scene_object.base
+        handles = add_handles(scene_object.root, scene.scaffold.unit, scene.cameras.times, self.count or None)
+        self.report({"INFO"}, f"Added {len(handles)} handles for {len(nodes_of(scene_object.root))} nodes")
 
 
 class F4X_OT_remove_handles(_MotionOperator):  # noqa: N801
@@ -207,9 +208,9 @@ class F4X_OT_remove_handles(_MotionOperator):  # noqa: N801
     bl_idname = "f4x.remove_handles"
     bl_label = "Remove Group Handles"
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Key the nodes where they are."""
-        remove_handles(root, session.base_scene(root).cameras.times)
+        remove_handles(scene_object.root, scene_object.base.cameras.times)
 
 
 class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
@@ -218,15 +219,15 @@ class F4X_OT_write_motion(_MotionOperator):  # noqa: N801
     bl_idname = "f4x.write_motion"
     bl_label = "Write Motion Back"
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Append one edit with all changed poses; like every edit it pends until it is saved."""
-        change = changes(root)
+        change = changes(scene_object)
         if change is None:
             self.report({"INFO"}, "No node was moved, so there is nothing to write back")
             return
-        session.append(root, change, sentence="moved in Blender")
-        mark_keyed(root)
-        display.refresh(root)
+        scene_object.append(change, sentence="moved in Blender")
+        mark_keyed(scene_object)
+        display.refresh(scene_object)
         self.report({"INFO"}, f"Wrote the motion of {len(change.nodes)} nodes at {len(change.times)} frames")
 
 

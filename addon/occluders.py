@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from . import evaluated
+from . import evaluated, native_motion
 from .axes import camera_eye
 
 IN_THE_WAY = 1 / 3
@@ -23,6 +23,7 @@ SHOWN = 0.99
 def hide_occluders(root: bpy.types.Object, frames: Iterable[int]) -> str:
     """Hide objects that are in the way at one of `frames`, in renders too; returns one sentence about it, or nothing."""
     scene = bpy.context.scene
+    native_motion.switch_on()  # it is the evaluated points that may be hidden
     present, names = scene.frame_current, []
     for frame in frames:
         scene.frame_set(frame)

@@ -10,11 +10,12 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import with_code
-from . import packing, session, viewport
+from . import packing, viewport
 from .clip_background import doubt, show_clip
 from .import_scene import SOURCE, import_scene
 from .occluders import hide_occluders
 from .panel_operators import SceneOperator
+from .scene_object import PATH, SceneObject
 from .wording import panel_words
 
 PASSING = {"HIDDEN", "SKIP_SAVE"}
@@ -102,7 +103,7 @@ class F4X_OT_import_scene(bpy.types.Operator, ImportHelper):  # noqa: N801 - Ble
                 root.f4x.notice = hidden
                 self.report({"WARNING"}, hidden)
         if self.show:
-            viewport.show(root, context.scene.camera if self.set_up_render and session.PATH in root else None)
+            viewport.show(root, context.scene.camera if self.set_up_render and PATH in root else None)
         return {"FINISHED"}
 
     def invoke(self, context, event):
@@ -162,7 +163,7 @@ class F4X_OT_choose_clip(bpy.types.Operator, ImportHelper):  # noqa: N801
 def _warn_of_clip(operator: bpy.types.Operator, root: bpy.types.Object) -> None:
     """Say so where the clip behind the camera of `root` seems to be that of another scene."""
     camera = next(item for item in root.children if item.type == "CAMERA")
-    line = doubt(camera, session.base_scene(root)) if session.PATH in root else ""
+    line = doubt(camera, SceneObject(root).base) if PATH in root else ""
     if line:
         root.f4x.notice = line
         operator.report({"WARNING"}, line)
@@ -170,7 +171,7 @@ def _warn_of_clip(operator: bpy.types.Operator, root: bpy.types.Object) -> None:
 
 def _root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
     """The root of what was imported, scene or splats, that `item` is a part of."""
-    while item is not None and SOURCE not in item and session.PATH not in item:
+    while item is not None and SOURCE not in item and PATH not in item:
         item = item.parent
     return item
 
@@ -198,9 +199,9 @@ class F4X_OT_find_scene(SceneOperator, bpy.types.Operator, ImportHelper):  # noq
     filename_ext = ".f4x"
     filter_glob: StringProperty(default="*.f4x", options={"HIDDEN"})  # type: ignore[valid-type]
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Use the chosen file if it holds the same scene."""
-        session.relink(root, Path(self.filepath))
+        scene_object.relink(Path(self.filepath))
 
 
 class F4X_OT_pack_scene(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -209,10 +210,10 @@ class F4X_OT_pack_scene(SceneOperator, bpy.types.Operator):  # noqa: N801
     bl_idname = "f4x.pack_scene"
     bl_label = "Pack Scene"
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Pack the file as it is now; saving edits later packs it again."""
-        path = session.path_of(root)
-        packing.pack(root, path)
+        path = scene_object.path
+        packing.pack(scene_object.root, path)
         self.report({"INFO"}, f"The .blend now holds {path.name} ({path.stat().st_size / 2**20:.1f} MiB); save it")
 
 

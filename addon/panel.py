@@ -7,10 +7,12 @@ import json
 import bpy
 
 from ..f4x_core.language.lexicon import plural
-from . import edit_operators, marking, session
+from . import edit_operators, marking
+from .gesture_operators import TOOLS
 from .lines import draw_lines
 from .motion_edits import unwritten
 from .scaffold_rig import layer_of
+from .scene_object import SceneObject
 
 CATEGORY = "Feature4X"
 LEVELS = "▁▂▃▄▅▆▇█"
@@ -37,7 +39,7 @@ class _Section:
     @classmethod
     def poll(cls, context):
         """Show the panel if there is an imported scene."""
-        return session.root_of(context.object) is not None
+        return SceneObject.of(context.object) is not None
 
 
 class F4X_UL_names(bpy.types.UIList):  # noqa: N801 - Blender wants this form
@@ -74,29 +76,29 @@ class F4X_PT_scene(bpy.types.Panel):  # noqa: N801
     def draw(self, context):
         """Draw the scene, or a button to import one."""
         layout = self.layout
-        root = session.root_of(context.object)
-        if root is None:
-            several = any(session.PATH in item for item in context.scene.objects)
+        scene_object = SceneObject.of(context.object)
+        if scene_object is None:
+            several = bool(SceneObject.among(context.scene.objects))
             layout.label(text="Select an object of a scene" if several else "No scene imported yet", icon="INFO")
             layout.operator("f4x.import_scene", text="Import Scene…", icon="IMPORT")
             return
         row = layout.row()
-        row.label(text=root.name, icon="OUTLINER_OB_POINTCLOUD")
-        nodes = layer_of(root)
+        row.label(text=scene_object.name, icon="OUTLINER_OB_POINTCLOUD")
+        nodes = layer_of(scene_object.root)
         if nodes is not None:
             row.prop(nodes, "hide_viewport", text="", icon="EMPTY_AXIS", emboss=False)
         row.operator("f4x.show_picture", text="", icon="SHADING_RENDERED")
-        if not session.path_of(root).exists():
+        if not scene_object.path.exists():
             layout.operator("f4x.find_scene", text="Find Scene File…", icon="ERROR")
         row = layout.row()
         row.scale_y = 1.2
-        row.operator("f4x.save_edits", text=session.saving(root), icon="FILE_TICK")
-        row.active = not session.is_saved(root)
-        moved = 0 if context.screen.is_animation_playing else unwritten(root)
+        row.operator("f4x.save_edits", text=scene_object.saving, icon="FILE_TICK")
+        row.active = not scene_object.is_saved
+        moved = 0 if context.screen.is_animation_playing else unwritten(scene_object)
         if moved:
             text = f"Write Back Motion of {moved} {plural('Node', moved)}"
             layout.operator("f4x.write_motion", text=text, icon="EMPTY_AXIS")
-        draw_lines(layout, context, root.f4x.notice, "ERROR")
+        draw_lines(layout, context, scene_object.state.notice, "ERROR")
 
 
 class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
@@ -106,7 +108,7 @@ class F4X_PT_say(_Section, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context):
         """Draw the sentence, what it would do, and other readings."""
-        layout, state = self.layout, session.root_of(context.object).f4x
+        layout, state = self.layout, SceneObject.of(context.object).state
         row = layout.row(align=True)
         row.prop(state, "sentence", text="", icon="CONSOLE", placeholder="make the dog red from second 2")
         row.operator("f4x.plan", text="", icon="PLAY").readings = 1
@@ -145,7 +147,7 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context):
         """Draw the words, the prompts and the threshold."""
-        layout, state = self.layout, session.root_of(context.object).f4x
+        layout, state = self.layout, SceneObject.of(context.object).state
         row = layout.row(align=True)
         row.prop(state, "mode", expand=True, icon_only=True)
         row.separator()
@@ -157,6 +159,11 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.operator("f4x.query_text", text="Query")
         column.prop(state, "negatives", text="", icon="REMOVE", placeholder="but not …")
         layout.prop(state, "follow")
+        row = layout.row(align=True)
+        for tool in TOOLS:
+            row.operator("wm.tool_set_by_id", text=tool.bl_label.rpartition(" ")[2]).name = tool.bl_idname
+        row.prop(state, "through", text="", icon="XRAY")
+        row.prop(state, "whole", text="", icon="OBJECT_DATA")
         column = layout.column(align=True)
         column.active = state.live
         row = column.row()  # there without scores too: buttons that move are missed
@@ -176,7 +183,7 @@ class F4X_PT_selection(_Section, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context):
         """Draw buttons that change, hide and name the selection."""
-        layout, state = self.layout, session.root_of(context.object).f4x
+        layout, state = self.layout, SceneObject.of(context.object).state
         row = layout.row(align=True)
         for how in ("GROW", "SHRINK"):
             row.operator("f4x.change_selection", text=how.capitalize()).how = how
@@ -214,7 +221,7 @@ class F4X_PT_change(_Section, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context):
         """Draw buttons for colour, visibility, place and time."""
-        layout, state = self.layout, session.root_of(context.object).f4x
+        layout, state = self.layout, SceneObject.of(context.object).state
         if state.use_span:
             layout.label(text=f"From frame {state.first} to {state.last}", icon="TIME")
         column = layout.column(align=True)
@@ -244,7 +251,7 @@ class F4X_PT_history(_Section, bpy.types.Panel):  # noqa: N801
 
     def draw(self, context):
         """Draw the list, with buttons to move and delete edits."""
-        layout, state = self.layout, session.root_of(context.object).f4x
+        layout, state = self.layout, SceneObject.of(context.object).state
         row = layout.row()
         row.template_list("F4X_UL_history", "", state, "history", state, "history_index", rows=4)
         column = row.column(align=True)

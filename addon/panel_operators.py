@@ -6,31 +6,31 @@ import bpy
 
 from ..f4x_core.errors import F4xError
 from ..f4x_core.troubles import with_code
-from . import session
+from .scene_object import SceneObject, why_not
 from .wording import panel_words
 
 
 class SceneOperator:
-    """Mixin: `act(context, root)` does the work; an F4xError from it becomes a report."""
+    """Mixin: `act(context, scene_object)` does the work; an F4xError from it becomes a report."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - read by Blender at registration
 
     @classmethod
     def poll(cls, context):
         """Allowed if there is an imported scene that can be changed."""
-        reason = session.why_not(context.object)
+        reason = why_not(context.object)
         if reason:
             cls.poll_message_set(reason)
         return not reason
 
-    def act(self, context: bpy.types.Context, root: bpy.types.Object) -> None:
+    def act(self, context: bpy.types.Context, scene_object: SceneObject) -> None:
         """Do the work of the operator. Raises F4xError if that is not possible."""
         raise NotImplementedError
 
     def execute(self, context):
         """Call `act` and report an error."""
         try:
-            self.act(context, session.root_of(context.object))
+            self.act(context, SceneObject.of(context.object))
         except F4xError as error:
             self.report({"ERROR"}, panel_words(with_code(error)))
             return {"CANCELLED"}

@@ -8,8 +8,9 @@ import numpy as np
 from bpy.app.handlers import persistent
 from gpu_extras.batch import batch_for_shader
 
-from . import session
+from .native_motion import carried_places
 from .point_cloud import read_attribute
+from .scene_object import PREVIEW, SELECTED, SceneObject
 
 COLOUR = (1.0, 0.05, 0.6, 0.3)
 """Not the orange in which Blender outlines objects, and rare in pictures; what the points look like shows through."""
@@ -28,12 +29,12 @@ def _draw() -> None:
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     depsgraph = context.evaluated_depsgraph_get()
     # a preview is to be looked at: nothing is drawn over it
-    for root in [item for item in context.scene.objects if session.PATH in item and session.PREVIEW not in item]:
-        for cloud in session.clouds_of(root):
+    for scene_object in [each for each in SceneObject.among(context.scene.objects) if PREVIEW not in each.root]:
+        for cloud in scene_object.clouds:
             if not cloud.visible_get():
                 continue
             if cloud.session_uid not in _batches:
-                _batches[cloud.session_uid] = _batch(cloud.evaluated_get(depsgraph).data, shader)
+                _batches[cloud.session_uid] = _batch(cloud, cloud.evaluated_get(depsgraph).data, shader)
             batch = _batches[cloud.session_uid]
             if batch is None:
                 continue
@@ -46,12 +47,14 @@ def _draw() -> None:
             gpu.state.blend_set("NONE")
 
 
-def _batch(data: bpy.types.PointCloud, shader: gpu.types.GPUShader) -> gpu.types.GPUBatch | None:
+def _batch(
+    cloud: bpy.types.Object, data: bpy.types.PointCloud, shader: gpu.types.GPUShader
+) -> gpu.types.GPUBatch | None:
     """The selected points of an evaluated cloud; None where there are none."""
-    chosen = read_attribute(data, session.SELECTED)
+    chosen = read_attribute(data, SELECTED)
     if chosen is None or not chosen.any():
         return None
-    return batch_for_shader(shader, "POINTS", {"pos": read_attribute(data, "position")[np.flatnonzero(chosen)]})
+    return batch_for_shader(shader, "POINTS", {"pos": carried_places(cloud, data)[np.flatnonzero(chosen)]})
 
 
 @persistent

@@ -14,7 +14,8 @@ from bpy.props import (
 
 from ..f4x_core.edit.resolve import labels_of
 from ..f4x_core.errors import F4xError
-from . import display, marking, session
+from . import display, marking
+from .scene_object import SceneObject
 
 MODES = (
     ("SET", "Set", "Replace the selection by the result", "SELECT_SET", 0),
@@ -27,7 +28,7 @@ MODES = (
 def _complete(self, context, typed: str) -> list[str]:
     """Labels of the scene's vocabulary that contain the last word typed."""
     try:
-        labels = labels_of(session.base_scene(self.id_data))
+        labels = labels_of(SceneObject(self.id_data).base)
     except F4xError:
         return []
     *complete, begun = (word.strip() for word in typed.split(","))
@@ -37,20 +38,25 @@ def _complete(self, context, typed: str) -> list[str]:
 
 
 def _threshold_moved(self, context) -> None:
-    marking.apply_threshold(self.id_data)
+    marking.apply_threshold(SceneObject(self.id_data))
+
+
+def _sphere_moved(self, context) -> None:
+    marking.follow_sphere(SceneObject(self.id_data))
 
 
 def _shown_changed(self, context) -> None:
     try:
-        display.refresh(self.id_data)
+        display.refresh(SceneObject(self.id_data))
     except F4xError as error:
         self.answer = str(error)
 
 
 def _preview_changed(self, context) -> None:
     try:
-        session.show_preview(self.id_data, session.with_reading(self.id_data) if self.preview else None)
-        display.refresh(self.id_data)
+        scene_object = SceneObject(self.id_data)
+        scene_object.show_preview(scene_object.with_reading() if self.preview else None)
+        display.refresh(scene_object)
     except F4xError as error:
         self.answer = str(error)
 
@@ -105,6 +111,29 @@ class F4X_PG_scene(bpy.types.PropertyGroup):  # noqa: N801
     follow: BoolProperty(  # type: ignore[valid-type]
         name="Follow Through the Clip",
         description="Track the point or box through other frames: better if the object is partly hidden, but slow",
+    )
+    through: BoolProperty(  # type: ignore[valid-type]
+        name="Through", description="Gestures in the viewport select also what is hidden behind other Gaussians"
+    )
+    whole: BoolProperty(  # type: ignore[valid-type]
+        name="Whole Thing",
+        description="Gestures in the viewport select the thing that they mark, all of it and at all times",
+    )
+    brush: FloatProperty(  # type: ignore[valid-type]
+        name="Radius", description="Radius of the brush in pixels", default=25.0, min=1.0, soft_max=500.0
+    )
+    sphere: FloatVectorProperty(  # type: ignore[valid-type]
+        name="Sphere",
+        description="Centre of the selecting sphere in Blender's world",
+        subtype="XYZ",
+        update=_sphere_moved,
+    )
+    sphere_radius: FloatProperty(  # type: ignore[valid-type]
+        name="Sphere Radius",
+        description="Radius of the selecting sphere; 0: there is none",
+        min=0.0,
+        subtype="DISTANCE",
+        update=_sphere_moved,
     )
     show_score: BoolProperty(  # type: ignore[valid-type]
         name="Heat Map",

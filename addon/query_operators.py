@@ -6,11 +6,9 @@ import threading
 from collections.abc import Callable
 
 import bpy
-import gpu
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 from bpy_extras import view3d_utils
-from gpu_extras.batch import batch_for_shader
 
 from ..f4x_core.edit.naming import by_labels, by_names, check_negatives, together
 from ..f4x_core.edit.resolve import labels_of
@@ -18,16 +16,18 @@ from ..f4x_core.errors import Cancelled, F4xError
 from ..f4x_core.language.lexicon import spellings
 from ..f4x_core.progress import Progress
 from ..f4x_core.query.inventory import known_instead
+from ..f4x_core.query.knowledge import refuse_unknown
 from ..f4x_core.query.labels import words_of
 from ..f4x_core.query.neighbourhood import grow_selection, meeting, shrink_selection
 from ..f4x_core.query.prompts import FollowConfig, select_by_prompts
 from ..f4x_core.query.selection import Selection
 from ..f4x_core.troubles import with_code
-from . import display, marking, session
-from .evaluated import HIDDEN
+from . import display, marking
 from .job_operators import look_up
+from .outline import Outline
 from .panel_operators import SceneOperator
 from .preferences import find_interpreter
+from .scene_object import HIDDEN, SELECTED, SceneObject
 
 QUICK = FollowConfig(lifted=0)
 """Use the prompted frame only."""
@@ -47,39 +47,41 @@ class F4X_OT_query_text(SceneOperator, bpy.types.Operator):  # noqa: N801 - Blen
 
     def invoke(self, context, event):
         """Take the words from the panel."""
-        state = session.root_of(context.object).f4x
+        state = SceneObject.of(context.object).state
         self.text, self.negatives = state.text, state.negatives
         return self.execute(context)
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Query the base scene, since copies have the same label as their original. A worker, if any, adds unknown words."""
         if not self.text.strip():
             raise F4xError("Type what to select, such as dog; separate several words by commas.")
-        scene, shown, words = session.asked_scene(root), session.shown(root), words_of(self.text)
+        scene, shown, words = scene_object.prepared(), scene_object.shown, words_of(self.text)
         negatives = words_of(self.negatives) if self.negatives.strip() else None
         check_negatives(words, negatives)
-        found = by_names(shown.scene, words, root.f4x.threshold)
+        found = by_names(shown.scene, words, scene_object.state.threshold)
         called = " and ".join(word if word in found else f"the {word}" for word in words)
         labels = [word for word in words if word not in found]
+        for label in labels:
+            refuse_unknown(scene, label)
         known = {label.lower() for label in labels_of(scene)}
         unknown = [word for word in (*labels, *(negatives or ())) if known.isdisjoint(spellings(word))]
         near = known_instead(scene, unknown) if known and unknown else []
         hint = f" Nearest labels that it knows: {', '.join(near)}." if near else ""
         if known and unknown and find_interpreter():
-            look_up(root, unknown)
+            look_up(scene_object, unknown)
             line = f"The worker adds {', '.join(unknown)} to the scene; query again when the job is done.{hint}"
             self.report({"INFO"}, line)
             return
         try:
-            asked = by_labels(scene, labels, negatives, root.f4x.threshold)
+            asked = by_labels(scene, labels, negatives, scene_object.state.threshold)
         except F4xError as error:
             raise F4xError(f"{error}{hint}") from error
         found |= {label: shown.of_base(each) for label, each in asked.items()}
-        marking.ask(root, together({word: found[word] for word in words}))
-        if root.f4x.mode == "SET":
-            root.f4x.called = called
-        root.f4x.text, root.f4x.negatives = self.text, self.negatives
-        self.report({"INFO"}, f"{root.f4x.selected:,} of {root.f4x.total:,} Gaussians")
+        marking.ask(scene_object, together({word: found[word] for word in words}))
+        if scene_object.state.mode == "SET":
+            scene_object.state.called = called
+        scene_object.state.text, scene_object.state.negatives = self.text, self.negatives
+        self.report({"INFO"}, f"{scene_object.state.selected:,} of {scene_object.state.total:,} Gaussians")
 
 
 class _Search(threading.Thread):
@@ -117,7 +119,7 @@ class _Prompt(SceneOperator):
         """The prompt as keyword arguments of the core."""
         raise NotImplementedError
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Select by the prompt, on its frame only or tracked through the clip."""
         manager = context.window_manager
 
@@ -126,30 +128,30 @@ class _Prompt(SceneOperator):
 
         manager.progress_begin(0, 100)
         try:
-            found = self._search(root)(progress)
+            found = self._search(scene_object)(progress)
         finally:
             manager.progress_end()
-        self._take(root, found)
+        self._take(scene_object, found)
 
-    def _search(self, root: bpy.types.Object) -> Callable[[Progress], Selection]:
+    def _search(self, scene_object: SceneObject) -> Callable[[Progress], Selection]:
         """The search as a function that does not use Blender."""
-        config = FollowConfig() if root.f4x.follow else QUICK
+        config = FollowConfig() if scene_object.state.follow else QUICK
         prompts = {self.frame: self.prompt()}
-        scene, threshold = session.shown(root).scene, root.f4x.threshold
+        scene, threshold = scene_object.shown.scene, scene_object.state.threshold
         return lambda progress: select_by_prompts(scene, prompts, threshold=threshold, config=config, progress=progress)
 
-    def _take(self, root: bpy.types.Object, found: Selection) -> None:
-        marking.ask(root, found)
-        self.report({"INFO"}, f"{root.f4x.selected:,} of {root.f4x.total:,} Gaussians")
+    def _take(self, scene_object: SceneObject, found: Selection) -> None:
+        marking.ask(scene_object, found)
+        self.report({"INFO"}, f"{scene_object.state.selected:,} of {scene_object.state.total:,} Gaussians")
 
     def invoke(self, context, event):
         """Start waiting for the mouse."""
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, "Start this tool from a 3D viewport.")
             return {"CANCELLED"}
-        root = session.root_of(context.object)
-        self.frame = session.shown(root).scene.cameras.frame_at(session.frame_of(root))
-        self._area, self._handle, self._thread = context.area, None, None
+        scene_object = SceneObject.of(context.object)
+        self.frame = scene_object.shown.scene.cameras.frame_at(scene_object.frame)
+        self._area, self._outline, self._thread = context.area, None, None
         context.window.cursor_modal_set(self.cursor)
         context.workspace.status_text_set(self.hint)
         context.window_manager.modal_handler_add(self)
@@ -168,9 +170,9 @@ class _Prompt(SceneOperator):
             self._finish(context)
             self.report({"ERROR"}, with_code(error))
             return {"CANCELLED"}
-        root = session.root_of(context.object)
-        if done and root.f4x.follow:  # that takes many seconds: the window must not stand still
-            self._thread = _Search(self._search(root))
+        scene_object = SceneObject.of(context.object)
+        if done and scene_object.state.follow:  # that takes many seconds: the window must not stand still
+            self._thread = _Search(self._search(scene_object))
             self._timer = context.window_manager.event_timer_add(LOOK, window=context.window)
             context.window.cursor_modal_set("WAIT")
             return {"RUNNING_MODAL"}
@@ -194,7 +196,7 @@ class _Prompt(SceneOperator):
             self.report({"ERROR"}, search.error)
         if search.found is None:
             return {"CANCELLED"}
-        self._take(session.root_of(context.object), search.found)
+        self._take(SceneObject.of(context.object), search.found)
         return {"FINISHED"}
 
     def handle(self, context, event) -> bool:
@@ -202,9 +204,9 @@ class _Prompt(SceneOperator):
         raise NotImplementedError
 
     def _finish(self, context) -> None:
-        if self._handle is not None:
-            bpy.types.SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
-            self._handle = None
+        if self._outline is not None:
+            self._outline.end()
+            self._outline = None
         context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)
         self._area.tag_redraw()
@@ -219,13 +221,13 @@ class _Prompt(SceneOperator):
 
     def _pixel(self, context, region: bpy.types.Region, at: np.ndarray) -> np.ndarray:
         """(2,) pixel of the clip's frame that shows what is at `at` in the viewport; F4xError where nothing is."""
-        root = session.root_of(context.object)
+        scene_object = SceneObject.of(context.object)
         view = self._area.spaces.active.region_3d
-        to_scene = root.matrix_world.inverted()
+        to_scene = scene_object.root.matrix_world.inverted()
         origin = to_scene @ view3d_utils.region_2d_to_origin_3d(region, view, at)
         direction = to_scene.to_3x3() @ view3d_utils.region_2d_to_vector_3d(region, view, at)
         origin, direction = np.array(origin), np.array(direction.normalized())
-        scene = session.shown(root).scene
+        scene = scene_object.shown.scene
         there = meeting(scene.posed(float(scene.cameras.times[self.frame])), origin, direction)
         if there is None:
             if view.view_perspective != "CAMERA":
@@ -288,35 +290,23 @@ class F4X_OT_query_box(_Prompt, bpy.types.Operator):  # noqa: N801
         """Handle pressing, dragging and releasing the mouse button."""
         if event.type == "LEFTMOUSE" and event.value == "PRESS":
             region, at = self._mouse(event)
-            self._region, self._corners = region, np.stack([at, at])
-            draw = bpy.types.SpaceView3D.draw_handler_add
-            self._handle = draw(_draw_box, (self._corners, region), "WINDOW", "POST_PIXEL")
+            self._region, self._corners, self._outline = region, np.stack([at, at]), Outline(region)
         elif self._corners is not None and event.type == "MOUSEMOVE":
             self._corners[1] = event.mouse_x - self._region.x, event.mouse_y - self._region.y
+            (left, bottom), (right, top) = self._corners.tolist()
+            self._outline.lines = [[(left, bottom), (right, bottom), (right, top), (left, top)]]
             self._area.tag_redraw()
         elif self._corners is not None and event.type == "LEFTMOUSE" and event.value == "RELEASE":
             if np.ptp(self._corners, axis=0).min() < MIN_BOX_PIXELS:
                 raise F4xError("The box is too small; hold the left mouse button, drag, and release.")
             # along a side of the frame everything is at one depth or another: the camera's own rays need none
             pixels = np.stack([self._pixel(context, self._region, corner) for corner in self._corners])
-            size = session.shown(session.root_of(context.object)).scene.cameras
+            size = SceneObject.of(context.object).shown.scene.cameras
             low = np.maximum(pixels.min(0), 0)
             high = np.minimum(pixels.max(0), (size.width, size.height))
             self.box = (*low, *high)
             return True
         return False
-
-
-def _draw_box(corners: np.ndarray, region: bpy.types.Region) -> None:
-    """The outline of a box between two corners (2,2), in its own viewport."""
-    if bpy.context.region != region:
-        return
-    (left, bottom), (right, top) = corners.min(0).tolist(), corners.max(0).tolist()
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    outline = [(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)]
-    batch = batch_for_shader(shader, "LINE_STRIP", {"pos": outline})
-    shader.uniform_float("color", (1.0, 0.6, 0.1, 1.0))
-    batch.draw(shader)
 
 
 class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -341,16 +331,18 @@ class F4X_OT_change_selection(SceneOperator, bpy.types.Operator):  # noqa: N801
         """The tooltip of each button."""
         return cls.bl_rna.properties["how"].enum_items[properties.how].description
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Use the positions of the Gaussians at the current frame."""
-        shown, chosen = session.shown(root), session.read(root, session.SELECTED)
+        shown, chosen = scene_object.shown, scene_object.read(SELECTED)
         if self.how in ("GROW", "SHRINK"):
             change = grow_selection if self.how == "GROW" else shrink_selection
-            points = shown.scene.posed(session.frame_of(root)).means
-            chosen[shown.there] = change(points[shown.there], chosen[shown.there], self.reach or root.f4x.reach)
+            points = shown.scene.posed(scene_object.frame).means
+            chosen[shown.there] = change(
+                points[shown.there], chosen[shown.there], self.reach or scene_object.state.reach
+            )
         else:
             chosen = {"INVERT": ~chosen, "ALL": shown.there, "NONE": np.zeros_like(chosen)}[self.how]
-        marking.choose(root, chosen & shown.there)
+        marking.choose(scene_object, chosen & shown.there)
 
 
 class F4X_OT_select_named(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -360,16 +352,16 @@ class F4X_OT_select_named(SceneOperator, bpy.types.Operator):  # noqa: N801
 
     called: StringProperty(name="Name")  # type: ignore[valid-type]
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Look the name up in the pending edits."""
-        chosen = np.zeros(len(session.shown(root).scene.ids), bool)
-        names = session.names_of(root)
+        chosen = np.zeros(len(scene_object.shown.scene.ids), bool)
+        names = scene_object.names
         if self.called not in names:
             raise F4xError(f"There is no selection named '{self.called}'; known names: {', '.join(names) or 'none'}.")
         chosen[names[self.called]] = True
-        marking.combine(root, chosen)
-        if root.f4x.mode == "SET":
-            root.f4x.called = self.called
+        marking.combine(scene_object, chosen)
+        if scene_object.state.mode == "SET":
+            scene_object.state.called = self.called
 
 
 class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
@@ -391,14 +383,14 @@ class F4X_OT_hide(SceneOperator, bpy.types.Operator):  # noqa: N801
         """The tooltip of each button."""
         return cls.bl_rna.properties["what"].enum_items[properties.what].description
 
-    def act(self, context, root):
+    def act(self, context, scene_object):
         """Hide adds to the hidden points; Isolate replaces them."""
-        chosen = session.read(root, session.SELECTED)
+        chosen = scene_object.read(SELECTED)
         if self.what != "NOTHING" and not chosen.any():
             raise F4xError("Nothing is selected; use Query, Point or Box, or select points in Edit Mode.")
-        already = session.read(root, HIDDEN)
+        already = scene_object.read(HIDDEN)
         hidden = {"SELECTED": already | chosen, "OTHERS": ~chosen, "NOTHING": np.zeros_like(chosen)}[self.what]
-        display.hide(root, hidden)
+        display.hide(scene_object, hidden)
 
 
 CLASSES = (

@@ -3,11 +3,15 @@
 import bpy
 
 from . import (
+    camera_operators,
     display,
     edit_operators,
+    gesture_operators,
     job_operators,
     jobs,
+    meshes,
     motion_operators,
+    native_motion,
     operators,
     panel,
     panel_overlay,
@@ -16,6 +20,8 @@ from . import (
     query_operators,
     render_engine,
     rig_repair,
+    shadows,
+    sphere_gizmo,
 )
 
 CLASSES = (
@@ -24,14 +30,30 @@ CLASSES = (
     *jobs.CLASSES,
     *preferences.CLASSES,
     *job_operators.CLASSES,
+    *camera_operators.CLASSES,
     *panel_properties.CLASSES,
     *query_operators.CLASSES,
+    *gesture_operators.CLASSES,
+    *sphere_gizmo.CLASSES,
     *edit_operators.CLASSES,
     *motion_operators.CLASSES,
     *panel.CLASSES,
+    *shadows.CLASSES,
+    *meshes.CLASSES,
 )
 # modules with their own register() to call once the classes are registered
-STARTED = (render_engine, panel_properties, display, edit_operators, panel_overlay, rig_repair)
+STARTED = (
+    render_engine,
+    panel_properties,
+    gesture_operators,
+    display,
+    edit_operators,
+    panel_overlay,
+    rig_repair,
+    native_motion,
+    shadows,
+    meshes,
+)
 
 
 def _draw_import(self, context) -> None:

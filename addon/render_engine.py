@@ -17,8 +17,9 @@ from ..f4x_core.scene import cryptomatte, layers, stage
 from ..f4x_core.scene.exposure import Exposure, Take, combined, shoot
 from ..f4x_core.scene.passes import Mist
 from ..f4x_core.troubles import with_code
-from . import display, evaluated, viewport_gpu
+from . import display, evaluated, shadows, viewport_gpu
 from .axes import camera_eye, camera_lens, eye
+from .render_settings import ENGINE
 
 _INDEX = ("Object Index" if bpy.app.version >= (5, 0, 0) else "IndexOB", "X")
 # channels -> kind of socket
@@ -57,6 +58,9 @@ class F4X_PG_passes(bpy.types.PropertyGroup):  # noqa: N801 - Blender wants this
     score: BoolProperty(  # type: ignore[valid-type]
         name="Score", description="How well the points match a query (point attribute f4x_score)"
     )
+    unseen: BoolProperty(  # type: ignore[valid-type]
+        name="Unseen", description="Matte of what no frame of the clip shows, such as behind what was removed"
+    )
 
 
 class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
@@ -64,7 +68,7 @@ class F4X_PT_passes(bpy.types.Panel):  # noqa: N801
 
     bl_label = "Passes"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "view_layer"
-    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {ENGINE}  # noqa: RUF012 - read by Blender
 
     @classmethod
     def poll(cls, context):
@@ -92,7 +96,7 @@ class F4X_PT_film(bpy.types.Panel):  # noqa: N801
 
     bl_label = "Film"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
-    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {ENGINE}  # noqa: RUF012 - read by Blender
     poll = F4X_PT_passes.poll
 
     def draw(self, context):
@@ -107,7 +111,7 @@ class F4X_PT_motion_blur(bpy.types.Panel):  # noqa: N801
     bl_label = "Motion Blur"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "render"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
-    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {ENGINE}  # noqa: RUF012 - read by Blender
     poll = F4X_PT_passes.poll
 
     def draw_header(self, context):
@@ -128,7 +132,7 @@ class F4X_PT_mist(bpy.types.Panel):  # noqa: N801
     bl_label = "Mist Pass"
     bl_space_type, bl_region_type, bl_context = "PROPERTIES", "WINDOW", "world"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - read by Blender
-    COMPAT_ENGINES = {evaluated.ENGINE}  # noqa: RUF012 - read by Blender
+    COMPAT_ENGINES = {ENGINE}  # noqa: RUF012 - read by Blender
 
     @classmethod
     def poll(cls, context):
@@ -144,7 +148,7 @@ class F4X_PT_mist(bpy.types.Panel):  # noqa: N801
 class Feature4XRenderEngine(bpy.types.RenderEngine):
     """Render engine that draws Gaussians as the core does; other surfaces occlude them and show a flat colour."""
 
-    bl_idname = evaluated.ENGINE
+    bl_idname = ENGINE
     bl_label = "Feature4X"
     bl_use_eevee_viewport = True  # Material Preview is EEVEE's
     bl_use_shading_nodes_custom = False
@@ -177,6 +181,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
         seen = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
         region, passes = _region(scene.render, self.resolution_x, self.resolution_y), _wanted(layer)
         mattes = evaluated.Mattes() if any(name.startswith(stage.MATTE) for name in passes) else None
+        more = evaluated.More(mattes, "unseen" in passes, shadows.lighting(depsgraph))
         background = None if scene.render.film_transparent else evaluated.world_color(scene.world)
 
         def progress(name: str, done: int, total: int, message: str = "") -> None:
@@ -186,7 +191,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             self.update_stats("Feature4X", f"row {done} of {total}")
 
         images = shoot(
-            self._takes(depsgraph, mattes),
+            self._takes(depsgraph, more),
             _exposure(scene, depsgraph, seen.back),
             stage.DrawSettings(seen.near, seen.far, background, mist=_mist(scene.world, seen.back)),
             passes,
@@ -198,7 +203,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
             images["depth"] = np.where(there, images["depth"] - seen.back, stage.NOTHING)
         self._write(layer, images, region, mattes)
 
-    def _takes(self, depsgraph, mattes: evaluated.Mattes | None) -> Callable[[float], Take]:
+    def _takes(self, depsgraph, more: evaluated.More) -> Callable[[float], Take]:
         """What reads the scene so many frames from the one that is rendered; Blender evaluates it anew where that is another."""
         scene = depsgraph.scene
         start = shown = scene.frame_current + scene.frame_subframe
@@ -210,7 +215,7 @@ class Feature4XRenderEngine(bpy.types.RenderEngine):
                 whole = int(np.floor(shown))
                 self.frame_set(whole, shown - whole)
             here = camera_eye(scene.camera, scene, depsgraph, self.resolution_x, self.resolution_y)
-            clouds, surfaces = evaluated.stage(depsgraph, mattes=mattes)
+            clouds, surfaces = evaluated.stage(depsgraph, more)
             return Take(stage.as_seen(clouds, here.back), surfaces, here.camera)
 
         return take_at

@@ -4,6 +4,9 @@ from pathlib import Path
 
 import bpy
 
+ENGINE = "FEATURE4X"
+"""Identifier of the render engine."""
+
 
 def _use_format(scene: bpy.types.Scene, file_format: str, media_type: str, depth: str) -> None:
     image = scene.render.image_settings

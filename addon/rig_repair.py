@@ -20,11 +20,12 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
+from ..f4x_core.geometry import quaternion
 from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scaffold.missing import carriers
-from . import session
 from .point_cloud import read_attribute, write_attribute
 from .scaffold_rig import HANDLE, NODE, NODES, layer_of, nodes_of
+from .scene_object import SceneObject
 
 ORDER = "f4x_order"
 """Property of a root: hash of the names and ids that its nodes had when their places were worked out."""
@@ -38,6 +39,31 @@ def add_identity(mesh: bpy.types.Mesh, ids: np.ndarray, reference: np.ndarray | 
         write_attribute(mesh, "reference", "INT", reference)
         for name, (own, kind) in _OWN.items():
             write_attribute(mesh, own, kind, read_attribute(mesh, name))
+
+
+def add_pairs(
+    name: str,
+    root: bpy.types.Object,
+    nodes: tuple[np.ndarray, np.ndarray],
+    reference: np.ndarray,
+    rest: tuple[np.ndarray, np.ndarray],
+) -> bpy.types.Object:
+    """Add a hidden helper mesh below `root`, a vertex for each pair of a node and a moment.
+
+    `nodes`: place (P,) in the collection of nodes and id (P,); `reference (P,)`: number of the moment; `rest`: rotation (P,4) of
+    any length and place (P,3) of the node then.
+    """
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(reference))
+    write_attribute(mesh, "node", "INT", nodes[0])
+    write_attribute(mesh, "rest_turn", "QUATERNION", quaternion.conjugate(quaternion.normalize(rest[0])))
+    write_attribute(mesh, "rest_place", "FLOAT_VECTOR", rest[1])
+    add_identity(mesh, nodes[1], reference)
+    helper = bpy.data.objects.new(mesh.name, mesh)
+    root.users_collection[0].objects.link(helper)
+    helper.parent = root
+    helper.hide_viewport = helper.hide_render = True
+    return helper
 
 
 def repair(scene: bpy.types.Scene) -> None:
@@ -102,7 +128,7 @@ def _tell(root: bpy.types.Object, missing: int, copies: list[str]) -> None:
 
 def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
     """Give a copied scene what it still shares with its original; a root that was copied without them becomes an empty."""
-    clouds = session.clouds_of(root)
+    clouds = SceneObject(root).clouds
     if not clouds:
         for key in [key for key in root.keys() if key.startswith("f4x_")]:  # noqa: SIM118 - no mapping
             del root[key]

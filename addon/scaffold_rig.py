@@ -24,10 +24,10 @@ from ..f4x_core.scaffold import Scaffold
 from ..f4x_core.scaffold.deformation import node_poses_at
 from ..f4x_core.scaffold.grab import add_offset
 from ..f4x_core.scaffold.groups import group_motion, rigid_groups
-from . import session
 from .animation import ActionWriter, rewrite, sample
 from .motion_nodes import build_graph_tree
 from .point_cloud import write_attribute
+from .scene_object import TIMED
 
 NODE = "f4x_node"
 """Property of a node's empty: the id of the node."""
@@ -208,13 +208,13 @@ def remove_handles(root: bpy.types.Object, frames: np.ndarray) -> None:
 def _gaussians_at_rest(root: bpy.types.Object) -> Iterator[None]:
     """A context in which modifiers below `root` and timed edits are off, because only the empties are needed."""
     shown = [m for item in root.children_recursive for m in item.modifiers if m.show_viewport]
-    timed, root[session.TIMED] = root.get(session.TIMED, False), False
+    timed, root[TIMED] = root.get(TIMED, False), False
     for modifier in shown:
         modifier.show_viewport = False
     try:
         yield
     finally:
-        root[session.TIMED] = timed
+        root[TIMED] = timed
         for modifier in shown:
             modifier.show_viewport = True
 

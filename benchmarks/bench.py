@@ -29,7 +29,9 @@ def run_bench(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     import torch
 
     torch.set_num_threads(1)  # threads are the backends' own, so that one thread means one
-    return {"raster": _raster, "deform": _deform, "features": _features, "edit": _edit}[args.what](args, progress)
+    return {"raster": _raster, "deform": _deform, "features": _features, "edit": _edit, "select": _select}[args.what](
+        args, progress
+    )
 
 
 def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -168,6 +170,42 @@ def _features(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if args.sam2 is not None:
         report["sam2"] = _bypass(args, progress)
     return {**report, "text": _as_table(report)}
+
+
+def _select(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    from f4x_core.cli.querying import read_masks
+    from f4x_core.edit.apply import open_scene
+    from f4x_core.query.labels import encode_labels
+
+    from .quality.selecting import PUBLISHED, score_selecting, score_things
+    from .quality.touching import score_clicks
+
+    if args.scene is None:
+        rows = score_clicks(args.seeds, progress)
+        lines = [
+            f"{row['scene']:<8} {row['clicks']:3d} clicks: IoU {row['IoU']:.2f}, worst {row['worst IoU']:.2f}"
+            for row in rows
+        ]
+        return {"touching": rows, "text": "\n".join(lines)}
+    scene = open_scene(args.scene)
+    report: dict[str, Any] = {}
+    lines = []
+    if args.masks is not None:
+        masks = read_masks(args.masks, scene)
+        report["ways"] = score_selecting(scene, masks, args.label, encode_labels, progress=progress)
+        for name, row in report["ways"].items():
+            figures = ", ".join(f"{key} {row[key]:.3f}" for key in ("J", "F", "worst J", "seconds") if key in row)
+            lines.append(f"{name:<18} {figures or row['refused']}")
+        published = ", ".join(f"{name} {value:.3f} ({source})" for name, (value, source) in PUBLISHED.items())
+        lines.append(f"mean J of others on DAVIS 2016's validation clips, from the first frame's mask: {published}")
+    if args.things is not None:
+        report["things"] = list(score_things(scene, args.things, scene.name))
+        lines += [f"{row['thing']:<18} click {row['click']:.3f}, box {row['box']:.3f}" for row in report["things"]]
+    if not lines:
+        raise F4xError(
+            "With --scene give --masks DIR, --things FILE or both; without --scene made-up scenes are measured."
+        )
+    return {**report, "text": "\n".join(lines)}
 
 
 def _edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:

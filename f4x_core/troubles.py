@@ -28,6 +28,8 @@ class Trouble:
 
 
 UNKNOWN = "F4X-OTHER"
+TOPS = ("f4x_core", "addon", "ground_truth", "scripts")
+"""Folders of the repository whose code raises F4xError."""
 TROUBLES = (
     Trouble(
         "F4X-CLIP",
@@ -42,9 +44,9 @@ TROUBLES = (
         (
             "f4x_core.clip.rendered_scenes",
             "f4x_core.cli.demo",
-            "addon.synthetic",
-            "addon.synthetic_room",
-            "addon.truth",
+            "ground_truth.clip",
+            "ground_truth.room",
+            "ground_truth.truth",
         ),
     ),
     Trouble(
@@ -217,7 +219,7 @@ _HAS_CODE = re.compile(r"\[F4X-[A-Z]+\]")
 def code_of_module(name: str) -> str:
     """Code of what a module raises; `name` may have Blender's prefix of an extension before it."""
     parts = name.split(".")
-    tops = [index for index, part in enumerate(parts) if part in ("f4x_core", "addon", "scripts")]
+    tops = [index for index, part in enumerate(parts) if part in TOPS]
     parts = parts[tops[-1] :] if tops else []
     known = (".".join(parts[:count]) for count in range(len(parts), 0, -1))
     return next((_BY_MODULE[prefix] for prefix in known if prefix in _BY_MODULE), UNKNOWN)

@@ -108,9 +108,9 @@ class Bench:
 
     def import_time(self) -> dict[str, Any]:
         """Seconds from file to objects."""
-        from feature4x.addon import session
+        from feature4x.addon.scene_object import SceneObject
 
-        scene = session.edited_scene(self.root)
+        scene = SceneObject(self.root).edited
         nodes = len(scene.scaffold.ids) if scene.scaffold is not None else 0
         return {"seconds": self.seconds, "gaussians": len(scene.ids), "nodes": nodes, "frames": len(scene.cameras)}
 
@@ -136,16 +136,16 @@ class Bench:
         """Largest difference between points in Blender and in the core, in units of the scene."""
         import bpy
         import numpy as np
-        from feature4x.addon import session
         from feature4x.addon.point_cloud import read_attribute
+        from feature4x.addon.scene_object import SceneObject
 
-        scene = session.edited_scene(self.root)
+        scene = SceneObject(self.root).edited
         errors, turns = [], []
         for frame in np.linspace(0, len(scene.cameras) - 1, ERROR_FRAMES).astype(int):
             bpy.context.scene.frame_set(int(frame))
             posed = scene.posed(float(frame))
             depsgraph = bpy.context.evaluated_depsgraph_get()
-            for cloud, at, row in session.points(self.root):
+            for cloud, at, row in SceneObject(self.root).points():
                 data = cloud.evaluated_get(depsgraph).data
                 errors.append(np.abs(read_attribute(data, "position")[at] - posed.means[row]).max())
                 there, core = read_attribute(data, "rotation")[at], posed.quats[row]
@@ -155,29 +155,31 @@ class Bench:
     def threshold(self) -> dict[str, Any]:
         """Milliseconds from a moved threshold to a new selection."""
         import numpy as np
-        from feature4x.addon import marking, session
+        from feature4x.addon import marking
+        from feature4x.addon.scene_object import SELECTED, SceneObject
         from feature4x.f4x_core.query.selection import Selection
 
-        ids = session.shown(self.root).scene.ids
+        ids = SceneObject(self.root).shown.scene.ids
         scores = np.random.default_rng(0).random(len(ids))
-        marking.ask(self.root, Selection(ids, scores, np.zeros(len(ids), bool)))
+        marking.ask(SceneObject(self.root), Selection(ids, scores, np.zeros(len(ids), bool)))
         values = np.linspace(0.2, 0.8, REPEATS).tolist()
         times = [measure(partial(setattr, self.root.f4x, "threshold", value)) for value in values]
-        chosen = int(session.read(self.root, session.SELECTED).sum())
+        chosen = int(SceneObject(self.root).read(SELECTED).sum())
         assert chosen == int((scores.astype(np.float32) >= np.float32(values[-1])).sum())
         return {"milliseconds": 1000 * statistics.median(times), "gaussians": len(ids)}
 
     def query(self) -> dict[str, Any]:
         """Milliseconds from a word of the vocabulary to selected points, the first time and again."""
-        from feature4x.addon import marking, session
+        from feature4x.addon import marking
+        from feature4x.addon.scene_object import SceneObject
         from feature4x.f4x_core.query.prompts import select_by_text
 
-        scene = session.edited_scene(self.root)
+        scene = SceneObject(self.root).edited
         vocabularies = {} if scene.features is None else scene.features.vocabularies
         if not vocabularies:
             return {"left_out": "the scene has no words; give --scene with features"}
         word = next(iter(vocabularies.values())).labels[0]
-        times = [measure(lambda: marking.ask(self.root, select_by_text(scene, [word]))) for _ in range(3)]
+        times = [measure(lambda: marking.ask(SceneObject(self.root), select_by_text(scene, [word]))) for _ in range(3)]
         return {"first_milliseconds": 1000 * times[0], "milliseconds": 1000 * times[-1], "word": word}
 
     def render_image(self) -> dict[str, Any]:

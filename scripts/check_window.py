@@ -24,7 +24,7 @@ SIZE = (1400, 1000)
 PLACES = {
     "text": (936, 408),
     "query": (1050, 408),
-    "recolour": (1050, 621),
+    "recolour": (1050, 646),
     "save": (1002, 156),
     "point": (1006, 381),
     "box": (1071, 381),
@@ -48,7 +48,8 @@ import numpy as np
 from bpy_extras import view3d_utils
 from mathutils import Vector
 door.load_extension().register()
-from feature4x.addon import jobs, session, worker
+from feature4x.addon import jobs, worker
+from feature4x.addon.scene_object import SELECTED, SceneObject
 view = bpy.context.preferences.view
 view.show_splash = view.show_tooltips = False  # they would take a click
 view.render_display_type = "SCREEN"  # there is no window manager that would focus a new window
@@ -70,11 +71,11 @@ bpy.app.handlers.render_pre.append(note("running"))
 bpy.app.handlers.render_complete.append(note("complete"))
 bpy.app.handlers.render_cancel.append(note("cancelled"))
 
-def on_screen(root, area, region):
+def on_screen(scene_object, area, region):
     # left, top, right, bottom of most of the selected Gaussians, pixels of the screen
-    chosen = session.read(root, session.SELECTED)
-    points = session.shown(root).scene.posed(session.frame_of(root)).means[chosen]
-    points = [root.matrix_world @ Vector(point) for point in points[:: max(1, len(points) // 1000)].tolist()]
+    chosen = scene_object.read(SELECTED)
+    points = scene_object.shown.scene.posed(scene_object.frame).means[chosen]
+    points = [scene_object.root.matrix_world @ Vector(point) for point in points[:: max(1, len(points) // 1000)].tolist()]
     view = area.spaces.active.region_3d
     seen = np.array([view3d_utils.location_3d_to_region_2d(region, view, point) for point in points])
     (left, right), (bottom, top) = np.percentile(seen, (3, 97), axis=0).T
@@ -109,12 +110,19 @@ def look():
             sidebar.active_panel_category = "Feature4X"  # read-only until the sidebar was drawn once
         except (AttributeError, TypeError):
             return 0.5
-    root = session.root_of(bpy.context.object)
-    if root is not None:
-        properties = root.f4x
+    scene_object = SceneObject.of(bpy.context.object)
+    if scene_object is not None:
+        properties = scene_object.state
         if properties.selected and state["thing"] is None:
             region = next(region for region in area.regions if region.type == "WINDOW")
-            state["thing"] = on_screen(root, area, region)
+            state["thing"] = on_screen(scene_object, area, region)
+        if os.path.exists("{home}/tool"):
+            with open("{home}/tool") as file:
+                name = file.read()
+            region = next(region for region in area.regions if region.type == "WINDOW")
+            with bpy.context.temp_override(window=window, area=area, region=region):
+                if bpy.context.workspace.tools.from_space_view3d_mode("OBJECT").idname != name:
+                    bpy.ops.wm.tool_set_by_id(name=name)
         if os.path.exists("{home}/start_job") and not jobs.all_jobs():
             jobs.start(worker.Job("Wait", [sys.executable, "-c", WAIT]))
         last = bpy.context.window_manager.operators
@@ -124,7 +132,7 @@ def look():
             total=properties.total,
             text=properties.text,
             edits=len(properties.history),
-            saved=session.is_saved(root),
+            saved=scene_object.is_saved,
             last=last[-1].bl_idname if last else "",
             job=[job.state for job in jobs.all_jobs()],
             stage=[job.stage for job in jobs.all_jobs()],
@@ -284,8 +292,33 @@ def main() -> None:
         def by(operator: str) -> Callable[[dict], bool]:
             return lambda state: bool(state["selected"]) and state["last"] == f"F4X_OT_query_{operator}"
 
+        def drag(tool: str, *places: tuple[float, float]) -> Callable[[], None]:
+            def act() -> None:
+                (window.home / "tool").write_text(f"f4x.{tool}_tool")
+                window.wait(SEEN)
+                window.hand("mousemove", *places[0])
+                window.hand("mousedown", 1)
+                for place in places[1:]:
+                    window.hand("mousemove", *place)
+                window.screenshot(f"9_{tool}_drawn")
+                window.hand("mouseup", 1)
+
+            return act
+
+        def gestured(tool: str) -> Callable[[dict], bool]:
+            return lambda state: bool(state["selected"]) and state["last"] == f"F4X_OT_select_{tool}"
+
+        middle, corner = ((left + right) / 2, (top + bottom) / 2), (right, bottom)
+        ways = {
+            "box": [(left, top), (left + 5, top + 5), middle, corner],
+            "brush": [(left, middle[1]), (left + 5, middle[1]), middle, (right, middle[1])],
+            "lasso": [(left, top), (left + 5, top), (right, top), corner, (left, bottom)],
+            "sphere": [middle, (middle[0] + 5, middle[1]), (right, middle[1])],
+        }
         window.until("8_pointed", by("point"), point)
         window.until("9_boxed", by("box"), draw_box)
+        for tool, way in ways.items():
+            window.until(f"9_{tool}", gestured(tool), drag(tool, *way))
         window.until("10_rendering", lambda state: state["rendered"] == "running", lambda: press(F12))
         window.until("11_stopped", lambda state: state["rendered"] == "cancelled", lambda: press("Escape"))
         window.until("12_back", lambda state: state["screen"] == "view", lambda: press("Escape"))

@@ -3,7 +3,7 @@
 python scripts/make_truth.py WALK.glb OUT --camera auto --frames 0:24 --size 320x180
 blender -b --factory-startup --python-exit-code 1 -P scripts/make_truth.py -- SHOT.blend OUT --camera Camera
 
-OUT is what `f4x fit OUT/images --provider synthetic` and `f4x eval --truth OUT` read; files: addon/truth.py.
+OUT is what `f4x fit OUT/images --provider synthetic` and `f4x eval --truth OUT` read; files: ground_truth/truth.py.
 """
 
 import argparse
@@ -47,8 +47,8 @@ def main(arguments: list[str]) -> dict[str, Any]:
     options = parse(arguments)
     door.start_blender()
     import bpy
-    from feature4x.addon.truth import TruthSettings, write_truth
     from feature4x.f4x_core.errors import F4xError
+    from feature4x.ground_truth.truth import TruthSettings, write_truth
 
     if not options.scene.is_file():
         raise F4xError(f"{options.scene} is not there; give a .blend or a .glb file.")

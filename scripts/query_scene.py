@@ -40,13 +40,15 @@ def main(arguments: list[str]) -> dict[str, Any]:
     """Import the scene, select, and write the requested files."""
     options = parse(arguments)
     root = door.import_empty(options.scene)
-    from feature4x.addon import marking, session
+    from feature4x.addon import marking
+    from feature4x.addon.scene_object import SELECTED, SceneObject
     from feature4x.f4x_core.edit.naming import by_words, together
     from feature4x.f4x_core.files import replace_file
     from feature4x.f4x_core.query import prompts
     from feature4x.f4x_core.query.labels import encode_labels, words_of
 
-    scene, threshold = session.edited_scene(root), options.threshold
+    scene_object = SceneObject(root)
+    scene, threshold = scene_object.edited, options.threshold
     missing: list[str] = []
     if options.text is not None:
         negatives = None if options.negatives is None else words_of(options.negatives)
@@ -59,7 +61,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
         found = prompts.select_by_points(scene, [options.point], options.frame, threshold=threshold)
     else:
         found = prompts.select_by_box(scene, options.box, options.frame, threshold=threshold)
-    marking.ask(root, found)
+    marking.ask(scene_object, found)
     if options.selection is not None:
         with replace_file(options.selection) as file:
             file.write(json.dumps(found.to_json()).encode())
@@ -69,7 +71,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
         "label": found.label,
         "chosen": int(found.chosen.sum()),
         "missing": missing,
-        "points": int(session.read(root, session.SELECTED).sum()),
+        "points": int(scene_object.read(SELECTED).sum()),
         "gaussians": len(found.ids),
         "threshold": found.threshold,
         "selection": options.selection and str(options.selection),

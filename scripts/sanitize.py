@@ -110,6 +110,8 @@ def exercise() -> None:
             got = deformation.backward(posed, "sigma", threads, np.ones_like(means), np.ones_like(quats))
             deformation.relate_backward(arrays, got["tables"])
     _exercise_order(rng)
+    _look_up(rng)
+    _adjust()
 
 
 def _exercise_order(rng: np.random.Generator) -> None:
@@ -126,7 +128,19 @@ def _exercise_order(rng: np.random.Generator) -> None:
                 settings = OrderSettings(0.1, 2.0, 0.01, coarse, threads)
                 depth_order(means, opacities, np.array([0, count // 3, count]), rows, settings, out)
 
-    _adjust()
+
+def _look_up(rng: np.random.Generator) -> None:
+    """Sample maps as thin as one pixel, also far outside and at what is no number, and draw smooth maps through samples."""
+    from f4x_core.priors.depth import fill_inverse_depth
+    from f4x_core.priors.flow import sample
+
+    for height, width in ((1, 1), (1, 5), (4, 1), (2, 2), (33, 47)):
+        points = rng.uniform(-3, 60, (70, 2))
+        points[::9] = np.nan, np.inf
+        for dtype in (np.float16, np.float32):
+            sample(rng.normal(size=(height, width, 2)).astype(dtype), points)
+        values, guide = rng.uniform(0.1, 1, (height, width)), rng.uniform(0, 255, (height, width)).astype(np.float32)
+        fill_inverse_depth(values, values, guide, 9)
 
 
 def _adjust() -> None:

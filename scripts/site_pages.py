@@ -63,7 +63,7 @@ def text_of(node: ast.expr) -> str:
 def every_sentence() -> str:
     """A page with each sentence under its code, to be found by the words of a message."""
     by_code: dict[str, set[str]] = {}
-    for folder in ("f4x_core", "addon"):
+    for folder in ("f4x_core", "addon", "ground_truth"):
         for file in (ROOT / folder).rglob("*.py"):
             code = code_of_module(module_of(file))
             by_code.setdefault(code, set()).update(sentences_of(ast.parse(file.read_text(encoding="utf-8"))))

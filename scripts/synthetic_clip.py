@@ -50,9 +50,9 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 def main(arguments: list[str]) -> dict[str, Any]:
     """Render the clips."""
     options = parse(arguments)
-    from feature4x.addon import synthetic
     from feature4x.f4x_core.clip.rendered_scenes import ALL, scenes_named
     from feature4x.f4x_core.errors import F4xError
+    from feature4x.ground_truth import clip
 
     width, _, height = options.size.partition("x")
     if not (width.isdigit() and height.isdigit()):
@@ -65,7 +65,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
     several = ALL in names or len(names) > 1
     rendered = {}
     for scene in scenes_named(names):
-        settings = synthetic.ClipSettings(
+        settings = clip.ClipSettings(
             scene=scene,
             frames=options.frames,
             width=int(width),
@@ -80,7 +80,7 @@ def main(arguments: list[str]) -> dict[str, Any]:
             continue
         start = time.perf_counter()
         clear(folder)
-        synthetic.write_clip(folder, settings)
+        clip.write_clip(folder, settings)
         rendered[scene.name] = round(time.perf_counter() - start, 1)
     return {"output": str(options.out), "seconds": rendered}
 

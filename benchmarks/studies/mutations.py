@@ -33,7 +33,10 @@ from ..study import Context, Findings, MissingError, Row, Table, read_json
 
 ROOT = Path(__file__).resolve().parents[2]
 """Of a checkout, where the tests lie beside the package."""
-COPIED = ("f4x_core", "addon", "benchmarks", "docs", "scripts", "tests", "pyproject.toml", "__init__.py", "README.md")
+COPIED = (
+    *("f4x_core", "addon", "ground_truth", "benchmarks", "docs", "scripts", "tests"),
+    *("pyproject.toml", "__init__.py", "README.md"),
+)
 ROOMS = ("fit", "gaussians", "scaffold", "priors", "query")
 """Where a wrong formula makes a worse scene that nobody sees is wrong."""
 DRAWN = 60

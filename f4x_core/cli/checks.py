@@ -19,8 +19,8 @@ def path_argument(text: str) -> Path:
 
 
 def output_folder(args: argparse.Namespace) -> Path:
-    """The folder that a verb with `-o` writes into; for a file (`export`, `distill`, `edit`, `bake`), the one it lies in."""
-    if args.verb in ("distill", "edit", "bake"):
+    """The folder that a verb with `-o` writes into; for one that writes a file, where it lies."""
+    if args.verb in ("distill", "edit", "bake", "mesh"):
         return (args.output or args.scene).parent
     output: Path = args.output
     if args.verb != "export":

@@ -8,7 +8,7 @@ from typing import Any
 from ..edit.apply import base_of, open_scene, with_operations
 from ..edit.bake import bake, needs_time
 from ..edit.description import describe
-from ..edit.json_files import read_json, read_operations
+from ..edit.json_files import read_operations
 from ..edit.judge import candidate_sheet
 from ..edit.operations import Name
 from ..edit.plan import preview, propose
@@ -22,10 +22,8 @@ from ..language.lexicon import plural
 from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.labels import encode_labels
-from ..query.selection import Selection
 from ..scene import Scene, read_scene, write_scene
-
-SELECTION = "selection.json"
+from .querying import read_selection
 
 
 def run_edit(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -177,11 +175,7 @@ def _context(args: argparse.Namespace) -> EditorState:
     """The selection and the frame that "it" and "now" in a sentence refer to."""
     if args.select is None:
         return EditorState(frame=args.frame)
-    data = read_json(args.select, f"the {SELECTION} that `f4x query SCENE … -o DIR` leaves")
-    try:
-        return EditorState(Selection.from_json(data), args.frame)
-    except F4xError as error:
-        raise F4xError(f"{args.select}: {error}") from error
+    return EditorState(read_selection(args.select), args.frame)
 
 
 def edit_line(edit: Edit) -> str:

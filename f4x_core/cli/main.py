@@ -34,7 +34,7 @@ def find_verb(name: str) -> Callable[[argparse.Namespace, TerminalProgress], dic
     from importlib import import_module
 
     modules = {"fit": "fitting", "priors": "fitting", "eval": "measuring", "render": "rendering", "export": "rendering"}
-    modules |= {"open": "opening", "query": "querying", "ask": "querying", "name": "querying"}
+    modules |= {"open": "opening", "mesh": "meshing", "query": "querying", "ask": "querying", "name": "querying"}
     modules |= dict.fromkeys(("edit", "history", "undo", "redo", "bake"), "editing")
     modules |= {"models": "features", "distill": "distilling"}
     modules |= {"bench": "laboratory", "report": "laboratory"}

@@ -88,11 +88,36 @@ def fit_options(sub: argparse.ArgumentParser) -> None:
     )
 
 
+def stroke_options(sub: argparse.ArgumentParser) -> None:
+    """Marks that are lines."""
+    sub.add_argument("--brush", metavar="'X,Y X,Y …'", help="stroke on the thing, through these pixels; with --frame")
+    sub.add_argument(
+        "--brush-width", type=float, default=0.0, metavar="PX", help="width of the stroke (default: a point's)"
+    )
+    sub.add_argument("--lasso", metavar="'X,Y X,Y …'", help="line around the thing, through these pixels; with --frame")
+
+
+def prompt_options(sub: argparse.ArgumentParser) -> None:
+    """What selects Gaussians: words, pixels, a box, a mask."""
+    sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
+    sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
+    sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
+    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with a mark on the thing")
+    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
+    stroke_options(sub)
+    sub.add_argument(
+        "--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame"
+    )
+    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the marks, from 0")
+    sub.add_argument("--threshold", type=float, default=0.5, metavar="P", help="least score, 0 to 1 (default: 0.5)")
+
+
 def path_options(sub: argparse.ArgumentParser) -> None:
     """A camera path."""
     sub.add_argument(
         "--path",
         default="original",
-        help="seen along: original, orbit, frozen:T (T a clip frame), or a camera path file (default: original)",
+        help="seen along: original, orbit, stabilise, slow:FACTOR, bullet:T or frozen:T (T a clip frame), or a camera path file"
+        " (default: original)",
     )
-    sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit (default: 5)")
+    sub.add_argument("--degrees", type=float, default=5.0, help="size of the orbit and the swing (default: 5)")

@@ -10,6 +10,7 @@ from .. import __version__
 from ..errors import F4xError
 from ..fit.distil_config import DistilConfig
 from ..scene.formats import FORMATS
+from ..scene.mesh import MeshConfig
 from .checks import path_argument
 from .options import (
     WIDTH,
@@ -21,6 +22,8 @@ from .options import (
     fit_options,
     output_option,
     path_options,
+    prompt_options,
+    stroke_options,
 )
 
 
@@ -121,7 +124,7 @@ def _render(verbs: Verbs) -> None:
         "--channels",
         default="rgb",
         help="comma-separated: rgb,depth,alpha,motion,latent, a head, mask:LABEL; with --exr also"
-        " vector,normal,position,mist,cryptomatte (default: rgb)",
+        " vector,normal,position,mist,unseen,cryptomatte (default: rgb)",
     )
     sub.add_argument(
         "--degrees", type=float, default=5.0, help="size of orbit and bullet, above 0 and below 90 (default: 5)"
@@ -188,6 +191,40 @@ def _export(verbs: Verbs) -> None:
     moments.add_argument("--frames", metavar="A:B:S", help="first frame, end and step (default: all frames)")
 
 
+def _mesh(verbs: Verbs) -> None:
+    """`f4x mesh`."""
+    sub = add_verb(
+        verbs,
+        "mesh",
+        "Write a mesh around a thing, moved by its nodes, for shadows, contact and holdouts in other programs.",
+    )
+    sub.add_argument("scene", type=path_argument)
+    edits_option(sub)
+    output_option(sub, "FILE.glb", required=True)
+    sub.add_argument(
+        "--select", type=path_argument, metavar="FILE", help="the selection.json of `f4x query SCENE … -o DIR`"
+    )
+    prompt_options(sub)
+    sub.add_argument(
+        "--time", type=float, metavar="T", help="clip frame whose shape it is (default: where it is spread the widest)"
+    )
+    sub.add_argument(
+        "--faces", type=int, default=MeshConfig.faces, metavar="N", help="triangles at most (default: 20000)"
+    )
+    sub.add_argument(
+        "--resolution",
+        type=int,
+        default=MeshConfig.resolution,
+        metavar="N",
+        help="steps along the longest side (default: 96)",
+    )
+    sub.add_argument(
+        "--level", type=float, default=MeshConfig.level, metavar="A", help="opacity at the surface (default: 0.5)"
+    )
+    sub.add_argument("--hollows", action="store_true", help="keep the walls of hollows inside, such as those of a room")
+    backend_option(sub)
+
+
 def _open(verbs: Verbs) -> None:
     """`f4x open`."""
     sub = add_verb(verbs, "open", "Show a scene in the browser, without Blender: one HTML page that plays.")
@@ -205,20 +242,11 @@ def _open(verbs: Verbs) -> None:
 def _query(verbs: Verbs) -> None:
     """`f4x query`."""
     sub = add_verb(
-        verbs, "query", "Select what a word, a point, a box, these together, or a mask means: Gaussians and masks."
+        verbs, "query", "Select what words and marks on a frame mean, alone or together: Gaussians and masks."
     )
     sub.add_argument("scene", type=path_argument)
     edits_option(sub)
-    sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
-    sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
-    sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
-    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with --point or --box")
-    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
-    sub.add_argument(
-        "--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame"
-    )
-    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the point, box or mask, from 0")
-    sub.add_argument("--threshold", type=float, default=0.5, metavar="P", help="least score, 0 to 1 (default: 0.5)")
+    prompt_options(sub)
     sub.add_argument("--span", metavar="A:B", help="clip frames in which the selection holds (default: all)")
     output_option(sub, help="write DIR/selection.json, DIR/mask/00000.png …, DIR/heat.mp4")
     path_options(sub)
@@ -236,10 +264,11 @@ def _name(verbs: Verbs) -> None:
     sub.add_argument(
         "--click", dest="point", metavar="X,Y", help="pixel on the thing, from the upper left corner; with --frame"
     )
-    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with --click or --box")
+    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with a mark on the thing")
     sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
+    stroke_options(sub)
     sub.add_argument("--mask", type=path_argument, metavar="FILE", help="picture, not black on the thing; with --frame")
-    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the click, box or mask, from 0")
+    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the marks, from 0")
     backend_option(sub)
 
 
@@ -384,7 +413,7 @@ def _doctor(verbs: Verbs) -> None:
 def _bench(verbs: Verbs) -> None:
     """`f4x bench`."""
     sub = add_verb(verbs, "bench", "Speed against error of the kernels on this machine; needs a checkout.")
-    sub.add_argument("what", choices=("raster", "deform", "features", "edit", "scale"))
+    sub.add_argument("what", choices=("raster", "deform", "features", "edit", "select", "scale"))
     sub.add_argument("--clips", type=int, default=8, metavar="N", help="small clips that are fitted, 0 to 8 (scale)")
     sub.add_argument(
         "--long",
@@ -403,11 +432,31 @@ def _bench(verbs: Verbs) -> None:
     sub.add_argument("--counts", type=int, nargs="+", default=[50_000], metavar="N", help="numbers of Gaussians")
     sub.add_argument("--threads", type=int, nargs="+", default=[1, 2], metavar="T", help="numbers of threads (raster)")
     sub.add_argument("--repeats", type=int, default=5, help="rounds of which the median is taken")
-    sub.add_argument("--scene", type=path_argument, help="scene whose answers or edits are measured (features, edit)")
     sub.add_argument(
-        "--masks", type=path_argument, metavar="DIR", help="true masks, one for each clip frame (features, edit)"
+        "--scene",
+        type=path_argument,
+        help="scene whose answers, edits or selections are measured (features, edit, select)",
     )
-    sub.add_argument("--label", metavar="WORD", help="what the masks show (features, edit)")
+    sub.add_argument(
+        "--masks",
+        type=path_argument,
+        metavar="DIR",
+        help="true masks, one for each clip frame (features, edit, select)",
+    )
+    sub.add_argument("--label", metavar="WORD", help="what the masks show (features, edit, select)")
+    sub.add_argument(
+        "--things",
+        type=path_argument,
+        metavar="FILE",
+        help="outlines of things that stand, tests/data/static_things.json (select)",
+    )
+    sub.add_argument(
+        "--seeds",
+        type=int,
+        default=3,
+        metavar="N",
+        help="made-up scenes of each kind, where no --scene is given (select)",
+    )
     sub.add_argument(
         "--truth",
         type=path_argument,
@@ -473,6 +522,7 @@ VERBS = (
     _eval,
     _info,
     _export,
+    _mesh,
     _open,
     _query,
     _name,

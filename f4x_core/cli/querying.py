@@ -12,6 +12,7 @@ import numpy as np
 from ..clip import write_video
 from ..clip.images import list_images, read_mask
 from ..edit.apply import open_scene, with_operations
+from ..edit.json_files import read_json
 from ..edit.naming import by_names, by_words, together
 from ..edit.operations import Name
 from ..edit.resolve import named
@@ -23,6 +24,7 @@ from ..progress import Progress
 from ..query.chat import ChatServer
 from ..query.inventory import nearest_there
 from ..query.labels import Encode, encode_labels, words_of
+from ..query.marks import Box, Brush, Lasso, Mark, Mask, Point
 from ..query.pixels import coverage_image, heat_map, mask_video
 from ..query.prompts import at_clip_size, select_by_box, select_by_evidence, select_by_mask, select_by_points
 from ..query.questions import Answer, answer, ask_features
@@ -33,6 +35,12 @@ from ..scene.posing import require_time
 from ..scene.view import render
 from .rendering import times_of, trajectory_of
 
+SELECTION = "selection.json"
+MARKS = ("text", "point", "box", "brush", "lasso", "mask")
+"""Options that say what is meant, in any mix."""
+ALONE = ("point", "box", "mask")
+"""Those of them that are solved as a prompt of one kind where nothing else is given: a mask is followed."""
+
 
 def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Select Gaussians by words or by a prompt on one frame; with -o write masks, a heat map video and the selection."""
@@ -41,7 +49,7 @@ def run_query(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     scene = open_scene(args.scene, args.edits)
     span = _span(scene, args.span) if args.span is not None else None
     views = trajectory_of(scene, args.path, args.degrees)
-    selection, by_word = _select(scene, args, span, progress)
+    selection, by_word = chosen_by(scene, args, span, progress)
     result: dict[str, Any] = {
         "label": selection.label,
         "chosen": int(selection.chosen.sum()),
@@ -76,7 +84,7 @@ def run_name(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Make a word of a selection: a `name` edit, which words in queries, questions and sentences then mean."""
     scene = open_scene(args.scene)
     args.negatives, args.threshold = None, THRESHOLD
-    selection, _ = _select(scene, args, None, progress)
+    selection, _ = chosen_by(scene, args, None, progress)
     chosen = selection.chosen_ids
     if not len(chosen):
         raise F4xError(_empty_line(selection, []) + ".")
@@ -142,24 +150,33 @@ def _by_words(
     scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, encode: Encode
 ) -> dict[str, Selection]:
     """Word of --text -> what it selects."""
-    if args.frame is not None:
-        raise F4xError("--frame goes with --point, --box and --mask; words are asked of the whole clip (--span A:B).")
+    if args.frame is not None or args.beside is not None:
+        raise F4xError("--frame goes with marks on the thing; words are asked of the whole clip (--span A:B).")
     negatives = words_of(args.negatives) if args.negatives is not None else None
     return by_words(scene, words_of(args.text), negatives, args.threshold, encode=encode, span=span)
 
 
-def _select(
+def read_selection(file: Path) -> Selection:
+    """The selection that `f4x query -o DIR` left in a file; F4xError."""
+    data = read_json(file, f"the {SELECTION} that `f4x query SCENE … -o DIR` leaves")
+    try:
+        return Selection.from_json(data)
+    except F4xError as error:
+        raise F4xError(f"{file}: {error}") from error
+
+
+def chosen_by(
     scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, progress: Progress
 ) -> tuple[Selection, dict[str, Selection]]:
     """What the arguments select, and what each word does where words alone are given."""
-    given = [name for name in ("text", "point", "box", "mask") if getattr(args, name) is not None]
-    if not given or ("mask" in given and len(given) > 1):
-        names = ", ".join(given) or "none"
-        raise F4xError(f"give --text, --point and --box, one of them or together, or --mask alone; got {names}.")
+    given = [name for name in MARKS if getattr(args, name) is not None]
+    if not given:
+        kinds = ", ".join(f"--{name}" for name in MARKS)
+        raise F4xError(f"give at least one of {kinds}, alone or together; got none.")
     if given == ["text"]:
         by_word = _by_words(scene, args, span, encoder(progress))
         return together(by_word), by_word
-    if len(given) == 1 and args.beside is None:
+    if len(given) == 1 and args.beside is None and given[0] in ALONE:
         return _selection(scene, args, given[0], span, progress), {}
     return _evidence(scene, args, span, progress), {}
 
@@ -167,19 +184,40 @@ def _select(
 def _evidence(
     scene: Scene, args: argparse.Namespace, span: tuple[float, float] | None, progress: Progress
 ) -> Selection:
-    """Several kinds of evidence at once: a point, one beside it, a box, and words."""
-    if args.frame is None or (args.point is None and args.box is None):
-        raise F4xError("--beside needs --point or --box, and these need --frame T: the clip frame that they belong to.")
-    marks = [(args.point, "--point", True), (args.beside, "--beside", False)]
-    points = [(_numbers(text, 2, flag, "X,Y"), on) for text, flag, on in marks if text is not None]
-    prompt: dict[str, Any] = {"points": [at for at, _ in points], "labels": [on for _, on in points]} if points else {}
-    if args.box is not None:
-        prompt["box"] = _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1")
+    """Several kinds of evidence at once: marks on the thing and beside it, and words."""
+    if args.frame is None:
+        raise F4xError("Marks need --frame T: the clip frame that they are on.")
+    if args.negatives is not None and args.text is None:
+        raise F4xError("--not goes with --text; for a pixel on what is not meant say --beside.")
     words = None
     if args.text is not None:
         negatives = words_of(args.negatives) if args.negatives is not None else None
         words = together(by_words(scene, words_of(args.text), negatives, args.threshold, encode=encoder(progress)))
-    return select_by_evidence(scene, {args.frame: prompt}, words, args.threshold, span)
+    return select_by_evidence(scene, _marks(scene, args), words, args.threshold, span)
+
+
+def _marks(scene: Scene, args: argparse.Namespace) -> list[Mark]:
+    """The marks on `--frame`."""
+    frame = args.frame
+    marks: list[Mark] = [
+        Point(frame, on, _numbers(text, 2, flag, "X,Y"))
+        for text, flag, on in ((args.point, "--point", True), (args.beside, "--beside", False))
+        if text is not None
+    ]
+    if args.box is not None:
+        marks.append(Box(frame, True, _numbers(args.box, 4, "--box", "X0,Y0,X1,Y1")))
+    if args.brush is not None:
+        marks.append(Brush(frame, True, _line(args.brush, "--brush"), args.brush_width / 2))
+    if args.lasso is not None:
+        marks.append(Lasso(frame, True, _line(args.lasso, "--lasso")))
+    if args.mask is not None:
+        marks.append(Mask(frame, True, mask_of(args.mask, scene)))
+    return marks
+
+
+def _line(text: str, flag: str) -> list[list[float]]:
+    """[[x, y], ...] of "X,Y X,Y …"."""
+    return [_numbers(pair, 2, flag, "'X,Y X,Y …'") for pair in text.split()]
 
 
 def _selection(
@@ -237,7 +275,7 @@ def _write(scene: Scene, selection: Selection, views, args: argparse.Namespace, 
 
     folder, backend = args.output, args.backend
     (folder / "mask").mkdir(parents=True, exist_ok=True)
-    with replace_file(folder / "selection.json") as file:
+    with replace_file(folder / SELECTION) as file:
         file.write(json_text(selection.to_json()).encode())
 
     def images() -> Iterator[np.ndarray]:

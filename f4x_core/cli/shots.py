@@ -12,9 +12,9 @@ import numpy as np
 from ..edit.naming import by_words
 from ..edit.resolve import named
 from ..errors import F4xError
-from ..geometry.camera import CameraPath
-from ..geometry.trajectory import Trajectory
+from ..geometry.trajectory import Trajectory, cameras_of
 from ..query.labels import encode_labels
+from ..query.unseen import unseen_gaussians
 from ..scene import Scene
 from ..scene.color import srgb_from_linear
 from ..scene.cryptomatte import DEPTH, identify
@@ -24,7 +24,7 @@ from ..scene.stage import MATTE, Cloud, DrawSettings
 
 MASK = "mask:"
 CRYPTOMATTE = "cryptomatte"
-PASSES = ("rgb", "alpha", "depth", "vector", "normal", "position", "mist")
+PASSES = ("rgb", "alpha", "depth", "vector", "normal", "position", "mist", "unseen")
 """Channels of an EXR besides `CRYPTOMATTE` and `mask:LABEL`."""
 OBJECTS = f"{MATTE}object"
 MAX_SAMPLES = 1024
@@ -86,17 +86,13 @@ def take(
 ) -> dict[str, np.ndarray]:
     """`shoot` view `index` of a trajectory; `wanted`: passes, mattes, raster backend."""
     names, mattes, backend = wanted
-    cameras = CameraPath(
-        np.stack([view.camera.intrinsics for view in views]),
-        np.stack([view.camera.world_to_camera for view in views]),
-        np.arange(len(views)),
-        views[0].camera.width,
-        views[0].camera.height,
-    )
+    cameras = cameras_of(views)
 
     def take_at(offset: float) -> Take:
         time = _time_at([view.time for view in views], index + offset)
         cloud = Cloud.of_scene(scene, time)
+        if "unseen" in names:
+            cloud = replace(cloud, layers={"unseen": unseen_gaussians(scene)[:, None]})
         if mattes is not None:
             cloud = replace(cloud, mattes={"object": mattes.ids})
         return Take([cloud], [], cameras.at(index + offset))

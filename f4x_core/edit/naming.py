@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import F4xError
 from ..language.lexicon import spellings
 from ..query.inventory import is_calibrated, labels_of, select_word
+from ..query.knowledge import refuse_evidence_of_another, refuse_unknown
 from ..query.labels import BACKGROUND, Encode
 from ..query.score import THRESHOLD
 from ..query.selection import Selection
@@ -64,6 +65,8 @@ def by_labels(
     span: tuple[float, float] | None = None,
 ) -> dict[str, Selection]:
     """Label -> whom it means by the feature field; several labels are weighed against each other where scores are relative."""
+    for label in labels:
+        refuse_unknown(scene, label, encode)
     if negatives is None and len(labels) > 1:  # one of them is nothing that another is weighed against
         forms = {form for label in labels for form in spellings(label)}
         negatives = [label for label in labels_of(scene) if label.lower() in {*BACKGROUND} - forms]
@@ -72,6 +75,7 @@ def by_labels(
     for label in labels:
         against = [*(negatives or ()), *(other for other in labels if other != label)] if rivals else negatives
         found[label] = select_word(scene, label, against, threshold, encode=encode, span=span)
+        refuse_evidence_of_another(scene, label, found[label], encode)
     return found
 
 

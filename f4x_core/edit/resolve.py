@@ -12,6 +12,7 @@ from ..errors import F4xError
 from ..language.compounds import head_of, names_another
 from ..query.connected_objects import part_of, pick_object, split_objects, width_along
 from ..query.inventory import labels_of, nearest_there
+from ..query.knowledge import refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
 from ..query.prompts import select_by_box, select_by_points, select_by_text
@@ -128,6 +129,8 @@ class Resolver:
         """The scored selection of words, at their threshold."""
         key = (not_deleted(scene).tobytes(), replace(text, threshold=THRESHOLD))
         if key not in self._found:
+            for label in text.labels:
+                refuse_unknown(scene, label, self.encode)
             self._found[key] = select_by_text(scene, text.labels, text.negatives, encode=self.encode)
         # Being the best label says no more than a majority would, so it is not enough where more is asked for.
         return self._found[key].at_threshold(text.threshold, keep_wins=text.threshold <= THRESHOLD)

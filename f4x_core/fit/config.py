@@ -197,6 +197,10 @@ class LossConfig:
     """Squared second differences of the corrections to the camera path, per pixel of image motion."""
 
 
+FIRST_FRACTION = 0.8
+"""Fraction of a set's largest number of Gaussians that it may begin with: the rest is for what turns out to be wrong."""
+
+
 @dataclass(frozen=True)
 class FitConfig:
     """One profile: everything `fit` decides by, saved resolved beside the result."""
@@ -270,6 +274,11 @@ class FitConfig:
                 f"shifts has {len(self.shifts)} numbers and shift_weights {len(self.shift_weights)}; give one weight for each"
                 " shift, and at least one."
             )
+
+    def start_of(self, kind: str) -> SpawnConfig:
+        """Start of the set `kind`, `static` or `dynamic`, within the number of Gaussians that the set may grow to."""
+        own, limit = getattr(self, f"spawn_{kind}"), getattr(self, f"density_{kind}").max_count
+        return replace(own, max_count=max(1, min(own.max_count, int(FIRST_FRACTION * limit))))
 
     @property
     def priors_in_threads(self) -> PriorsConfig:

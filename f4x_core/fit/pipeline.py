@@ -99,7 +99,7 @@ class ClipFit:
         trainer.run(checkpoint, settings_hash, self.progress)
         self._record("photometric", clock)
         result = self.finish(trainer)
-        known = result.scene.provenance | {"believed_degrees": _believed(priors)}
+        known = {**result.scene.provenance, "believed_degrees": _believed(priors)}
         return replace(result, priors=priors, scene=replace(result.scene, provenance=known))
 
     def _record(self, stage: str, since: float) -> float:
@@ -264,8 +264,7 @@ def _gaussian_need(trainer: Trainer) -> Need:
     static, dynamic = len(model.static), len(model) - len(model.static)
     cap = sum(control.limit for control in trainer.controls.values())
     curve = [point["psnr"] for point in trainer.history[-2:]]
-    rooms = {"static": config.spawn_static.max_count, "dynamic": config.spawn_dynamic.max_count}
-    tight = [name for name, count in trainer.spawned.items() if count > 0.9 * rooms[name]]
+    tight = [name for name, count in trainer.spawned.items() if count > 0.9 * config.start_of(name).max_count]
     bound = f" (no room for all that is {' or '.join(tight)}: the whole clip is covered more thinly)" if tight else ""
     gain = f", last {config.measure_every} steps brought {curve[1] - curve[0]:+.2f} dB" if len(curve) == 2 else ""
     return Need(

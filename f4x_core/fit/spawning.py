@@ -59,7 +59,7 @@ class Spawner:
                 parts = [Spawned.joined(parts), self._cover(frame, valid, Spawned.joined(parts).means, spawn, rng)]
             return Spawned.joined(parts)
 
-        spawned, spawn = spawn_that_fits(cover_all, self.config.spawn_static)
+        spawned, spawn = spawn_that_fits(cover_all, self.config.start_of("static"))
         self.progress("spawn", len(chosen), len(chosen), "static")
         return spawn_static(spawned, self.degree, spawn, first_id)
 
@@ -89,7 +89,7 @@ class Spawner:
             assert dynamic is not None
             return dynamic
 
-        dynamic, _ = spawn_that_fits(cover_all, self.config.spawn_dynamic)
+        dynamic, _ = spawn_that_fits(cover_all, self.config.start_of("dynamic"))
         self.progress("spawn", len(chosen), len(chosen), "dynamic")
         return dynamic
 

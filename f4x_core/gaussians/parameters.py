@@ -101,9 +101,7 @@ def appearance(sh: Tensor, means: Tensor, quats: Tensor, centre: Tensor, kernels
     """
     if kernels.native and sh.shape[1] in COEFFICIENTS:
         return NativeAppearance.apply(sh, means, quats, centre, kernels.threads)
-    if sh.shape[1] == 1:
-        return (sh[:, 0] * spherical_harmonics.C0 + 0.5).clamp_min(0)
-    direction = torch.nn.functional.normalize(means - centre, dim=-1)  # (N,3)
+    direction = torch.nn.functional.normalize(means - centre, dim=1)  # (N,3)
     own = quaternion.rotate(quaternion.conjugate(quats), direction)
     return spherical_harmonics.evaluate(sh, own)
 

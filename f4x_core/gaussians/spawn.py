@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 import torch
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import correlate
 from torch import Tensor
 
 from ..geometry.camera import Camera
@@ -24,7 +24,7 @@ from ..scaffold.graph import attach_nodes
 from .parameters import DynamicGaussians, StaticGaussians, localise, opacity_logit
 
 # An empty cell with this many Gaussians in the 3 x 3 cells around it is covered by their extent.
-COVERING_NEIGHBOURS = 3.5
+COVERING_NEIGHBOURS = 4
 # Blocks of 2 x 2 and of 4 x 4 cells get one Gaussian where their grey levels (of 255) and their depths (relative) deviate less.
 MAX_LEVEL, FLAT_GREY, FLAT_DEPTH = 2, 3.0, 0.02
 # Spacings that are tried until all Gaussians fit, and how much larger than needed the next one is: counts jump a little.
@@ -89,13 +89,13 @@ def spawn_that_fits(spawn: Callable[[SpawnConfig], Made], config: SpawnConfig) -
 def coarse_to_fine(count: int) -> Iterator[int]:
     """0 .. count-1, ends and middle first, each level halving the gaps."""
     seen: set[int] = set()
-    step = max(count - 1, 1)
+    step = count - 1
     while len(seen) < count:
-        for index in [*range(0, count, step), count - 1]:
+        for index in [*range(0, count, max(step, 1)), count - 1]:
             if index not in seen:
                 seen.add(index)
                 yield index
-        step = max(step // 2, 1)
+        step //= 2
 
 
 def cover(
@@ -117,16 +117,11 @@ def cover(
             when left out. Where depth is unsure, two frames put the same surface at different depths.
     """
     rows, cols = np.nonzero(valid)
-    if len(rows) == 0:
-        return Spawned.joined([])
     grid = _Grid.over(image, depth, valid, config.spacing)
     order = rng.permutation(len(rows))  # a random pixel of each cell, so that no grid shows
     rows, cols = rows[order], cols[order]
-    first = np.full(grid.level.size, -1)
-    first[grid.cell(rows, cols)[::-1]] = np.arange(len(rows))[
-        ::-1
-    ]  # the last assignment stays: that of the first pixel
-    first = np.sort(first[first >= 0])  # in random order still, so that blocks do not all take the same corner
+    _, first = np.unique(grid.cell(rows, cols), return_index=True)
+    first.sort()  # in random order still, so that blocks do not all take the same corner
     rows, cols = rows[first], cols[first]
     allowed = np.full(len(rows), config.depth_tolerance) if tolerance is None else tolerance[rows, cols]
     covered = grid.covered(rows, cols, depth[rows, cols], allowed, camera, existing)
@@ -134,7 +129,7 @@ def cover(
     first = first[~covered[first]]
     rows, cols = rows[first], cols[first]
     z, size = depth[rows, cols], config.spacing * 2.0 ** grid.level_at(rows, cols)
-    pixels = np.stack([cols + 0.5, rows + 0.5], -1)
+    pixels = np.stack([cols + 0.5, rows + 0.5], 1)
     focal = 0.5 * (camera.intrinsics[0, 0] + camera.intrinsics[1, 1])
     return Spawned(
         camera.unproject(pixels, z).astype(np.float32),
@@ -161,18 +156,17 @@ class _Grid:
         rows, cols = np.ogrid[:height, :width]
         cell, known = grid.cell(rows, cols).ravel(), valid.ravel()
         values = [image.mean(-1).ravel(), np.log(np.where(known, depth.ravel(), 1.0))]
-        sums = [np.bincount(cell, v * known, shape[0] * shape[1]).reshape(shape) for v in values]
-        squares = [np.bincount(cell, v * v * known, shape[0] * shape[1]).reshape(shape) for v in values]
+        sums = [np.bincount(cell, v, shape[0] * shape[1]).reshape(shape) for v in values]
+        squares = [np.bincount(cell, v * v, shape[0] * shape[1]).reshape(shape) for v in values]
         inside = np.bincount(cell, known, shape[0] * shape[1]).reshape(shape)
         whole = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
         for level in range(1, MAX_LEVEL + 1):
             count, pixels = _blocks(inside, level), _blocks(whole, level)
-            plain = count == pixels
+            plain = count == pixels  # so that it does not matter what stands for unknown depth
             for total, square, limit in zip(sums, squares, (FLAT_GREY, FLAT_DEPTH), strict=True):
                 mean = _blocks(total, level) / np.maximum(count, 1)
                 plain &= _blocks(square, level) / np.maximum(count, 1) - mean**2 < limit**2
-            fine = np.kron(plain, np.ones((2**level, 2**level), bool))[: shape[0], : shape[1]]
-            grid.level[fine & (grid.level == level - 1)] = level
+            grid.level[_cells(plain, level, shape) & (grid.level == level - 1)] = level
         return grid
 
     def cell(self, rows: np.ndarray, cols: np.ndarray) -> np.ndarray:
@@ -213,15 +207,14 @@ class _Grid:
         target[cell], allowed[cell] = z, tolerance * z
         index = (row[inside] * across + column[inside]).astype(np.int64)
         near = np.abs(depths[inside] - target[index]) <= allowed[index]
-        hits = np.bincount(index[near], minlength=len(target)).reshape(down, across).astype(np.float32)
+        hits = np.bincount(index[near], minlength=len(target)).reshape(down, across)
         result = np.zeros((down, across), bool)
         for level in range(MAX_LEVEL + 1):
             own = _blocks(hits, level)
             # Points that fill one view evenly fall unevenly into the cells of another: their neighbours count too.
-            around = uniform_filter(own, 3, mode="nearest") * 9
+            around = correlate(own, np.ones((3, 3), int), mode="nearest")
             block = (own > 0) | (around >= COVERING_NEIGHBOURS)
-            fine = np.kron(block, np.ones((2**level, 2**level), bool))[:down, :across]
-            result = np.where(self.level == level, fine, result)
+            result = np.where(self.level == level, _cells(block, level, result.shape), result)
         return result.ravel()[cell]
 
 
@@ -230,6 +223,12 @@ def _blocks(cells: np.ndarray, level: int) -> np.ndarray:
     side = 2**level
     padded = np.pad(cells, [(0, -size % side) for size in cells.shape])
     return padded.reshape(padded.shape[0] // side, side, -1, side).sum((1, 3))
+
+
+def _cells(blocks: np.ndarray, level: int, shape: tuple[int, ...]) -> np.ndarray:
+    """For each of `shape` cells what its block of `2**level` x `2**level` has."""
+    row, column = np.ogrid[: shape[0], : shape[1]]
+    return blocks[row >> level, column >> level]
 
 
 def _parameters(spawned: Spawned, degree: int, opacity: float) -> dict[str, Tensor]:

@@ -25,6 +25,14 @@ class View(NamedTuple):
 Trajectory = list[View]
 
 
+def cameras_of(views: Trajectory) -> CameraPath:
+    """Return the cameras of views of one size, their numbers as times."""
+    first = views[0].camera
+    intrinsics = np.stack([view.camera.intrinsics for view in views])
+    matrices = np.stack([view.camera.world_to_camera for view in views])
+    return CameraPath(intrinsics, matrices, np.arange(len(views), dtype=float), first.width, first.height)
+
+
 def original(path: CameraPath) -> Trajectory:
     """Return the clip itself: its cameras at their own times."""
     return [View(path[i], float(time)) for i, time in enumerate(path.times)]

@@ -218,7 +218,7 @@ def static_shift(tracks: np.ndarray, visible: np.ndarray, static: np.ndarray, ma
         for j in frames[a + 1 :]:
             shared = visible[i] & visible[j] & static
             if shared.sum() >= MIN_TRACKS:
-                shifts.append(float(np.median(np.linalg.norm(tracks[j, shared] - tracks[i, shared], axis=-1))))
+                shifts.append(float(np.median(np.linalg.norm(tracks[j, shared] - tracks[i, shared], axis=1))))
     return float(np.nanmax(shifts)) if len(shifts) > 1 else float("nan")
 
 

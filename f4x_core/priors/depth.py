@@ -17,6 +17,8 @@ from scipy.sparse.linalg import cg
 
 from ..clip.images import resize_linear
 from ..geometry.camera import Camera, CameraPath
+from ..native.library import open_library
+from ..native.maps import F4X_SMOOTH_MAP, SMOOTHING
 from ..parallel import in_threads
 from ..progress import Progress
 from .bundle import Observations, from_matrices, triangulate
@@ -50,6 +52,10 @@ SAMPLE_NOISE = 0.005
 """Least relative error of one sample: errors of flow are shared by neighbours, so no sample outweighs them without limit."""
 SLOPE, CURVATURE = 0.03, 0.01
 """Usual first and second difference of inverse depth along a line of samples, relative to it; planes have no second one."""
+BANDS = ("itself", "right", "right_two", "below", "below_two")
+"""Entries of the normal matrix of smoothness by what a pixel is linked with."""
+MISS_LEFT = 1e-5
+"""Conjugate gradients stop when so small a part of the right-hand side is missed."""
 COARSEST_SIDE = 16
 """Samples along the shorter side of the coarsest grid that depth is filled on."""
 EDGE_GREY, EDGE_SLACK = 10.0, 0.003
@@ -174,34 +180,50 @@ def fill_inverse_depth(
     else:
         start = _pyramid_mean(inverse, precision)
     usual = max(float(np.median(start)), 1e-6)
-    system = _roughness(guide, 1 / (SLOPE * usual) ** 2, 1 / (curvature * usual) ** 2)
-    data, solution = precision.ravel().astype(np.float64), start.ravel()
+    bands = _roughness(guide, 1 / (SLOPE * usual) ** 2, 1 / (curvature * usual) ** 2)
+    solve = _plain_smooth_map if open_library()[0] is None else _smooth_map
+    data, solution = precision.astype(np.float64), start
     limit = 1 / (SAMPLE_NOISE * usual) ** 2
     trusted = np.minimum(data, limit)
-    stiff = system.diagonal()
     for _ in range(3):
-        miss = (inverse.ravel() - solution) * np.sqrt(np.minimum(data, 6 * limit))
-        weight = trusted / (1 + (miss / 3) ** 2)
-        scale = diags_array(1 / (stiff + weight))
-        solution, _ = cg(
-            system + diags_array(weight), weight * inverse.ravel(), solution, maxiter=iterations // 3, M=scale
-        )
-    return solution.reshape(height, width)
+        miss = (inverse - solution) * np.sqrt(np.minimum(data, 6 * limit))
+        solution = solve(bands, trusted / (1 + (miss / 3) ** 2), inverse, solution, iterations // 3)
+    return solution
 
 
-def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dia_array:
-    """Normal matrix `(hw, hw)` of the smoothness terms: differences of neighbours and of those differences along lines."""
-    count, width = guide.size, guide.shape[1]
+def _roughness(guide: np.ndarray, smooth: float, flat: float) -> dict[str, np.ndarray]:
+    """Normal matrix of the smoothness terms, differences of neighbours and of those differences along lines: its entries
+    `(h, w)` of a pixel with itself and with the one or two to the right of it or below; 0 where there is none."""
     levels = guide.astype(np.float64)
     along, down = (_line_roughness(lines, smooth, flat) for lines in (levels, levels.T))
-    diagonal = along[0] + down[0].T
-    bands = [(1, along[1]), (2, along[2]), (width, down[1].T), (2 * width, down[2].T)]
-    total = dia_array((diagonal.reshape(1, -1), [0]), shape=(count, count))
-    for step, band in bands:  # band[p] links the pixel p with p + step
-        lower = band.ravel()
+    down = down.transpose(0, 2, 1)
+    entries = (along[0] + down[0], *along[1:], *down[1:])
+    return dict(zip(BANDS, map(np.ascontiguousarray, entries), strict=True))
+
+
+def _smooth_map(
+    bands: dict[str, np.ndarray], weight: np.ndarray, sample: np.ndarray, start: np.ndarray, iterations: int
+) -> np.ndarray:
+    """`(h, w)` where `(matrix of bands + weight) map = weight sample`, by conjugate gradients from `start`."""
+    solution, (height, width) = np.array(start, np.float64, order="C"), start.shape
+    arrays = {"weight": weight, "sample": np.ascontiguousarray(sample, np.float64), "solution": solution}
+    F4X_SMOOTH_MAP(SMOOTHING(width=width, height=height, iterations=iterations, tolerance=MISS_LEFT, **bands, **arrays))
+    return solution
+
+
+def _plain_smooth_map(
+    bands: dict[str, np.ndarray], weight: np.ndarray, sample: np.ndarray, start: np.ndarray, iterations: int
+) -> np.ndarray:
+    """The same by scipy."""
+    count, width = weight.size, weight.shape[1]
+    diagonal = (bands["itself"] + weight).ravel()
+    matrix = dia_array((diagonal[None], [0]), shape=(count, count))
+    for step, name in zip((1, 2, width, 2 * width), BANDS[1:], strict=True):  # an entry links the pixel p with p + step
+        lower = bands[name].ravel()
         upper = np.concatenate([np.zeros(step), lower])[:count]
-        total = total + dia_array((np.stack([lower, upper]), [-step, step]), shape=(count, count))
-    return total
+        matrix = matrix + dia_array((np.stack([lower, upper]), [-step, step]), shape=(count, count))
+    wanted, scale = (weight * sample).ravel(), diags_array(1 / diagonal)
+    return cg(matrix, wanted, start.ravel(), rtol=MISS_LEFT, maxiter=iterations, M=scale)[0].reshape(weight.shape)
 
 
 def _line_roughness(levels: np.ndarray, smooth: float, flat: float) -> np.ndarray:

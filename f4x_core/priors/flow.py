@@ -19,6 +19,8 @@ import numpy as np
 from scipy import ndimage
 
 from ..errors import F4xError
+from ..native.library import open_library
+from ..native.maps import F4X_SAMPLE_MAP, SAMPLES
 from ..parallel import in_threads
 from ..progress import Progress
 from .config import PriorsConfig
@@ -75,7 +77,22 @@ def grey(frames: np.ndarray) -> np.ndarray:
 
 
 def sample(image: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Bilinear samples of `image` (H,W) or (H,W,C) at `points` (...,2) in pixels (centres at +0.5), border repeated."""
+    """Bilinear samples of `image` (H,W) or (H,W,C) at `points` (...,2) in pixels (centres at +0.5), border repeated; float64 of a
+    float16 or float32 image where the library is compiled, else of the more precise of both dtypes."""
+    if image.dtype.name not in ("float16", "float32") or image.ndim > 3 or open_library()[0] is None:
+        return _plain_sample(image, points)
+    height, width = image.shape[:2]
+    pixels = np.ascontiguousarray(image).reshape(height, width, -1)
+    at = np.ascontiguousarray(points, np.float64).reshape(-1, 2)
+    sizes = {"count": len(at), "width": width, "height": height, "channels": pixels.shape[2]}
+    values = np.empty((len(at), pixels.shape[2]))
+    F4X_SAMPLE_MAP(
+        SAMPLES(**sizes, **{"halves" if image.itemsize == 2 else "floats": pixels}, points=at, values=values)
+    )
+    return values.reshape(*points.shape[:-1], *image.shape[2:])
+
+
+def _plain_sample(image: np.ndarray, points: np.ndarray) -> np.ndarray:
     height, width = image.shape[:2]
     x = np.clip(points[..., 0] - 0.5, 0, width - 1)
     y = np.clip(points[..., 1] - 0.5, 0, height - 1)

@@ -85,9 +85,9 @@ def choose_covering_points(visible: np.ndarray, max_count: int) -> np.ndarray:
 
 
 def bearings(uv: np.ndarray, focal: float, principal: np.ndarray) -> np.ndarray:
-    """Unit viewing directions `(..., 3)` in camera axes."""
-    local = np.concatenate([(uv - principal) / focal, np.ones_like(uv[..., :1])], axis=-1)
-    return local / np.linalg.norm(local, axis=-1, keepdims=True)
+    """Unit viewing directions `(n, 3)` in camera axes."""
+    local = np.concatenate([(uv - principal) / focal, np.ones_like(uv[:, :1])], axis=1)
+    return local / np.linalg.norm(local, axis=1, keepdims=True)
 
 
 def rotation_between(a: np.ndarray, b: np.ndarray, focal: float, rounds: int = 8) -> tuple[np.ndarray, np.ndarray]:

@@ -159,7 +159,7 @@ class Truth:
             moved = uv + self._vector(there[frame], self.moving[frame], uv)
             x, y, inside = self._pixels(moved)
             returned = moved + self._vector(back[frame + step], self.moving[frame + step], moved)
-            alive &= inside & self.moving[frame + step, y, x] & (np.linalg.norm(returned - uv, axis=-1) < RETURN_PX)
+            alive &= inside & self.moving[frame + step, y, x] & (np.linalg.norm(returned - uv, axis=1) < RETURN_PX)
             uv = moved
         return uv, alive
 
@@ -284,7 +284,7 @@ def _seeds(
         inside = (x >= 0) & (y >= 0) & (x < len(columns)) & (y < len(rows))
         free[y[inside], x[inside]] = False
     y, x = np.nonzero(free)
-    return np.stack([columns[x] + 0.5, rows[y] + 0.5], axis=-1)
+    return np.stack([columns[x] + 0.5, rows[y] + 0.5], axis=1)
 
 
 def _tracked(

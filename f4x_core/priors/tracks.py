@@ -33,8 +33,8 @@ PATCH = 7
 """Half size in pixels of the patches compared when a lost track is linked to a later one."""
 MIN_CORRELATION = 0.8
 """Normalised cross-correlation that two patches need to be linked."""
-NEIGHBOURS = 8
-"""Tracks whose common motion predicts where a hidden point is."""
+NEIGHBOURS, NEAREST = 8, 48
+"""Tracks whose common motion predicts where a hidden point is, and the nearest ones among which they are found."""
 MIN_GUIDES, STEP_TOLERANCE = 3, 0.25
 """Guides needed to follow a lost point; a guide moves like it when their last steps differ by less than 1 px or a quarter."""
 LINK_RADIUS = 6.0
@@ -236,9 +236,11 @@ def relink(
         settled = np.minimum(first[later] + away, frames - 1)
         later = later[visible[settled, later]]
         found: list[tuple[float, int, int]] = []
-        for begin in np.unique(first[later]) if len(lost) else ():
-            guides = np.nonzero(visible[before] & visible[end] & visible[begin])[0]
-            expected = _expected(tracks, lost, guides, before, end, begin)
+        if not (len(lost) and len(later)):
+            return found
+        company = _Company(tracks, visible, lost, before, end)
+        for begin in np.unique(first[later]):
+            expected = company.expected(begin)
             candidates = later[first[later] == begin]
             tree = cKDTree(tracks[begin, candidates])
             radius = LINK_RADIUS + 0.5 * (begin - end)
@@ -294,16 +296,17 @@ def continue_lost(
         lost = np.nonzero(known & (last == end) & visible[end - GAP_MARGIN])[0]
         here = tracks[end, lost]
         lost, again = lost[((here > PATCH) & (here < (width - PATCH, height - PATCH))).all(-1)], []
+        company, rows = _Company(tracks, visible, lost, end - GAP_MARGIN, end), np.arange(len(lost))
         for t in [end + gap for gap in SEARCH_AFTER if gap <= longest_gap and end + gap < frames]:
             settled = np.nonzero(visible[t - GAP_MARGIN : t + 1].all(0) & visible[min(t + GAP_MARGIN, frames - 1)])[0]
-            if len(lost) == 0 or len(settled) == 0:
+            if len(rows) == 0 or len(settled) == 0:
                 continue
-            places = _seen_again(tracks, visible, pictures, lost, end, t)
+            places = _seen_again(company, rows, pictures, t)
             found = np.isfinite(places[:, 0])
             distance, nearest = cKDTree(tracks[t, settled]).query(np.where(found[:, None], places, -width))
             found &= distance <= FOLLOW_RADIUS
-            again += list(zip(repeat(t), lost[found], places[found], settled[nearest[found]], strict=False))
-            lost = lost[~found]
+            again += list(zip(repeat(t), lost[rows[found]], places[found], settled[nearest[found]], strict=False))
+            rows = rows[~found]
         return again
 
     ends = range(frames - 2, GAP_MARGIN - 1, -1)  # the latest first: what a track goes on with is then complete
@@ -320,20 +323,14 @@ def continue_lost(
     return joined, seen & np.isfinite(joined[..., 0]), joins
 
 
-def _seen_again(
-    tracks: np.ndarray,
-    visible: np.ndarray,
-    pictures: np.ndarray,
-    lost: np.ndarray,
-    end: int,
-    t: int,
-) -> np.ndarray:
-    """(L,2) where the points `lost` after frame `end` are seen in frame `t`, NaN where they are not."""
+def _seen_again(company: _Company, rows: np.ndarray, pictures: np.ndarray, t: int) -> np.ndarray:
+    """(L,2) where the lost points `rows (L,)` of a company are seen in frame `t`, NaN where they are not."""
     from scipy.spatial import cKDTree
 
+    tracks, lost, end = company.tracks, company.lost[rows], company.end
     before = end - GAP_MARGIN
-    guides = np.nonzero(visible[before] & visible[end] & visible[t])[0]
-    expected = _expected(tracks, lost, guides, before, end, t)
+    guides = np.nonzero(company.visible[before] & company.visible[end] & company.visible[t])[0]
+    expected = company.expected(t, rows)
     radius = int(LINK_RADIUS + 0.5 * (t - end))
     start = tracks[before, lost]
     places = _find_patches(pictures[before], pictures[t], start, expected, radius)
@@ -380,29 +377,40 @@ def _find_patches(
     return found
 
 
-def _expected(
-    tracks: np.ndarray, lost: np.ndarray, guides: np.ndarray, before: int, end: int, begin: int
-) -> np.ndarray:
-    """(L,2) where lost points should be at `begin`: moved like the near guides that moved like them so far.
+class _Company:
+    """Tracks that moved with points before these were lost, and where the points should be as long as some of them are seen."""
 
-    A point with fewer than `MIN_GUIDES` of those goes on at its own speed.
-    """
-    from scipy.spatial import cKDTree
+    def __init__(self, tracks: np.ndarray, visible: np.ndarray, lost: np.ndarray, before: int, end: int) -> None:
+        """tracks (F,N,2), visible (F,N), lost (L,): points last seen in frame `end`, and in frame `before`."""
+        from scipy.spatial import cKDTree
 
-    own = tracks[end, lost] - tracks[before, lost]  # (L,2)
-    straight = tracks[end, lost] + own * (begin - end) / max(end - before, 1)
-    if len(guides) < MIN_GUIDES:
-        return straight
-    near = cKDTree(tracks[end, guides]).query(tracks[end, lost], k=min(3 * NEIGHBOURS, len(guides)))[1]  # (L,n)
-    unlike = length((tracks[end, guides] - tracks[before, guides])[near] - own[:, None])
-    unlike[unlike > np.maximum(1.0, STEP_TOLERANCE * length(own))[:, None]] = np.inf
-    order = np.argsort(unlike, axis=1, kind="stable")[:, :NEIGHBOURS]
-    shift = (tracks[begin, guides] - tracks[end, guides])[np.take_along_axis(near, order, 1)]  # (L,8,2)
-    alike = np.isfinite(np.take_along_axis(unlike, order, 1))  # (L,8)
-    count = alike.sum(1)
-    enough = count >= MIN_GUIDES
-    straight[enough] = tracks[end, lost[enough]] + _median_of_first(shift[enough], count[enough])
-    return straight
+        self.tracks, self.visible, self.lost, self.end = tracks, visible, lost, end
+        own = tracks[end, lost] - tracks[before, lost]  # (L,2)
+        self.speed = own / max(end - before, 1)
+        others = np.setdiff1d(np.nonzero(visible[before] & visible[end])[0], lost)
+        asked = range(1, min(NEAREST, len(others)) + 1)
+        near = (
+            others[cKDTree(tracks[end, others]).query(tracks[end, lost], k=asked)[1]] if len(asked) else lost[:, None]
+        )
+        unlike = length(tracks[end, near] - tracks[before, near] - own[:, None])
+        order = np.argsort(unlike, axis=1, kind="stable")
+        self.near = np.take_along_axis(near, order, 1)  # (L,n), the likest first
+        like = unlike <= np.maximum(1.0, STEP_TOLERANCE * length(own))[:, None]
+        self.like = np.take_along_axis(like & (near != lost[:, None]), order, 1)
+
+    def expected(self, begin: int, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """(L,2) where the lost points, or the `rows` of them, should be in frame `begin`: moved like the tracks near them that
+        moved like them so far; with fewer than `MIN_GUIDES` of those a point goes on at its own speed."""
+        near = self.near[rows]
+        guides = self.like[rows] & self.visible[begin, near]
+        first = np.argsort(~guides, axis=1, kind="stable")[:, :NEIGHBOURS]
+        near, count = np.take_along_axis(near, first, 1), np.minimum(guides.sum(1), NEIGHBOURS)
+        enough = count >= MIN_GUIDES
+        here = self.tracks[self.end, self.lost[rows]]
+        shift = self.speed[rows] * (begin - self.end)
+        going = near[enough]
+        shift[enough] = _median_of_first(self.tracks[begin, going] - self.tracks[self.end, going], count[enough])
+        return here + shift
 
 
 def _median_of_first(values: np.ndarray, count: np.ndarray) -> np.ndarray:

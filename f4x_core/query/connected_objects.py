@@ -30,20 +30,26 @@ def label_components(points: np.ndarray, reach: float) -> np.ndarray:
     span = cells.max(0) - (low := cells.min(0)) + 3  # a border of one cell, so that neighbours never wrap around
     strides = np.array([span[1] * span[2], span[2], 1])
     keys = (cells - low + 1) @ strides  # in increasing order, as `unique` sorts rows
-    label = np.arange(len(cells))
+    own = np.arange(len(cells))
     edges = []
     for step in product((-1, 0, 1), repeat=3):
         if step > (0, 0, 0):  # the other half are the same pairs
             beside = keys + np.array(step) @ strides
             place = np.minimum(np.searchsorted(keys, beside), len(keys) - 1)
-            edges.append(np.stack([label, place])[:, keys[place] == beside])
-    a, b = np.concatenate(edges, 1)
+            edges.append(np.stack([own, place])[:, keys[place] == beside])
+    return connect(np.concatenate(edges, 1), len(cells))[cell_of.ravel()]
+
+
+def connect(edges: np.ndarray, count: int) -> np.ndarray:
+    """(count,) int connected component of each of so many things, numbered from 0; `edges (2,E)` int join two."""
+    label = np.arange(count)
+    a, b = edges
     while (label[a] != label[b]).any():  # each root hooks onto a smaller one beside it, then paths are cut short
         roots = np.sort(np.stack([label[a], label[b]]), axis=0)
         np.minimum.at(label, roots[1], roots[0])
         while (label[label] != label).any():
             label = label[label]
-    return np.unique(label, return_inverse=True)[1][cell_of.ravel()]
+    return np.unique(label, return_inverse=True)[1]
 
 
 def split_objects(posed: PosedSplats, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

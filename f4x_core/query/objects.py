@@ -9,18 +9,19 @@ weakest bonds (sweep cut; Andersen, Chung and Lang 2006).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..features.models.prompt import Prompt
 from ..geometry import spherical_harmonics
 from ..scene import DynamicSet, Scene, StaticSet
 from ..scene.field import FeatureField
 from .blend_weights import blend_weight_sums, total_blend_weights
+from .connected_objects import connect
+from .marks import Mark
 from .smoothing import LOOKS_ALIKE
 
 MOVING, STATIC = 1000, 2000
@@ -43,6 +44,9 @@ SIGHT, FAR = 8.0, 1.5
 with monocular depth, angles from the middle camera compare better than metres."""
 NEIGHBOURS = 12
 """Minimum number of superpoints that one is bonded to, and number of static groups that decide how well it blends in."""
+RIGID, NOISE, LASTING = 0.1, 3.0, 1.5
+"""Two neighbours move as one where their distance changes by less than `LASTING` times this fraction of it, or times so many
+medians over all neighbours, as fits are not exact. Four filmed clips then stay in one piece, two things that touch do not."""
 BLENDING = 4.0
 """Bonds of full strength from a superpoint to the static background that looks like it."""
 ESCAPE_MOVING, ESCAPE_STATIC = 1e-3, 1e-2
@@ -54,8 +58,6 @@ fraction of all bonds that is cut, which favours large things. On four filmed cl
 of what stands conductance takes half the picture."""
 SIZES_MOVING, SIZES_STATIC = (0.02, 1.0), (0.001, 0.3)
 """Least and greatest fraction of the blend weights that a thing has: the outline of a few superpoints can be weak by chance."""
-DOT = 0.006
-"""Radius of a point, in widths of the picture: what a hand with a mouse means."""
 MOVING_POINT, MOVING_BOX = 0.2, 0.25
 """Minimum fraction of the blend weights at the points, or in a box, that belongs to moving Gaussians if a moving thing is meant.
 On four filmed clips, pixels inside true masks are missed as often as those outside are taken at 0.2 (under 1 %, ripples apart)."""
@@ -64,6 +66,8 @@ FILLED_MOVING, FILLED_STATIC = 0.9, 0.7
 and not much else moves there."""
 MARKED = 0.3
 """A superpoint is marked by the negative points when it has this fraction of the blend weights of the most marked one."""
+MOSTLY = 0.5
+"""A superpoint belongs to an exact mark, or to one on what is not meant, that has more than this fraction of its blend weights."""
 UNSEEN = 1e-4
 """Minimum blend weight of a Gaussian, in pixels."""
 BLOCK = 4096
@@ -102,6 +106,8 @@ class Superpoints:
     """Least and greatest fraction of the blend weights that a thing has."""
     contrast: float = CONTRAST_MOVING
     """How much the mean strength of an outline's bonds counts beside its conductance, 0 to 1."""
+    piece: np.ndarray | None = None
+    """(P,) int64: superpoints of one piece move as one (`_pieces`), and a thing lies within one; None: all are one piece."""
 
     def gather(self, weights: np.ndarray) -> np.ndarray:
         """(P,): sums over superpoints of the blend `weights (N,)` of all Gaussians of the scene."""
@@ -116,6 +122,12 @@ class Superpoints:
     def means(self, values: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(P,): means of `values (N,)` over the Gaussians of each superpoint, weighted by `weights (N,)`."""
         return self.gather(values * weights) / np.maximum(self.gather(weights), 1e-12)
+
+    def apart(self, marked: np.ndarray) -> np.ndarray:
+        """(P,) bool: superpoints of other pieces than the one with most of the blend weights `marked (P,)`."""
+        if self.piece is None or not len(self.piece):
+            return np.zeros(len(marked), bool)
+        return self.piece != np.bincount(self.piece, marked).argmax()
 
     def grow(
         self, marked: np.ndarray, against: np.ndarray, doubt: np.ndarray | None = None, filled: float = 0.0
@@ -151,45 +163,83 @@ class Superpoints:
         return chosen
 
 
-def point_out(scene: Scene, prompts: Mapping[int, Prompt], likely: np.ndarray | None = None) -> np.ndarray | None:
-    """(N,) float64: 1 for the Gaussians of the thing at points or in a box (clip frame -> prompt), else 0.
+def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = None) -> np.ndarray | None:
+    """(N,) float64: 1 for the Gaussians of the thing that `marks` show (see `marks.Mark`), else 0.
 
-    A moving thing where most blend weights at the points, or a quarter of those in the boxes, belong to moving Gaussians, else
-    one that stands. `likely (N,)` in [0, 1], where it is known by words, is evidence of the same kind. None where nothing is left.
+    A moving thing where enough blend weights at the marks belong to moving Gaussians (`_moves`), else one that stands.
+    `likely (N,)` in [0, 1], where it is known by words, is evidence of the same kind. None where nothing is left.
     """
-    starts, rest = [], np.zeros((3, len(scene.ids)))
-    for frame, prompt in prompts.items():
-        layers = _marks(prompt, (scene.cameras.height, scene.cameras.width))
-        sums = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, layers).T
-        starts += [*sums[3:]]
-        rest += sums[:3]
-    toward = np.sum(starts, 0)
-    minimum = MOVING_POINT if any(prompt.labels.any() for prompt in prompts.values()) else MOVING_BOX
-    moves = toward[scene.moving].any() and toward[scene.moving].sum() >= minimum * toward.sum()
+    signs = _signs(scene, marks)
+    drawn_on = any(mark.on and not mark.around for mark in marks)
+    toward = np.sum(signs.starts, 0)
+    moves = toward[scene.moving].any() and toward[scene.moving].sum() >= _moving_share(marks) * toward.sum()
     superpoints = graph_of(scene).moving if moves else graph_of(scene).static
-    beside, outside, inside = map(superpoints.gather, rest)
-    against = (beside > MARKED * beside.max()) | (outside > inside)
-    doubt = None if likely is None else 1 - superpoints.means(likely, rest[1] + rest[2] + UNSEEN)
-    pointed = any(prompt.labels.any() for prompt in prompts.values())
-    filled = 0.0 if pointed else FILLED_MOVING if moves else FILLED_STATIC
-    chosen = np.any([superpoints.grow(superpoints.gather(start), against, doubt, filled) for start in starts], 0)
+    seen, inside, outside = map(superpoints.gather, (signs.seen, signs.inside, signs.outside))
+    against = outside > inside
+    for beside in map(superpoints.gather, signs.beside):
+        against |= (beside > MARKED * beside.max()) | (beside > MOSTLY * seen)
+    held = np.zeros(len(seen), bool)
+    for exact in map(superpoints.gather, signs.exact):
+        held |= exact > MOSTLY * seen
+    held &= ~against & (seen > 0)
+    doubt = None if likely is None else 1 - superpoints.means(likely, signs.seen + UNSEEN)
+    filled = 0.0 if drawn_on else FILLED_MOVING if moves else FILLED_STATIC
+    chosen = held
+    for start in map(superpoints.gather, signs.starts):
+        other = superpoints.apart(np.where(against, 0, start)) if drawn_on else False
+        chosen = chosen | superpoints.grow(start, against | other, doubt, filled)
     return superpoints.spread(chosen, len(scene.ids)) if chosen.any() else None
 
 
-def _marks(prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
-    """(H,W,3+n) float32 in {0, 1}: at negative points, outside the box, inside, and at each of n positive points (else inside)."""
-    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+class _Signs(NamedTuple):
+    """Blend weights (N,) of all Gaussians under marks, in pixels."""
 
-    def around(points: np.ndarray) -> np.ndarray:
-        far = (columns[..., None] - points[:, 0]) ** 2 + (rows[..., None] - points[:, 1]) ** 2
-        return (far <= max(1.0, DOT * size[1]) ** 2).any(-1)
+    starts: list[np.ndarray]
+    """Under each mark drawn on the thing; without such marks, inside those around it."""
+    beside: list[np.ndarray]
+    """Under each mark on what is not meant."""
+    exact: list[np.ndarray]
+    """Under each mark most of which belongs to the thing."""
+    inside: np.ndarray
+    """Inside the marks around the thing, in their frames."""
+    outside: np.ndarray
+    """Outside of them."""
+    seen: np.ndarray
+    """In the whole pictures of all marked frames."""
 
-    inside = np.ones(size, bool)
-    if prompt.box is not None:
-        left, top, right, bottom = prompt.box
-        inside = (columns >= left) & (columns <= right) & (rows >= top) & (rows <= bottom)
-    on = [around(point[None]) & inside for point in prompt.points[prompt.labels]] or [inside]
-    return np.stack([around(prompt.points[~prompt.labels]), ~inside, inside, *on], -1).astype(np.float32)
+
+def _signs(scene: Scene, marks: Sequence[Mark]) -> _Signs:
+    """The blend weights under `marks`. F4xError for a mark that marks nothing."""
+    size = (scene.cameras.height, scene.cameras.width)
+    drawn_on = any(mark.on and not mark.around for mark in marks)
+    count = len(scene.ids)
+    signs = _Signs([], [], [], np.zeros(count), np.zeros(count), np.zeros(count))
+    for frame in sorted({mark.frame for mark in marks}):
+        here = [mark for mark in marks if mark.frame == frame]
+        pixels = [mark.pixels(size) for mark in here]
+        region = [at for mark, at in zip(here, pixels, strict=True) if mark.on and mark.around]
+        within = np.any(region, 0) if region else np.ones(size, bool)
+        layers = np.stack([np.ones(size, bool), within, *(at & within for at in pixels)], -1).astype(np.float32)
+        seen, inside, *sums = blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, layers).T
+        signs.seen[:] += seen
+        if region:
+            signs.inside[:] += inside
+            signs.outside[:] += seen - inside
+        for mark, under in zip(here, sums, strict=True):
+            if not mark.on:
+                signs.beside.append(under)
+            elif mark.around != drawn_on:
+                signs.starts.append(under)
+            if mark.on and mark.exact:
+                signs.exact.append(under)
+    return signs
+
+
+def _moving_share(marks: Sequence[Mark]) -> float:
+    """Least fraction of the blend weights under `marks` that belongs to moving Gaussians if a moving thing is meant."""
+    if any(mark.on and not mark.around for mark in marks):
+        return MOVING_POINT
+    return MOSTLY if all(mark.exact for mark in marks if mark.on) else MOVING_BOX
 
 
 def graph_of(scene: Scene) -> Graph:
@@ -226,9 +276,10 @@ def superpoints_of(scene: Scene) -> Graph:
     bonds, near, unit = _bonds(centres, mine)
     nearest = np.sort(_squares(mine, theirs), axis=1)[:, :NEIGHBOURS]
     blend = BLENDING * np.exp(-nearest.mean(1) / unit) if nearest.size else np.zeros(len(mine))
+    piece = _pieces(centres.reshape(len(centres), TIMES, 3), near)
     outside = _bonds(sights, outlines)[:2]
     return Graph(
-        Superpoints(moving, index, weight, bonds, near, blend),
+        Superpoints(moving, index, weight, bonds, near, blend, piece=piece),
         Superpoints(
             static, backdrop, mass, *outside, np.zeros(len(mass)), ESCAPE_STATIC, SIZES_STATIC, CONTRAST_STATIC
         ),
@@ -306,6 +357,21 @@ def _bonds(place: np.ndarray, appearance: np.ndarray) -> tuple[np.ndarray, np.nd
     return close * np.exp(-unlike / unit), close, unit
 
 
+def _pieces(places: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """(P,) int64 piece of each superpoint, from 0: neighbours (`near (P,P)` > 0) stay together while their distance lasts.
+
+    `places (P,T,3)` at times over the clip. How much a distance changes is measured as a fraction of it, or of the neighbours'
+    median distance where that is more.
+    """
+    one, two = np.nonzero(near)
+    if not len(one):
+        return np.arange(len(near))
+    far = np.linalg.norm(places[one] - places[two], axis=2)
+    change = np.ptp(far, axis=1) / (far.mean(1) + np.median(far) + np.finfo(float).tiny)
+    lasts = change <= LASTING * max(RIGID, NOISE * float(np.median(change)))
+    return connect(np.stack([one, two])[:, lasts], len(near))
+
+
 def _sweep(
     strength: tuple[np.ndarray, np.ndarray],
     most: tuple[np.ndarray, np.ndarray],
@@ -329,5 +395,9 @@ def _sweep(
 def _cuts(bonds: np.ndarray, out: np.ndarray, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(P,) bonds that are cut, and (P,) all bonds, of the first 1, 2, … superpoints of `order (P,)`."""
     degree = (bonds.sum(1) + out)[order]
-    inner = np.tril(bonds[order][:, order], -1).sum(1)  # bonds to superpoints before it in the order
+    rank = np.empty(len(order), int)
+    rank[order] = np.arange(len(order))
+    one, two = np.nonzero(bonds)  # few: all pairs would cost a tenth of a second
+    before = rank[two] < rank[one]
+    inner = np.bincount(rank[one[before]], bonds[one[before], two[before]], len(order))  # bonds to those before it
     return np.cumsum(degree - 2 * inner), np.cumsum(degree)

@@ -20,6 +20,7 @@ from ..scene.view import render
 from .blend_weights import lift_masks
 from .calibration import word_probabilities
 from .labels import Encode, TextQuery, ask_for
+from .marks import Mark, check_marks, marks_of
 from .not_deleted import not_deleted
 from .objects import point_out
 from .pixels import head_map, label_scores
@@ -160,7 +161,7 @@ def select_by_prompts(
     what = "mask" if len(prompts) == 1 and "mask" in next(iter(prompts.values())) else "prompt"
     label = f"{what} at {', '.join(map(str, prompts))}"
     if decoder is None and all(prompt.mask is None for prompt in checked.values()):
-        scores = point_out(scene, checked)
+        scores = point_out(scene, [mark for frame, prompt in checked.items() for mark in marks_of(frame, prompt)])
         if scores is not None:
             return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
     decoder = decoder_of(scene, backend) if decoder is None else decoder
@@ -193,22 +194,21 @@ def select_by_prompts(
 
 def select_by_evidence(
     scene: Scene,
-    prompts: dict[int, dict],
+    marks: Sequence[Mark],
     words: Selection | None = None,
     threshold: float = THRESHOLD,
     span: tuple[float, float] | None = None,
 ) -> Selection:
-    """Gaussians of the thing at points, in boxes and of a word together: evidence on one graph (`objects.point_out`).
+    """Gaussians of the thing that marks of any kinds and a word show together: evidence on one graph (`objects.point_out`).
 
-    `prompts`: {clip frame: points, labels (False = beside it), box}; `words`: what words select, whose scores count as
-    probabilities. Raises F4xError: an empty or contradictory prompt, or one that leaves nothing.
+    `marks`: `marks.Point`, `Box`, `Brush`, `Lasso` and `Mask`, on one frame or several, on the thing or (`on` False) on what is
+    not meant; `words`: what words select, whose scores count as probabilities. Raises F4xError: marks that are empty, outside
+    the clip or on nothing, or that leave nothing.
     """
-    size = (scene.cameras.height, scene.cameras.width)
-    checked = {frame: check_prompt(frame, len(scene.cameras), size, **prompt) for frame, prompt in prompts.items()}
-    scores = point_out(scene, checked, None if words is None else words.scores)
+    scores = point_out(scene, check_marks(marks, len(scene.cameras)), None if words is None else words.scores)
     if scores is None:
         raise F4xError("Nothing is left of what is marked there; leave a mark out, or mark another place.")
-    label = f"prompt at {', '.join(map(str, prompts))}"
+    label = f"prompt at {', '.join(map(str, sorted({mark.frame for mark in marks})))}"
     label = label if words is None else f"{words.label}, {label}"
     return _selection(scene, scores, np.zeros(len(scores), bool), threshold, span, label)
 

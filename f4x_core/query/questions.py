@@ -20,7 +20,8 @@ from ..scene import Scene
 from ..scene.view import render
 from .chat import ChatServer, image_part
 from .inventory import find, labels_of, nearest_there, things_there
-from .labels import Encode, text_head
+from .knowledge import unknown_kind
+from .labels import Encode
 from .measures import Comparison, Measured, measure, times_of
 from .not_deleted import not_deleted
 from .pixels import head_map
@@ -47,8 +48,6 @@ SIDEWAYS = 0.05
 """Share of the picture's width that a thing must cross to go to the left or the right."""
 THING = "something unnamed"
 """What moving things are called that the scene has no word for."""
-PEOPLE = {"minilm": r"person|people|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|boys?|girls?|humans?|faces?|hands?"}
-"""Text encoder -> what the teacher that speaks through it knows nothing of (docs/features.md)."""
 
 
 @dataclass(frozen=True)
@@ -370,9 +369,8 @@ def _note(scene: Scene, name: str, word: str) -> str:
     """Return the note about the part of `name` that a search for `word` leaves open."""
     if len(word.split()) < len(name.split()):
         return f"I looked for {word} alone: what is {name.rsplit(maxsplit=len(word.split()))[0]} I cannot tell."
-    unknown = PEOPLE.get(text_head(scene).spec.text_encoder or "")
-    if unknown and re.fullmatch(unknown, name.lower()):
-        return "The scene's text features know no people, so this says little."
+    if (kind := unknown_kind(scene, name)) is not None:
+        return f"The scene's text features know no {kind}, so this says little."
     return ""
 
 

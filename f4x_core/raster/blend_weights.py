@@ -33,10 +33,8 @@ def blend_weight_sums(
             f"layers have the shape {layers.shape}, the camera's image has {camera.height} x {camera.width} pixels."
         )
     layers = np.ascontiguousarray(layers, np.float32)
-    shape = splats.shape.map(lambda array: np.ascontiguousarray(array, np.float32))
-    colors = np.zeros((len(splats), layers.shape[2]), np.float32)
-    given, _ = prepare(RasterInput(shape, colors, camera, config=config or RasterConfig(), detached_from=0))
-    chosen = choose_backend(backend, shape.means)
+    given = _prepared(splats, camera, layers.shape[2], config)
+    chosen = choose_backend(backend, given.splats.means)
     if chosen == "plain":
         from .plain import blend_weight_sums_plain
 
@@ -52,3 +50,20 @@ def blend_weight_sums(
     with torch.enable_grad():  # whatever the caller does
         backend_function(chosen)(tensors).channels.backward(torch.from_numpy(layers))
     return tensors.colors.grad.numpy()
+
+
+def alpha_sums(splats: Splats, camera: Camera, *, config: RasterConfig | None = None) -> np.ndarray:
+    """(N,) float64: what the blend weights of each Gaussian would sum to with nothing before it, on an endless picture.
+
+    That is the integral of `opacity exp(-r^2 / 2)` in pixels where it reaches `alpha_min`; 0 for what `camera` does not see.
+    """
+    from .plain import alpha_sums_plain
+
+    return alpha_sums_plain(_prepared(splats, camera, 0, config))
+
+
+def _prepared(splats: Splats, camera: Camera, channels: int, config: RasterConfig | None) -> RasterInput:
+    shape = splats.shape.map(lambda array: np.ascontiguousarray(array, np.float32))
+    colors = np.zeros((len(splats), channels), np.float32)
+    given, _ = prepare(RasterInput(shape, colors, camera, config=config or RasterConfig(), detached_from=0))
+    return given

@@ -78,6 +78,14 @@ def blend_weight_sums_plain(inputs: RasterInput, layers: np.ndarray) -> np.ndarr
     return total.astype(np.float32)
 
 
+def alpha_sums_plain(inputs: RasterInput) -> np.ndarray:
+    """(N,) float64: `blend_weights.alpha_sums`."""
+    splats, _ = _project(replace(inputs, colors=np.zeros((len(inputs.splats), 0))))
+    total = np.zeros(len(inputs.splats))
+    total[splats.row] = 2 * np.pi * (splats.opacity - inputs.config.alpha_min) / np.sqrt(splats.a * splats.c)
+    return total
+
+
 def _tiles(splats: _Splats, width: int, drawn: slice) -> Iterator[tuple[slice, slice, np.ndarray]]:
     """(rows, columns, indices of the splats that meet them, front to back) of every tile of the rows `drawn`."""
     for top in range(drawn.start, drawn.stop, TILE):

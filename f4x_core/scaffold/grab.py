@@ -38,8 +38,9 @@ def grab(
     turned: its rotation is to be multiplied by it from the left.
     """
     rest = np.asarray(xyz, np.float64)
-    moves = np.zeros(len(rest), bool)
-    moves[np.arange(len(rest)) if free is None else free] = True
+    moves = np.full(len(rest), free is None)
+    if free is not None:
+        moves[free] = True
     moves[grabbed] = False
     placed = rest.copy()
     placed[grabbed] = targets
@@ -54,9 +55,7 @@ def grab(
     # Parts that no edge joins to a fixed node would be free to drift: the small diagonal keeps them where they are.
     anchor = DIAGONAL * rest[moves]
     # The iteration is slow to find a common turn, so it starts from the one that the grabbed and the fixed nodes show.
-    common = (
-        pose.align_similarity(rest[~moves], placed[~moves], with_scale=False)[1] if (~moves).sum() > 2 else np.eye(3)
-    )
+    common = pose.align_similarity(rest[~moves], placed[~moves])[1] if (~moves).sum() > 2 else np.eye(3)
     rotations = np.broadcast_to(common, (len(rest), 3, 3))
     for _ in range(ITERATIONS if moves.any() and largest else 0):
         pull = np.zeros_like(rest)
@@ -97,5 +96,5 @@ def _best_rotations(placed: np.ndarray, both: np.ndarray, bars: np.ndarray) -> n
     np.add.at(moments, both[:, 0], now[:, :, None] * bars[:, None, :])
     moments += UPRIGHT * np.trace(moments, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     u, _, vt = np.linalg.svd(moments)
-    u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[:, None]
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     return u @ vt

@@ -59,12 +59,12 @@ def build_graph(
 
 
 def thin(distance_from: Callable[[int], np.ndarray], unit: float, order: np.ndarray) -> np.ndarray:
-    """Return the indices, in `order`, that are each farther than `unit` from all accepted before.
+    """Return the indices, in the `order (M,)` of all, that are each farther than `unit` from all accepted before.
 
     `distance_from(i)` gives the distances `(M,)` from `i` to all; it is asked for accepted indices only. Every index is
     within `unit` of an accepted one.
     """
-    nearest = np.full(order.max(initial=-1) + 1, np.inf)
+    nearest = np.full(len(order), np.inf)
     accepted = []
     for i in order.tolist():
         if nearest[i] > unit:

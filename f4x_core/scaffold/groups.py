@@ -39,7 +39,7 @@ def rigid_groups(xyz: np.ndarray, count: int | None = None) -> np.ndarray:
     xyz = xyz[np.unique(np.linspace(0, len(xyz) - 1, MOMENTS).round().astype(int))].astype(np.float64)
     times, nodes = xyz.shape[:2]
     distance = nonrigidity(xyz)
-    group = distance[:, _medoids(distance, min(max(count or 0, MAX_GROUPS), nodes))].argmin(1)
+    group = distance[:, _medoids(distance, min(max(count or MAX_GROUPS, MAX_GROUPS), nodes))].argmin(1)
     splits = _merged(xyz, [np.flatnonzero(group == number) for number in np.unique(group)])
     if count is None:
         values, floor = 3 * times * nodes, times * nodes * (STILL * np.ptp(xyz)) ** 2
@@ -103,7 +103,7 @@ def group_motion(xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     centres = xyz.mean(1, dtype=np.float64)
     if xyz.shape[1] < 3:
         return np.tile(quaternion.IDENTITY, (len(xyz), 1)), centres
-    turns = [pose.align_similarity(xyz[0], placed, with_scale=False)[1] for placed in xyz]
+    turns = [pose.align_similarity(xyz[0], placed)[1] for placed in xyz]
     return quaternion.align_sequence(quaternion.from_matrix(np.stack(turns))), centres
 
 
@@ -121,10 +121,13 @@ def shape_change(xyz: np.ndarray) -> np.ndarray:
 
 
 def _medoids(distance: np.ndarray, count: int) -> np.ndarray:
-    """Indices (count,) of the medoids: farthest first, then the middle of each group until nothing changes."""
+    """Indices of the medoids: farthest first, then the middle of each group until nothing changes.
+
+    There are `count`, or fewer where all other nodes coincide with one of them.
+    """
     medoids = [int(distance.sum(1).argmin())]
-    while len(medoids) < count:
-        medoids.append(int(distance[:, medoids].min(1).argmax()))
+    while len(medoids) < count and (apart := distance[:, medoids].min(1)).any():
+        medoids.append(int(apart.argmax()))
     chosen = np.array(medoids)
     for _ in range(ROUNDS):
         group = distance[:, chosen].argmin(1)

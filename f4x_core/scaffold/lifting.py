@@ -98,18 +98,19 @@ def nearest_valid_depth(pixels: np.ndarray, depth: np.ndarray, valid: np.ndarray
     height, width = depth.shape
     steps = np.arange(-search, search + 1)
     known = np.isfinite(pixels).all(axis=1)
-    corner = np.floor(np.where(known[:, None], pixels, -1.0)).astype(np.int64)  # (N, 2) col, row
+    places = np.where(known[:, None], pixels, np.zeros_like(pixels))
+    corner = np.floor(places).astype(np.int64)  # (N, 2) col, row
     known &= (corner >= 0).all(axis=1) & (corner < [width, height]).all(axis=1)
     columns = corner[:, 0, None, None] + steps[None, None, :]  # (N, 1, S)
     rows = corner[:, 1, None, None] + steps[None, :, None]  # (N, S, 1)
-    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    # Beyond the rim stands the rim again: it is seen nearer where it is.
     c, r = np.clip(columns, 0, width - 1), np.clip(rows, 0, height - 1)
-    x, y = np.where(known[:, None], pixels, 0.0).T
+    x, y = places.T
     squared = (columns + 0.5 - x[:, None, None]) ** 2 + (rows + 0.5 - y[:, None, None]) ** 2  # (N, S, S)
-    squared = np.where(inside & valid[r, c], squared, np.inf).reshape(len(pixels), -1)
+    squared = np.where(valid[r, c], squared, np.inf).reshape(len(pixels), -1)
     best = squared.argmin(axis=1)[:, None]
     found = np.isfinite(np.take_along_axis(squared, best, 1)[:, 0]) & known
-    z = np.take_along_axis(np.broadcast_to(depth[r, c], inside.shape).reshape(len(pixels), -1), best, 1)[:, 0]
+    z = np.take_along_axis(depth[r, c].reshape(len(pixels), -1), best, 1)[:, 0]
     return np.where(found, z, np.nan).astype(np.float64)
 
 
@@ -193,6 +194,6 @@ def _shaking(xyz: np.ndarray, times: np.ndarray, threshold: float) -> np.ndarray
     u = ((times[1:-1] - times[:-2]) / (times[2:] - times[:-2]))[:, None, None]
     expected = xyz[:-2] + u * (xyz[2:] - xyz[:-2])
     shaking[1:-1] = np.linalg.norm(xyz[1:-1] - expected, axis=-1) >= threshold
-    shaking[0] = np.linalg.norm(xyz[0] - xyz[1], axis=-1) >= threshold
-    shaking[-1] = np.linalg.norm(xyz[-1] - xyz[-2], axis=-1) >= threshold
+    shaking[0] = np.linalg.norm(xyz[0] - xyz[1], axis=1) >= threshold
+    shaking[-1] = np.linalg.norm(xyz[-1] - xyz[-2], axis=1) >= threshold
     return shaking

@@ -20,20 +20,19 @@ def initial_rotations(
 
     From each frame to the next a node turns as its neighbours `points[:, neighbours[m]]` do about their mean (Kabsch
     1976), and the turns accumulate. `neighbours (M, K)`, `edge_mask (M, K)`, `points (F, P, 3)`: the nodes themselves
-    or, better, all lifted tracks; `certain (F, P)`. A node with fewer than 3 valid neighbours, or with collinear ones,
-    keeps its rotation.
+    or, better, all lifted tracks; `certain (F, P)`. A node whose valid neighbours are collinear, as two
+    always are, keeps its rotation.
     """
     frames, nodes = len(points), len(neighbours)
     rotations = np.zeros((frames, nodes, 4))
     rotations[0] = quaternion.IDENTITY
     observed = np.ones(points.shape[:2], bool) if certain is None else certain
-    enough = edge_mask.sum(axis=1) >= 3
     for f in range(frames - 1):
         both = (observed[f] & observed[f + 1])[neighbours]
         weights = np.where(both, 1.0, _UNCERTAIN_WEIGHT) * edge_mask
         before, after = (points[g][neighbours].astype(np.float64) for g in (f, f + 1))  # (M, K, 3)
         turn, defined = _kabsch(before, after, weights)
-        step = np.where((defined & enough)[:, None], quaternion.from_matrix(turn), quaternion.IDENTITY)
+        step = np.where(defined[:, None], quaternion.from_matrix(turn), quaternion.IDENTITY)
         rotations[f + 1] = quaternion.normalize(quaternion.multiply(step, rotations[f]))
     return quaternion.align_sequence(rotations)
 
@@ -43,5 +42,5 @@ def _kabsch(before: np.ndarray, after: np.ndarray, weights: np.ndarray) -> tuple
     w = (weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-12))[..., None]
     before, after = before - (w * before).sum(axis=1, keepdims=True), after - (w * after).sum(axis=1, keepdims=True)
     u, singular, vt = np.linalg.svd(np.swapaxes(w * after, 1, 2) @ before)
-    u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[:, None]
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
     return u @ vt, singular[:, 1] > COLLINEAR * np.maximum(singular[:, 0], np.finfo(np.float32).tiny)

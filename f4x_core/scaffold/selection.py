@@ -182,7 +182,7 @@ def track_residuals(scaffold: Scaffold, lifted: LiftedTracks, cameras: CameraPat
     seen = lifted.certain
     tracks = np.arange(len(lifted))
     rank = seen.cumsum(axis=0)
-    reference = (rank > seen.sum(axis=0) // 2).argmax(axis=0)  # (N,) the middle certain frame
+    reference = (2 * rank > seen.sum(axis=0)).argmax(axis=0)  # (N,) the middle certain frame
     start = lifted.xyz[reference, tracks]
     attach = attach_nodes(start, reference, scaffold.xyz)
     neighbours = scaffold.neighbours[attach]

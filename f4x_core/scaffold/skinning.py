@@ -39,10 +39,10 @@ def skinning_weights(
     if dw is not None:
         corrected = abs(raw + dw) * mask
         if keep_sum:
-            before, after = raw.sum(axis=-1, keepdims=True), corrected.sum(axis=-1, keepdims=True)
+            before, after = raw.sum(axis=1, keepdims=True), corrected.sum(axis=1, keepdims=True)
             corrected = corrected * (before / xp.clip(after, FLOOR, None))
         raw = corrected
-    total = raw.sum(axis=-1, keepdims=True)
+    total = raw.sum(axis=1, keepdims=True)
     # The divisor is made safe first: a point without weights keeps zeros, and its gradient stays finite.
     empty = total <= np.finfo(np.float32).tiny
     weights = raw / xp.where(empty, xp.ones_like(total), total)

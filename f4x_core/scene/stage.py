@@ -17,6 +17,7 @@ from ..geometry import quaternion, spherical_harmonics
 from ..geometry.camera import Camera
 from ..geometry.splats import Splats
 from ..progress import Progress, silent
+from .color import linear_from_srgb, srgb_from_linear
 from .passes import Mist, mist_left, normals, vectors
 from .view import COVERED
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 MATTE = "matte:"
 """Prefix of the passes `matte:LAYER`, coverage by each thing that `Cloud.mattes` tells apart."""
-PASSES = ("alpha", "depth", "latent", "selection", "score", "index", "vector", "normal", "position", "mist")
+PASSES = ("alpha", "depth", "latent", "selection", "score", "index", "vector", "normal", "position", "mist", "unseen")
 """What `draw` gives besides `rgb` and `matte:LAYER`."""
 BAND = 1 << 17
 """Pixels of the first band of rows; the time it took sets the size of the next one."""
@@ -39,7 +40,7 @@ NOTHING = 1e10
 """Depth where nothing is seen, Blender's own."""
 AMBIENT = 0.4
 """Fraction of a surface's colour that it keeps where it is seen edge-on; the rest is shaded by the cosine to the view."""
-_WIDTHS = {"latent": 3, "selection": 1, "score": 1}
+_WIDTHS = {"latent": 3, "selection": 1, "score": 1, "unseen": 1}
 _GEOMETRY = {"vector": 6, "normal": 3, "mist": 1}
 """Passes that surfaces have, too. What is composited for `vector` are the ways in the world to where a place was one frame
 before and will be one frame after, for `mist` the light that it leaves."""
@@ -68,11 +69,13 @@ class Cloud:
     fitted_focal: float | None = None
     """Focal length in pixels of the images that it was fitted to (`Scene.fitted_focal`); None = not known."""
     layers: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """Numbers of the passes `latent (N,3)`, `selection (N,1)`, `score (N,1)`, where it has them."""
+    """Numbers of the passes `latent (N,3)`, `selection`, `score` and `unseen (N,1)`, where it has them."""
     key: str = ""
     """Which cloud it is, the same at every moment; only the pass `vector` asks."""
     beside: tuple[np.ndarray, np.ndarray] | None = None
     """Centres (N,3) in the world one frame before and one after; None = it stands still."""
+    light: np.ndarray | None = None
+    """(N,) fraction of its light that reaches each Gaussian (`shadows.light_left`); None = all of it."""
     mattes: Mapping[str, np.ndarray] = field(default_factory=dict)
     """Layer -> (N,) uint32 id of what each Gaussian belongs to (`cryptomatte.identify`); 0 = nothing."""
 
@@ -98,6 +101,14 @@ class Cloud:
 
     def colors(self, center: np.ndarray) -> np.ndarray:
         """(N,3) sRGB seen from `center (3,)` in the world; as in `Scene.colors`, appearance turns with the surface."""
+        colors = self._unshaded(center)
+        if self.light is not None:
+            dark = self.light < 1
+            colors[dark] = srgb_from_linear(linear_from_srgb(colors[dark]) * self.light[dark, None])
+        return colors
+
+    def _unshaded(self, center: np.ndarray) -> np.ndarray:
+        """`colors` as the Gaussians were fitted."""
         if self.sh.shape[1] == 1:
             return np.maximum(spherical_harmonics.rgb_from_dc(self.sh[:, 0]), 0)
         own = np.linalg.solve(self.to_world, np.append(center, 1.0))[:3]
@@ -182,6 +193,8 @@ def draw(
     * `depth (H,W)` expected z depth in world units, 1e10 where alpha < 0.1.
     * `latent (H,W,3)`, `score (H,W)`: mean of the Gaussians' layers, 0 where their alpha < 0.1.
     * `selection (H,W)`: fraction of the pixel that selected Gaussians cover.
+    * `unseen (H,W)`: fraction that nothing covers, or Gaussians that no frame of the clip shows (their layer is 1): a matte of what
+      is left to paint.
     * `index (H,W)` number of the object that covers most of the pixel, 0 for nothing.
     * `position (H,W,3)` in the world, where the pixel's ray has the expected depth; `vector (H,W,4)` in pixels, how that place
       moves on the screen (`passes.vectors`); `normal (H,W,3)` of length 1. Of Gaussians and the surface behind them; 0 where
@@ -494,6 +507,8 @@ def _images(
         images["score"] = np.where(covered, layers["score"][..., 0] / divisor, 0)
     if "selection" in passes:
         images["selection"] = layers["selection"][..., 0]
+    if "unseen" in passes:
+        images["unseen"] = layers["unseen"][..., 0] + left * (1 - ground.alpha)
     if "index" in passes:
         weights = np.concatenate([left[..., None], layers["index"]], -1)  # behind them all, then every object
         found = np.array([0, *numbers])[weights.argmax(-1)]

@@ -18,11 +18,14 @@ import numpy as np
 from pathlib import Path
 folder, noted, arrays, ops = Path(sys.argv[2]), {}, {}, bpy.ops.f4x
 door.load_extension().register()
-from feature4x.addon import session
+from feature4x.addon.scene_object import SceneObject
 from feature4x.addon.point_cloud import read_attribute
 
+def scene_object():
+    return SceneObject.of(bpy.context.object)
+
 def root():
-    return session.root_of(bpy.context.object)
+    return scene_object().root
 
 def push(name):
     bpy.ops.ed.undo_push(message=name)

@@ -34,7 +34,7 @@ import bpy, door, numpy as np
 extension = door.load_extension()
 extension.register()
 from pathlib import Path
-from feature4x.addon import session
+from feature4x.addon.scene_object import SceneObject
 import feature4x.addon.sequence as sequence
 from feature4x.addon.evaluated import stage
 folder, clip = Path(sys.argv[2]), int(sys.argv[3])
@@ -131,14 +131,14 @@ load("before/scene.f4x")
 bpy.ops.wm.save_as_mainfile(filepath=str(folder / "before/scene.blend"))
 (folder / "before").rename(folder / "after")
 bpy.ops.wm.open_mainfile(filepath=str(folder / "after/scene.blend"))
-root = session.root_of(bpy.context.object)
-told["moved"] = [str(session.path_of(root)), len(session.base_scene(root).ids)]
+scene_object = SceneObject.of(bpy.context.object)
+told["moved"] = [str(scene_object.path), len(scene_object.base.ids)]
 for name in ("other", "edited"):
     try:
         bpy.ops.f4x.find_scene(filepath=str(folder / f"{name}.f4x"))
     except RuntimeError as error:
         told["other scene"] = str(error)
-told["found"] = str(session.path_of(root))
+told["found"] = str(scene_object.path)
 np.savez(folder / "found.npz", **found)
 (folder / "told.json").write_text(json.dumps(told))
 sys.stdout.flush()

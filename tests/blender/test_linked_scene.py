@@ -58,7 +58,7 @@ root_object = next(item for item in bpy.context.scene.objects if "f4x_path" in i
 bpy.context.view_layer.objects.active = root_object
 bpy.ops.f4x.query_text(text="square")
 bpy.ops.f4x.recolour(rgb=(1, 0, 0))
-noted["local"] = len(session.stack_of(root_object))
+noted["local"] = len(SceneObject(root_object).stack)
 bpy.ops.render.render()
 """
 

@@ -28,7 +28,8 @@ import bpy, door, numpy as np
 extension = door.load_extension()
 extension.register()
 from pathlib import Path
-from feature4x.addon import display, scaffold_rig, session
+from feature4x.addon import display, scaffold_rig
+from feature4x.addon.scene_object import SceneObject
 from feature4x.addon.import_scene import import_scene
 folder, clip = Path(sys.argv[2]), int(sys.argv[3])
 bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -99,15 +100,15 @@ node(7).scale = (3, 2, 1)
 bpy.ops.f4x.write_motion(); bpy.ops.f4x.save_edits()
 note("constrained written")
 node(5).constraints.clear()
-display.refresh(root)
+display.refresh(SceneObject(root))
 
 scene.frame_set(2)
 select(node(3))
 bpy.ops.f4x.grab_nodes(offset=(0, 0, 0.5), reach=0.0, hold="AROUND", frames=1)
 bpy.ops.f4x.write_motion()
 note("unsaved")
-session.set_stack(root, session.stack_of(root).undo())
-display.refresh(root)
+SceneObject(root).set_stack(SceneObject(root).stack.undo())
+display.refresh(SceneObject(root))
 note("undone")
 
 copy = node(2).copy()

@@ -37,7 +37,7 @@ sys.path.insert(0, root_folder + "/scripts")
 import bpy, door
 import numpy as np
 door.load_extension().register()
-from feature4x.addon import session
+from feature4x.addon.scene_object import SceneObject
 from feature4x.addon.point_cloud import read_attribute
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.f4x.import_scene(filepath=folder + "/scene.f4x")
@@ -48,20 +48,23 @@ def go(frame):
 
 go(FRAME)
 
+def scene_object():
+    return SceneObject.of(bpy.context.object)
+
 def root():
-    return session.root_of(bpy.context.object)
+    return scene_object().root
 
 def note(name):
     told = root().f4x
-    shown = session.shown(root()).scene
+    shown = scene_object().shown.scene
     noted[name] = dict(selected=told.selected, total=told.total, answer=told.answer, stack=json.loads(root()["f4x_edits"]),
-                       saved=session.is_saved(root()), history=[[row.name, row.enabled] for row in told.history],
+                       saved=scene_object().is_saved, history=[[row.name, row.enabled] for row in told.history],
                        names=[row.name for row in told.names], live=told.live, timed=bool(root().get("f4x_timed")))
     arrays[name + "/ids"] = shown.ids
-    arrays[name + "/chosen"] = session.read(root(), ".selection")
+    arrays[name + "/chosen"] = scene_object().read(".selection")
     visible = {}
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    for cloud in session.clouds_of(root()):
+    for cloud in scene_object().clouds:
         data = cloud.evaluated_get(depsgraph).data
         if not len(data.points):
             continue
@@ -81,10 +84,10 @@ note("imported")
 noted["nothing selected"] = refused(ops.recolour, rgb=(1, 0, 0))
 noted["unknown word"] = refused(ops.query_text, text="unicorn")
 ops.query_text(text="square"); note("square")
-arrays["score"] = session.read(root(), "f4x_score")
+arrays["score"] = scene_object().read("f4x_score")
 for threshold in (0.9, 0.05, 0.5):
     root().f4x.threshold = threshold
-    arrays["threshold %g" % threshold] = session.read(root(), ".selection")
+    arrays["threshold %g" % threshold] = scene_object().read(".selection")
 root().f4x.mode = "ADD"; ops.query_text(text="wall"); note("added")
 root().f4x.mode = "SUBTRACT"; ops.query_text(text="square"); note("subtracted")
 root().f4x.mode = "INTERSECT"; ops.query_text(text="square"); note("intersected")

@@ -40,9 +40,9 @@ push("before")
 ops.plan("EXEC_DEFAULT", True, sentence="make the square red")
 noted["planned"] = len(root().f4x.readings)
 ops.apply_plan("EXEC_DEFAULT", True)
-noted["applied"] = len(session.stack_of(root()))
+noted["applied"] = len(scene_object().stack)
 bpy.ops.ed.undo()
-noted["undone"] = [len(session.stack_of(root())), len(root().f4x.readings), "f4x_preview" in root()]
+noted["undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root()]
 """
     noted, _ = perform(folder, START + script)
     assert noted["planned"] > 0 and noted["applied"] == 1 and noted["undone"] == [0, 0, False]
@@ -103,7 +103,7 @@ def test_moved_nodes_and_handles_are_told_until_they_are_written_back(tmp_path):
     write_scene(tiny_scene(), tmp_path / "scene.f4x")
     script = """
 from feature4x.addon.motion_edits import unwritten
-note = lambda name: (bpy.context.view_layer.update(), noted.__setitem__(name, unwritten(root())))
+note = lambda name: (bpy.context.view_layer.update(), noted.__setitem__(name, unwritten(scene_object())))
 for frame in range(7):
     bpy.context.scene.frame_set(frame)
     note("untouched %d" % frame)
@@ -179,7 +179,7 @@ noted["import"] = root().f4x.notice
 def test_the_size_of_a_usd_export_is_told_before(folder):
     script = """
 from feature4x.addon.job_operators import usd_megabytes
-noted["sizes"] = [usd_megabytes(root(), one) for one in (True, False)]
+noted["sizes"] = [usd_megabytes(scene_object(), one) for one in (True, False)]
 """
     noted, _ = perform(folder, START + script)
     one, all_frames = noted["sizes"]

@@ -82,7 +82,7 @@ for engine in ("CYCLES", "FEATURE4X"):
 load("named")
 layer = bpy.context.view_layer
 switch(layer)
-layer.f4x_passes.alpha = True
+layer.f4x_passes.alpha = layer.f4x_passes.unseen = True
 for item in bpy.data.objects:
     if item.type == "POINTCLOUD":
         item.users_collection[0].name = "shot"
@@ -138,7 +138,7 @@ def folder(tmp_path_factory):
         json.dumps([{"op": "name", "select": {"by": "ids", "ids": ids.tolist()}, "name": "hero"}])
     )
     assert main(["edit", str(folder / "named.f4x"), "--ops", str(folder / "ops.json")]) == 0
-    channels = "rgb,alpha,depth,vector,normal,position,mist,cryptomatte,mask:square"
+    channels = "rgb,alpha,depth,vector,normal,position,mist,unseen,cryptomatte,mask:square"
     arguments = ["render", str(folder / "named.f4x"), "-o", str(folder / "core"), "--exr", "--frames", f"{T}:{T + 1}"]
     assert main([*arguments, "--channels", channels]) == 0
     done = subprocess.run(
@@ -190,7 +190,8 @@ def test_gaussians_have_the_passes_of_f4x_render(folder):
     """Names, numbers and mattes; world axes differ: Blender's z is up."""
     (blender, _), (core, _) = passes(folder, "named"), passes(folder, "core/00002")
     np.testing.assert_allclose(blender["Vector"], core["Vector"], atol=1e-3)
-    np.testing.assert_allclose(blender["Alpha"], core["Alpha"], atol=1e-3)
+    for name in ("Alpha", "Unseen"):
+        np.testing.assert_allclose(blender[name], core[name], atol=1e-3)
     turned = core["Position"][..., [0, 2, 1]] * [1, 1, -1]
     np.testing.assert_allclose(blender["Position"], turned, atol=1e-4)
     np.testing.assert_allclose(blender["Normal"], core["Normal"][..., [0, 2, 1]] * [1, 1, -1], atol=1e-4)

@@ -168,11 +168,11 @@ bpy.context.scene.frame_set(3)
 assert bpy.ops.f4x.export_scene(filepath=folder + "/three.ply", one_frame=True) == {"FINISHED"}
 assert bpy.ops.f4x.ask_scene(question="how many frames are there?") == {"FINISHED"}
 assert "no-teacher" in refused(bpy.ops.f4x.add_features, teachers="no-teacher")
-from feature4x.addon import session
+from feature4x.addon.scene_object import SceneObject
 from feature4x.f4x_core.edit.operations import Recolour
 from feature4x.f4x_core.edit.selects import Moving
-root = session.root_of(None)
-session.append(root, Recolour(Moving(), (0.0, 1.0, 0.0)))
+scene_object = SceneObject.of(None)
+scene_object.append(Recolour(Moving(), (0.0, 1.0, 0.0)))
 assert "press Save Edits to Scene first" in refused(bpy.ops.f4x.export_scene, filepath=folder + "/four.ply", one_frame=True)
 told = refused(bpy.ops.f4x.query_text, text="unicorn")
 assert "does not know unicorn; save its edits" in told and "Traceback" not in told
@@ -188,18 +188,19 @@ def test_a_job_that_ends_leaves_what_is_being_worked_on(tmp_path):
     for name in ("mine", "fitted"):
         write_scene(labelled_scene(), tmp_path / f"{name}.f4x")
     code = """
-from feature4x.addon import job_operators, session
+from feature4x.addon import job_operators
+from feature4x.addon.scene_object import SceneObject
 folder = sys.argv[2]
 bpy.ops.f4x.import_scene(filepath=folder + "/mine.f4x")
-root = session.root_of(bpy.context.object)
+scene_object = SceneObject.of(bpy.context.object)
 scene = bpy.context.scene
 scene.render.resolution_x, scene.frame_end = 640, 99
 bpy.ops.f4x.query_text(text="square")
-before = scene.camera, session.read(root, ".selection")
+before = scene.camera, scene_object.read(".selection")
 job_operators.import_fitted({"scene": folder + "/fitted.f4x"})
 assert (scene.camera, scene.render.resolution_x, scene.frame_end) == (before[0], 640, 99)
-session.attach(root)  # as after features were added
-assert before[1].any() and (session.read(root, ".selection") == before[1]).all()
+scene_object.attach()  # as after features were added
+assert before[1].any() and (scene_object.read(".selection") == before[1]).all()
 """
     blender(code, str(tmp_path))
 

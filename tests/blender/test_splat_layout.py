@@ -30,7 +30,7 @@ if sys.argv[3] == "5.3":  # as far as an older Blender can be made to look like 
     bpy.types.PointCloud.type = bpy.props.EnumProperty(items=kinds)
 door.start_blender()
 root = door.import_scene(sys.argv[2])
-from feature4x.addon import session
+from feature4x.addon.scene_object import SceneObject
 from feature4x.addon.point_cloud import read_attribute
 from feature4x.f4x_core.geometry import spherical_harmonics
 from feature4x.f4x_core.scene import read_scene
@@ -38,7 +38,7 @@ scene = read_scene(sys.argv[2])
 four = "FLOAT4" if bpy.app.version >= (5, 2, 0) else "FLOAT_COLOR"
 kinds = {"position": "FLOAT_VECTOR", "scale": "FLOAT_VECTOR", "rotation": "QUATERNION", "radiance:base": four}
 seen = 0
-for cloud in session.clouds_of(root):
+for cloud in SceneObject(root).clouds:
     data = cloud.data
     part = scene.dynamic if "dynamic" in cloud.name else scene.static
     degrees = {f"radiance:sh_{i}": "FLOAT_VECTOR" for i in range(part.sh.shape[1] - 1)}

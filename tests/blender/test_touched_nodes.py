@@ -88,7 +88,7 @@ noted["name"], noted["is node"] = copy.name, "f4x_node" in copy
 node(3).animation_data_clear(); node(3).location.x += 0.4
 note("original")
 noted["written"] = list(ops.write_motion())
-noted["stack"] = len(session.stack_of(root()))
+noted["stack"] = len(scene_object().stack)
 """
     noted, arrays = perform(folder, START + script)
     np.testing.assert_allclose(arrays["copied"], arrays["before"], atol=1e-6)
@@ -136,7 +136,7 @@ copy = bpy.context.object
 note("copied")
 twin = next(item for item in copy.children if item.name.startswith("tiny dynamic"))
 arrays["twin"] = values(twin)
-noted["root"] = session.root_of(twin).name
+noted["root"] = SceneObject.of(twin).name
 copy.location.x += 3
 bpy.context.view_layer.update()
 arrays["twin moved"] = values(twin)
@@ -146,7 +146,7 @@ note("node of the copy")
 arrays["twin changed"] = values(twin)
 select(twin)
 noted["written"] = list(ops.write_motion())
-noted["stacks"] = [len(session.stack_of(item)) for item in (first, copy)]
+noted["stacks"] = [len(SceneObject(item).stack) for item in (first, copy)]
 ops.change_selection(how="ALL")
 ops.recolour(rgb=(0, 1, 0), shading=False)
 arrays["colour"], arrays["twin colour"] = values(bpy.data.objects["tiny dynamic"], "rgb"), values(twin, "rgb")

@@ -18,8 +18,8 @@ bpy.ops.wm.read_factory_settings(use_empty=True)
 ops.import_scene(filepath=str(folder / "scene.f4x"))
 
 def note(name):
-    noted[name] = dict(saved=session.is_saved(root()), stack=[edit.operation.TAG for edit in session.stack_of(root()).edits],
-                       label=session.saving(root()), file=stack_in_file())
+    noted[name] = dict(saved=scene_object().is_saved, stack=[edit.operation.TAG for edit in scene_object().stack.edits],
+                       label=scene_object().saving, file=stack_in_file())
 """
 UNDONE = """
 ops.query_text(text="square"); push("query")
@@ -104,11 +104,11 @@ def test_undo_past_new_words_of_a_job_keeps_the_scene(tmp_path):
 import shutil
 ops.query_text(text="square"); push("query")
 ops.recolour(rgb=(0, 1, 0)); push("recolour"); ops.save_edits(); push("save")
-text = json.dumps([edit.to_json() for edit in session.stack_of(root()).edits])
+text = json.dumps([edit.to_json() for edit in scene_object().stack.edits])
 from feature4x.f4x_core.edit.stack import read_stack, write_stack
 write_stack(folder / "more.f4x", read_stack(folder / "scene.f4x"))
 shutil.copy(folder / "more.f4x", folder / "scene.f4x")
-session.attach(root()); push("job")
+scene_object().attach(); push("job")
 ops.query_text(text="edge"); noted["found"] = root().f4x.selected
 bpy.ops.ed.undo(); bpy.ops.ed.undo()
 ops.query_text(text="square"); noted["after"] = root().f4x.selected
@@ -124,13 +124,13 @@ ops.pack_scene()
 (folder / "scene.f4x").unlink()
 ops.query_text(text="square")
 ops.recolour(rgb=(0, 1, 0))
-noted["before"] = session.is_saved(root())
+noted["before"] = scene_object().is_saved
 ops.save_edits()
 bpy.ops.wm.save_as_mainfile(filepath=str(folder / "shot.blend"))
 bpy.ops.wm.open_mainfile(filepath=str(folder / "shot.blend"))
 from feature4x.f4x_core.edit.stack import read_stack
-noted["file"] = len(read_stack(session.path_of(root())))
-noted["saved"], noted["left"] = session.is_saved(root()), [image.name for image in bpy.data.images]
+noted["file"] = len(read_stack(scene_object().path))
+noted["saved"], noted["left"] = scene_object().is_saved, [image.name for image in bpy.data.images]
 """
     noted, _ = perform(tmp_path, START + script)
     assert not noted["before"] and noted["saved"] and noted["file"] == 1 and len(noted["left"]) == 1

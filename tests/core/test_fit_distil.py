@@ -260,6 +260,14 @@ def test_a_view_blends_nodes_and_static_gaussians_as_a_picture_of_four_pixels_a_
         assert (np.abs(view.mix.sum(1)[seen] - 1) < 1e-3).all()
 
 
+def test_a_cell_with_more_than_its_share_of_the_pixels_is_not_more_than_opaque():
+    """51 columns over 4 cells: one of them has 13, the others 12 or 13."""
+    scene = random_scene(static=90, dynamic=8, degree=0)
+    wall = dataclasses.replace(scene.static, scales=20 * scene.static.scales, opacities=0 * scene.static.opacities + 1)
+    view = stage_of(dataclasses.replace(scene, static=wall), maps_of(grid=(8, 4))).look(3)
+    assert view.alpha.max() == 1 and view.alpha.mean() > 0.95
+
+
 def test_the_gradient_of_a_blend_is_its_transpose(scene):
     view = stage_of(scene).look(0)
     latents = torch.rand(view.mix.shape[1], 2, dtype=torch.float64, requires_grad=True)

@@ -32,6 +32,19 @@ def test_colours_and_gradients_are_those_of_the_formula(degree, count, threads):
         assert relative(g, torch.zeros_like(g).double() if w is None else w) < 5e-6
 
 
+@pytest.mark.parametrize(("degree", "native"), [(0, True), (3, True), (4, False)])
+def test_up_to_degree_three_colours_come_from_the_compiled_library(degree, native):
+    """Torch's colours have a gradient of the centre, the library's have none."""
+    generator = torch.Generator().manual_seed(degree)
+    sh = 0.4 * torch.randn(5, (degree + 1) ** 2, 3, generator=generator)
+    means, quats = torch.randn(5, 3, generator=generator), torch.randn(5, 4, generator=generator)
+    centre = torch.tensor([0.2, -0.1, -4.0]).requires_grad_()
+    colours = appearance(sh, means, quats, centre, Kernels(True))
+    torch.testing.assert_close(colours, appearance(sh, means, quats, centre))
+    (gradient,) = torch.autograd.grad(colours.sum(), centre, allow_unused=True)
+    assert (gradient is None) == native
+
+
 def test_a_gaussian_without_direction_or_orientation_keeps_finite_gradients():
     sh, means, quats = torch.rand(9, 4, 3), torch.randn(9, 3), torch.randn(9, 4)
     centre = means[2].clone()  # the camera sits on this one

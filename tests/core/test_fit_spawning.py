@@ -154,3 +154,15 @@ def test_dynamic_gaussians_fill_what_those_of_other_frames_leave_open_once_moved
     assert dynamic.labels["ids"].tolist() == list(range(500, 500 + len(dynamic)))
     assert dynamic.parameters["dw"].shape[1] == nodes.neighbours.shape[1]
     assert covered[0]["state"] == np.random.default_rng(3).bit_generator.state
+
+
+@pytest.mark.parametrize(("own", "limit", "room"), [(500, 10_000, 500), (500, 100, 80), (3, 1, 1)])
+def test_a_set_begins_within_the_number_that_it_may_grow_to(case, own, limit, room):
+    clip, priors, config = case
+    spawn = dataclasses.replace(config.spawn_static, spacing=1.0, max_count=own)
+    density = dataclasses.replace(config.density_static, max_count=limit)
+    config = dataclasses.replace(config, spawn_static=spawn, density_static=density)
+    assert config.start_of("static") == dataclasses.replace(spawn, max_count=room)
+    made = Spawner(clip, priors, config, 1, silent).static(False, None, 70)
+    assert 0.3 * room <= len(made) <= max(room, 3)
+    assert config.start_of("dynamic") == config.spawn_dynamic

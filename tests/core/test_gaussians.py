@@ -122,6 +122,23 @@ def test_a_band_is_added_behind_the_coefficients_and_its_constant_to_the_first()
     torch.testing.assert_close(gaussians.sh.detach(), wanted)
 
 
+def test_a_new_band_starts_with_zero_moments_and_the_other_coefficients_go_on():
+    gaussians = some_static(6, degree=1)
+    with torch.no_grad():
+        gaussians.parameters["shN"].copy_(torch.linspace(1, 2, 54).view(6, 3, 3))
+    optimiser = SetOptimiser(gaussians, rates(gaussians))
+    descend(optimiser, 2)
+    before = {name: optimiser.adam.state[value]["exp_avg"].clone() for name, value in gaussians.parameters.items()}
+    optimiser.add_band(torch.zeros(6, 1, 3), torch.ones(6, 5, 3))
+    for moment in ("exp_avg", "exp_avg_sq"):
+        own, new = optimiser.adam.state[gaussians.parameters["shN"]][moment].split([3, 5], 1)
+        assert own.min() > 0 and not new.any()
+    for name in ("shN", "sh0"):
+        now = optimiser.adam.state[gaussians.parameters[name]]["exp_avg"]
+        torch.testing.assert_close(now[:, : before[name].shape[1]], before[name])
+    descend(optimiser)
+
+
 def test_what_is_stored_is_activated_as_3dgs_does():
     gaussians = some_static(7, degree=1)
     rng = np.random.default_rng(1)
@@ -145,6 +162,7 @@ def test_gaussians_start_opaque_round_and_with_the_colour_of_their_pixel():
     y00 = 0.5 / np.sqrt(np.pi)
     np.testing.assert_allclose(made.sh[:, 0].detach() * y00 + 0.5, spawned.rgb, atol=1e-6)
     assert made.sh.shape == (5, 9, 3) and not made.sh[:, 1:].any()
+    assert made.parameters["quats"].tolist() == [[1, 0, 0, 0]] * 5
     assert made.labels["ids"].tolist() == [30, 31, 32, 33, 34]
     np.testing.assert_array_equal(made.labels["reach"], spawned.depth)
 
@@ -178,6 +196,7 @@ def test_local_storage_gives_back_the_world_placement(nodes):
 def test_a_gaussian_hangs_on_the_node_that_is_nearest_at_its_reference_frame(nodes):
     """Its place is R_node local + t_node there; `localise` is the way back."""
     spawned, dynamic = some_dynamic(nodes)
+    assert dynamic.labels["ids"].tolist() == list(range(30))
     xyz, quat = (a.double().numpy() for a in nodes)
     place = dynamic.parameters["local_means"].detach().double().numpy()
     for i in range(len(dynamic)):
@@ -286,6 +305,16 @@ def test_a_cell_is_covered_within_the_tolerance_of_its_own_depth(nearer, covered
     pixels = np.stack(np.meshgrid(np.arange(1, 48, 2.0), np.arange(1, 32, 2.0)), -1).reshape(-1, 2)
     existing = camera.unproject(pixels, np.full(len(pixels), 2.0 * nearer))
     assert (len(cover(image, depth, everywhere, camera, existing, config, rng)) == 0) == covered
+
+
+@pytest.mark.parametrize(("nearer", "count"), [(1.25, 0), (1.2500001, 384)])
+def test_the_tolerance_itself_is_still_within(nearer, count):
+    camera, image, depth = frame(2.0)
+    everywhere, rng = np.ones(depth.shape, bool), np.random.default_rng(0)
+    pixels = np.stack(np.meshgrid(np.arange(1, 48, 2.0), np.arange(1, 32, 2.0)), -1).reshape(-1, 2)
+    existing = camera.unproject(pixels, np.full(len(pixels), 2.0 * nearer))
+    config = SpawnConfig(spacing=2, depth_tolerance=0.25)
+    assert len(cover(image, depth, everywhere, camera, existing, config, rng)) == count
 
 
 @pytest.mark.parametrize(("around", "covered"), [(3, False), (4, True)])

@@ -105,6 +105,17 @@ def test_those_with_the_largest_gradients_are_taken_and_no_more_than_the_round_a
     assert made.labels["ids"].tolist() == [*range(10), 1000, 1001, 1002]
 
 
+def test_who_reaches_the_threshold_is_densified_and_who_is_as_large_as_the_limit_is_cloned():
+    """Numbers that float32 holds exactly."""
+    made = gaussians(3, scale=1.0)
+    control = control_of(made, replace(ALWAYS, gradient=2.0, split_scale=0.5))
+    made.labels["reach"] = torch.tensor([2.0, 1.875, 2.0])
+    gradient = torch.tensor([[0.0, 0.4], [0.2, 0.0], [0.1999, 0.0]])
+    control.record(gradient, torch.ones(3, dtype=torch.bool), WIDTH, HEIGHT)
+    assert act(control) == 1003
+    assert made.labels["ids"].tolist() == [0, 2, 1000, 1001, 1002], "the first is cloned, the second split"
+
+
 @pytest.mark.parametrize(
     ("changes", "most"), [({"max_count": 12}, 12), ({"max_growth": 1.4}, 14), ({"growth": 0.05}, 10), ({}, 20)]
 )
@@ -219,6 +230,14 @@ def test_a_split_draws_two_from_the_gaussian_itself_and_makes_each_1_6_times_sma
         assert made.labels["attach"].tolist() == 2 * list(range(1000))
         assert made.labels["reference"].tolist() == 2 * [i % 7 for i in range(1000)]
     assert (made.labels["reach"] == 10).all()
+
+
+def test_a_split_stays_around_its_place():
+    made = gaussians(4, scale=1e-3, reach=1e-3)
+    control = control_of(made, replace(ALWAYS, max_count=100))
+    seen_once(control, [5.0] * 4)
+    act(control)
+    np.testing.assert_allclose(places(made), [0, 1, 2, 3, 0, 1, 2, 3], atol=6e-3)
 
 
 def test_the_two_of_a_split_are_drawn_apart():

@@ -84,7 +84,7 @@ def sources(*folders: str) -> list[Path]:
 
 CORE = sources("f4x_core")
 LABORATORY = sources("benchmarks")
-EVERYTHING = [*CORE, *LABORATORY, *sources("addon", "scripts")]
+EVERYTHING = [*CORE, *LABORATORY, *sources("addon", "ground_truth", "scripts")]
 DOOR = "f4x_core/cli/laboratory.py"
 """The one file of the core that loads `benchmarks`, by importlib, where a checkout has it."""
 
@@ -185,7 +185,9 @@ def test_the_door_for_programs_imports_no_room():
 @pytest.mark.parametrize("file", CORE, ids=name_of)
 def test_wheels_are_imported_where_they_are_allowed(file):
     tree = ast.parse(file.read_text(encoding="utf-8"))
-    assert not [line for line, module in imports(tree, ()) if module.split(".")[0] == "bpy"], "bpy lives in addon/"
+    assert not [line for line, module in imports(tree, ()) if module.split(".")[0] == "bpy"], (
+        "bpy lives in the extension"
+    )
     room = file.relative_to(ROOT / "f4x_core").parts[0].removesuffix(".py")
     loaded = {module.split(".")[0] for _, module in imports(at_import_time(tree), ("",))}
     banned = WHEELS if room in NUMPY_ONLY else {"torch"} if room in TORCH_FREE else set()
@@ -201,7 +203,7 @@ def test_nothing_in_the_core_knows_the_laboratory(file):
 def test_the_laboratory_uses_the_core_and_nothing_of_the_addon(file):
     tree = ast.parse(file.read_text(encoding="utf-8"))
     modules = {module.split(".")[0] for _, module in imports(tree, file.relative_to(ROOT).parts[:-1])}
-    assert not modules & {"addon", "bpy", "scripts", "tests"}
+    assert not modules & {"addon", "bpy", "ground_truth", "scripts", "tests"}
 
 
 @pytest.mark.parametrize("file", sources("addon"), ids=name_of)
@@ -284,3 +286,10 @@ def test_readme_names_the_two_commands():
 def test_every_module_says_what_it_is(file):
     """The pages of `scripts/dev.py docs` begin with it."""
     assert ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or file.name == "__init__.py"
+
+
+@pytest.mark.parametrize("file", sources("addon"), ids=name_of)
+def test_the_extension_uses_nothing_that_it_leaves_out(file):
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    tops = {module.split(".")[0] for _, module in imports(tree, ("addon",))}
+    assert not tops & {"benchmarks", "ground_truth", "scripts", "tests"}

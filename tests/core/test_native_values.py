@@ -15,6 +15,7 @@ from f4x_core.native.arap import ARAP, F4X_ARAP
 from f4x_core.native.binder import DOUBLE
 from f4x_core.native.bundle import F4X_BUNDLE_COSTS, F4X_BUNDLE_EQUATIONS, SIGHTINGS
 from f4x_core.native.library import SOURCES
+from f4x_core.native.maps import F4X_SAMPLE_MAP, F4X_SMOOTH_MAP, SAMPLES, SMOOTHING
 from f4x_core.native.picture import F4X_PICTURE_LOSS, PICTURE
 from f4x_core.raster.native import library as raster
 from f4x_core.scaffold.deformation.native import library as deformation
@@ -128,6 +129,20 @@ def adjusted(given):
     return got | {"costs": costs}
 
 
+def looked_up(given):
+    """Samples of a map in both kinds of numbers, and the smooth map through others."""
+    (height, width, channels), count = given["floats"].shape, len(given["points"])
+    sizes = {"count": count, "width": width, "height": height, "channels": channels, "points": given["points"]}
+    got = {name: np.empty((count, channels)) for name in ("floats", "halves")}
+    for name, values in got.items():
+        F4X_SAMPLE_MAP(SAMPLES(**sizes, **{name: given[name]}, values=values))
+    solution = given["start"].copy()
+    names = ("itself", "right", "right_two", "below", "below_two", "weight", "sample")
+    arrays = {name: given[name] for name in names} | {"solution": solution}
+    F4X_SMOOTH_MAP(SMOOTHING(width=6, height=5, iterations=200, tolerance=1e-12, **arrays))
+    return got | {"solution": solution}
+
+
 def ordered(watched):
     """Indices of five Gaussians, the farthest first: one is behind the near plane, one is transparent, two are as far."""
     means = np.zeros((5, 3), np.float32)
@@ -151,6 +166,7 @@ def test_every_exported_function_gives_the_stored_values(native_library, monkeyp
         "moved": moved,
         "arap": as_rigid_as_possible,
         "bundle": adjusted,
+        "maps": looked_up,
     }
     for kind, function in kinds.items():
         found = errors(function(part(stored, f"{kind}_in_")), part(stored, f"{kind}_out_"))
@@ -162,7 +178,7 @@ def test_every_exported_function_gives_the_stored_values(native_library, monkeyp
     assert instruction_set(watched) in ("avx512", "avx2", "plain")
     assert 1e6 < measure_peak(watched, 0.01) < 1e13
     exported = {name for source in SOURCES for name in EXPORT.findall(source.read_text(encoding="utf-8"))}
-    assert watched.asked == exported and len(exported) == 17
+    assert watched.asked == exported and len(exported) == 19
 
 
 SQUARE_PAIRS = 9
@@ -191,7 +207,7 @@ def test_the_stored_values_are_those_of_the_formulas():
 def make_values():
     """Content of native_values.npz; `python tests/core/test_native_values.py` writes it."""
     groups = {"colours": values_of_colours(), "picture": values_of_pictures(), "moved": values_of_motion()}
-    groups |= {"arap": values_of_arap(), "bundle": values_of_bundle()}
+    groups |= {"arap": values_of_arap(), "bundle": values_of_bundle(), "maps": values_of_maps()}
     return {
         f"{kind}_{way}_{name}": value
         for kind, ways in groups.items()
@@ -316,6 +332,25 @@ def values_of_bundle():
     given |= {"tangents": np.ascontiguousarray(problem.tangents), "principal": problem.principal}
     names = ("blocks", "slopes", "coupling", "point_blocks", "point_slopes")
     return given, dict(zip(names, sums, strict=True)) | {"costs": costs}
+
+
+def values_of_maps():
+    """A picture of 4 x 7 pixels looked up within and beyond its border; a smooth map of 5 x 6 by dense equations."""
+    from f4x_core.priors import depth, flow
+
+    rng = np.random.default_rng(7)
+    given = {"floats": rng.normal(size=(4, 7, 2)).astype(np.float32), "points": rng.uniform(-2, 9, (40, 2))}
+    given["halves"] = given["floats"].astype(np.float16)
+    found = {name: flow._plain_sample(given[name].astype(np.float64), given["points"]) for name in ("floats", "halves")}
+    given |= depth._roughness(rng.uniform(0, 60, (5, 6)), 2.0, 5.0)
+    given["weight"], given["sample"], given["start"] = rng.uniform(0.1, 3, (5, 6)), *rng.normal(size=(2, 5, 6))
+    dense = np.zeros((30, 30))
+    for step, name in zip((0, 1, 2, 6, 12), depth.BANDS, strict=True):
+        for i in range(30 - step):
+            dense[i, i + step] = dense[i + step, i] = given[name].ravel()[i]
+    dense += np.diag(given["weight"].ravel())
+    found["solution"] = np.linalg.solve(dense, (given["weight"] * given["sample"]).ravel()).reshape(5, 6)
+    return given, found
 
 
 if __name__ == "__main__":

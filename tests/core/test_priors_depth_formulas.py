@@ -108,11 +108,27 @@ def dense_roughness(guide, smooth, flat):
     return total
 
 
-def test_roughness_is_the_sum_of_its_differences():
-    guide = np.random.default_rng(0).uniform(0, 60, (5, 7)).astype(np.float32)
-    np.testing.assert_allclose(
-        module._roughness(guide, 2.0, 5.0).toarray(), dense_roughness(guide, 2.0, 5.0), atol=1e-9
-    )
+@pytest.mark.parametrize("shape", [(5, 7), (1, 6), (2, 2), (6, 1)])
+def test_maps_are_smooth_as_the_sum_of_their_differences_asks(shape, either):
+    rng = np.random.default_rng(0)
+    guide = rng.uniform(0, 60, shape).astype(np.float32)
+    weight, sample, start = rng.uniform(0.1, 3, shape), rng.normal(size=shape), rng.normal(size=shape)
+    bands = module._roughness(guide, 2.0, 5.0)
+    found = either(bands, weight, sample, start, 500)
+    system = dense_roughness(guide, 2.0, 5.0) + np.diag(weight.ravel())
+    np.testing.assert_allclose(found.ravel(), np.linalg.solve(system, (weight * sample).ravel()), rtol=1e-3, atol=1e-3)
+    short = [solve(bands, weight, sample, start, 3) for solve in (either, module._plain_smooth_map)]
+    np.testing.assert_allclose(*short, atol=1e-9)  # step by step the same
+    np.testing.assert_array_equal(either(bands, weight, sample, start, 0), start)
+
+
+@pytest.fixture(params=["compiled", "plain"])
+def either(request):
+    """Both forms of the smooth map through samples."""
+    if request.param == "compiled":
+        request.getfixturevalue("native_library")
+        return module._smooth_map
+    return module._plain_smooth_map
 
 
 def filled_by_hand(inverse, precision, guide, start, curvature):
@@ -150,8 +166,9 @@ def test_filling_is_the_minimum_of_its_energy():
 
 def test_filling_starts_at_the_solution_for_half_the_size(monkeypatch):
     inverse, precision, guide = samples_to_fill(32, 32)
-    rounds, solve = [], module.cg
-    monkeypatch.setattr(module, "cg", lambda *args, **more: rounds.append(more["maxiter"]) or solve(*args, **more))
+    rounds, solve = [], module._plain_smooth_map
+    for name in ("_smooth_map", "_plain_smooth_map"):
+        monkeypatch.setattr(module, name, lambda *args: rounds.append(args[-1]) or solve(*args))
     smaller = []
     fill = module.fill_inverse_depth
     monkeypatch.setattr(module, "fill_inverse_depth", lambda *args: smaller.append(args) or fill(*args))

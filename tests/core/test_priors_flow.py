@@ -35,6 +35,11 @@ def test_samples_are_bilinear(shape):
     )
     expected = [bilinear(image, x, y) for x, y in points]
     np.testing.assert_allclose(module.sample(image, points), expected, atol=1e-12)
+    for dtype in (np.float32, np.float16):  # compiled, where the library is
+        stored = image.astype(dtype)
+        plain = module._plain_sample(stored.astype(float), points)
+        np.testing.assert_allclose(module.sample(stored, points), plain, atol=1e-5)
+        np.testing.assert_allclose(module._plain_sample(stored, points), plain, atol=1e-5)
     on_grid = points[:40].reshape(8, 5, 2)
     found = module.look_up(image.astype(np.float32), on_grid)
     np.testing.assert_allclose(found, module.sample(image, on_grid), atol=0.15)  # remap counts in 32nds of a pixel

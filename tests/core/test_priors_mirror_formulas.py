@@ -360,3 +360,14 @@ def test_the_world_is_guessed_nearer_below():
     np.testing.assert_allclose(module.guess_inverse_distance(rays, turns), expected)
     assert min(expected) == 0.3
     assert module.guess_inverse_distance(3 * down[None], turns)[0] == 3
+
+
+def test_in_a_small_picture_the_pixel_beside_a_mover_is_not_inside():
+    """Of 24 x 18 pixels the margin is half a pixel; a mover's outline still grows by one."""
+    mask = np.zeros((1, 18, 24), bool)
+    mask[0, 9, 9] = True
+    tracks = np.array(
+        [[[0.3, 9.5], [0.7, 9.5], [9.5, 9.5], [10.5, 9.5], [11.5, 9.5], [9.5, 11.5], [23.3, 9], [23.7, 9]]]
+    )
+    seen = DepthCues(np.arange(1), tracks, np.ones((1, 8), bool), np.ones(8, bool), mask)
+    assert module._inside(seen, 0).tolist() == [False, True, False, False, True, True, True, False]

@@ -302,38 +302,39 @@ def test_medians_of_the_first_of_a_row():
     np.testing.assert_allclose(module._median_of_first(values, count), expected)
 
 
-def expected_by_hand(tracks, point, guides, before, end, begin):
-    own = tracks[end, point] - tracks[before, point]
-    straight = tracks[end, point] + own * (begin - end) / max(end - before, 1)
-    if len(guides) < module.MIN_GUIDES:
-        return straight
-    away = np.linalg.norm(tracks[end, guides] - tracks[end, point], axis=1)
-    near = guides[np.argsort(away)[: 3 * module.NEIGHBOURS]]
-    unlike = np.linalg.norm(tracks[end, near] - tracks[before, near] - own, axis=1)
-    alike = [
-        (u, g) for u, g in zip(unlike, near, strict=True) if u <= max(1.0, module.STEP_TOLERANCE * np.linalg.norm(own))
-    ]
-    alike = [guide for _, guide in sorted(alike, key=lambda pair: pair[0])][: module.NEIGHBOURS]
-    if len(alike) < module.MIN_GUIDES:
-        return straight
-    return tracks[end, point] + np.median(tracks[begin, alike] - tracks[end, alike], axis=0)
+def expected_by_hand(tracks, visible, lost, before, end, begin):
+    known = [n for n in range(tracks.shape[1]) if visible[before, n] and visible[end, n] and n not in set(lost)]
+    places = []
+    for point in lost:
+        own = tracks[end, point] - tracks[before, point]
+        near = sorted(known, key=lambda n: np.linalg.norm(tracks[end, n] - tracks[end, point]))[: module.NEAREST]
+        unlike = {n: np.linalg.norm(tracks[end, n] - tracks[before, n] - own) for n in near}
+        alike = [n for n in near if unlike[n] <= max(1.0, module.STEP_TOLERANCE * np.linalg.norm(own))]
+        alike = sorted((n for n in alike if visible[begin, n]), key=unlike.get)[: module.NEIGHBOURS]
+        shift = own * (begin - end) / max(end - before, 1)
+        if len(alike) >= module.MIN_GUIDES:
+            shift = np.median(tracks[begin, alike] - tracks[end, alike], axis=0)
+        places.append(tracks[end, point] + shift)
+    return np.array(places)
 
 
-@pytest.mark.parametrize("count", [2, 3, 12, 60])
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 12, 80])
 def test_hidden_points_go_with_guides_that_moved_like_them(count):
     rng = np.random.default_rng(count)
     tracks = (
-        rng.uniform(0, 60, (1, 70, 2))
-        + np.cumsum(rng.normal(0, 1.0, (8, 70, 2)), 0)
+        rng.uniform(0, 60, (1, 90, 2))
+        + np.cumsum(rng.normal(0, 1.0, (8, 90, 2)), 0)
         + np.arange(8)[:, None, None] * [2.0, 1]
     )
-    lost, guides = np.arange(10), np.arange(10, 10 + count)
-    found = module._expected(tracks, lost, guides, 1, 3, 7)
-    expected = [expected_by_hand(tracks, point, guides, 1, 3, 7) for point in lost]
-    np.testing.assert_allclose(found, expected, atol=1e-9)
-    np.testing.assert_allclose(  # no step to learn from
-        module._expected(tracks, lost, guides[:2], 3, 3, 7), tracks[3, lost], atol=1e-9
-    )
+    lost, visible = np.arange(10), np.zeros((8, 90), bool)
+    visible[:4, : 10 + count] = True
+    visible[7, 10 : 10 + count] = rng.random(count) < 0.8
+    company = module._Company(tracks, visible, lost, 1, 3)
+    expected = expected_by_hand(tracks, visible, lost, 1, 3, 7)
+    np.testing.assert_allclose(company.expected(7), expected, atol=1e-9)
+    np.testing.assert_allclose(company.expected(7, np.array([7, 2])), expected[[7, 2]], atol=1e-9)
+    nothing = module._Company(tracks, visible & False, lost, 3, 3)  # no step to learn from
+    np.testing.assert_allclose(nothing.expected(7), tracks[3, lost], atol=1e-9)
 
 
 def behind_bars(seed=0, frames=26):
@@ -369,7 +370,8 @@ def torn(truth, clear, seed=0):
     first[10:, still], second[14:, still] = False, True
     again = np.flatnonzero(second.sum(0) > 2)
     beside = [truth[:, again] + rng.normal(0, size, (1, len(again), 2)) for size in (0.4, 0.9)]
-    tracks = np.concatenate([truth, *beside], 1).astype(np.float32)
+    tracks = np.concatenate([truth, *beside], 1)
+    tracks = (tracks + rng.normal(0, 0.02, tracks.shape)).astype(np.float32)  # no two are equally near or equally alike
     visible = np.concatenate([first, second[:, again], second[:, again]], 1)
     tracks[~visible] = np.nan
     visible[rng.random(visible.shape) < 0.03] = False  # not seen, though it has a place
@@ -385,21 +387,23 @@ def relinked_by_hand(tracks, visible, pictures, longest):
 
     patches = [module._patches(pictures, tracks, np.full(count, frame)) for frame in range(frames)]
 
-    for a in range(count):
-        if last[a] is None or last[a] > frames - 3:
-            continue
+    def is_lost(a):
+        if last[a] is None or last[a] > frames - 3 or not visible[max(last[a] - away, 0), a]:
+            return False
+        here = tracks[last[a], a]
+        return (here > 7).all() and here[0] < width - 7 and here[1] < height - 7
+
+    gone = [a for a in range(count) if is_lost(a)]
+    for a in gone:
         end, before = last[a], max(last[a] - away, 0)
-        here = tracks[end, a]
-        if not visible[before, a] or not ((here > 7).all() and here[0] < width - 7 and here[1] < height - 7):
-            continue
+        beside = [a, *(other for other in gone if last[other] == end and other != a)]
         for b in range(count):
             if first[b] is None or not end < first[b] <= end + longest:
                 continue
             begin, settled = first[b], min(first[b] + away, frames - 1)
             if not visible[settled, b]:
                 continue
-            guides = np.flatnonzero(visible[before] & visible[end] & visible[begin])
-            expected = module._expected(tracks, np.array([a]), guides, before, end, begin)[0]
+            expected = expected_by_hand(tracks, visible, beside, before, end, begin)[0]
             if np.linalg.norm(tracks[begin, b] - expected) <= module.LINK_RADIUS + 0.5 * (begin - end):
                 same = max(patches[begin][b] @ patches[end][a], patches[settled][b] @ patches[before][a])
                 found.append((same, end, a, b))
@@ -427,10 +431,17 @@ def test_relinked_tracks_are_those_of_the_plain_form(longest, seed):
     np.testing.assert_array_equal(found, expected)
 
 
+def seen_again(tracks, visible, pictures, lost, end, t, followed=None):
+    company = module._Company(
+        tracks, visible, np.array(lost if followed is None else followed), end - module.GAP_MARGIN, end
+    )
+    return module._seen_again(company, np.flatnonzero(np.isin(company.lost, lost)), pictures, t)
+
+
 def seen_again_by_hand(tracks, visible, pictures, lost, end, t):
     before = end - module.GAP_MARGIN
     guides = np.flatnonzero(visible[before] & visible[end] & visible[t])
-    expected = module._expected(tracks, lost, guides, before, end, t)
+    expected = expected_by_hand(tracks, visible, lost, before, end, t)
     radius = int(module.LINK_RADIUS + 0.5 * (t - end))
     start = tracks[before, lost]
     places = module._find_patches(pictures[before], pictures[t], start, expected, radius)
@@ -462,13 +473,13 @@ def test_points_are_seen_again_where_patches_and_neighbours_agree():
         for t in (end + 6, end + 9):
             if len(lost) and t < len(pictures):
                 expected = seen_again_by_hand(tracks, visible, pictures, lost, end, t)
-                again = module._seen_again(tracks, visible, pictures, lost, end, t)
+                again = seen_again(tracks, visible, pictures, lost, end, t)
                 np.testing.assert_allclose(again, expected, atol=1e-6)
                 tried, found = tried + len(lost), found + np.isfinite(again[:, 0]).sum()
                 apart = tracks.copy()  # neighbours go their own ways
                 apart[t:] += np.random.default_rng(end).normal(0, 2.5, (1, tracks.shape[1], 2))
                 expected = seen_again_by_hand(apart, visible, pictures, lost, end, t)
-                again = module._seen_again(apart, visible, pictures, lost, end, t)
+                again = seen_again(apart, visible, pictures, lost, end, t)
                 np.testing.assert_allclose(again, expected, atol=1e-6)
                 torn_apart += np.isfinite(again[:, 0]).sum()
     assert 5 < found < tried and torn_apart < found
@@ -484,6 +495,7 @@ def continued_by_hand(tracks, visible, pictures, longest):
     for end in range(frames - 2, margin - 1, -1):
         lost = [n for n in range(count) if last[n] == end and visible[end - margin, n]]
         lost = [n for n in lost if (tracks[end, n] > 7).all() and (tracks[end, n] < (width - 7, height - 7)).all()]
+        followed = lost.copy()
         for gap in module.SEARCH_AFTER:
             t = end + gap
             if gap > longest or t >= frames:
@@ -495,7 +507,7 @@ def continued_by_hand(tracks, visible, pictures, longest):
             ]
             if not lost or not settled:
                 continue
-            places = module._seen_again(tracks, visible, pictures, np.array(lost), end, t)
+            places = seen_again(tracks, visible, pictures, np.array(lost), end, t, followed)
             for point, place in list(zip(lost, places, strict=True)):
                 away = np.linalg.norm(tracks[t, settled] - place, axis=1)
                 if not np.isfinite(place[0]) or away.min() > module.FOLLOW_RADIUS:

@@ -57,7 +57,11 @@ def test_query_writes_what_it_found(folder, capsys, tmp_path):
 def test_a_click_and_a_word_and_a_click_beside_go_together(folder, capsys, monkeypatch):
     rows, columns = np.nonzero(square_mask(0))
     click = ["--point", f"{columns.mean() + 0.5},{rows.mean() + 0.5}", "--frame", "0", "--json"]
-    for more in (["--beside", "60,5"], ["--text", "square"]):
+    left, right = columns.min() - 1, columns.max() + 2
+    top, bottom = rows.min() - 1, rows.max() + 2
+    around = f"{left},{top} {right},{top} {right},{bottom} {left},{bottom}"
+    stroke = ["--brush", f"{left + 3},{top + 3} {right - 3},{bottom - 3}", "--brush-width", "3"]
+    for more in (["--beside", "60,5"], ["--text", "square"], ["--lasso", around], stroke):
         code, out, _ = run(capsys, "query", folder / "scene.f4x", *click, *more)
         found = json.loads(out)
         assert code == 0 and found["chosen"] > 0 and found["static"] == 0
@@ -77,7 +81,7 @@ def test_a_name_is_a_word_from_then_on(folder, capsys, tmp_path):
     code, out, _ = run(capsys, "query", scene, "--text", "the red train", "--json")
     assert code == 0 and json.loads(out)["chosen"] == named["chosen"]
     before = scene.read_bytes()
-    for wrong, words in ((["a/b", *click], "letters, digits"), (["train"], "one of them or together")):
+    for wrong, words in ((["a/b", *click], "letters, digits"), (["train"], "alone or together")):
         code, _, err = run(capsys, "name", scene, *wrong)
         assert code == 2 and words in err and scene.read_bytes() == before
 
@@ -256,9 +260,12 @@ def test_questions_that_cannot_be_answered_are_one_sentence(folder, capsys):
         (["--text", "unicorn"], "lacks 'unicorn'"),
         (["--text", "square", "--not", "wall,Squares"], "'Squares' is asked for and excluded at once"),
         (["--text", "a", "--point", "1,2"], "need --frame T"),
+        (["--beside", "1,2"], "alone or together"),
+        (["--lasso", "1,2 3,4", "--frame", "0"], "at least 3 points"),
+        (["--brush", "1,2 3", "--frame", "0"], "write 'X,Y X,Y …'"),
         (["--text", "square", "--beside", "1,2", "--frame", "0"], "--frame goes with"),
-        (["--mask", "nowhere.png", "--text", "square"], "or --mask alone"),
-        ([], "one of them or together"),
+        (["--mask", "nowhere.png", "--text", "square"], "need --frame T"),
+        ([], "alone or together"),
         (["--point", "1,2"], "needs --frame"),
         (["--point", "1;2", "--frame", "0"], "write X,Y"),
         (["--point", f"{WIDTH + 9},2", "--frame", "0"], "outside the picture"),

@@ -148,7 +148,9 @@ def test_moving_things_are_pointed_out_where_nothing_else_is_asked(scene, monkey
     Lifted(monkeypatch, scene)
     pointed = []
     scores = np.random.default_rng(1).random(len(scene.ids))
-    monkeypatch.setattr(prompts, "point_out", lambda scene, asked: pointed.append(sorted(asked)) or scores)
+    monkeypatch.setattr(
+        prompts, "point_out", lambda scene, asked: pointed.append([mark.frame for mark in asked]) or scores
+    )
     point, mask = {"points": [[3, 3]]}, {"mask": square_mask(0)}
     found = select_by_prompts(scene, {0: point, 2: point})
     np.testing.assert_array_equal(found.scores, scores)

@@ -9,8 +9,8 @@ from labelled_scene import HALF, SQUARE, labelled_scene, sheet, square_mask
 from f4x_core.edit.apply import with_operations
 from f4x_core.edit.operations import Duplicate
 from f4x_core.edit.selects import Moving
-from f4x_core.features.models.prompt import check_prompt
 from f4x_core.query import objects
+from f4x_core.query.marks import Box, Point
 from f4x_core.query.objects import Superpoints, graph_of, point_out, superpoints_of
 from f4x_core.query.prompts import select_by_box, select_by_points, select_by_prompts
 from f4x_core.scene import DynamicSet
@@ -77,14 +77,12 @@ def test_a_click_on_what_stands_selects_nothing_that_moves():
 def test_a_box_too_small_for_any_piece_means_no_moving_thing():
     scene = labelled_scene()
     x, y = np.floor(middle(square_mask(0)))
-    prompt = check_prompt(0, len(scene.cameras), (scene.cameras.height, scene.cameras.width), box=[x, y, x + 1, y + 1])
-    assert point_out(scene, {0: prompt}) is None
+    assert point_out(scene, [Box(0, True, [x, y, x + 1, y + 1])]) is None
 
 
 def test_nothing_moves():
     scene = replace(labelled_scene(features=False), dynamic=DynamicSet.empty(), scaffold=None)
-    prompt = check_prompt(0, len(scene.cameras), (scene.cameras.height, scene.cameras.width), points=[(60, 5)])
-    assert point_out(scene, {0: prompt}).any()
+    assert point_out(scene, [Point(0, True, (60, 5))]).any()
 
 
 def test_the_graph_is_made_once_and_goes_along_with_edits(monkeypatch):

@@ -1,15 +1,18 @@
 """Superpoints and what a prompt makes of them, against loops over Gaussians, groups and pixels."""
 
+import cmath
 import math
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from f4x_core.features.models.prompt import check_prompt
+from f4x_core.errors import F4xError
 from f4x_core.geometry import spherical_harmonics
 from f4x_core.query import objects
+from f4x_core.query.marks import Box, Brush, Lasso, Mask, Point, check_marks
 from f4x_core.query.objects import Graph, Superpoints, point_out, superpoints_of
 
 MADE = (21, 26)
@@ -331,49 +334,74 @@ def test_one_superpoint_alone_has_no_bonds():
 SIZE = (12, 20)
 
 
-def marks_by_loops(prompt, size):
-    """(H,W,3+n): every pixel's centre against every mark."""
-    positive = prompt.points[prompt.labels]
-    result = np.zeros((*size, 3 + max(1, len(positive))))
+def marked_by_loops(mark, size):
+    """(H,W) bool: every pixel's centre against the mark, sides of a lasso by winding angles."""
+    result = np.zeros(size, bool)
     reach = max(1, 0.006 * size[1])
-    for y in range(size[0]):
-        for x in range(size[1]):
-            at = np.array([x + 0.5, y + 0.5])
-            box = prompt.box
-            inside = box is None or bool((box[:2] <= at).all() and (at <= box[2:]).all())
-            on = [inside and math.dist(at, point) <= reach for point in positive] or [inside]
-            beside = any(math.dist(at, point) <= reach for point in prompt.points[~prompt.labels])
-            result[y, x] = [beside, not inside, inside, *on]
+    for y, x in np.ndindex(*size):
+        at = np.array([x + 0.5, y + 0.5])
+        if isinstance(mark, Point):
+            result[y, x] = math.dist(at, mark.at) <= reach
+        elif isinstance(mark, Box):
+            result[y, x] = (mark.corners[:2] <= at).all() and (at <= mark.corners[2:]).all()
+        elif isinstance(mark, Brush):
+            steps = np.linspace(0, 1, 2001)[:, None]
+            path = np.concatenate([(1 - steps) * a + steps * b for a, b in pairwise(np.array(mark.path))])
+            result[y, x] = np.linalg.norm(path - at, axis=1).min() <= max(reach, mark.radius)
+        else:
+            corners = [complex(*(corner - at)) for corner in np.array(mark.outline)]
+            turns = [cmath.phase(b / a) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
+            result[y, x] = abs(sum(turns)) > math.pi
     return result
 
 
 @pytest.mark.parametrize("size", [SIZE, (8, 400)])
 @pytest.mark.parametrize(
-    "marks",
+    "mark",
     [
-        {"points": [[3.5, 4.5], [9.2, 6.1]], "labels": [True, False]},
-        {"points": [[3.5, 4.5], [4.5, 4.5], [12.0, 7.0]], "labels": [True, True, True]},
-        {"box": [2.5, 1.5, 9.5, 6.5]},
-        {"box": [2.5, 1.5, 9.5, 6.5], "points": [[9.5, 6.5], [2.0, 1.0], [5.5, 3.5]], "labels": [True, False, False]},
+        Point(0, True, [3.5, 4.5]),
+        Box(0, True, np.array([2.5, 1.5, 9.5, 6.5])),
+        Brush(0, True, [[2.2, 2.1], [9.3, 6.2], [12.1, 2.3]], 1.7),
+        Brush(0, True, [[2.2, 2.1], [9.3, 6.2]]),
+        Lasso(0, True, [[2.2, 1.1], [11.3, 2.4], [9.7, 6.9], [6.1, 3.3], [1.3, 7.2]]),
     ],
 )
-def test_marks_by_loops(marks, size):
-    prompt = check_prompt(0, 1, size, **marks)
-    found = objects._marks(prompt, size)
-    assert found.dtype == np.float32
-    np.testing.assert_array_equal(found, marks_by_loops(prompt, size))
+def test_marks_by_loops(mark, size):
+    np.testing.assert_array_equal(mark.pixels(size), marked_by_loops(mark, size))
+
+
+@pytest.mark.parametrize(
+    ("marks", "words"),
+    [
+        ([], "Nothing says where the thing is"),
+        ([Point(0, False, (3, 3))], "Nothing says where the thing is"),
+        ([Point(5, True, (3, 3))], "no frame 5"),
+        ([Point(0, True, (30, 3))], "outside the picture"),
+        ([Box(0, True, (5, 5, 5, 9))], "left, top, right, bottom"),
+        ([Box(0, True, (50, 5, 60, 9))], "marks no pixel"),
+        ([Brush(0, True, [])], "at least 1 points"),
+        ([Brush(0, True, [[-9, -9]])], "marks no pixel"),
+        ([Lasso(0, True, [[1, 1], [5, 5]])], "at least 3 points"),
+        ([Lasso(0, True, [[1, 1], [5, 5], [np.nan, 2]])], "at least 3 points"),
+        ([Mask(0, True, np.ones((3, 3)))], "shape"),
+        ([Mask(0, True, np.zeros(SIZE))], "empty"),
+    ],
+)
+def test_marks_that_mean_nothing_are_named(marks, words):
+    with pytest.raises(F4xError, match=words):
+        [mark.pixels(SIZE) for mark in check_marks(marks, 5)]
 
 
 class Pointed:
     """Six Gaussians, two of them static, each moving one a superpoint; what they weigh in the marks is given."""
 
-    def __init__(self, monkeypatch, sums):
+    def __init__(self, monkeypatch, sums, piece=None):
         self.ids, self.moving = np.arange(6), np.arange(6) > 1
         self.cameras = SimpleNamespace(height=SIZE[0], width=SIZE[1], times=10 + np.arange(5.0))
         bonds = np.zeros((4, 4))
         bonds[[0, 1, 2, 3], [1, 0, 3, 2]] = 1  # two pairs
         blend = np.full(4, 0.1)
-        moving = Superpoints(np.arange(2, 6), np.arange(4), np.ones(4), bonds, bonds, blend)
+        moving = Superpoints(np.arange(2, 6), np.arange(4), np.ones(4), bonds, bonds, blend, piece=piece)
         wall = np.ones((2, 2)) - np.eye(2)
         static = Superpoints(np.arange(2), np.arange(2), np.ones(2), wall, wall, np.full(2, 0.1))
         monkeypatch.setattr(objects, "graph_of", lambda scene: Graph(moving, static))
@@ -388,60 +416,100 @@ class Pointed:
         assert layers.shape == (*SIZE, result.shape[1])
         return result
 
-    def asked(self, **prompts):
-        found = point_out(self, {int(name[1:]): check_prompt(0, 1, SIZE, **marks) for name, marks in prompts.items()})
+    def asked(self, *marks):
+        found = point_out(self, marks)
         return None if found is None else np.flatnonzero(found).tolist()
 
 
-NOWHERE, EVERYWHERE = [0, 0, 0, 0, 0, 0], [1, 1, 1, 1, 1, 1]
-POINT, TWO, FOUR = ({"points": [[3, 3]] * count} for count in (1, 2, 4))
+NOWHERE, EVERYWHERE = [0, 0, 0, 0, 0, 0], [4, 4, 4, 4, 4, 4]
+
+
+def point(frame, on=True):
+    return Point(frame, on, (3, 3))
+
+
+def box(frame):
+    return Box(frame, True, (1, 1, 5, 5))
 
 
 def test_each_point_on_every_frame_grows_a_thing_of_its_own(monkeypatch):
-    first = [NOWHERE, NOWHERE, EVERYWHERE, [0, 0, 2, 0, 0, 0]]
-    second = [NOWHERE, NOWHERE, EVERYWHERE, [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 0, 3]]
-    third = [NOWHERE, NOWHERE, EVERYWHERE, [0, 0, 0, 0, 0, 3]]
+    first = [EVERYWHERE, EVERYWHERE, [0, 0, 2, 0, 0, 0]]
+    second = [EVERYWHERE, EVERYWHERE, [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 0, 3]]
+    third = [EVERYWHERE, EVERYWHERE, [0, 0, 0, 0, 0, 3]]
     pointed = Pointed(monkeypatch, {1: first, 3: second, 4: third})
-    assert pointed.asked(_1=POINT) == [2, 3]
-    assert pointed.asked(_3=TWO) == [2, 3, 4, 5]
-    assert pointed.asked(_1=POINT, _4=POINT) == [2, 3, 4, 5]
+    assert pointed.asked(point(1)) == [2, 3]
+    assert pointed.asked(point(3), point(3)) == [2, 3, 4, 5]
+    assert pointed.asked(point(1), point(4)) == [2, 3, 4, 5]
 
 
 def test_a_prompt_on_what_mostly_stands_means_nothing_that_moves(monkeypatch):
-    """At a point a fifth of the weights is enough; in a box a quarter, unless a point goes with it."""
+    """At a point a fifth of the weights is enough; in a box a quarter, unless a point goes with it; of a mask half."""
     on = [0, 4, 1, 0, 0, 0]
-    pointed = Pointed(monkeypatch, {0: [NOWHERE, NOWHERE, EVERYWHERE, on]})
-    assert pointed.asked(_0=POINT) == [2, 3]
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, on, NOWHERE]})
+    assert pointed.asked(point(0), point(0, on=False)) == [2, 3]
     on[0] = 0.01
-    assert pointed.asked(_0=POINT) == [0, 1]
+    assert pointed.asked(point(0), point(0, on=False)) == [0, 1]
+    boxed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, on]})
     on[:2] = 2, 1
-    assert pointed.asked(_0={"box": [1, 1, 5, 5]}) == [2, 3]
+    assert boxed.asked(box(0)) == [2, 3]
     on[0] = 2.01
-    assert pointed.asked(_0={"box": [1, 1, 5, 5]}) == [0, 1]
+    assert boxed.asked(box(0)) == [0, 1]
+    mask = Mask(0, True, np.ones(SIZE))
+    on[:2] = 0.5, 0.5
+    assert boxed.asked(mask) == [2, 3]
+    on[0] = 0.51
+    assert boxed.asked(mask) == [0, 1]
+    both = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, on, EVERYWHERE]})
     on[:2] = 0.4, 0.4
-    assert pointed.asked(_0={"box": [1, 1, 5, 5]} | POINT) == [2, 3]
+    assert both.asked(point(0), box(0)) == [2, 3]
     on[0] = 4.7
-    assert pointed.asked(_0={"box": [1, 1, 5, 5]} | POINT) == [0, 1]
+    assert both.asked(point(0), box(0)) == [0, 1]
     on[:3] = 0, 0, 0  # nobody is there
-    assert pointed.asked(_0=POINT) is None
+    assert both.asked(point(0), box(0)) is None
 
 
-def test_negative_points_and_what_is_outside_take_superpoints_out(monkeypatch):
-    """Those with 0.3 of the most marked one's weights; those with more weight outside the box than inside."""
-    beside, outside, inside, on = [5, 9, 0, 1.01, 0, 3], NOWHERE, EVERYWHERE, np.eye(6)[2:]
-    pointed = Pointed(monkeypatch, {0: [beside, outside, inside, *on]})
+def test_what_is_beside_and_what_is_outside_take_superpoints_out(monkeypatch):
+    """Those with 0.3 of the most marked one's weights or half of their own; those with more weight outside than inside."""
+    on, beside = np.eye(6)[2:], [5, 9, 0, 1.01, 0, 3]
+    four = [point(0)] * 4
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, *on, beside]})
     # The greatest weight is that of a superpoint, 3: 1.01 is more than 0.3 of it.
-    assert pointed.asked(_0=FOUR) == [2, 4]
+    assert pointed.asked(*four, point(0, on=False)) == [2, 4]
     beside[3] = 0.89
-    assert pointed.asked(_0=FOUR) == [2, 3, 4]
+    assert pointed.asked(*four, point(0, on=False)) == [2, 3, 4]
+    own = Pointed(monkeypatch, {0: [[4, 4, 4, 1.7, 4, 4], EVERYWHERE, *on, beside]})
+    assert own.asked(*four, point(0, on=False)) == [2, 4]
     beside[3], beside[5] = 0.0, 0.0
-    assert pointed.asked(_0=FOUR) == [2, 3, 4, 5]
-    outside = [0, 0, 1, 1.01, 0.99, 0]
-    pointed = Pointed(monkeypatch, {0: [NOWHERE, outside, inside, *on]})
-    assert pointed.asked(_0=FOUR) == [2, 4, 5]
-    # Over all frames: the first one sees the third superpoint outside.
-    third = [NOWHERE, [0, 0, 0, 0, 3, 0], EVERYWHERE, *on]
-    pointed = Pointed(monkeypatch, {0: third, 1: [NOWHERE, outside, inside, *on]})
-    assert pointed.asked(_0=FOUR, _1=FOUR) == [2, 3, 5]
-    pointed = Pointed(monkeypatch, {0: [NOWHERE, [9] * 6, inside, *on]})
-    assert pointed.asked(_0=FOUR) is None  # nothing is left
+    assert pointed.asked(*four, point(0, on=False)) == [2, 3, 4, 5]
+    inside = [4, 4, 3, 1.99, 2.01, 4]
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, inside, *on, inside]})
+    assert pointed.asked(*four, box(0)) == [2, 4, 5]
+    # A frame without a box says nothing of inside and outside.
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, inside, inside], 1: [EVERYWHERE, EVERYWHERE, *on]})
+    assert pointed.asked(box(0), *[point(1)] * 4) == [2, 4, 5]
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, NOWHERE, *on, NOWHERE]})
+    assert pointed.asked(*four, box(0)) is None  # nothing is left
+
+
+def test_what_lies_mostly_under_a_stroke_is_held(monkeypatch):
+    stroke = Brush(0, True, [[3, 3], [5, 5]])
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 2.01, 0]]})
+    assert pointed.asked(stroke) == [2, 3, 4]
+    piece = np.array([0, 0, 1, 2])
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 0, 2.01]]}, piece)
+    assert pointed.asked(stroke) == [2, 3, 5]
+    pointed = Pointed(monkeypatch, {0: [EVERYWHERE, EVERYWHERE, [0, 0, 3, 0, 0, 1.99]]}, piece)
+    assert pointed.asked(stroke) == [2, 3]
+
+
+def test_pieces_are_what_keeps_its_distances():
+    """Three in a row that turn together, a fourth that goes away from them, and a fifth that nothing is near."""
+    turned = np.array([[[x * np.cos(a), x * np.sin(a), 0] for a in (0, 0.7, 1.9)] for x in (0.0, 1, 2)])
+    leaves = np.array([[[3.0 + step, 0, 0] for step in (0, 1, 2)]])
+    places = np.concatenate([turned, leaves, [[[9, 9, 9]] * 3]])
+    near = np.zeros((5, 5))
+    near[[0, 1, 1, 2, 2, 3], [1, 0, 2, 1, 3, 2]] = 1
+    assert objects._pieces(places, near).tolist() == [0, 0, 0, 1, 2]
+    assert objects._pieces(places[:1], np.zeros((1, 1))).tolist() == [0]
+    shaken = places + 0.3 * np.random.default_rng(0).normal(size=places.shape)
+    assert len(set(objects._pieces(shaken, near)[:3])) == 1  # noise is no motion

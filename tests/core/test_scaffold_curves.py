@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from f4x_core.errors import F4xError
 from f4x_core.geometry import pose, quaternion
@@ -238,6 +239,9 @@ def test_curve_distance_equals_brute_force(kth, masked):
         kth,
     )
     np.testing.assert_allclose(other, expected[:4, 4:], rtol=1e-5, atol=1e-6)
+    if not masked:  # what was seen of one side alone says nothing about both
+        alone = distance_to(xyz[:, :4], xyz[:, 4:], np.zeros((10, 4), bool), kth=kth)
+        np.testing.assert_array_equal(alone, other)
 
 
 def test_curve_distance_of_one_or_no_curve():
@@ -359,6 +363,15 @@ def test_coarse_edges_lead_to_a_thin_set_and_are_reproducible():
     np.testing.assert_array_equal(multilevel_edges(distance, 0.02, config, seed=3)[0].neighbour, level.neighbour)
 
 
+def test_coarse_edges_reach_so_many_of_their_spacings():
+    x = np.array([0.0, 1.5, 3.5, 30.0, 33.0, 38.0])
+    distance = np.abs(x[:, None] - x)
+    config = GraphConfig(reach=4.0, levels=((2.0, 9, 0.3),))  # spacing 1, so that all are members; edges below 4
+    (level,) = multilevel_edges(distance, 0.5, config, seed=0)
+    wanted = {(i, j) for i in range(6) for j in range(6) if i != j and distance[i, j] < 4}
+    assert set(zip(level.node.tolist(), level.neighbour.tolist(), strict=True)) == wanted and len(wanted) == 8
+
+
 def test_attach_is_the_nearest_node_at_the_reference_frame():
     rng = np.random.default_rng(0)
     points, reference, xyz = rng.normal(size=(50, 3)), rng.integers(0, 4, 50), rng.normal(size=(4, 9, 3))
@@ -376,6 +389,30 @@ def test_rotations_of_a_rigid_motion_are_found():
     truth = quaternion.from_rotation_vector(np.array([0.2, 9.0, 0.3]) * np.linspace(0, 1, 24)[:, None])[:, None]
     np.testing.assert_allclose(abs((q * truth).sum(-1)), 1, atol=1e-10)
     assert ((q[1:] * q[:-1]).sum(-1) > 0).all()
+
+
+@pytest.mark.parametrize("unit", [1e-4, 1.0, 1e4])
+def test_three_neighbours_tell_a_turn_wherever_they_are_and_in_any_unit(unit):
+    """Also where none was observed: then what was filled in counts."""
+    rest = np.random.default_rng(0).normal(size=(4, 3)) + np.array([5, -3, 8])
+    turn = quaternion.from_rotation_vector(np.array([0.4, -0.7, 0.2]))
+    xyz = unit * np.stack([rest, quaternion.rotate(turn, rest), rest])
+    neighbours, mask = np.array([[0, 1, 2, 3], [1, 3, 0, 2]]), np.array([[True] * 3 + [False]] * 2)
+    for certain in (None, np.zeros((3, 4), bool)):
+        found = initial_rotations(neighbours, mask, xyz, certain)
+        np.testing.assert_allclose(np.abs(found[1] @ turn), 1, atol=1e-9)
+        np.testing.assert_allclose(np.abs(found[2] @ quaternion.IDENTITY), 1, atol=1e-9)
+
+
+def test_samples_that_were_filled_in_count_a_hundredth():
+    rng = np.random.default_rng(3)
+    before, after = rng.normal(size=(2, 6, 3)) + np.array([2, 1, -3])
+    certain = np.array([[True] * 6, [True] * 3 + [False] * 3])
+    found = initial_rotations(np.arange(6)[None], np.ones((1, 6), bool), np.stack([before, after]), certain)[1, 0]
+    weights = np.array([1.0] * 3 + [0.01] * 3)
+    here, there = (side - np.average(side, axis=0, weights=weights) for side in (before, after))
+    best = Rotation.align_vectors(there, here, weights)[0].as_quat(scalar_first=True)
+    np.testing.assert_allclose(np.abs(found @ best), 1, atol=1e-9)
 
 
 def test_undetermined_rotations_stay():

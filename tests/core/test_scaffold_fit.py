@@ -162,6 +162,17 @@ def test_short_clips_have_no_loss_to_speak_of():
         assert losses[3] == losses[5] == 0  # accelerations
 
 
+def test_three_frames_have_every_loss_and_two_have_speeds():
+    xyz = torch.tensor([[[0.0, 0, 0]], [[3, 4, 0]], [[3, 4, 2]]], dtype=torch.float64)
+    turn = torch.tensor(quaternion.from_rotation_vector(np.array([[[0.1, 0, 0]], [[0.3, 0, 0]], [[0.9, 0, 0]]])))
+    times = torch.tensor([0.0, 1, 3])
+    smooth = smoothness_losses(xyz, turn, times)
+    bend = np.linalg.norm([-3, -4, 1]) / 1.5  # velocities (3, 4, 0) and (0, 0, 1), middles 1.5 apart
+    np.testing.assert_allclose([float(one) for one in smooth], [(5 + 1) / 2, bend, (0.2 + 0.3) / 2, 0.1 / 1.5])
+    two = smoothness_losses(xyz[:2], turn[:2], times[:2])
+    np.testing.assert_allclose([float(one) for one in two], [5, 0, 0.2, 0])
+
+
 def test_losses_do_not_depend_on_clip_length_or_node_count():
     """The same motion twice in space and for twice the time has the same losses."""
     rng = np.random.default_rng(0)

@@ -107,6 +107,36 @@ def test_an_offset_is_held_in_the_nodes_own_frame():
     np.testing.assert_allclose(turned, quat, atol=1e-12)
 
 
+def test_an_offset_turns_a_node_by_its_fraction_too():
+    quat = quaternion.from_rotation_vector(np.array([[[0.0, 0, 0.5]], [[0, 0.3, 0]]]))
+    xyz = np.array([[[1.0, 2, 3]], [[4, 5, 6]]])
+    offset = quaternion.from_rotation_vector(np.array([[0.8, 0, 0]])), np.array([[0.2, -0.4, 0.6]])
+    placed, turned = add_offset(xyz, quat, offset, np.array([0.25, 0.5]))
+    for frame, fraction in enumerate((0.25, 0.5)):
+        turn = quaternion.from_rotation_vector(np.array([0.8 * fraction, 0, 0]))
+        np.testing.assert_allclose(turned[frame, 0], quaternion.multiply(quat[frame, 0], turn), atol=1e-12)
+        moved = xyz[frame, 0] + quaternion.rotate(quat[frame, 0], fraction * offset[1][0])
+        np.testing.assert_allclose(placed[frame, 0], moved, atol=1e-12)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1e3])
+def test_what_a_pull_does_is_the_same_in_every_unit(unit):
+    grabbed, free = np.array([17]), np.arange(4, 20)
+    target = XYZ[grabbed] + [0.5, 0, 1.5]
+    placed, turns = grab(XYZ, EDGES, grabbed, target, free)
+    scaled, same = grab(unit * XYZ, EDGES, grabbed, unit * target, free)
+    np.testing.assert_allclose(scaled / unit, placed, atol=1e-6)
+    np.testing.assert_allclose(same, turns, atol=1e-6)
+
+
+def test_nodes_that_are_all_grabbed_are_where_they_are_put_and_turn_with_their_edges():
+    q = quaternion.from_rotation_vector(np.array([0.3, 0.7, -0.2]))
+    targets = quaternion.rotate(q, XYZ)
+    placed, turns = grab(XYZ, EDGES, np.arange(len(XYZ)), targets)
+    np.testing.assert_array_equal(placed, targets)
+    np.testing.assert_allclose(np.abs(turns @ q), 1, atol=1e-9)
+
+
 def hinge(frames=12) -> tuple[np.ndarray, np.ndarray]:
     """Two boards joined at the origin, one of which swings while both travel; the board (M,) of each node."""
     random = np.random.default_rng(1)

@@ -77,6 +77,19 @@ def test_as_many_groups_as_schwarz_favours(noise, seed):
         assert as_sets(rigid_groups(xyz, count)) == {frozenset(part) for part in asked}
 
 
+@pytest.mark.parametrize("unit", [1e-4, 1e4])
+def test_groups_are_the_same_in_every_unit(unit):
+    for noise in (0.0, 0.02):
+        assert as_sets(rigid_groups(unit * bodies(noise))) == as_sets(rigid_groups(bodies(noise)))
+
+
+def test_nodes_in_one_place_are_in_one_group():
+    assert rigid_groups(np.zeros((5, 4, 3))).tolist() == [0, 0, 0, 0]
+    twice = np.concatenate([bodies(0.02), bodies(0.02)[:, 8:10]], 1)
+    found = rigid_groups(twice)
+    assert found[12:].tolist() == found[8:10].tolist()
+
+
 def test_twelve_times_are_looked_at():
     """Bodies that part between those are one: the rounded twelve of 45 times are 0, 4, 8, ... 44."""
     xyz = np.repeat(bodies(0.0)[:1], 45, 0)
@@ -133,3 +146,4 @@ def test_a_change_of_shape_is_what_a_rigid_motion_leaves_over_both_extents():
         extents = np.sqrt((first**2).sum()) * np.sqrt((shape**2).sum())
         assert found[frame] == pytest.approx(np.sqrt(((shape - first) ** 2).sum() / extents), abs=1e-9)
     assert shape_change(np.zeros((3, 4, 3))).tolist() == [0, 0, 0]
+    np.testing.assert_allclose(shape_change(1e-2 * xyz), found, atol=1e-9)

@@ -261,6 +261,7 @@ def test_playback_equals_numpy(slots, fades, monkeypatch):
 
 def test_playback_of_other_dtypes_stays_in_numpy():
     *blended, means, quats = make_playback(number=5, dtype=np.float64)
-    moved, _ = library.move_gaussians(*blended, np.ones(5), means, quats)
     q, t = blend(*blended, np.ones(5))
-    np.testing.assert_array_equal(moved, quaternion.rotate(q, means) + t)
+    for one in (means, means.astype(np.float64)):  # some of another type, and all
+        moved, _ = library.move_gaussians(*blended, np.ones(5), one, quats.astype(one.dtype))
+        np.testing.assert_array_equal(moved, quaternion.rotate(q, one) + t)

@@ -142,6 +142,16 @@ def test_twice_the_noise_of_the_tracks_is_good_enough(tracks):
     assert min(outcomes) < 1.9 and max(outcomes) > 2.1
 
 
+def test_without_tracks_to_measure_it_the_residual_is_nothing(tracks):
+    """Where nearly every track is a node, the unit is the distance of neighbouring tracks."""
+    found = choose_nodes(
+        tracks, TIMES, 0.0, replace(CONFIG, held_out=0.0, counts=(48,), candidates=48, tracks_per_node=1)
+    )
+    assert [(row.nodes, row.residual, row.median) for row in found.table] == [(48, 0, 0)]
+    assert found.unit == pytest.approx(automatic_unit(tracks.xyz, 1.0))
+    assert found.index.tolist() != [] and len(set(found.index.tolist())) == 48
+
+
 def test_a_selection_is_met_within_its_tolerance():
     found = Selection(np.zeros(1, np.int64), 1.0, 0.5, 0.5, 0.1, False, ())
     assert found.met and not replace(found, residual=0.51).met
@@ -153,6 +163,8 @@ def test_residuals_are_means_over_the_other_frames_that_see_the_track(tracks, pi
     seen = tracks.certain.copy()
     seen[:, 1], seen[:, 2] = False, False
     seen[3, 2] = True
+    seen[:, 7] = False
+    seen[[2, 5], 7] = True
     tracks = LiftedTracks(tracks.xyz, seen, tracks.index)
     scaffold = scaffold_of(tracks, np.array([0, 4, 9, 13, 22]), TIMES, 0.2)
     path = None

@@ -9,11 +9,11 @@ import pytest
 from f4x_core.cli import main
 from f4x_core.cli.doctor import anonymous
 from f4x_core.errors import F4xError
-from f4x_core.troubles import TROUBLES, code_of, code_of_module, explain, with_code
+from f4x_core.troubles import TOPS, TROUBLES, code_of, code_of_module, explain, with_code
 from scripts.site_pages import TROUBLESHOOTING, sentences_of, troubleshooting
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = [file for folder in ("f4x_core", "addon", "scripts") for file in (ROOT / folder).rglob("*.py")]
+SOURCES = [file for folder in TOPS for file in (ROOT / folder).rglob("*.py")]
 
 
 def module_of(file: Path) -> str:
@@ -44,7 +44,7 @@ def test_codes_and_modules_occur_once():
         ("f4x_core.scene.file", "F4X-SCENE"),
         ("f4x_core.scene.ply", "F4X-IMPORT"),
         ("bl_ext.user_default.feature4x.f4x_core.edit.stack", "F4X-EDIT"),
-        ("bl_ext.user_default.feature4x.addon.session", "F4X-BLENDER"),
+        ("bl_ext.user_default.feature4x.addon.scene_object", "F4X-BLENDER"),
         ("somewhere.else", "F4X-OTHER"),
     ],
 )

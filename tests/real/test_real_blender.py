@@ -48,8 +48,8 @@ try:
 except RuntimeError as error:
     refused = str(error)
 bpy.ops.f4x.import_scene(filepath=home + "/scene.f4x")
-session = sys.modules[name + ".addon.session"]
-root = session.root_of(bpy.context.object)
+scene_object = sys.modules[name + ".addon.scene_object"].SceneObject.of(bpy.context.object)
+root = scene_object.root
 bpy.ops.f4x.query_text(text="square")
 bpy.ops.f4x.recolour(rgb=(0.0, 1.0, 0.0))
 bpy.ops.f4x.save_edits()
@@ -59,7 +59,7 @@ bpy.ops.wm.save_as_mainfile(filepath=home + "/scene.blend")
 others = [other for other in ("torch", "scipy", "cv2", "PIL", "av", "OpenEXR") if importlib.util.find_spec(other)]
 print(json.dumps(dict(on=on, states=states, refused=refused, others=others, selected=root.f4x.selected,
                       edits=len(root.f4x.history), core="f4x_core" in sys.modules,
-                      found=sys.modules[name].__file__, points=sum(len(c.data.points) for c in session.clouds_of(root)))))
+                      found=sys.modules[name].__file__, points=sum(len(c.data.points) for c in scene_object.clouds))))
 """
 
 

@@ -17,8 +17,10 @@ pytestmark = [pytest.mark.real, pytest.mark.blender]
 REPOSITORY = Path(__file__).resolve().parents[2]
 STEPS = (
     *("0_imported", "2_text", "3_queried", "4_recoloured", "5_undone", "6_redone", "7_saved", "8_pointed", "9_boxed"),
+    *("9_box", "9_brush", "9_lasso", "9_sphere"),
     *("10_rendering", "11_stopped", "12_back", "13_working", "14_cancelled"),
 )
+TOOLS = ("box", "brush", "lasso", "sphere")
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +51,15 @@ def test_click_and_box_select_the_square(window):
     count = len(labelled_scene().dynamic)
     assert steps["pointed"]["last"] == "F4X_OT_query_point" and steps["pointed"]["selected"] == count
     assert steps["boxed"]["last"] == "F4X_OT_query_box" and count / 2 < steps["boxed"]["selected"] <= count
+
+
+def test_gestures_select_parts_of_the_square_and_nothing_else(window):
+    """The box that was drawn holds most of the square, the brush a stripe of it, the sphere the disc inside the box."""
+    _, steps = window
+    count, selected = len(labelled_scene().dynamic), {name: steps[name]["selected"] for name in TOOLS}
+    assert all(steps[name]["last"] == f"F4X_OT_select_{name}" for name in TOOLS)
+    assert count / 2 < selected["box"] <= count and count / 2 < selected["lasso"] <= count
+    assert 0 < selected["brush"] < selected["box"] and 0 < selected["sphere"] < selected["box"]
 
 
 def test_render_and_job_are_stopped(window):

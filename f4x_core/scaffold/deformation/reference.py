@@ -115,7 +115,7 @@ def blend_reference(relative: Array, weights: Array, strength: Array) -> tuple[A
     node and the heaviest neighbour agree about every sign, that is unless rotations differ by about 180 degrees.
     """
     xp = namespace(relative)
-    heaviest = xp.argmax(weights, axis=-1)[:, None] == like(np.arange(weights.shape[1]), weights)  # (N, K) one-hot
+    heaviest = xp.argmax(weights, axis=1)[:, None] == like(np.arange(weights.shape[1]), weights)  # (N, K) one-hot
     chosen = (relative[..., :4] * heaviest[..., None]).sum(axis=1, keepdims=True)  # (N, 1, 4)
     dots = (relative[..., :4] * chosen).sum(axis=-1)
     signed = xp.where(dots < 0, -weights, weights)

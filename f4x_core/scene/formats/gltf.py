@@ -63,7 +63,7 @@ def write_gltf(scene: Posable, time: float, path: Path | str, transform: np.ndar
         document["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
         data = json.dumps(document, indent=1).encode()
     else:
-        data = _glb(document, binary, path)
+        data = glb(document, binary, path)
     with replace_file(path) as file:
         file.write(data)
 
@@ -114,7 +114,7 @@ def _document(name: str, attributes: dict[str, np.ndarray]) -> tuple[dict[str, A
     }, b"".join(pieces)
 
 
-def _glb(document: dict[str, Any], binary: bytes, path: Path) -> bytes:
+def glb(document: dict[str, Any], binary: bytes, path: Path) -> bytes:
     """Pack JSON and buffer into the binary container (glTF 2.0, section 4.4)."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)

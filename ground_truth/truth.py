@@ -24,11 +24,11 @@ import bpy
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
+from ..addon.axes import camera_path
+from ..addon.evaluated import SOLID, surface_of
+from ..addon.render_settings import save_multilayer, save_png
 from ..f4x_core.errors import F4xError
 from ..f4x_core.geometry.camera import CameraPath
-from .axes import camera_path
-from .evaluated import SOLID, surface_of
-from .render_settings import save_multilayer, save_png
 
 STATIC_INDEX, MOVING_INDEX = 1, 2  # object index pass
 STILL = 1e-5

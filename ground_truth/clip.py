@@ -23,14 +23,14 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from ..addon.axes import camera_path
+from ..addon.render_settings import save_multilayer, save_png
 from ..f4x_core.clip.rendered_motion import camera_poses
 from ..f4x_core.clip.rendered_scenes import RenderedScene
 from ..f4x_core.errors import F4xError
-from .axes import camera_path
-from .render_settings import save_multilayer, save_png
-from .synthetic_field import build_bodies, build_field
-from .synthetic_nodes import FPS, key_linear, keyed_times
-from .synthetic_room import build_deforming_subject, build_room, import_walker
+from .field import build_bodies, build_field
+from .nodes import FPS, key_linear, keyed_times
+from .room import build_deforming_subject, build_room, import_walker
 from .truth import render_frames, use_passes, write_facts
 
 EXTRA_VIEWS = 4

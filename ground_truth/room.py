@@ -9,7 +9,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..f4x_core.errors import F4xError
-from .synthetic_nodes import FPS, Nodes, key_linear, keyed_times, linear_color, shade
+from .nodes import FPS, Nodes, key_linear, keyed_times, linear_color, shade
 from .truth import MOVING_INDEX, STATIC_INDEX
 
 FLOOR_COVER = 0.02  # metres: top of the carpet, on which the subjects move

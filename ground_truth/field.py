@@ -10,7 +10,7 @@ from mathutils import Matrix, Quaternion, Vector
 from ..f4x_core.clip.rendered_motion import body_poses
 from ..f4x_core.clip.rendered_scenes import Body, RenderedScene
 from ..f4x_core.clip.rendered_textures import SIZE, texture
-from .synthetic_nodes import FPS, Nodes, key_linear, keyed_times, linear_color, shade
+from .nodes import FPS, Nodes, key_linear, keyed_times, linear_color, shade
 from .truth import MOVING_INDEX, STATIC_INDEX
 
 RINGS = (0.0, 9.0, 24.0, 70.0, 260.0)

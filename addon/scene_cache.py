@@ -1,0 +1,119 @@
+"""Scene files as Blender sees them: what each held when it was last looked at, and the scenes that were read, with edits.
+
+Scenes are known by path and hash of their arrays, edited ones also by their stack, so undo needs no cache update.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from threading import Thread
+from typing import NamedTuple
+
+from ..f4x_core.edit.apply import edited
+from ..f4x_core.edit.display import Display
+from ..f4x_core.edit.stack import UNDONE, EditStack, read_stack, with_stack
+from ..f4x_core.errors import F4xError
+from ..f4x_core.query.calibration import prepare
+from ..f4x_core.scene import Scene, read_header, read_scene
+
+NO_EDITS = "[]"
+"""JSON of the empty stack."""
+GROUPS = ("static/", "dynamic/", "scaffold/", "cameras/")
+"""Arrays of a scene file whose names begin so and do not end in `LATENT` say which Gaussians it holds."""
+LATENT = "/latent"
+"""End of the names of arrays that belong to features, which may be added later."""
+KEPT = 4
+"""Number of scenes in the cache, including edited ones, so that switching a preview on and off is fast."""
+
+
+class SceneFile(NamedTuple):
+    """What is needed of a scene file at every redraw, from its header."""
+
+    stamp: tuple[int, int]
+    """Time of change in ns, and size in bytes."""
+    arrays: str
+    """Hash of all arrays."""
+    gaussians: str
+    """Hash of the arrays that stay the same when features and words are added."""
+    edits: str
+    """JSON of the edits."""
+
+
+_files: dict[str, SceneFile] = {}  # path -> what it held when it was looked at last
+_preparing: dict[int, Thread] = {}  # id of a scene's static set -> who works out its neighbourhoods
+_scenes: OrderedDict[tuple[str, str, str], Display] = OrderedDict()
+
+
+def look_at(path: Path) -> SceneFile:
+    """What a scene file holds, from its header, which is read anew only when the file has changed."""
+    try:
+        found = path.stat()
+    except OSError as error:
+        raise F4xError(
+            f"{path} cannot be read ({error.strerror}); put the scene file back, or import it again."
+        ) from error
+    stamp = (found.st_mtime_ns, found.st_size)
+    file = _files.get(str(path))
+    if file is None or file.stamp != stamp:
+        arrays = read_header(path)["arrays"]
+        same = {name: entry for name, entry in arrays.items() if name.startswith(GROUPS) and not name.endswith(LATENT)}
+        file = _files[str(path)] = SceneFile(stamp, _hash(arrays), _hash(same), text_of(read_stack(path)))
+    return file
+
+
+def displayed(path: Path, text: str) -> Display:
+    """The scene of a file with the stack that `text` describes in place of its own; F4xError where the file is gone."""
+    arrays = look_at(path).arrays
+    base, wanted = (str(path), arrays, NO_EDITS), (str(path), arrays, text)
+    if base not in _scenes:
+        scene = read_scene(path)
+        fields = {name: value for name, value in scene.extra_fields.items() if name != UNDONE}
+        _scenes[base] = Display(replace(scene, edits=(), extra_fields=fields))
+    if wanted not in _scenes:
+        _scenes[wanted] = Display(edited(with_stack(_scenes[base].scene, stack_from(text, str(path)))))
+    for key in (base, wanted):
+        _scenes.move_to_end(key)
+    while len(_scenes) > KEPT:
+        _scenes.popitem(last=False)
+    return _scenes[wanted]
+
+
+def text_of(stack: EditStack) -> str:
+    """JSON of a stack."""
+    return json.dumps(stack.to_json())
+
+
+def stack_from(text: str, owner: str) -> EditStack:
+    """The stack that `text` describes; F4xError, which names the `owner`, where it is damaged."""
+    try:
+        return EditStack.from_json(json.loads(text), owner)
+    except ValueError as error:
+        raise F4xError(f"{owner}: its stored edits are not valid JSON ({error}); import the scene again.") from error
+
+
+def prepare_questions(scene: Scene) -> None:
+    """Compute in a thread what the first query needs: superpoints and neighbourhoods (seconds)."""
+    thread = Thread(target=prepare, args=(scene,), daemon=True)
+    _preparing[id(scene.static)] = thread
+    thread.start()
+
+
+def wait_until_prepared(scene: Scene) -> None:
+    """Wait for what `prepare_questions` began, if it did."""
+    if id(scene.static) in _preparing:
+        _preparing.pop(id(scene.static)).join()
+
+
+def forget() -> None:
+    """Empty the caches: another .blend was opened."""
+    _files.clear()
+    _scenes.clear()
+
+
+def _hash(data: Mapping) -> str:
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,137 @@
+"""How well marks on the first frame select a thing: DAVIS' own measures J and F over all frames of the original view.
+
+Perazzi et al., A benchmark dataset and evaluation methodology for video object segmentation, CVPR 2016: J is the intersection
+over union of regions, F the harmonic mean of precision and recall of their outlines, of which those count as found that lie
+within 0.008 of the picture's diagonal. DAVIS leaves the first and the last frame out of its means; here all frames count.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import cv2
+import numpy as np
+
+from f4x_core.edit.naming import by_words
+from f4x_core.errors import F4xError
+from f4x_core.progress import Progress, silent
+from f4x_core.query.labels import Encode
+from f4x_core.query.marks import Lasso, Mask
+from f4x_core.query.pixels import coverage_image
+from f4x_core.query.prompts import select_by_box, select_by_evidence, select_by_mask, select_by_points
+from f4x_core.query.score import overlap
+from f4x_core.query.selection import Selection
+from f4x_core.scene import Scene
+from f4x_core.scene.view import render
+
+BOUND = 0.008
+"""Of the picture's diagonal: how far an outline may be from the true one (DAVIS)."""
+PUBLISHED = {"OSVOS": (0.798, "Caelles et al., CVPR 2017"), "OFL": (0.680, "Tsai, Yang and Black, CVPR 2016")}
+"""Method that is given the first frame's mask -> mean J over DAVIS 2016's 20 validation clips, and where that is said."""
+
+
+def boundary_f(mask: np.ndarray, truth: np.ndarray) -> float:
+    """F of bool `mask (H,W)` against `truth (H,W)`, in [0, 1]; 1 where both are empty."""
+    reach = int(np.ceil(BOUND * np.hypot(mask.shape[0], mask.shape[1])))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    disc = (x * x + y * y <= reach * reach).astype(np.uint8)
+    own, true = outline(mask), outline(truth)
+    near_own, near_true = (cv2.dilate(line.astype(np.uint8), disc) > 0 for line in (own, true))
+    if not own.any() or not true.any():
+        return float(own.any() == true.any())
+    precision, recall = (own & near_true).sum() / own.sum(), (true & near_own).sum() / true.sum()
+    return float(2 * precision * recall / (precision + recall)) if precision + recall else 0.0
+
+
+def outline(mask: np.ndarray) -> np.ndarray:
+    """(H,W) bool: pixels of which the right, the lower or the lower right neighbour is on the other side (DAVIS' seg2bmap)."""
+    padded = np.pad(mask, ((0, 1), (0, 1)), mode="edge")
+    return (mask != padded[:-1, 1:]) | (mask != padded[1:, :-1]) | (mask != padded[1:, 1:])
+
+
+def innermost(mask: np.ndarray) -> tuple[float, float]:
+    """x, y of the pixel farthest from the outline of bool `mask (H,W)`: where a hand would click."""
+    deep = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    y, x = np.unravel_index(deep.argmax(), deep.shape)
+    return float(x) + 0.5, float(y) + 0.5
+
+
+def box_of(mask: np.ndarray) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom around bool `mask (H,W)`."""
+    rows, columns = np.nonzero(mask)
+    return int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
+
+
+def moving_ones(scene: Scene) -> Selection:
+    """What moves: nothing is marked."""
+    return Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
+
+
+def ways(
+    scene: Scene, mask: np.ndarray, frame: int, label: str | None, encode: Encode | None
+) -> dict[str, Callable[[], Selection]]:
+    """Way to select -> the search, from the true `mask (H,W)` on clip frame `frame`, and the word where `label` is one."""
+    found: dict[str, Callable[[], Selection]] = {
+        "mask": partial(select_by_mask, scene, mask, frame),
+        "mask on the graph": partial(select_by_evidence, scene, [Mask(frame, True, mask)]),
+        "click": partial(select_by_points, scene, [innermost(mask)], frame),
+        "box": partial(select_by_box, scene, box_of(mask), frame),
+        "nothing": partial(moving_ones, scene),
+    }
+    if label is not None:
+        found["word"] = lambda: by_words(scene, [label], encode=encode)[label]
+    return found
+
+
+def score_selecting(
+    scene: Scene,
+    masks: Mapping[int, np.ndarray],
+    label: str | None = None,
+    encode: Encode | None = None,
+    backend: str = "auto",
+    progress: Progress = silent,
+) -> dict[str, dict[str, float | str]]:
+    """Way to select -> `J`, `F` (means over bool `masks`, frame -> (H,W)), `worst J` and `seconds`; or `refused`: why not."""
+    first = min(frame for frame, mask in masks.items() if mask.any())
+    rows: dict[str, dict[str, float | str]] = {}
+    selections = {}
+    for name, search in ways(scene, masks[first], first, label, encode).items():
+        start = perf_counter()
+        try:
+            selections[name] = search()
+            rows[name] = {"seconds": perf_counter() - start}
+        except F4xError as error:
+            rows[name] = {"refused": str(error)}
+    chosen = np.stack([each.chosen for each in selections.values()], 1).astype(np.float32)
+    scores = []
+    for done, (frame, mask) in enumerate(masks.items()):
+        progress("select", done, len(masks))
+        time = float(scene.cameras.times[frame])
+        drawn = render(scene, scene.cameras[frame], time, (), backend, values={"chosen": chosen})["chosen"] > 0.5
+        scores.append([(overlap(one, mask), boundary_f(one, mask)) for one in np.moveaxis(drawn, -1, 0)])
+    for name, own in zip(selections, np.moveaxis(np.array(scores), 1, 0), strict=True):
+        rows[name] |= {"J": float(own[:, 0].mean()), "F": float(own[:, 1].mean()), "worst J": float(own[:, 0].min())}
+    return rows
+
+
+def score_things(scene: Scene, file: Path, clip: str, backend: str = "auto") -> Iterator[dict[str, Any]]:
+    """IoU on its own frame of a click and a box on each of the hand-drawn things of `clip` in `file`, which stand still.
+
+    `file`: a JSON list of `clip`, `frame`, `name` and `outline` [[x, y], ...] in pixels of the clip's pictures.
+    """
+    size = (scene.cameras.height, scene.cameras.width)
+    for thing in json.loads(file.read_text(encoding="utf-8")):
+        if thing["clip"] != clip:
+            continue
+        frame, mask = thing["frame"], Lasso(thing["frame"], True, thing["outline"]).pixels(size)
+        row: dict[str, Any] = {"thing": thing["name"]}
+        for name in ("click", "box"):
+            found = ways(scene, mask, frame, None, None)[name]()
+            drawn = coverage_image(scene, found, scene.cameras[frame], float(scene.cameras.times[frame]), backend) > 0.5
+            row[name] = overlap(drawn, mask)
+        yield row

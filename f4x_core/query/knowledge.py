@@ -1,0 +1,89 @@
+"""What a teacher does not know, said before it selects; and whose evidence an answer rests on. Needs numpy alone."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from ..errors import F4xError
+from ..features.null import null_vector
+from ..language.lexicon import spellings
+from ..scene import Scene
+from .calibration import evidence
+from .inventory import known_instead, nearest_there
+from .labels import BACKGROUND, Encode, ask_for, text_head
+from .score import cosines
+from .selection import Selection
+from .smoothing import group_of
+
+_PEOPLE = (
+    r"person|people|humans?|[a-z]*m[ae]n|[a-z]*wom[ae]n|child(?:ren)?|kids?|bab(?:y|ies)|boys?|girls?|guys?|lad(?:y|ies)|faces?"
+    r"|hands?|crowd|(?:bicycl|motorcycl|cycl|art|tour|guitar|pian|viol)ists?|ballerinas?|skaters?|surfers?|jockeys?|nurses?"
+    r"|(?:horse |bike )?(?:rid|driv|danc|runn|swimm|walk|work|play|passeng|teach|farm|soldi|paint|conduct|act|sail|sing|act|wait"
+    r"|danc|box|climb|jump|skat|surf|wrestl|referee|fight|photograph|bik)(?:er|or)s?|passengers?|soldiers?|tracers?|athletes?"
+    r"|cyclists?|pilots?|doctors?|cooks?|chefs?|brides?|grooms?|students?|kings?|queens?|boss(?:es)?|friends?|pedestrians?"
+)
+_SURFACES = (
+    r"street|pavement|sidewalk|tarmac|asphalt|concrete|gravel|ground|soil|dirt|mud|beach|desert|lawn|meadow|fields?|carpet|marble"
+    r"|tiles?|ceiling|shadows?"
+)
+"""Without those of `labels.BACKGROUND`, which compete with one another for what no thing takes."""
+_DRAWN = (
+    r"(?:cartoon|drawn|painted|animated|low-poly|clip-?art|comic)(?: .+)?"
+    r"|(?:drawing|painting|sketch|cartoon|picture|photo|image)s?(?: of .+)?"
+    r"|(?:logo|icon|emoji|graffiti|mural|doodle|letter|text|writing|word|number|symbol|subtitle)s?"
+)
+UNKNOWN = {"minilm": {"people": _PEOPLE, "surfaces": _SURFACES, "drawn things": _DRAWN}}
+"""Text encoder -> kind -> names of what the teacher that speaks through it knows nothing of (docs/features.md)."""
+ALIKE = 0.6
+"""Cosine of two words from which either may mean what the other means: a puppy is a dog (0.8), a rider no horse."""
+CLEARLY = 0.05
+"""Evidence that a label must have beyond that of the asked word, in what the word selects, to be what it rather is: of a bed
+the label sofa has 0.03 more."""
+
+
+def unknown_kind(scene: Scene, label: str) -> str | None:
+    """Kind of things that the scene's teacher of words does not know, and `label` is one of; None where it may know it."""
+    kinds = UNKNOWN.get(text_head(scene).spec.text_encoder or "", {})
+    name = re.sub(r"^(?:the|a|an) ", "", " ".join(label.lower().split()))
+    return next((kind for kind, names in kinds.items() if re.fullmatch(names, name)), None)
+
+
+def refuse_unknown(scene: Scene, label: str, encode: Encode | None = None) -> None:
+    """Raise F4xError where the scene's teacher knows nothing of the kind of thing that `label` names."""
+    kind = unknown_kind(scene, label)
+    if kind is None:
+        return
+    try:
+        near = nearest_there(scene, [label], encode)
+    except F4xError:  # a word without a vector
+        near = known_instead(scene, [label])
+    there = f" Nearest labels that it shows: {', '.join(near)}." if near else ""
+    raise F4xError(
+        f"{scene.name}: '{label}' is not looked for, because the teacher of this scene's words knows no {kind}; click on the"
+        f" thing or draw a box around it, or add another teacher with `f4x distill SCENE --teacher NAME`.{there}"
+    )
+
+
+def refuse_evidence_of_another(scene: Scene, label: str, found: Selection, encode: Encode | None = None) -> None:
+    """Raise F4xError where what `label` has `found` answers clearly more to a label that means something else."""
+    head = text_head(scene)
+    encoder = head.spec.text_encoder or ""
+    null = null_vector(encoder)
+    surface = not {*spellings(label)}.isdisjoint(BACKGROUND)  # what no thing takes: evidence plays no part
+    if surface or null is None or not found.chosen.any() or encoder not in scene.require_field().vocabularies:
+        return
+    labels, vectors = scene.require_field().vocabulary(encoder)
+    asked = ask_for(scene, [label], [], encode=encode).vectors[:1]
+    patches = group_of(scene)
+    everyone = np.maximum(np.bincount(patches.index, minlength=len(patches.weight)), 1)
+    mass = patches.weight * np.bincount(patches.index, found.chosen, len(patches.weight)) / everyone
+    seen = mass @ evidence(patches.features(head), np.concatenate([asked, vectors]), null) / mass.sum()
+    others = np.where(cosines(vectors, asked)[:, 0] < ALIKE, seen[1:], -np.inf)
+    best = int(others.argmax())
+    if others[best] > seen[0] + CLEARLY:
+        raise F4xError(
+            f"{scene.name}: what '{label}' finds answers more to '{labels[best]}' ({others[best]:.2f} against {seen[0]:.2f}), so"
+            f" nothing is selected; is {labels[best]} meant? Then ask for that; else click on the thing or draw a box around it."
+        )

@@ -1,0 +1,184 @@
+"""What a user marks on the clip's pictures: points, boxes, brush strokes, lassos and masks, checked. Needs numpy alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import F4xError
+from ..features.models.prompt import Prompt, check_frame
+
+DOT = 0.006
+"""Radius of a point, in widths of the picture: what a hand with a mouse means."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """A mark on one frame of the clip; pixels are those of the clip's pictures, their centres at +0.5."""
+
+    frame: int
+    """Clip frame."""
+    on: bool = True
+    """The thing is there; False: what is marked is not meant."""
+
+    around = False
+    """Drawn around the thing, so that what lies outside is none of it; else drawn on it."""
+    exact = False
+    """Most of what is marked belongs to the thing, not only some of it."""
+
+    def pixels(self, size: tuple[int, int]) -> np.ndarray:
+        """(H,W) bool: the marked pixels of a picture of `size` (H, W). F4xError: none is marked."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, eq=False)
+class Point(Mark):
+    """A click."""
+
+    at: ArrayLike = (0.0, 0.0)
+    """x, y in pixels."""
+
+    def pixels(self, size: tuple[int, int]) -> np.ndarray:
+        """(H,W) bool: a dot. F4xError: a point outside the picture."""
+        x, y = np.asarray(self.at, float).reshape(2)
+        if not (0 <= x < size[1] and 0 <= y < size[0]):
+            raise F4xError(f"Point ({x:g}, {y:g}) lies outside the picture of {size[1]} x {size[0]} pixels.")
+        return _near(np.array([[x, y]]), max(1.0, DOT * size[1]), size)
+
+
+@dataclass(frozen=True, eq=False)
+class Box(Mark):
+    """A box around the thing."""
+
+    corners: ArrayLike = (0.0, 0.0, 0.0, 0.0)
+    """Left, top, right, bottom in pixels."""
+    around = True
+
+    def pixels(self, size: tuple[int, int]) -> np.ndarray:
+        """(H,W) bool: the inside. F4xError: corners in another order, or a box outside the picture."""
+        corners = np.asarray(self.corners, float).reshape(-1)
+        if corners.shape != (4,) or not (corners[:2] < corners[2:]).all():
+            raise F4xError(
+                f"A box is left, top, right, bottom with left < right and top < bottom; got {corners.tolist()}."
+            )
+        rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+        left, top, right, bottom = corners
+        inside = (columns >= left) & (columns <= right) & (rows >= top) & (rows <= bottom)
+        return _some(inside, f"The box {corners.tolist()}", size)
+
+
+@dataclass(frozen=True, eq=False)
+class Brush(Mark):
+    """A stroke painted on the thing, or on what is not meant."""
+
+    path: ArrayLike = ()
+    """(n,2) x, y in pixels along the stroke."""
+    radius: float = 0.0
+    """Half the width of the stroke in pixels; at least that of a point."""
+    exact = True
+
+    def pixels(self, size: tuple[int, int]) -> np.ndarray:
+        """(H,W) bool: what the stroke covers. F4xError: no path, or one outside the picture."""
+        path = _path(self.path, 1, "A brush stroke")
+        stroke = _near(path, max(1.0, DOT * size[1], float(self.radius)), size)
+        return _some(stroke, "The brush stroke", size)
+
+
+@dataclass(frozen=True, eq=False)
+class Lasso(Mark):
+    """A loose line around the thing; it closes by itself."""
+
+    outline: ArrayLike = ()
+    """(n,2) x, y in pixels along the line."""
+    around = True
+
+    def pixels(self, size: tuple[int, int]) -> np.ndarray:
+        """(H,W) bool: the inside. F4xError: fewer than three corners, or a line outside the picture."""
+        return _some(_inside(_path(self.outline, 3, "A lasso"), size), "The lasso", size)
+
+
+@dataclass(frozen=True, eq=False)
+class Mask(Mark):
+    """The thing's pixels, drawn elsewhere."""
+
+    mask: ArrayLike = ()
+    """(H,W) bool or numbers, above 0 on the thing, at the size of the clip's pictures."""
+    around = True
+    exact = True
+
+    def pixels(self, size: tuple[int, int]) -> np.ndarray:
+        """(H,W) bool: the mask. F4xError: another size, or an empty one."""
+        mask = np.asarray(self.mask) > 0
+        if mask.shape != size:
+            raise F4xError(f"The mask has shape {mask.shape}, the pictures are {size[0]} rows x {size[1]} columns.")
+        if not mask.any():
+            raise F4xError("The mask is empty: mark at least one pixel.")
+        return mask
+
+
+def check_marks(marks: Iterable[Mark], frames: int) -> list[Mark]:
+    """`marks` as a list; F4xError where none says where the thing is, or one lies outside the clip of so many `frames`."""
+    found = list(marks)
+    for mark in found:
+        check_frame(mark.frame, frames)
+    if not any(mark.on for mark in found):
+        raise F4xError("Nothing says where the thing is; give a point, a box, a brush stroke, a lasso or a mask on it.")
+    return found
+
+
+def marks_of(frame: int, prompt: Prompt) -> list[Mark]:
+    """The marks of a decoder's prompt on clip frame `frame`."""
+    marks: list[Mark] = [Point(frame, bool(on), at) for at, on in zip(prompt.points, prompt.labels, strict=True)]
+    if prompt.box is not None:
+        marks.append(Box(frame, True, prompt.box))
+    if prompt.mask is not None:
+        marks.append(Mask(frame, True, prompt.mask))
+    return marks
+
+
+def _path(points: ArrayLike, least: int, what: str) -> np.ndarray:
+    """(n,2) float64; F4xError for fewer than `least` points or numbers that are none."""
+    path = np.asarray(points, float)
+    if path.ndim != 2 or path.shape[1] != 2 or len(path) < least or not np.isfinite(path).all():
+        raise F4xError(f"{what} is at least {least} points x, y in pixels; got an array of shape {path.shape}.")
+    return path
+
+
+def _some(pixels: np.ndarray, what: str, size: tuple[int, int]) -> np.ndarray:
+    """`pixels`; F4xError where none is marked."""
+    if not pixels.any():
+        raise F4xError(f"{what} marks no pixel of the picture of {size[1]} x {size[0]} pixels.")
+    return pixels
+
+
+def _near(path: np.ndarray, radius: float, size: tuple[int, int]) -> np.ndarray:
+    """(H,W) bool: pixels within `radius` of the line through `path (n,2)`."""
+    near = np.zeros(size, bool)
+    for start, end in zip(path, path[1:] if len(path) > 1 else path, strict=False):
+        low = np.clip(np.floor(np.minimum(start, end) - radius - 1), 0, size[::-1]).astype(int)
+        high = np.clip(np.ceil(np.maximum(start, end) + radius + 1), 0, size[::-1]).astype(int)
+        rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]] + 0.5
+        along = end - start
+        share = ((columns - start[0]) * along[0] + (rows - start[1]) * along[1]) / max(float(along @ along), 1e-12)
+        share = np.clip(share, 0, 1)
+        away = (columns - start[0] - share * along[0]) ** 2 + (rows - start[1] - share * along[1]) ** 2
+        near[low[1] : high[1], low[0] : high[0]] |= away <= radius**2
+    return near
+
+
+def _inside(outline: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """(H,W) bool: pixels whose centre lies inside the closed `outline (n,2)`, by the parity of the edges to their left."""
+    x, y = outline.T
+    to_x, to_y = np.roll(x, -1), np.roll(y, -1)
+    columns = np.arange(size[1]) + 0.5
+    inside = np.zeros(size, bool)
+    for row in range(size[0]):
+        level = row + 0.5
+        crossed = (y <= level) != (to_y <= level)
+        share = (level - y[crossed]) / (to_y - y)[crossed]
+        at = np.sort(x[crossed] + share * (to_x - x)[crossed])
+        inside[row] = np.searchsorted(at, columns) % 2 == 1
+    return inside

@@ -1,0 +1,41 @@
+"""Which Gaussians no frame of the clip shows: where one of them comes to light, a picture shows what nobody has seen."""
+
+from __future__ import annotations
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..geometry.arrays import evenly_spaced
+from ..scene import Scene
+from ..scene.stage import Cloud, fitted_config
+from .blend_weights import seen_sums
+
+VIEWS, COLUMNS = 32, 320
+"""Frames, evenly over the clip, that are looked at, and the width of their pictures: what is seen is seen for more than a frame,
+and on more than a pixel."""
+
+_UNSEEN: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
+
+
+def unseen_gaussians(scene: Scene) -> np.ndarray:
+    """(N,) bool over `scene.posed`: to no frame of the clip, before any edit, a tenth of their light comes through (`seen_sums`).
+
+    Copies are what their originals are. Cached for the lifetime of the scene before its edits.
+    """
+    base = scene.base
+    if base not in _UNSEEN:
+        _UNSEEN[base] = ~_seen(base)
+    return _UNSEEN[base][scene.origin]
+
+
+def _seen(scene: Scene) -> np.ndarray:
+    """(N,) bool."""
+    cameras = scene.cameras
+    rows = max(1, round(COLUMNS * cameras.height / cameras.width))
+    nothing, seen = np.zeros((rows, COLUMNS, 0), np.float32), np.zeros(len(scene.ids), bool)
+    for frame in evenly_spaced(len(cameras), VIEWS):
+        time, camera = float(cameras.times[frame]), cameras[frame].resized(COLUMNS, rows)
+        config = fitted_config([Cloud.of_scene(scene, time)], camera)
+        seen |= seen_sums(scene.posed(time), camera, nothing, config)[1]
+    return seen

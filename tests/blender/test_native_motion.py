@@ -1,0 +1,101 @@
+"""Gaussians posed by the core's deformer where geometry nodes are off in the viewport: the same places, whoever moved the nodes."""
+
+import numpy as np
+import pytest
+from labelled_scene import labelled_scene
+
+from f4x_core.scene import write_scene
+
+from .artist import perform
+
+pytestmark = pytest.mark.blender
+pytest.importorskip("bpy", reason="bpy is absent")
+
+START = """
+bpy.ops.wm.read_factory_settings(use_empty=True)
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+from feature4x.addon import evaluated, native_motion
+cloud = next(item for item in root().children if "Feature4X motion" in item.modifiers)
+modifier, reader = cloud.modifiers["Feature4X motion"], evaluated.Reader()
+
+def read(reader):
+    bpy.context.view_layer.update()
+    found = [each for each in reader.stage(bpy.context.evaluated_depsgraph_get())[0] if each.turn is not None]
+    return found[0] if found else None
+
+def both(name):
+    for how, on in (("nodes", True), ("core", False)):
+        native_motion.switch_on() if on else native_motion.switch_off(cloud)
+        assert modifier.show_viewport == on
+        found = read(evaluated.Reader())
+        for part in ("means", "quats", "turn", "scales", "opacities"):
+            arrays[f"{name} {how} {part}"] = getattr(found, part)
+        data = cloud.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+        arrays[f"{name} {how} places"] = native_motion.carried_places(cloud, data)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    return tmp_path
+
+
+def test_the_core_poses_as_geometry_nodes_do(folder):
+    script = """
+from mathutils import Euler, Vector
+for frame in (0, 3, 5):
+    bpy.context.scene.frame_set(frame); both(f"frame {frame}")
+node = next(item for item in bpy.data.objects if item.name.endswith("node 00001"))
+node.animation_data_clear()
+node.location += Vector((0.1, -0.2, 0.3)); node.rotation_euler = (0.4, 0.1, 0.2); node.scale = (2, 2, 2); both("moved")
+root().location, root().scale = (1, 2, 3), (0.5, 0.5, 0.5); both("elsewhere")
+ops.query_text(text="square")
+half = scene_object().read(".selection") & (np.arange(len(scene_object().shown.scene.ids)) % 2 == 0)
+from feature4x.addon import display
+display.hide(scene_object(), half); both("half hidden")
+"""
+    _, arrays = perform(folder, START + script)
+    names = {name.removesuffix(" nodes means") for name in arrays if name.endswith(" nodes means")}
+    assert len(names) == 6
+    for name in names:
+        nodes, core = (
+            {
+                part: arrays[f"{name} {how} {part}"]
+                for part in ("means", "quats", "turn", "scales", "opacities", "places")
+            }
+            for how in ("nodes", "core")
+        )
+        for part in ("means", "scales", "opacities", "places"):
+            np.testing.assert_allclose(core[part], nodes[part], atol=2e-5, err_msg=f"{name} {part}")
+        for part in ("quats", "turn"):
+            np.testing.assert_allclose(
+                np.abs((core[part] * nodes[part]).sum(1)), 1, atol=1e-5, err_msg=f"{name} {part}"
+            )
+    assert len(arrays["half hidden core means"]) < len(arrays["moved core means"])
+    assert np.abs(arrays["moved core means"] - arrays["frame 5 core means"]).max() > 0.05
+
+
+def test_what_has_not_moved_is_the_very_same_and_deleted_nodes_leave_it_to_geometry_nodes(folder):
+    script = """
+native_motion.switch_off(cloud)
+first, again = read(reader), read(reader)
+noted["same"] = [first.means is again.means, first.turn is again.turn]
+bpy.context.scene.frame_set(4)
+noted["other"] = read(reader).means is first.means
+native_motion._may_carry = lambda: False  # another viewport has opened
+noted["on"] = modifier.show_viewport, native_motion.look(), modifier.show_viewport
+native_motion.switch_off(cloud)
+bpy.data.objects.remove(next(item for item in bpy.data.objects if item.name.endswith("node 00001")))
+bpy.context.view_layer.update()
+native_motion._may_carry = lambda: True
+native_motion.look()
+noted["without a node"] = modifier.show_viewport
+modifier.show_viewport = False
+native_motion.look()
+native_motion.switch_on()
+noted["by hand"] = modifier.show_viewport
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["same"] == [True, True] and noted["other"] is False
+    assert noted["on"] == [False, 0.5, True] and noted["without a node"] is True and noted["by hand"] is False

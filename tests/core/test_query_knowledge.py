@@ -1,0 +1,92 @@
+"""What a teacher does not know is refused in one sentence, everywhere; answers that are another label's name it."""
+
+import numpy as np
+import pytest
+
+from f4x_core.edit.naming import by_words
+from f4x_core.edit.resolve import EditorState, Resolver
+from f4x_core.edit.selects import Text
+from f4x_core.errors import F4xError
+from f4x_core.query import knowledge
+from f4x_core.query.knowledge import UNKNOWN, refuse_evidence_of_another, refuse_unknown, unknown_kind
+from f4x_core.query.selection import Selection
+
+from .labelled_scene import labelled_scene
+
+
+@pytest.fixture
+def scene(monkeypatch):
+    monkeypatch.setitem(UNKNOWN, "words", UNKNOWN["minilm"])
+    return labelled_scene()
+
+
+@pytest.mark.parametrize(
+    ("label", "kind"),
+    [
+        ("rider", "people"),
+        ("the horse rider", "people"),
+        ("Dancers", "people"),
+        ("policeman", "people"),
+        ("pavement", "surfaces"),
+        ("lawn", "surfaces"),
+        ("cartoon dog", "drawn things"),
+        ("drawing of a swan", "drawn things"),
+        ("logo", "drawn things"),
+        *(
+            (label, None)
+            for label in (
+                "square",
+                "dog",
+                "tiger",
+                "water",
+                "tree",
+                "flower",
+                "human-sized box",
+                "tower",
+                "van",
+                "road",
+            )
+        ),
+    ],
+)
+def test_kinds_that_a_teacher_of_photographed_things_does_not_know(scene, label, kind):
+    assert unknown_kind(scene, label) == kind
+
+
+def test_they_are_refused_in_the_same_sentence_by_words_and_in_sentences(scene):
+    said = []
+    for ask in (
+        lambda: refuse_unknown(scene, "rider"),
+        lambda: by_words(scene, ["square", "rider"]),
+        lambda: Resolver(EditorState()).select(scene, Text(("rider",))),
+    ):
+        with pytest.raises(F4xError) as error:
+            ask()
+        said.append(str(error.value))
+    assert len(set(said)) == 1
+    assert (
+        "knows no people; click on the thing or draw a box" in said[0] and "Nearest labels that it shows: " in said[0]
+    )
+    refuse_unknown(scene, "square")
+    assert by_words(scene, ["square"])["square"].chosen.any()
+
+
+def test_other_teachers_are_not_asked_what_they_know():
+    assert unknown_kind(labelled_scene(), "rider") is None
+
+
+def test_an_answer_that_is_another_labels_names_it(scene, monkeypatch):
+    """Evidence here is the cosine itself: of what moves it is 1 for "square", and that of the angle for "rhomb"."""
+    monkeypatch.setattr(knowledge, "null_vector", lambda encoder: np.zeros(8))
+    moves = Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
+
+    def encode(cosine):
+        return lambda name, labels: np.array([[cosine, 0, 0, np.sqrt(1 - cosine**2), 0, 0, 0, 0]])
+
+    with pytest.raises(F4xError, match=r"answers more to 'square' \(1.00 against 0.59\)"):
+        refuse_evidence_of_another(scene, "rhomb", moves, encode(0.59))
+    refuse_evidence_of_another(scene, "rhomb", moves, encode(0.61))  # a word for the same thing
+    refuse_evidence_of_another(scene, "square", moves)
+    refuse_evidence_of_another(scene, "wall", moves)  # a surface is what no thing takes
+    nobody = Selection(scene.ids, np.zeros(len(scene.ids)), np.zeros(len(scene.ids), bool))
+    refuse_evidence_of_another(scene, "rhomb", nobody, encode(0.59))
