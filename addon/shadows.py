@@ -13,6 +13,7 @@ from mathutils.bvhtree import BVHTree
 from ..f4x_core.scene import shadows
 from ..f4x_core.scene.stage import Cloud
 from .evaluated import OF, SOLID, surface_of
+from .scene_object import SceneObject
 
 LAMPS = ("SUN", "POINT")
 
@@ -44,13 +45,19 @@ def lighting(depsgraph: bpy.types.Depsgraph) -> Callable[[bpy.types.Object, Clou
         return None
 
     def lit(item: bpy.types.Object, cloud: Cloud) -> Cloud:
-        root = session.root_of(item.original)
+        root = _root(item)
         # what stands in the clip has its shadow in it already
         others = [caster for caster, made_of in casters if made_of is None or made_of != root]
         light = shadows.light_left(cloud.places, lamps, others, settings.strength)
         return cloud if (light == 1).all() else replace(cloud, light=light)
 
     return lit
+
+
+def _root(item: bpy.types.Object) -> bpy.types.Object | None:
+    """The root of the scene that an evaluated object is a part of."""
+    found = SceneObject.of(item.original)
+    return None if found is None else found.root
 
 
 def _lamps(depsgraph: bpy.types.Depsgraph) -> list[shadows.Lamp]:
@@ -83,7 +90,7 @@ def _casters(depsgraph: bpy.types.Depsgraph) -> list[tuple[shadows.Caster, bpy.t
         if surface is not None:
             corners = surface.triangles.reshape(-1, 3)
             box = np.stack([corners.min(0), corners.max(0)]).astype(float)
-            root = session.root_of(item.original) if OF in item.original else None
+            root = _root(item) if OF in item.original else None
             found.append((shadows.Caster(box, _rays(corners)), root))
     return found
 

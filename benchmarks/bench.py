@@ -187,7 +187,9 @@ def _select(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             for row in rows
         ]
         return {"touching": rows, "text": "\n".join(lines)}
-    scene, report, lines = open_scene(args.scene), {}, []
+    scene = open_scene(args.scene)
+    report: dict[str, Any] = {}
+    lines = []
     if args.masks is not None:
         masks = read_masks(args.masks, scene)
         report["ways"] = score_selecting(scene, masks, args.label, encode_labels, progress=progress)

@@ -1,8 +1,9 @@
 """Scenes to look at before a clip of one's own: `python3 scripts/dev.py examples [OUT]`.
 
-For each of `clip.rendered_scenes.EXAMPLES`, OUT (build/examples) then holds NAME.html, which any browser plays; NAME.f4x; NAME.blend, which finds it
-beside itself; NAME.jpg, the clip beside what was made of it; and SHA256SUMS. Each is rendered by the demo's generator and fitted
-as a clip of one's own would be. The same machine makes the same .f4x again; Blender's files carry addresses of its memory.
+For each of `clip.rendered_scenes.EXAMPLES`, OUT (build/examples) then holds NAME.html, which any browser plays; NAME.f4x;
+NAME.blend, which finds it beside itself; NAME.jpg, the clip beside what was made of it; and SHA256SUMS. Each is rendered by the
+demo's generator and fitted as a clip of one's own would be. The same machine makes the same .f4x again; Blender's files carry
+addresses of its memory.
 """
 
 import argparse

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 os.environ.setdefault("OMP_NUM_THREADS", "2")
-# BLAS spins while its threads wait for each other: on a busy machine a bundle adjustment of 4 seconds of processor time took minutes,
-# which looked like a test that hangs. Numpy reads this when it is imported.
+# BLAS spins while its threads wait for each other: on a busy machine a bundle adjustment of 4 seconds of processor time took
+# minutes, which looked like a test that hangs. Numpy reads this when it is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

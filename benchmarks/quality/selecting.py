@@ -37,7 +37,7 @@ PUBLISHED = {"OSVOS": (0.798, "Caelles et al., CVPR 2017"), "OFL": (0.680, "Tsai
 
 def boundary_f(mask: np.ndarray, truth: np.ndarray) -> float:
     """F of bool `mask (H,W)` against `truth (H,W)`, in [0, 1]; 1 where both are empty."""
-    reach = int(np.ceil(BOUND * np.hypot(*mask.shape)))
+    reach = int(np.ceil(BOUND * np.hypot(mask.shape[0], mask.shape[1])))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     disc = (x * x + y * y <= reach * reach).astype(np.uint8)
     own, true = outline(mask), outline(truth)

@@ -165,7 +165,7 @@ def _splats(bodies: list[Body]) -> dict[str, np.ndarray]:
     ).astype(np.float32)
     return {
         "means": xyz,
-        "quats": np.tile(np.float32([1, 0, 0, 0]), (len(xyz), 1)),
+        "quats": np.tile(np.array([1, 0, 0, 0], np.float32), (len(xyz), 1)),
         "scales": np.repeat(apart[:, None], 3, 1),
         "opacities": np.full(len(xyz), 0.95, np.float32),
         "sh": spherical_harmonics.dc_from_rgb(colour.astype(np.float32))[:, None],

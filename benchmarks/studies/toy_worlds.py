@@ -296,7 +296,13 @@ def sheet(
     return Body(label, xyz, np.concatenate(halves), look, motion, shine)
 
 
-def box(label: str, centre: Sequence[float], size: Sequence[float], look: int, motion: Motion | None = None) -> Body:
+def box(
+    label: str,
+    centre: Sequence[float] | np.ndarray,
+    size: Sequence[float] | np.ndarray,
+    look: int,
+    motion: Motion | None = None,
+) -> Body:
     """Six textured faces around `centre`, axes along the world's at rest."""
     middle, half = np.array(centre, float), np.array(size, float) / 2
     faces = []
