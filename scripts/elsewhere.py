@@ -41,8 +41,8 @@ PATIENCE = 5400.0
 """Seconds that a platform's tests may take; emulation is about twenty times slower."""
 DEBIAN, DEBIAN_PYTHON = "trixie", "3.13"
 ARM64 = "cortex-a72"
-"""The processor that QEMU plays. Its own default, `max`, has SVE, for which OpenBLAS chooses kernels whose float64 products come
-out wrong under QEMU 7.2 (NaN and errors of the products' own size, with as much as 64x13 times 13x5), those of float32 right."""
+"""The processor that QEMU plays. On its own default, `max`, OpenBLAS chooses kernels whose float64 products come out wrong under
+QEMU 7.2 (NaN, or off by the products' own size), those of float32 right; with its plain ARMv8 kernels all are right."""
 WINDOWS_PYTHON = "panda3d==1.10.16"
 """PyPI's package for Windows whose folder `deploy_libs` holds the DLLs of CPython 3.11."""
 START_PYTHON = """

@@ -13,9 +13,6 @@ from ..progress import Progress, silent
 from ..raster import RasterConfig, blend_weights
 from ..scene import Scene
 
-SEEN = 0.1
-"""Fraction of a Gaussian's light that has to reach the camera for it to count as seen: behind one solid surface hardly any is
-left, while the Gaussians of the surface itself share its light in a few layers."""
 MARGIN = 0.25
 """Of a picture's sides, added on each of them: what the picture cuts is as visible as what it shows whole."""
 
@@ -32,12 +29,12 @@ def blend_weight_sums(scene: Scene, time: float, index: int | None, layers: np.n
 
 
 def seen_sums(
-    splats: Splats, camera: Camera, layers: np.ndarray, config: RasterConfig, backend: str = "auto"
+    splats: Splats, camera: Camera, layers: np.ndarray, config: RasterConfig, least: float, backend: str = "auto"
 ) -> tuple[np.ndarray, np.ndarray]:
     """(sums (N,L) float64, seen (N,) bool): blend weights in `layers (H,W,L)`, and who shows in the picture.
 
     A Gaussian shows if some of its light falls into the picture, and of all its light, on a picture that is wider by `MARGIN`,
-    at least `SEEN` passes what is before it.
+    at least the fraction `least` passes what is before it.
     """
     rows, columns = (round(MARGIN * size) for size in layers.shape[:2])
     intrinsics = camera.intrinsics.copy()
@@ -48,7 +45,7 @@ def seen_sums(
     all_of_it = np.concatenate([inside, np.ones((*inside.shape[:2], 1), np.float32)], -1)
     found = blend_weights.blend_weight_sums(splats, wide, all_of_it, config=config, backend=backend).astype(np.float64)
     alone = blend_weights.alpha_sums(splats, wide, config=config)
-    return found[:, :-2], (found[:, -2] > 0) & (found[:, -1] >= SEEN * alone)
+    return found[:, :-2], (found[:, -2] > 0) & (found[:, -1] >= least * alone)
 
 
 def total_blend_weights(scene: Scene, views: int, columns: int) -> np.ndarray:

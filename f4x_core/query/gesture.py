@@ -24,6 +24,9 @@ from .prompts import select_by_evidence
 from .score import THRESHOLD
 from .selection import Selection, fingerprint
 
+SEEN = 0.1
+"""Fraction of a Gaussian's light that has to reach the camera for it to count as seen: behind one solid surface hardly any is
+left, while the Gaussians of the surface itself share its light in a few layers."""
 HALF = 0.5
 """Fraction of a pixel from which on what is marked covers it."""
 COLUMNS = 640
@@ -131,7 +134,7 @@ def select_by_gesture(
 ) -> Selection:
     """Gaussians in a shape that is drawn over a view of a scene, moving ones where they are at the view's time.
 
-    `through`: all whose centres lie in the shape, however deep. Otherwise those that are seen (`seen_sums`); their scores are the
+    `through`: all whose centres lie in the shape, however deep. Otherwise those that are seen (`SEEN`); their scores are the
     fractions of what is seen of them that lies in the shape. Neither deleted nor hidden Gaussians are selected.
     """
     cloud = _in_world(scene, view)
@@ -195,7 +198,7 @@ def _seen_inside(cloud: Cloud, view: View, shape: Shape, backend: str) -> np.nda
     inside = shape.contains(pixels).reshape(size[1], size[0])
     layers = np.stack([inside, np.ones_like(inside)], -1).astype(np.float32)
     splats = Splats(cloud.means, cloud.quats, cloud.scales, cloud.opacities)
-    sums, seen = seen_sums(splats, camera, layers, config, backend)
+    sums, seen = seen_sums(splats, camera, layers, config, SEEN, backend)
     return np.clip(np.divide(sums[:, 0], sums[:, 1], out=np.zeros(len(sums)), where=seen), 0, 1)
 
 

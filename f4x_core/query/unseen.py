@@ -15,11 +15,15 @@ VIEWS, COLUMNS = 32, 320
 """Frames, evenly over the clip, that are looked at, and the width of their pictures: what is seen is seen for more than a frame,
 and on more than a pixel."""
 
+LEAST = 1 / 255
+"""Fraction of a Gaussian's light that has to reach a frame for that to show it: less is no step of eight bits. Layers that shine
+faintly through a surface are part of it; behind what is opaque a thousandth is left."""
+
 _UNSEEN: WeakKeyDictionary[Scene, np.ndarray] = WeakKeyDictionary()
 
 
 def unseen_gaussians(scene: Scene) -> np.ndarray:
-    """(N,) bool over `scene.posed`: to no frame of the clip, before any edit, a tenth of their light comes through (`seen_sums`).
+    """(N,) bool over `scene.posed`: to no frame of the clip, before any edit, their light comes through (`LEAST`).
 
     Copies are what their originals are. Cached for the lifetime of the scene before its edits.
     """
@@ -37,5 +41,5 @@ def _seen(scene: Scene) -> np.ndarray:
     for frame in evenly_spaced(len(cameras), VIEWS):
         time, camera = float(cameras.times[frame]), cameras[frame].resized(COLUMNS, rows)
         config = fitted_config([Cloud.of_scene(scene, time)], camera)
-        seen |= seen_sums(scene.posed(time), camera, nothing, config)[1]
+        seen |= seen_sums(scene.posed(time), camera, nothing, config, LEAST)[1]
     return seen

@@ -18,7 +18,7 @@ from f4x_core.scene.stage import Cloud, Surface, draw
 
 @pytest.fixture(scope="module")
 def scene():
-    """The labelled scene with a green wall behind the blue one."""
+    """The labelled scene with a green wall behind the blue one, which lets no light through."""
     plain = labelled_scene(features=False)
     back = sheet(np.linspace(-1.5, 1.5, 50), np.linspace(-1, 1, 34), WALL + 0.4, 0.05, (0.1, 0.8, 0.2))
     front = plain.static
@@ -26,6 +26,7 @@ def scene():
     arrays = {name: np.concatenate([getattr(front, name), values]) for name, values in back.items()}
     ids = np.concatenate([front.ids, 10_000 + np.arange(len(back["means"]))])
     assert count == 40 * 28
+    arrays["scales"][:count, :2] *= 2.5
     return replace(plain, static=StaticSet(ids=ids, **arrays))
 
 

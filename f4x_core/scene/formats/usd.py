@@ -1,6 +1,6 @@
-"""Animated `.usda`, or `.usdc` where OpenUSD's library is there: splats as `ParticleField3DGaussianSplat`, or as `Points`.
+"""Animated `.usda`, or `.usdc` where OpenUSD's library is there, for splats or points.
 
-Readers from OpenUSD 26.03 on know the former, older ones the latter.
+Splats are `ParticleField3DGaussianSplat` (OpenUSD 26.03 and later), points `Points` for older readers.
 
 Text, so that no USD library is needed; a number has no more digits than a picture can show. Gaussians that stay as they are
 over all written times form the prim `static`, the others `dynamic`; an attribute has time samples only where it changes. Time
