@@ -1294,6 +1294,19 @@ _command(
     shift=_shift | ~lit("by|with") + duration,
     path=lit("along (its|the same) path|on (its|the same) path"),
 )
+_command(
+    "let a copy follow the dog half a second behind",
+    "",
+    lambda shift=None: _trailing(1.0, shift),
+    "follow",
+    bare=False,
+    gapped=False,
+    who=lit("a [copy|clone|duplicate] of|a second|another") + thing,
+    follow=~lit("should|must|will|shall")
+    + lit("follow|follows|trail|trails|chase|chases|[run|runs|drive|drives|come|comes|walk|walks] [behind|after]")
+    + ~lit("it|him|her|the original|the first one|behind it"),
+    shift=_shift | ~lit("by|with") + duration,
+)
 _command("add another dog", _ADDING, _copied, "times", bare=False, times=_others, **_beside)
 _command("another copy of the dog", "", _copied, "times", bare=False, times=_copies | _others, **_beside)
 
@@ -1550,7 +1563,7 @@ _a_trail = (
     + lit("trail|echo|afterimage|echo effect|trailing copies|ghosts")
     + optional(lit("of") + number + ~lit("ghost|ghostly|faint|fading") + lit("copies|clones|ghosts"), TRAIL_COPIES)
 )
-_command("give the dog a trail", "give", _trailed, "count", bare=False, count=_a_trail)
+_command("give the dog a trail", "give", _trailed, "count", bare=False, itself="leave|have|get|draw", count=_a_trail)
 _command(
     "leave a trail behind the dog",
     "leave|add|put|make|draw|create|show",

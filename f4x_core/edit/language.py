@@ -82,7 +82,7 @@ _modal = lit(
 )
 _being = lit("be|become|turn|get|look|appear|go")
 _want = lit("i|we") + lit(
-    "want|would like|need|wish|would love|would prefer|want to see|would like to see|would love to see"
+    "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
 )
 _let = lit("let|have|make|get")
 
@@ -142,6 +142,7 @@ def _of(command: Command) -> Rule:
         states = table({"|".join(map(_stated, command.itself.split("|"))): None}, reserve=False)
         ways += [
             subject + states + own >> of_subject,
+            states + own >> (lambda filled: (filled,)),  # "the car stops and turns around"
             _let + subject + optional(_slowly, False) + ~lit("to") + itself
             >> (lambda who, slowly, filled: ({**filled, "who": who} | ({"slowly": True} if slowly else {}),)),
             subject + _modal + optional(_slowly, False) + itself
@@ -158,6 +159,7 @@ def _of(command: Command) -> Rule:
         ways += [
             subject + _modal + _being + own >> of_subject,
             subject + lit("becomes|become|turns|gets|goes") + own >> of_subject,
+            lit("becomes|turns|gets|goes") + own >> (lambda filled: (filled,)),
             lit("could|can") + subject + _being + own >> of_subject,
             subject + lit("is|are") + own >> (lambda who, filled: ({**filled, "who": who, "stated": True},)),
             (_want | _let) + subject + ~(~lit("to") + _being) + own >> of_subject,

@@ -233,6 +233,10 @@ class Comparison:
     def _relation(self) -> str:
         one, two = self._two()
         where = re.sub(r"^(?:to |on |at )?(?:the )?(left|right).*", r"\1 of", self.asked.manner)
+        if where in ("in relation", "relative", "compared", "with respect"):
+            side = "left" if one.pixels[0, 0] < two.pixels[0, 0] else "right"
+            depth = "in front of" if one.depth[0] < two.depth[0] else "behind"
+            return f"{one.name} is {side} of {two.name} and {depth} it {self._at(0)}."
         if where in ("near", "next to", "beside", "close to"):
             apart = float(np.linalg.norm(one.centres[0] - two.centres[0]))
             told = f"{one.name} and {two.name} are {apart:.2f} times the median depth apart {self._at(0)}."

@@ -69,7 +69,7 @@ _STANDS = (
     r"|located|placed|to be found)"
 )
 _PLAIN = (
-    r"(?:mov(?:e|es|ed|ing)|go(?:es|ing|ne)?|went|travel(?:s|led|ed|ling|ing)?|com(?:e|es|ing)|in"
+    r"(?:mov(?:e|es|ed|ing)|go(?:es|ing)?|went|travel(?:s|led|ed|ling|ing)?|com(?:e|es|ing)|in"
     r" motion|head(?:s|ing)?)"
 )
 """Motion of any kind."""
@@ -185,6 +185,32 @@ FORMS: tuple[tuple[str, str], ...] = (
     ("nearest_moment", rf"{_WHEN} {_DO} {_WHO} (?:meet|reach|touch) {_OTHER}"),
     ("when_turns", rf"{_WHEN} {_DO} {_WHO} (?:start(?:s|ing)? (?:to )?)?{_TURN}"),
     # Two things
+    *(
+        (kind, rf"{_IS} (?:there )?(?:anything|something|anyone|anybody) (?:{_STANDS} )?(?:to the )?{place} {_WHO}")
+        for kind, place in (
+            ("in_front", "in front of"),
+            ("behind", "behind"),
+            ("left_of", "left of"),
+            ("right_of", "right of"),
+            ("neighbours", "(?:next to|beside|near)"),
+        )
+    ),
+    ("relation", rf"where {_IS} {_WHO} (?P<relation>in relation|relative|compared|with respect) to {_OTHER}"),
+    ("where", rf"{_IS} {_WHO} (?:on |to |at )?(?:the )?{_SIDE} or (?:on |to |at )?(?:the )?{_SIDE}(?: side)?{_IN}"),
+    (
+        "nearest_moment",
+        rf"{_WHEN} {_DO} {_WHO} meet|{_WHEN} is the distance between (?P<who2>.+?) and {_OTHER} (?:the"
+        rf" )?(?:smallest|shortest)",
+    ),
+    ("farthest_moment", rf"{_WHEN} is the distance between {_WHO} and {_OTHER} (?:the )?(?:largest|biggest|greatest)"),
+    (
+        "distance",
+        rf"(?:what is )?(?:the )?(?P<min>shortest|smallest|minimum|minimal|closest) distance (?:between"
+        rf"|from|of) {_WHO} (?:and|to|from) {_OTHER}",
+    ),
+    ("distance", rf"(?:what is )?(?:the )?distance from {_CAMERA} to {_WHO}"),
+    ("compare_size", rf"how much (?P<relation>bigger|larger|smaller) {_IS} {_WHO} than {_OTHER}"),
+    ("compare_speed", rf"how much (?P<relation>{_FASTER}) {_DO} {_WHO} than {_OTHER}"),
     ("polar relation", rf"{_IS} {_WHO} (?:{_STANDS} )?(?:further |farther )?(?P<relation>{_PLACES}) {_OTHER}"),
     (
         "relation",
@@ -239,6 +265,8 @@ FORMS: tuple[tuple[str, str], ...] = (
         rf"{_WHAT} (?:{_IS}|{_MOVE}) (?:the )?(?P<relation>fastest|quickest|slowest)(?: {_THING})?(?:"
         rf" {_MOVE} {_THING})?{_IN}",
     ),
+    ("nearest", rf"{_WHAT} {_IS} (?:{_STANDS} )?(?:in|at) (?:the )?(?:very )?front"),
+    ("farthest", rf"{_WHAT} {_IS} (?:{_STANDS} )?(?:in|at) the (?:very )?(?:back|rear|background)"),
     # Beside a thing
     ("behind", rf"{_WHAT} {_IS} (?:{_STANDS} )?behind {_WHO}"),
     ("in_front", rf"{_WHAT} {_IS} (?:{_STANDS} )?in front of {_WHO}"),
@@ -280,7 +308,8 @@ FORMS: tuple[tuple[str, str], ...] = (
     ),
     (
         "count",
-        rf"how many {_WHO}(?: (?:are|is)(?: there)?| (?:can|do|could) {_YOU} (?:see|find|spot|count)|"
+        rf"how many (?:of )?(?:the )?(?:different )?{_WHO}(?: (?:are|is)(?: there)?(?: {_STANDS})?| (?:can"
+        rf"|do|could) {_YOU} (?:see|find|spot|count)|"
         rf" (?:can|could) be| does {_PICTURE} (?:have|show|contain))?"
         rf"(?: {_SEEN})*(?: (?:on|in|at) the (?P<side>left|right)(?: half| side)?)?(?: {_SEEN}| of {_PICTURE})*",
     ),
@@ -303,6 +332,8 @@ FORMS: tuple[tuple[str, str], ...] = (
     ),
     ("does", rf"what (?:does|do|did) {_WHO} do|what {_IS} (?P<who2>.+?) doing|what happens (?:to|with) (?P<who3>.+?)"),
     # Sizes, ways and moments of one thing
+    ("fast", rf"how (?:fast|quick) {_DO} {_WHO}(?: {_MOVE})? (?:at|on) (?:the )?(?P<extreme>most|average|least)"),
+    ("when_turns", rf"{_DO} {_WHO} (?:ever )?{_TURN}"),
     (
         "fast",
         rf"(?:what is )?(?:the )?{_EXTREME} speed (?:of|for) {_WHO}|what is (?P<who2>.+?)'s (?P<extreme2>top"
@@ -473,7 +504,8 @@ _NO_NAME = (
     r"|look(?:s|ing)?|doing|move[sd]?|moving|get|gets|come|comes"
     r"|goes?|going|the|a|an|there|here|seen|visible|present|still|most|more|less|least|faster|slower"
     r"|bigger|smaller|first|last|next|together"
-    r"|away|apart|around|again|fastest|slowest|highest|lowest|(?:mov|walk|runn|danc|talk|eat|rain|film|driv)(?:ed|ing))"
+    r"|away|apart|around|again|fastest|slowest|highest|lowest|biggest|smallest|largest|compared|"
+    r"(?:mov|walk|runn|danc|talk|eat|rain|film|driv)(?:ed|ing))"
 )
 """Words that are no part of a name: a verb or an adverb that is left over."""
 _NOUNS = r"fly|family|butterfly|lily|jelly|belly|dolly|ugly|lonely|elderly|early"
@@ -521,6 +553,7 @@ def read_question(question: str, fps: float, frames: int) -> tuple[Asked, ...]:
     text = " ".join(question.lower().replace("’", "'").split())
     text = re.sub(r"\b(what|where|when|who|how|there|it|that|which)'s\b", r"\1 is", text)
     text = re.sub(r"\b(what|where|who|how)'re\b", r"\1 are", text)
+    text = re.sub(r"^(what|who|which) was\b", r"\1 is", text)
     text = re.sub(r",? (?:and )?if so,? (where|when)\b", r"? \1 is it", text)
     parts = re.split(rf"[?!.;]+ (?:and )?|,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
     understood: list[Asked] = []
@@ -614,6 +647,8 @@ def _names(text: str) -> tuple[str, ...] | None:
         name = re.sub(rf"(?: {_SEEN})+$", "", name)
         if not name or re.fullmatch(_EVERYBODY, name):
             continue
+        if re.fullmatch("clip|video|film|movie|footage|scene|shot|picture|image|frame", name):
+            return None
         words = name.split()
         verbs = any(re.fullmatch(_NO_NAME, word) and not re.fullmatch(_NOUNS, word) for word in words)
         if (

@@ -104,7 +104,9 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
     if by == "current":
         return row.get("selected") == target
     if "which" in slot:
-        nearest = {"back": "farthest"}.get(slot["which"], slot["which"])
+        nearest = {"back": "farthest", "front": "nearest", "closest": "nearest", "biggest": "largest"}.get(
+            slot["which"], slot["which"]
+        )
         if by != "instance" or select["which"] not in (nearest, slot["which"]):
             return False
     if "part" in slot and by != "part":
