@@ -386,7 +386,11 @@ class EditedScene(Scene):
                     below, moment, lambda: self._tones(step, lambda i: self._appearance(below, time, i))
                 )
             )
-        return _put(state, dyed, dyed_by(operation, Appearance(*(part[dyed] for part in state)), known))
+        before = Appearance(*(part[dyed] for part in state))
+        after = dyed_by(operation, before, known)
+        if fraction < 1:  # colours are linear in the harmonics
+            after = Appearance(*(a + np.float32(fraction) * (b - a) for a, b in zip(before, after, strict=True)))
+        return _put(state, dyed, after)
 
     def _tones(self, step: Step, fetch: Callable[[np.ndarray], Appearance]) -> Any:
         other = None if step.source is None else fetch(np.flatnonzero(step.source))

@@ -67,7 +67,7 @@ from .phrases import (
     two_of_them,
     whose,
 )
-from .selects import All, Current, Instance, Not, Or, SelectKind, Text
+from .selects import All, Current, Instance, Named, Not, Or, SelectKind, Text
 from .styles import STYLES
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
@@ -96,6 +96,8 @@ TILT = 30.0
 
 
 # Values: what follows "make the dog …" --------------------------------------------------------------------------------
+THE_COPY = Named("\0")
+"""What an operation before it makes, until that has a name."""
 UPSIDE_DOWN = (0.0, 0.0, 180.0)
 """Degrees about the camera's axes."""
 _RIGHT, _UP, _DOWN = (((None, way, None),) for way in ((1, 0, 0), (0, -1, 0), (0, 1, 0)))
@@ -103,7 +105,7 @@ _RIGHT, _UP, _DOWN = (((None, way, None),) for way in ((1, 0, 0), (0, -1, 0), (0
 
 
 def _recoloured(rgb: Colour, mode: Any = "assign", strength: float = 1.0) -> Value:
-    return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.effect)
+    return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.coming)
 
 
 def _hued(rgb: Colour) -> Value:
@@ -116,7 +118,7 @@ _GRAYED = _hued(BLACK_AND_WHITE)
 def _assigned(rgb: Colour, strength: float = 1.0) -> Value:
     if rgb == GRAY:
         return _recoloured(BLACK_AND_WHITE, "hue", strength)
-    return lambda who, when, _: Recolour(who, rgb, strength=strength, keep_luminance=True, **when.effect)
+    return lambda who, when, _: Recolour(who, rgb, strength=strength, keep_luminance=True, **when.coming)
 
 
 def _faintly(rgb: Colour) -> Value:
@@ -134,11 +136,11 @@ def _added(times: float, more: tuple[Colour, int]) -> Value:
 
 
 def _contrasted(by: float) -> Value:
-    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.effect)
+    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)
 
 
 def _saturated(by: float) -> Value:
-    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.effect)
+    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.coming)
 
 
 def _warmed(how: Amount | None, warmer: bool) -> Value:
@@ -146,7 +148,7 @@ def _warmed(how: Amount | None, warmer: bool) -> Value:
     if kind not in (None, "small", "large", "fraction"):
         raise Mismatch
     warmth = value if kind == "fraction" else {None: WARMER, "small": WARMER / 2, "large": 2 * WARMER}[kind]
-    return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.effect)
+    return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.coming)
 
 
 def _blurred(how: Amount | None = None) -> Value:
@@ -187,7 +189,12 @@ def _stretched(by: float) -> Value:
 
 
 def _opacity(by: float) -> Value:
-    return lambda who, when, _: Opacity(who, round(by, PLACES), **when.effect)
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if when.slowly:
+            return _faded(by)(who, when, context)
+        return Opacity(who, round(by, PLACES), **when.effect)
+
+    return value
 
 
 def _faded(by: float, inward: bool = False) -> Value:
@@ -242,7 +249,8 @@ def _copied(
     shift: TimeExpression | None = None,
     called: str = "",
     own: tuple[Steps, Who] | None = None,
-) -> Value:
+    changed: Value | None = None,
+) -> Value | tuple[tuple[Value], ...]:
     if own is not None:
         way = own[0]
     if times != int(times):
@@ -261,6 +269,8 @@ def _copied(
         later = 0.0 if shift is None else shift.resolve(context)
         return Duplicate(who, time_shift=later, **arguments, **when.none("A copy"))
 
+    if changed is not None:
+        return (value,), (lambda who, when, context: changed(THE_COPY, when, context),)
     return value
 
 
@@ -288,14 +298,14 @@ def _looped(who: SelectKind, when: When, _: SentenceContext) -> Operation:
 
 
 def _styled(look: str, strength: float = 1.0) -> Value:
-    return lambda who, when, _: Style(who, look, strength, **when.effect)
+    return lambda who, when, _: Style(who, look, strength, **when.coming)
 
 
 def _matched(source: Who) -> Value:
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         found = source(context)
         context.last = who  # what is spoken about is the thing that changes
-        return Match(who, found, **when.effect)
+        return Match(who, found, **when.coming)
 
     return value
 
@@ -312,7 +322,9 @@ def _named(called: str) -> Value:
 
 _small = degree >> (lambda how: A_BIT if how.kind == "small" else 1.0)
 _article = ~lit("a|an|the|some")
-_shade_of = ~lit("shade of|nice|lovely|beautiful|pretty|kind of")
+_shade_of = ~lit(
+    "(nice|lovely|bright|strong) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very"
+) + ~(lit("from") + silent(colour) + ~lit("to|into"))
 _fully = ~lit("all|completely|fully|entirely|totally|wholly")
 _colored = ~lit("(in) color|colored|tone|tint")
 _flat = lit("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
@@ -330,22 +342,26 @@ _more_colour_value = (
     >> _added
 )
 _without_colour = lit(
-    "black and white|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|without (any) color|"
+    "black and white|black white|a black and white [picture|image|look]|without [any|its|all] color"
+    "|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|without"
+    " (any) color|"
     "without colors"
 ) >> (lambda: _GRAYED)
-_BRIGHTNESS = ("brighter|lighter", "darker|dimmer", "bright|light", "dark|dim")
-_SIZE = ("bigger|larger", "smaller|tinier", "big|large|huge", "small|tiny|little")
+_BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
+_SIZE = ("bigger|larger", "smaller|tinier", "big|large|huge|tall|high|wide", "small|tiny|little|short")
 _SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speedy", "slow|slowly")
 _brightness_value = (
     either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright")) >> _lit
 )
-_contrast_value = comparison("punchier", "flatter", "contrasty|contrastful|punchy", "flat") >> _contrasted
+_contrast_value = (
+    comparison("punchier|crisper", "flatter", "contrasty|contrastful|punchy|contrasted", "flat") >> _contrasted
+)
 _saturation_value = (
     comparison(
-        "more saturated|richer",
-        "duller|less saturated",
-        "saturated|vivid|colorful|vibrant|intense|rich|lively",
-        "desaturated|muted|dull|washed out",
+        "more saturated|richer|livelier|stronger|bolder|more intense",
+        "duller|less saturated|paler|weaker",
+        "saturated|vivid|colorful|vibrant|intense|rich|lively|colored",
+        "desaturated|muted|dull|washed out|pale|faded",
     )
     >> _saturated
 )
@@ -355,9 +371,13 @@ _warmer = table(
 _warmth_value = either(
     optional(amount) + _warmer >> _warmed, _warmer + amount >> (lambda warmer, how: _warmed(how, warmer))
 )
-_pop = lit("pop|pop more|stand out more|come alive") >> (lambda: _saturated(factor(None, True)))
+_pop = lit(
+    "pop|pop more|pop out|stand out|stand out more|come alive|(more|really) vivid|(very) saturated|(very) colorful|vibrant"
+) >> (lambda: _saturated(factor(None, True)))
 _sized = either(
-    table({"tiny|small|little|minute": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0}) >> _scaled,
+    ~lit("very|really|quite")
+    + table({"tiny|small|little|minute|miniature": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0})
+    >> _scaled
 )
 _softly = either(
     degree,
@@ -368,13 +388,19 @@ _softly = either(
         }
     ),
 )
-_blurry = lit("blurry|blurred|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred")
+_blurry = ~lit("all") + lit(
+    "blurry|blurred|softer|soft focus|less sharp|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred"
+)
 _blur_value = ~lit("go") + either(optional(_softly) + _blurry >> _blurred, _blurry + _softly >> _blurred)
 _glow_value = (
-    optional(_softly) + lit("glowing|glowy|luminous|aglow|radiant") + ~lit("in") + optional(colour) >> _glowing
+    optional(_softly)
+    + lit("glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow")
+    + ~lit("in")
+    + optional(colour)
+    >> _glowing
 )
-_size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale")) >> _scaled
-_slow_motion = lit("(in) (a) slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
+_size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale|height|width|length")) >> _scaled
+_slow_motion = lit("(in) (a) slow motion|go slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
 _paced = either(
     fraction_of("speed|pace|tempo|rate|velocity"),
     lit("(a) speed of") + (multiple | percent | number),
@@ -386,7 +412,8 @@ _pace_value = (
 )
 _pace = either(_pace_value, lit("at|in|to") + _paced >> _retimed)
 _backward = lit(
-    "backward|in reverse|reversed|in reverse order|(the) other way around|from back to front|from end to start"
+    "backward|in reverse|reversed|in the opposite direction|back to front|from the end to the start"
+    "|in reverse order|(the) other way around|from back to front|from end to start"
 ) >> (lambda: _reversed)
 _see_through = lit("transparent|see through|translucent|transparency|sheer")
 _share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
@@ -411,13 +438,16 @@ _transparency = either(
     >> (lambda: SHOWN),
     optional(amount) + lit("more") + _see_through >> (lambda how: 1 - _share_of(how)),
     optional(amount) + lit("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
-    lit("(completely|totally) invisible|(completely|totally) hidden|vanish|vanished|disappear|disappeared")
+    lit(
+        "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|disappeared"
+    )
     >> (lambda: 0.0),
 )
 _opacity_value = ~lit("at|to|with") + _transparency >> _opacity
 _upside_down = lit("upside down|on (its|his|her|their) head|head over heels")
 _look_name = table(
-    {f"{look}|{look}s": look for look in STYLES} | {"flames": "fire", "the night|night time": "night"}, reserve=False
+    {f"{look}|{look}s": look for look in STYLES} | {"flames|flame": "fire", "the night|night time|nighttime": "night"},
+    reserve=False,
 )
 _look_adjective = table(
     {
@@ -428,7 +458,7 @@ _look_adjective = table(
         "fiery|flaming|burning": "fire",
         "molten": "lava",
         "nighttime|night time": "night",
-        "autumnal|autumn like": "autumn",
+        "autumnal|autumn like|in autumn colors|autumn colored": "autumn",
         "grassy": "grass",
         "chocolatey|chocolaty": "chocolate",
         "ghostly|ghostlike": "ghost",
@@ -439,7 +469,9 @@ _look_adjective = table(
     reserve=False,
 )
 _any_look = _look_name | _look_adjective
-_effect = lit("look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment")
+_effect = lit(
+    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment"
+)
 _strongly = optional(_small, 1.0)
 _seem = ~lit("look|looking|looks|appear|seem|feel")
 _a_look = either(
@@ -522,6 +554,8 @@ class Command:
     """Without a thing it is for everything: "increase the contrast"."""
     bare: bool = True
     """After another command "it" may be left out: "move the dog left and turn around"."""
+    timed: bool = False
+    """With a time and without a thing it is for everything: "play the last second in slow motion"."""
 
 
 COMMANDS: list[Command] = []
@@ -539,9 +573,12 @@ def _command(
     gapped: bool = True,
     bare: bool = True,
     whole: bool = False,
+    timed: bool = False,
     **slots: Any,
 ) -> None:
-    COMMANDS.append(Command(example, verbs, make, slots, frozenset(needed.split()), who, itself, gapped, whole, bare))
+    COMMANDS.append(
+        Command(example, verbs, make, slots, frozenset(needed.split()), who, itself, gapped, whole, bare, timed)
+    )
 
 
 def _always(value: Value) -> Callable[[], Value]:
@@ -553,22 +590,31 @@ def _listed(values: tuple[tuple[Value], ...]) -> tuple[tuple[Value], ...]:
 
 
 def _values(*rules: Rule) -> Rule:
-    return listed(either(*rules), lit("and|,|, and|but|and also"))
+    return listed(either(*rules), lit("and|,|, and|but|and also|as well as|plus|but also|and then"))
 
 
 # Colours
 _into = ~lit("to|into|in")
 _coloured = _colour_value | _without_colour
-_command("make the dog red", "make|render", _listed, "values", values=_values(_made, lit("gone") >> _always(_deleted)))
+_command(
+    "make the dog red",
+    "make|render|have|get",
+    _listed,
+    "values",
+    values=_values(_made, lit("in") + _coloured, lit("gone") >> _always(_deleted)),
+)
 _command(
     "turn the dog into gold",
-    "turn|change|convert|transform|switch|set",
+    "turn|change|convert|transform|switch|set|put|throw",
     _listed,
     "values",
     values=_values(
         _a_look,
         _into + either(_coloured, _alike, _a_look, _same_as),
         lit("to") + ~lit("a|an|pure|solid") + _look_name >> _styled,
+        lit("from") + silent(colour) + lit("to|into") + _coloured,
+        lit("out of focus") >> _blurred,
+        either(_brightness_value, _saturation_value, _warmth_value, _size_value, _blur_value),
         lit("to|into") + _colour_of,  # of "change the color of the dog" nobody knows to what
         _more_colour_value,
         _opacity_value,
@@ -576,20 +622,31 @@ _command(
 )
 _command(
     "paint the car blue",
-    "cover|paint|repaint|color|recolor|dye|spray|colorize|stain|shade",
+    "cover|paint|repaint|color|recolor|dye|spray|spray paint|colorize|stain|shade|dress|dip|coat|drench|bathe|wrap|redo|do",
     _listed,
     "values",
-    values=_values(~lit("in|to|as|with|into") + (_coloured | _same_colour), _more_colour_value, _alike, _a_look),
+    values=_values(
+        ~lit("all|over|all over")
+        + ~lit("in|to|as|with|into")
+        + (_coloured | _same_colour | _a_look | ~lit("in|with") + ~lit("pure|solid") + _look_name >> _styled),
+        _more_colour_value,
+        _alike,
+        _a_look,
+    ),
 )
 _tint = ~lit("a|an") + ~lit("slight|faint") + (colour | colourish)
-_command("tint the sky orange", "tint|tinge", _faintly, "rgb", rgb=~lit("in|to|with") + _tint + _colored)
+_command("tint the sky orange", "tint|tinge|tone|wash", _faintly, "rgb", rgb=~lit("in|to|with") + _tint + _colored)
 _command(
     "change the color of the car to black",
-    "change|set|turn|make|switch|alter|adjust",
+    "change|set|turn|make|switch|alter|adjust|swap|shift|replace",
     lambda colors: colors,
     "colors",
     who=whose("color|colors|coloring"),
-    colors=_values(_into + (_coloured | _same_as), lit("to|like") + (_source >> _matched | _colour_of)),
+    colors=_values(
+        ~lit("to|into|in|for|with|from") + (_coloured | _same_as),
+        lit("from") + silent(colour) + lit("to") + _coloured,
+        lit("to|like") + (_source >> _matched | _colour_of),
+    ),
 )
 _command(
     "shift the hue of the car to red",
@@ -599,7 +656,18 @@ _command(
     who=whose("hue|hues|tone"),
     rgb=~lit("to|toward|into") + colour,
 )
-_command("desaturate the background", "desaturate|decolor|decolorize|gray out", _always(_GRAYED))
+_command(
+    "desaturate the background",
+    "desaturate|decolor|decolorize|gray out",
+    lambda how=None: _GRAYED if how is None else _saturated(factor(how, False)),
+    how=lit("by") + number >> (lambda x: Amount("times", x)) | amount,
+)
+for _verb, _value in (
+    ("whiten|bleach", _assigned((1.0, 1.0, 1.0))), ("blacken", _assigned((0.0, 0.0, 0.0))),
+    ("redden", _added(1.0, ((1.0, 0.0, 0.0), 1))), ("gild", _styled("gold")),
+    ("mute|dull|wash out", _saturated(factor(None, False))),
+):  # fmt: skip
+    _command(f"{_verb.split('|')[0]} the dog", _verb, _always(_value))
 _command(
     "remove the color of the house",
     "remove|take|take out|take away|drain|strip|strip away|delete|drop|lose|get rid of|erase|suck",
@@ -631,14 +699,17 @@ def _more_or_less(
 ) -> None:
     to = fraction_of(quality) | lit("to") + either(multiple, percent) | lit("in half|by a half") >> (lambda: 0.5)
     how = either(
-        ~lit("to") + to >> (lambda x: Amount("to", x)),
+        ~lit("to|down to|up to") + to >> (lambda x: Amount("to", x)),
         _until >> (lambda x: Amount("to", x)),
         amount,
         lit("by") + number >> (lambda x: Amount("times", x)),
     )
     slots: dict[str, Any] = {"how": how, "particle": lit(particle)} if particle else {"how": how}
     needed = "particle" if particle else ""
-    _command(example, verbs, lambda how=None: made(factor(how, upward)), needed, who=who, itself=itself, **slots)
+    timed = "speed" in quality
+    _command(
+        example, verbs, lambda how=None: made(factor(how, upward)), needed, who=who, itself=itself, timed=timed, **slots
+    )
 
 
 def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
@@ -647,11 +718,17 @@ def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
     if whole:
         its = either(its, ~lit("the|all the|overall|the overall") + lit(words) + everywhere)
     _more_or_less(
-        f"increase the {kind} of the dog", "increase|raise|boost|turn up|bump up|up", made, words, True, who=its
+        f"increase the {kind} of the dog",
+        "increase|raise|boost|turn up|bump up|up|crank up|pump up|dial up|bring up|push up|strengthen|enhance|intensify|push|bump",
+        made,
+        words,
+        True,
+        who=its,
     )
     _more_or_less(
         f"reduce the {kind} of the dog",
-        "reduce|decrease|lower|turn down|cut|cut down|lessen",
+        "reduce|decrease|lower|turn down|cut|cut down|lessen|tone down|bring down|dial down|weaken|diminish"
+        "|drop|take down|cut back",
         made,
         words,
         False,
@@ -664,11 +741,11 @@ def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
     _command(f"set the {kind} of the dog to 50 %", _SETTING, made, "by", who=its, by=to)
 
 
-_SETTING = "set|change|make|turn|put|bring|adjust"
+_SETTING = "set|change|make|turn|put|bring|adjust|reduce|lower|raise|increase"
 _quality("size", "size|scale|dimensions", _scaled)
 _quality("speed", "speed|pace|tempo", _retimed)
 _quality("brightness", "brightness|light|luminance", _lit)
-_quality("opacity", "opacity", _opacity)
+_quality("opacity", "opacity|visibility", _opacity)
 _command(
     "set the transparency of the wall to 30 %",
     _SETTING,
@@ -687,12 +764,12 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
         "",
         "speed up|accelerate",
     ),
-    ("speed the dog up", "speed|hurry", _retimed, "speed|pace", True, "up", ""),
+    ("speed the dog up", "speed|hurry|quicken", _retimed, "speed|pace", True, "up", ""),
     ("slow down the dog", "slow down|slow|decelerate", _retimed, "speed|pace", False, "", "slow down|slow"),
     ("slow the dog down", "slow", _retimed, "speed|pace", False, "down", ""),
     (
         "brighten the dog",
-        "brighten|lighten|brighten up|lighten up|illuminate",
+        "brighten|lighten|brighten up|lighten up|illuminate|light up",
         _lit,
         "brightness",
         True,
@@ -700,10 +777,10 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
         "brighten",
     ),
     ("brighten the dog", "brighten|lighten|light", _lit, "brightness", True, "up", ""),
-    ("darken the sky", "darken|dim|dim down", _lit, "brightness", False, "", "darken"),
+    ("darken the sky", "darken|dim|dim down|black out", _lit, "brightness", False, "", "darken"),
     (
         "enlarge the dog",
-        "grow|enlarge|expand|magnify|scale up|size up|blow up|upscale",
+        "grow|enlarge|expand|magnify|scale up|size up|blow up|upscale|upsize|increase|inflate",
         _scaled,
         "size",
         True,
@@ -711,12 +788,26 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
         "grow|expand",
     ),
     ("scale the dog up", "scale|blow|size", _scaled, "size", True, "up", ""),
-    ("shrink the dog", "shrink|scale down|size down|downscale|contract", _scaled, "size", False, "", "shrink|contract"),
+    (
+        "shrink the dog",
+        "shrink|shrink down|scale down|size down|downscale|downsize|contract|reduce|minimize",
+        _scaled,
+        "size",
+        False,
+        "",
+        "shrink|contract",
+    ),
     ("scale the dog down", "scale|size|shrink", _scaled, "size", False, "down", ""),
 ):
     _more_or_less(_example, _verbs, _making, _noun, _upward, _particle, itself=_itself)
-_scale = ~lit("by|to") + ~lit("a factor of|factor") + either(fraction_of("size"), percent, multiple, number)
+_scale = (
+    ~lit("by|to|up to|down to|up by|down by")
+    + ~lit("a factor of|factor")
+    + either(fraction_of("size"), percent, multiple, number)
+)
 _command("scale the dog by 2", "scale|resize|rescale", _scaled, "by", by=_scale)
+for _verb, _times in (("double", 2.0), ("halve", 0.5), ("triple|treble", 3.0), ("quadruple", 4.0)):
+    _command(f"{_verb.split('|')[0]} the dog in size", _verb, _always(_scaled(_times)), "its", its=lit("in size"))
 
 _as_long = either(
     multiple + lit("as long") >> _stretched,
@@ -742,20 +833,31 @@ for _kind, _words, _made_by in (
         "saturation|color saturation|vividness|vibrance|vibrancy|color intensity|intensity of the colors",
         _saturated,
     ),
+    ("warmth", "warmth|color temperature|temperature", lambda by: _warmed(Amount("fraction", abs(by - 1)), by > 1)),
+    ("brightness", "brightness|light|luminance|exposure", _lit),
 ):
-    _quality(_kind, _words, _made_by, whole=True)
+    if _kind not in ("brightness",):
+        _quality(_kind, _words, _made_by, whole=True)
     _more = optional(amount) + table({"more|higher|stronger|extra": True, "less|lower|weaker": False}) + lit(_words)
     _how_much = either(
         _more >> (lambda how, upward, made=_made_by: made(factor(how, upward))),
         table({"no": 0.0}) + lit(_words) >> _made_by,
     )
-    _command(f"give the dog more {_kind}", "give", _listed, "values", who=~lit("to") + thing, values=_values(_how_much))
     _command(
-        f"add more {_kind} to the dog",
-        "add|put|use|apply|have",
+        f"give the dog more {_kind}",
+        "give",
         _listed,
         "values",
-        who=lit("to|on|in|into") + thing,
+        who=~lit("to") + thing,
+        itself="need|have|get|show",
+        values=_values(_how_much),
+    )
+    _command(
+        f"add more {_kind} to the dog",
+        "add|put|use|apply|have|give",
+        _listed,
+        "values",
+        who=lit("to|on|in|into|for") + thing,
         whole=True,
         values=_values(_how_much),
     )
@@ -766,32 +868,46 @@ for _kind, _words, _made_by in (
         "it",
         who=lit("to|on|in|into") + thing,
         whole=True,
-        it=lit("some|a bit of|a little") + lit(_words) | lit(_words),
+        it=lit("some|a bit of|a little|a touch of|a bit") + lit(_words) | lit(_words),
     )
     _command(
-        f"more {_kind}",
-        "",
-        _listed,
-        "values",
-        who=lit("for|on|in") + thing,
-        whole=True,
-        values=_values(_how_much),
+        f"more {_kind}", "", _listed, "values", who=lit("for|on|in") + thing, whole=True, values=_values(_how_much)
     )
+_its_colors = whose("colors|color")
 _command(
-    "saturate the colors",
-    "saturate",
-    lambda how=None: _saturated(factor(how, True)),
-    who=~lit("the colors of|all") + either(thing, colors),
+    "tone down the colors",
+    "tone down|turn down|mute|soften|dull",
+    lambda how=None: _saturated(factor(how, False)),
+    who=either(_its_colors, ~lit("the") + colors),
     how=amount,
 )
 _command(
-    "warm up the picture", "warm|warm up", lambda how=None: _warmed(how, True), who=thing, how=amount, up=lit("up")
+    "turn up the colors",
+    "turn up|crank up|boost|intensify|enhance|strengthen|deepen|punch up",
+    lambda how=None: _saturated(factor(how, True)),
+    who=either(_its_colors, ~lit("the") + colors),
+    how=amount,
+)
+_command(
+    "saturate the colors",
+    "saturate|enrich",
+    lambda how=None: _saturated(factor(how, True)),
+    who=~lit("all") + either(_its_colors, colors, thing),
+    how=amount,
+)
+_command(
+    "warm up the picture",
+    "warm|warm up",
+    lambda how=None: _warmed(how, True),
+    who=either(_its_colors, ~lit("the") + colors, thing),
+    how=amount,
+    up=lit("up"),
 )
 _command(
     "cool down the picture",
     "cool|cool down|cool off",
     lambda how=None: _warmed(how, False),
-    who=thing,
+    who=either(_its_colors, ~lit("the") + colors, thing),
     how=amount,
     down=lit("down|off"),
 )
@@ -800,27 +916,41 @@ _command(
     "make|turn|render",
     lambda values: values,
     "values",
-    who=~lit("the") + colors,
+    who=either(_its_colors, ~lit("the") + colors),
     values=_values(_warmth_value, _saturation_value, _contrast_value, _brightness_value, _pop),
 )
 _command(
-    "blur the background", "blur|blur out|defocus|unfocus|soften", _blurred, who=thing, how=_softly, out=lit("out")
+    "blur the background",
+    "blur|blur out|defocus|unfocus|soften|smudge",
+    _blurred,
+    who=thing,
+    how=_softly,
+    out=lit("out"),
 )
 _blur_noun = (
-    ~lit("some|a|an")
-    + optional(table({"slight|soft|light|gentle|little": Amount("small"), "strong|heavy": Amount("large")}))
+    ~lit("some|a|an|a bit of")
+    + optional(
+        table({"slight|soft|light|gentle|little|subtle": Amount("small"), "strong|heavy|thick": Amount("large")})
+    )
     + lit("blur|blurring")
 )
 _command(
     "add a blur to the background", "add|apply|put|give", _blurred, "how", who=lit("to|on|over") + thing, how=_blur_noun
 )
 _command("give the background a blur", "give", _blurred, "how", who=thing, how=_blur_noun)
-_command("make the dog glow", "", _glowing, itself="glow|shine|light up", how=_softly, rgb=~lit("in|in a") + colour)
+_command(
+    "make the dog glow",
+    "",
+    _glowing,
+    itself="glow|shine|light up|shimmer|sparkle|radiate|gleam",
+    how=_softly,
+    rgb=~lit("in|in a|a") + colour,
+)
 _glow_noun = either(
     ~lit("some|a|an")
     + optional(table({"slight|soft|faint|gentle|subtle": Amount("small"), "strong|bright|intense": Amount("large")}))
     + optional(colour)
-    + lit("glow|halo|shine|aura")
+    + lit("glow|halo|shine|aura|gleam|sheen")
     >> (lambda how, rgb: (how, rgb))
 )
 _command("give the dog a glow", "give", lambda glow: _glowing(*glow), "glow", who=thing, glow=_glow_noun)
@@ -840,7 +970,7 @@ _places = lit(
 )
 _command(
     "swap the dog and the cat",
-    "swap|exchange|switch|trade|interchange|swap over",
+    "swap|exchange|switch|trade|interchange|swap over|switch around",
     _swapped,
     who=~lit("(the) [places|positions|spots|locations] of") + (two_of_them | thing),
     itself="swap places|change places|trade places|switch places|swap|"
@@ -850,11 +980,16 @@ _command(
 )
 
 # Opacity
-_command("hide the car", "hide|conceal", _always(_opacity(0.0)), itself="disappear|vanish|hide|become invisible")
-_again = lit("again|once more")
+_command(
+    "hide the car",
+    "hide|conceal|mask|mask out",
+    _always(_opacity(0.0)),
+    itself="disappear|vanish|hide|become invisible",
+)
+_again = lit("again|once more|back")
 _command(
     "show the dog again",
-    "show|reveal|unhide|reshow|bring back",
+    "show|reveal|unhide|reshow|bring back|restore",
     _always(_opacity(SHOWN)),
     again=_again,
     itself="reappear",
@@ -863,22 +998,9 @@ _command("bring the dog back", "bring", _always(_opacity(SHOWN)), "back", back=l
 _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (
     lambda x: 1 - x
 )
-_outward = lit("out|away|out completely|to nothing|to invisible")
-_command(
-    "fade the background",
-    "fade|dissolve",
-    lambda by=0.5: _faded(by),
-    itself="fade",
-    by=_to_fraction,
-)
-_command(
-    "fade out the dog",
-    "fade|dissolve",
-    lambda: _faded(0.0),
-    "out",
-    itself="fade",
-    out=_outward,
-)
+_outward = lit("out|away|off|to zero|to 0|into nothing|from view|out completely|to nothing|to invisible")
+_command("fade the background", "fade|dissolve", lambda by=0.5: _faded(by), itself="fade", by=_to_fraction)
+_command("fade out the dog", "fade|dissolve", lambda: _faded(0.0), "out", itself="fade", out=_outward)
 
 _command(
     "fade in the dog from second 1 to 2",
@@ -890,17 +1012,28 @@ _command(
 )
 
 # Taking out, and leaving alone
-_DELETING = "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with"
-_SPLIT = "take|cut|throw|wipe|rub|edit|crop|get"
-_out = lit("out|away|off|out of there|out of [the|this] [scene|picture|video|clip|image|shot|frame]")
+_DELETING = (
+    "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with|dump|ditch"
+    "|clear|banish|scratch|kill|cut|purge|rid us of"
+)
+_SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
+_out = lit(
+    "out|away|off|out of [there|here|sight]|from sight|from view|[out of|from] [the|this] (whole"
+    "|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture"
+    "|video|clip|image|shot|frame]"
+)
 _delete, _extract = _always(_deleted), _always(_extracted)
 _command("remove everything except the dog", _DELETING, _extract, who=everything_but)
 _command("take out everything except the dog", _SPLIT, _extract, "out", who=everything_but, out=_out)
-_command("remove the car", _DELETING, _delete, itself="go away|be gone", bare=False)
+_command(
+    "remove the car", _DELETING, _delete, itself="go away|be gone|go|not be there|not be visible|get lost", bare=False
+)
 _command("take the car out", _SPLIT, _delete, "out", bare=False, out=_out)
-_KEEPING = "keep|show|show me|leave|retain|have|display"
+_KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
 _only = lit("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
-_only_keep = _only | lit("[only|just] [keep|show|leave|retain]")
+_only_keep = _only | lit(
+    "[i|we] [only|just] want (to see)|[i|we] want to see [only|just]|[only|just] [keep|show|leave|retain]"
+)
 _command("keep only the dog", _KEEPING, _extract, "only", bare=False, only=_only)
 _in_colour = lit("in (full) [color|colors]|colored")
 _command(
@@ -913,9 +1046,30 @@ _command(
     colored=_in_colour,
 )
 _command("only the dog", "", _extract, "only", bare=False, only=_only_keep)
-_command("isolate the dog", "isolate|extract|single out|separate out", _extract, bare=False)
+_command(
+    "crop everything but the dog", "crop|crop out|clear|wipe|strip|strip away|cut|hide", _extract, who=everything_but
+)
+_command("isolate the dog", "isolate|extract|single out|separate out|separate|cut free", _extract, bare=False)
 _and_remove = ~lit(",") + ~lit("and|but") + lit("|".join(inflected(_DELETING, 1))) + silent(everything_else)
 _command("keep the dog and remove everything else", "keep|leave|retain", _extract, "rest", bare=False, rest=_and_remove)
+_unwanted = lit(
+    "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need]"
+    " (to see)|there should be no|let there be no|"
+    "[i|we] can do without|no"
+)
+_command(
+    "I do not want to see the dog",
+    "",
+    _delete,
+    "unwanted",
+    bare=False,
+    gapped=False,
+    unwanted=_unwanted,
+    there=lit("in [the|this] [scene|picture|video|clip|image|shot]|any more|anymore|there|any longer"),
+)
+_command(
+    "strip away the background", "strip away|clear away|clear out|take down|rub off|edit away", _delete, bare=False
+)
 _without = lit("(the|this) [scene|picture|video|clip|image] (but) without|without|no more|minus")
 _command("without the dog", "", _delete, "without", bare=False, without=_without)
 _command("show the scene without the dog", "show|show me|render|make", _delete, "without", bare=False, without=_without)
@@ -926,15 +1080,16 @@ _command(
     "",
     _listed,
     "values",
-    itself="run|go|walk|fly|swim|drive|dance|play",
+    itself="run|go|walk|fly|swim|drive|dance|play|move|ride|roll|jump|gallop|race|be",
     values=_values(_backward),
 )
 _command(
     "move the dog to the left",
-    "move|shift|push|put|slide|bring|pull|drag|place|shove|carry|send|scoot|nudge|translate|position|drive|displace|set|get",
+    "move|shift|push|put|slide|bring|pull|drag|place|shove|carry|send|scoot|nudge|translate|position|drive|displace|set|get|drop|"
+    "throw|have|relocate|fly|float|slip|scooch|budge|transport|take|let|haul|tow|swing|draw|tug|boost|bump",
     _moved,
     "way",
-    itself="move|go|slide|shift|jump|float|drift|come",
+    itself="move|go|slide|shift|jump|float|drift|come|fly|glide|wander|roll|hop|step|travel|drive|walk|hover|swim|be",
     way=steps,
     far=distance,
 )
@@ -942,29 +1097,35 @@ _command(
     "raise the box",
     "raise|lift|elevate|hoist",
     lambda far=None: _moved(_UP, far),
-    itself="rise|go up|levitate",
+    itself="rise|go up|levitate|hover|float|ascend|take off|fly",
     far=distance,
-    particle=lit("up|higher"),
+    particle=lit("up|higher|in the air|in mid air|above the ground|off the ground|into the air|from the ground|upward"),
 )
 _command(
     "lower the lamp",
     "lower|sink",
     lambda far=None: _moved(_DOWN, far),
-    itself="sink|go down|descend",
+    itself="sink|go down|descend|come down",
     far=distance,
-    particle=lit("down"),
+    particle=lit("down|lower"),
 )
-_ROTATING, _TILTING = "rotate|spin|revolve|pivot|swivel|twirl", "tilt|roll|lean|tip|bank"
+_ROTATING, _TILTING = (
+    "rotate|spin|revolve|pivot|swivel|twirl",
+    "tilt|roll|lean|tip|bank|slant|incline|tip over|lean over",
+)
 _sense = table(
     {
-        "(to|toward) (the|its|his|her) left|leftward|counterclockwise|counter clockwise|anticlockwise|anti clockwise": -1,
-        "(to|toward) (the|its|his|her) right|rightward|clockwise": 1,
+        "(over) (to|toward) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
+        "|counter clockwise|anticlockwise|anti clockwise": -1,
+        "(over) (to|toward) (the|its|his|her|their) right (side|hand side)|rightward|clockwise": 1,
     }
 )
 _turn = table(
     {
         "half (a) turn|halfway (around)|half way (around)|half (a) circle|half (a) rotation": 180.0,
-        "quarter (of a) turn|quarter (of a) circle|quarter rotation": 90.0,
+        "once|once around|all the way around|around once|full spin|complete (rotation|circle|revolution)": 360.0,
+        "twice|two full turns": 720.0,
+        "quarter (of a) turn|quarter|quarter (of a) circle|quarter rotation": 90.0,
         "full turn|full circle|full rotation|complete turn|whole turn": 360.0,
     }
 )
@@ -988,7 +1149,11 @@ _command(
     lambda angle=180.0, sense=1: _rotated(angle, sense),
     "around",
     itself=f"{_ROTATING}|turn|look|face",
-    around=lit("around|round|the other way|to face the other way|back to front"),
+    around=lit(
+        "around|round|the other way (around)|to face the other way|back to front|about|so that [it|he"
+        "|she] [faces|looks] the other way|"
+        "[in|to] the [other|opposite] direction|completely around"
+    ),
     **_turns,
 )
 _command("turn the dog to the left", "turn", _rotated, "sense", itself="turn", **_turns)
@@ -996,6 +1161,26 @@ _command("turn the dog by 45 degrees", "turn", _rotated, "angle", itself="turn",
 _command("rotate the dog by 90 degrees", _ROTATING, _rotated, itself=_ROTATING, **_turns)
 _command("tilt the lamp to the left", _TILTING, _tilted, "sense", itself=_TILTING, angle=_angle, sense=_sense)
 _command("tilt the lamp by 20 degrees", _TILTING, _tilted, "angle", itself=_TILTING, angle=_angle, sense=_sense)
+
+_command(
+    "tilt the lamp a little",
+    _TILTING,
+    lambda how, sense=1: _tilted(TILT / 3 if how.kind == "small" else 2 * TILT, sense),
+    "how",
+    itself=_TILTING,
+    how=degree,
+    sense=_sense,
+)
+
+_command(
+    "rotate the dog a little to the left",
+    f"{_ROTATING}|turn",
+    lambda how, sense=1: _rotated(15.0 if how.kind == "small" else 120.0, sense),
+    "how",
+    itself=f"{_ROTATING}|turn",
+    how=degree,
+    sense=_sense,
+)
 
 # Copies
 _lagging = (
@@ -1016,8 +1201,9 @@ _shift = either(
     _lagging
     + duration
     + lit("later|behind|late|after|after [it|the original]|behind [it|the original]|afterward|delayed|in the future"),
-    lit("(but) delayed by|(but) with a delay of|(but) lagging (behind) by|(but) trailing (behind) by") + duration,
-    lit("with a") + duration + lit("delay"),
+    lit("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
+    + duration,
+    lit("with a") + duration + lit("delay|lag"),
     _lagging + duration + lit("earlier|ahead|before|early|before it|in advance|ahead of [it|the original]|sooner")
     >> (lambda length: length.plus(length, -2.0)),
 )
@@ -1031,7 +1217,13 @@ _ways_beside = {
     "to the left of|left of": (-1, 0, 0), "above|over|on top of": (0, -1, 0), "below|under|beneath": (0, 1, 0),
 }  # fmt: skip
 _own = table(_ways_beside) + thing >> (lambda way, who: (((None, way, None),), who))
+_another_size = (
+    ~lit(",")
+    + ~lit("but|and|only|that is|at")
+    + either(_size_value, _sized, _brightness_value, _opacity_value, ~lit("in") + _colour_value)
+)
 _beside: dict[str, Any] = {
+    "changed": _another_size,
     "own": _own,
     "way": ~lit(",") + steps,
     "far": ~lit(",") + _apart | distance,
@@ -1041,41 +1233,96 @@ _beside: dict[str, Any] = {
 }
 _copies = either(
     lit("a|another|one|one more|a second|an extra|a new") + lit("copy|clone|duplicate|replica") >> (lambda: 1.0),
-    number + ~lit("more|extra|other|additional") + lit("copies|clones|duplicates|replicas"),
+    number + ~lit("more|extra|other|additional|identical") + lit("copies|clones|duplicates|replicas"),
 ) + lit("of")
 _others = either(
     lit("another|a second|one more|an extra|an additional|one other|a further") >> (lambda: 1.0),
     number + lit("more|other|extra|additional|further") + ~lit("of"),
 )
-_ADDING = "make|create|add|put|place|give me|insert|produce|generate|set|have"
+_ADDING = (
+    "make|create|add|put|place|give me|insert|produce|generate|set|have|get me|i want|i would like"
+    "|we need|show|get|we want|i need"
+)
 _how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("times|x")
-_command("copy the dog", "copy|duplicate|clone|replicate", _copied, times=_how_often, **_beside)
+_command(
+    "copy the dog", "copy|duplicate|clone|replicate|make copies of|make a copy of", _copied, times=_how_often, **_beside
+)
 _command("put a copy of the car to the left", _ADDING, _copied, "times", bare=False, times=_copies, **_beside)
-_LETTING = "|".join(
-    f"{let} {copy} {verb}"
-    for let in ("let", "have", "make")
-    for copy in ("a copy", "a clone", "a duplicate", "another one", "a second one")
-    for verb in ("follow", "trail", "chase")
+_command(
+    "make a smaller copy of the dog to the right",
+    _ADDING,
+    _copied,
+    "changed",
+    bare=False,
+    gapped=False,
+    **(
+        _beside
+        | {
+            "changed": lit("a|another")
+            + either(_size_value, _sized, _colour_value, _brightness_value)
+            + lit("copy|clone|duplicate")
+            + lit("of")
+        }
+    ),
+)
+TRAIL_COPIES, TRAIL_LAG = 3.0, 0.2
+"""Copies of a trail, and seconds from one to the next."""
+_followers = either(
+    lit("a|another|one") + lit("copy|clone|duplicate|second one") >> (lambda: 1.0),
+    lit("another one|a second one") >> (lambda: 1.0),
+    number + ~lit("ghost|ghostly|faint") + lit("copies|clones|duplicates|ghosts"),
+    ~lit("some|a few") + lit("copies|clones|ghosts") >> (lambda: TRAIL_COPIES),
+)
+
+
+def _trailing(times: float, shift: TimeExpression | None = None) -> Value | tuple[tuple[Value], ...]:
+    return _copied(times=times, shift=TimeExpression(seconds=TRAIL_LAG) if shift is None else shift)
+
+
+_command(
+    "let a copy follow the dog half a second behind",
+    "let|have|make|add|put",
+    _trailing,
+    "times follow",
+    bare=False,
+    gapped=False,
+    times=_followers,
+    follow=lit(
+        "follow|trail|chase|[run|drive|come|walk|go] [behind|after]|that [follow|follows|trail] (behind)"
+        "|following|trailing (behind)|behind"
+    ),
+    shift=_shift | ~lit("by|with") + duration,
+    path=lit("along (its|the same) path|on (its|the same) path"),
 )
 _command(
     "let a copy follow the dog half a second behind",
-    _LETTING,
-    _copied,
-    "shift",
+    "",
+    lambda shift=None: _trailing(1.0, shift),
+    "follow",
     bare=False,
+    gapped=False,
+    who=lit("a [copy|clone|duplicate] of|a second|another") + thing,
+    follow=~lit("should|must|will|shall")
+    + lit("follow|follows|trail|trails|chase|chases|[run|runs|drive|drives|come|comes|walk|walks] [behind|after]")
+    + ~lit("it|him|her|the original|the first one|behind it"),
     shift=_shift | ~lit("by|with") + duration,
-    path=lit("along (its|the same) path|on (its|the same) path"),
 )
 _command("add another dog", _ADDING, _copied, "times", bare=False, times=_others, **_beside)
 _command("another copy of the dog", "", _copied, "times", bare=False, times=_copies | _others, **_beside)
 
 # Time
-_still = lit("still|in place|in its tracks|in (mid) motion|moving|from moving|motionless|frozen|standing still|there")
+_motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
+_still = lit(
+    "still|in place|in [the|its|his|her|their] tracks|in mid [air|flight|jump|step|stride|motion"
+    "|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing"
+    " still|there"
+)
 _STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|stay in place|not move|stand"
 _command(
     "stop the dog at frame 30",
-    "stop|freeze|pause|hold|halt|immobilize",
+    "stop|freeze|pause|hold|halt|immobilize|stop moving",
     _always(_frozen),
+    timed=True,
     itself=f"stop|freeze|pause|halt|{_STANDING}",
     still=_still,
 )
@@ -1085,24 +1332,30 @@ _command(
     "play|run|show|put|set|render|play back|replay|move|drive|do",
     _listed,
     "values",
-    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll|turn",
-    values=_values(
-        multiple >> _retimed,
-        ~lit("in|at") + _pace,
-        _backward,
-        lit("in") + _coloured,
-        _a_look,
-    ),
+    who=_motion,
+    timed=True,
+    itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll"
+    "|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
+    values=_values(number + lit("x") >> _retimed, ~lit("in|at") + _pace, _backward, lit("in") + _coloured, _a_look),
 )
-_in_time = lit("in time|the motion of|the movement of")
-_command("reverse the car", "reverse|rewind", _always(_reversed), itself="reverse|rewind", in_time=_in_time)
+_in_time = lit("in time")
+_command(
+    "reverse the car",
+    "reverse|rewind|play back to front|run in reverse",
+    _always(_reversed),
+    itself="reverse|rewind",
+    who=_motion,
+    timed=True,
+    in_time=_in_time,
+)
 _on_and_on = lit("again and again|over and over (again)|endlessly|repeatedly|in a loop|on loop|on repeat")
 _loop = _always(_looped)
-_part_of = ~lit("of|for|with") + thing
+_part_of = ~lit("of|for|with") + _motion
 _command(
     "loop the dog from second 1 to 2",
     "loop|repeat|cycle|replay",
     _loop,
+    timed=True,
     who=_part_of,
     itself="loop|repeat",
     again=_on_and_on,
@@ -1113,11 +1366,12 @@ _command("play the dog in a loop from second 1 to 2", "play|run|show|put", _loop
 _given = _values(
     ~lit("a|an|some")
     + either(_warmth_value, _brightness_value, _saturation_value, _contrast_value)
-    + lit("tone|tones|look|feel|color|colors|light|appearance|mood"),
+    + lit("tone|tones|look|feel|color|colors|light|appearance|mood|tint|touch|cast|atmosphere"),
     known_thing + lit("'s|'") + lit("color|colors|coloring|look|appearance") >> _matched,
     _given_look,
     _same_colour,
     _opacity_value,
+    lit("a coat of") + colour + lit("paint") >> _assigned,
     ~lit("a|an") + colour + lit("color|look|coloring|paint job|coat of paint|paint") >> _assigned,
     _tint + lit("tint|tinge|touch") >> _faintly,
     ~lit("a|an") + colour + lit("hue") >> _hued,
@@ -1137,6 +1391,10 @@ _called = ~lit("as|to") + name
 _command("call the dog rex", "call|name|label|tag|dub|nickname", _named, "called", gapped=False, called=_called)
 
 # What is said in passing, and commands without a verb
+_command(
+    "make the dog red", "do the same|do that too", _always(_deleted), who=lit("to|with|for|on") + thing, bare=False
+)
+COMMANDS[-1] = SAME = replace(COMMANDS[-1], gapped=False)
 TOPIC = Command("the dog: make it red", "", REMARK, {})
 _remark = lit("alone|as it is|as they are|as is|untouched|unchanged|as it was|the way it is|out of it|in peace")
 _command(
@@ -1148,6 +1406,15 @@ _command(
     gapped=False,
     who=either(thing, lit("it") >> (lambda: lambda context: context.last or All())),
     remark=_remark,
+)
+_command(
+    "make the dog red",
+    "",
+    REMARK,
+    "untouched",
+    bare=False,
+    gapped=False,
+    untouched=lit("do not [touch|change|affect|alter]|without [touching|changing]|but not"),
 )
 _quality_words = (
     "bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
@@ -1168,7 +1435,7 @@ _command(
     who=_complained_of,
     remark=lit("is|are|looks|look|seems|seem|was|were")
     + ~lit("a bit|a little|much|way|far")
-    + lit("too")
+    + ~lit("too|so|very|rather|quite|really")
     + lit(_quality_words),
 )
 _wanted = lit("i want|i would like|we want|we would like|i would love|we need|i need")
@@ -1259,14 +1526,14 @@ for _kind, _words, _made_by in (
 ):
     _command(
         f"turn the {_kind} up",
-        "turn|bring|push|crank|pull|dial|take|put",
+        "turn|bring|push|crank|pull|dial|take|put|bump|pump|tone",
         lambda quality, upward, how=None, made=_made_by: made(factor(how, upward)),
         "quality upward",
         whole=True,
         who=lit("on|of|for|in") + thing,
         quality=~lit("the") + lit(_words) >> (lambda: True),
         upward=table({"up|way up": True, "down": False}),
-        how=amount,
+        how=either(amount, lit("by") + number >> (lambda x: Amount("times", x))),
     )
 
 # Trails
@@ -1284,24 +1551,22 @@ _command(
     behind=_behind,
     shift=_shift | ~lit("by|with") + duration,
 )
-TRAIL_COPIES, TRAIL_LAG = 3.0, 0.2
-"""Copies of a trail, and seconds from one to the next."""
 
 
-def _trailed(count: float = TRAIL_COPIES) -> Value:
+def _trailed(count: float = TRAIL_COPIES) -> Value | tuple[tuple[Value], ...]:
     return _copied(times=count, shift=TimeExpression(seconds=TRAIL_LAG))
 
 
 _a_trail = (
     ~lit("a|an")
     + ~lit("ghost|ghostly|faint|motion")
-    + lit("trail")
+    + lit("trail|echo|afterimage|echo effect|trailing copies|ghosts")
     + optional(lit("of") + number + ~lit("ghost|ghostly|faint|fading") + lit("copies|clones|ghosts"), TRAIL_COPIES)
 )
-_command("give the dog a trail", "give", _trailed, "count", bare=False, count=_a_trail)
+_command("give the dog a trail", "give", _trailed, "count", bare=False, itself="leave|have|get|draw", count=_a_trail)
 _command(
     "leave a trail behind the dog",
-    "leave|add|put|make|draw",
+    "leave|add|put|make|draw|create|show",
     _trailed,
     "count",
     bare=False,

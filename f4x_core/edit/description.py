@@ -77,7 +77,7 @@ def _(operation: Recolour) -> str:
         sentence = f"make {who} {more}" if (more := _more(rgb)) else f"add {_numbers(rgb)} to the color of {who}"
     else:
         sentence = f"make {who} {strong}{'' if operation.keep_luminance else 'solid '}{_colour(rgb)}"
-    return sentence + _span(operation.frames)
+    return _coming(operation, sentence)
 
 
 @_sentence.register
@@ -165,15 +165,15 @@ def _(operation: Loop) -> str:
 
 @_sentence.register
 def _(operation: Style) -> str:
-    return f"make {whom(operation.select)} look {_slightly(operation.strength)}like {operation.look}" + _span(
-        operation.frames
+    return _coming(
+        operation, f"make {whom(operation.select)} look {_slightly(operation.strength)}like {operation.look}"
     )
 
 
 @_sentence.register
 def _(operation: Match) -> str:
     who, source = whom(operation.select), whom(operation.source)
-    return f"match {who} {_slightly(operation.strength)}to {source}" + _span(operation.frames)
+    return _coming(operation, f"match {who} {_slightly(operation.strength)}to {source}")
 
 
 @_sentence.register
@@ -185,7 +185,7 @@ def _(operation: Grade) -> str:
         parts.append(f"set the saturation of {who} to {_percent(operation.saturation)}")
     if operation.warmth or not parts:
         parts.append(f"make {who} {_percent(abs(operation.warmth))} {'cooler' if operation.warmth < 0 else 'warmer'}")
-    return " and ".join(parts) + _span(operation.frames)
+    return _coming(operation, " and ".join(parts))
 
 
 @_sentence.register
@@ -257,6 +257,15 @@ def _both(select: And) -> str:
     if len(kept) == 2 and isinstance(select.of[1], Moving):
         kept = [f"the moving {kept[0].removeprefix('the ')}"]
     return " that is also ".join(kept or ["everything"]) + "".join(f" but not {part}" for part in left_out)
+
+
+def _coming(operation: Recolour | Style | Match | Grade, sentence: str) -> str:
+    """The sentence with when it holds and, where it comes little by little, how."""
+    if operation.ease is None:
+        return sentence + _span(operation.frames)
+    how = {"linear": "gradually ", "smooth": "gradually ", "step": ""}[operation.ease]
+    eased = f" ({operation.ease})" if operation.ease != "linear" else ""
+    return how + sentence + _span(operation.frames, "to the end") + eased
 
 
 def _span(frames: tuple[float, float | None] | None, open_end: str = "on") -> str:

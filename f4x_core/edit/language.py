@@ -34,10 +34,11 @@ from ..language.grammar import (
     tokenise,
 )
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
+from ..language.paraphrases import paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
-from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, TOPIC, Command
+from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, SAME, THE_COPY, TOPIC, Command
 from .description import describe
-from .operations import Duplicate, Opacity, Operation, Transform
+from .operations import Delete, Duplicate, Extract, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
 from .selects import All, And, Named, Not, SelectKind, parts_of
 
@@ -57,15 +58,21 @@ class Clause(NamedTuple):
     """A time before the verb; it also holds for what follows with "and"."""
 
 
-_when = ~lit(",") + span
+_when = ~lit(",") + ~lit("but") + ~lit("only|just") + span
 _slowly = ~lit(",") + table(
     {
-        "slowly|gradually|little by little|bit by bit|smoothly|progressively|steadily|over time|more and more|step by step|"
+        "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively"
+        "|steadily|over time|more and more|step by step|"
         "(in) a gradual way|easing in and out|easing in|easing out|with "
         "(a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
         "with soft ends|eased": True
     }
 )
+_aside = ~lit(",") + lit(
+    "please|really|completely|entirely|fully|totally|simply|immediately|at once|right away|right now|nicely|neatly|properly|"
+    "altogether|together|as well|again|instead|all over|once more|suddenly|abruptly|quickly|for me|for us|there"
+)
+"""Words that add nothing, at any place between the others."""
 _between = lit("and|,|, and|but|while|, but|, while|and also")
 _afterward = lit(
     "then|, then|and then|, and then|and afterward|, afterward|afterward|and later|, later|and finally|and after that|, after that"
@@ -75,14 +82,14 @@ _modal = lit(
 )
 _being = lit("be|become|turn|get|look|appear|go")
 _want = lit("i|we") + lit(
-    "want|would like|need|wish|would love|would prefer|want to see|would like to see|would love to see"
+    "want|would like|need|wish|would love|would prefer|prefer|would rather have|want to see|would like to see|would love to see"
 )
 _let = lit("let|have|make|get")
 
 
 def _telling(filled: dict[str, Any]) -> dict[str, Any]:
     """Slots that say more than who: "and the cat" alone belongs to the list before it."""
-    if filled.keys() <= {"who", "slowly", "besides"}:
+    if filled.keys() <= {"who", "slowly", "besides", "aside"}:
         raise Mismatch
     return filled
 
@@ -99,7 +106,7 @@ def _stated(verb: str) -> str:
 
 def _of(command: Command) -> Rule:
     """The clauses of a command: by its verb, of a subject, in the passive."""
-    slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides}
+    slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides, "aside": _aside}
     alone = command.bare or command.whole
     first = bag({"who": command.who, **slots}, command.needed | (frozenset() if alone else {"who"}))
     more = bag({"who": command.who, **slots}, command.needed | {"who"}) >> _telling
@@ -122,6 +129,11 @@ def _of(command: Command) -> Rule:
                 >> (lambda pieces, rest: pieces + tuple(one for (one,) in rest))
             )
         if command.gapped:
+            elsewhen = bag(slots, command.needed | {"when"}) >> (lambda filled: {**filled, "later": True})
+            ways.append(
+                phrase + listed(_between + elsewhen, NOTHING)
+                >> (lambda pieces, rest: pieces + tuple(one for (one,) in rest))
+            )
             others = _between + listed(more, _between) >> (lambda pieces: tuple(piece for (piece,) in pieces))
             ways.append(phrase + others >> (lambda pieces, rest: pieces + rest))
     subject = command.who
@@ -130,7 +142,9 @@ def _of(command: Command) -> Rule:
         states = table({"|".join(map(_stated, command.itself.split("|"))): None}, reserve=False)
         ways += [
             subject + states + own >> of_subject,
-            _let + subject + ~lit("to") + itself >> of_subject,
+            states + own >> (lambda filled: (filled,)),  # "the car stops and turns around"
+            _let + subject + optional(_slowly, False) + ~lit("to") + itself
+            >> (lambda who, slowly, filled: ({**filled, "who": who} | ({"slowly": True} if slowly else {}),)),
             subject + _modal + optional(_slowly, False) + itself
             >> (lambda who, slowly, filled: ({**filled, "who": who} | ({"slowly": True} if slowly else {}),)),
             _want + subject + ~lit("to") + itself >> of_subject,
@@ -145,6 +159,7 @@ def _of(command: Command) -> Rule:
         ways += [
             subject + _modal + _being + own >> of_subject,
             subject + lit("becomes|become|turns|gets|goes") + own >> of_subject,
+            lit("becomes|turns|gets|goes") + own >> (lambda filled: (filled,)),
             lit("could|can") + subject + _being + own >> of_subject,
             subject + lit("is|are") + own >> (lambda who, filled: ({**filled, "who": who, "stated": True},)),
             (_want | _let) + subject + ~(~lit("to") + _being) + own >> of_subject,
@@ -163,14 +178,17 @@ _filler = silent(
             "go ahead and|let us|try to|try|i want (you) to|i need you to|i would (really) like (you) to|i would love (you) to|"
             "we want (you) to|we would like to|we should|we need to|you should|you can|simply|actually|maybe|perhaps|"
             "be so kind (as) to|just|in addition|besides|additionally|after that|afterward|after this|feel free to|let me|"
-            "help me|help me to|um|uh|oh|yes|sure|great|cool|nice|good|at the same time|meanwhile|overall|finally|clean up|:"
+            "help me|help me to|um|uh|i wish you would|i want to|i would like to|we want to|i need to|you"
+            " could|would be nice to|it would be nice to|now please|oh|yes|sure|great|cool|nice|good|at"
+            " the same time|meanwhile|overall|finally|clean up|:"
         )
         | _request,
         lit(",") | NOTHING,
     )
 )
 _tail = ~lit(
-    "now|too|as well|again|also|for me|if you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
+    "now|too|as well|again|also|for me|any more|anymore|any longer|thank you|after all|though|if"
+    " you can|if possible|instead|then|right away|right now|immediately|at once|today|okay|"
     "overall|in total|for good|permanently|completely|entirely|would you|will you|could you|can you|once more|for us|as before"
 )
 _core = either(*(_of(command) for command in COMMANDS))
@@ -229,7 +247,7 @@ def parse(
         earlier=copies or {},
         labels=frozenset(labels),
     )
-    reading, clauses = _read(sentence, known)
+    sentence, reading, clauses = _read_somehow(sentence, known)
     context.overall = any(token.text == "overall" for token in reading.tokens)
     for rule, doubt in _DOUBTFUL:
         if any(rule.at(reading, at) for at in range(len(reading.tokens))):
@@ -241,13 +259,16 @@ def parse(
         better, meant = _read(instead, known)
         if meant is not None or _slip(better, False):
             raise Doubt(f"I do not understand '{sentence[wrong.start : wrong.end]}'; did you mean '{word}'?", instead)
+    only_then = any(_ONLY_WHEN.at(reading, at) for at in range(len(reading.tokens)))
     if clauses is None:
-        reason, answer = _not_understood(reading)
+        reason, answer = (_SHOWN_ONLY_THEN, False) if only_then else _not_understood(reading)
         raise Refusal(reason, _nearest(reading.tokens) if answer else ())
     try:
         operations = _placed(list(_operations(clauses, context)))
         if not operations:
             raise Refusal("Nothing is said that could be done.")
+        if only_then and any(isinstance(one, (Opacity, Delete, Extract)) for one in operations):
+            raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
     except Refusal as refusal:
         raise Refusal(refusal.reason, _nearest(reading.tokens)) from refusal
     except F4xError as error:
@@ -257,6 +278,26 @@ def parse(
     return tuple(
         replace(one, name="") if isinstance(one, Duplicate) and one.name in spare else one for one in operations
     )
+
+
+def _read_somehow(
+    sentence: str, known: Mapping[tuple[str, ...], str]
+) -> tuple[str, Reading, tuple[tuple[Any, ...], ...] | None]:
+    """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself."""
+    try:
+        reading, clauses = _read(sentence, known)
+    except Refusal:
+        for other in paraphrases(sentence):
+            reading, clauses = _read(other, known)
+            if clauses is not None:
+                return other, reading, clauses
+        raise
+    if clauses is None:
+        for other in paraphrases(sentence):
+            better, meant = _read(other, known)
+            if meant is not None:
+                return other, better, meant
+    return sentence, reading, clauses
 
 
 def _read(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[Reading, tuple[tuple[Any, ...], ...] | None]:
@@ -280,6 +321,7 @@ def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     lexicon = VOCABULARY | NAMES_TOO | FUNCTION_WORDS | NO_THINGS | COLOURS.keys() | SHADES.keys() | parts
     for at, token in enumerate(reading.tokens):
         describes = understood and (reading.word(at + 1) == "'s" or reading.word(at + 1) in parts)
+        describes = describes or token.text.endswith("est")  # a superlative is a word, and none of a thing
         if token.is_word and not describes and not {token.text, singular(token.text)} & lexicon:
             meant = misspelt(token.text, parts) or (None if understood else misspelt(token.text, lexicon))
             if meant:
@@ -322,13 +364,14 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
     return known
 
 
-_OF_ALL = ("who", "when", "later", "slowly", "besides", "stated")
+_OF_ALL = ("who", "when", "later", "slowly", "besides", "aside", "stated")
 """Slots that every command has."""
 
 
 def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) -> Iterator[Operation]:
     """The operations of clauses, each of which may follow (whether its separator is hard)."""
     front: Span | None = None
+    before: tuple[Command, dict[str, Any]] | None = None
     for *separators, clause in clauses:
         if any(separators):
             front = None
@@ -341,7 +384,8 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
                 own = _about(clause.front.start, own)
             elif own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
-            if clause.command.whole and "who" not in piece:
+            nobody = context.last is None and "when" in piece and clause.command.timed
+            if "who" not in piece and (clause.command.whole or nobody):
                 context.last = All()
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
             if who is None:
@@ -355,14 +399,23 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
                 raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
             if clause.command.make is REMARK:
                 continue
+            command = clause.command
+            if command is SAME:
+                if before is None:
+                    raise Refusal("Nothing was said before that could be done again; say what is to be done.")
+                command, piece = before[0], {**before[1], **piece}
+                own = piece.get("when")
+            before = command, piece
             topics.append(who)
             arguments = {name: value for name, value in piece.items() if name not in _OF_ALL and value is not None}
-            made = clause.command.make(**arguments)
+            made = command.make(**arguments)
             settled = When.of(own or front or last, context, "slowly" in piece)
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
             for operation in operations:
-                if isinstance(operation, Duplicate):
+                if operation.select == THE_COPY and context.last is not None:
+                    operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
+                elif isinstance(operation, Duplicate):
                     operation, topics[-1] = context.copied(operation)
                 yield operation
         context.they = together(topics) if topics else None
@@ -408,14 +461,22 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
 
 _ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
 """Word -> verb of `f4x` that does it."""
+_either = either(lit("either"), silent(familiar) + lit("or") + ~lit("the|a|an") + silent(familiar))
+_last = Rule(lambda reading, at: {at: ()} if at >= len(reading.tokens) or not reading.tokens[at].is_word else {})
+_SHOWN_ONLY_THEN = "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'."
+_ONLY_WHEN = lit(
+    "only [after|from|until|before|between|during|for|since|while]|"
+    "only [in|at|on|over|within] (the) [first|last|second|frame|frames|seconds|beginning|end|middle]"
+)
 _DOUBTFUL = (
     (
-        lit("only [after|from|until|before|between|during|for|since|while]"),
-        "'Only' with a time can be meant in two ways; say for example 'hide the dog until second 2'.",
-    ),
-    (
-        lit("put [it|him|her|them|this|that] back"),
+        lit("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~lit("again|please") + _last,
         "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
+    ),
+    (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
+    (
+        lit("some [of|other]|any of|a few (of)"),
+        "Which of them is not said; say for example 'the left one' or 'all of them'.",
     ),
 )
 """Phrases that can be meant in two ways, and what is asked instead of doing either."""

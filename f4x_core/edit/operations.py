@@ -84,6 +84,8 @@ class Recolour(Change):
     """With `assign`: shading and texture stay, brightened or darkened so that their mean is the colour's."""
     frames: Span | None = None
     """In effect from … to; None = always."""
+    ease: Ease | None = None
+    """As of `Opacity`: None, or how it comes between the two, to stay."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -289,6 +291,8 @@ class Style(Change):
     """0 leaves the old colour, 1 is the new one."""
     frames: Span | None = None
     """In effect from … to; None = always."""
+    ease: Ease | None = None
+    """As of `Opacity`: None, or how it comes between the two, to stay."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -310,6 +314,8 @@ class Match(Change):
     """0 leaves the old colour, 1 is the new one."""
     frames: Span | None = None
     """In effect from … to; None = always."""
+    ease: Ease | None = None
+    """As of `Opacity`: None, or how it comes between the two, to stay."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -331,6 +337,8 @@ class Grade(Change):
     """From -1, bluish, to 1, yellowish."""
     frames: Span | None = None
     """In effect from … to; None = always."""
+    ease: Ease | None = None
+    """As of `Opacity`: None, or how it comes between the two, to stay."""
 
     def __post_init__(self) -> None:
         """Validate."""

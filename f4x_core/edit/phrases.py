@@ -26,14 +26,11 @@ from ..language.grammar import (
     tokenise,
 )
 from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, singular, word_set
-from ..language.times import END, Clip, Span
+from ..language.times import END, START, Clip, Span
 from .operations import Duplicate
 from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
 
-HIM_OR_HER = {
-    "'him'": ("man", "boy", "person", "people"),
-    "'her'": ("woman", "girl", "person", "people"),
-}
+HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
 """Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
 
 
@@ -109,6 +106,8 @@ class When:
 
     slowly: bool = False
     """It is said to come little by little."""
+    edge: tuple[float, float | None] | None = None
+    """The second that "at the beginning" or "at the end" means for what is in effect for a while."""
 
     @classmethod
     def of(cls, phrase: Span | None, context: SentenceContext, slowly: bool = False) -> When:
@@ -121,20 +120,31 @@ class When:
             # The instant in which the last frame ends is still the clip: "to second 6" of six seconds.
             if frame is not None and not 0 <= frame <= (last if frame is start else last + 1):
                 raise Refusal(
-                    f"Frame {frame:g} is outside the clip, which has frames 0 to {last} ({context.frames / context.fps:g} s)."
+                    f"Frame {frame:g} is outside the clip, which has frames 0 to {last} ({context.frames / context.fps:g}"
+                    f" s)."
                 )
         end = None if end is None or phrase.end == END else min(end, last)
         if end is not None and end < start:
             raise Refusal(f"The time from frame {start:g} to frame {end:g} ends before it starts.")
         kind = "moment" if phrase.kind == "from" else phrase.kind
-        return cls((float(start), None if end is None else float(end)), kind, slowly)
+        second, edge = min(context.fps, last), None
+        if phrase.kind == "moment" and phrase.start in (START, END):
+            edge = (0.0, float(second)) if phrase.start == START else (float(max(last - context.fps, 0)), None)
+        return cls((float(start), None if end is None else float(end)), kind, slowly, edge)
 
     @property
     def effect(self) -> dict[str, Any]:
         """Field `frames` of what is in effect for a while."""
         if self.slowly:
             raise Refusal("That cannot come little by little: it is there or not; leave 'slowly' out.")
-        return self._frames
+        if self.kind == "by" and self.frames is not None:  # blue by second 2: from then on for sure
+            return {"frames": (self.frames[1], None)}
+        return self._frames if self.edge is None else {"frames": self.edge}
+
+    @property
+    def coming(self) -> dict[str, Any]:
+        """Fields of a change of colours, which may come little by little."""
+        return {"frames": (0.0, None), **self._frames, "ease": "linear"} if self.slowly else self.effect
 
     @property
     def _frames(self) -> dict[str, Any]:
@@ -154,14 +164,14 @@ class When:
     @property
     def pace(self) -> dict[str, Any]:
         """Fields of a change of speed."""
-        return self._frames | ({"ease": "smooth"} if self.slowly else {})
+        return (self._frames if self.edge is None else {"frames": self.edge}) | ({"ease": "smooth"} if self.slowly else {})
 
     def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:
         """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""
         frames, last = self.frames, context.frames - 1
         if self.kind == "moment" and frames is not None and frames[0] == (0 if inward else last):
             frames = (0.0, float(min(context.fps, last))) if inward else (float(max(last - context.fps, 0)), None)
-        elif frames is None or (self.kind != "range" and not self.slowly):
+        elif frames is None or (self.kind not in ("range", "by") and not self.slowly):
             return self._frames
         return self._frames | {"frames": frames, "ease": "linear"}
 
@@ -186,6 +196,9 @@ Who = Callable[[SentenceContext], SelectKind]
 _DESCRIBING = word_set("big large small tiny bright dark light fast slow quick static standing still whole little")
 """Words of the grammar that may also stand before a noun."""
 
+_NO_SUPERLATIVES = word_set("forest nest chest vest guest west crest priest harvest pest rest quest test breast")
+"""Words in -est that are things: "the fastest car" is one of several, and nobody can tell which."""
+
 
 def _open(reading: Reading, at: int) -> bool:
     """Whether the word could be (part of) the name of a thing that nobody knows yet."""
@@ -197,6 +210,7 @@ def _open(reading: Reading, at: int) -> bool:
         and word not in NO_THINGS
         and (word not in VOCABULARY or word in _DESCRIBING or word in COLOURS)
         and not (word.endswith("ly") and len(word) > 4)
+        and (not word.endswith("est") or word in _NO_SUPERLATIVES)
     )
 
 
@@ -246,6 +260,32 @@ def _part_of_known_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 yield end, f"{label}'s {part}"
 
 
+def _wearing_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """A known thing by what it wears or has: "woman in red", "man with the yellow hat"."""
+    for middle, label in (*_known_at(reading, at), *_modified_at(reading, at)):
+        if reading.word(middle) not in ("in", "with", "wearing"):
+            continue
+        start = middle + 1 + (reading.word(middle + 1) in ("the", "a", "an", "his", "her", "their", "its"))
+        worn = [
+            end for end, _ in (*_known_at(reading, start), *_modified_at(reading, start), *_stranger_at(reading, start))
+        ]
+        worn += [end + 1 for end in colour.at(reading, start) for _ in _stranger_at(reading, end)]
+        worn += list(colour.at(reading, start)) if start == middle + 1 and reading.word(middle) == "in" else []
+        for end in dict.fromkeys(worn):
+            hue = reading.word(middle) == "in" and end in colour.at(reading, start)
+            if hue or singular(reading.word(end - 1)) in _WORN:
+                yield end, f"{label} {reading.text_of(middle, end).lower()}"
+
+
+_WORN = word_set(
+    "hat cap helmet shirt jacket coat dress sweater jersey pullover hoodie scarf trousers jeans"
+    " shorts pants skirt suit uniform vest "
+    "boot shoe glasses sunglasses glove bag backpack rucksack umbrella hair beard mustache tail"
+    " horn collar top t tie mask belt sock"
+)
+"""What somebody is told by: of "the dog with the cat" nobody knows whether it is one thing or two."""
+
+
 def _stranger_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """One word that no label has."""
     word = reading.word(at)
@@ -281,7 +321,7 @@ def _everybody_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 
 _several = silent(generated(lambda reading, at: ((end, x) for end, x in number_at(reading, at) if x >= 2)))
 _article = lit(
-    "the|a|an|this|that|these|those|my|our|your|its|his|her|their|some|every|each|any|all|all (of) [the|these|those|my]|both|"
+    "the|a|an|this|that|these|those|my|our|your|its|his|her|their|every|each|any|all|all (of) [the|these|those|my]|both|"
     "both (of) the|each of the|any of the|every one of the|every single|the [whole|entire]"
 )
 _determiner = either(_article + ~_several, _several)
@@ -322,6 +362,7 @@ familiar = either(_part, _known, _modified, _everybody)
 """A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
 _named_at_length = _article + _strangers
+_wearing = ~_article + _things(_wearing_at)
 _moving = either(
     lit(
         "what|whatever|all that|[everything|anything|all] [that|which]|(the|all) (the) [things|objects|ones] [that|which]"
@@ -343,9 +384,15 @@ _static = either(
     ~_article
     + lit("static|still|standing|stationary|motionless|unmoving|fixed")
     + either(_objects, lit("background|scene")),
-    ~lit("the") + ~lit("whole|entire") + lit("background"),
+    ~lit("the|its|all the") + ~lit("whole|entire") + lit("background|backdrop|surroundings|scenery"),
 ) >> _always(Not(Moving()))
-_moving_noun = ~_article + lit("moving") + _noun >> (lambda noun: lambda context: And((noun(context), Moving())))
+_moving_noun = either(
+    ~_article + lit("moving") + _noun,
+    ~_article + _noun + lit("that|which|who") + lit("is moving|are moving|moves|move|is in motion|are in motion"),
+) >> (lambda noun: lambda context: And((noun(context), Moving())))
+_still_noun = ~_article + _noun + lit("that|which|who") + lit(
+    "[is|are] not moving|[does|do] not move|[is|are] standing still|[stands|stand] still|never [moves|move]"
+) >> (lambda noun: lambda context: And((noun(context), Not(Moving()))))
 _WHICH = {
     "left|leftmost|left most|left hand|far left": "left",
     "right|rightmost|right most|right hand|far right": "right",
@@ -354,17 +401,19 @@ _WHICH = {
     "middle|central|center|centermost|middlemost": "middle",
     "nearest|closest|front|frontmost|foremost|nearer|closer": "nearest",
     "farthest|furthest|back|rear|rearmost|most distant|backmost|hindmost": "farthest",
-    "biggest|largest|bigger|larger": "largest",
-    "smallest|tiniest|littlest|smaller": "smallest",
+    "biggest|largest|bigger|larger|tallest|longest|taller": "largest",
+    "smallest|tiniest|littlest|smaller|shortest|shorter": "smallest",
 }
+PICTURE = "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence"
 _WHERE = {
-    "on [the|its] (far) left (side|hand side)|at the (far) left": "left",
-    "on [the|its] (far) right (side|hand side)|at the (far) right": "right",
+    f"[on|at|to] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])": "left",
+    f"[on|at|to] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",
     "at the (very) top|on (the) top|on the top side": "top",
     "at the (very) bottom|on the bottom": "bottom",
     "in the (very) [middle|center]|at the center": "middle",
-    f"in front|in the front|at the front|[closest|nearest] to [{VIEWER}]|closest|nearest": "nearest",
-    f"in the back|at the [back|rear]|in the rear|[farthest|furthest] (away) from [{VIEWER}]|"
+    f"in front|in the [front|foreground]|up front|nearer to [{VIEWER}]|at the front|[closest|nearest]"
+    f" to [{VIEWER}]|closest|nearest": "nearest",
+    f"in the [back|background|distance|rear]|at the [back|rear]|far away|[farthest|furthest] (away) from [{VIEWER}]|"
     "farthest (away)|furthest (away)": "farthest",
 }
 _which, _where = table(_WHICH), ~lit("that is|that are|which is|which are|standing|sitting") + table(_WHERE)
@@ -455,9 +504,9 @@ _they = lit(
 ) >> (lambda: lambda context: context.they or context.it("'they'"))
 COPY = "copy"
 """The name by which "the copy" is selected after "copy the dog"."""
-_copy = lit("[the|its|their|his|her] [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)") >> (
-    lambda: _the_copy
-)
+_copy = lit(
+    "[the|its|their|his|her] (new) [copy|copies|clone|clones|duplicate|duplicates|replica] (of it)|the new one"
+) >> (lambda: _the_copy)
 
 
 def _the_copy(context: SentenceContext) -> SelectKind:
@@ -482,24 +531,30 @@ _current = either(
     lit("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
     ~lit("the|my|our|this|these|those|all") + ~lit("the") + ~lit("currently") + lit("selected") + _objects,
 ) >> (lambda *_: lambda context: Current() if context.selected else context.it("the selection"))
-_PICTURE = "scene|picture|image|video|clip|shot|footage|movie|film"
+_PICTURE = PICTURE
 _everything = silent(
     either(
-        lit("everything|all|all (of) the [things|objects]|all [things|objects]|every [object|thing]"),
         lit(
-            f"(the) [whole|entire|full|complete] [{_PICTURE}|thing]|[the|this|my] [{_PICTURE}]|all of the [{_PICTURE}]"
+            "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|thing]"
+        ),
+        lit(
+            f"(the) [whole|entire|full|complete] [{_PICTURE}|thing]|[the|this|my|our] [{_PICTURE}]|all of"
+            f" the [{_PICTURE}]"
         ),
     )
 )
 everything_else = lit(
-    "[everything|all|anything] else|all the rest|the (whole) rest (of it|of them|of the scene|of the picture)|the others|"
+    "[everything|all|anything] else|all the rest|the rest of the [picture|scene|image|video|clip]"
+    "|the remainder|all others|the (whole) rest (of it|of them|of the scene|of the picture)|the"
+    " others|"
     "all (the) other [things|objects|stuff]|the other [things|objects]"
 ) >> (lambda *_: lambda context: Not(context.it("'else'")))
 _everybody_else = _everybody + lit("else") >> (
     lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
 )
 _in_scene = ~lit(
-    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{_PICTURE}]|out of the [{_PICTURE}]"
+    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{_PICTURE}]"
+    f"|out of the [{_PICTURE}]"
 )
 _whole_thing: Rule = either(
     familiar, _determiner + _noun, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
@@ -517,8 +572,10 @@ _definite = (
         _determiner + _noun,
         _instance,
         _moving_noun,
+        _still_noun,
         _part_of_known,
         _named_at_length,
+        _wearing,
         _everything >> _always(All()),
         _it,
         _they,
@@ -559,7 +616,7 @@ def _both(label: str, context: SentenceContext) -> SelectKind:
     return context.last
 
 
-_and_also = lit("and|or|,|, and|, or|and also|plus|as well as|along with|together with|and then")
+_and_also = lit("and|or|,|, and|, or|and also|plus|as well as|along with|together with|and then|and all")
 _single = either(_definite, _bare_stranger + _in_scene)
 _both_of_them = (
     lit("both|both (of) [the|these|those|my|our|your]")
@@ -577,7 +634,7 @@ known_thing = ~lit("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
 _EXCEPT = (
     "except (for)|apart from|aside from|other than|excluding|besides|with the exception of|but not|without|minus|"
-    "not including|but (for)"
+    "not including|but (for)|[that|which|who] [is|are] not|save (for)|bar|leaving out"
 )
 _the_biggest = lit("the") + _which >> (lambda which: _one_of(which, SentenceContext.one, None))
 _besides = ~lit(",") + lit(_EXCEPT) + (_union | _the_biggest)

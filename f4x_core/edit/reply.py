@@ -8,18 +8,22 @@ Imports pydantic, so only `endpoint` and `judge` import it, and only once somebo
 
 from __future__ import annotations
 
+from dataclasses import fields
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, Union
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, create_model
 
 from ..errors import F4xError
 from .operations import (
     MAX_COPIES,
+    Blur,
     Delete,
     Duplicate,
     Extract,
     Freeze,
+    Glow,
+    Grade,
     Loop,
     Match,
     Name,
@@ -30,9 +34,10 @@ from .operations import (
     Reverse,
     Span,
     Style,
+    Swap,
     Transform,
 )
-from .selects import All, And, Current, Instance, Moving, Named, Not, SelectKind, Text
+from .selects import All, And, Current, Instance, Moving, Named, Not, Part, SelectKind, Text
 from .styles import STYLES
 
 if TYPE_CHECKING:
@@ -56,6 +61,7 @@ Percent = Annotated[int, Field(ge=0, le=100)]
 Offset = Annotated[int, Field(ge=-1000, le=1000)]
 """Percent of the target's width."""
 Which = Literal["any", "left", "right", "top", "bottom", "middle", "nearest", "farthest", "largest", "smallest"]
+Half = Literal["whole", "top", "bottom", "left", "right"]
 
 
 class Strict(BaseModel):
@@ -70,6 +76,7 @@ class Target(Strict):
     kind: Literal["words", "everything", "moving", "background", "selected", "named"]
     words: Words
     which: Which
+    half: Half
     except_words: Words
 
     def select(self, request: Request) -> SelectKind:
@@ -81,6 +88,8 @@ class Target(Strict):
         chosen = self._kind(request)
         if self.which != "any":
             chosen = Instance(chosen, self.which, round(request.frame))
+        if self.half != "whole":
+            chosen = Part(chosen, self.half, frame=round(request.frame))
         return And((chosen, Not(Text(tuple(self.except_words))))) if self.except_words else chosen
 
     def _kind(self, request: Request) -> SelectKind:
@@ -239,10 +248,11 @@ class Speed(Timed):
 
     op: Literal["speed"]
     percent: Annotated[int, Field(ge=1, le=10000)]
+    ease: Literal["none", "smooth"]
 
     def about(self, select: SelectKind) -> Operation:
-        """A `Retime` over the span."""
-        return Retime(select, self.percent / 100, self.span)
+        """A `Retime` over the span, with soft ends where it comes smoothly."""
+        return Retime(select, self.percent / 100, self.span, None if self.ease == "none" else "smooth")
 
 
 class ReverseOrLoop(Timed):
@@ -293,20 +303,57 @@ class NameSelection(RequestedChange):
         return Name(select, self.name)
 
 
-AnyChange = (
-    Paint
-    | Brightness
-    | OpacityChange
-    | RemovalChange
-    | TransformChange
-    | Copy
-    | Stop
-    | Speed
-    | ReverseOrLoop
-    | Look
-    | MatchColors
-    | NameSelection
-)
+class Derived(Timed):
+    """A change whose fields come from an operation's own: see `_derived`."""
+
+    KIND: ClassVar[type[Any]]
+
+    def operation(self, request: Request) -> Operation:
+        """The operation of which this is the reply; what is not asked for keeps its default."""
+        values: dict[str, Any] = {"select": self.target.select(request), "frames": self.span}
+        for entry in fields(self.KIND):
+            if entry.name == "other":
+                values["other"] = getattr(self, entry.name).select(request)
+            elif f"{entry.name}_percent" in type(self).model_fields:
+                usual = entry.default if entry.name in _USUAL else 1.0
+                values[entry.name] = getattr(self, f"{entry.name}_percent") / 100 * usual
+        color = getattr(self, "color", [])  # none: its own
+        if len(color) not in (0, 3):
+            raise F4xError("color needs red, green and blue, or nothing")
+        return self.KIND(**values, **({"rgb": tuple(part / 255 for part in color)} if color else {}))
+
+
+_USUAL = ("radius",)
+"""Fields that are told in percent of their default, because their unit is the scene's own."""
+_HIDDEN = ("shift", "first_id", "ease")
+"""Fields that are worked out in the scene, or keep their default."""
+
+
+def _derived(kind: type[Any]) -> type[Derived]:
+    """The reply for an operation, from its dataclass: numbers become percentages, a second selection a target, a colour bytes."""
+    shape: dict[str, Any] = {"op": (Literal[kind.TAG], ...)}
+    for entry in fields(kind):
+        if entry.name == "other":
+            shape["other"] = (Target, ...)
+        elif entry.name == "rgb":
+            shape["color"] = (Annotated[list[Byte], Field(max_length=3)], ...)
+        elif entry.name not in ("select", "frames", *_HIDDEN):
+            low = -100 if entry.default == 0.0 else 0
+            shape[f"{entry.name}_percent"] = (Annotated[int, Field(ge=low, le=1000 if low == 0 else 100)], ...)
+    doc = (kind.__doc__ or "").splitlines()[0]  # what the model reads
+    model = create_model(f"{kind.__name__}Reply", __base__=Derived, __doc__=doc, **shape)
+    model.KIND = kind
+    return model
+
+
+DERIVED = tuple(_derived(kind) for kind in (Grade, Blur, Glow, Swap))
+"""Replies that need no words of their own."""
+_OWN = (
+    Paint, Brightness, OpacityChange, RemovalChange, TransformChange, Copy, Stop, Speed, ReverseOrLoop, Look, MatchColors,
+    NameSelection,
+)  # fmt: skip
+AnyChange: Any = Union.__getitem__((*_OWN, *DERIVED))
+"""Any of the replies."""
 
 
 class ChangeList(Strict):

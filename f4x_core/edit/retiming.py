@@ -48,9 +48,10 @@ def progress(frames: Span | None, ease: Ease, time: float, last: float) -> float
 
 def effect(operation: AppearanceChange, time: float, last: float) -> float:
     """Completed fraction of a change of appearance at `time`, 0 to 1."""
-    if isinstance(operation, Opacity) and operation.ease is not None:
-        fraction = progress(operation.frames, operation.ease, time, last)
-        return 1 - fraction if operation.inward else fraction
+    ease: Ease | None = getattr(operation, "ease", None)
+    if ease is not None:
+        fraction = progress(operation.frames, ease, time, last)
+        return 1 - fraction if isinstance(operation, Opacity) and operation.inward else fraction
     return float(holds(operation.frames, time))
 
 

@@ -49,9 +49,9 @@ _percent_sign = lit("%|percent|per cent|pct")
 percent = number + _percent_sign >> (lambda x: x / 100)
 fraction = table(
     {
-        "half|one half|a half": 0.5,
-        "a third|one third": 1 / 3,
-        "a quarter|one quarter": 0.25,
+        "half|one half|a half|the half": 0.5,
+        "a third|one third|the third": 1 / 3,
+        "a quarter|one quarter|one fourth|a fourth": 0.25,
         "two thirds": 2 / 3,
         "three quarters": 0.75,
         "a fifth|one fifth": 0.2,
@@ -59,7 +59,9 @@ fraction = table(
     }
 )
 multiple = either(
-    number + lit("times|x|fold"), table({"twice|double|doubly": 2.0, "thrice|triple": 3.0, "quadruple": 4.0}), fraction
+    number + lit("times|x|fold"),
+    table({"twice|double|doubly|two times|two fold": 2.0, "thrice|triple": 3.0, "quadruple": 4.0}),
+    fraction,
 )
 """A factor: "three times", "2x", "twice", "half"."""
 
@@ -75,12 +77,11 @@ class Amount(NamedTuple):
 
 degree = table(
     {
-        "(just) a [little|tiny|wee|small] bit|(just|only) a [little|tad|touch|bit]|slightly|somewhat|a smidge|a hair": Amount(
-            "small"
-        ),
-        "much|(quite) a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much": Amount(
-            "large"
-        ),
+        "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a"
+        " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen]|"
+        "slightly|somewhat|(ever) so slightly|a bit of": Amount("small"),
+        "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
+        "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit": Amount("large"),
     }
 )
 _by_factor = lit("by") + ~lit("a") + lit("factor") + ~lit("of")
@@ -88,7 +89,7 @@ amount = either(
     degree,
     _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
     ~lit("by") + percent >> (lambda x: Amount("fraction", x)),
-    lit("by") + fraction >> (lambda x: Amount("fraction", x)),
+    ~lit("by") + fraction >> (lambda x: Amount("fraction", x)),
     ~lit("by") + multiple >> (lambda x: Amount("times", x)),
 )
 SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
@@ -114,7 +115,13 @@ def comparison(comparatives: str, lesser: str, positives: str, opposites: str) -
     compared = table({comparatives: True, lesser: False})
     plain = table({positives: True, opposites: False})
     more = either(compared, lit("more") + plain, lit("less") + plain >> (lambda upward: not upward))
-    so = lit("as") + plain + ~(lit("as") + ~lit("it|they|he|she|that|this") + lit("is|are|was|were|before|now"))
+    so = (
+        ~lit("just|about")
+        + lit("as")
+        + plain
+        + ~(lit("as") + ~lit("it|they|he|she|that|this") + lit("is|are|was|were|before|now"))
+    )
+    more = more + ~lit("than [before|now|it is|it was|they are]")
     return either(
         optional(amount) + more >> factor,
         more + amount >> (lambda upward, how: factor(how, upward)),
@@ -135,36 +142,39 @@ ITS = "its|their|his|her|the|the original|its own|their own|its original|its cur
 def fraction_of(quality: str) -> Rule:
     """A factor from "half the size", "twice its size", "50 % of its size", "double size"."""
     noun = ~lit("of") + ~lit(ITS) + lit(quality)
-    return either(multiple, percent) + noun
+    return either(multiple, percent, table({"quarter": 0.25, "third": 1 / 3, "full": 1.0})) + noun
 
 
 # Which way -----------------------------------------------------------------------------------------------------------
 
 VIEWER = "the camera|the viewer|the lens|me|us|here"
-_SIDE = "side|hand side|direction|side of the picture|hand side of the picture|half of the picture|edge"
-direction = table(
-    {
-        f"left|leftward|(over) [to|toward|on] [the|its|my|your] left ({_SIDE})|more to the left|[further|farther] (to the) left": (
-            -1,
-            0,
-            0,
-        ),
-        f"right|rightward|(over) [to|toward|on] [the|its|my|your] right "
-        f"({_SIDE})|more to the right|[further|farther] (to the) right": (
-            1,
-            0,
-            0,
-        ),
-        "up|upward|higher|higher up|[further|farther] up|to the top": (0, -1, 0),
-        "down|downward|lower|lower down|[further|farther] down|to the bottom": (0, 1, 0),
-        f"[further|farther] [back|backward|away]|(further|farther) away from [{VIEWER}]|away|back|backward|from [{VIEWER}]|"
-        "to the back|into the distance|toward the back|into the background": (0, 0, 1),
-        f"forward|[closer|nearer] [to|toward] [{VIEWER}]|closer|nearer|[to|toward] [{VIEWER}]|to the front|into the foreground": (
-            0,
-            0,
-            -1,
-        ),
-    }
+_OF_IT = "picture|image|frame|screen|scene|shot|view"
+_SIDE = "side|hand side|direction|edge|hand edge|half"
+_WITHIN = ~lit(f"of [the|this] [{_OF_IT}]|in [the|this] [{_OF_IT}]")
+direction = (
+    table(
+        {
+            f"left|leftward|(over|further|farther|off|out) [to|toward|on|at] [the|its|my|your|his|her|their]"
+            f" (far) left ({_SIDE})|more to the left|[further|farther|more] (to the) left": (-1, 0, 0),
+            f"right|rightward|(over|further|farther|off|out) [to|toward|on|at] [the|its|my|your|his|her|their]"
+            f" (far) right "
+            f"({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
+            "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off the ground|"
+            "above the ground|toward the [sky|top]": (0, -1, 0),
+            "down|downward|lower|lower down|[further|farther] down|to the bottom|toward the [ground|bottom]|toward the floor": (
+                0,
+                1,
+                0,
+            ),
+            f"[further|farther] [back|backward|away]|(further|farther) away from [{VIEWER}]|away|back|backward"
+            f"|from [{VIEWER}]|"
+            "to the [back|rear]|into the [distance|depth]|off into the distance|toward the back|[into|to"
+            "|toward] the background|deeper (into the scene)": (0, 0, 1),
+            f"forward|to the [foreground|fore]|[closer|nearer] [to|toward] [{VIEWER}]|closer|nearer|[to|toward]"
+            f" [{VIEWER}]|to the front|into the foreground": (0, 0, -1),
+        }
+    )
+    + _WITHIN
 )
 beside = table(
     {
@@ -197,7 +207,10 @@ distance = either(
     lit("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
     ~lit("by|for") + multiple + ~lit("of") + lit(ITS) + _body >> Distance,
     ~lit("by|for") + (percent + ~lit("of") + lit(ITS) + _body) >> Distance,
-    ~lit("by|for") + (number | fraction) + ~lit("a|of a|of") + _body >> Distance,
+    ~lit("by|for") + (number | fraction) + ~lit("a|of a|of|of its|of its own|its|its own|full|times its") + _body
+    >> Distance,
+    ~lit("by|for") + percent + ~lit("of") + ~lit(ITS) + _body >> Distance,
+    ~lit("by|for") + (lit("a couple of") >> (lambda: 2.0)) + _body >> Distance,
     ~lit("by|for") + lit("a|its|its own|their|their own|the|his|her|one full") + _body >> (lambda *_: Distance(1.0)),
     ~lit("by|for") + number + lit("unit|units|world units|world unit") >> (lambda x: Distance(x, "world")),
     ~lit("by|for") + lit("half a unit|half of a unit") >> (lambda *_: Distance(0.5, "world")),

@@ -10,8 +10,10 @@ _IDIOMS = ("hot dog", "sea horse", "sea lion", "guinea pig", "teddy bear", "toil
 _MADE_UP = ("toy", "stuffed", "plush", "teddy", "rocking", "gummy", "cartoon", "imaginary")
 """What has one of these before it is no such thing: a toy dog is a toy."""
 ADJECTIVE = (
-    r"red|orange|yellow|green|blue|purple|violet|pink|brown|black|white|gr[ae]y|gold(?:en)?|silver|dark|light|bright|pale"
-    r"|colou?rful|big|large|small|little|tiny|huge|tall|short|long|thin|thick|fat|young|old|new|beautiful|pretty|nice|cute"
+    r"red|orange|yellow|green|blue|purple|violet|pink|brown|black|white|gr[ae]y|gold(?:en)?|silver"
+    r"|dark|light|bright|pale"
+    r"|colou?rful|big|large|small|little|tiny|huge|tall|short|long|thin|thick|fat|young|old|new|beautiful"
+    r"|pretty|nice|cute"
 )
 """Words before the name of a thing that say how it looks: the search leaves them out, and the answer says so."""
 
@@ -23,15 +25,17 @@ def names_another(label: str) -> bool:
 
 
 def head_of(label: str, known: Collection[str]) -> str | None:
-    """The kind of thing that a compound is: "house" of "dog house", "hat" of "dog's hat", "roof" of "roof of the house".
+    """The kind of thing that a compound is: "house" of "dog house", "hat" of "dog's hat", "roof" of "roof of the house",
+    "woman" of "woman in red".
 
     None for a label in `known` (lower case) and for a thing with mere adjectives ("parked car"): its last word is the thing itself.
     """
     words = label.lower().split()
     if len(words) < 2 or label.lower() in known:
         return None
-    if "of" in words[1:-1]:
-        return " ".join(words[: words.index("of")])
+    joint = next((i for i, word in enumerate(words[1:-1], 1) if word in ("of", "in", "with", "wearing")), 0)
+    if joint:
+        return " ".join(words[:joint])
     owner = next((i for i in range(len(words) - 1, 0, -1) if words[i - 1].endswith(("'s", "s'"))), 0)
     if owner:
         return " ".join(words[owner:])

@@ -102,13 +102,28 @@ def slips(word: str, other: str) -> int:
     return row[-1]
 
 
+_KEYS = ("qwertyuiop", "asdfghjkl", "zxcvbnm")
+
+
+def _beside(one: str, other: str) -> bool:
+    """Whether two letters lie next to each other on a keyboard."""
+    places = [(row, keys.index(letter)) for letter in (one, other) for row, keys in enumerate(_KEYS) if letter in keys]
+    return len(places) == 2 and all(abs(a - b) <= 1 for a, b in zip(*places, strict=True))
+
+
+def _typed(word: str, other: str) -> bool:
+    """Whether fingers turn `other` into `word`; another letter in the middle of a word makes another word: rider, river."""
+    wrong = [(a, b) for a, b in zip(word, other, strict=False) if a != b]
+    return len(word) != len(other) or len(wrong) != 1 or _beside(*wrong[0])
+
+
 def misspelt(word: str, known: Iterable[str]) -> str | None:
     """The word of `known` that was probably meant: one slip away, two from seven letters on."""
     if len(word) < 4:  # of short words only those with two letters swapped
         return next((other for other in sorted(known) if other != word and sorted(other) == sorted(word)), None)
     allowed = 1 if len(word) < 7 else 2
     near = ((slips(word, other), other) for other in known if len(other) > 3 and abs(len(other) - len(word)) <= allowed)
-    return min((pair for pair in near if 0 < pair[0] <= allowed), default=(0, None))[1]
+    return min((pair for pair in near if 0 < pair[0] <= allowed and _typed(word, pair[1])), default=(0, None))[1]
 
 
 def plural(noun: str, count: float) -> str:

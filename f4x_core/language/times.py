@@ -53,12 +53,13 @@ class Span(NamedTuple):
     end: TimeExpression | None
     """None: open."""
     kind: str = "range"
-    """`moment`, `from`: only the start is given, at or since which it is; `length`: only the length; `always`."""
+    """`moment`, `from`: only the start is given, at or since which it is; `by`: only when it is done; `length`: only the length;
+    `always`."""
 
 
 _unit = table(
     {
-        "second|seconds|sec|secs|s": TimeExpression(seconds=1.0),
+        "second|seconds|sec|secs|s|second mark": TimeExpression(seconds=1.0),
         "frame|frames": TimeExpression(frames=1.0),
         "minute|minutes|min|mins": TimeExpression(seconds=60.0),
         "msec|millisecond|milliseconds|ms": TimeExpression(seconds=0.001),
@@ -75,11 +76,13 @@ duration = either(
     table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
     >> _times,
     lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit)),
+    fraction + lit("of a|of an|of one") + _unit >> _times,
 )
+_whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
 _edge = table(
     {
-        "the (very) [beginning|start] (of the clip|of the video|of the scene)|the start|start|beginning": START,
-        "the (very) end (of the clip|of the video|of the scene)|end|the last frame": END,
+        f"the (very) [beginning|start|first frame|outset] (of the [{_whole}])|start|beginning": START,
+        f"the (very) [end|last frame|finish] (of the [{_whole}])|end": END,
         "now|here|this [frame|moment|point]|the [present|current] [frame|moment]": NOW,
     }
 )
@@ -89,50 +92,102 @@ _clock = either(
     number + lit(":") + number + lit(":") + number >> (lambda h, m, s: TimeExpression(seconds=3600 * h + 60 * m + s)),
     number + lit(":") + number + ~lit("minutes") >> (lambda m, s: TimeExpression(seconds=60 * m + s)),
 )
-_whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
 _through = lit("(of the way) [through|in|into|along]|of the way") + ~lit(f"the (whole) [{_whole}]|it")
+_of_it = lit(f"of the [{_whole}]|of it")
 _part_way = either(
     lit("halfway|half way|midway|mid way") + ~(_through | lit("point") + ~lit(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
-    lit(f"the middle of the [{_whole}]|the [halfway|half way] [point|mark] (of the [{_whole}])|mid clip")
+    lit(
+        f"the (very) middle of the [{_whole}]|the [halfway|half way|half] [point|mark] (of the [{_whole}])|mid clip|the half|half time|"
+        f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
+    )
     >> (lambda: HALF_WAY),
-    fraction + _through >> (lambda x: TimeExpression(clip=x)),
+    fraction + (_through | _of_it) >> (lambda x: TimeExpression(clip=x)),
     percent + (_through | lit(f"of the [{_whole}]")) >> (lambda x: TimeExpression(clip=x)),
 )
 """Moments that are told by how much of the clip is over."""
 _counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x: _times(x, unit))
+_frame_number = lit("frame") + ~lit("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
 _inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
 _measured = either(number + _unit + ~lit(f"{_inside}|mark"), lit("the") + number + _unit + lit("mark|point")) >> _times
-_fraction_moment = table({"half a": 0.5, "one": 1.0}) + _unit >> _times
-_numbered = ~lit("the") + number + lit("th|st|nd|rd") + lit("frame") >> (lambda x: TimeExpression(frames=x))
-moment = either(_edge, _numbered, _counted, _measured, _fraction_moment, _clock, _part_way)
+_more_than_one = ~lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit))
+_fraction_moment = table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times
+_nth = either(
+    number + lit("th|st|nd|rd|the"),  # "the" is what "th" is spelt as
+    table(
+        {
+            word: float(n)
+            for n, word in enumerate(["first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth"], 1)
+        }
+    ),
+)
+_numbered = ~lit("the") + number + either(lit("th|st|nd|rd"), lit("th|st|nd|rd|the") + lit("frame")) >> (
+    lambda x: TimeExpression(frames=x)
+)
+_before_end = duration + lit(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
+    lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
+)
+_second_over = lit("the") + _nth + lit("second") + ~lit("is over|has passed") >> (lambda n: TimeExpression(seconds=n))
+"""What is after the second second is after two seconds."""
+moment = either(_edge, _more_than_one, _numbered, _counted, _before_end, _measured, _fraction_moment, _clock, _part_way)
 _to = lit("to|-|until|up to|through|and|thru")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),
     ~lit("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
     number + _to + number + _unit >> (lambda a, b, unit: (_times(a, unit), _times(b, unit))),
+    (percent | fraction) + _to + (percent | fraction) + (_of_it | _through)
+    >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b))),
 )
 _pair_between = lit("between") + _pair
 _pair_from = ~lit("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
 _first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") + _length
 _last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
-_onward = ~lit("on|onward|forward|and on|and onward|on out")
-_since = lit("from|after|since|as of|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past")
-_at = lit("at|in|on|once we reach|when we reach|around|exactly at|right at")
-_before_end = duration + lit(f"before (the) end (of the [{_whole}])|from the end (of the [{_whole}])") >> (
-    lambda length: TimeExpression(clip=1.0).plus(length, -1.0)
+_onward = ~lit("on|onward|forward|and on|and onward|on out|and later|or later")
+_since = lit(
+    "from|after|since|as of|once|not before|beginning|from (about) after|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
 )
-_bare = either((number + _unit >> _times) + lit(_inside), _part_way, _before_end)
+_middle_point = lit(f"the middle (of the [{_whole}])") >> (lambda: HALF_WAY)
+_reaches = "[we|it] [reach|reaches]|the [clip|video|film|scene] [reaches|is at|gets to]"
+_at = lit(
+    f"at|@|in|on|[once|when|as soon as] {_reaches}|around|exactly at|right at|when|as soon as".replace(
+        _reaches, "we reach"
+    )
+) | (lit("once|when|as soon as") + lit(_reaches))
+_bare = either((duration | number + _unit >> _times) + lit(_inside), _part_way, _before_end, _frame_number)
 """Moments that need no word before them: "two seconds in"."""
-_since_then = _since + moment + _onward
+_has_passed = (
+    lit("once|after|when|as soon as") + duration + lit("[has|have] [passed|gone by|elapsed]|[is|are] [over|up|through]")
+)
+_since_then = either(
+    _since + (moment | _middle_point) + _onward,
+    lit("(right) after|past|once|when") + _second_over + _onward,
+    _has_passed,
+)
 _just_then = (_at + moment | _bare) + _onward
 _begin = _since_then | _just_then
 _for = lit("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
-_part = table({"half": 1 / 2, "third": 1 / 3, "quarter": 1 / 4}) + ~lit(f"of the [{_whole}]")
+_part = table(
+    {
+        "half": 1 / 2,
+        "third": 1 / 3,
+        "quarter": 1 / 4,
+        "fifth": 0.2,
+        "tenth": 0.1,
+        "two thirds": 2 / 3,
+        "three quarters": 0.75,
+    }
+) + ~lit(f"of the [{_whole}]")
 _within = ~lit("for|in|during|over|within|throughout") + lit("the")
 _leading = _within + lit("first") + _part >> (lambda x: Span(START, TimeExpression(clip=x)))
 _closing = _within + lit("last|final") + _part >> (lambda x: Span(TimeExpression(clip=1 - x), None))
+_central = _within + lit("middle|central") + either(_part >> (lambda x: TimeExpression(clip=x)), _length) >> (
+    lambda length: Span(HALF_WAY.plus(length, -0.5), HALF_WAY.plus(length, 0.5))
+)
+_nth_second = _within + _nth + lit("second") >> (
+    lambda n: Span(TimeExpression(seconds=n - 1), TimeExpression(seconds=n))
+)
+_loosely = lit("[toward|near|close to|just before|shortly before|right before] the (very) end|near (the) end")
 _second_half = _within + lit("second half") + ~lit(f"of the [{_whole}]") >> (lambda: Span(HALF_WAY, None))
 
 
@@ -143,23 +198,29 @@ def _lasting(start: TimeExpression, length: TimeExpression) -> Span:
 _comma = ~lit(",")
 span = either(
     (_pair_from | _pair_between) >> (lambda pair: Span(*pair)),
-    _for + _comma + _begin >> (lambda length, start: _lasting(start, length)),
+    _for + _comma + ~lit("starting|beginning") + _begin >> (lambda length, start: _lasting(start, length)),
     _begin + _comma + _for >> _lasting,
     _first >> (lambda length: Span(START, length)),
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
-    lit("until|before|up to|up until") + moment >> (lambda end: Span(START, end)),
+    ~lit("from (the) [start|beginning]") + lit("until|before|up to|up until|not after") + (moment | _middle_point)
+    >> (lambda end: Span(START, end)),
+    lit("by") + (_numbered | _counted) >> (lambda end: Span(START, end, "by")),
+    lit("before|until") + lit("the") + _nth + lit("second") >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
     ~lit("only|just") + _just_then + lit("only|alone") >> (lambda start: Span(start, start)),
     lit("only|just") + _just_then >> (lambda start: Span(start, start)),
     _leading,
     _closing,
     _second_half,
+    _central,
+    _nth_second,
+    _loosely >> (lambda: Span(END, None, "moment")),
     _since_then >> (lambda start: Span(start, None, "from")),
     _just_then >> (lambda start: Span(start, None, "moment")),
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
     table(
         {
-            "always|all the time|the whole time|[for|during|throughout|over] the [whole|entire] [clip|video|time]|"
-            "throughout|forever|the whole way through|from start to finish|from (the) beginning to (the) end": Span(
+            "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|scene]|"
+            "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|for good|permanently|the whole way through|from start to finish|from (the) beginning to (the) end": Span(
                 START, None, "always"
             )
         }

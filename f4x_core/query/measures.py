@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,10 @@ MOVES = 0.03
 """World units a second (1 = median depth) from which a thing moves."""
 COLOUR_SHARE = 0.2
 """Share of a thing's surface from which a colour of it is told."""
+LUMA = np.array([0.2126, 0.7152, 0.0722])
+"""Weights of red, green and blue in brightness (Rec. ITU-R BT.709)."""
+TURNS = np.pi / 4
+"""Radians by which a way has to change for a turn: less is a bend, or jitter."""
 BETWEEN = 0.35
 """Something is between two things where it is nearer to the line than this part of its length, and not at its ends."""
 NEIGHBOURS = 3
@@ -87,7 +92,7 @@ class Comparison:
         kind = self.asked.kind
         if kind.endswith("_moment"):
             return self._moment(kind.removesuffix("_moment"))
-        if kind in ("behind", "neighbours", "between"):
+        if kind in ("behind", "in_front", "neighbours", "between", "left_of", "right_of"):
             return self._around(kind, everything())
         if kind in ("nearest", "farthest") and self.asked.other and not self.asked.polar and len(self.things) == 1:
             return self._around(kind, everything())
@@ -95,7 +100,8 @@ class Comparison:
             "distance": self._distance, "rise": self._rise, "compare_size": self._sizes, "colour": self._colour,
             "count": self._count, "count_moving": self._moving, "order": self._order, "relation": self._relation,
             "nearest": self._depths, "farthest": self._depths, "biggest": self._biggest, "still": self._still,
-            "most_moving": self._most_moving, "stops": self._stops, "fast": self._speed,
+            "most_moving": self._most_moving, "stops": self._stops, "fast": self._speed, "path": self._path,
+            "when_turns": self._turns, "approach": self._approach, "compare_speed": self._faster, "brightest": self._brightest,
         }[kind]()  # fmt: skip
 
     def _at(self, k: int) -> str:
@@ -111,10 +117,10 @@ class Comparison:
         return np.linalg.norm(one.centres - centres, axis=1), f"{one.name} is"
 
     def _moment(self, which: str) -> str:
-        if which == "fastest":
+        if which in ("fastest", "slowest"):
             speed = self._speeds()
-            k = int(speed.argmax())
-            return f"{self.things[0].name} is fastest {self._at(k)}: {speed[k]:.2f} times the median depth a second."
+            k = int(speed.argmax() if which == "fastest" else speed.argmin())
+            return f"{self.things[0].name} is {which} {self._at(k)}: {speed[k]:.2f} times the median depth a second."
         if which == "highest":
             k = int(self.things[0].pixels[:, 1].argmin())
             return f"{self.things[0].name} is highest in the picture {self._at(k)}."
@@ -124,11 +130,11 @@ class Comparison:
         preposition = "to" if which == "nearest" else "from"
         return f"{what} {which} {preposition} {whom} {self._at(k)}: {apart[k]:.2f} times the median depth."
 
-    def _speeds(self) -> np.ndarray:
-        """(K,) world units a second of the first thing; F4xError for a single moment."""
+    def _speeds(self, number: int = 0) -> np.ndarray:
+        """(K,) world units a second of a thing; F4xError for a single moment."""
         if len(self.times) < 2:
             raise F4xError("Speed needs more than one moment; ask about a span of time.")
-        return np.linalg.norm(np.gradient(self.things[0].centres, self.times, axis=0), axis=1) * self.scene.fps
+        return np.linalg.norm(np.gradient(self.things[number].centres, self.times, axis=0), axis=1) * self.scene.fps
 
     def _speed(self) -> str:
         speed = self._speeds()
@@ -142,6 +148,58 @@ class Comparison:
         span = "" if len(apart) == 1 else f"; over that time {apart.min():.2f} to {apart.max():.2f}"
         far = "apart" if len(self.things) > 1 else "from the camera"
         return f"{what} {apart[k]:.2f} times the median depth {far} {self._at(k)}{span}."
+
+    def _approach(self) -> str:
+        apart, what = self._apart()
+        away = self.asked.manner.startswith(("away", "apart", "farther", "leav"))
+        nearer = bool(apart[-1] < apart[0])
+        far = "apart" if len(self.things) > 1 else "from the camera"
+        told = f"{what} {apart[0]:.2f} times the median depth {far} {self._at(0)} and {apart[-1]:.2f} {self._at(-1)}."
+        return _polar(self.asked.yes(nearer != away), told)
+
+    def _path(self) -> str:
+        """Where the thing is in the picture at the beginning, in between and at the end."""
+        one, camera = self.things[0], self.scene.cameras.at(float(self.times[0]))
+        places = [
+            f"{x / camera.width:.0%} from the left, {y / camera.height:.0%} from the top {self._at(k)}"
+            for k in dict.fromkeys((0, len(self.times) // 2, len(self.times) - 1))
+            for x, y in (one.pixels[k],)
+        ]
+        return f"{one.name} goes: {'; then '.join(places)}."
+
+    def _turns(self) -> str:
+        """When the way in the picture changes most."""
+        one = self.things[0]
+        if len(self.times) < 3 or not self._is_moving(one):
+            return f"{one.name} does not move, so it does not turn."
+        steps = np.diff(one.centres[:, [0, 2]], axis=0)
+        angles = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        turn = np.abs(np.gradient(angles))
+        k = int(turn.argmax())
+        if np.ptp(angles) < TURNS:
+            return f"{one.name} goes straight on."
+        return f"{one.name} turns most {self._at(k)}; this is the way that it moves, not the way that it looks."
+
+    def _faster(self) -> str:
+        mean = sorted(
+            ((float(self._speeds(n).mean()), one) for n, one in enumerate(self.things)), key=lambda pair: -pair[0]
+        )
+        if self.asked.manner in ("slower", "slowest"):
+            mean.reverse()
+        yes = self.asked.yes(mean[0][1] is self.things[0])
+        word = "faster" if self.asked.manner in ("faster", "quicker", "fastest", "quickest") else "slower"
+        told = ", ".join(f"{one.name} {speed:.2f}" for speed, one in mean[:NEIGHBOURS])
+        return _polar(yes, f"{mean[0][1].name} is {word}; in times the median depth a second: {told}.")
+
+    def _brightest(self) -> str:
+        posed = self.scene.posed(float(self.times[0]))
+        light = {
+            one.name: float(np.average(spherical_harmonics.rgb_from_dc(posed.sh[one.rows, 0].astype(float)) @ LUMA,
+                                       weights=posed.opacities[one.rows] + 1e-6))
+            for one in self.things
+        }  # fmt: skip
+        name = (min if self.asked.manner == "darkest" else max)(light, key=lambda each: light[each])
+        return f"{name} is the {self.asked.manner or 'brightest'} thing, {light[name]:.0%} of white."
 
     def _rise(self) -> str:
         height = self.things[0].centres[:, 1]
@@ -174,7 +232,16 @@ class Comparison:
 
     def _relation(self) -> str:
         one, two = self._two()
-        where = self.asked.manner
+        where = re.sub(r"^(?:to |on |at )?(?:the )?(left|right).*", r"\1 of", self.asked.manner)
+        if where in ("in relation", "relative", "compared", "with respect"):
+            side = "left" if one.pixels[0, 0] < two.pixels[0, 0] else "right"
+            depth = "in front of" if one.depth[0] < two.depth[0] else "behind"
+            return f"{one.name} is {side} of {two.name} and {depth} it {self._at(0)}."
+        if where in ("near", "next to", "beside", "close to"):
+            apart = float(np.linalg.norm(one.centres[0] - two.centres[0]))
+            told = f"{one.name} and {two.name} are {apart:.2f} times the median depth apart {self._at(0)}."
+            return _polar(self.asked.yes(apart < one.width + two.width), told)
+        where = {"over": "above", "under": "below", "in front": "in front of"}.get(where, where)
         if where in ("in front of", "behind"):
             so = bool(one.depth[0] < two.depth[0]) == (where == "in front of")
             place = "nearer" if one.depth[0] < two.depth[0] else "farther"
@@ -189,8 +256,10 @@ class Comparison:
         mine = {thing.name for thing in self.things}
         others = [thing for thing in everything if thing.name not in mine]
         one = self.things[0]
-        if kind == "behind":
-            others = [thing for thing in others if thing.depth[0] > one.depth[0]]
+        if kind in ("behind", "in_front"):
+            others = [thing for thing in others if (thing.depth[0] > one.depth[0]) == (kind == "behind")]
+        if kind in ("left_of", "right_of"):
+            others = [t for t in others if (t.pixels[0, 0] < one.pixels[0, 0]) == (kind == "left_of")]
         if kind == "between":
             two = self._two()[1]
             way = two.centres[0] - one.centres[0]
@@ -205,7 +274,8 @@ class Comparison:
             key=lambda thing: float(np.linalg.norm(thing.centres[0] - one.centres[0])), reverse=kind == "farthest"
         )
         names = [thing.name for thing in others[: 1 if kind in ("nearest", "farthest") else NEIGHBOURS]]
-        what = {"behind": "behind", "between": "between them:", "neighbours": "near"}.get(kind, kind)
+        what = {"between": "between them:", "neighbours": "near", "in_front": "in front of", "left_of": "left of",
+                "right_of": "right of"}.get(kind, kind)  # fmt: skip
         whom = (
             ""
             if kind == "between"
@@ -276,14 +346,20 @@ class Comparison:
         return _polar(self.asked.yes(True), f"{self.things[0].name} stands still {self._at(int(still[0]))}.")
 
     def _order(self) -> str:
-        from_left = self.asked.manner.endswith("right")
-        ranked = sorted(self.things, key=lambda thing: thing.pixels[0, 0] if from_left else thing.depth[0])
+        by, turned = self.asked.manner, self.asked.manner.endswith(("left", "to near", "to front"))
+        name, key = ("from near to far", lambda thing: thing.depth[0])
+        if by.endswith(("left", "right")):
+            name, key = "from left to right", lambda thing: thing.pixels[0, 0]
+        elif by.endswith("size"):
+            name, key = "from big to small", lambda thing: -thing.width
+        ranked = sorted(self.things, key=key, reverse=turned)
         names = ", ".join(thing.name for thing in ranked)
-        return f"{'from left to right' if from_left else 'from near to far'} {self._at(0)}: {names}."
+        return f"{by if turned else name} {self._at(0)}: {names}."
 
     def _biggest(self) -> str:
-        one = max(self.things, key=lambda thing: thing.width)
-        return f"the biggest thing is {one.name}, {one.width:.2f} times the median depth wide."
+        small = self.asked.manner == "smallest"
+        one = (min if small else max)(self.things, key=lambda thing: thing.width)
+        return f"the {'smallest' if small else 'biggest'} thing is {one.name}, {one.width:.2f} times the median depth wide."
 
     def _most_moving(self) -> str:
         ways = {

@@ -386,7 +386,18 @@ COMPARED = (
         "colour",
     ),
     *("count", "count_moving", "relation", "nearest", "farthest", "biggest", "most_moving", "behind", "neighbours"),
-    *("between", "still", "stops"),
+    *(
+        "between",
+        "still",
+        "stops",
+        "slowest_moment",
+        "when_turns",
+        "approach",
+        "compare_speed",
+        "brightest",
+        "in_front",
+    ),
+    *("left_of", "right_of", "path"),
 )
 """Kinds that compare things or moments."""
 CLIP_FACTS = ("frames", "long", "rate")

@@ -104,7 +104,9 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
     if by == "current":
         return row.get("selected") == target
     if "which" in slot:
-        nearest = {"back": "farthest"}.get(slot["which"], slot["which"])
+        nearest = {"back": "farthest", "front": "nearest", "closest": "nearest", "biggest": "largest"}.get(
+            slot["which"], slot["which"]
+        )
         if by != "instance" or select["which"] not in (nearest, slot["which"]):
             return False
     if "part" in slot and by != "part":
@@ -322,6 +324,7 @@ KINDS = {
     "when_moves": {"motion"}, "moving": {"motion"}, "happens": {"things", "motion", "does"}, "list": {"things"},
     "duration": {"long"}, "when_visible": {"seen", "always", "seeing", "enter", "leave"}, "direction": {"way"},
     "travelled": {"far"}, "speed": {"fast"}, "present": {"seen"}, "when_stops": {"motion", "stops"}, "still": {"still"},
+    "moves": {"motion", "stops"}, "where": {"where", "side"},
 }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import json
+from typing import get_args
 
 import pytest
 from stub_server import client, saying, stub_server
@@ -14,28 +15,33 @@ from f4x_core.edit.endpoint import (
     plain_words,
 )
 from f4x_core.edit.operations import (
+    Blur,
     Delete,
     Duplicate,
     Extract,
     Freeze,
+    Glow,
+    Grade,
     Loop,
     Match,
     Name,
     Opacity,
+    Operation,
     Recolour,
     Retime,
     Reverse,
     Style,
+    Swap,
     Transform,
 )
 from f4x_core.edit.reply import ChangeList, Choice, read_answer, schema_of
 from f4x_core.edit.request import Request
-from f4x_core.edit.selects import All, And, Current, Instance, Moving, Named, Not, Text
+from f4x_core.edit.selects import All, And, Current, Instance, Moving, Named, Not, Part, Text
 from f4x_core.errors import F4xError
 from f4x_core.query.chat import MAX_ANSWER_BYTES, ChatServer
 
 REQUEST = Request("make the dog red", ("dog", "car", "grass"), ("rex",), 10.0, 60, True, 12.0)
-DOG = {"kind": "words", "words": ["dog"], "which": "any", "except_words": []}
+DOG = {"kind": "words", "words": ["dog"], "which": "any", "half": "whole", "except_words": []}
 ALWAYS = {"first_frame": -1, "last_frame": -1}
 RED = {"op": "paint", "target": DOG, **ALWAYS} | {"red": 255, "green": 0, "blue": 0, "mode": "paint", "strength": 100}
 GOOD = json.dumps({"operations": [RED]})
@@ -199,7 +205,17 @@ def test_a_request_that_tries_to_be_a_message_stays_one_string(server):
                    frames=(20.0, 20.0), ease="step")),
         ({"op": "freeze"}, Freeze(Text(("dog",)), 12.0)),
         ({"op": "freeze", "first_frame": 5, "last_frame": 9}, Freeze(Text(("dog",)), 5.0, 9.0)),
-        ({"op": "speed", "percent": 50}, Retime(Text(("dog",)), 0.5)),
+        ({"op": "speed", "percent": 50, "ease": "none"}, Retime(Text(("dog",)), 0.5)),
+        ({"op": "speed", "percent": 50, "ease": "smooth", "first_frame": 5, "last_frame": 9},
+         Retime(Text(("dog",)), 0.5, (5.0, 9.0), "smooth")),
+        ({"op": "grade", "contrast_percent": 120, "saturation_percent": 50, "warmth_percent": -20},
+         Grade(Text(("dog",)), 1.2, 0.5, -0.2)),
+        ({"op": "blur", "radius_percent": 200, "first_frame": 3}, Blur(Text(("dog",)), 0.04, (3.0, None))),
+        ({"op": "glow", "strength_percent": 50, "radius_percent": 100, "color": [255, 0, 0]},
+         Glow(Text(("dog",)), 0.5, (1.0, 0.0, 0.0))),
+        ({"op": "glow", "strength_percent": 50, "radius_percent": 100, "color": []}, Glow(Text(("dog",)), 0.5)),
+        ({"op": "swap", "other": {**DOG, "words": ["car"]}}, Swap(Text(("dog",)), Text(("car",)))),
+        ({"op": "delete", "target": {**DOG, "half": "top"}}, Delete(Part(Text(("dog",)), "top", 0.5, 12))),
         ({"op": "reverse"}, Reverse(Text(("dog",)))),
         ({"op": "loop", "first_frame": 10, "last_frame": 20}, Loop(Text(("dog",)), (10.0, 20.0))),
         ({"op": "style", "look": "gold", "strength": 100}, Style(Text(("dog",)), "gold")),
@@ -209,6 +225,14 @@ def test_a_request_that_tries_to_be_a_message_stays_one_string(server):
 def test_every_operation_of_the_schema(operation, expected):
     found = read({"target": DOG, **ALWAYS, **operation})
     assert found == (expected,) and found[0].to_json() == expected.to_json()
+
+
+def test_no_operation_of_a_stack_is_kept_from_the_model():
+    told = json.dumps(schema_of(ChangeList))
+    says = {"recolour": "paint", "extract": "keep_only", "retime": "speed", "rekey": None}  # a rekey is no word's work
+    for kind in get_args(Operation):
+        tag = says.get(kind.TAG, kind.TAG)
+        assert tag is None or f'"{tag}"' in told, kind
 
 
 def test_operations_without_a_span():

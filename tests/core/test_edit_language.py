@@ -25,7 +25,7 @@ UNSEEN = json.loads(Path(__file__).with_name("phrases_unseen.json").read_text())
 PHRASES = TABLE["phrases"]
 KNOWN_FAILURES: tuple[str, ...] = ()
 """Phrases of the table that are not understood as they should be. One more is a defect; one less is taken out of this list."""
-UNSEEN_RIGHT = 59
+UNSEEN_RIGHT = 60
 """Of the sixty. Only counted: naming the one that fails would be the first step to changing the parser for it."""
 CLIP = {"fps": 10, "frames": 60, "frame": 12}
 DOG = Text(("dog",))

@@ -354,7 +354,8 @@ def test_what_is_not_understood_is_refused_with_the_nearest_commands(scene):
 
 
 REPLY = (
-    '{"operations": [{"op": "delete", "target": {"kind": "words", "words": ["square"], "which": "any", "except_words": []},'
+    '{"operations": [{"op": "delete", "target": {"kind": "words", "words": ["square"], "which": "any", "half": "whole",'
+    ' "except_words": []},'
     ' "first_frame": -1, "last_frame": -1}]}'
 )
 
