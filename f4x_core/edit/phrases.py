@@ -164,7 +164,9 @@ class When:
     @property
     def pace(self) -> dict[str, Any]:
         """Fields of a change of speed."""
-        return (self._frames if self.edge is None else {"frames": self.edge}) | ({"ease": "smooth"} if self.slowly else {})
+        return (self._frames if self.edge is None else {"frames": self.edge}) | (
+            {"ease": "smooth"} if self.slowly else {}
+        )
 
     def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:
         """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""

@@ -117,7 +117,9 @@ _nth = either(
     table(
         {
             word: float(n)
-            for n, word in enumerate(["first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth"], 1)
+            for n, word in enumerate(
+                ["first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth"], 1
+            )
         }
     ),
 )
