@@ -13,8 +13,9 @@ _X = r"(?P<x>(?:the |my |that |this |all |both )?[\w' -]+?)"
 _REST = r"(?P<rest>.+)"
 _OR = r"(?:{})".format
 _ASKED = _OR(
-    "would it be possible|is it possible|would it be ok|is there (?:a|any) way|any chance|could it be arranged|it would be (?:nice|great)"
-    "|it'd be (?:nice|great)|would be (?:nice|great)|do you think (?:you|we) (?:can|could)|are you able|i'd (?:appreciate|be happy|be glad)"
+    "would it be possible|is it possible|would it be ok|is there (?:a|any) way|any chance|could it be arranged|"
+    "it would be (?:nice|great)|it'd be (?:nice|great)|would be (?:nice|great)|do you think (?:you|we) (?:can|could)|"
+    "are you able|i'd (?:appreciate|be happy|be glad)"
 )
 _BE = _OR("is|are|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be")
 _GONE = _OR("gone|away|out|off|hidden|invisible")

@@ -98,7 +98,8 @@ _part_way = either(
     lit("halfway|half way|midway|mid way") + ~(_through | lit("point") + ~lit(f"of the [{_whole}]"))
     >> (lambda: HALF_WAY),
     lit(
-        f"the (very) middle of the [{_whole}]|the [halfway|half way|half] [point|mark] (of the [{_whole}])|mid clip|the half|half time|"
+        f"the (very) middle of the [{_whole}]|the [halfway|half way|half] [point|mark] (of the [{_whole}])|mid clip|"
+        "the half|half time|"
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
     )
     >> (lambda: HALF_WAY),
@@ -147,7 +148,8 @@ _first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") +
 _last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
 _onward = ~lit("on|onward|forward|and on|and onward|on out|and later|or later")
 _since = lit(
-    "from|after|since|as of|once|not before|beginning|from (about) after|starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
+    "from|after|since|as of|once|not before|beginning|from (about) after|"
+    "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
 )
 _middle_point = lit(f"the middle (of the [{_whole}])") >> (lambda: HALF_WAY)
 _reaches = "[we|it] [reach|reaches]|the [clip|video|film|scene] [reaches|is at|gets to]"
@@ -222,9 +224,8 @@ span = either(
     table(
         {
             "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|scene]|"
-            "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|for good|permanently|the whole way through|from start to finish|from (the) beginning to (the) end": Span(
-                START, None, "always"
-            )
+            "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|for good|permanently|"
+            "the whole way through|from start to finish|from (the) beginning to (the) end": Span(START, None, "always")
         }
     ),
 )
