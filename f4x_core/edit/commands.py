@@ -197,6 +197,18 @@ def _opacity(by: float) -> Value:
     return value
 
 
+def _shown(again: bool = False) -> Value:
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if when.frames is not None and not again:
+            raise Refusal(
+                "'Show' with a time can be meant in two ways; say for example 'hide the dog until second 2', or 'show the dog again"
+                " from second 2'."
+            )
+        return Opacity(who, SHOWN, **when.effect)
+
+    return value
+
+
 def _faded(by: float, inward: bool = False) -> Value:
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         fading = when.fading(context, inward)
@@ -989,11 +1001,12 @@ _command(
 _again = lit("again|once more|back")
 _command(
     "show the dog again",
-    "show|reveal|unhide|reshow|bring back|restore",
+    "unhide|reshow|bring back|restore",
     _always(_opacity(SHOWN)),
     again=_again,
     itself="reappear",
 )
+_command("show the dog again", "show|reveal", _shown, again=_again >> (lambda: True))
 _command("bring the dog back", "bring", _always(_opacity(SHOWN)), "back", back=lit("back|back again|back in"))
 _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (
     lambda x: 1 - x

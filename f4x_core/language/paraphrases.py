@@ -17,7 +17,7 @@ _ASKED = _OR(
     "it would be (?:nice|great)|it'd be (?:nice|great)|would be (?:nice|great)|do you think (?:you|we) (?:can|could)|"
     "are you able|i'd (?:appreciate|be happy|be glad)"
 )
-_BE = _OR("is|are|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be")
+_BE = _OR("is|are|was|were|be|becomes?|turns?|goes|go|gets?|should be|stays?|to be")
 _GONE = _OR("gone|away|out|off|hidden|invisible")
 _TIMED = _OR("after|before|from|until|till|between|during|at|in|for|over|once|when")
 _PREVIOUS = _OR("it|him|her|them|the first one|the original|the original one|the other|the other one")
@@ -112,6 +112,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"^(?:remove|take) (?:the |all )?colou?rs? (?:from|of) everything (?:except|but)(?: for)? {_X}$",
         r"only \g<x> keeps its color",
     ),
+    # Shadows
+    (rf"^{_REST},? with (?P<its>its|his|her|their) (?P<kind>shadow|reflection)$", r"\g<rest> and \g<its> \g<kind>"),
     # Copies
     (
         rf"^(?:a|an|one|another|one more|let a|have a|make a|add a) (?:ghost|shadow|echo"

@@ -27,6 +27,7 @@ from f4x_core.edit.operations import (
     Duplicate,
     Extract,
     Freeze,
+    Grade,
     Loop,
     Match,
     Name,
@@ -313,6 +314,27 @@ def test_frames_say_when():
         opacities, old = e.posed(time).opacities, SCENE.posed(time).opacities
         want = np.where(SOME_ROWS & half, old / 2, old) * ~(~MOVING & gone)
         np.testing.assert_allclose(opacities, want, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        Recolour(SOME, (0.9, 0.2, 0.1), keep_luminance=True),
+        Recolour(SOME, (1.5, 0.5, 1.0), "multiply"),
+        Style(SOME, "ghost"),
+        Match(SOME, Moving(), 0.5),
+        Grade(SOME, contrast=1.5, saturation=0.2, warmth=0.5),
+    ],
+)
+def test_colours_may_come_little_by_little(change):
+    """Linearly from the old harmonics and opacities to the new ones, which stay."""
+    whole = with_operations(SCENE, change).posed(1.5)
+    coming = with_operations(SCENE, replace(change, frames=(1, 3), ease="linear"))
+    for time, share in ((0.0, 0), (1.0, 0), (1.5, 0.25), (2.0, 0.5), (3.0, 1), (5.0, 1)):
+        shown, old, new = coming.posed(time), SCENE.posed(time), with_operations(SCENE, change).posed(time)
+        np.testing.assert_allclose(shown.sh, old.sh + share * (new.sh - old.sh), atol=2e-6)
+        np.testing.assert_allclose(shown.opacities, old.opacities + share * (new.opacities - old.opacities), atol=2e-6)
+    assert not np.array_equal(whole.sh, SCENE.posed(1.5).sh)
 
 
 def test_extract_hides_the_rest_and_copies():

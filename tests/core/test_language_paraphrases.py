@@ -1,0 +1,77 @@
+"""Other ways to say what the grammar knows come to the same operations; what comes little by little says so."""
+
+import pytest
+
+from f4x_core.edit.language import Refusal, describe, parse
+from f4x_core.language.paraphrases import paraphrases
+
+SAME = (
+    ("bird: red", "make the bird red"),
+    ("red bird, please!", "make the bird red"),
+    ("would it be possible to have the bird in red?", "make the bird red"),
+    ("the bird would look better in blue", "make the bird blue"),
+    ("make the bird red, no wait, blue", "make the bird blue"),
+    ("what if the bird was blue", "make the bird blue"),
+    ("give the car a fresh coat of green paint", "paint the car green"),
+    ("change the color of the bird to match the car", "match the bird to the car"),
+    ("tint the car slightly orange", "make the car slightly orange"),
+    ("the car shouldn't be there", "remove the car"),
+    ("don't show the car", "hide the car"),
+    ("the bird shouldn't move after second 1", "freeze the bird after second 1"),
+    ("delete the car but keep the bird", "delete the car"),
+    ("never touch the car, make everything else gray", "leave the car alone and make everything else gray"),
+    ("make everything gray but not the bird", "make everything gray except the bird"),
+    ("everything black and white except for the bird", "make everything black and white except the bird"),
+    ("full colour only on the bird", "only the bird keeps its color"),
+    ("bird away after 2 s", "hide the bird after second 2"),
+    ("a ghost of the bird should follow it half a second later", "let a copy follow the bird half a second behind"),
+    ("add a second bird behind the first one", "put a copy of the bird behind it"),
+    ("stop time at one second", "freeze everything at second 1"),
+    ("make the car red with its shadow", "make the car and its shadow red"),
+)
+WITHIN = {"labels": ("bird", "car"), "fps": 24.0, "frames": 72}
+
+
+def told(sentence):
+    return [describe(one) for one in parse(sentence, **WITHIN)]
+
+
+@pytest.mark.parametrize(("sentence", "known"), SAME[:-1])
+def test_a_paraphrase_means_what_the_known_sentence_means(sentence, known):
+    assert told(sentence) == told(known) != []
+
+
+@pytest.mark.parametrize(
+    "sentence", ["if the bird moves make it red", "put the bird on the car", "make the bird happy", "never mind"]
+)
+def test_no_paraphrase_makes_sense_of_what_has_none(sentence):
+    with pytest.raises(Refusal):
+        parse(sentence, **WITHIN)
+
+
+def test_a_sentence_is_no_paraphrase_of_itself():
+    assert "make the bird red" not in paraphrases("make the bird red")
+    assert "make everything gray except the bird" in paraphrases("Please make everything gray, but not the bird.")
+
+
+@pytest.mark.parametrize(
+    ("sentence", "expected"),
+    [
+        ("slowly turn the bird red", "gradually make the bird red from frame 0 to the end"),
+        (
+            "make the bird gradually blue between 1 and 2 seconds",
+            "gradually make the bird blue from frame 24 to frame 48",
+        ),
+        ("slowly make the picture warmer", "gradually make everything 50 % warmer from frame 0 to the end"),
+        ("gradually make the bird look like gold", "gradually make the bird look like gold from frame 0 to the end"),
+    ],
+)
+def test_colours_come_little_by_little(sentence, expected):
+    assert told(sentence) == [expected]
+    assert told(expected) == [expected], "what is told can be said"
+
+
+def test_showing_at_a_time_is_asked_about():
+    with pytest.raises(Refusal, match="two ways"):
+        parse("show the bird from second 2", **WITHIN)
+    assert told("show the bird again from second 2") == ["show the bird again from frame 48 on"]
