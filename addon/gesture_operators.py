@@ -16,9 +16,10 @@ from bpy_extras import view3d_utils
 from mathutils import Vector
 
 from ..f4x_core.errors import F4xError
-from ..f4x_core.query.gesture import Box, Brush, Lasso, Shape, select_by_gesture, select_by_sphere, select_thing
+from ..f4x_core.query.gesture import select_by_gesture, select_by_sphere, select_thing
 from ..f4x_core.query.neighbourhood import meeting
 from ..f4x_core.query.selection import Selection
+from ..f4x_core.query.shapes import Polygon, Rectangle, Shape, Stroke
 from ..f4x_core.troubles import with_code
 from . import marking
 from .axes import Eye, camera_eye, eye
@@ -180,7 +181,7 @@ class F4X_OT_select_box(_Drawn, bpy.types.Operator):  # noqa: N801 - Blender wan
 
     def shape(self, scene_object, flip):
         """The box."""
-        return Box(flip(self.box[:2]), flip(self.box[2:]))
+        return Rectangle(flip(self.box[:2]), flip(self.box[2:]))
 
 
 class _Path(_Drawn):
@@ -208,7 +209,7 @@ class F4X_OT_select_lasso(_Path, bpy.types.Operator):  # noqa: N801
 
     def shape(self, scene_object, flip):
         """What the line encloses."""
-        return Lasso([flip(place) for place in self._places()])
+        return Polygon([flip(place) for place in self._places()])
 
 
 class F4X_OT_select_brush(_Path, bpy.types.Operator):  # noqa: N801
@@ -237,7 +238,7 @@ class F4X_OT_select_brush(_Path, bpy.types.Operator):  # noqa: N801
 
     def shape(self, scene_object, flip):
         """What the brush passed over."""
-        return Brush([flip(place) for place in self._places()], self.radius)
+        return Stroke([flip(place) for place in self._places()], self.radius)
 
 
 class F4X_OT_select_sphere(_Gesture, bpy.types.Operator):  # noqa: N801

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from .pixels import coverage_image
 from .prompts import select_by_evidence
 from .score import THRESHOLD
 from .selection import Selection, fingerprint
+from .shapes import Shape
 
 SEEN = 0.1
 """Fraction of a Gaussian's light that has to reach the camera for it to count as seen: behind one solid surface hardly any is
@@ -31,84 +31,6 @@ HALF = 0.5
 """Fraction of a pixel from which on what is marked covers it."""
 COLUMNS = 640
 """Width in pixels, at most, of the picture in which is looked what is seen; Gaussians are many pixels wide or many in number."""
-
-
-class Shape(Protocol):
-    """A part of a picture."""
-
-    def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(n,) bool for `pixels (n,2)`."""
-        ...
-
-
-@dataclass(frozen=True)
-class Box:
-    """A rectangle with sides along those of the picture."""
-
-    corner: tuple[float, float]
-    """x, y in pixels."""
-    opposite: tuple[float, float]
-    """x, y in pixels."""
-
-    def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(n,) bool for `pixels (n,2)`."""
-        low, high = np.minimum(self.corner, self.opposite), np.maximum(self.corner, self.opposite)
-        return ((pixels >= low) & (pixels <= high)).all(1)
-
-
-@dataclass(frozen=True)
-class Lasso:
-    """What a closed line encloses; where it crosses itself, what an odd number of its turns do."""
-
-    outline: Sequence[tuple[float, float]]
-    """x, y in pixels of at least three corners."""
-
-    def __post_init__(self) -> None:
-        """Validate."""
-        if len(self.outline) < 3:
-            raise F4xError("A lasso needs at least three corners; draw around what is meant.")
-
-    def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(n,) bool for `pixels (n,2)`: whether a ray to the right crosses the line an odd number of times."""
-        corners = np.asarray(self.outline, np.float64)
-        inside = np.zeros(len(pixels), bool)
-        near = np.flatnonzero(((pixels >= corners.min(0)) & (pixels <= corners.max(0))).all(1))
-        x, y = pixels[near].T
-        odd = np.zeros(len(near), bool)
-        for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, 0), strict=True):
-            if y0 != y1:
-                odd ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) / (y1 - y0) * (x1 - x0))
-        inside[near] = odd
-        return inside
-
-
-@dataclass(frozen=True)
-class Brush:
-    """What a round brush has passed over."""
-
-    path: Sequence[tuple[float, float]]
-    """x, y in pixels of its centre; one point is a click."""
-    radius: float
-    """Pixels."""
-
-    def __post_init__(self) -> None:
-        """Validate."""
-        if not len(self.path) or self.radius <= 0:
-            raise F4xError("A brush needs a point to start from and a radius above 0.")
-
-    def contains(self, pixels: np.ndarray) -> np.ndarray:
-        """(n,) bool for `pixels (n,2)`: whether the path comes within the radius."""
-        corners = np.asarray(self.path, np.float64)
-        inside = np.zeros(len(pixels), bool)
-        low, high = corners.min(0) - self.radius, corners.max(0) + self.radius
-        near = np.flatnonzero(((pixels >= low) & (pixels <= high)).all(1))
-        found = np.zeros(len(near), bool)
-        for start, end in zip(corners, [*corners[1:], corners[-1]], strict=True):
-            away, along = pixels[near] - start, end - start
-            part = np.clip(away @ along / max(along @ along, 1e-12), 0, 1)
-            found |= ((away - part[:, None] * along) ** 2).sum(1) <= self.radius**2
-        inside[near] = found
-        return inside
 
 
 @dataclass(frozen=True, eq=False)

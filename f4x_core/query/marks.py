@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import F4xError
 from ..features.models.prompt import Prompt, check_frame
+from .shapes import Polygon, Rectangle, Shape, Stroke
 
 DOT = 0.006
 """Radius of a point, in widths of the picture: what a hand with a mouse means."""
@@ -46,7 +47,7 @@ class Point(Mark):
         x, y = np.asarray(self.at, float).reshape(2)
         if not (0 <= x < size[1] and 0 <= y < size[0]):
             raise F4xError(f"Point ({x:g}, {y:g}) lies outside the picture of {size[1]} x {size[0]} pixels.")
-        return _near(np.array([[x, y]]), max(1.0, DOT * size[1]), size)
+        return _marked(Stroke([(x, y)], max(1.0, DOT * size[1])), size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +65,8 @@ class Box(Mark):
             raise F4xError(
                 f"A box is left, top, right, bottom with left < right and top < bottom; got {corners.tolist()}."
             )
-        rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
-        left, top, right, bottom = corners
-        inside = (columns >= left) & (columns <= right) & (rows >= top) & (rows <= bottom)
-        return _some(inside, f"The box {corners.tolist()}", size)
+        left, top, right, bottom = corners.tolist()
+        return _some(_marked(Rectangle((left, top), (right, bottom)), size), f"The box {corners.tolist()}", size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +82,8 @@ class Brush(Mark):
     def pixels(self, size: tuple[int, int]) -> np.ndarray:
         """(H,W) bool: what the stroke covers. F4xError: no path, or one outside the picture."""
         path = _path(self.path, 1, "A brush stroke")
-        stroke = _near(path, max(1.0, DOT * size[1], float(self.radius)), size)
-        return _some(stroke, "The brush stroke", size)
+        stroke = Stroke(path.tolist(), max(1.0, DOT * size[1], float(self.radius)))
+        return _some(_marked(stroke, size), "The brush stroke", size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +96,8 @@ class Lasso(Mark):
 
     def pixels(self, size: tuple[int, int]) -> np.ndarray:
         """(H,W) bool: the inside. F4xError: fewer than three corners, or a line outside the picture."""
-        return _some(_inside(_path(self.outline, 3, "A lasso"), size), "The lasso", size)
+        outline = Polygon(_path(self.outline, 3, "A lasso").tolist())
+        return _some(_marked(outline, size), "The lasso", size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,31 +154,7 @@ def _some(pixels: np.ndarray, what: str, size: tuple[int, int]) -> np.ndarray:
     return pixels
 
 
-def _near(path: np.ndarray, radius: float, size: tuple[int, int]) -> np.ndarray:
-    """(H,W) bool: pixels within `radius` of the line through `path (n,2)`."""
-    near = np.zeros(size, bool)
-    for start, end in zip(path, path[1:] if len(path) > 1 else path, strict=False):
-        low = np.clip(np.floor(np.minimum(start, end) - radius - 1), 0, size[::-1]).astype(int)
-        high = np.clip(np.ceil(np.maximum(start, end) + radius + 1), 0, size[::-1]).astype(int)
-        rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]] + 0.5
-        along = end - start
-        share = ((columns - start[0]) * along[0] + (rows - start[1]) * along[1]) / max(float(along @ along), 1e-12)
-        share = np.clip(share, 0, 1)
-        away = (columns - start[0] - share * along[0]) ** 2 + (rows - start[1] - share * along[1]) ** 2
-        near[low[1] : high[1], low[0] : high[0]] |= away <= radius**2
-    return near
-
-
-def _inside(outline: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """(H,W) bool: pixels whose centre lies inside the closed `outline (n,2)`, by the parity of the edges to their left."""
-    x, y = outline.T
-    to_x, to_y = np.roll(x, -1), np.roll(y, -1)
-    columns = np.arange(size[1]) + 0.5
-    inside = np.zeros(size, bool)
-    for row in range(size[0]):
-        level = row + 0.5
-        crossed = (y <= level) != (to_y <= level)
-        share = (level - y[crossed]) / (to_y - y)[crossed]
-        at = np.sort(x[crossed] + share * (to_x - x)[crossed])
-        inside[row] = np.searchsorted(at, columns) % 2 == 1
-    return inside
+def _marked(shape: Shape, size: tuple[int, int]) -> np.ndarray:
+    """(H,W) bool: pixels whose centre lies in the shape."""
+    rows, columns = np.mgrid[: size[0], : size[1]] + 0.5
+    return shape.contains(np.stack([columns.ravel(), rows.ravel()], 1)).reshape(size)

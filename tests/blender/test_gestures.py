@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from labelled_scene import HEIGHT, labelled_scene
 
-from f4x_core.query.gesture import Box, Brush, Lasso, View, select_by_gesture, select_by_sphere
+from f4x_core.query.gesture import View, select_by_gesture, select_by_sphere
+from f4x_core.query.shapes import Polygon, Rectangle, Stroke
 from f4x_core.scene import write_scene
 
 from .artist import perform
@@ -47,7 +48,7 @@ def test_drawn_gestures_select_what_the_core_selects(folder, scene):
     left, top, right, bottom = square_of(scene)
     lasso = [(left, top), (right, top), (right, bottom), ((left + right) / 2, (top + bottom) / 2), (left, bottom)]
     stroke, radius = [(left, bottom), ((left + right) / 2, top)], 4.0
-    shapes = {"box": Box((left, top), (right, bottom)), "lasso": Lasso(lasso), "brush": Brush(stroke, radius)}
+    shapes = {"box": Rectangle((left, top), (right, bottom)), "lasso": Polygon(lasso), "brush": Stroke(stroke, radius)}
     script = f"""
 for through in (False, True):
     ops.select_box(box=({left}, {HEIGHT - top}, {right}, {HEIGHT - bottom}), through=through); keep(f"box {{through}}")

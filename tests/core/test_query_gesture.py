@@ -10,7 +10,8 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import Camera
 from f4x_core.geometry.splats import Splats
 from f4x_core.geometry.trajectory import aside
-from f4x_core.query.gesture import Box, Brush, Lasso, View, select_by_gesture, select_by_sphere, select_thing
+from f4x_core.query.gesture import View, select_by_gesture, select_by_sphere, select_thing
+from f4x_core.query.shapes import Polygon, Rectangle, Stroke
 from f4x_core.raster.blend_weights import alpha_sums, blend_weight_sums
 
 SCENE = labelled_scene()
@@ -25,7 +26,7 @@ def view(time=2.0, **changes):
 def box_of_square(time, margin=3.0):
     posed = SCENE.posed(time)
     pixels, _ = SCENE.cameras.at(time).project(posed.means[posed.dynamic])
-    return Box(tuple(pixels.min(0) - margin), tuple(pixels.max(0) + margin))
+    return Rectangle(tuple(pixels.min(0) - margin), tuple(pixels.max(0) + margin))
 
 
 def chosen(selection):
@@ -36,10 +37,10 @@ def chosen(selection):
 @pytest.mark.parametrize(
     "shape",
     [
-        Box((7.0, 20.0), (30.0, 4.5)),
-        Lasso([(3.0, 3.0), (30.0, 6.0), (12.0, 11.0), (28.0, 25.0), (5.0, 22.0)]),
-        Brush([(6.0, 7.0), (20.0, 12.0), (21.0, 25.0)], 4.5),
-        Brush([(15.0, 15.0)], 6.0),
+        Rectangle((7.0, 20.0), (30.0, 4.5)),
+        Polygon([(3.0, 3.0), (30.0, 6.0), (12.0, 11.0), (28.0, 25.0), (5.0, 22.0)]),
+        Stroke([(6.0, 7.0), (20.0, 12.0), (21.0, 25.0)], 4.5),
+        Stroke([(15.0, 15.0)], 6.0),
     ],
 )
 def test_shapes_are_those_of_a_plain_drawing(shape):
@@ -48,10 +49,10 @@ def test_shapes_are_those_of_a_plain_drawing(shape):
     pixels = np.stack(np.meshgrid(np.arange(40.0), np.arange(32.0)), -1)
     drawn, fine = np.zeros((320, 400), np.uint8), 10
     scaled = lambda points: np.round(np.asarray(points) * fine).astype(np.int32)  # noqa: E731
-    if isinstance(shape, Box):
+    if isinstance(shape, Rectangle):
         (x0, y0), (x1, y1) = scaled((shape.corner, shape.opposite))
         cv2.rectangle(drawn, (x0, y0), (x1, y1), 1, -1)
-    elif isinstance(shape, Lasso):
+    elif isinstance(shape, Polygon):
         cv2.fillPoly(drawn, [scaled(shape.outline)], 1)
     else:
         path = scaled(shape.path)
@@ -69,7 +70,7 @@ def test_shapes_are_those_of_a_plain_drawing(shape):
 
 def test_a_lasso_that_crosses_itself_leaves_out_what_it_encloses_twice():
     star = [(np.sin(4 * np.pi * i / 5), -np.cos(4 * np.pi * i / 5)) for i in range(5)]
-    assert Lasso(star).contains(np.array([[0.0, 0.0], [0.0, -0.8]])).tolist() == [False, True]
+    assert Polygon(star).contains(np.array([[0.0, 0.0], [0.0, -0.8]])).tolist() == [False, True]
 
 
 def test_the_seen_are_the_square_and_through_it_the_wall():
@@ -138,7 +139,7 @@ def test_a_stroke_on_the_square_shows_the_whole_square(turned):
     posed = SCENE.posed(2.0)
     pixels, _ = camera.project(posed.means[posed.dynamic])
     (x, y), width = pixels.mean(0), np.ptp(pixels[:, 0])
-    stroke = Brush([(x - 0.2 * width, y), (x + 0.2 * width, y)], 0.15 * width)
+    stroke = Stroke([(x - 0.2 * width, y), (x + 0.2 * width, y)], 0.15 * width)
     painted = select_by_gesture(SCENE, View(camera, 2.0), stroke)
     assert 0.02 < chosen(painted)[1] < 0.6
     assert chosen(select_thing(SCENE, painted, 2, around=False)) == (0, 1)
@@ -146,14 +147,14 @@ def test_a_stroke_on_the_square_shows_the_whole_square(turned):
 
 def test_a_lasso_around_the_square_shows_the_square_without_the_wall():
     (left, top), (right, bottom) = box_of_square(2.0).corner, box_of_square(2.0).opposite
-    lasso = Lasso([(left, top), (right, top), (right, bottom), (left, bottom)])
+    lasso = Polygon([(left, top), (right, top), (right, bottom), (left, bottom)])
     marked = select_by_gesture(SCENE, view(), lasso)
     assert chosen(marked)[0] > 0
     assert chosen(select_thing(SCENE, marked, 2, around=True)) == (0, 1)
 
 
 def test_what_the_clip_does_not_see_shows_nothing():
-    nothing = select_by_gesture(SCENE, view(), Box((0.0, 0.0), (0.001, 0.001)))
+    nothing = select_by_gesture(SCENE, view(), Rectangle((0.0, 0.0), (0.001, 0.001)))
     with pytest.raises(F4xError, match="does not see"):
         select_thing(SCENE, nothing, 2, around=True)
 
@@ -173,7 +174,7 @@ def test_alpha_sums_are_the_blend_weights_of_gaussians_alone():
 
 
 def test_what_is_no_gesture_is_refused():
-    for wrong in (lambda: Lasso([(0, 0), (1, 1)]), lambda: Brush([], 2.0), lambda: Brush([(0, 0)], 0.0)):
+    for wrong in (lambda: Polygon([(0, 0), (1, 1)]), lambda: Stroke([], 2.0), lambda: Stroke([(0, 0)], 0.0)):
         with pytest.raises(F4xError, match="needs"):
             wrong()
     with pytest.raises(F4xError, match="radius"):
