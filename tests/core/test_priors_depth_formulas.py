@@ -305,7 +305,7 @@ def tracked(zoom=0.1):
     visible = rng.random((5, 30)) < 0.85
     visible[2:, 0] = False  # seen twice only
     visible[:3, 1], visible[3:, 1] = True, False  # seen three times
-    tracks[:, 2] += 6 * rng.standard_normal((5, 2))  # it moves
+    tracks[:, 2, 1] += 4 * (-1.0) ** np.arange(5)  # it moves up and down, in front of the cameras
     motion = np.zeros(30, np.float32)
     motion[3] = 1
     priors = Priors(WIDTH, HEIGHT, np.arange(5), cameras=cameras)
