@@ -349,7 +349,7 @@ def _unit(cues: DepthCues) -> float:
     """Pixels of this clip per pixel of a picture 480 wide."""
     if cues.mask is not None:
         return max(cues.mask.shape[1:]) / 480
-    return max(float(np.nanmax(cues.tracks, initial=1.0)), 1.0) / 480
+    return float(np.nanmax(cues.tracks, initial=1.0)) / 480
 
 
 def _agrees_with_prior(dense: _TrackDepths, cues: DepthCues) -> float:

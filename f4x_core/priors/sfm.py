@@ -202,7 +202,7 @@ def solve_with_depth(
         step = np.eye(4)
         if shared.sum() >= 4:
             here, there = (_lift(tracks[k, shared], z[k, shared], found, principal) for k in (i, i + 1))
-            step[:3, :3], step[:3, 3] = _robust_alignment(here, there)[1:]
+            step[:3, :3], step[:3, 3] = _robust_alignment(here, there, with_scale=False)[1:]
         matrices.append(step @ matrices[-1])
     bundle = from_matrices(np.array(matrices), found, principal, np.zeros((len(chosen), 3)))
     lifted = np.einsum("fji,fnj->fni", bundle.rotation, _lift(tracks, z, found, principal)) + bundle.center[:, None]
@@ -415,7 +415,7 @@ def _lift(uv: np.ndarray, z: np.ndarray, focal: float, principal: np.ndarray) ->
     return np.concatenate([(uv - principal) / focal, np.ones_like(uv[..., :1])], axis=-1) * z[..., None]
 
 
-def _robust_alignment(a: np.ndarray, b: np.ndarray, with_scale: bool = False) -> tuple[float, np.ndarray, np.ndarray]:
+def _robust_alignment(a: np.ndarray, b: np.ndarray, with_scale: bool) -> tuple[float, np.ndarray, np.ndarray]:
     """Similarity `b ~ s R a + t` with Cauchy weights relative to depth, so that far points do not dominate."""
     weight = 1 / b[:, 2] ** 2
     for _ in range(6):

@@ -317,6 +317,7 @@ def test_tracks_end_beside_the_neighbours_that_approach_them(masked):
     unknown = module._TrackDepths(depths[0].inverse * np.nan)
     assert module._tracks_end_behind(depths[0], unknown, known) == []
     assert module._tracks_end_behind(*depths, replace(known, frames=known.frames[:1])) == []
+    assert module._unit(replace(known, tracks=known.tracks[:, :0], mask=None)) == pytest.approx(1 / 480)
 
 
 @pytest.mark.parametrize(("count", "worth"), [(19, None), (20, 0.5 * np.sqrt(2)), (800, 3.0)])

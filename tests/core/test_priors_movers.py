@@ -222,6 +222,10 @@ def test_values_between_points_are_those_of_the_kernel_on_a_grid():
         four = smooth(at)
         value = (1 - v) * ((1 - u) * four[0] + u * four[1]) + v * ((1 - u) * four[2] + u * four[3])
         assert found[n] == pytest.approx(min(max(value, low), high), rel=1e-6)
+    slope = np.linspace(0, 1, 450)[np.argsort(np.argsort(points[:, 0]))]  # the first column lies beyond 2 and 98 %
+    for values_there, limit in ((slope, 2), (-slope, 98)):
+        found = module._smooth(points, values_there, np.full(30, 15), np.arange(10, 40))
+        assert found[0] == pytest.approx(np.percentile(values_there, limit), rel=1e-9)
     few = module._smooth(points[:200], values[:200], y, x)
     all_used = RBFInterpolator(points[:200], values[:200], kernel="linear", smoothing=module.SMOOTH_PX)
     corner = np.flatnonzero((x - x.min()) % 4 + (y - y.min()) % 4 == 0)[0]
@@ -297,7 +301,14 @@ def test_tracks_with_neighbours_of_their_own_are_a_separate_object():
     assert not module._is_separate_object(some, others, frames, priors), "too few of them are ever seen at once"
     priors.tracks_visible[1, :7] = True
     assert module._is_separate_object(some, others, frames, priors)
+    priors.tracks_visible[:] = True
+    priors.tracks_visible[0, others[1:]] = False
+    assert module._is_separate_object(some, others, frames[:1], priors), "one other is enough to compare with"
     mixed = priors.tracks.copy()
+    priors.tracks_visible[0, others] = False
+    priors.tracks[1, some] = priors.tracks[1, others] + 0.1
+    often = np.array([0] * 9 + [1])
+    assert not module._is_separate_object(some, others, often, priors), "a frame without others tells nothing"
     priors.tracks_visible[:] = True
     for share, expected in ((0.1, True), (0.35, False)):  # some of them lie among the others
         priors.tracks = mixed.copy()

@@ -339,7 +339,7 @@ def test_alignments_weigh_points_by_their_depth():
         for one, other in zip(found, (s, r, t), strict=True):
             np.testing.assert_allclose(one, other, atol=1e-9)
         assert abs(found[0] - scale) < 0.02
-    exact = module._robust_alignment(a, a @ true.T + 1.0)
+    exact = module._robust_alignment(a, a @ true.T + 1.0, False)
     np.testing.assert_allclose(exact[1], true, atol=1e-6)
 
 
@@ -411,7 +411,7 @@ def test_cameras_from_depth_are_chained_alignments(frames, known):
             shared = visible[f - 1] & visible[f]
             here, there = (module._lift(tracks[k, shared], z[k, shared], focal, PRINCIPAL) for k in (f - 1, f))
             step = np.eye(4)
-            step[:3, :3], step[:3, 3] = module._robust_alignment(here, there)[1:]
+            step[:3, :3], step[:3, 3] = module._robust_alignment(here, there, False)[1:]
             matrix = step @ matrix
         np.testing.assert_allclose(found.bundle.world_to_camera[f], matrix, atol=1e-6)
         local = np.column_stack([module._lift(tracks[f], z[f], focal, PRINCIPAL), np.ones(len(order))])

@@ -356,6 +356,7 @@ def behind_bars(seed=0, frames=26):
     clear = (truth[..., 0] < 70) | (truth[..., 0] > 79)
     still = np.column_stack([rng.uniform(2, 108, 14), rng.uniform([2], [14], 14)])
     still[:3, 0] = 5, 104, 20
+    still[3:5] = (module.PATCH, 8.3), (width - module.PATCH, 8.6)
     truth = np.concatenate([truth, np.tile(still, (frames, 1, 1))], 1)
     clear = np.concatenate([clear, np.ones((frames, 14), bool)], 1)
     return np.stack(pictures), truth, clear
@@ -375,6 +376,8 @@ def torn(truth, clear, seed=0):
     visible = np.concatenate([first, second[:, again], second[:, again]], 1)
     tracks[~visible] = np.nan
     visible[rng.random(visible.shape) < 0.03] = False  # not seen, though it has a place
+    rim = still[3:5]  # lost where a patch just touches the picture's edge
+    tracks[:10, rim, 0], visible[:10, rim] = truth[:10, rim, 0], True
     return tracks, visible
 
 
@@ -396,15 +399,16 @@ def relinked_by_hand(tracks, visible, pictures, longest):
     gone = [a for a in range(count) if is_lost(a)]
     for a in gone:
         end, before = last[a], max(last[a] - away, 0)
-        beside = [a, *(other for other in gone if last[other] == end and other != a)]
+        beside, expected = [a, *(other for other in gone if last[other] == end and other != a)], {}
         for b in range(count):
             if first[b] is None or not end < first[b] <= end + longest:
                 continue
             begin, settled = first[b], min(first[b] + away, frames - 1)
             if not visible[settled, b]:
                 continue
-            expected = expected_by_hand(tracks, visible, beside, before, end, begin)[0]
-            if np.linalg.norm(tracks[begin, b] - expected) <= module.LINK_RADIUS + 0.5 * (begin - end):
+            if begin not in expected:
+                expected[begin] = expected_by_hand(tracks, visible, beside, before, end, begin)[0]
+            if np.linalg.norm(tracks[begin, b] - expected[begin]) <= module.LINK_RADIUS + 0.5 * (begin - end):
                 same = max(patches[begin][b] @ patches[end][a], patches[settled][b] @ patches[before][a])
                 found.append((same, end, a, b))
     tracks, visible = tracks.copy(), visible.copy()

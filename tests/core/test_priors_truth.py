@@ -78,6 +78,7 @@ def shown(known, frame, uv, depth):
 
 def test_what_is_the_visible_surface():
     known, rng = truth(), np.random.default_rng(1)
+    known.depth[2, 14:19, 2:8] = 0.6  # nearer than the unit
     uv = rng.uniform([-2, -2], [WIDTH + 2, HEIGHT + 2], (600, 2))
     uv[:100] = rng.uniform([20, 2], [24, 5], (100, 2))
     depth = rng.uniform(1.9, 3.2, 600)
