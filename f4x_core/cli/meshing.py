@@ -10,13 +10,14 @@ import numpy as np
 from ..edit.apply import edited, open_scene
 from ..edit.bake import bake
 from ..errors import F4xError
+from ..geometry.arrays import evenly_spaced
 from ..language.lexicon import plural
 from ..progress import Progress
 from ..scene import Scene
 from ..scene.formats.gltf_mesh import require_glb, write_gltf_mesh
 from ..scene.mesh import MeshConfig, SplatMesh, deviation, mesh_of
 from ..scene.posing import require_time
-from .querying import chosen_by, read_selection
+from .querying import MARKS, chosen_by, read_selection
 
 MOMENTS = 30
 """Clip frames at most at which the linear blend of other programs is compared with the scene's own."""
@@ -39,7 +40,7 @@ def run_mesh(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _ids_of(scene: Scene, args: argparse.Namespace, progress: Progress) -> np.ndarray:
     """Ids of the Gaussians that the arguments select; all of them where nothing is given."""
-    prompts = [f"--{name}" for name in ("text", "point", "box", "mask") if getattr(args, name) is not None]
+    prompts = [f"--{name}" for name in MARKS if getattr(args, name) is not None]
     if args.select is not None:
         if prompts:
             raise F4xError(f"--select FILE is a whole selection; leave out {' and '.join(prompts)}.")
@@ -68,7 +69,7 @@ def _told(scene: Scene, mesh: SplatMesh, args: argparse.Namespace) -> dict[str, 
     if mesh.skin is None or scene.scaffold is None:
         return {**result, "text": f"{text}; nothing of it moves"}
     times = scene.cameras.times
-    times = times[np.unique(np.linspace(0, len(times) - 1, MOMENTS).astype(int))]
+    times = times[evenly_spaced(len(times), MOMENTS)]
     off = deviation(mesh.vertices.astype(np.float64), mesh.skin, scene.scaffold, times) / mesh.size
     result |= {
         "nodes": len(mesh.skin.joints()[0]),

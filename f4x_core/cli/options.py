@@ -88,27 +88,27 @@ def fit_options(sub: argparse.ArgumentParser) -> None:
     )
 
 
-def stroke_options(sub: argparse.ArgumentParser) -> None:
-    """Marks that are lines."""
+def mark_options(sub: argparse.ArgumentParser, point: str) -> None:
+    """Marks on a frame of the clip; `point` is what that option is called."""
+    sub.add_argument(
+        point, dest="point", metavar="X,Y", help="pixel on the thing, from the upper left corner; with --frame"
+    )
+    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with a mark on the thing")
+    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
     sub.add_argument("--brush", metavar="'X,Y X,Y …'", help="stroke on the thing, through these pixels; with --frame")
     sub.add_argument(
         "--brush-width", type=float, default=0.0, metavar="PX", help="width of the stroke (default: a point's)"
     )
     sub.add_argument("--lasso", metavar="'X,Y X,Y …'", help="line around the thing, through these pixels; with --frame")
+    sub.add_argument("--mask", type=path_argument, metavar="FILE", help="picture, not black on the thing; with --frame")
+    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the marks, from 0")
 
 
 def prompt_options(sub: argparse.ArgumentParser) -> None:
-    """What selects Gaussians: words, pixels, a box, a mask."""
+    """What selects Gaussians: words and marks."""
     sub.add_argument("--text", metavar="WORD[,WORD]", help="labels, for example swan")
     sub.add_argument("--not", dest="negatives", metavar="WORD[,WORD]", help="what to weigh --text against")
-    sub.add_argument("--point", metavar="X,Y", help="pixel on the object, from the upper left corner; with --frame")
-    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with a mark on the thing")
-    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
-    stroke_options(sub)
-    sub.add_argument(
-        "--mask", type=path_argument, metavar="FILE", help="picture, not black on the object; with --frame"
-    )
-    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the marks, from 0")
+    mark_options(sub, "--point")
     sub.add_argument("--threshold", type=float, default=0.5, metavar="P", help="least score, 0 to 1 (default: 0.5)")
 
 

@@ -20,10 +20,10 @@ from .options import (
     clip_options,
     edits_option,
     fit_options,
+    mark_options,
     output_option,
     path_options,
     prompt_options,
-    stroke_options,
 )
 
 
@@ -261,14 +261,7 @@ def _name(verbs: Verbs) -> None:
     sub.add_argument("scene", type=path_argument)
     sub.add_argument("word", metavar="WORD", help="letters, digits, spaces, - and _, for example train")
     sub.add_argument("--text", metavar="WORD", help="another word for it; with --click, only what that selects")
-    sub.add_argument(
-        "--click", dest="point", metavar="X,Y", help="pixel on the thing, from the upper left corner; with --frame"
-    )
-    sub.add_argument("--beside", metavar="X,Y", help="pixel on what is not meant; with a mark on the thing")
-    sub.add_argument("--box", metavar="X0,Y0,X1,Y1", help="left, top, right, bottom in pixels; with --frame")
-    stroke_options(sub)
-    sub.add_argument("--mask", type=path_argument, metavar="FILE", help="picture, not black on the thing; with --frame")
-    sub.add_argument("--frame", type=int, metavar="T", help="clip frame of the marks, from 0")
+    mark_options(sub, "--click")
     backend_option(sub)
 
 

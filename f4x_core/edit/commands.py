@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from ..language.amounts import (
@@ -149,6 +150,14 @@ def _warmed(how: Amount | None, warmer: bool) -> Value:
         raise Mismatch
     warmth = value if kind == "fraction" else {None: WARMER, "small": WARMER / 2, "large": 2 * WARMER}[kind]
     return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.coming)
+
+
+def _made_warmer(how: Amount | None = None, *, warmer: bool) -> Value:
+    return _warmed(how, warmer)
+
+
+def _more_saturated(how: Amount | None = None, *, upward: bool) -> Value:
+    return _saturated(factor(how, upward))
 
 
 def _blurred(how: Amount | None = None) -> Value:
@@ -354,10 +363,8 @@ _more_colour_value = (
     >> _added
 )
 _without_colour = lit(
-    "black and white|black white|a black and white [picture|image|look]|without [any|its|all] color"
-    "|b and w|b / w|monochrome|monochromatic|(a) grayscale|gray scale|colorless|desaturated|without"
-    " (any) color|"
-    "without colors"
+    "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
+    "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
 ) >> (lambda: _GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
 _SIZE = ("bigger|larger", "smaller|tinier", "big|large|huge|tall|high|wide", "small|tiny|little|short")
@@ -885,50 +892,37 @@ for _kind, _words, _made_by in (
     _command(
         f"more {_kind}", "", _listed, "values", who=lit("for|on|in") + thing, whole=True, values=_values(_how_much)
     )
-_its_colors = whose("colors|color")
-_command(
-    "tone down the colors",
-    "tone down|turn down|mute|soften|dull",
-    lambda how=None: _saturated(factor(how, False)),
-    who=either(_its_colors, ~lit("the") + colors),
-    how=amount,
-)
-_command(
-    "turn up the colors",
-    "turn up|crank up|boost|intensify|enhance|strengthen|deepen|punch up",
-    lambda how=None: _saturated(factor(how, True)),
-    who=either(_its_colors, ~lit("the") + colors),
-    how=amount,
-)
+_all_colors = either(whose("colors|color"), ~lit("the") + colors)
+for _example, _verbs, _upward in (
+    ("tone down the colors", "tone down|turn down|mute|soften|dull", False),
+    ("turn up the colors", "turn up|crank up|boost|intensify|enhance|strengthen|deepen|punch up", True),
+):
+    _command(_example, _verbs, partial(_more_saturated, upward=_upward), who=_all_colors, how=amount)
 _command(
     "saturate the colors",
     "saturate|enrich",
-    lambda how=None: _saturated(factor(how, True)),
-    who=~lit("all") + either(_its_colors, colors, thing),
+    partial(_more_saturated, upward=True),
+    who=~lit("all") + either(whose("colors|color"), colors, thing),
     how=amount,
 )
-_command(
-    "warm up the picture",
-    "warm|warm up",
-    lambda how=None: _warmed(how, True),
-    who=either(_its_colors, ~lit("the") + colors, thing),
-    how=amount,
-    up=lit("up"),
-)
-_command(
-    "cool down the picture",
-    "cool|cool down|cool off",
-    lambda how=None: _warmed(how, False),
-    who=either(_its_colors, ~lit("the") + colors, thing),
-    how=amount,
-    down=lit("down|off"),
-)
+for _example, _verbs, _warmer_too, _particle in (
+    ("warm up the picture", "warm|warm up", True, "up"),
+    ("cool down the picture", "cool|cool down|cool off", False, "down|off"),
+):
+    _command(
+        _example,
+        _verbs,
+        partial(_made_warmer, warmer=_warmer_too),
+        who=either(_all_colors, thing),
+        how=amount,
+        particle=lit(_particle),
+    )
 _command(
     "make the colors warmer",
     "make|turn|render",
     lambda values: values,
     "values",
-    who=either(_its_colors, ~lit("the") + colors),
+    who=_all_colors,
     values=_values(_warmth_value, _saturation_value, _contrast_value, _brightness_value, _pop),
 )
 _command(

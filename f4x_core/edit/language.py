@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from difflib import SequenceMatcher, get_close_matches
+from itertools import chain
 from typing import Any, NamedTuple
 
 from ..errors import F4xError
@@ -58,7 +59,8 @@ class Clause(NamedTuple):
     """A time before the verb; it also holds for what follows with "and"."""
 
 
-_when = ~lit(",") + ~lit("but") + ~lit("only|just") + span
+_then = either(span, lit("only|just") + span)
+_when = ~lit(",") + ~lit("but") + _then
 _slowly = ~lit(",") + table(
     {
         "(very) slowly|gradually|gently|continuously|little by little|bit by bit|smoothly|progressively"
@@ -284,20 +286,20 @@ def _read_somehow(
     sentence: str, known: Mapping[tuple[str, ...], str]
 ) -> tuple[str, Reading, tuple[tuple[Any, ...], ...] | None]:
     """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself."""
-    try:
-        reading, clauses = _read(sentence, known)
-    except Refusal:
-        for other in paraphrases(sentence):
-            reading, clauses = _read(other, known)
-            if clauses is not None:
-                return other, reading, clauses
-        raise
-    if clauses is None:
-        for other in paraphrases(sentence):
-            better, meant = _read(other, known)
-            if meant is not None:
-                return other, better, meant
-    return sentence, reading, clauses
+    first: tuple[Reading, None] | Refusal | None = None
+    for said in chain((sentence,), paraphrases(sentence)):
+        try:
+            reading, clauses = _read(said, known)
+        except Refusal as refusal:
+            first = first or refusal
+            continue
+        if clauses is not None:
+            return said, reading, clauses
+        first = first or (reading, clauses)
+    if isinstance(first, Refusal):
+        raise first
+    assert first is not None
+    return sentence, *first
 
 
 def _read(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[Reading, tuple[tuple[Any, ...], ...] | None]:

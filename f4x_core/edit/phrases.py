@@ -533,15 +533,13 @@ _current = either(
     lit("(the|my|our|this) (current) selection|what [i|we|is] (have) selected|everything selected"),
     ~lit("the|my|our|this|these|those|all") + ~lit("the") + ~lit("currently") + lit("selected") + _objects,
 ) >> (lambda *_: lambda context: Current() if context.selected else context.it("the selection"))
-_PICTURE = PICTURE
 _everything = silent(
     either(
         lit(
             "everything|all|anything|it all|all of it|all (of) the [things|objects]|all [things|objects]|every [object|thing]"
         ),
         lit(
-            f"(the) [whole|entire|full|complete] [{_PICTURE}|thing]|[the|this|my|our] [{_PICTURE}]|all of"
-            f" the [{_PICTURE}]"
+            f"(the) [whole|entire|full|complete] [{PICTURE}|thing]|[the|this|my|our] [{PICTURE}]|all of the [{PICTURE}]"
         ),
     )
 )
@@ -555,8 +553,8 @@ _everybody_else = _everybody + lit("else") >> (
     lambda everybody: lambda context: And((everybody(context), Not(context.it("'else'"))))
 )
 _in_scene = ~lit(
-    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{_PICTURE}]"
-    f"|out of the [{_PICTURE}]"
+    f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]"
+    f"|out of the [{PICTURE}]"
 )
 _whole_thing: Rule = either(
     familiar, _determiner + _noun, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving

@@ -7,6 +7,7 @@ grammar as usual, so a wrong guess ends in a refusal.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 _X = r"(?P<x>(?:the |my |that |this |all |both )?[\w' -]+?)"
 """A thing."""
@@ -60,10 +61,8 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         rf"|visible|seen|in .+?|shown)(?: any ?more)?$",
         r"remove \g<x>",
     ),
-    (rf"^{_X} (?:has|have|needs?|got) to (?:go|vanish|disappear)$", r"remove \g<x>"),
     (rf"^(?:do not|don't) show {_X}(?: any ?more)?$", r"hide \g<x>"),
     (rf"^(?:do not|don't) let {_X} move(?P<rest> .+)?$", r"freeze \g<x>\g<rest>"),
-    (rf"^{_X} (?:should not|shouldn't|must not|mustn't) move(?P<rest> .+)?$", r"freeze \g<x>\g<rest>"),
     # What stays as it is
     (
         rf"^(?:do not|don't|never) (?:touch|change|alter|modify|affect"
@@ -106,10 +105,6 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     ),
     (
         rf"^(?:the )?(?:only|one) thing (?:in colou?r|coloured|colored) (?:should be|is|stays) {_X}$",
-        r"only \g<x> keeps its color",
-    ),
-    (
-        rf"^(?:remove|take) (?:the |all )?colou?rs? (?:from|of) everything (?:except|but)(?: for)? {_X}$",
         r"only \g<x> keeps its color",
     ),
     # Shadows
@@ -164,16 +159,17 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
 _PATTERNS = tuple((re.compile(pattern, re.IGNORECASE), said) for pattern, said in _REWRITINGS)
 
 
-def paraphrases(sentence: str) -> list[str]:
+def paraphrases(sentence: str) -> Iterator[str]:
     """Other ways to say `sentence`, likeliest first."""
     plain = " ".join(sentence.replace("’", "'").split()).rstrip(" .!?")
     plain = re.sub(r"^(?:please|pls|kindly|hey|hi|ok|okay|so|well),? ", "", plain, flags=re.IGNORECASE)
     plain = re.sub(r",? (?:please|pls|thanks|thank you|thx|cheers)$", "", plain, flags=re.IGNORECASE)
-    found: list[str] = [] if plain == sentence else [plain]
-    for pattern, said in _PATTERNS:
+    said = {sentence, plain}
+    if plain != sentence:
+        yield plain
+    for pattern, instead in _PATTERNS:
         match = pattern.match(plain)
-        if match:
-            other = " ".join(match.expand(said).split())
-            if other not in found and other.lower() != plain.lower():
-                found.append(other)
-    return found
+        other = " ".join(match.expand(instead).split()) if match else plain
+        if other not in said and other.lower() != plain.lower():
+            said.add(other)
+            yield other

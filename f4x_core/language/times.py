@@ -71,11 +71,12 @@ def _times(x: float, unit: TimeExpression) -> TimeExpression:
     return TimeExpression().plus(unit, x)
 
 
+_and_a_half = _unit + lit("and a half") >> (lambda unit: _times(1.5, unit))
 duration = either(
     number + _unit >> _times,
     table({"half (a)|half of a": 0.5, "a quarter of a": 0.25, "a|an|one": 1.0, "a couple of|a couple": 2.0}) + _unit
     >> _times,
-    lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit)),
+    lit("a|one") + _and_a_half,
     fraction + lit("of a|of an|of one") + _unit >> _times,
 )
 _whole = "clip|video|scene|film|movie|footage|shot|sequence|recording"
@@ -111,7 +112,6 @@ _counted = ~lit("the") + _unit + ~lit("number|no|#") + number >> (lambda unit, x
 _frame_number = lit("frame") + ~lit("number|no|#") + number >> (lambda x: TimeExpression(frames=x))
 _inside = f"in|into (the) [{_whole}]|into it|in the [{_whole}]"
 _measured = either(number + _unit + ~lit(f"{_inside}|mark"), lit("the") + number + _unit + lit("mark|point")) >> _times
-_more_than_one = ~lit("a|one") + _unit + lit("and a half") >> (lambda unit: _times(1.5, unit))
 _fraction_moment = table({"half a": 0.5, "one|a": 1.0}) + _unit >> _times
 _nth = either(
     number + lit("th|st|nd|rd|the"),  # "the" is what "th" is spelt as
@@ -132,7 +132,9 @@ _before_end = duration + lit(f"before (the) end (of the [{_whole}])|from the end
 )
 _second_over = lit("the") + _nth + lit("second") + ~lit("is over|has passed") >> (lambda n: TimeExpression(seconds=n))
 """What is after the second second is after two seconds."""
-moment = either(_edge, _more_than_one, _numbered, _counted, _before_end, _measured, _fraction_moment, _clock, _part_way)
+moment = either(
+    _edge, ~lit("a|one") + _and_a_half, _numbered, _counted, _before_end, _measured, _fraction_moment, _clock, _part_way
+)
 _to = lit("to|-|until|up to|through|and|thru")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),
@@ -153,11 +155,7 @@ _since = lit(
 )
 _middle_point = lit(f"the middle (of the [{_whole}])") >> (lambda: HALF_WAY)
 _reaches = "[we|it] [reach|reaches]|the [clip|video|film|scene] [reaches|is at|gets to]"
-_at = lit(
-    f"at|@|in|on|[once|when|as soon as] {_reaches}|around|exactly at|right at|when|as soon as".replace(
-        _reaches, "we reach"
-    )
-) | (lit("once|when|as soon as") + lit(_reaches))
+_at = lit("at|@|in|on|around|exactly at|right at|when|as soon as") | lit("once|when|as soon as") + lit(_reaches)
 _bare = either((duration | number + _unit >> _times) + lit(_inside), _part_way, _before_end, _frame_number)
 """Moments that need no word before them: "two seconds in"."""
 _has_passed = (

@@ -75,3 +75,8 @@ def test_showing_at_a_time_is_asked_about():
     with pytest.raises(Refusal, match="two ways"):
         parse("show the bird from second 2", **WITHIN)
     assert told("show the bird again from second 2") == ["show the bird again from frame 48 on"]
+
+
+@pytest.mark.parametrize("sentence", ["make the bird red only at frame 50", "make the bird red, but only at frame 50"])
+def test_only_at_a_frame_is_that_frame_alone(sentence):
+    assert told(sentence) == ["make the bird red from frame 50 to frame 50"]

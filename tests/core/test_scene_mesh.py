@@ -333,7 +333,9 @@ def test_words_and_pixels_select(tmp_path, capsys):
     write_scene(scene, tmp_path / "scene.f4x")
     pixel, _ = scene.cameras[0].project(scene.posed(0.0).means[scene.moving].mean(0, keepdims=True))
     click = ("--point", ",".join(map(str, pixel[0])), "--frame", 0)
-    for prompt, size in ((("--text", "square"), 2**1.5 * HALF), (click, 2**1.5 * HALF), ((), None)):
+    stroke = ("--brush", *click[1:])
+    thing = 2**1.5 * HALF
+    for prompt, size in ((("--text", "square"), thing), (click, thing), (stroke, thing), ((), None)):
         some = ("--resolution", 24, "--faces", 400, *prompt)
         code, told = f4x(capsys, "mesh", tmp_path / "scene.f4x", "-o", tmp_path / "a.glb", *some)
         assert code == 0, told

@@ -29,7 +29,36 @@ GLB_MAGIC, JSON_CHUNK, BIN_CHUNK = b"glTF", b"JSON", b"BIN\0"
 MAX_GLB_BYTES = (1 << 32) - 1
 """Lengths in a .glb file are 32-bit."""
 ELEMENT_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
-FLOAT, POINTS, ARRAY_BUFFER = 5126, 0, 34962
+FLOAT, USHORT, UINT, POINTS, ARRAY_BUFFER = 5126, 5123, 5125, 0, 34962
+KINDS = {FLOAT: "<f4", USHORT: "<u2", UINT: "<u4"}
+
+
+class GltfBuffer:
+    """The buffer of a file, and the views and accessors into it."""
+
+    def __init__(self) -> None:
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+        self.pieces: list[bytes] = []
+        self.length = 0
+
+    def add(self, values: np.ndarray, kind: int = FLOAT, target: int | None = None, bounds: bool = False) -> int:
+        """Return the accessor of `values (n,c)`, or `(n,4,4)`; `bounds`: with the smallest and the largest."""
+        values = np.ascontiguousarray(values, KINDS[kind])
+        view = {"buffer": 0, "byteOffset": self.length, "byteLength": values.nbytes}
+        self.views.append(view | ({} if target is None else {"target": target}))
+        shape = "MAT4" if values.ndim == 3 else ELEMENT_TYPES[values.shape[1]]
+        accessor = {"bufferView": len(self.accessors), "componentType": kind, "count": len(values), "type": shape}
+        if bounds:
+            accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        self.accessors.append(accessor)
+        self.pieces.append(values.tobytes() + bytes(-values.nbytes % 4))
+        self.length += len(self.pieces[-1])
+        return len(self.accessors) - 1
+
+    def joined(self) -> bytes:
+        """The whole buffer."""
+        return b"".join(self.pieces)
 
 
 def write_gltf(scene: Posable, time: float, path: Path | str, transform: np.ndarray | None = None) -> None:
@@ -70,25 +99,9 @@ def write_gltf(scene: Posable, time: float, path: Path | str, transform: np.ndar
 
 def _document(name: str, attributes: dict[str, np.ndarray]) -> tuple[dict[str, Any], bytes]:
     """Return the JSON of one primitive with `attributes (N,k)`, and the buffer its accessors look into."""
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-    pieces: list[bytes] = []
-    offset = 0
-    for values in attributes.values():
-        values = np.ascontiguousarray(values, "<f4")
-        views.append({"buffer": 0, "byteOffset": offset, "byteLength": values.nbytes, "target": ARRAY_BUFFER})
-        accessors.append(
-            {
-                "bufferView": len(accessors),
-                "componentType": FLOAT,
-                "count": len(values),
-                "type": ELEMENT_TYPES[values.shape[1]],
-            }
-        )
-        pieces.append(values.tobytes())
-        offset += values.nbytes
-    position = attributes["POSITION"]
-    accessors[0] |= {"min": position.min(axis=0).tolist(), "max": position.max(axis=0).tolist()}
+    buffer = GltfBuffer()
+    for semantic, values in attributes.items():
+        buffer.add(values, target=ARRAY_BUFFER, bounds=semantic == "POSITION")
     primitive = {
         "mode": POINTS,
         "attributes": {semantic: index for index, semantic in enumerate(attributes)},
@@ -108,10 +121,10 @@ def _document(name: str, attributes: dict[str, np.ndarray]) -> tuple[dict[str, A
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": name}],
         "meshes": [{"name": name, "primitives": [primitive]}],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": offset}],
-    }, b"".join(pieces)
+        "accessors": buffer.accessors,
+        "bufferViews": buffer.views,
+        "buffers": [{"byteLength": buffer.length}],
+    }, buffer.joined()
 
 
 def glb(document: dict[str, Any], binary: bytes, path: Path) -> bytes:

@@ -20,36 +20,11 @@ from ..color import linear_from_srgb
 from ..mesh import SplatMesh
 from ..model import Scene
 from ..posing import Y_UP, similarity_of
-from .gltf import ARRAY_BUFFER, ELEMENT_TYPES, FLOAT, glb
+from .gltf import ARRAY_BUFFER, FLOAT, UINT, USHORT, GltfBuffer, glb
 
-USHORT, UINT, ELEMENT_ARRAY_BUFFER, TRIANGLES = 5123, 5125, 34963, 4
-KINDS = {FLOAT: "<f4", USHORT: "<u2", UINT: "<u4"}
+ELEMENT_ARRAY_BUFFER, TRIANGLES = 34963, 4
 IN_A_SET = 4
 """Joints that one attribute JOINTS_n holds."""
-
-
-class _Buffer:
-    """The buffer of a file, and the views and accessors into it."""
-
-    def __init__(self) -> None:
-        self.views: list[dict[str, Any]] = []
-        self.accessors: list[dict[str, Any]] = []
-        self.pieces: list[bytes] = []
-        self.length = 0
-
-    def add(self, values: np.ndarray, kind: int = FLOAT, target: int | None = None, bounds: bool = False) -> int:
-        """Return the accessor of `values (n,c)`, or `(n,4,4)`; `bounds`: with the smallest and the largest."""
-        values = np.ascontiguousarray(values, KINDS[kind])
-        view = {"buffer": 0, "byteOffset": self.length, "byteLength": values.nbytes}
-        self.views.append(view | ({} if target is None else {"target": target}))
-        shape = "MAT4" if values.ndim == 3 else ELEMENT_TYPES[values.shape[1]]
-        accessor = {"bufferView": len(self.accessors), "componentType": kind, "count": len(values), "type": shape}
-        if bounds:
-            accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
-        self.accessors.append(accessor)
-        self.pieces.append(values.tobytes() + bytes(-values.nbytes % 4))
-        self.length += len(self.pieces[-1])
-        return len(self.accessors) - 1
 
 
 def write_gltf_mesh(scene: Scene, mesh: SplatMesh, path: Path | str) -> None:
@@ -59,7 +34,7 @@ def write_gltf_mesh(scene: Scene, mesh: SplatMesh, path: Path | str) -> None:
     """
     path = Path(path)
     require_glb(path)
-    buffer = _Buffer()
+    buffer = GltfBuffer()
     scaffold = scene.scaffold if mesh.skin is not None else None
     document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "Feature4X for Blender"},
@@ -80,7 +55,7 @@ def write_gltf_mesh(scene: Scene, mesh: SplatMesh, path: Path | str) -> None:
     document |= {"accessors": buffer.accessors, "bufferViews": buffer.views, "buffers": [{"byteLength": buffer.length}]}
     time = float(scene.cameras.times[0]) if mesh.skin is None else mesh.skin.time
     document["scenes"][0]["extras"] = {"clip_time": time, "frames_per_second": float(scene.fps)}
-    data = glb(document, b"".join(buffer.pieces), path)
+    data = glb(document, buffer.joined(), path)
     with replace_file(path) as file:
         file.write(data)
 
@@ -91,7 +66,7 @@ def require_glb(path: Path) -> None:
         raise F4xError(f"-o {path}: a mesh is written as glTF; end it in .glb.")
 
 
-def _primitive(mesh: SplatMesh, buffer: _Buffer) -> dict[str, Any]:
+def _primitive(mesh: SplatMesh, buffer: GltfBuffer) -> dict[str, Any]:
     """The triangles with colours, and with joints where the mesh has a skin."""
     turn = Y_UP[:3, :3]
     attributes = {
@@ -109,7 +84,7 @@ def _primitive(mesh: SplatMesh, buffer: _Buffer) -> dict[str, Any]:
     return {"mode": TRIANGLES, "attributes": attributes, "indices": indices, "material": 0}
 
 
-def _add_skin(document: dict[str, Any], buffer: _Buffer, scene: Scene, mesh: SplatMesh, scaffold: Scaffold) -> None:
+def _add_skin(document: dict[str, Any], buffer: GltfBuffer, scene: Scene, mesh: SplatMesh, scaffold: Scaffold) -> None:
     """Add the joints below one node, where they rest, and an animation that moves them; the last joint stays put."""
     assert mesh.skin is not None
     used, _, _ = mesh.skin.joints()

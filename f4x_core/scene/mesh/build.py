@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import F4xError
+from ...geometry.arrays import evenly_spaced
 from ...progress import Progress, silent
 from ..model import PosedSplats, Scene
 from ..posing import plain_color
@@ -123,7 +124,7 @@ def widest_time(scene: Scene, chosen: np.ndarray) -> float:
     Times at which fewer than `MOST` of them are there do not count.
     """
     times = scene.cameras.times
-    times = times[np.unique(np.linspace(0, len(times) - 1, LOOKS).astype(int))]
+    times = times[evenly_spaced(len(times), LOOKS)]
     there, volume = np.zeros(len(times)), np.zeros(len(times))
     for index, time in enumerate(times):
         posed = scene.posed(time)
@@ -160,7 +161,7 @@ def _led_astray(scene: Scene, rows: np.ndarray, follows: np.ndarray) -> int:
     """How many of the Gaussians `rows` of an edited scene are not where their nodes carry them, or not where they began."""
     times = scene.cameras.times
     away, first = np.zeros(len(rows), bool), scene.posed(times[0]).means[rows]
-    for time in times[np.linspace(0, len(times) - 1, MOMENTS).astype(int)]:
+    for time in times[evenly_spaced(len(times), MOMENTS)]:
         expected = np.where(follows[:, None], Scene.posed(scene, time).means[scene.origin[rows]], first)
         away |= np.abs(scene.posed(time).means[rows] - expected).max(1) > SAME
     return int(away.sum())
@@ -201,6 +202,7 @@ def _means(grid: Grid, sums: np.ndarray, points: np.ndarray) -> np.ndarray:
 def _vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(V,3) of length 1, the mean of the triangles around by area."""
     normals = np.zeros_like(vertices)
+    of_faces = normals_of(vertices, faces)
     for corner in range(3):
-        np.add.at(normals, faces[:, corner], normals_of(vertices, faces))
+        np.add.at(normals, faces[:, corner], of_faces)
     return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(np.float32).tiny)
