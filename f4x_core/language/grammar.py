@@ -289,8 +289,11 @@ def listed(item: Rule, separator: Rule) -> Rule:
     return Rule(match)
 
 
-def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset()) -> Rule:
-    """The slots in any order, each at most once, those in `needed` for sure: one value, a dict (None: no value)."""
+def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset(), between: Rule | None = None) -> Rule:
+    """The slots in any order, each at most once, those in `needed` for sure: one value, a dict (None: no value).
+
+    What `between` matches may stand at any place between them, as often as one likes.
+    """
     names = list(slots)
 
     def match(reading: Reading, at: int) -> Ways:
@@ -307,7 +310,10 @@ def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset()) -> Rule
                     for end, values in slots[name].at(reading, position).items():
                         if end > position:
                             go_on(end, {**filled, name: values[0] if values else None})
-            if needed <= filled.keys():
+            for end in between.at(reading, position) if between else ():
+                if end > position:
+                    go_on(end, filled)
+            if needed <= filled.keys() and (filled or between is None):
                 ways.setdefault(position, (filled,))
 
         go_on(at, {})
