@@ -11,12 +11,8 @@ from ..language.amounts import (
     PLACES,
     Amount,
     Distance,
-    Steps,
-    Vector,
     amount,
-    comparison,
     degree,
-    displacement,
     distance,
     factor,
     fraction,
@@ -27,518 +23,31 @@ from ..language.amounts import (
     signed,
     steps,
 )
-from ..language.colour_names import Colour
-from ..language.colours import GRAY, colour, colourish, more_colour
-from ..language.grammar import Mismatch, Refusal, Rule, constant, either, listed, lit, optional, silent, table
+from ..language.colours import colour, colourish
+from ..language.grammar import Mismatch, Refusal, Rule, either, listed, lit, optional, silent, table
 from ..language.lexicon import inflected
 from ..language.times import TimeExpression, duration
+from . import making, qualities
+from .making import Making, Value
 from .operations import (
-    Blur,
-    Delete,
-    Duplicate,
-    Extract,
-    Freeze,
-    Glow,
-    Grade,
-    Loop,
-    Match,
-    Name,
-    Opacity,
     Operation,
-    Recolour,
     Retime,
-    Reverse,
-    Style,
-    Swap,
-    Transform,
 )
 from .phrases import (
     SentenceContext,
     When,
-    Who,
     colors,
     everything_but,
     everything_else,
     everywhere,
     known_noun,
     known_thing,
-    means_something,
     name,
     thing,
     two_of_them,
     whose,
 )
-from .selects import All, Current, Instance, Named, Not, Or, SelectKind, Text
-from .styles import STYLES
-
-Value = Callable[[SelectKind, When, SentenceContext], Operation]
-"""What "red" or "twice as big" does to somebody at some time."""
-Making = Callable[[float], Value]
-"""A value from a factor."""
-
-BLACK_AND_WHITE = (0.5, 0.5, 0.5)
-"""As `hue`: no colour is left, light and dark stay."""
-A_BIT = 0.5
-"""Strength of "a bit red", and of a tint."""
-MORE_COLOUR = 0.3
-"""How far "redder" goes from gray to red."""
-SHOWN = 10.0
-"""Factor that makes anything opaque that is there at all."""
-WARMER = 0.5
-"""Warmth of "warmer"; a bit: half, much: twice as much."""
-BLUR, GLOW = 0.02, 0.5
-"""Radius of "blur" in world units and strength of "glow"; a bit: half, much: twice as much."""
-COPY_DISTANCE = 1.2
-"""Widths to the next copy: beside the thing, with a gap."""
-BESIDE = (COPY_DISTANCE, 0.0, 0.0)
-"""Where a copy goes when the sentence does not say, in sizes along the camera's axes."""
-TILT = 30.0
-"""Degrees, where the sentence names none."""
-
-
-# Values: what follows "make the dog …" --------------------------------------------------------------------------------
-THE_COPY = Named("\0")
-"""What an operation before it makes, until that has a name."""
-UPSIDE_DOWN = (0.0, 0.0, 180.0)
-"""Degrees about the camera's axes."""
-_RIGHT, _UP, _DOWN = (((None, way, None),) for way in ((1, 0, 0), (0, -1, 0), (0, 1, 0)))
-"""One step in a direction, as `phrases.steps` has it."""
-
-
-def _recoloured(rgb: Colour, mode: Any = "assign", strength: float = 1.0) -> Value:
-    return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.coming)
-
-
-def _hued(rgb: Colour) -> Value:
-    return _recoloured(rgb, "hue")
-
-
-_GRAYED = _hued(BLACK_AND_WHITE)
-
-
-def _assigned(rgb: Colour, strength: float = 1.0) -> Value:
-    if rgb == GRAY:
-        return _recoloured(BLACK_AND_WHITE, "hue", strength)
-    return lambda who, when, _: Recolour(who, rgb, strength=strength, keep_luminance=True, **when.coming)
-
-
-def _faintly(rgb: Colour) -> Value:
-    return _assigned(rgb, A_BIT)
-
-
-def _lit(by: float) -> Value:
-    return _recoloured((by, by, by), "multiply")
-
-
-def _added(times: float, more: tuple[Colour, int]) -> Value:
-    rgb, sign = more
-    red, green, blue = (round(times * sign * MORE_COLOUR * (c - 0.5), PLACES) for c in rgb)
-    return _recoloured((red, green, blue), "add")
-
-
-def _contrasted(by: float) -> Value:
-    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)
-
-
-def _saturated(by: float) -> Value:
-    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.coming)
-
-
-def _warmed(how: Amount | None, warmer: bool) -> Value:
-    kind, value = (None, 0.0) if how is None else (how.kind, how.value)
-    if kind not in (None, "small", "large", "fraction"):
-        raise Mismatch
-    warmth = value if kind == "fraction" else {None: WARMER, "small": WARMER / 2, "large": 2 * WARMER}[kind]
-    return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.coming)
-
-
-def _made_warmer(how: Amount | None = None, *, warmer: bool) -> Value:
-    return _warmed(how, warmer)
-
-
-def _more_saturated(how: Amount | None = None, *, upward: bool) -> Value:
-    return _saturated(factor(how, upward))
-
-
-def _blurred(how: Amount | None = None) -> Value:
-    if how is not None and how.kind not in ("small", "large"):
-        raise Mismatch
-    radius = BLUR * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
-    return lambda who, when, _: Blur(who, radius, **when.effect)
-
-
-def _glowing(how: Amount | None = None, rgb: Colour | None = None) -> Value:
-    if how is not None and how.kind not in ("small", "large"):
-        raise Mismatch
-    strength = GLOW * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
-    return lambda who, when, _: Glow(who, strength, rgb, **when.effect)
-
-
-def _swapped(other: Who | None = None) -> Value:
-    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        pair: tuple[SelectKind, ...] = (who,) if other is None else (who, other(context))
-        if other is None and isinstance(who, Text):
-            pair = tuple(replace(who, labels=(label,)) for label in who.labels)
-        elif other is None and isinstance(who, Or):
-            pair = who.of
-        if len(pair) == 1 and isinstance(who, Text) and who.number == "both":
-            of = replace(who, number="any")
-            pair = (Instance(of, "left", context.present), Instance(of, "right", context.present))
-        if len(pair) != 2:
-            raise Refusal("Two things can change places; say which two, for example 'swap the dog and the cat'.")
-        return Swap(*pair, **when.growth)
-
-    return value
-
-
-def _stretched(by: float) -> Value:
-    if by <= 0:
-        raise Mismatch
-    return _retimed(1 / by)
-
-
-def _opacity(by: float) -> Value:
-    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        if when.slowly:
-            return _faded(by)(who, when, context)
-        return Opacity(who, round(by, PLACES), **when.effect)
-
-    return value
-
-
-def _shown(again: bool = False) -> Value:
-    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        if when.frames is not None and not again:
-            raise Refusal(
-                "'Show' with a time can be meant in two ways; say for example 'hide the dog until second 2', or 'show the dog again"
-                " from second 2'."
-            )
-        return Opacity(who, SHOWN, **when.effect)
-
-    return value
-
-
-def _faded(by: float, inward: bool = False) -> Value:
-    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        fading = when.fading(context, inward)
-        if (when.slowly or inward) and "ease" not in fading:
-            raise Refusal("It is not said from when to when it fades; add for example 'from second 1 to 2'.")
-        return Opacity(who, round(by, PLACES), **fading, inward=inward)
-
-    return value
-
-
-def _deleted(who: SelectKind, when: When, _: SentenceContext) -> Operation:
-    if who == All():
-        raise Refusal("Nothing would be left; say what to remove, or 'hide everything' if that is meant.")
-    return Delete(who, **when.effect)
-
-
-def _extracted(who: SelectKind, when: When, _: SentenceContext) -> Operation:
-    return Extract(who, **when.effect)
-
-
-def _rest_grayed(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-    return _GRAYED(Not(who), when, context)
-
-
-def _scaled(by: float) -> Value:
-    return lambda who, when, _: Transform(who, scale=round(by, PLACES), pivot="base", **when.growth)
-
-
-def _turned(rotate: Vector) -> Value:
-    return lambda who, when, _: Transform(who, rotate=rotate, axes="camera", **when.growth)
-
-
-def _rotated(angle: float = 90.0, sense: int = 1) -> Value:
-    return _turned((0.0, sense * angle, 0.0))
-
-
-def _tilted(angle: float = TILT, sense: int = 1) -> Value:
-    return _turned((0.0, 0.0, sense * angle))
-
-
-def _moved(way: Steps, far: Distance | None = None) -> Value:
-    vector, unit = displacement(way, far, 1.0)
-    return lambda who, when, _: Transform(who, translate=vector, unit=unit, axes="camera", **when.growth)
-
-
-def _copied(
-    way: Steps | None = None,
-    far: Distance | None = None,
-    times: float = 1.0,
-    shift: TimeExpression | None = None,
-    called: str = "",
-    own: tuple[Steps, Who] | None = None,
-    changed: Value | None = None,
-) -> Value | tuple[tuple[Value], ...]:
-    if own is not None:
-        way = own[0]
-    if times != int(times):
-        raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
-    arguments: dict[str, Any] = {"count": int(times), "name": called}
-    if way or far or shift is None:
-        offset, unit = displacement(way or _RIGHT, far, COPY_DISTANCE)
-        arguments |= {"offset": offset, "unit": unit, "axes": "camera"}
-
-    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        if called:
-            context.names.setdefault(called.lower(), called)
-        if own is not None and own[1](context) != who:
-            raise Refusal("A copy goes beside what it is a copy of; say for example 'copy the dog to the left'.")
-        context.last = who
-        later = 0.0 if shift is None else shift.resolve(context)
-        return Duplicate(who, time_shift=later, **arguments, **when.none("A copy"))
-
-    if changed is not None:
-        return (value,), (lambda who, when, context: changed(THE_COPY, when, context),)
-    return value
-
-
-def _frozen(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-    return Freeze(who, **when.pause(context))
-
-
-def _retimed(by: float) -> Value:
-    return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
-
-
-def _noted(context: SentenceContext, who: SelectKind) -> SelectKind:
-    context.last = who
-    return who
-
-
-def _reversed(who: SelectKind, when: When, _: SentenceContext) -> Operation:
-    return Reverse(who, **when.effect)
-
-
-def _looped(who: SelectKind, when: When, _: SentenceContext) -> Operation:
-    if when.frames is None:
-        raise Refusal("It is not said which part is repeated; add for example 'from second 1 to 2'.")
-    return Loop(who, **when.effect)
-
-
-def _styled(look: str, strength: float = 1.0) -> Value:
-    return lambda who, when, _: Style(who, look, strength, **when.coming)
-
-
-def _matched(source: Who) -> Value:
-    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        found = source(context)
-        context.last = who  # what is spoken about is the thing that changes
-        return Match(who, found, **when.coming)
-
-    return value
-
-
-def _named(called: str) -> Value:
-    if means_something(called):
-        raise Refusal(f"'{called}' cannot be a name, because it means something else in a sentence; choose another.")
-
-    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        return Name(who, context.names.setdefault(called.lower(), called), **when.none("A name"))
-
-    return value
-
-
-_small = degree >> (lambda how: A_BIT if how.kind == "small" else 1.0)
-_article = ~lit("a|an|the|some")
-_shade_of = ~lit(
-    "(nice|lovely|bright|strong) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very"
-) + ~(lit("from") + silent(colour) + ~lit("to|into"))
-_fully = ~lit("all|completely|fully|entirely|totally|wholly")
-_colored = ~lit("(in) color|colored|tone|tint")
-_flat = lit("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
-_colour_value = either(
-    _article + _flat + ~_flat + colour + _colored >> _recoloured,
-    lit("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of")
-    + ~lit("more")
-    + (colour | colourish)
-    >> _faintly,
-    ~lit("a|an|some") + colourish + _colored >> _faintly,
-    _fully + ~lit("a|an|some") + _shade_of + ~lit("the color") + colour + _colored >> _assigned,
-)
-_more_colour_value = (
-    optional(table({"a (little) bit|a little|slightly|somewhat": 0.5, "much|a lot|far|way": 2.0}), 1.0) + more_colour
-    >> _added
-)
-_without_colour = lit(
-    "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
-    "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
-) >> (lambda: _GRAYED)
-_BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
-_SIZE = ("bigger|larger", "smaller|tinier", "big|large|huge|tall|high|wide", "small|tiny|little|short")
-_SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speedy", "slow|slowly")
-_brightness_value = (
-    either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright")) >> _lit
-)
-_contrast_value = (
-    comparison("punchier|crisper", "flatter", "contrasty|contrastful|punchy|contrasted", "flat") >> _contrasted
-)
-_saturation_value = (
-    comparison(
-        "more saturated|richer|livelier|stronger|bolder|more intense",
-        "duller|less saturated|paler|weaker",
-        "saturated|vivid|colorful|vibrant|intense|rich|lively|colored",
-        "desaturated|muted|dull|washed out|pale|faded",
-    )
-    >> _saturated
-)
-_warmer = table(
-    {"warmer|more warm|less cool|less cold": True, "cooler|colder|chillier|more cool|more cold|less warm": False}
-)
-_warmth_value = either(
-    optional(amount) + _warmer >> _warmed, _warmer + amount >> (lambda warmer, how: _warmed(how, warmer))
-)
-_pop = lit(
-    "pop|pop more|pop out|stand out|stand out more|come alive|(more|really) vivid|(very) saturated|(very) colorful|vibrant"
-) >> (lambda: _saturated(factor(None, True)))
-_sized = either(
-    ~lit("very|really|quite")
-    + table({"tiny|small|little|minute|miniature": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0})
-    >> _scaled
-)
-_softly = either(
-    degree,
-    table(
-        {
-            "softly|faintly|gently|weakly": Amount("small"),
-            "heavily|strongly|intensely|brightly|very|really|badly": Amount("large"),
-        }
-    ),
-)
-_blurry = ~lit("all") + lit(
-    "blurry|blurred|softer|soft focus|less sharp|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred"
-)
-_blur_value = ~lit("go") + either(optional(_softly) + _blurry >> _blurred, _blurry + _softly >> _blurred)
-_glow_value = (
-    optional(_softly)
-    + lit("glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow")
-    + ~lit("in")
-    + optional(colour)
-    >> _glowing
-)
-_size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale|height|width|length")) >> _scaled
-_slow_motion = lit("(in) (a) slow motion|go slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
-_paced = either(
-    fraction_of("speed|pace|tempo|rate|velocity"),
-    lit("(a) speed of") + (multiple | percent | number),
-    ~lit("a") + multiple,
-)
-_pace_value = (
-    either(comparison(*_SPEED), ~lit("with") + _slow_motion, ~lit("at|to|with") + fraction_of("speed|pace|tempo|rate"))
-    >> _retimed
-)
-_pace = either(_pace_value, lit("at|in|to") + _paced >> _retimed)
-_backward = lit(
-    "backward|in reverse|reversed|in the opposite direction|back to front|from the end to the start"
-    "|in reverse order|(the) other way around|from back to front|from end to start"
-) >> (lambda: _reversed)
-_see_through = lit("transparent|see through|translucent|transparency|sheer")
-_share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
-_transparency = either(
-    percent + _see_through >> (lambda x: 1 - x),
-    table(
-        {
-            "half|semi|partly|partially|somewhat": 0.5,
-            "a (little) bit|a little|slightly": 0.8,
-            "very|mostly|almost|nearly": 0.2,
-            "completely|fully|totally|entirely|100 %": 0.0,
-        }
-    )
-    + _see_through,
-    fraction + _see_through >> (lambda x: 1 - x),
-    _see_through >> (lambda: 0.5),
-    _article + percent + lit("opaque|visible|opacity"),
-    fraction + lit("opaque|visible|opacity"),
-    lit("(an|a) opacity (of)") + (percent | number),
-    lit("(a) transparency (of)") + (percent | number) >> (lambda x: 1 - x),
-    lit("(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|reappear")
-    >> (lambda: SHOWN),
-    optional(amount) + lit("more") + _see_through >> (lambda how: 1 - _share_of(how)),
-    optional(amount) + lit("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
-    lit(
-        "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|disappeared"
-    )
-    >> (lambda: 0.0),
-)
-_opacity_value = ~lit("at|to|with") + _transparency >> _opacity
-_upside_down = lit("upside down|on (its|his|her|their) head|head over heels")
-_look_name = table(
-    {f"{look}|{look}s": look for look in STYLES} | {"flames|flame": "fire", "the night|night time|nighttime": "night"},
-    reserve=False,
-)
-_look_adjective = table(
-    {
-        "golden": "gold",
-        "silvery": "silver",
-        "coppery": "copper",
-        "icy|frozen over": "ice",
-        "fiery|flaming|burning": "fire",
-        "molten": "lava",
-        "nighttime|night time": "night",
-        "autumnal|autumn like|in autumn colors|autumn colored": "autumn",
-        "grassy": "grass",
-        "chocolatey|chocolaty": "chocolate",
-        "ghostly|ghostlike": "ghost",
-        "marbled": "marble",
-        "sepia|sepia toned": "sepia",
-        "neon": "neon",
-    },
-    reserve=False,
-)
-_any_look = _look_name | _look_adjective
-_effect = lit(
-    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment"
-)
-_strongly = optional(_small, 1.0)
-_seem = ~lit("look|looking|looks|appear|seem|feel")
-_a_look = either(
-    _seem
-    + _strongly
-    + lit("like|as if it were|as if they were|as though it were|similar to")
-    + ~lit("(it is|they are) made (out) (of)|made (out) of")
-    + ~lit("a|an|pure|solid|real")
-    + _look_name,
-    constant(1.0)
-    + lit("(made|built|carved|cast) (out) of|in the style of|into|in")
-    + ~lit("a|an|pure|solid")
-    + _look_name
-    + ~_effect,
-    constant(1.0) + lit("in|into|with") + ~lit("a|an|the|some") + _any_look + _effect,
-    _seem + _strongly + _look_adjective,
-) >> (lambda strength, look: _styled(look, strength))
-_bare_look = table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> _styled
-_given_look = _article + _any_look + ~lit("like|colored") + _effect >> _styled
-_source = ~lit("that of|those of|the colors of|the color of") + known_thing + ~lit("'s (color|colors)")
-_same_as = (
-    lit("the (exact) same (color|colors|coloring|look)|the same|(a|the) similar color") + lit("as|like|to") + _source
-    >> _matched
-)
-_colour_of = _article + lit("color|colors|coloring|palette|look|appearance") + lit("of|from") + _source >> _matched
-_same_colour = _same_as | _colour_of
-_alike = _seem + lit("like|similar to|the same as") + _source >> _matched
-_made = either(
-    _colour_value,
-    _without_colour,
-    _more_colour_value,
-    _brightness_value,
-    _contrast_value,
-    _saturation_value,
-    _warmth_value,
-    _pop,
-    _sized,
-    _blur_value,
-    _glow_value,
-    _size_value,
-    _pace_value,
-    _opacity_value,
-    _upside_down >> (lambda: _turned(UPSIDE_DOWN)),
-    _same_colour,
-    _a_look,
-    _alike,
-    _bare_look,
-)
+from .selects import All, Current, SelectKind
 
 
 def REMARK() -> Value:  # it stands for what is said and asks for nothing
@@ -614,13 +123,13 @@ def _values(*rules: Rule) -> Rule:
 
 # Colours
 _into = ~lit("to|into|in")
-_coloured = _colour_value | _without_colour
+_coloured = qualities.colour_value | qualities.without_colour
 _command(
     "make the dog red",
     "make|render|have|get",
     _listed,
     "values",
-    values=_values(_made, lit("in") + _coloured, lit("gone") >> _always(_deleted)),
+    values=_values(qualities.made, lit("in") + _coloured, lit("gone") >> _always(making.deleted)),
 )
 _command(
     "turn the dog into gold",
@@ -628,15 +137,21 @@ _command(
     _listed,
     "values",
     values=_values(
-        _a_look,
-        _into + either(_coloured, _alike, _a_look, _same_as),
-        lit("to") + ~lit("a|an|pure|solid") + _look_name >> _styled,
+        qualities.a_look,
+        _into + either(_coloured, qualities.alike, qualities.a_look, qualities.same_as),
+        lit("to") + ~lit("a|an|pure|solid") + qualities.look_name >> making.styled,
         lit("from") + silent(colour) + lit("to|into") + _coloured,
-        lit("out of focus") >> _blurred,
-        either(_brightness_value, _saturation_value, _warmth_value, _size_value, _blur_value),
-        lit("to|into") + _colour_of,  # of "change the color of the dog" nobody knows to what
-        _more_colour_value,
-        _opacity_value,
+        lit("out of focus") >> making.blurred,
+        either(
+            qualities.brightness_value,
+            qualities.saturation_value,
+            qualities.warmth_value,
+            qualities.size_value,
+            qualities.blur_value,
+        ),
+        lit("to|into") + qualities.colour_of,  # of "change the color of the dog" nobody knows to what
+        qualities.more_colour_value,
+        qualities.opacity_value,
     ),
 )
 _command(
@@ -647,14 +162,25 @@ _command(
     values=_values(
         ~lit("all|over|all over")
         + ~lit("in|to|as|with|into")
-        + (_coloured | _same_colour | _a_look | ~lit("in|with") + ~lit("pure|solid") + _look_name >> _styled),
-        _more_colour_value,
-        _alike,
-        _a_look,
+        + (
+            _coloured
+            | qualities.same_colour
+            | qualities.a_look
+            | ~lit("in|with") + ~lit("pure|solid") + qualities.look_name >> making.styled
+        ),
+        qualities.more_colour_value,
+        qualities.alike,
+        qualities.a_look,
     ),
 )
 _tint = ~lit("a|an") + ~lit("slight|faint") + (colour | colourish)
-_command("tint the sky orange", "tint|tinge|tone|wash", _faintly, "rgb", rgb=~lit("in|to|with") + _tint + _colored)
+_command(
+    "tint the sky orange",
+    "tint|tinge|tone|wash",
+    making.faintly,
+    "rgb",
+    rgb=~lit("in|to|with") + _tint + qualities.colored,
+)
 _command(
     "change the color of the car to black",
     "change|set|turn|make|switch|alter|adjust|swap|shift|replace",
@@ -662,15 +188,15 @@ _command(
     "colors",
     who=whose("color|colors|coloring"),
     colors=_values(
-        ~lit("to|into|in|for|with|from") + (_coloured | _same_as),
+        ~lit("to|into|in|for|with|from") + (_coloured | qualities.same_as),
         lit("from") + silent(colour) + lit("to") + _coloured,
-        lit("to|like") + (_source >> _matched | _colour_of),
+        lit("to|like") + (qualities.source >> making.matched | qualities.colour_of),
     ),
 )
 _command(
     "shift the hue of the car to red",
     "shift|change|turn|set|rotate|move|make|adjust",
-    _hued,
+    making.hued,
     "rgb",
     who=whose("hue|hues|tone"),
     rgb=~lit("to|toward|into") + colour,
@@ -678,26 +204,26 @@ _command(
 _command(
     "desaturate the background",
     "desaturate|decolor|decolorize|gray out",
-    lambda how=None: _GRAYED if how is None else _saturated(factor(how, False)),
+    lambda how=None: making.GRAYED if how is None else making.saturated(factor(how, False)),
     how=lit("by") + number >> (lambda x: Amount("times", x)) | amount,
 )
 for _verb, _value in (
-    ("whiten|bleach", _assigned((1.0, 1.0, 1.0))), ("blacken", _assigned((0.0, 0.0, 0.0))),
-    ("redden", _added(1.0, ((1.0, 0.0, 0.0), 1))), ("gild", _styled("gold")),
-    ("mute|dull|wash out", _saturated(factor(None, False))),
+    ("whiten|bleach", making.assigned((1.0, 1.0, 1.0))), ("blacken", making.assigned((0.0, 0.0, 0.0))),
+    ("redden", making.added(1.0, ((1.0, 0.0, 0.0), 1))), ("gild", making.styled("gold")),
+    ("mute|dull|wash out", making.saturated(factor(None, False))),
 ):  # fmt: skip
     _command(f"{_verb.split('|')[0]} the dog", _verb, _always(_value))
 _command(
     "remove the color of the house",
     "remove|take|take out|take away|drain|strip|strip away|delete|drop|lose|get rid of|erase|suck",
-    _always(_GRAYED),
+    _always(making.GRAYED),
     who=whose("color|colors|saturation|coloring"),
     out=lit("out|away"),
 )
 _command(
     "take the color out of the house",
     "take|drain|suck|strip",
-    _always(_GRAYED),
+    _always(making.GRAYED),
     who=~lit("the|all|all the") + lit("color|colors|saturation") + lit("out of|away from|off of|off") + thing,
 )
 
@@ -761,14 +287,14 @@ def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
 
 
 _SETTING = "set|change|make|turn|put|bring|adjust|reduce|lower|raise|increase"
-_quality("size", "size|scale|dimensions", _scaled)
-_quality("speed", "speed|pace|tempo", _retimed)
-_quality("brightness", "brightness|light|luminance", _lit)
-_quality("opacity", "opacity|visibility", _opacity)
+_quality("size", "size|scale|dimensions", making.scaled)
+_quality("speed", "speed|pace|tempo", making.retimed)
+_quality("brightness", "brightness|light|luminance", making.brightened)
+_quality("opacity", "opacity|visibility", making.opacity)
 _command(
     "set the transparency of the wall to 30 %",
     _SETTING,
-    lambda by: _opacity(1 - by),
+    lambda by: making.opacity(1 - by),
     "by",
     who=whose("transparency"),
     by=~lit("to|at") + either(percent, fraction, number),
@@ -777,46 +303,46 @@ for _example, _verbs, _making, _noun, _upward, _particle, _itself in (
     (
         "speed up the dog",
         "speed up|accelerate|quicken|hasten|hurry up",
-        _retimed,
+        making.retimed,
         "speed|pace",
         True,
         "",
         "speed up|accelerate",
     ),
-    ("speed the dog up", "speed|hurry|quicken", _retimed, "speed|pace", True, "up", ""),
-    ("slow down the dog", "slow down|slow|decelerate", _retimed, "speed|pace", False, "", "slow down|slow"),
-    ("slow the dog down", "slow", _retimed, "speed|pace", False, "down", ""),
+    ("speed the dog up", "speed|hurry|quicken", making.retimed, "speed|pace", True, "up", ""),
+    ("slow down the dog", "slow down|slow|decelerate", making.retimed, "speed|pace", False, "", "slow down|slow"),
+    ("slow the dog down", "slow", making.retimed, "speed|pace", False, "down", ""),
     (
         "brighten the dog",
         "brighten|lighten|brighten up|lighten up|illuminate|light up",
-        _lit,
+        making.brightened,
         "brightness",
         True,
         "",
         "brighten",
     ),
-    ("brighten the dog", "brighten|lighten|light", _lit, "brightness", True, "up", ""),
-    ("darken the sky", "darken|dim|dim down|black out", _lit, "brightness", False, "", "darken"),
+    ("brighten the dog", "brighten|lighten|light", making.brightened, "brightness", True, "up", ""),
+    ("darken the sky", "darken|dim|dim down|black out", making.brightened, "brightness", False, "", "darken"),
     (
         "enlarge the dog",
         "grow|enlarge|expand|magnify|scale up|size up|blow up|upscale|upsize|increase|inflate",
-        _scaled,
+        making.scaled,
         "size",
         True,
         "",
         "grow|expand",
     ),
-    ("scale the dog up", "scale|blow|size", _scaled, "size", True, "up", ""),
+    ("scale the dog up", "scale|blow|size", making.scaled, "size", True, "up", ""),
     (
         "shrink the dog",
         "shrink|shrink down|scale down|size down|downscale|downsize|contract|reduce|minimize",
-        _scaled,
+        making.scaled,
         "size",
         False,
         "",
         "shrink|contract",
     ),
-    ("scale the dog down", "scale|size|shrink", _scaled, "size", False, "down", ""),
+    ("scale the dog down", "scale|size|shrink", making.scaled, "size", False, "down", ""),
 ):
     _more_or_less(_example, _verbs, _making, _noun, _upward, _particle, itself=_itself)
 _scale = (
@@ -824,15 +350,15 @@ _scale = (
     + ~lit("a factor of|factor")
     + either(fraction_of("size"), percent, multiple, number)
 )
-_command("scale the dog by 2", "scale|resize|rescale", _scaled, "by", by=_scale)
+_command("scale the dog by 2", "scale|resize|rescale", making.scaled, "by", by=_scale)
 for _verb, _times in (("double", 2.0), ("halve", 0.5), ("triple|treble", 3.0), ("quadruple", 4.0)):
-    _command(f"{_verb.split('|')[0]} the dog in size", _verb, _always(_scaled(_times)), "its", its=lit("in size"))
+    _command(f"{_verb.split('|')[0]} the dog in size", _verb, _always(making.scaled(_times)), "its", its=lit("in size"))
 
 _as_long = either(
-    multiple + lit("as long") >> _stretched,
-    multiple + lit("longer") >> _stretched,
-    ~lit("to|by") + ~lit("a factor of") + fraction_of("length|duration|time") >> _stretched,
-    lit("by") + ~lit("a factor of") + (multiple | number) >> _stretched,
+    multiple + lit("as long") >> making.stretched,
+    multiple + lit("longer") >> making.stretched,
+    ~lit("to|by") + ~lit("a factor of") + fraction_of("length|duration|time") >> making.stretched,
+    lit("by") + ~lit("a factor of") + (multiple | number) >> making.stretched,
 )
 _command(
     "stretch the motion of the dog by 2",
@@ -846,14 +372,18 @@ _command("make the dog take twice as long", "", lambda by: by, "by", itself="tak
 
 # Grading, focus, light
 for _kind, _words, _made_by in (
-    ("contrast", "contrast", _contrasted),
+    ("contrast", "contrast", making.contrasted),
     (
         "saturation",
         "saturation|color saturation|vividness|vibrance|vibrancy|color intensity|intensity of the colors",
-        _saturated,
+        making.saturated,
     ),
-    ("warmth", "warmth|color temperature|temperature", lambda by: _warmed(Amount("fraction", abs(by - 1)), by > 1)),
-    ("brightness", "brightness|light|luminance|exposure", _lit),
+    (
+        "warmth",
+        "warmth|color temperature|temperature",
+        lambda by: making.warmed(Amount("fraction", abs(by - 1)), by > 1),
+    ),
+    ("brightness", "brightness|light|luminance|exposure", making.brightened),
 ):
     if _kind not in ("brightness",):
         _quality(_kind, _words, _made_by, whole=True)
@@ -897,11 +427,11 @@ for _example, _verbs, _upward in (
     ("tone down the colors", "tone down|turn down|mute|soften|dull", False),
     ("turn up the colors", "turn up|crank up|boost|intensify|enhance|strengthen|deepen|punch up", True),
 ):
-    _command(_example, _verbs, partial(_more_saturated, upward=_upward), who=_all_colors, how=amount)
+    _command(_example, _verbs, partial(making.more_saturated, upward=_upward), who=_all_colors, how=amount)
 _command(
     "saturate the colors",
     "saturate|enrich",
-    partial(_more_saturated, upward=True),
+    partial(making.more_saturated, upward=True),
     who=~lit("all") + either(whose("colors|color"), colors, thing),
     how=amount,
 )
@@ -912,7 +442,7 @@ for _example, _verbs, _warmer_too, _particle in (
     _command(
         _example,
         _verbs,
-        partial(_made_warmer, warmer=_warmer_too),
+        partial(making.made_warmer, warmer=_warmer_too),
         who=either(_all_colors, thing),
         how=amount,
         particle=lit(_particle),
@@ -923,14 +453,20 @@ _command(
     lambda values: values,
     "values",
     who=_all_colors,
-    values=_values(_warmth_value, _saturation_value, _contrast_value, _brightness_value, _pop),
+    values=_values(
+        qualities.warmth_value,
+        qualities.saturation_value,
+        qualities.contrast_value,
+        qualities.brightness_value,
+        qualities.pop,
+    ),
 )
 _command(
     "blur the background",
     "blur|blur out|defocus|unfocus|soften|smudge",
-    _blurred,
+    making.blurred,
     who=thing,
-    how=_softly,
+    how=qualities.softly,
     out=lit("out"),
 )
 _blur_noun = (
@@ -941,15 +477,20 @@ _blur_noun = (
     + lit("blur|blurring")
 )
 _command(
-    "add a blur to the background", "add|apply|put|give", _blurred, "how", who=lit("to|on|over") + thing, how=_blur_noun
+    "add a blur to the background",
+    "add|apply|put|give",
+    making.blurred,
+    "how",
+    who=lit("to|on|over") + thing,
+    how=_blur_noun,
 )
-_command("give the background a blur", "give", _blurred, "how", who=thing, how=_blur_noun)
+_command("give the background a blur", "give", making.blurred, "how", who=thing, how=_blur_noun)
 _command(
     "make the dog glow",
     "",
-    _glowing,
+    making.glowing,
     itself="glow|shine|light up|shimmer|sparkle|radiate|gleam",
-    how=_softly,
+    how=qualities.softly,
     rgb=~lit("in|in a|a") + colour,
 )
 _glow_noun = either(
@@ -959,11 +500,11 @@ _glow_noun = either(
     + lit("glow|halo|shine|aura|gleam|sheen")
     >> (lambda how, rgb: (how, rgb))
 )
-_command("give the dog a glow", "give", lambda glow: _glowing(*glow), "glow", who=thing, glow=_glow_noun)
+_command("give the dog a glow", "give", lambda glow: making.glowing(*glow), "glow", who=thing, glow=_glow_noun)
 _command(
     "add a glow to the dog",
     "add|apply|put",
-    lambda glow: _glowing(*glow),
+    lambda glow: making.glowing(*glow),
     "glow",
     who=lit("to|on|around|onto") + thing,
     glow=_glow_noun,
@@ -977,7 +518,7 @@ _places = lit(
 _command(
     "swap the dog and the cat",
     "swap|exchange|switch|trade|interchange|swap over|switch around",
-    _swapped,
+    making.swapped,
     who=~lit("(the) [places|positions|spots|locations] of") + (two_of_them | thing),
     itself="swap places|change places|trade places|switch places|swap|"
     "exchange places|swap positions|switch positions|change positions",
@@ -989,30 +530,32 @@ _command(
 _command(
     "hide the car",
     "hide|conceal|mask|mask out",
-    _always(_opacity(0.0)),
+    _always(making.opacity(0.0)),
     itself="disappear|vanish|hide|become invisible",
 )
 _again = lit("again|once more|back")
 _command(
     "show the dog again",
     "unhide|reshow|bring back|restore",
-    _always(_opacity(SHOWN)),
+    _always(making.opacity(making.SHOWN)),
     again=_again,
     itself="reappear",
 )
-_command("show the dog again", "show|reveal", _shown, again=_again >> (lambda: True))
-_command("bring the dog back", "bring", _always(_opacity(SHOWN)), "back", back=lit("back|back again|back in"))
+_command("show the dog again", "show|reveal", making.shown, again=_again >> (lambda: True))
+_command(
+    "bring the dog back", "bring", _always(making.opacity(making.SHOWN)), "back", back=lit("back|back again|back in")
+)
 _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (
     lambda x: 1 - x
 )
 _outward = lit("out|away|off|to zero|to 0|into nothing|from view|out completely|to nothing|to invisible")
-_command("fade the background", "fade|dissolve", lambda by=0.5: _faded(by), itself="fade", by=_to_fraction)
-_command("fade out the dog", "fade|dissolve", lambda: _faded(0.0), "out", itself="fade", out=_outward)
+_command("fade the background", "fade|dissolve", lambda by=0.5: making.faded(by), itself="fade", by=_to_fraction)
+_command("fade out the dog", "fade|dissolve", lambda: making.faded(0.0), "out", itself="fade", out=_outward)
 
 _command(
     "fade in the dog from second 1 to 2",
     "fade|dissolve",
-    lambda: _faded(0.0, inward=True),
+    lambda: making.faded(0.0, inward=True),
     "inward",
     itself="fade",
     inward=lit("in|into view"),
@@ -1029,7 +572,7 @@ _out = lit(
     "|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture"
     "|video|clip|image|shot|frame]"
 )
-_delete, _extract = _always(_deleted), _always(_extracted)
+_delete, _extract = _always(making.deleted), _always(making.extracted)
 _command("remove everything except the dog", _DELETING, _extract, who=everything_but)
 _command("take out everything except the dog", _SPLIT, _extract, "out", who=everything_but, out=_out)
 _command(
@@ -1046,7 +589,7 @@ _in_colour = lit("in (full) [color|colors]|colored")
 _command(
     "show only the dog in color",
     _KEEPING,
-    _always(_rest_grayed),
+    _always(making.rest_grayed),
     "only colored",
     bare=False,
     only=_only,
@@ -1088,13 +631,13 @@ _command(
     _listed,
     "values",
     itself="run|go|walk|fly|swim|drive|dance|play|move|ride|roll|jump|gallop|race|be",
-    values=_values(_backward),
+    values=_values(qualities.backward),
 )
 _command(
     "move the dog to the left",
     "move|shift|push|put|slide|bring|pull|drag|place|shove|carry|send|scoot|nudge|translate|position|drive|displace|set|get|drop|"
     "throw|have|relocate|fly|float|slip|scooch|budge|transport|take|let|haul|tow|swing|draw|tug|boost|bump",
-    _moved,
+    making.moved,
     "way",
     itself="move|go|slide|shift|jump|float|drift|come|fly|glide|wander|roll|hop|step|travel|drive|walk|hover|swim|be",
     way=steps,
@@ -1103,7 +646,7 @@ _command(
 _command(
     "raise the box",
     "raise|lift|elevate|hoist",
-    lambda far=None: _moved(_UP, far),
+    lambda far=None: making.moved(making.UP, far),
     itself="rise|go up|levitate|hover|float|ascend|take off|fly",
     far=distance,
     particle=lit("up|higher|in the air|in mid air|above the ground|off the ground|into the air|from the ground|upward"),
@@ -1111,7 +654,7 @@ _command(
 _command(
     "lower the lamp",
     "lower|sink",
-    lambda far=None: _moved(_DOWN, far),
+    lambda far=None: making.moved(making.DOWN, far),
     itself="sink|go down|descend|come down",
     far=distance,
     particle=lit("down|lower"),
@@ -1145,15 +688,15 @@ _turns: dict[str, Any] = {"angle": _angle, "sense": _sense, "axis": _axis}
 _command(
     "turn the dog upside down",
     "turn|flip|rotate|put|stand|set|hang|place",
-    _always(_turned(UPSIDE_DOWN)),
+    _always(making.turned(making.UPSIDE_DOWN)),
     "over",
     itself="turn|flip|stand",
-    over=_upside_down,
+    over=qualities.upside_down,
 )
 _command(
     "turn the dog around",
     f"{_ROTATING}|turn",
-    lambda angle=180.0, sense=1: _rotated(angle, sense),
+    lambda angle=180.0, sense=1: making.rotated(angle, sense),
     "around",
     itself=f"{_ROTATING}|turn|look|face",
     around=lit(
@@ -1163,16 +706,16 @@ _command(
     ),
     **_turns,
 )
-_command("turn the dog to the left", "turn", _rotated, "sense", itself="turn", **_turns)
-_command("turn the dog by 45 degrees", "turn", _rotated, "angle", itself="turn", **_turns)
-_command("rotate the dog by 90 degrees", _ROTATING, _rotated, itself=_ROTATING, **_turns)
-_command("tilt the lamp to the left", _TILTING, _tilted, "sense", itself=_TILTING, angle=_angle, sense=_sense)
-_command("tilt the lamp by 20 degrees", _TILTING, _tilted, "angle", itself=_TILTING, angle=_angle, sense=_sense)
+_command("turn the dog to the left", "turn", making.rotated, "sense", itself="turn", **_turns)
+_command("turn the dog by 45 degrees", "turn", making.rotated, "angle", itself="turn", **_turns)
+_command("rotate the dog by 90 degrees", _ROTATING, making.rotated, itself=_ROTATING, **_turns)
+_command("tilt the lamp to the left", _TILTING, making.tilted, "sense", itself=_TILTING, angle=_angle, sense=_sense)
+_command("tilt the lamp by 20 degrees", _TILTING, making.tilted, "angle", itself=_TILTING, angle=_angle, sense=_sense)
 
 _command(
     "tilt the lamp a little",
     _TILTING,
-    lambda how, sense=1: _tilted(TILT / 3 if how.kind == "small" else 2 * TILT, sense),
+    lambda how, sense=1: making.tilted(making.TILT / 3 if how.kind == "small" else 2 * making.TILT, sense),
     "how",
     itself=_TILTING,
     how=degree,
@@ -1182,7 +725,7 @@ _command(
 _command(
     "rotate the dog a little to the left",
     f"{_ROTATING}|turn",
-    lambda how, sense=1: _rotated(15.0 if how.kind == "small" else 120.0, sense),
+    lambda how, sense=1: making.rotated(15.0 if how.kind == "small" else 120.0, sense),
     "how",
     itself=f"{_ROTATING}|turn",
     how=degree,
@@ -1227,7 +770,13 @@ _own = table(_ways_beside) + thing >> (lambda way, who: (((None, way, None),), w
 _another_size = (
     ~lit(",")
     + ~lit("but|and|only|that is|at")
-    + either(_size_value, _sized, _brightness_value, _opacity_value, ~lit("in") + _colour_value)
+    + either(
+        qualities.size_value,
+        qualities.sized,
+        qualities.brightness_value,
+        qualities.opacity_value,
+        ~lit("in") + qualities.colour_value,
+    )
 )
 _beside: dict[str, Any] = {
     "changed": _another_size,
@@ -1252,13 +801,17 @@ _ADDING = (
 )
 _how_often = table({"once": 1.0, "twice": 2.0, "thrice": 3.0}) | number + lit("times|x")
 _command(
-    "copy the dog", "copy|duplicate|clone|replicate|make copies of|make a copy of", _copied, times=_how_often, **_beside
+    "copy the dog",
+    "copy|duplicate|clone|replicate|make copies of|make a copy of",
+    making.copied,
+    times=_how_often,
+    **_beside,
 )
-_command("put a copy of the car to the left", _ADDING, _copied, "times", bare=False, times=_copies, **_beside)
+_command("put a copy of the car to the left", _ADDING, making.copied, "times", bare=False, times=_copies, **_beside)
 _command(
     "make a smaller copy of the dog to the right",
     _ADDING,
-    _copied,
+    making.copied,
     "changed",
     bare=False,
     gapped=False,
@@ -1266,7 +819,7 @@ _command(
         _beside
         | {
             "changed": lit("a|another")
-            + either(_size_value, _sized, _colour_value, _brightness_value)
+            + either(qualities.size_value, qualities.sized, qualities.colour_value, qualities.brightness_value)
             + lit("copy|clone|duplicate")
             + lit("of")
         }
@@ -1283,7 +836,7 @@ _followers = either(
 
 
 def _trailing(times: float, shift: TimeExpression | None = None) -> Value | tuple[tuple[Value], ...]:
-    return _copied(times=times, shift=TimeExpression(seconds=TRAIL_LAG) if shift is None else shift)
+    return making.copied(times=times, shift=TimeExpression(seconds=TRAIL_LAG) if shift is None else shift)
 
 
 _command(
@@ -1314,8 +867,8 @@ _command(
     + ~lit("it|him|her|the original|the first one|behind it"),
     shift=_shift | ~lit("by|with") + duration,
 )
-_command("add another dog", _ADDING, _copied, "times", bare=False, times=_others, **_beside)
-_command("another copy of the dog", "", _copied, "times", bare=False, times=_copies | _others, **_beside)
+_command("add another dog", _ADDING, making.copied, "times", bare=False, times=_others, **_beside)
+_command("another copy of the dog", "", making.copied, "times", bare=False, times=_copies | _others, **_beside)
 
 # Time
 _motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
@@ -1328,12 +881,12 @@ _STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|s
 _command(
     "stop the dog at frame 30",
     "stop|freeze|pause|hold|halt|immobilize|stop moving",
-    _always(_frozen),
+    _always(making.frozen),
     timed=True,
     itself=f"stop|freeze|pause|halt|{_STANDING}",
     still=_still,
 )
-_command("keep the dog still", "keep|leave", _always(_frozen), "still", still=_still)
+_command("keep the dog still", "keep|leave", _always(making.frozen), "still", still=_still)
 _command(
     "play the dog at half speed",
     "play|run|show|put|set|render|play back|replay|move|drive|do",
@@ -1343,20 +896,26 @@ _command(
     timed=True,
     itself="move|run|go|walk|play|fly|swim|drive|fall|dance|swing|act|be|spin|travel|happen|jump|ride|roll"
     "|turn|gallop|race|jog|trot|flow|hop|fall|leap|skate|pass|drift",
-    values=_values(number + lit("x") >> _retimed, ~lit("in|at") + _pace, _backward, lit("in") + _coloured, _a_look),
+    values=_values(
+        number + lit("x") >> making.retimed,
+        ~lit("in|at") + qualities.pace,
+        qualities.backward,
+        lit("in") + _coloured,
+        qualities.a_look,
+    ),
 )
 _in_time = lit("in time")
 _command(
     "reverse the car",
     "reverse|rewind|play back to front|run in reverse",
-    _always(_reversed),
+    _always(making.reversed),
     itself="reverse|rewind",
     who=_motion,
     timed=True,
     in_time=_in_time,
 )
 _on_and_on = lit("again and again|over and over (again)|endlessly|repeatedly|in a loop|on loop|on repeat")
-_loop = _always(_looped)
+_loop = _always(making.looped)
 _part_of = ~lit("of|for|with") + _motion
 _command(
     "loop the dog from second 1 to 2",
@@ -1372,17 +931,17 @@ _command("play the dog in a loop from second 1 to 2", "play|run|show|put", _loop
 # Looks, colours of others, names
 _given = _values(
     ~lit("a|an|some")
-    + either(_warmth_value, _brightness_value, _saturation_value, _contrast_value)
+    + either(qualities.warmth_value, qualities.brightness_value, qualities.saturation_value, qualities.contrast_value)
     + lit("tone|tones|look|feel|color|colors|light|appearance|mood|tint|touch|cast|atmosphere"),
-    known_thing + lit("'s|'") + lit("color|colors|coloring|look|appearance") >> _matched,
-    _given_look,
-    _same_colour,
-    _opacity_value,
-    lit("a coat of") + colour + lit("paint") >> _assigned,
-    ~lit("a|an") + colour + lit("color|look|coloring|paint job|coat of paint|paint") >> _assigned,
-    _tint + lit("tint|tinge|touch") >> _faintly,
-    ~lit("a|an") + colour + lit("hue") >> _hued,
-    lit("the color") + _colour_value,
+    known_thing + lit("'s|'") + lit("color|colors|coloring|look|appearance") >> making.matched,
+    qualities.given_look,
+    qualities.same_colour,
+    qualities.opacity_value,
+    lit("a coat of") + colour + lit("paint") >> making.assigned,
+    ~lit("a|an") + colour + lit("color|look|coloring|paint job|coat of paint|paint") >> making.assigned,
+    _tint + lit("tint|tinge|touch") >> making.faintly,
+    ~lit("a|an") + colour + lit("hue") >> making.hued,
+    lit("the color") + qualities.colour_value,
 )
 _onto = lit("to|on|onto|over|for") + thing
 _command("give the dog a golden look", "give", _listed, "values", who=~lit("to") + thing, values=_given)
@@ -1391,15 +950,24 @@ _with = lit("to|with|and") + ~lit("the [color|colors|coloring|look] of|that of|t
 _matching = _with + ~(lit("'s|'") + ~lit("color|colors|coloring"))
 for _who in (whose("color|colors|coloring|look"), thing):
     _command(
-        "match the dog to the cat", "match|color match|adapt|adjust", _matched, "source", who=_who, source=_matching
+        "match the dog to the cat",
+        "match|color match|adapt|adjust",
+        making.matched,
+        "source",
+        who=_who,
+        source=_matching,
     )
-_command("make the hat match the shirt", "", _matched, "source", itself="match", source=known_thing)
+_command("make the hat match the shirt", "", making.matched, "source", itself="match", source=known_thing)
 _called = ~lit("as|to") + name
-_command("call the dog rex", "call|name|label|tag|dub|nickname", _named, "called", gapped=False, called=_called)
+_command("call the dog rex", "call|name|label|tag|dub|nickname", making.named, "called", gapped=False, called=_called)
 
 # What is said in passing, and commands without a verb
 _command(
-    "make the dog red", "do the same|do that too", _always(_deleted), who=lit("to|with|for|on") + thing, bare=False
+    "make the dog red",
+    "do the same|do that too",
+    _always(making.deleted),
+    who=lit("to|with|for|on") + thing,
+    bare=False,
 )
 COMMANDS[-1] = SAME = replace(COMMANDS[-1], gapped=False)
 TOPIC = Command("the dog: make it red", "", REMARK, {})
@@ -1429,7 +997,7 @@ _quality_words = (
 )
 _complained_of = either(
     lit("it|this|that")
-    >> (lambda: lambda context: _noted(context, context.last or (Current() if context.selected else All()))),
+    >> (lambda: lambda context: making.noted(context, context.last or (Current() if context.selected else All()))),
     thing,
 )
 _command(
@@ -1449,7 +1017,7 @@ _wanted = lit("i want|i would like|we want|we would like|i would love|we need|i 
 _command(
     "I want a white dog",
     "",
-    lambda want, rgb, rest=None: _assigned(rgb),
+    lambda want, rgb, rest=None: making.assigned(rgb),
     "want rgb",
     bare=False,
     gapped=False,
@@ -1462,7 +1030,7 @@ _there = lit("is|are|stands|was")
 _command(
     "put the dog where the cat is and the cat where the dog is",
     "put|move|place",
-    lambda other: _swapped(other),
+    lambda other: making.swapped(other),
     "other",
     gapped=False,
     other=lit("where")
@@ -1475,9 +1043,16 @@ _command(
     + silent(thing)
     + _there,
 )
-_command("tone down the sky", "tone down", lambda how=None: _lit(factor(how, False)), how=amount)
-_command("tone the sky down", "tone", lambda how=None: _lit(factor(how, False)), "down", how=amount, down=lit("down"))
-_day = lit("(the) day|daytime|daylight") >> (lambda: lambda context: _noted(context, All()))
+_command("tone down the sky", "tone down", lambda how=None: making.brightened(factor(how, False)), how=amount)
+_command(
+    "tone the sky down",
+    "tone",
+    lambda how=None: making.brightened(factor(how, False)),
+    "down",
+    how=amount,
+    down=lit("down"),
+)
+_day = lit("(the) day|daytime|daylight") >> (lambda: lambda context: making.noted(context, All()))
 _command(
     "turn day into night",
     "turn|change|make|transform",
@@ -1486,13 +1061,13 @@ _command(
     bare=False,
     gapped=False,
     who=_day,
-    values=_values(lit("into|to") + _bare_look),
+    values=_values(lit("into|to") + qualities.bare_look),
 )
 _keeps = lit("keeps|keep|retains|stays|stay|remains") + lit("(its|their|his|her) [color|colors]|colored|in color")
 _command(
     "only the dog keeps its color",
     "",
-    _always(_rest_grayed),
+    _always(making.rest_grayed),
     "only keeps",
     bare=False,
     gapped=False,
@@ -1501,9 +1076,16 @@ _command(
     rest=~lit(",|and")
     + silent(everything_else)
     + lit("goes|go|turns|becomes|is|should be|should go|gets|turn|become")
-    + silent(_without_colour | colour),
+    + silent(qualities.without_colour | colour),
 )
-_changed = either(_size_value, _pace_value, _brightness_value, _saturation_value, _warmth_value, _contrast_value)
+_changed = either(
+    qualities.size_value,
+    qualities.pace_value,
+    qualities.brightness_value,
+    qualities.saturation_value,
+    qualities.warmth_value,
+    qualities.contrast_value,
+)
 _command(
     "the dog twice as fast",
     "",
@@ -1512,7 +1094,10 @@ _command(
     bare=False,
     gapped=False,
     values=_values(
-        _changed, lit("in") + (_coloured | _any_look >> _styled), ~lit("in") + _slow_motion >> _retimed, _backward
+        _changed,
+        lit("in") + (_coloured | qualities.any_look >> making.styled),
+        ~lit("in") + qualities.slow_motion >> making.retimed,
+        qualities.backward,
     ),
 )
 _command(
@@ -1523,13 +1108,13 @@ _command(
     bare=False,
     gapped=False,
     who=known_noun,
-    values=~lit("a|an|some|the") + either(_changed, _sized) >> (lambda value: ((value,),)),
+    values=~lit("a|an|some|the") + either(_changed, qualities.sized) >> (lambda value: ((value,),)),
 )
 _command("no dog", "", _delete, "no", bare=False, gapped=False, no=lit("no"))
 for _kind, _words, _made_by in (
-    ("contrast", "contrast", _contrasted),
-    ("saturation", "saturation", _saturated),
-    ("brightness", "brightness", _lit),
+    ("contrast", "contrast", making.contrasted),
+    ("saturation", "saturation", making.saturated),
+    ("brightness", "brightness", making.brightened),
 ):
     _command(
         f"turn the {_kind} up",
@@ -1550,7 +1135,7 @@ _behind = lit("follow|trail|chase|[drive|run|walk|go|come|move] [behind|after]")
 _command(
     "let a second dog follow it one second later",
     "let|have|make",
-    _copied,
+    making.copied,
     "behind shift",
     bare=False,
     gapped=False,
@@ -1561,7 +1146,7 @@ _command(
 
 
 def _trailed(count: float = TRAIL_COPIES) -> Value | tuple[tuple[Value], ...]:
-    return _copied(times=count, shift=TimeExpression(seconds=TRAIL_LAG))
+    return making.copied(times=count, shift=TimeExpression(seconds=TRAIL_LAG))
 
 
 _a_trail = (

@@ -7,7 +7,7 @@ from functools import singledispatch
 from ..language.amounts import PLACES
 from ..language.colour_names import COLOURS, Colour, name_of
 from ..language.lexicon import plural
-from .commands import BLUR, GLOW, MORE_COLOUR, SHOWN
+from .making import BLUR, GLOW, MORE_COLOUR, SHOWN
 from .operations import (
     Blur,
     Delete,

@@ -37,8 +37,9 @@ from ..language.grammar import (
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
 from ..language.paraphrases import paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
-from .commands import BESIDE, COMMANDS, COPY_DISTANCE, REMARK, SAME, THE_COPY, TOPIC, Command
+from .commands import COMMANDS, REMARK, SAME, TOPIC, Command
 from .description import describe
+from .making import BESIDE, COPY_DISTANCE, THE_COPY
 from .operations import Delete, Duplicate, Extract, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
 from .selects import All, And, Named, Not, SelectKind, parts_of

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from f4x_core.edit import styles
-from f4x_core.edit.commands import COMMANDS, SHOWN
+from f4x_core.edit.commands import COMMANDS
 from f4x_core.edit.language import MAX_CHARACTERS, Refusal, describe, nearest, parse
+from f4x_core.edit.making import SHOWN
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Transform, read_operation
 from f4x_core.edit.selects import Current, Ids, Instance, Named, Not, Or, Text
 from f4x_core.errors import F4xError

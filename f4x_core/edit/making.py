@@ -1,0 +1,357 @@
+"""What is done to somebody: from the amounts, colours and ways that a sentence names to typed operations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from ..language.amounts import (
+    PLACES,
+    Amount,
+    Distance,
+    Steps,
+    Vector,
+    displacement,
+    factor,
+)
+from ..language.colour_names import Colour
+from ..language.colours import GRAY
+from ..language.grammar import Mismatch, Refusal
+from ..language.times import TimeExpression
+from .operations import (
+    Blur,
+    Delete,
+    Duplicate,
+    Extract,
+    Freeze,
+    Glow,
+    Grade,
+    Loop,
+    Match,
+    Name,
+    Opacity,
+    Operation,
+    Recolour,
+    Retime,
+    Reverse,
+    Style,
+    Swap,
+    Transform,
+)
+from .phrases import (
+    SentenceContext,
+    When,
+    Who,
+    means_something,
+)
+from .selects import All, Instance, Named, Not, Or, SelectKind, Text
+
+Value = Callable[[SelectKind, When, SentenceContext], Operation]
+"""What "red" or "twice as big" does to somebody at some time."""
+Making = Callable[[float], Value]
+"""A value from a factor."""
+
+BLACK_AND_WHITE = (0.5, 0.5, 0.5)
+"""As `hue`: no colour is left, light and dark stay."""
+A_BIT = 0.5
+"""Strength of "a bit red", and of a tint."""
+MORE_COLOUR = 0.3
+"""How far "redder" goes from gray to red."""
+SHOWN = 10.0
+"""Factor that makes anything opaque that is there at all."""
+WARMER = 0.5
+"""Warmth of "warmer"; a bit: half, much: twice as much."""
+BLUR, GLOW = 0.02, 0.5
+"""Radius of "blur" in world units and strength of "glow"; a bit: half, much: twice as much."""
+COPY_DISTANCE = 1.2
+"""Widths to the next copy: beside the thing, with a gap."""
+BESIDE = (COPY_DISTANCE, 0.0, 0.0)
+"""Where a copy goes when the sentence does not say, in sizes along the camera's axes."""
+TILT = 30.0
+"""Degrees, where the sentence names none."""
+
+
+# Values: what follows "make the dog …" --------------------------------------------------------------------------------
+THE_COPY = Named("\0")
+"""What an operation before it makes, until that has a name."""
+UPSIDE_DOWN = (0.0, 0.0, 180.0)
+"""Degrees about the camera's axes."""
+RIGHT, UP, DOWN = (((None, way, None),) for way in ((1, 0, 0), (0, -1, 0), (0, 1, 0)))
+"""One step in a direction, as `phrases.steps` has it."""
+
+
+def recoloured(rgb: Colour, mode: Any = "assign", strength: float = 1.0) -> Value:
+    """A colour, laid on by `mode`."""
+    return lambda who, when, _: Recolour(who, rgb, mode, strength, **when.coming)
+
+
+def hued(rgb: Colour) -> Value:
+    """The hue of a colour; light and dark stay."""
+    return recoloured(rgb, "hue")
+
+
+GRAYED = hued(BLACK_AND_WHITE)
+
+
+def assigned(rgb: Colour, strength: float = 1.0) -> Value:
+    """A colour with the light and shade of the thing; gray takes its colour away."""
+    if rgb == GRAY:
+        return recoloured(BLACK_AND_WHITE, "hue", strength)
+    return lambda who, when, _: Recolour(who, rgb, strength=strength, keep_luminance=True, **when.coming)
+
+
+def faintly(rgb: Colour) -> Value:
+    """A bit of a colour."""
+    return assigned(rgb, A_BIT)
+
+
+def brightened(by: float) -> Value:
+    """So many times as bright."""
+    return recoloured((by, by, by), "multiply")
+
+
+def added(times: float, more: tuple[Colour, int]) -> Value:
+    """Redder or less blue, `times` as much as usual."""
+    rgb, sign = more
+    red, green, blue = (round(times * sign * MORE_COLOUR * (c - 0.5), PLACES) for c in rgb)
+    return recoloured((red, green, blue), "add")
+
+
+def contrasted(by: float) -> Value:
+    """So many times the contrast."""
+    return lambda who, when, _: Grade(who, contrast=round(by, PLACES), **when.coming)
+
+
+def saturated(by: float) -> Value:
+    """So many times the saturation."""
+    return lambda who, when, _: Grade(who, saturation=round(by, PLACES), **when.coming)
+
+
+def warmed(how: Amount | None, warmer: bool) -> Value:
+    """Warmer or cooler by an amount; Mismatch for one that is no degree or share."""
+    kind, value = (None, 0.0) if how is None else (how.kind, how.value)
+    if kind not in (None, "small", "large", "fraction"):
+        raise Mismatch
+    warmth = value if kind == "fraction" else {None: WARMER, "small": WARMER / 2, "large": 2 * WARMER}[kind]
+    return lambda who, when, _: Grade(who, warmth=round(warmth if warmer else -warmth, PLACES), **when.coming)
+
+
+def made_warmer(how: Amount | None = None, *, warmer: bool) -> Value:
+    """`warmed`, with its amount as a slot."""
+    return warmed(how, warmer)
+
+
+def more_saturated(how: Amount | None = None, *, upward: bool) -> Value:
+    """More or less colour by an amount."""
+    return saturated(factor(how, upward))
+
+
+def blurred(how: Amount | None = None) -> Value:
+    """A blur, a bit of one or much; Mismatch for other amounts."""
+    if how is not None and how.kind not in ("small", "large"):
+        raise Mismatch
+    radius = BLUR * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+    return lambda who, when, _: Blur(who, radius, **when.effect)
+
+
+def glowing(how: Amount | None = None, rgb: Colour | None = None) -> Value:
+    """A glow, in its own colours or in `rgb`; Mismatch as for `blurred`."""
+    if how is not None and how.kind not in ("small", "large"):
+        raise Mismatch
+    strength = GLOW * (1.0 if how is None else 0.5 if how.kind == "small" else 2.0)
+    return lambda who, when, _: Glow(who, strength, rgb, **when.effect)
+
+
+def swapped(other: Who | None = None) -> Value:
+    """To change places with `other`, or the two of a pair with each other; Refusal where they are not two."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        pair: tuple[SelectKind, ...] = (who,) if other is None else (who, other(context))
+        if other is None and isinstance(who, Text):
+            pair = tuple(replace(who, labels=(label,)) for label in who.labels)
+        elif other is None and isinstance(who, Or):
+            pair = who.of
+        if len(pair) == 1 and isinstance(who, Text) and who.number == "both":
+            of = replace(who, number="any")
+            pair = (Instance(of, "left", context.present), Instance(of, "right", context.present))
+        if len(pair) != 2:
+            raise Refusal("Two things can change places; say which two, for example 'swap the dog and the cat'.")
+        return Swap(*pair, **when.growth)
+
+    return value
+
+
+def stretched(by: float) -> Value:
+    """So many times as long; Mismatch for none."""
+    if by <= 0:
+        raise Mismatch
+    return retimed(1 / by)
+
+
+def opacity(by: float) -> Value:
+    """So many times as opaque."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if when.slowly:
+            return faded(by)(who, when, context)
+        return Opacity(who, round(by, PLACES), **when.effect)
+
+    return value
+
+
+def shown(again: bool = False) -> Value:
+    """To be seen, again; Refusal for a time that may be the only one."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if when.frames is not None and not again:
+            raise Refusal(
+                "'Show' with a time can be meant in two ways; say for example 'hide the dog until second 2', or 'show the dog again"
+                " from second 2'."
+            )
+        return Opacity(who, SHOWN, **when.effect)
+
+    return value
+
+
+def faded(by: float, inward: bool = False) -> Value:
+    """To become so many times as opaque little by little, or to come from it (`inward`)."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        fading = when.fading(context, inward)
+        if (when.slowly or inward) and "ease" not in fading:
+            raise Refusal("It is not said from when to when it fades; add for example 'from second 1 to 2'.")
+        return Opacity(who, round(by, PLACES), **fading, inward=inward)
+
+    return value
+
+
+def deleted(who: SelectKind, when: When, _: SentenceContext) -> Operation:
+    """To be gone; Refusal for everything."""
+    if who == All():
+        raise Refusal("Nothing would be left; say what to remove, or 'hide everything' if that is meant.")
+    return Delete(who, **when.effect)
+
+
+def extracted(who: SelectKind, when: When, _: SentenceContext) -> Operation:
+    """To be all that is left."""
+    return Extract(who, **when.effect)
+
+
+def rest_grayed(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+    """All others lose their colour."""
+    return GRAYED(Not(who), when, context)
+
+
+def scaled(by: float) -> Value:
+    """So many times as big."""
+    return lambda who, when, _: Transform(who, scale=round(by, PLACES), pivot="base", **when.growth)
+
+
+def turned(rotate: Vector) -> Value:
+    """Degrees about the camera's axes."""
+    return lambda who, when, _: Transform(who, rotate=rotate, axes="camera", **when.growth)
+
+
+def rotated(angle: float = 90.0, sense: int = 1) -> Value:
+    """Degrees about the vertical."""
+    return turned((0.0, sense * angle, 0.0))
+
+
+def tilted(angle: float = TILT, sense: int = 1) -> Value:
+    """Degrees to the side."""
+    return turned((0.0, 0.0, sense * angle))
+
+
+def moved(way: Steps, far: Distance | None = None) -> Value:
+    """Steps, the last by `far` where it has no distance of its own."""
+    vector, unit = displacement(way, far, 1.0)
+    return lambda who, when, _: Transform(who, translate=vector, unit=unit, axes="camera", **when.growth)
+
+
+def copied(
+    way: Steps | None = None,
+    far: Distance | None = None,
+    times: float = 1.0,
+    shift: TimeExpression | None = None,
+    called: str = "",
+    own: tuple[Steps, Who] | None = None,
+    changed: Value | None = None,
+) -> Value | tuple[tuple[Value], ...]:
+    """Copies: where, how far apart, how many, how much later, called what, beside whom, looking how; Refusal: half a copy."""
+    if own is not None:
+        way = own[0]
+    if times != int(times):
+        raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
+    arguments: dict[str, Any] = {"count": int(times), "name": called}
+    if way or far or shift is None:
+        offset, unit = displacement(way or RIGHT, far, COPY_DISTANCE)
+        arguments |= {"offset": offset, "unit": unit, "axes": "camera"}
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if called:
+            context.names.setdefault(called.lower(), called)
+        if own is not None and own[1](context) != who:
+            raise Refusal("A copy goes beside what it is a copy of; say for example 'copy the dog to the left'.")
+        context.last = who
+        later = 0.0 if shift is None else shift.resolve(context)
+        return Duplicate(who, time_shift=later, **arguments, **when.none("A copy"))
+
+    if changed is not None:
+        return (value,), (lambda who, when, context: changed(THE_COPY, when, context),)
+    return value
+
+
+def frozen(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+    """To stand still."""
+    return Freeze(who, **when.pause(context))
+
+
+def retimed(by: float) -> Value:
+    """So many times as fast."""
+    return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
+
+
+def noted(context: SentenceContext, who: SelectKind) -> SelectKind:
+    """`who`, which "it" means from now on."""
+    context.last = who
+    return who
+
+
+def reversed(who: SelectKind, when: When, _: SentenceContext) -> Operation:
+    """To run backwards."""
+    return Reverse(who, **when.effect)
+
+
+def looped(who: SelectKind, when: When, _: SentenceContext) -> Operation:
+    """To run again and again; Refusal without a time."""
+    if when.frames is None:
+        raise Refusal("It is not said which part is repeated; add for example 'from second 1 to 2'.")
+    return Loop(who, **when.effect)
+
+
+def styled(look: str, strength: float = 1.0) -> Value:
+    """To look like a material or a light."""
+    return lambda who, when, _: Style(who, look, strength, **when.coming)
+
+
+def matched(source: Who) -> Value:
+    """To take over the colours of `source`."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        found = source(context)
+        context.last = who  # what is spoken about is the thing that changes
+        return Match(who, found, **when.coming)
+
+    return value
+
+
+def named(called: str) -> Value:
+    """To have a name; Refusal for one that means something else."""
+    if means_something(called):
+        raise Refusal(f"'{called}' cannot be a name, because it means something else in a sentence; choose another.")
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        return Name(who, context.names.setdefault(called.lower(), called), **when.none("A name"))
+
+    return value

@@ -1,0 +1,225 @@
+"""What becomes of a thing, as sentences say it: the phrases behind "make the dog …"."""
+
+from __future__ import annotations
+
+from ..language.amounts import (
+    Amount,
+    amount,
+    comparison,
+    degree,
+    factor,
+    fraction,
+    fraction_of,
+    multiple,
+    number,
+    percent,
+)
+from ..language.colours import colour, colourish, more_colour
+from ..language.grammar import constant, either, lit, optional, silent, table
+from . import making
+from .phrases import (
+    known_thing,
+)
+from .styles import STYLES
+
+_small = degree >> (lambda how: making.A_BIT if how.kind == "small" else 1.0)
+_article = ~lit("a|an|the|some")
+_shade_of = ~lit(
+    "(nice|lovely|bright|strong) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very"
+) + ~(lit("from") + silent(colour) + ~lit("to|into"))
+_fully = ~lit("all|completely|fully|entirely|totally|wholly")
+colored = ~lit("(in) color|colored|tone|tint")
+_flat = lit("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
+colour_value = either(
+    _article + _flat + ~_flat + colour + colored >> making.recoloured,
+    lit("a (little|tiny) bit|a [little|tad|touch]|slightly|somewhat|faintly|kind of")
+    + ~lit("more")
+    + (colour | colourish)
+    >> making.faintly,
+    ~lit("a|an|some") + colourish + colored >> making.faintly,
+    _fully + ~lit("a|an|some") + _shade_of + ~lit("the color") + colour + colored >> making.assigned,
+)
+more_colour_value = (
+    optional(table({"a (little) bit|a little|slightly|somewhat": 0.5, "much|a lot|far|way": 2.0}), 1.0) + more_colour
+    >> making.added
+)
+without_colour = lit(
+    "black and white|black white|a black and white [picture|image|look]|b and w|b / w|monochrome|monochromatic|(a) grayscale|"
+    "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
+) >> (lambda: making.GRAYED)
+_BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
+_SIZE = ("bigger|larger", "smaller|tinier", "big|large|huge|tall|high|wide", "small|tiny|little|short")
+_SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speedy", "slow|slowly")
+brightness_value = (
+    either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright"))
+    >> making.brightened
+)
+contrast_value = (
+    comparison("punchier|crisper", "flatter", "contrasty|contrastful|punchy|contrasted", "flat") >> making.contrasted
+)
+saturation_value = (
+    comparison(
+        "more saturated|richer|livelier|stronger|bolder|more intense",
+        "duller|less saturated|paler|weaker",
+        "saturated|vivid|colorful|vibrant|intense|rich|lively|colored",
+        "desaturated|muted|dull|washed out|pale|faded",
+    )
+    >> making.saturated
+)
+_warmer = table(
+    {"warmer|more warm|less cool|less cold": True, "cooler|colder|chillier|more cool|more cold|less warm": False}
+)
+warmth_value = either(
+    optional(amount) + _warmer >> making.warmed, _warmer + amount >> (lambda warmer, how: making.warmed(how, warmer))
+)
+pop = lit(
+    "pop|pop more|pop out|stand out|stand out more|come alive|(more|really) vivid|(very) saturated|(very) colorful|vibrant"
+) >> (lambda: making.saturated(factor(None, True)))
+sized = either(
+    ~lit("very|really|quite")
+    + table({"tiny|small|little|minute|miniature": 0.5, "huge|giant|enormous|gigantic|big|large|massive": 2.0})
+    >> making.scaled
+)
+softly = either(
+    degree,
+    table(
+        {
+            "softly|faintly|gently|weakly": Amount("small"),
+            "heavily|strongly|intensely|brightly|very|really|badly": Amount("large"),
+        }
+    ),
+)
+_blurry = ~lit("all") + lit(
+    "blurry|blurred|softer|soft focus|less sharp|blurrier|fuzzy|hazy|out of focus|unsharp|more blurry|more blurred"
+)
+blur_value = ~lit("go") + either(optional(softly) + _blurry >> making.blurred, _blurry + softly >> making.blurred)
+_glow_value = (
+    optional(softly)
+    + lit("glowing|glowy|luminous|aglow|radiant|shining|shiny|shimmering|glow")
+    + ~lit("in")
+    + optional(colour)
+    >> making.glowing
+)
+size_value = either(comparison(*_SIZE), fraction_of("size|sizes|dimensions|scale|height|width|length")) >> making.scaled
+slow_motion = lit("(in) (a) slow motion|go slow motion|(in) slow mo|(in) slowmo|in slomo") >> (lambda: 0.5)
+_paced = either(
+    fraction_of("speed|pace|tempo|rate|velocity"),
+    lit("(a) speed of") + (multiple | percent | number),
+    ~lit("a") + multiple,
+)
+pace_value = (
+    either(comparison(*_SPEED), ~lit("with") + slow_motion, ~lit("at|to|with") + fraction_of("speed|pace|tempo|rate"))
+    >> making.retimed
+)
+pace = either(pace_value, lit("at|in|to") + _paced >> making.retimed)
+backward = lit(
+    "backward|in reverse|reversed|in the opposite direction|back to front|from the end to the start"
+    "|in reverse order|(the) other way around|from back to front|from end to start"
+) >> (lambda: making.reversed)
+_see_through = lit("transparent|see through|translucent|transparency|sheer")
+_share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
+_transparency = either(
+    percent + _see_through >> (lambda x: 1 - x),
+    table(
+        {
+            "half|semi|partly|partially|somewhat": 0.5,
+            "a (little) bit|a little|slightly": 0.8,
+            "very|mostly|almost|nearly": 0.2,
+            "completely|fully|totally|entirely|100 %": 0.0,
+        }
+    )
+    + _see_through,
+    fraction + _see_through >> (lambda x: 1 - x),
+    _see_through >> (lambda: 0.5),
+    _article + percent + lit("opaque|visible|opacity"),
+    fraction + lit("opaque|visible|opacity"),
+    lit("(an|a) opacity (of)") + (percent | number),
+    lit("(a) transparency (of)") + (percent | number) >> (lambda x: 1 - x),
+    lit("(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|reappear")
+    >> (lambda: making.SHOWN),
+    optional(amount) + lit("more") + _see_through >> (lambda how: 1 - _share_of(how)),
+    optional(amount) + lit("less") + _see_through >> (lambda how: 1 + 2 * _share_of(how)),
+    lit(
+        "(completely|totally|fully) invisible|(completely|totally) hidden|unseen|not visible|vanish|vanished|disappear|disappeared"
+    )
+    >> (lambda: 0.0),
+)
+opacity_value = ~lit("at|to|with") + _transparency >> making.opacity
+upside_down = lit("upside down|on (its|his|her|their) head|head over heels")
+look_name = table(
+    {f"{look}|{look}s": look for look in STYLES} | {"flames|flame": "fire", "the night|night time|nighttime": "night"},
+    reserve=False,
+)
+_look_adjective = table(
+    {
+        "golden": "gold",
+        "silvery": "silver",
+        "coppery": "copper",
+        "icy|frozen over": "ice",
+        "fiery|flaming|burning": "fire",
+        "molten": "lava",
+        "nighttime|night time": "night",
+        "autumnal|autumn like|in autumn colors|autumn colored": "autumn",
+        "grassy": "grass",
+        "chocolatey|chocolaty": "chocolate",
+        "ghostly|ghostlike": "ghost",
+        "marbled": "marble",
+        "sepia|sepia toned": "sepia",
+        "neon": "neon",
+    },
+    reserve=False,
+)
+any_look = look_name | _look_adjective
+_effect = lit(
+    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment"
+)
+_strongly = optional(_small, 1.0)
+_seem = ~lit("look|looking|looks|appear|seem|feel")
+a_look = either(
+    _seem
+    + _strongly
+    + lit("like|as if it were|as if they were|as though it were|similar to")
+    + ~lit("(it is|they are) made (out) (of)|made (out) of")
+    + ~lit("a|an|pure|solid|real")
+    + look_name,
+    constant(1.0)
+    + lit("(made|built|carved|cast) (out) of|in the style of|into|in")
+    + ~lit("a|an|pure|solid")
+    + look_name
+    + ~_effect,
+    constant(1.0) + lit("in|into|with") + ~lit("a|an|the|some") + any_look + _effect,
+    _seem + _strongly + _look_adjective,
+) >> (lambda strength, look: making.styled(look, strength))
+bare_look = (
+    table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled
+)
+given_look = _article + any_look + ~lit("like|colored") + _effect >> making.styled
+source = ~lit("that of|those of|the colors of|the color of") + known_thing + ~lit("'s (color|colors)")
+same_as = (
+    lit("the (exact) same (color|colors|coloring|look)|the same|(a|the) similar color") + lit("as|like|to") + source
+    >> making.matched
+)
+colour_of = _article + lit("color|colors|coloring|palette|look|appearance") + lit("of|from") + source >> making.matched
+same_colour = same_as | colour_of
+alike = _seem + lit("like|similar to|the same as") + source >> making.matched
+made = either(
+    colour_value,
+    without_colour,
+    more_colour_value,
+    brightness_value,
+    contrast_value,
+    saturation_value,
+    warmth_value,
+    pop,
+    sized,
+    blur_value,
+    _glow_value,
+    size_value,
+    pace_value,
+    opacity_value,
+    upside_down >> (lambda: making.turned(making.UPSIDE_DOWN)),
+    same_colour,
+    a_look,
+    alike,
+    bare_look,
+)
