@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from ..language.amounts import (
-    PLACES,
     Amount,
     Distance,
     amount,
@@ -24,18 +23,12 @@ from ..language.amounts import (
     steps,
 )
 from ..language.colours import colour, colourish
-from ..language.grammar import Mismatch, Refusal, Rule, either, listed, lit, optional, silent, table
+from ..language.grammar import Mismatch, Rule, either, listed, lit, optional, silent, table
 from ..language.lexicon import inflected
 from ..language.times import TimeExpression, duration
 from . import making, qualities
 from .making import Making, Value
-from .operations import (
-    Operation,
-    Retime,
-)
 from .phrases import (
-    SentenceContext,
-    When,
     colors,
     everything_but,
     everything_else,
@@ -47,7 +40,7 @@ from .phrases import (
     two_of_them,
     whose,
 )
-from .selects import All, Current, SelectKind
+from .selects import All, Current
 
 
 def REMARK() -> Value:  # it stands for what is said and asks for nothing
@@ -56,6 +49,11 @@ def REMARK() -> Value:  # it stands for what is said and asks for nothing
 
 
 # Commands ------------------------------------------------------------------------------------------------------------
+
+
+def AGAIN() -> Value:  # likewise for the command before
+    """Make what was said before: "do the same with the cat"."""
+    raise Mismatch
 
 
 @dataclass(frozen=True)
@@ -562,37 +560,37 @@ _command(
 )
 
 # Taking out, and leaving alone
-_DELETING = (
+DELETING = (
     "remove|delete|erase|get rid of|eliminate|drop|lose|discard|scrap|trash|do away with|dump|ditch"
     "|clear|banish|scratch|kill|cut|purge|rid us of"
 )
-_SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
-_out = lit(
+SPLIT = "take|cut|throw|wipe|rub|edit|crop|get|kick|strip|clean|clear|chuck|leave|mask|erase|delete|remove|chop|pull"
+OUT = lit(
     "out|away|off|out of [there|here|sight]|from sight|from view|[out of|from] [the|this] (whole"
     "|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture"
     "|video|clip|image|shot|frame]"
 )
 _delete, _extract = _always(making.deleted), _always(making.extracted)
-_command("remove everything except the dog", _DELETING, _extract, who=everything_but)
-_command("take out everything except the dog", _SPLIT, _extract, "out", who=everything_but, out=_out)
+_command("remove everything except the dog", DELETING, _extract, who=everything_but)
+_command("take out everything except the dog", SPLIT, _extract, "out", who=everything_but, out=OUT)
 _command(
-    "remove the car", _DELETING, _delete, itself="go away|be gone|go|not be there|not be visible|get lost", bare=False
+    "remove the car", DELETING, _delete, itself="go away|be gone|go|not be there|not be visible|get lost", bare=False
 )
-_command("take the car out", _SPLIT, _delete, "out", bare=False, out=_out)
-_KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
-_only = lit("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
-_only_keep = _only | lit(
+_command("take the car out", SPLIT, _delete, "out", bare=False, out=OUT)
+KEEPING = "keep|show|show me|leave|retain|have|display|see|preserve|let me see"
+ONLY = lit("only|just|nothing but|solely|nothing except|nothing else but|nothing other than")
+_only_keep = ONLY | lit(
     "[i|we] [only|just] want (to see)|[i|we] want to see [only|just]|[only|just] [keep|show|leave|retain]"
 )
-_command("keep only the dog", _KEEPING, _extract, "only", bare=False, only=_only)
+_command("keep only the dog", KEEPING, _extract, "only", bare=False, only=ONLY)
 _in_colour = lit("in (full) [color|colors]|colored")
 _command(
     "show only the dog in color",
-    _KEEPING,
+    KEEPING,
     _always(making.rest_grayed),
     "only colored",
     bare=False,
-    only=_only,
+    only=ONLY,
     colored=_in_colour,
 )
 _command("only the dog", "", _extract, "only", bare=False, only=_only_keep)
@@ -600,7 +598,7 @@ _command(
     "crop everything but the dog", "crop|crop out|clear|wipe|strip|strip away|cut|hide", _extract, who=everything_but
 )
 _command("isolate the dog", "isolate|extract|single out|separate out|separate|cut free", _extract, bare=False)
-_and_remove = ~lit(",") + ~lit("and|but") + lit("|".join(inflected(_DELETING, 1))) + silent(everything_else)
+_and_remove = ~lit(",") + ~lit("and|but") + lit("|".join(inflected(DELETING, 1))) + silent(everything_else)
 _command("keep the dog and remove everything else", "keep|leave|retain", _extract, "rest", bare=False, rest=_and_remove)
 _unwanted = lit(
     "[i|we] do not [want|need] (to see)|[i|we] do not want to have|[i|we] no longer [want|need]"
@@ -659,11 +657,11 @@ _command(
     far=distance,
     particle=lit("down|lower"),
 )
-_ROTATING, _TILTING = (
+ROTATING, TILTING = (
     "rotate|spin|revolve|pivot|swivel|twirl",
     "tilt|roll|lean|tip|bank|slant|incline|tip over|lean over",
 )
-_sense = table(
+SENSE = table(
     {
         "(over) (to|toward) (the|its|his|her|their) left (side|hand side)|leftward|counterclockwise"
         "|counter clockwise|anticlockwise|anti clockwise": -1,
@@ -680,11 +678,11 @@ _turn = table(
     }
 )
 _by = ~lit("by|through|for")
-_angle = either(_by + signed + lit("degrees|degree|deg|°|º"), ~lit("by") + signed, _by + ~lit("a|one") + _turn)
+ANGLE = either(_by + signed + lit("degrees|degree|deg|°|º"), ~lit("by") + signed, _by + ~lit("a|one") + _turn)
 _axis = lit(
     "[around|about|on] [its|his|her|their|the] (own) (vertical) axis|[around|about] the vertical|in place|on the spot"
 )
-_turns: dict[str, Any] = {"angle": _angle, "sense": _sense, "axis": _axis}
+TURNS: dict[str, Any] = {"angle": ANGLE, "sense": SENSE, "axis": _axis}
 _command(
     "turn the dog upside down",
     "turn|flip|rotate|put|stand|set|hang|place",
@@ -695,41 +693,41 @@ _command(
 )
 _command(
     "turn the dog around",
-    f"{_ROTATING}|turn",
+    f"{ROTATING}|turn",
     lambda angle=180.0, sense=1: making.rotated(angle, sense),
     "around",
-    itself=f"{_ROTATING}|turn|look|face",
+    itself=f"{ROTATING}|turn|look|face",
     around=lit(
         "around|round|the other way (around)|to face the other way|back to front|about|so that [it|he"
         "|she] [faces|looks] the other way|"
         "[in|to] the [other|opposite] direction|completely around"
     ),
-    **_turns,
+    **TURNS,
 )
-_command("turn the dog to the left", "turn", making.rotated, "sense", itself="turn", **_turns)
-_command("turn the dog by 45 degrees", "turn", making.rotated, "angle", itself="turn", **_turns)
-_command("rotate the dog by 90 degrees", _ROTATING, making.rotated, itself=_ROTATING, **_turns)
-_command("tilt the lamp to the left", _TILTING, making.tilted, "sense", itself=_TILTING, angle=_angle, sense=_sense)
-_command("tilt the lamp by 20 degrees", _TILTING, making.tilted, "angle", itself=_TILTING, angle=_angle, sense=_sense)
+_command("turn the dog to the left", "turn", making.rotated, "sense", itself="turn", **TURNS)
+_command("turn the dog by 45 degrees", "turn", making.rotated, "angle", itself="turn", **TURNS)
+_command("rotate the dog by 90 degrees", ROTATING, making.rotated, itself=ROTATING, **TURNS)
+_command("tilt the lamp to the left", TILTING, making.tilted, "sense", itself=TILTING, angle=ANGLE, sense=SENSE)
+_command("tilt the lamp by 20 degrees", TILTING, making.tilted, "angle", itself=TILTING, angle=ANGLE, sense=SENSE)
 
 _command(
     "tilt the lamp a little",
-    _TILTING,
+    TILTING,
     lambda how, sense=1: making.tilted(making.TILT / 3 if how.kind == "small" else 2 * making.TILT, sense),
     "how",
-    itself=_TILTING,
+    itself=TILTING,
     how=degree,
-    sense=_sense,
+    sense=SENSE,
 )
 
 _command(
     "rotate the dog a little to the left",
-    f"{_ROTATING}|turn",
+    f"{ROTATING}|turn",
     lambda how, sense=1: making.rotated(15.0 if how.kind == "small" else 120.0, sense),
     "how",
-    itself=f"{_ROTATING}|turn",
+    itself=f"{ROTATING}|turn",
     how=degree,
-    sense=_sense,
+    sense=SENSE,
 )
 
 # Copies
@@ -741,7 +739,7 @@ _following = lit(
     "him|her)|[following|trailing|lagging] (behind|after) (it|him|her)|"
     "[follow|trail] (behind|after) (it|him|her|the original)|to [follow|trail] (behind|after) (it|him|her|the original)"
 )
-_shift = either(
+SHIFT = either(
     ~lit(",")
     + _following
     + ~lit("by|with|at|on the same path")
@@ -778,13 +776,13 @@ _another_size = (
         ~lit("in") + qualities.colour_value,
     )
 )
-_beside: dict[str, Any] = {
+BESIDE_IT: dict[str, Any] = {
     "changed": _another_size,
     "own": _own,
     "way": ~lit(",") + steps,
     "far": ~lit(",") + _apart | distance,
     "row": _in_a_row,
-    "shift": _shift,
+    "shift": SHIFT,
     "called": _called_so,
 }
 _copies = either(
@@ -805,9 +803,9 @@ _command(
     "copy|duplicate|clone|replicate|make copies of|make a copy of",
     making.copied,
     times=_how_often,
-    **_beside,
+    **BESIDE_IT,
 )
-_command("put a copy of the car to the left", _ADDING, making.copied, "times", bare=False, times=_copies, **_beside)
+_command("put a copy of the car to the left", _ADDING, making.copied, "times", bare=False, times=_copies, **BESIDE_IT)
 _command(
     "make a smaller copy of the dog to the right",
     _ADDING,
@@ -816,7 +814,7 @@ _command(
     bare=False,
     gapped=False,
     **(
-        _beside
+        BESIDE_IT
         | {
             "changed": lit("a|another")
             + either(qualities.size_value, qualities.sized, qualities.colour_value, qualities.brightness_value)
@@ -825,8 +823,8 @@ _command(
         }
     ),
 )
-TRAIL_COPIES, TRAIL_LAG = 3.0, 0.2
-"""Copies of a trail, and seconds from one to the next."""
+TRAIL_COPIES, TRAIL_LAG = 3.0, TimeExpression(seconds=0.2)
+"""Copies of a trail, and the time from one to the next."""
 _followers = either(
     lit("a|another|one") + lit("copy|clone|duplicate|second one") >> (lambda: 1.0),
     lit("another one|a second one") >> (lambda: 1.0),
@@ -836,7 +834,7 @@ _followers = either(
 
 
 def _trailing(times: float, shift: TimeExpression | None = None) -> Value | tuple[tuple[Value], ...]:
-    return making.copied(times=times, shift=TimeExpression(seconds=TRAIL_LAG) if shift is None else shift)
+    return making.copied(times=times, shift=TRAIL_LAG if shift is None else shift)
 
 
 _command(
@@ -851,7 +849,7 @@ _command(
         "follow|trail|chase|[run|drive|come|walk|go] [behind|after]|that [follow|follows|trail] (behind)"
         "|following|trailing (behind)|behind"
     ),
-    shift=_shift | ~lit("by|with") + duration,
+    shift=SHIFT | ~lit("by|with") + duration,
     path=lit("along (its|the same) path|on (its|the same) path"),
 )
 _command(
@@ -865,14 +863,14 @@ _command(
     follow=~lit("should|must|will|shall")
     + lit("follow|follows|trail|trails|chase|chases|[run|runs|drive|drives|come|comes|walk|walks] [behind|after]")
     + ~lit("it|him|her|the original|the first one|behind it"),
-    shift=_shift | ~lit("by|with") + duration,
+    shift=SHIFT | ~lit("by|with") + duration,
 )
-_command("add another dog", _ADDING, making.copied, "times", bare=False, times=_others, **_beside)
-_command("another copy of the dog", "", making.copied, "times", bare=False, times=_copies | _others, **_beside)
+_command("add another dog", _ADDING, making.copied, "times", bare=False, times=_others, **BESIDE_IT)
+_command("another copy of the dog", "", making.copied, "times", bare=False, times=_copies | _others, **BESIDE_IT)
 
 # Time
 _motion = either(whose("motion|motions|movement|movements|action|animation"), thing)
-_still = lit(
+STILL = lit(
     "still|in place|in [the|its|his|her|their] tracks|in mid [air|flight|jump|step|stride|motion"
     "|run]|mid air|in the air|dead|in (mid) motion|moving|from moving|motionless|frozen|standing"
     " still|there"
@@ -884,9 +882,9 @@ _command(
     _always(making.frozen),
     timed=True,
     itself=f"stop|freeze|pause|halt|{_STANDING}",
-    still=_still,
+    still=STILL,
 )
-_command("keep the dog still", "keep|leave", _always(making.frozen), "still", still=_still)
+_command("keep the dog still", "keep|leave", _always(making.frozen), "still", still=STILL)
 _command(
     "play the dog at half speed",
     "play|run|show|put|set|render|play back|replay|move|drive|do",
@@ -965,11 +963,11 @@ _command("call the dog rex", "call|name|label|tag|dub|nickname", making.named, "
 _command(
     "make the dog red",
     "do the same|do that too",
-    _always(making.deleted),
+    AGAIN,
     who=lit("to|with|for|on") + thing,
     bare=False,
+    gapped=False,
 )
-COMMANDS[-1] = SAME = replace(COMMANDS[-1], gapped=False)
 TOPIC = Command("the dog: make it red", "", REMARK, {})
 _remark = lit("alone|as it is|as they are|as is|untouched|unchanged|as it was|the way it is|out of it|in peace")
 _command(
@@ -995,23 +993,23 @@ _quality_words = (
     "bright|light|dark|dim|big|large|small|fast|slow|quick|pale|dull|"
     "colorful|saturated|warm|cold|cool|blurry|tiny|flat|gray|boring|huge"
 )
-_complained_of = either(
-    lit("it|this|that")
-    >> (lambda: lambda context: making.noted(context, context.last or (Current() if context.selected else All()))),
-    thing,
-)
 _command(
     "brighten the dog",
     "",
     REMARK,
-    "remark",
+    "complaint",
     bare=False,
     gapped=False,
-    who=_complained_of,
-    remark=lit("is|are|looks|look|seems|seem|was|were")
-    + ~lit("a bit|a little|much|way|far")
-    + ~lit("too|so|very|rather|quite|really")
-    + lit(_quality_words),
+    who=either(
+        lit("it|this|that") >> (lambda: lambda context: context.last or (Current() if context.selected else All())),
+        thing,
+    ),
+    complaint=lit("is|are|looks|look|seems|seem|was|were")
+    + either(
+        qualities.too_much,
+        silent(~lit("a bit|a little|much|way|far") + ~lit("too|so|very|rather|quite|really") + lit(_quality_words))
+        >> (lambda: None),
+    ),
 )
 _wanted = lit("i want|i would like|we want|we would like|i would love|we need|i need")
 _command(
@@ -1071,7 +1069,7 @@ _command(
     "only keeps",
     bare=False,
     gapped=False,
-    only=_only,
+    only=ONLY,
     keeps=_keeps,
     rest=~lit(",|and")
     + silent(everything_else)
@@ -1141,12 +1139,12 @@ _command(
     gapped=False,
     who=lit("a second|another|a copy of the|a clone of the|one more|a duplicate of the") + known_noun,
     behind=_behind,
-    shift=_shift | ~lit("by|with") + duration,
+    shift=SHIFT | ~lit("by|with") + duration,
 )
 
 
 def _trailed(count: float = TRAIL_COPIES) -> Value | tuple[tuple[Value], ...]:
-    return making.copied(times=count, shift=TimeExpression(seconds=TRAIL_LAG))
+    return making.copied(times=count, shift=TRAIL_LAG)
 
 
 _a_trail = (
@@ -1168,20 +1166,10 @@ _command(
 
 
 # A part of the clip, made longer
-def _lasting(to: TimeExpression) -> Value:
-    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        if when.frames is None or when.frames[1] is None or to.resolve(context) <= 0:
-            raise Refusal("It is not said which part is to last so long; add for example 'from second 1 to 2'.")
-        speed = (when.frames[1] - when.frames[0]) / to.resolve(context)
-        return Retime(who, round(speed, PLACES), **when.pace)
-
-    return value
-
-
 _command(
     "stretch the first second to two seconds",
     "stretch|stretch out|extend|slow down|compress|squeeze",
-    _lasting,
+    making.lasting,
     "to",
     whole=True,
     to=lit("to|into|over") + duration,

@@ -6,13 +6,13 @@ Every word has to be accounted for; one that is not makes the whole sentence a `
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from difflib import SequenceMatcher, get_close_matches
-from itertools import chain
 from typing import Any, NamedTuple
 
 from ..errors import F4xError
+from ..language.amounts import number
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import colour
 from ..language.grammar import (
@@ -30,19 +30,22 @@ from ..language.grammar import (
     listed,
     lit,
     optional,
+    sign,
     silent,
     table,
     tokenise,
 )
-from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, word_set
+from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, stated, word_set
 from ..language.paraphrases import paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
-from .commands import COMMANDS, REMARK, SAME, TOPIC, Command
+from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command
+from .corrections import corrected, in_order
 from .description import describe
+from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY
 from .operations import Delete, Duplicate, Extract, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
-from .selects import All, And, Named, Not, SelectKind, parts_of
+from .selects import All, And, Instance, Named, Not, SelectKind, parts_of
 
 __all__ = ["Refusal", "describe", "parse"]
 
@@ -97,16 +100,6 @@ def _telling(filled: dict[str, Any]) -> dict[str, Any]:
     return filled
 
 
-def _stated(verb: str) -> str:
-    """The verb as in "the dog vanishes", "the dog turns around"."""
-    head, *rest = verb.split()
-    stated = "does" if head == "not" else "is" if head == "be" else head
-    if stated == head:
-        stated = head[:-1] + "ies" if head.endswith("y") and head[-2] not in "aeiou" else head
-        stated += "" if stated != head else "es" if head.endswith(("s", "sh", "ch", "x", "o")) else "s"
-    return " ".join([stated, *(["not"] if head == "not" else []), *rest])
-
-
 def _of(command: Command) -> Rule:
     """The clauses of a command: by its verb, of a subject, in the passive."""
     slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides, "aside": _aside}
@@ -142,7 +135,7 @@ def _of(command: Command) -> Rule:
     subject = command.who
     if command.itself:
         itself = verb(0, command.itself) + own
-        states = table({"|".join(map(_stated, command.itself.split("|"))): None}, reserve=False)
+        states = table({"|".join(map(stated, command.itself.split("|"))): None}, reserve=False)
         ways += [
             subject + states + own >> of_subject,
             states + own >> (lambda filled: (filled,)),  # "the car stops and turns around"
@@ -215,6 +208,27 @@ _polite = lit("please|could|can") | _request
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
 _topic = thing + lit(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
+
+
+def _in_any_order(frame: Command) -> Rule:
+    """The clauses of a frame: its slots and whom it is for in any order, with words between that add nothing."""
+    slots = {"who": frame.who, **frame.slots, "when": _when, "slowly": _slowly, "besides": besides}
+    needed = frame.needed | (frozenset() if frame.bare or frame.whole else {"who"})
+
+    def clause(filled: dict[str, Any]) -> Clause:
+        try:
+            if frame.make not in (REMARK, AGAIN):
+                frame.make(**_arguments(filled))
+        except Refusal as refusal:
+            raise Mismatch from refusal
+        return Clause(frame, (filled,))
+
+    return bag(slots, needed, ADDS_NOTHING) >> clause
+
+
+_number_of_item = ~(number + either(sign(")"), lit(".|:")))
+_loose_clause = either(_clause, _number_of_item + ~ADDS_NOTHING + either(*map(_in_any_order, FRAMES)))
+_loose_sentence = ~lit("and") + _ends + optional(_topic) + listed(_loose_clause, _separator) + _ends
 _sentence = ~lit("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
 _DROPPED = word_set("please kindly thanks thank")
 
@@ -229,53 +243,80 @@ def parse(
     selected: bool = False,
     frame: float = 0,
     copies: Mapping[SelectKind, SelectKind] | None = None,
+    earlier: str = "",
 ) -> tuple[Operation, ...]:
     """Return the operations that `sentence` asks for, in order; selections are words, not yet resolved in a scene.
 
     `labels` and `names`: words that the scene knows and selections that have a name. The clip has `frames` frames, `fps` a second,
     of which `frame` is the present one; `selected`: there is something that "it" can be; `copies`: those of earlier sentences ->
-    what was copied. Raises `Refusal`.
+    what was copied; `earlier`: the sentence before, of which "it", "the other one" and "the cat too" may speak. Raises `Refusal`.
     """
     if len(sentence) > MAX_CHARACTERS:
         raise Refusal(
             f"The sentence has {len(sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
         )
     known = _known((*labels, *names))
-    context = SentenceContext(
-        fps,
-        frames,
-        frame,
-        selected,
-        {name.lower(): name for name in names},
-        earlier=copies or {},
-        labels=frozenset(labels),
-    )
-    sentence, reading, clauses = _read_somehow(sentence, known)
-    context.overall = any(token.text == "overall" for token in reading.tokens)
+
+    def settled(read: Read) -> tuple[Operation, ...]:
+        context = SentenceContext(
+            fps,
+            frames,
+            frame,
+            selected,
+            {name.lower(): name for name in names},
+            overall=any(token.text == "overall" for token in read.reading.tokens),
+            earlier=copies or {},
+            labels=frozenset(labels),
+        )
+        return _settled(read, context, _recalled(earlier, known, context))
+
+    read = _read_somehow(sentence, known, settled)
     for rule, doubt in _DOUBTFUL:
-        if any(rule.at(reading, at) for at in range(len(reading.tokens))):
+        if any(rule.at(read.reading, at) for at in range(len(read.reading.tokens))):
             raise Refusal(doubt)
-    slip = _slip(reading, clauses is not None)
-    if slip is not None and (clauses is None or labels):
-        wrong, word = slip
-        instead = sentence[: wrong.start] + word + sentence[wrong.end :]
-        better, meant = _read(instead, known)
-        if meant is not None or _slip(better, False):
-            raise Doubt(f"I do not understand '{sentence[wrong.start : wrong.end]}'; did you mean '{word}'?", instead)
-    only_then = any(_ONLY_WHEN.at(reading, at) for at in range(len(reading.tokens)))
-    if clauses is None:
-        reason, answer = (_SHOWN_ONLY_THEN, False) if only_then else _not_understood(reading)
-        raise Refusal(reason, _nearest(reading.tokens) if answer else ())
-    try:
-        operations = _placed(list(_operations(clauses, context)))
-        if not operations:
-            raise Refusal("Nothing is said that could be done.")
-        if only_then and any(isinstance(one, (Opacity, Delete, Extract)) for one in operations):
-            raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
-    except Refusal as refusal:
-        raise Refusal(refusal.reason, _nearest(reading.tokens)) from refusal
-    except F4xError as error:
-        raise Refusal(f"That is not possible: {error}", _nearest(reading.tokens)) from error
+    if labels or not read.clauses:
+        _ask_about_slips(read, known, settled)
+    if read.clauses:
+        try:
+            return settled(read)
+        except Refusal as refusal:
+            raise Refusal(refusal.reason, _nearest(read.reading.tokens)) from refusal
+        except F4xError as error:
+            raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
+    reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read.reading)
+    raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
+
+
+@dataclass(frozen=True)
+class Read:
+    """A sentence that was matched, or not."""
+
+    sentence: str
+    """The sentence, or the other way to say it that was understood."""
+    reading: Reading
+    """Its words."""
+    clauses: tuple[tuple[Any, ...], ...] = ()
+    """Each behind its separators; none: not understood."""
+
+    @property
+    def only_then(self) -> bool:
+        """Whether "only" stands before a time."""
+        return any(_ONLY_WHEN.at(self.reading, at) for at in range(len(self.reading.tokens)))
+
+
+Settle = Callable[[Read], tuple[Operation, ...]]
+Said = tuple[Command, dict[str, Any]]
+"""A command with the slots that a sentence gave it."""
+
+
+def _settled(read: Read, context: SentenceContext, before: Said | None) -> tuple[Operation, ...]:
+    """The operations of a sentence; raises F4xError."""
+    operations = _placed([_sparing(one, context.spared) for one in list(_operations(read.clauses, context, before))])
+    operations = operations or context.complaints
+    if not operations:
+        raise Refusal("Nothing is said that could be done.")
+    if read.only_then and any(isinstance(one, (Opacity, Delete, Extract)) for one in operations):
+        raise Refusal(_SHOWN_ONLY_THEN)  # seen only then, or nothing else seen then
     named = {part.name for one in operations for part in _selected(one) if isinstance(part, Named)}
     spare = context.spare - named
     return tuple(
@@ -283,27 +324,32 @@ def parse(
     )
 
 
-def _read_somehow(
-    sentence: str, known: Mapping[tuple[str, ...], str]
-) -> tuple[str, Reading, tuple[tuple[Any, ...], ...] | None]:
-    """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself."""
-    first: tuple[Reading, None] | Refusal | None = None
-    for said in chain((sentence,), paraphrases(sentence)):
-        try:
-            reading, clauses = _read(said, known)
-        except Refusal as refusal:
-            first = first or refusal
-            continue
-        if clauses is not None:
-            return said, reading, clauses
-        first = first or (reading, clauses)
+def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle | None = None) -> Read:
+    """A sentence with its words and clauses, or another way to say it where that is understood and it is not itself.
+
+    What no command of the table fits is read once more with its words in any order, and counts where `settled` can carry it out.
+    """
+    first: Read | Refusal | None = None
+    ways = [*corrected(sentence, known), *in_order(sentence), sentence, *paraphrases(sentence)]
+    for rule in (_sentence, _loose_sentence):
+        for said in ways:
+            try:
+                read = _read(said, known, rule)
+                if read.clauses and rule is _loose_sentence and settled:
+                    settled(read)
+            except F4xError as refusal:
+                first = first or (refusal if isinstance(refusal, Refusal) else None)
+                continue
+            if read.clauses:
+                return read
+            first = first or read
     if isinstance(first, Refusal):
         raise first
     assert first is not None
-    return sentence, *first
+    return replace(first, sentence=sentence)
 
 
-def _read(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[Reading, tuple[tuple[Any, ...], ...] | None]:
+def _read(sentence: str, known: Mapping[tuple[str, ...], str], rule: Rule) -> Read:
     """The words of a sentence, and its clauses where it is one; Refusal where it is a question, too long or empty."""
     tokens = [token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED]
     if len(tokens) > MAX_WORDS:
@@ -311,11 +357,24 @@ def _read(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[Reading,
     if not any(token.is_word for token in tokens):
         raise Refusal("Nothing is said that could be done.", _nearest(tokens))
     reading = Reading.of(sentence, tokens, known)
-    found = _sentence.at(reading, 0).get(len(tokens))
+    found = rule.at(reading, 0).get(len(tokens))
     if found is None:
-        return reading, None
+        return Read(sentence, reading)
     topic, clauses = found
-    return reading, (*([] if topic is None else [(topic,)]), *clauses)
+    return Read(sentence, reading, (*([] if topic is None else [(topic,)]), *clauses))
+
+
+def _ask_about_slips(read: Read, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
+    """Raise `Doubt` where a word is probably misspelt."""
+    slip = _slip(read.reading, bool(read.clauses))
+    if slip is None:
+        return
+    wrong, word = slip
+    instead = read.sentence[: wrong.start] + word + read.sentence[wrong.end :]
+    better = _read_somehow(instead, known, settled)
+    if better.clauses or _slip(better.reading, False):
+        said = read.sentence[wrong.start : wrong.end]
+        raise Doubt(f"I do not understand '{said}'; did you mean '{word}'?", instead)
 
 
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
@@ -371,10 +430,39 @@ _OF_ALL = ("who", "when", "later", "slowly", "besides", "aside", "stated")
 """Slots that every command has."""
 
 
-def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) -> Iterator[Operation]:
-    """The operations of clauses, each of which may follow (whether its separator is hard)."""
+def _arguments(piece: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of a piece that its command makes something of."""
+    return {name: value for name, value in piece.items() if name not in _OF_ALL and value is not None}
+
+
+def _recalled(earlier: str, known: Mapping[tuple[str, ...], str], context: SentenceContext) -> Said | None:
+    """The last command of the sentence before, whose things `context` takes over where nothing is selected."""
+    said = replace(context, names=dict(context.names), copies={}, spare=set())
+    try:
+        clauses = _read_somehow(earlier, known).clauses if earlier else ()
+        if not clauses:
+            return None
+        list(_operations(clauses, said))
+    except F4xError:
+        return None
+    if not context.selected:
+        context.last, context.they = said.last, said.they
+        if isinstance(context.last, Named) and context.last.name in said.copies:
+            context.last = next(reversed(context.earlier), said.copies[context.last.name])
+    done = [
+        (clause.command, piece)
+        for *_, clause in clauses
+        for piece in clause.pieces
+        if clause.command.make is not REMARK
+    ]
+    return next((one for one in reversed(done) if one[0].make is not AGAIN), None)
+
+
+def _operations(
+    clauses: tuple[tuple[Any, ...], ...], context: SentenceContext, before: Said | None = None
+) -> Iterator[Operation]:
+    """The operations of clauses, each of which may follow (whether its separator is hard); `before`: the command before them."""
     front: Span | None = None
-    before: tuple[Command, dict[str, Any]] | None = None
     for *separators, clause in clauses:
         if any(separators):
             front = None
@@ -390,6 +478,7 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
             nobody = context.last is None and "when" in piece and clause.command.timed
             if "who" not in piece and (clause.command.whole or nobody):
                 context.last = All()
+            context.overall = context.overall or clause.command.whole
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
             if who is None:
                 raise Refusal(
@@ -401,17 +490,18 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
             if "stated" in piece and not (own or front):
                 raise Refusal("That says how it is, not what is to be done; say for example 'make the dog red'.")
             if clause.command.make is REMARK:
+                _remarked(who, piece, context)
                 continue
             command = clause.command
-            if command is SAME:
+            if command.make is AGAIN:
                 if before is None:
                     raise Refusal("Nothing was said before that could be done again; say what is to be done.")
-                command, piece = before[0], {**before[1], **piece}
+                own_words = {name: value for name, value in piece.items() if name in _OF_ALL}
+                command, piece = before[0], {**before[1], **own_words}
                 own = piece.get("when")
             before = command, piece
             topics.append(who)
-            arguments = {name: value for name, value in piece.items() if name not in _OF_ALL and value is not None}
-            made = command.make(**arguments)
+            made = command.make(**_arguments(piece))
             settled = When.of(own or front or last, context, "slowly" in piece)
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
@@ -422,6 +512,34 @@ def _operations(clauses: tuple[tuple[Any, ...], ...], context: SentenceContext) 
                     operation, topics[-1] = context.copied(operation)
                 yield operation
         context.they = together(topics) if topics else None
+
+
+_SPARING = frozenset({"remark", "untouched", "spared"})
+"""Slots that say that somebody stays as it is."""
+
+
+def _remarked(who: SelectKind, piece: Mapping[str, Any], context: SentenceContext) -> None:
+    """Note whom a remark spares, or what would help against what it complains of."""
+    context.last = context.last or who
+    if _SPARING & piece.keys():
+        context.spared.append(who)
+    if piece.get("complaint"):
+        context.last = who
+        context.complaints.append(piece["complaint"](who, When(), context))
+
+
+def _sparing(operation: Operation, spared: Sequence[SelectKind]) -> Operation:
+    """The operation without those that stay as they are, where it is for everything, all others or several of their kind."""
+    select = getattr(operation, "select", None)
+    left_out = [one for one in spared if one != select and not (isinstance(select, Not) and select.of == one)]
+    if not left_out or select is None:
+        return operation
+    if isinstance(select, All):
+        return replace(operation, select=Not(together(left_out)))  # type: ignore[call-arg,arg-type]  # it has one
+    if isinstance(select, Not):
+        return replace(operation, select=Not(together((select.of, *left_out))))  # type: ignore[call-arg,arg-type]
+    some = [one for one in left_out if isinstance(one, Instance) and one.of == select]
+    return replace(operation, select=And((select, Not(together(some))))) if some else operation  # type: ignore[call-arg,arg-type]
 
 
 def _placed(operations: list[Operation]) -> list[Operation]:

@@ -312,6 +312,21 @@ def retimed(by: float) -> Value:
     return lambda who, when, _: Retime(who, round(by, PLACES), **when.pace)
 
 
+def lasting(to: TimeExpression) -> Value:
+    """To take so long, the part of the clip that is named or all of it; Refusal for no time at all."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        if to.resolve(context) <= 0:
+            raise Refusal("Nothing can last no time at all; say a longer time.")
+        if when.frames is None:
+            return Retime(who, round(context.frames / to.resolve(context), PLACES), **when.pace)
+        if when.frames[1] is None:
+            raise Refusal("It is not said which part is to last so long; add for example 'from second 1 to 2'.")
+        return Retime(who, round((when.frames[1] - when.frames[0]) / to.resolve(context), PLACES), **when.pace)
+
+    return value
+
+
 def noted(context: SentenceContext, who: SelectKind) -> SelectKind:
     """`who`, which "it" means from now on."""
     context.last = who

@@ -27,7 +27,7 @@ from ..language.grammar import (
 )
 from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, singular, word_set
 from ..language.times import END, START, Clip, Span
-from .operations import Duplicate
+from .operations import Duplicate, Operation
 from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
 
 HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
@@ -54,6 +54,10 @@ class SentenceContext(Clip):
     """Words that the scene knows."""
     overall: bool = False
     """"Overall" is said: "it" is the picture where nothing was named."""
+    spared: list[SelectKind] = field(default_factory=list)
+    """What the sentence says is to stay as it is."""
+    complaints: list[Operation] = field(default_factory=list)
+    """What would help against what the sentence complains of."""
     earlier: Mapping[SelectKind, SelectKind] = field(default_factory=dict)
     """The copies of each earlier command that made some, the last one last -> what was copied."""
 

@@ -15,7 +15,7 @@ from ..language.amounts import (
     percent,
 )
 from ..language.colours import colour, colourish, more_colour
-from ..language.grammar import constant, either, lit, optional, silent, table
+from ..language.grammar import constant, either, lit, optional, said, silent, table
 from . import making
 from .phrases import (
     known_thing,
@@ -170,7 +170,7 @@ _look_adjective = table(
     reserve=False,
 )
 any_look = look_name | _look_adjective
-_effect = lit(
+effect = lit(
     "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment"
 )
 _strongly = optional(_small, 1.0)
@@ -186,14 +186,14 @@ a_look = either(
     + lit("(made|built|carved|cast) (out) of|in the style of|into|in")
     + ~lit("a|an|pure|solid")
     + look_name
-    + ~_effect,
-    constant(1.0) + lit("in|into|with") + ~lit("a|an|the|some") + any_look + _effect,
+    + ~effect,
+    constant(1.0) + lit("in|into|with") + ~lit("a|an|the|some") + any_look + effect,
     _seem + _strongly + _look_adjective,
 ) >> (lambda strength, look: making.styled(look, strength))
 bare_look = (
     table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled
 )
-given_look = _article + any_look + ~lit("like|colored") + _effect >> making.styled
+given_look = _article + any_look + ~lit("like|colored") + effect >> making.styled
 source = ~lit("that of|those of|the colors of|the color of") + known_thing + ~lit("'s (color|colors)")
 same_as = (
     lit("the (exact) same (color|colors|coloring|look)|the same|(a|the) similar color") + lit("as|like|to") + source
@@ -223,3 +223,30 @@ made = either(
     alike,
     bare_look,
 )
+
+_MORE, _LESS = factor(None, True), factor(None, False)
+_TOO = {
+    "bright|light|shiny|glaring|overexposed": (making.brightened(_LESS), making.brightened(_MORE)),
+    "dark|dim|black|gloomy|underexposed|shadowy": (making.brightened(_MORE), making.brightened(_LESS)),
+    "big|large|tall|huge|wide|long": (making.scaled(_LESS), making.scaled(_MORE)),
+    "small|tiny|little|short": (making.scaled(_MORE), making.scaled(_LESS)),
+    "fast|quick|hectic|rapid": (making.retimed(_LESS), making.retimed(_MORE)),
+    "slow|sluggish": (making.retimed(_MORE), making.retimed(_LESS)),
+    "colorful|saturated|vivid|garish|gaudy|loud": (making.saturated(_LESS), making.saturated(_MORE)),
+    "pale|dull|washed out|muted|faded|desaturated": (making.saturated(_MORE), making.saturated(_LESS)),
+    "flat": (making.contrasted(_MORE), making.contrasted(_LESS)),
+    "contrasty|harsh|hard": (making.contrasted(_LESS), making.contrasted(_MORE)),
+    "warm|yellow|orange": (making.warmed(None, False), making.warmed(None, True)),
+    "cold|cool|blue|bluish": (making.warmed(None, True), making.warmed(None, False)),
+    "transparent|see through|faint": (making.opacity(2.0), making.opacity(0.5)),
+    "sharp|crisp": (making.blurred(), making.blurred()),
+}
+"""Quality -> what is done where there is too much of it, and where there is not enough."""
+_degree = ~said(
+    "far|way|much|a bit|a little|a little bit|rather|really|still|just|slightly|quite|somewhat|a tad|a touch"
+)
+too_much = either(
+    _degree + lit("too") + _degree + table({words: too for words, (too, _) in _TOO.items()}, reserve=False),
+    lit("not") + table({words: more for words, (_, more) in _TOO.items()}, reserve=False) + lit("enough"),
+)
+"""What is done about too much or too little of a quality: a value."""

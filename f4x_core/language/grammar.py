@@ -212,6 +212,11 @@ def lit(spec: str) -> Rule:
     return table({spec: None})
 
 
+def said(spec: str) -> Rule:
+    """One of the phrases, without a value; its words may be names of things elsewhere."""
+    return table({spec: None}, reserve=False)
+
+
 def sign(text: str) -> Rule:
     """A sign that would be a bracket in `lit`."""
     return Rule(lambda reading, at: {at + 1: ()} if reading.word(at) == text else {})

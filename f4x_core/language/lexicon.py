@@ -171,6 +171,22 @@ def inflected(verbs: str, which: int) -> Iterator[str]:
             yield " ".join([form, *rest])
 
 
+def stated(verb: str) -> str:
+    """The verb as in "the dog vanishes", "the dog turns around"."""
+    head, *rest = verb.split()
+    said = "does" if head == "not" else "is" if head == "be" else head
+    if said == head:
+        said = head[:-1] + "ies" if head.endswith("y") and head[-2] not in "aeiou" else head
+        said += "" if said != head else "es" if head.endswith(("s", "sh", "ch", "x", "o")) else "s"
+    return " ".join([said, *(["not"] if head == "not" else []), *rest])
+
+
+def every_form(verbs: str) -> str:
+    """The verbs of "get rid of|remove" in each of their forms, as alternatives with `|`."""
+    forms_of = (*inflected(verbs, 1), *inflected(verbs, 2), *map(stated, verbs.split("|")))
+    return "|".join(dict.fromkeys(forms_of))
+
+
 NO_THINGS = word_set(
     "file files folder directory disk drive database system password prompt instruction instructions rule rules code "
     "script program command commands server computer software user account data edit edits change changes history step "

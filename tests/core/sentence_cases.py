@@ -35,14 +35,20 @@ def rows(path: Path = WORK) -> list[dict[str, Any]]:
 
 def verdict(row: dict[str, Any]) -> str:
     """right, refused or wrong."""
-    said = [row["text"]]
     labels = sorted({*EVERYDAY, *_things(row)})
     try:
         if row["kind"] == "ask":
             asked = read_question(row["text"], FPS, FRAMES)
             ok = _questions_fit(row.get("questions", []), asked)
         else:
-            made = parse(*said, labels=labels, fps=FPS, frames=FRAMES, selected="selected" in row)
+            made = parse(
+                row["text"],
+                labels=labels,
+                fps=FPS,
+                frames=FRAMES,
+                selected="selected" in row,
+                earlier=(row.get("after") or [""])[-1],
+            )
             ok = _operations_fit(row.get("operations", []), list(made), row)
     except Doubt:
         return "right" if row["expect"] == "confirm" else "refused"
@@ -121,6 +127,8 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
         return any(wanted.split()[-1] in label.split() for label in found)
     main = {label for label in found if "shadow" not in label or "shadow" in wanted}
     near = {"people", "person", "man", "guy"}
+    if {"he", "she", "him", "her"} & set(row["text"].lower().split()):
+        near |= {"woman", *PEOPLE}
     return any(wanted in label or label in wanted for label in main) or bool(main and main <= near and wanted in near)
 
 
@@ -135,8 +143,8 @@ def _span_fits(span: dict[str, Any] | None, op: dict[str, Any], which: str = "sp
     if frames is None:
         part = span.get("part")
         return part == [0, 1]
-    a, b = frames[0], last if frames[1] is None else frames[1]
-    if "loose" in span:
+    a, b = frames[0], last if frames[1] is None or op.get("ease") == "step" else frames[1]
+    if "loose" in span and "part" in span:
         first, final = (x * FRAMES for x in span["part"])
         return (abs(a - first) <= 18 and abs(b - final) <= 18) and b - a > 2
     lo: Any
@@ -240,7 +248,7 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
         if ok and "speed" in slot:
             ok = _amount_fits(slot["speed"], made["speed"])
         if ok and "to_seconds" in slot:
-            a, b = slot["span"]["seconds"]
+            a, b = slot.get("span", {"seconds": [0, FRAMES / FPS]})["seconds"]
             ok = _amount_fits((b - a) / slot["to_seconds"], made["speed"])
         if ok and kind == "stretch" and "factor" in slot:
             ok = _amount_fits(1 / slot["factor"], made["speed"])
@@ -269,7 +277,7 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
     if op == "duplicate":
         return True
     if "span" not in slot and "at" not in slot:
-        return made.get("frames") is None
+        return made.get("frames") is None or ("ease" in slot and made["frames"] == [0.0, None])
     return _span_fits(slot.get("span"), made)
 
 

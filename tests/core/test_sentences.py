@@ -12,7 +12,6 @@ REFUSED = (
     "bring the camel closer to the wall",
     "move the dog behind the bush",
     "stand the dancer on his feet: turn him by 180 degrees",
-    "make another dog, smaller, next to this one",
     "cut the dog out so nothing else is left",
     "hold the last frame of the first second",
     "loop the spin from 1 to 2 seconds",
