@@ -36,6 +36,7 @@ from .phrases import (
     known_noun,
     known_thing,
     name,
+    place,
     thing,
     two_of_them,
     whose,
@@ -641,6 +642,19 @@ _command(
     way=steps,
     far=distance,
 )
+_PLACING = (
+    "put|place|move|set|bring|stand|position|shift|drag|lay|hang|let|send|drop|slide|have|get|take|relocate|pull|push|"
+    "carry|fly|"
+    "make"
+)
+_command(
+    "put the dog behind the bush",
+    _PLACING,
+    lambda at: making.placed(*at),
+    "at",
+    itself="stand|go|be|walk|sit|move|run|come|drive|swim|fly|jump|lie|float|appear|hang|ride|dance",
+    at=~lit("over|right|directly|straight|to|somewhere") + place >> (lambda where, other: (where, other)),
+)
 _command(
     "raise the box",
     "raise|lift|elevate|hoist",
@@ -760,11 +774,7 @@ _in_a_row = lit(
 )
 _called_so = ~lit(",") + lit("called|named|by the name of") + name
 _apart = distance + lit("apart") | ~lit("by") + number + lit("apart") >> Distance
-_ways_beside = {
-    "behind": (0, 0, 1), "in front of": (0, 0, -1), "next to|beside|alongside|to the right of|right of": (1, 0, 0),
-    "to the left of|left of": (-1, 0, 0), "above|over|on top of": (0, -1, 0), "below|under|beneath": (0, 1, 0),
-}  # fmt: skip
-_own = table(_ways_beside) + thing >> (lambda way, who: (((None, way, None),), who))
+_own = place >> (lambda where, other: (where, other))
 _another_size = (
     ~lit(",")
     + ~lit("but|and|only|that is|at")

@@ -7,7 +7,7 @@ from functools import singledispatch
 from ..language.amounts import PLACES
 from ..language.colour_names import COLOURS, Colour, name_of
 from ..language.lexicon import plural
-from .making import BLUR, GLOW, MORE_COLOUR, SHOWN
+from .making import BLUR, GLOW, MORE_COLOUR, SHOWN, STANDING
 from .operations import (
     Blur,
     Delete,
@@ -31,7 +31,23 @@ from .operations import (
     Vector,
 )
 from .phrases import COPY, SHARES
-from .selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
+from .selects import (
+    All,
+    And,
+    Beside,
+    Box,
+    Current,
+    Ids,
+    Instance,
+    Moving,
+    Named,
+    Not,
+    Or,
+    Part,
+    Point,
+    SelectKind,
+    Text,
+)
 
 _WHICH = {"largest": "biggest"}
 _AXES = (("to the left", "to the right"), ("up", "down"), ("forward", "back"))
@@ -114,7 +130,9 @@ def _(operation: Extract) -> str:
 @_sentence.register
 def _(operation: Transform) -> str:
     who, parts = whom(operation.select), []
-    if any(operation.translate):
+    if operation.beside is not None:
+        parts.append(f"put {who} {_beside(operation.translate)} {whom(operation.beside)}")
+    elif any(operation.translate):
         parts.append(f"move {who} {_way(operation.translate, operation.unit, operation.axes)}")
     if any(operation.rotate):
         parts.append(_turn(who, operation.rotate, operation.axes))
@@ -132,7 +150,9 @@ def _(operation: Transform) -> str:
 @_sentence.register
 def _(operation: Duplicate) -> str:
     sentence = f"copy {whom(operation.select)}" + (f" {operation.count} times" if operation.count > 1 else "")
-    if any(operation.offset):
+    if operation.beside is not None:
+        sentence += f" {_beside(operation.offset)} {whom(operation.beside)}"
+    elif any(operation.offset):
         sentence += f" {_way(operation.offset, operation.unit, operation.axes)}"
     if operation.time_shift:
         sentence += f" {abs(operation.time_shift):g} frames {'later' if operation.time_shift > 0 else 'earlier'}"
@@ -220,6 +240,22 @@ def _(operation: Rekey) -> str:
     return f"move {count} {plural('node', count)} of the scaffold, frames {first:g} to {last:g}"
 
 
+_STANDING = {
+    "near": "next to",
+    "left": "to the left of",
+    "right": "to the right of",
+    "above": "above",
+    "below": "below",
+    "behind": "behind",
+    "front": "in front of",
+}
+
+
+def _beside(way: Vector) -> str:
+    """How a thing that goes beside another stands to it, in words."""
+    return next(_STANDING[where] for where, standing in STANDING.items() if standing == way)
+
+
 def whom(select: SelectKind) -> str:
     """A selection in words."""
     if isinstance(select, Text):
@@ -233,6 +269,8 @@ def whom(select: SelectKind) -> str:
         side = {"top": "upper", "bottom": "lower"}.get(select.side, select.side)
         share = next((name for name, x in SHARES.items() if x == select.share), "part")
         return f"the {side} {share} of {whom(select.of)}"
+    if isinstance(select, Beside):
+        return f"{whom(select.of)} {_STANDING[select.where]} {whom(select.other)}"
     if isinstance(select, Point):
         return f"the thing at {select.x:g}, {select.y:g} in frame {select.frame}"
     if isinstance(select, Box):

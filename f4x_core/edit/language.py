@@ -448,7 +448,7 @@ def _recalled(earlier: str, known: Mapping[tuple[str, ...], str], context: Sente
     if not context.selected:
         context.last, context.they = said.last, said.they
         if isinstance(context.last, Named) and context.last.name in said.copies:
-            context.last = next(reversed(context.earlier), said.copies[context.last.name])
+            context.last = next(reversed([*context.earlier]), said.copies[context.last.name])
     done = [
         (clause.command, piece)
         for *_, clause in clauses

@@ -45,7 +45,7 @@ from .phrases import (
     Who,
     means_something,
 )
-from .selects import All, Instance, Named, Not, Or, SelectKind, Text
+from .selects import All, Instance, Named, Not, Or, SelectKind, Text, Where
 
 Value = Callable[[SelectKind, When, SentenceContext], Operation]
 """What "red" or "twice as big" does to somebody at some time."""
@@ -269,33 +269,55 @@ def moved(way: Steps, far: Distance | None = None) -> Value:
     return lambda who, when, _: Transform(who, translate=vector, unit=unit, axes="camera", **when.growth)
 
 
+STANDING: dict[Where, Vector] = {
+    "near": (0.0, 0.0, 0.0), "left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, -1.0, 0.0),
+    "below": (0.0, 1.0, 0.0), "behind": (0.0, 0.0, 1.0), "front": (0.0, 0.0, -1.0),
+}  # fmt: skip
+"""Which way a thing stands from another, along the camera's axes."""
+
+
+def placed(where: Where, other: Who) -> Value:
+    """To stand so to another thing."""
+
+    def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
+        beside = other(context)
+        context.last = who
+        return Transform(who, translate=STANDING[where], unit="size", axes="camera", beside=beside, **when.growth)
+
+    return value
+
+
 def copied(
     way: Steps | None = None,
     far: Distance | None = None,
     times: float = 1.0,
     shift: TimeExpression | None = None,
     called: str = "",
-    own: tuple[Steps, Who] | None = None,
+    own: tuple[Where, Who] | None = None,
     changed: Value | None = None,
 ) -> Value | tuple[tuple[Value], ...]:
     """Copies: where, how far apart, how many, how much later, called what, beside whom, looking how; Refusal: half a copy."""
-    if own is not None:
-        way = own[0]
     if times != int(times):
         raise Refusal(f"{times:g} copies cannot be made; say a whole number.")
     arguments: dict[str, Any] = {"count": int(times), "name": called}
-    if way or far or shift is None:
+    if way or far or own or shift is None:
         offset, unit = displacement(way or RIGHT, far, COPY_DISTANCE)
         arguments |= {"offset": offset, "unit": unit, "axes": "camera"}
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         if called:
             context.names.setdefault(called.lower(), called)
-        if own is not None and own[1](context) != who:
-            raise Refusal("A copy goes beside what it is a copy of; say for example 'copy the dog to the left'.")
-        context.last = who
         later = 0.0 if shift is None else shift.resolve(context)
-        return Duplicate(who, time_shift=later, **arguments, **when.none("A copy"))
+        placing = dict(arguments)
+        if own is not None:
+            other = own[1](context)
+            placing["offset"] = tuple(COPY_DISTANCE * step for step in STANDING[own[0]])
+            if other != who:
+                placing |= {"beside": other, "offset": STANDING[own[0]]}
+            elif not any(placing["offset"]):
+                placing["offset"] = BESIDE
+        context.last = who
+        return Duplicate(who, time_shift=later, **placing, **when.none("A copy"))
 
     if changed is not None:
         return (value,), (lambda who, when, context: changed(THE_COPY, when, context),)

@@ -169,6 +169,9 @@ class Transform(Change):
     """None: always in full. Else from nothing at the first to all at the last, and held after it."""
     ease: Ease = "smooth"
     """How it grows between the two; `step` jumps at the first."""
+    beside: SelectKind | None = None
+    """It goes beside this thing: `translate` is the way that it then stands from it, or nothing for the nearer side. Planning
+    rewrites it."""
 
     def __post_init__(self) -> None:
         """Validate."""
@@ -199,6 +202,9 @@ class Duplicate(Change):
     """First id of the copies; planning reserves it."""
     name: str = ""
     """The copies can be selected by this name afterwards."""
+    beside: SelectKind | None = None
+    """It goes beside this thing: `offset` is the way that it then stands from it, or nothing for the nearer side. Planning
+    rewrites it."""
 
     def __post_init__(self) -> None:
         """Validate."""

@@ -28,7 +28,7 @@ from ..language.grammar import (
 from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, singular, word_set
 from ..language.times import END, START, Clip, Span
 from .operations import Duplicate, Operation
-from .selects import All, And, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text
+from .selects import All, And, Beside, Current, Instance, Moving, Named, Not, Or, Part, Point, SelectKind, Text, Where
 
 HIM_OR_HER = {"'him'": ("man", "boy", "person", "people"), "'her'": ("woman", "girl", "person", "people")}
 """Pronoun -> the label that it means where nothing was named: the first of these that the scene knows."""
@@ -368,6 +368,35 @@ familiar = either(_part, _known, _modified, _everybody)
 """A noun that the scene knows."""
 _noun = either(_part, _known, _modified, _stranger)
 _named_at_length = _article + _strangers
+WHERE: dict[str, Where] = {
+    "(right) next to|(right) beside|alongside|(right) by|(very) close to|near|nearest (to)|closest (to)|nearer to|closer to|"
+    "adjacent to|over by|right at": "near",
+    "(to the) left of|[on|at|to] the left (side|hand side) of|left from|left next to": "left",
+    "(to the) right of|[on|at|to] the right (side|hand side) of|right from": "right",
+    "behind|in back of|at the back of|further back than": "behind",
+    "in front of|before|ahead of": "front",
+    "above|over|on top of|on": "above",
+    "below|under|underneath|beneath": "below",
+}
+"""Words -> how a thing stands to another."""
+_stands = ~lit("that|which|who") + ~lit(
+    "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|walking|running|"
+    "hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes right|right|directly"
+)
+_neighbour = generated(lambda reading, at: ((end, who) for end, (who,) in _one_thing.at(reading, at).items()))
+"""To whom something stands; by name, because it may itself be told by where it stands."""
+
+
+def _standing(kind: Who, plural: bool, where: Where, other: Who) -> Who:
+    def who(context: SentenceContext) -> SelectKind:
+        of = kind(context)
+        to = other(context)
+        context.last = Beside(of, where, to, plural, context.present)
+        return context.last
+
+    return who
+
+
 _wearing = ~_article + _things(_wearing_at)
 _moving = either(
     lit(
@@ -560,9 +589,23 @@ _in_scene = ~lit(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]"
     f"|out of the [{PICTURE}]"
 )
+_kind_and_number = either(
+    ~_article + lit("one|ones") >> (lambda: (SentenceContext.one, False)),
+    generated(
+        lambda reading, at: (
+            (end, (who, _is_plural(reading, end - 1)))
+            for end, (who,) in (_determiner + _noun | familiar).at(reading, at).items()
+        )
+    ),
+)
+_stood = _kind_and_number + _stands + table(WHERE, reserve=False) + _neighbour >> (
+    lambda kind, where, other: _standing(kind[0], kind[1], where, other)
+)
+"""A thing told by how it stands to another."""
 _whole_thing: Rule = either(
     familiar, _determiner + _noun, _instance, _current, _everything >> _always(All()), _it, _copy, _static, _moving
 )
+_one_thing: Rule = either(familiar, _determiner + _noun, _instance, _it, _copy, _original, _part_of_known)
 _definite = (
     either(
         _placed,
@@ -585,6 +628,7 @@ _definite = (
         _they,
         _copy,
         _original,
+        _stood,
     )
     + _in_scene
 )
@@ -671,6 +715,10 @@ everywhere = NOTHING >> _always(All())
 """Whom a command without an object is for, where that is the whole picture."""
 colors = lit("the colors|colors|all colors|all the colors") >> _always(All())
 """The colours of everything."""
+
+
+place = table(WHERE, reserve=False) + _neighbour
+"""Beside whom something goes: two values, how and the `Who`."""
 
 
 def whose(quality: str) -> Rule:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import F4xError
 from ..language.compounds import head_of, names_another
-from ..query.connected_objects import part_of, pick_object, split_objects, width_along
+from ..query.connected_objects import part_of, pick_object, split_objects, stand_to, width_along
 from ..query.inventory import labels_of, nearest_there
 from ..query.knowledge import refuse_unknown
 from ..query.labels import Encode, text_head, unknown_label
@@ -25,6 +25,7 @@ from .operations import Duplicate, Freeze, Glow, Opacity, Operation, Rekey, Swap
 from .selects import (
     MAX_WORDS_LENGTH,
     And,
+    Beside,
     Box,
     Current,
     Ids,
@@ -42,6 +43,10 @@ from .selects import (
 from .splat_rows import SplatRows
 
 __all__ = ["Absent", "EditorState", "Resolver", "chosen", "labels_of", "named", "resolve", "rows_of"]
+
+
+GAP = 1.1
+"""Things that are put beside one another stand so many half widths of both apart."""
 
 
 class Absent(F4xError):  # noqa: N818  # nothing went wrong
@@ -103,11 +108,17 @@ class Resolver:
             return operation
         self._hidden_too = isinstance(operation, Opacity) and operation.factor > 1
         changed: dict[str, Any] = {}
-        for name in {"select", "source", "other"} & {entry.name for entry in fields(operation)}:
-            changed[name] = self.select(scene, getattr(operation, name), tidy)
+        for name in {"select", "source", "other", "beside"} & {entry.name for entry in fields(operation)}:
+            if getattr(operation, name) is not None:
+                changed[name] = self.select(scene, getattr(operation, name), tidy)
         rows = rows_of(scene, changed["select"])
         if isinstance(operation, Transform | Duplicate):
-            changed |= self._in_the_world(scene, operation, rows)
+            beside = changed.pop("beside", None)
+            changed |= (
+                self._in_the_world(scene, operation, rows)
+                if beside is None
+                else self._beside(scene, operation, rows, rows_of(scene, beside))
+            )
         if isinstance(operation, Swap) and operation.shift is None:
             changed["shift"] = self._apart(scene, operation, rows, rows_of(scene, changed["other"]))
         if isinstance(operation, Duplicate | Glow):
@@ -187,6 +198,14 @@ class Resolver:
                 raise Absent(self._nothing(scene, select.of))
             time = float(select.frame)
             return Ids.of(scene.ids[pick_object(scene.posed(time), rows, select.which, scene.cameras.at(time))])
+        if isinstance(select, Beside):
+            rows, others = (rows_of(scene, self._cached(scene, part, tidy)) for part in (select.of, select.other))
+            time = float(select.frame)
+            camera = scene.cameras.at(time)
+            found = stand_to(scene.posed(time), rows, others, select.where, camera, select.each)
+            if not len(found):
+                raise Absent(f"{scene.name}: there is no {whom(select).removeprefix('the ')}.")
+            return Ids.of(scene.ids[found])
         if isinstance(select, Part):
             rows = rows_of(scene, self._cached(scene, select.of, tidy))
             if not len(rows):
@@ -235,6 +254,27 @@ class Resolver:
         if isinstance(operation, Duplicate):
             return resolved | {"offset": _vector(turn @ move)}
         return resolved | {"translate": _vector(turn @ move), "rotate": _vector(turn @ np.array(operation.rotate))}
+
+    def _beside(
+        self, scene: Scene, operation: Transform | Duplicate, rows: np.ndarray, others: np.ndarray
+    ) -> dict[str, Any]:
+        """The fields of a transform or duplicate by which it stands beside the Gaussians `others`, in world units and axes."""
+        if len(np.intersect1d(rows, others)):
+            raise F4xError("A thing cannot go beside itself; name two separate things.")
+        span = operation.frames if isinstance(operation, Transform) else None
+        time = span[0] if span else self.context.frame
+        axes = scene.cameras.at(time).camera_to_world[:3, :3]  # columns: right, down, forward
+        means = scene.posed(time).means
+        apart = pivot_of("base", means[others]) - pivot_of("base", means[rows])
+        way = np.sign(np.array(operation.translate if isinstance(operation, Transform) else operation.offset))
+        if not way.any():  # on the side where it is already, right or left
+            way[0] = -1.0 if axes[:, 0] @ apart > 0 else 1.0
+        axis = int(np.abs(way).argmax())
+        widths = [width_along(means[some], axes[:, axis]) for some in (rows, others)]
+        gap = widths[1] if axis == 1 and way[1] < 0 else widths[0] if axis == 1 else GAP * sum(widths) / 2
+        move = _vector(apart + axes @ way * gap)
+        settled: dict[str, Any] = {"unit": "world", "axes": "world", "beside": None}
+        return settled | ({"offset": move} if isinstance(operation, Duplicate) else {"translate": move})
 
     def _apart(self, scene: Scene, operation: Swap, rows: np.ndarray, others: np.ndarray) -> tuple[float, float, float]:
         """World units from the base of the Gaussians `rows` to that of `others`, at the first frame concerned."""

@@ -185,6 +185,27 @@ class Part(Select):
             raise F4xError(f"share is {self.share:g}; give a fraction from 0 to 1.")
 
 
+Where = Literal["near", "left", "right", "above", "below", "behind", "front"]
+"""How a thing stands to another, in the picture and in depth."""
+
+
+@dataclass(frozen=True)
+class Beside(Select):
+    """Those of a kind that stand so to another thing: "the lamp next to the bed", "the crowd behind the dancer"."""
+
+    TAG = "beside"
+    of: SelectKind
+    """The kind."""
+    where: Where
+    """Seen through the clip's camera at `frame`."""
+    other: SelectKind
+    """To whom."""
+    each: bool = False
+    """All that stand so; else the one of them that is nearest to the other."""
+    frame: int = 0
+    """Clip frame."""
+
+
 @dataclass(frozen=True)
 class And(Select):
     """Intersection of selections."""
@@ -212,7 +233,7 @@ class Not(Select):
     """What is left out."""
 
 
-SelectKind = Union[All, Moving, Current, Named, Ids, Text, Point, Box, Instance, Part, And, Or, Not]  # noqa: UP007  # forward references
+SelectKind = Union[All, Moving, Current, Named, Ids, Text, Point, Box, Instance, Part, Beside, And, Or, Not]  # noqa: UP007  # forward references
 """Any selection."""
 
 
@@ -220,5 +241,5 @@ def parts_of(select: SelectKind) -> Iterator[SelectKind]:
     """A selection and everything it is made of."""
     yield select
     of = getattr(select, "of", ())
-    for part in of if isinstance(of, tuple) else (of,):
+    for part in (*(of if isinstance(of, tuple) else (of,)), *((select.other,) if isinstance(select, Beside) else ())):
         yield from parts_of(part)

@@ -99,6 +99,37 @@ def pick_object(posed: PosedSplats, rows: np.ndarray, which: str, camera: Camera
     return rows[owner == np.where(in_front, key, np.inf).argmin()]
 
 
+def stand_to(
+    posed: PosedSplats, rows: np.ndarray, others: np.ndarray, where: str, camera: Camera, each: bool
+) -> np.ndarray:
+    """Return those of the Gaussians `rows` whose objects stand so (see `selects.Beside`) to the Gaussians `others`.
+
+    Objects that share a Gaussian with the others do not count. With `each` all of them, else the one whose centre is nearest.
+    """
+    rows = rows[~np.isin(rows, others)]
+    if not len(rows) or not len(others):
+        return rows[:0]
+    owner, _ = split_objects(posed, rows)
+    surface = np.prod(np.sort(posed.scales[rows], axis=1)[:, 1:], axis=1) * posed.opacities[rows] + 1e-12
+    centres = centres_of(posed.means[rows], owner, surface)
+    target = centres_of(posed.means[others], np.zeros(len(others), int), posed.opacities[others] + 1e-12)
+    apart = (centres - target) @ camera.camera_to_world[:3, :3]  # right, down, forward
+    axis, sign = {
+        "left": (0, -1),
+        "right": (0, 1),
+        "above": (1, -1),
+        "below": (1, 1),
+        "front": (2, -1),
+        "behind": (2, 1),
+    }.get(where, (0, 0))
+    fits = apart[:, axis] * sign > 0 if sign else np.ones(len(apart), bool)
+    if not fits.any():
+        return rows[:0]
+    if each:
+        return rows[fits[owner]]
+    return rows[owner == np.where(fits, np.linalg.norm(apart, axis=1), np.inf).argmin()]
+
+
 def part_of(points: np.ndarray, side: str, share: float, camera: Camera) -> np.ndarray:
     """(n,) bool: which of `points (n,3)` lie in the outer `share` of their extent towards `side`, as `camera` sees it."""
     pixels, _ = camera.project(points.astype(np.float64))

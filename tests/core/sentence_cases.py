@@ -117,6 +117,13 @@ def _who_fits(slot: dict[str, Any], select: dict[str, Any], row: dict[str, Any])
             return False
     if "part" in slot and by != "part":
         return False
+    near_to = slot.get("near")
+    if near_to and by != "beside":
+        return False
+    if near_to and _one(next(iter(near_to.values())) if isinstance(near_to, dict) else near_to) not in _labels(
+        select["other"]
+    ):
+        return False
     found = _labels(select)
     wanted = _one(target)
     if slot.get("with_shadow") and not any("shadow" in label for label in found):
@@ -201,9 +208,10 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
     elif kind == "extract":
         ok = op == "extract"
     elif kind == "recolour":
-        named = COLOURS.get(slot["colour"].replace(" ", ""))
-        if named is None and not slot["colour"].startswith("#"):
-            shade, base = slot["colour"].split()
+        spelled = slot["colour"].replace("grey", "gray")
+        named = COLOURS.get(spelled.replace(" ", ""))
+        if named is None and not spelled.startswith("#"):
+            shade, base = spelled.split()
             named = COLOURS.get(shade + base) or COLOURS[base]
         if op == "recolour":
             mode = made.get("mode", "assign")
@@ -235,9 +243,8 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
             ok = ok and abs(made.get("time_shift", 0) - (lag["frames"] if isinstance(lag, dict) else lag * FPS)) <= 1
         elif kind == "follow":
             ok = ok and made.get("time_shift", 0) > 0
-        ok = ok and _way_fits(
-            slot.get("direction"), made.get("offset", [0, 0, 0]), behind_ok=made.get("time_shift", 0) > 0
-        )
+        way = made.get("offset", [0, 0, 0])
+        ok = ok and _place_fits(slot.get("direction"), way, made, behind_ok=made.get("time_shift", 0) > 0)
         if "by" in slot:
             ok = ok and abs(max(map(abs, made["offset"])) - slot["by"]["amount"]) < 0.01
     elif kind == "freeze":
@@ -281,6 +288,23 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
     return _span_fits(slot.get("span"), made)
 
 
+_PLACES = {"behind": "behind", "in front of": "closer", "left of": "left", "right of": "right", "above": "up", "on": "up",
+           "below": "down", "under": "down", "next to": "any", "near": "any", "closer to": "any", "to": "any", "beside": "any",
+           "towards": "any"}  # fmt: skip
+
+
+def _place_fits(wanted: str | None, vector: list[float], made: dict[str, Any], behind_ok: bool = False) -> bool:
+    """As `_way_fits`, for "behind bush" too, where the operation names the bush; of itself it is a way."""
+    for words in sorted(_PLACES, key=len, reverse=True):
+        if wanted and wanted.startswith(words + " "):
+            other = _one(wanted.removeprefix(words + " "))
+            itself = "beside" not in made and other in _labels(made["select"]) | {"it"}
+            if not itself and other not in _labels(made.get("beside")):
+                return False
+            return _PLACES[words] == "any" or _way_fits(_PLACES[words], vector, behind_ok)
+    return "beside" not in made and _way_fits(wanted, vector, behind_ok)
+
+
 def _way_fits(wanted: str | None, vector: list[float], behind_ok: bool = False) -> bool:
     if wanted in (None, "any"):
         return wanted is None or any(vector)
@@ -298,7 +322,7 @@ def _transform_fits(slot: dict[str, Any], made: dict[str, Any]) -> bool:
         return False
     if "translate" in slot:
         move = made.get("translate", [0, 0, 0])
-        if not _way_fits(slot["translate"].get("direction"), move):
+        if not _place_fits(slot["translate"].get("direction"), move, made):
             return False
         if "amount" in slot["translate"] and abs(max(map(abs, move)) - slot["translate"]["amount"]) > 0.01:
             return False

@@ -267,7 +267,6 @@ def test_long_texts_take_bounded_time(part):
         ("make half of the dog red", "'half of'"),
         ("make the dog darker red", "'darker red'"),
         ("paint the second dog blue", "'the second dog'"),
-        ("hide the dog behind the tree", "'behind'"),
         ("undo the last edit", "`f4x undo SCENE`"),
         ("change the color of the dog", "not said to which color"),
     ],

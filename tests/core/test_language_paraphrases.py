@@ -42,7 +42,7 @@ def test_a_paraphrase_means_what_the_known_sentence_means(sentence, known):
 
 
 @pytest.mark.parametrize(
-    "sentence", ["if the bird moves make it red", "put the bird on the car", "make the bird happy", "never mind"]
+    "sentence", ["if the bird moves make it red", "make the bird happy", "never mind"]
 )
 def test_no_paraphrase_makes_sense_of_what_has_none(sentence):
     with pytest.raises(Refusal):

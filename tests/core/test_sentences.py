@@ -7,10 +7,7 @@ from f4x_core.edit.language import Refusal, describe, parse
 
 REFUSED = (
     "dress in #ff8800 for the dancer",
-    "blur the crowd behind the dancer",
     "blow the dog up to 1.5 times its size without lifting it off the ground",
-    "bring the camel closer to the wall",
-    "move the dog behind the bush",
     "stand the dancer on his feet: turn him by 180 degrees",
     "cut the dog out so nothing else is left",
     "hold the last frame of the first second",
@@ -48,7 +45,6 @@ def test_a_sentence_means_what_a_person_means(row):
         "move the bird with the car to the left",
         "make the bird dance",
         "play the bird twice",
-        "blur the bird behind the car",
     ],
 )
 def test_half_an_understanding_is_none(sentence):
