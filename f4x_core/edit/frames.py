@@ -79,7 +79,9 @@ ADDS_NOTHING = either(
 """Requests, wishes, interjections."""
 
 _joined = said("and|,|, and|but|plus|and also|as well as")
-_toward = ~said("in|to|into|as|with|at|by|toward|of|being|it|them")
+_toward = ~said(
+    "in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|solid|some"
+)
 _noun_of_colour = either(
     ~said("a|an|some|the")
     + ~said("slight|faint|light|soft|subtle")
@@ -101,7 +103,11 @@ _looked = either(
 )
 _more_opacity = (
     either(
-        percent + said("[visible|opacity|opaque|alpha|visibility]"),
+        ~said("like|about|roughly|only|just|say") + percent + said("[visible|opacity|opaque|alpha|visibility]"),
+        said("see through|transparent|translucent")
+        + ~said(",|like|about|say|so")
+        + percent
+        + said("visible|opacity|opaque"),
         said("opacity|alpha|visibility") + ~said("of|to|at|=|is|down to") + (percent | fraction),
         percent + said("transparency|see through|transparent|translucency") >> (lambda x: 1 - x),
         said("transparency|translucency") + ~said("of|to|at|=|is") + (percent | fraction) >> (lambda x: 1 - x),
@@ -109,7 +115,15 @@ _more_opacity = (
     >> making.opacity
 )
 _pace_of = either(
-    ~said("at|with|in|to") + fraction + said("speed|the speed|pace|tempo|of [the|its] speed") >> making.retimed,
+    ~said("at|with|in|to")
+    + (
+        fraction
+        | table(
+            {"three quarter": 0.75, "quarter": 0.25, "two third": 2 / 3, "one third": 1 / 3, "half": 0.5}, reserve=False
+        )
+    )
+    + said("speed|the speed|pace|tempo|of [the|its] speed")
+    >> making.retimed,
     ~said("at|with|in|to") + (percent | multiple | number + said("x")) + said("speed|pace|tempo") >> making.retimed,
     multiple + table({"slower": -1, "faster": 1}) >> (lambda x, way: making.retimed(x if way > 0 or x < 1 else 1 / x)),
     said("slow mo|slowmo|slo mo|slomo|slow motion|in slow mo") >> (lambda: making.retimed(0.5)),
@@ -133,8 +147,6 @@ _size_of = (
     )
     >> making.scaled
 )
-_gray = said("gray|black and white|monochrome|grayscale|desaturated|colorless|without color") >> (lambda: making.GRAYED)
-_flipped = qualities.upside_down >> (lambda: making.turned(making.UPSIDE_DOWN))
 _quality = either(
     _toward + qualities.made,
     _toward + qualities.without_colour,
@@ -147,6 +159,10 @@ _quality = either(
     qualities.pace,
     _toward + qualities.backward,
     _toward + qualities.opacity_value,
+    ~said("a|the|more|really|very|rather|quite|nice and|pretty|in a|feel|look|looking|feeling")
+    + qualities.simply
+    + ~said("tone|mood|look|light"),
+    _toward + qualities.bare_look,
 )
 _becoming = said(
     every_form(

@@ -154,7 +154,8 @@ def read_sentence(
             notes = (f"{error} The grammar read the sentence instead.",)
     while True:
         try:
-            return language.parse(sentence, **arguments, copies=_copies(scene)), GRAMMAR, notes
+            earlier = next((edit.sentence for edit in reversed(of(scene).edits) if edit.enabled), "")
+            return language.parse(sentence, **arguments, copies=_copies(scene), earlier=earlier), GRAMMAR, notes
         except Doubt as doubt:  # each round knows one word more
             if not yes:
                 raise

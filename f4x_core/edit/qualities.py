@@ -240,6 +240,12 @@ _TOO = {
     "cold|cool|blue|bluish": (making.warmed(None, True), making.warmed(None, False)),
     "transparent|see through|faint": (making.opacity(2.0), making.opacity(0.5)),
     "sharp|crisp": (making.blurred(), making.blurred()),
+    "much contrast|contrast": (making.contrasted(_LESS), making.contrasted(_MORE)),
+    "little contrast": (making.contrasted(_MORE), making.contrasted(_LESS)),
+    "much color|much saturation": (making.saturated(_LESS), making.saturated(_MORE)),
+    "little color|little saturation": (making.saturated(_MORE), making.saturated(_LESS)),
+    "much light|much brightness": (making.brightened(_LESS), making.brightened(_MORE)),
+    "little light|little brightness": (making.brightened(_MORE), making.brightened(_LESS)),
 }
 """Quality -> what is done where there is too much of it, and where there is not enough."""
 _degree = ~said(
@@ -250,3 +256,17 @@ too_much = either(
     lit("not") + table({words: more for words, (_, more) in _TOO.items()}, reserve=False) + lit("enough"),
 )
 """What is done about too much or too little of a quality: a value."""
+simply = table(
+    {
+        "bright|light|well lit": making.brightened(_MORE),
+        "dark|dim|black as night|pitch dark": making.brightened(_LESS),
+        "colorful|vivid|saturated|vibrant": making.saturated(_MORE),
+        "pale|dull|muted|faded": making.saturated(_LESS),
+        "warm|cozy|cosy": making.warmed(None, True),
+        "cold|cool|icy cold|chilly": making.warmed(None, False),
+        "slow|slowly|slow moving": making.retimed(_LESS),
+        "fast|quick|quickly|rapid": making.retimed(_MORE),
+    },
+    reserve=False,
+)
+"""A quality without "more" or "less": "the sand should be dark"."""

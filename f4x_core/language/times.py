@@ -104,7 +104,7 @@ _part_way = either(
         f"the middle of it|the [{_whole}] is [half|halfway] [over|through|done]"
     )
     >> (lambda: HALF_WAY),
-    fraction + (_through | _of_it) >> (lambda x: TimeExpression(clip=x)),
+    fraction + (_through | _of_it | lit("of the time|through the time|in")) >> (lambda x: TimeExpression(clip=x)),
     percent + (_through | lit(f"of the [{_whole}]")) >> (lambda x: TimeExpression(clip=x)),
 )
 """Moments that are told by how much of the clip is over."""
@@ -135,20 +135,28 @@ _second_over = lit("the") + _nth + lit("second") + ~lit("is over|has passed") >>
 moment = either(
     _edge, ~lit("a|one") + _and_a_half, _numbered, _counted, _before_end, _measured, _fraction_moment, _clock, _part_way
 )
-_to = lit("to|-|until|up to|through|and|thru")
+_to = lit("to|-|until|up to|through|and|thru|up until|till|up till")
 _pair = either(
     moment + _to + moment >> (lambda a, b: (a, b)),
     ~lit("the") + _unit + number + _to + number >> (lambda unit, a, b: (_times(a, unit), _times(b, unit))),
     number + _to + number + _unit >> (lambda a, b, unit: (_times(a, unit), _times(b, unit))),
-    (percent | fraction) + _to + (percent | fraction) + (_of_it | _through)
+    (percent | fraction) + ~(_of_it | _through) + _to + (percent | fraction) + (_of_it | _through)
     >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b))),
+    (percent | fraction) + lit("in") + _to + (percent | fraction)
+    >> (lambda a, b: (TimeExpression(clip=a), TimeExpression(clip=b))),
+    lit("the (very) middle|halfway|half way") + _to + lit("the (very) end") + ~_of_it >> (lambda: (HALF_WAY, END)),
+    lit("the (very) [start|beginning]") + _to + lit("the (very) middle|halfway|half way") + ~_of_it
+    >> (lambda: (START, HALF_WAY)),
 )
 _pair_between = lit("between") + _pair
 _pair_from = ~lit("from|in|during|for|over|within|at|starting [at|from|in]|beginning [at|from]|on") + _pair
 _length = either(duration, optional(number, 1.0) + _unit >> _times)
 _first = ~lit("for|in|during|over|within|throughout|on|at") + lit("the first") + _length
 _last = ~lit("for|in|during|over|within|throughout|on|at") + lit("the [last|final]") + _length
-_onward = ~lit("on|onward|forward|and on|and onward|on out|and later|or later")
+_onward = ~lit(
+    "on|onward|forward|and on|and onward|on out|and later|or later|on forever|until the (very) end|to the (very) end|till the end|"
+    "for good|for the rest (of the clip|of it)|and stay so"
+)
 _since = lit(
     "from|after|since|as of|once|not before|beginning|from (about) after|"
     "starting|starting [at|from|in|with|on]|beginning [at|from|in|with]|start at|past"
@@ -166,7 +174,7 @@ _since_then = either(
     lit("(right) after|past|once|when") + _second_over + _onward,
     _has_passed,
 )
-_just_then = (_at + moment | _bare) + _onward
+_just_then = (_at + ~lit("about|around|roughly|exactly|precisely") + moment | _bare) + _onward
 _begin = _since_then | _just_then
 _for = lit("for|lasting|over|within|during|over the course of|over a period of|in the course of|taking") + duration
 _part = table(
@@ -216,6 +224,12 @@ span = either(
     _central,
     _nth_second,
     _loosely >> (lambda: Span(END, None, "moment")),
+    lit("for|during") + lit("a|one") + _unit + ~lit("or so|or two") + lit("at the (very) [start|beginning]")
+    >> (lambda unit: Span(START, unit)),
+    lit("for") + duration + ~lit("or so") + lit("at the (very) [start|beginning]")
+    >> (lambda length: Span(START, length)),
+    lit("for") + duration + ~lit("or so") + lit("at the (very) end")
+    >> (lambda length: Span(END.plus(length, -1.0), None)),
     _since_then >> (lambda start: Span(start, None, "from")),
     _just_then >> (lambda start: Span(start, None, "moment")),
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
@@ -223,7 +237,9 @@ span = either(
         {
             "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|scene]|"
             "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|for good|permanently|"
-            "the whole way through|from start to finish|from (the) beginning to (the) end": Span(START, None, "always")
+            "the whole way through|from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|"
+            "[over|during|throughout] the (whole|entire) [footage|shot|movie|sequence|recording]|at all times|in every frame|"
+            "in all frames|on every frame|on all frames": Span(START, None, "always")
         }
     ),
 )

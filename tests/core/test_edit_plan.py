@@ -13,12 +13,12 @@ from stub_server import client, saying, stub_server
 
 from f4x_core.cli import main
 from f4x_core.edit import plan
-from f4x_core.edit.apply import edited, with_operations
+from f4x_core.edit.apply import edited, pivot_of, with_operations
 from f4x_core.edit.display import Display
 from f4x_core.edit.language import Refusal, describe
 from f4x_core.edit.operations import Delete, Duplicate, Freeze, Match, Name, Opacity, Recolour, Transform
 from f4x_core.edit.resolve import EditorState, labels_of, resolve, rows_of
-from f4x_core.edit.selects import All, And, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, Text
+from f4x_core.edit.selects import All, And, Beside, Box, Current, Ids, Instance, Moving, Named, Not, Or, Point, Text
 from f4x_core.edit.stack import of
 from f4x_core.errors import F4xError
 from f4x_core.geometry import quaternion
@@ -213,6 +213,64 @@ def test_it_is_chosen_where_it_is_at_that_frame(three):
     both = Ids.of(np.concatenate([three.dynamic.ids, three.static.ids[-162:-81]]))
     assert STEP * 5 < 0.6  # the moving one never passes the other
     assert set(resolve(passed, Delete(Instance(both, "left", 5)), HERE).select.array) == set(three.dynamic.ids)
+
+
+@pytest.mark.parametrize(
+    ("where", "each", "things"),
+    [
+        ("near", False, [1]),
+        ("left", False, [2]),
+        ("right", False, [1]),
+        ("above", False, [1]),
+        ("below", False, [2]),
+        ("behind", False, [2]),
+        ("front", False, [1]),
+        ("near", True, [1, 2]),
+    ],
+)
+def test_things_by_where_they_stand(three, where, each, things):
+    groups = [three.dynamic.ids, three.static.ids[-162:-81], three.static.ids[-81:]]
+    of, other = Ids.of(np.concatenate(groups)), Ids.of(groups[0])
+    found = resolve(three, Delete(Beside(of, where, other, each, 1)), HERE).select
+    assert set(found.array.tolist()) == set(np.concatenate([groups[thing] for thing in things]).tolist())
+    with pytest.raises(F4xError, match="there is no"):
+        resolve(three, Delete(Beside(Ids.of(groups[1]), "left", Ids.of(groups[2]), frame=1)), HERE)
+
+
+@pytest.mark.parametrize(
+    ("way", "axis", "sign"), [((-1.0, 0.0, 0.0), 0, -1), ((1.0, 0.0, 0.0), 0, 1), ((0.0, 0.0, 1.0), 2, 1), ((0.0, 0.0, 0.0), 0, -1)]
+)
+def test_a_thing_goes_beside_another(three, way, axis, sign):
+    thing, other = (Ids.of(three.static.ids[rows]) for rows in (slice(-162, -81), slice(-81, None)))
+    sentence = Transform(thing, way, unit="size", axes="camera", beside=other)
+    found = resolve(three, sentence if any(way) else replace(sentence, select=other, beside=thing), HERE)
+    assert found.beside is None and found.unit == "world"
+    moved = with_operations(three, found).posed(0.0).means
+    stay, go = (moved[rows_of(three, one)] for one in ((other, thing) if any(way) else (thing, other)))
+    apart = pivot_of("base", go) - pivot_of("base", stay)
+    gap = 1.1 * (np.ptp(go[:, axis]) + np.ptp(stay[:, axis])) / 2
+    assert np.isclose(apart[axis], sign * gap, atol=0.05) and np.allclose(np.delete(apart, axis), 0, atol=1e-5)
+    with pytest.raises(F4xError, match="beside itself"):
+        resolve(three, Transform(thing, way, unit="size", axes="camera", beside=thing), HERE)
+
+
+def test_a_thing_goes_onto_another(three):
+    thing, other = (Ids.of(three.static.ids[rows]) for rows in (slice(-162, -81), slice(-81, None)))
+    found = resolve(three, Duplicate(thing, (0.0, -1.0, 0.0), unit="size", axes="camera", beside=other), HERE)
+    top = three.posed(0.0).means[rows_of(three, other)][:, 1].min()
+    copied = three.posed(0.0).means[rows_of(three, thing)] + found.offset
+    assert np.isclose(copied[:, 1].max(), top, atol=0.05)
+
+
+def test_what_was_said_before_is_remembered(scene, path):
+    plan.apply(path, plan.propose(read_scene(path), "make the square red", HERE).chosen)
+    now = read_scene(path)
+    (operation,) = plan.propose(now, "now hide it", HERE).chosen.operations
+    assert isinstance(operation, Opacity) and set(operation.select.array.tolist()) == square_of(scene)
+    (again,) = plan.propose(now, "the wall too", HERE).chosen.operations
+    assert isinstance(again, Recolour) and again.rgb == (1.0, 0.0, 0.0)
+    with pytest.raises(F4xError, match="'it'"):
+        plan.propose(scene, "now hide it", HERE)
 
 
 def test_strays_are_small_pieces(scene):
