@@ -40,13 +40,21 @@ _KINDS = (
 )
 """Kinds of phrases, of which the last one that was said is replaced by one of the same kind."""
 _ORDERS = (
+    (
+        r"^(?P<a>.*\btoo\b.+?)[,.;]+ (?:please |so )?(?:tone|turn|bring|dial|take|fix|correct|change|lower|reduce)\b"
+        r"(?: (?:it|that|this|them))?(?: down| up| back)?(?: a bit| a little)?[.!]*$",
+        r"\g<a>",
+    ),
     (r"^(?:before|prior to) (?:you |we |i )?(?P<b>.+?), (?:please |first )?(?P<a>.+)$", r"\g<a>. \g<b>"),
     (r"^(?P<b>.+?),? but (?:only |just )?(?:after|once) (?:you |we )?(?:have |'ve )?(?P<a>.+)$", r"\g<a>. \g<b>"),
-    (r"^(?:after|once) (?:you have |you've |we have |you |we |having |that,? )?(?P<a>[a-z]+(?:ing|ed|e|t|"
-      "n)? .+?), (?P<b>[a-z]+ .+)$", r"\g<a>. \g<b>"),
+    (
+        r"^(?:after|once) (?:you have|you've|we have|you|we|that,?) (?P<a>[a-z]+ .+?), (?P<b>[a-z]+ .+)$",
+        r"\g<a>. \g<b>",
+    ),
     (r"^(?P<b>.+?),? after (?:you |we )(?:have |'ve )?(?P<a>.+)$", r"\g<a>. \g<b>"),
     (r"^(?P<b>.+?),? but first,? (?P<a>.+)$", r"\g<a>. \g<b>"),
-)  # fmt: skip
+)
+"""What is done about a complaint that is named again, and sentences whose second part is done first."""
 _ORDER_PATTERNS = tuple((re.compile(pattern, re.IGNORECASE), said) for pattern, said in _ORDERS)
 
 

@@ -32,7 +32,7 @@ from .commands import (
     Command,
 )
 from .making import Value
-from .phrases import everything_else, known_thing, thing, two_of_them
+from .phrases import everything_else, known_noun, known_thing, place, thing, two_of_them
 
 FRAMES: list[Command] = []
 """In the order in which they are preferred."""
@@ -73,6 +73,10 @@ ADDS_NOTHING = either(
         "[should|must|could|can|may|will|would|shall|has to|have to|needs to|need to|ought to|is to|are to|to|is supposed to|"
         "are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
         "[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
+    ),
+    said(
+        every_form("make|let|have|get|do|keep")
+        + "|start|begin|going|in the [scene|picture|video|clip]|for good|permanently"
     ),
     said(",|:|->|=>|=|-|!|(|)"),
 )
@@ -175,10 +179,11 @@ _about = ~said("of|for|on|to|in|with|around|about|onto|over|at|from")
 _whom = _about + thing
 _frame(
     "the dog, in red",
-    lambda quality, verb=None: quality,
+    lambda quality: quality,
     "quality",
     who=_whom,
     verb=_becoming,
+    more=said("still|even|even more|a step"),
     quality=listed(_quality + _instead_of, _joined),
 )
 
@@ -319,6 +324,13 @@ _frame(
     complaint=said("is|are|looks|look|seems|seem|feels|appears|appear|was|it is|has|have") + qualities.too_much,
 )
 
+_frame(
+    "it's too dark",
+    REMARK,
+    "complaint",
+    complaint=said("its|it is|that is|this is|thats|everything is|it looks|it seems") + qualities.too_much,
+)
+
 # Taking out
 _frame(
     "the dog has to be removed",
@@ -383,23 +395,34 @@ _frame(
 )  # fmt: skip
 
 # Places
-_frame(
-    "the dog, a bit to the left",
-    making.moved,
-    "way",
-    who=thing | said("for|of") + thing,
-    verb=said(every_form(
+_moving = said(
+    every_form(
         "move|shift|push|put|slide|bring|pull|drag|place|shove|carry|send|scoot|nudge|translate|position|drive|displace|set|"
         "get|drop|throw|"
         "relocate|fly|float|slip|budge|transport|take|swing|draw|tug|bump|go|jump|drift|come|glide|wander|roll|hop|step|"
         "travel|walk|hover|"
         "swim|run|stand|sit|hang|lift|raise|lower|rise|sink|appear|land|turn up|offset|reposition|ride|dance|skate|be|live|"
         "start|stay"
-    )) >> (lambda: None),
+    )
+)
+_frame(
+    "the dog, a bit to the left",
+    making.moved,
+    "way",
+    who=thing | said("for|of") + thing,
+    verb=_moving,
     way=steps,
     far=~said("by|for|about|some") + distance,
     more=said("more|further|farther|still|even"),
 )  # fmt: skip
+_frame(
+    "the dog, behind the bush",
+    lambda at: making.placed(*at),
+    "at",
+    who=thing | said("for|of") + thing,
+    verb=_moving,
+    at=~said("over|right|directly|straight|to|somewhere") + place >> (lambda where, other: (where, other)),
+)
 _frame(
     "the dog, raised by half its height",
     lambda lift, far=None: making.moved(making.UP if lift else making.DOWN, far),
@@ -539,6 +562,7 @@ _frame(
         )
     )
     >> (lambda: True),
+    others=~said("ghost|ghostly|faint|identical|more|other") + silent(known_noun),
     copies=~said("a|some|few|a few|several|ghost|ghostly|faint")
     + said("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|copy|clone|ghost|ghostly copies"),
     times=_times,

@@ -46,6 +46,7 @@ from .making import BESIDE, COPY_DISTANCE, THE_COPY
 from .operations import Delete, Duplicate, Extract, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
 from .selects import All, And, Instance, Named, Not, SelectKind, parts_of
+from .styles import STYLES
 
 __all__ = ["Refusal", "describe", "parse"]
 
@@ -76,7 +77,7 @@ _slowly = ~lit(",") + table(
 )
 _aside = ~lit(",") + lit(
     "please|really|completely|entirely|fully|totally|simply|immediately|at once|right away|right now|nicely|neatly|properly|"
-    "altogether|together|as well|again|instead|all over|once more|suddenly|abruptly|quickly|for me|for us|there"
+    "altogether|together|for good|permanently|as well|again|instead|all over|once more|suddenly|abruptly|quickly|for me|for us|there"
 )
 """Words that add nothing, at any place between the others."""
 _between = lit("and|,|, and|but|while|, but|, while|and also")
@@ -226,9 +227,12 @@ def _in_any_order(frame: Command) -> Rule:
     return bag(slots, needed, ADDS_NOTHING) >> clause
 
 
-_number_of_item = ~(number + either(sign(")"), lit(".|:")))
-_loose_clause = either(_clause, _number_of_item + ~ADDS_NOTHING + either(*map(_in_any_order, FRAMES)))
-_loose_sentence = ~lit("and") + _ends + optional(_topic) + listed(_loose_clause, _separator) + _ends
+_number_of_item = number + either(sign(")"), lit(".|:"))
+_loose_clause = either(_clause, ADDS_NOTHING + either(*map(_in_any_order, FRAMES)), either(*map(_in_any_order, FRAMES)))
+_loose_separator = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
+_loose_sentence = (
+    ~lit("and") + _ends + ~silent(_number_of_item) + optional(_topic) + listed(_loose_clause, _loose_separator) + _ends
+)
 _sentence = ~lit("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
 _DROPPED = word_set("please kindly thanks thank")
 
@@ -470,6 +474,8 @@ def _operations(
         last = None if "later" in clause.pieces[-1] else clause.pieces[-1].get("when")
         topics: list[SelectKind] = []
         for piece in clause.pieces:
+            if clause.command.make is REMARK and not {"who", "complaint"} & piece.keys():
+                continue
             own = piece.get("when")
             if own and clause.front and clause.front.kind == "moment" and own.kind == "length":
                 own = _about(clause.front.start, own)
@@ -478,7 +484,7 @@ def _operations(
             nobody = context.last is None and "when" in piece and clause.command.timed
             if "who" not in piece and (clause.command.whole or nobody):
                 context.last = All()
-            context.overall = context.overall or clause.command.whole
+            context.overall = context.overall or clause.command.whole or clause.command.timed
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
             if who is None:
                 raise Refusal(
@@ -560,7 +566,9 @@ def _placed(operations: list[Operation]) -> list[Operation]:
                 if x or z:
                     placed[-1] = replace(made, offset=(x, y, z))
                     continue
-        placed.append(one)
+        said_again = isinstance(made, Extract) and isinstance(one, Delete) and one.select == Not(made.select)
+        if one != made and not said_again:
+            placed.append(one)
     return placed
 
 
@@ -580,6 +588,12 @@ def _compatible(operations: list[Operation]) -> list[Operation]:
     return operations
 
 
+_UNDOING = lit(
+    "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|"
+    "[put|take|bring] [it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|"
+    "back to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
+    "cancel (that|this|the last)|[forget|revoke] [that|the last] [change|edit|step|one]"
+)
 _ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
 """Word -> verb of `f4x` that does it."""
 _either = either(lit("either"), silent(familiar) + lit("or") + ~lit("the|a|an") + silent(familiar))
@@ -612,6 +626,13 @@ _UNKNOWN_WAYS = (
         "'{words}' is no color; give its name, for example 'dark red'.",
     ),
     (
+        lit(
+            "cartoon|cartoons|oil painting|painting|sketch|pencil|pencil sketch|anime|watercolor|pixel|pixels|pixelate|comic|manga|"
+            "vintage|retro|vhs|noir|impressionist|drawing|hologram|plastic|wood|wooden|stone|clay|lego|cyberpunk|vaporwave"
+        ),
+        f"There is no look '{{words}}'; there are {', '.join(STYLES)}, and black and white.",
+    ),
+    (
         lit("the [first|second|third|fourth|fifth|last|next|other]") + familiar,
         "Things are not counted, so nobody is '{words}'; say for example 'the left one' or 'the biggest one'.",
     ),
@@ -625,6 +646,8 @@ _UNKNOWN_WAYS = (
 
 def _not_understood(reading: Reading) -> tuple[str, bool]:
     """The sentence about the words that nobody knows, or at which every way to read ended; whether examples help."""
+    if any(_UNDOING.at(reading, at) for at in range(len(reading.tokens))):
+        return "That is no edit; use `f4x undo SCENE`, or the button for it.", False
     for token in reading.tokens:
         if token.text in _ELSEWHERE:
             return f"That is no edit; use `f4x {_ELSEWHERE[token.text]} SCENE`, or the button for it.", False

@@ -219,6 +219,8 @@ def faded(by: float, inward: bool = False) -> Value:
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         fading = when.fading(context, inward)
+        if when.slowly and when.frames is None:
+            fading = {"frames": (0.0, None), "ease": "linear"}
         if (when.slowly or inward) and "ease" not in fading:
             raise Refusal("It is not said from when to when it fades; add for example 'from second 1 to 2'.")
         return Opacity(who, round(by, PLACES), **fading, inward=inward)
@@ -281,6 +283,8 @@ def placed(where: Where, other: Who) -> Value:
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
         beside = other(context)
+        if beside == who:
+            raise Refusal("A thing cannot go beside itself; say beside whom.")
         context.last = who
         return Transform(who, translate=STANDING[where], unit="size", axes="camera", beside=beside, **when.growth)
 

@@ -385,6 +385,11 @@ _stands = ~lit("that|which|who") + ~lit(
 )
 _neighbour = generated(lambda reading, at: ((end, who) for end, (who,) in _one_thing.at(reading, at).items()))
 """To whom something stands; by name, because it may itself be told by where it stands."""
+_named_neighbour: Rule = generated(
+    lambda reading, at: (
+        (end, who) for end, (who,) in (familiar | _determiner + _noun | _instance).at(reading, at).items()
+    )
+)
 
 
 def _standing(kind: Who, plural: bool, where: Where, other: Who) -> Who:
@@ -397,6 +402,28 @@ def _standing(kind: Who, plural: bool, where: Where, other: Who) -> Who:
     return who
 
 
+def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
+    """A known thing by what it does: "man who rides the scooter", "car that is drifting", "person jumping over there"."""
+    for middle, label in (*_known_at(reading, at), *_modified_at(reading, at)):
+        start = middle + (reading.word(middle) in ("who", "that", "which"))
+        told = start > middle
+        start += told and reading.word(start) in ("is", "are")
+        verb = reading.word(start)
+        form = verb.endswith("ing") or (told and verb.endswith("s") and verb not in ("is", "was", "has", "does"))
+        if not form or len(verb) < 5 or (verb in VOCABULARY and not told):
+            continue
+        ends = [start + 1]
+        after = start + 1 + (reading.word(start + 1) in ("on", "in", "with", "over", "through", "at", "along", "past"))
+        after += reading.word(after) in ("the", "a", "an", "his", "her", "its", "their")
+        ends += (
+            [end for end, _ in (*_known_at(reading, after), *_stranger_at(reading, after))] if after > start + 1 else []
+        )
+        ends += [start + 3] if (reading.word(start + 1), reading.word(start + 2)) == ("over", "there") else []
+        for end in dict.fromkeys(ends):
+            yield end, f"{label} {reading.text_of(middle, end).lower()}"
+
+
+_doing = ~_article + _things(_relative_at)
 _wearing = ~_article + _things(_wearing_at)
 _moving = either(
     lit(
@@ -441,13 +468,15 @@ _WHICH = {
 }
 PICTURE = "scene|picture|image|video|clip|shot|footage|movie|film|frame|view|sequence"
 _WHERE = {
-    f"[on|at|to] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])": "left",
+    f"[on|at|to] [the|its] (far) left (side|hand side|edge) (of [the|this] [{PICTURE}])|to the far left": "left",
     f"[on|at|to] [the|its] (far) right (side|hand side|edge) (of [the|this] [{PICTURE}])": "right",
     "at the (very) top|on (the) top|on the top side": "top",
     "at the (very) bottom|on the bottom": "bottom",
     "in the (very) [middle|center]|at the center": "middle",
     f"in front|in the [front|foreground]|up front|nearer to [{VIEWER}]|at the front|[closest|nearest]"
     f" to [{VIEWER}]|closest|nearest": "nearest",
+    "(that is|which is|that are) [farther|further] (away|off|back)": "farthest",
+    "(that is|which is|that are) [nearer|closer] (to us|by)": "nearest",
     f"in the [back|background|distance|rear]|at the [back|rear]|far away|[farthest|furthest] (away) from [{VIEWER}]|"
     "farthest (away)|furthest (away)": "farthest",
 }
@@ -478,7 +507,7 @@ def _frame(number: float, context: SentenceContext) -> int:
     return int(number)
 
 
-_instance = either(
+_instance: Rule = either(
     ~_article + _which + _kind + _seen_in >> _one_of,
     ~_article + _kind + _where + _seen_in >> (lambda kind, which, seen: _one_of(which, kind, seen)),
 )
@@ -576,6 +605,21 @@ _everything = silent(
         ),
     )
 )
+_around = lit(
+    "(the) [world|scene|surroundings] around|(the|all the) things around|everything around|all around|(the) space around"
+) + _neighbour >> (lambda who: lambda context: Not(who(context)))
+
+
+def _the_other(context: SentenceContext) -> SelectKind:
+    """All of the kind but the one that was named last."""
+    last = context.it("'the other one'")
+    if not isinstance(last, Instance | Beside):
+        raise Refusal("Which one is the other is not said; say for example 'the left one'.")
+    context.last = And((last.of, Not(last)))
+    return context.last
+
+
+_other_one = lit("[the|that] other (one)|the other [ones|two|three]") >> (lambda: _the_other)
 everything_else = lit(
     "[everything|all|anything] else|all the rest|the rest of the [picture|scene|image|video|clip]"
     "|the remainder|all others|the (whole) rest (of it|of them|of the scene|of the picture)|the"
@@ -598,7 +642,7 @@ _kind_and_number = either(
         )
     ),
 )
-_stood = _kind_and_number + _stands + table(WHERE, reserve=False) + _neighbour >> (
+_stood = _kind_and_number + _stands + table(WHERE, reserve=False) + _named_neighbour >> (
     lambda kind, where, other: _standing(kind[0], kind[1], where, other)
 )
 """A thing told by how it stands to another."""
@@ -628,6 +672,9 @@ _definite = (
         _they,
         _copy,
         _original,
+        _around,
+        _other_one,
+        _doing,
         _stood,
     )
     + _in_scene
@@ -664,7 +711,7 @@ def _both(label: str, context: SentenceContext) -> SelectKind:
     return context.last
 
 
-_and_also = lit("and|or|,|, and|, or|and also|plus|as well as|along with|together with|and then|and all")
+_and_also = lit("and|or|,|, and|, or|and also|plus|+|as well as|along with|together with|and then|and all")
 _single = either(_definite, _bare_stranger + _in_scene)
 _both_of_them = (
     lit("both|both (of) [the|these|those|my|our|your]")

@@ -147,7 +147,7 @@ def fraction_of(quality: str) -> Rule:
 
 # Which way -----------------------------------------------------------------------------------------------------------
 
-VIEWER = "the camera|the viewer|the lens|me|us|here"
+VIEWER = "camera|the camera|the viewer|the lens|me|us|here"
 _OF_IT = "picture|image|frame|screen|scene|shot|view"
 _SIDE = "side|hand side|direction|edge|hand edge|half"
 _WITHIN = ~lit(f"of [the|this] [{_OF_IT}]|in [the|this] [{_OF_IT}]")
@@ -201,7 +201,9 @@ class Distance(NamedTuple):
 
 Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...]
 """(distance before, direction, distance behind) of each step of a way."""
-_body = lit("size|sizes|width|widths|body width|body widths|height|length|lengths|body length|body lengths")
+_body = lit(
+    "size|sizes|width|widths|height|heights|length|lengths|body [width|widths|length|lengths|height|heights|size|sizes]"
+)
 distance = either(
     degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
     lit("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),

@@ -18,6 +18,10 @@ ADJECTIVE = (
 """Words before the name of a thing that say how it looks: the search leaves them out, and the answer says so."""
 
 
+_JOINTS = ("of", "in", "with", "wearing", "who", "that", "which")
+"""Words behind which a thing is told by something else."""
+
+
 def names_another(label: str) -> bool:
     """Whether a name's last word does not say what kind of thing it is: "hot dog", "toy car"."""
     first, *more = label.lower().split()
@@ -33,7 +37,14 @@ def head_of(label: str, known: Collection[str]) -> str | None:
     words = label.lower().split()
     if len(words) < 2 or label.lower() in known:
         return None
-    joint = next((i for i, word in enumerate(words[1:-1], 1) if word in ("of", "in", "with", "wearing")), 0)
+    joint = next(
+        (
+            i
+            for i, word in enumerate(words[1:], 1)
+            if word in _JOINTS or (word.endswith("ing") and words[i - 1] in known)
+        ),
+        0,
+    )
     if joint:
         return " ".join(words[:joint])
     owner = next((i for i in range(len(words) - 1, 0, -1) if words[i - 1].endswith(("'s", "s'"))), 0)

@@ -50,7 +50,7 @@ def tokenise(sentence: str) -> list[Token]:
     tokens = []
     for match in _TOKEN.finditer(_RANGE.sub(" ", lowered)):
         text, start, end = match.group(), match.start(), match.end()
-        if "'" not in text or len(text) == 1:
+        if ("'" not in text or len(text) == 1) and text not in CONTRACTIONS:
             tokens.append(Token(SPELLING.get(text, text), start, end))
             continue
         parts = CONTRACTIONS.get(text)

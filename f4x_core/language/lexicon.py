@@ -37,7 +37,12 @@ CONTRACTIONS = {
         "they're they are, we're we are, i've i have, can't can not, won't will not, shan't shall not"
     ).items()
 } | {word + "n't": (word, "not") for word in ("do", "does", "did", "is", "are", "should", "would", "could", "must")}
-"""Words with an apostrophe that stand for two; any other `'s` is possessive."""
+CONTRACTIONS |= {
+    word.replace("'", ""): parts
+    for word, parts in CONTRACTIONS.items()
+    if word.endswith("n't") or word in ("i'm", "that's")
+}
+"""Words with an apostrophe, written or left out, that stand for two; any other `'s` is possessive."""
 
 _ONES = (
     "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen sixteen seventeen "

@@ -214,7 +214,8 @@ span = either(
     _last >> (lambda length: Span(END.plus(length, -1.0), None)),
     ~lit("from (the) [start|beginning]") + lit("until|before|up to|up until|not after") + (moment | _middle_point)
     >> (lambda end: Span(START, end)),
-    lit("by") + (_numbered | _counted) >> (lambda end: Span(START, end, "by")),
+    lit("by") + (_numbered | _counted | lit(f"the (very) end (of the [{_whole}])") >> (lambda: END))
+    >> (lambda end: Span(START, end, "by")),
     lit("before|until") + lit("the") + _nth + lit("second") >> (lambda n: Span(START, TimeExpression(seconds=n - 1))),
     ~lit("only|just") + _just_then + lit("only|alone") >> (lambda start: Span(start, start)),
     lit("only|just") + _just_then >> (lambda start: Span(start, start)),
@@ -236,9 +237,9 @@ span = either(
     table(
         {
             "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|scene]|"
-            "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|for good|permanently|"
+            "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|"
             "the whole way through|from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|"
-            "[over|during|throughout] the (whole|entire) [footage|shot|movie|sequence|recording]|at all times|in every frame|"
+            "[over|during|throughout] the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|at all times|in every frame|"
             "in all frames|on every frame|on all frames": Span(START, None, "always")
         }
     ),

@@ -180,6 +180,8 @@ def _span_fits(span: dict[str, Any] | None, op: dict[str, Any], which: str = "sp
         lo, hi = 24, 60
     if which == "at":
         return abs(a - lo) <= 1
+    if "loose" in span:
+        return abs(a - lo) <= 13 and abs(b - (last if hi is None else hi)) <= 13
     return abs(a - lo) <= 1 and abs(b - (last if hi is None else hi)) <= 1
 
 

@@ -238,7 +238,8 @@ def test_things_by_where_they_stand(three, where, each, things):
 
 
 @pytest.mark.parametrize(
-    ("way", "axis", "sign"), [((-1.0, 0.0, 0.0), 0, -1), ((1.0, 0.0, 0.0), 0, 1), ((0.0, 0.0, 1.0), 2, 1), ((0.0, 0.0, 0.0), 0, -1)]
+    ("way", "axis", "sign"),
+    [((-1.0, 0.0, 0.0), 0, -1), ((1.0, 0.0, 0.0), 0, 1), ((0.0, 0.0, 1.0), 2, 1), ((0.0, 0.0, 0.0), 0, -1)],
 )
 def test_a_thing_goes_beside_another(three, way, axis, sign):
     thing, other = (Ids.of(three.static.ids[rows]) for rows in (slice(-162, -81), slice(-81, None)))

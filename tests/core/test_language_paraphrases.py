@@ -41,9 +41,7 @@ def test_a_paraphrase_means_what_the_known_sentence_means(sentence, known):
     assert told(sentence) == told(known) != []
 
 
-@pytest.mark.parametrize(
-    "sentence", ["if the bird moves make it red", "make the bird happy", "never mind"]
-)
+@pytest.mark.parametrize("sentence", ["if the bird moves make it red", "make the bird happy", "never mind"])
 def test_no_paraphrase_makes_sense_of_what_has_none(sentence):
     with pytest.raises(Refusal):
         parse(sentence, **WITHIN)

@@ -6,6 +6,7 @@ import sentence_cases
 from f4x_core.edit.language import Refusal, describe, parse
 
 REFUSED = (
+    "make another dog, smaller, next to this one",
     "dress in #ff8800 for the dancer",
     "blow the dog up to 1.5 times its size without lifting it off the ground",
     "stand the dancer on his feet: turn him by 180 degrees",
