@@ -23,7 +23,7 @@ from ..language.amounts import (
     steps,
 )
 from ..language.colours import colour, colourish
-from ..language.grammar import Mismatch, Rule, either, listed, lit, optional, silent, table
+from ..language.grammar import Mismatch, Rule, either, listed, lit, optional, said, silent, table
 from ..language.lexicon import inflected
 from ..language.times import TimeExpression, duration
 from . import making, qualities
@@ -548,7 +548,8 @@ _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") |
     lambda x: 1 - x
 )
 _outward = lit("out|away|off|to zero|to 0|into nothing|from view|out completely|to nothing|to invisible")
-_command("fade the background", "fade|dissolve", lambda by=0.5: making.faded(by), itself="fade", by=_to_fraction)
+_command("fade the background", "fade", lambda by=0.5: making.faded(by), itself="fade", by=_to_fraction)
+_command("dissolve the dog", "dissolve", lambda: making.faded(0.0), itself="dissolve")
 _command("fade out the dog", "fade|dissolve", lambda: making.faded(0.0), "out", itself="fade", out=_outward)
 
 _command(
@@ -718,6 +719,14 @@ _command(
     ),
     **TURNS,
 )
+_command(
+    "make the dog face left",
+    "",
+    making.rotated,
+    "sense",
+    itself="face|look|point|head",
+    sense=either(SENSE, table({"left": -1, "right": 1})),
+)
 _command("turn the dog to the left", "turn", making.rotated, "sense", itself="turn", **TURNS)
 _command("turn the dog by 45 degrees", "turn", making.rotated, "angle", itself="turn", **TURNS)
 _command("rotate the dog by 90 degrees", ROTATING, making.rotated, itself=ROTATING, **TURNS)
@@ -796,7 +805,9 @@ BESIDE_IT: dict[str, Any] = {
     "called": _called_so,
 }
 _copies = either(
-    lit("a|another|one|one more|a second|an extra|a new") + lit("copy|clone|duplicate|replica") >> (lambda: 1.0),
+    lit("a|another|one|one more|a second|an extra|a new")
+    + (lit("copy|clone|duplicate|replica") | said("twin|double|lookalike"))
+    >> (lambda: 1.0),
     number + ~lit("more|extra|other|additional|identical") + lit("copies|clones|duplicates|replicas"),
 ) + lit("of")
 _others = either(

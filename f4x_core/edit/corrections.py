@@ -41,6 +41,11 @@ _KINDS = (
 """Kinds of phrases, of which the last one that was said is replaced by one of the same kind."""
 _ORDERS = (
     (
+        r"^(?:do not|don't|dont|never) [a-z]+ (?P<x>(?:the |my |that |this )?[\w' ]+?)[,;.]? "
+        r"(?:but |just |only |instead |rather )+(?P<a>[a-z]+ .+)$",
+        r"leave \g<x> alone and \g<a>",
+    ),
+    (
         r"^(?P<a>.*\btoo\b.+?)[,.;]+ (?:please |so )?(?:tone|turn|bring|dial|take|fix|correct|change|lower|reduce)\b"
         r"(?: (?:it|that|this|them))?(?: down| up| back)?(?: a bit| a little)?[.!]*$",
         r"\g<a>",

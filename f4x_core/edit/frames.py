@@ -76,13 +76,15 @@ ADDS_NOTHING = either(
     ),
     said(
         every_form("make|let|have|get|do|keep")
-        + "|start|begin|going|in the [scene|picture|video|clip]|for good|permanently"
+        + "|start|begin|every frame|each frame|going|in the [scene|picture|video|clip]|for good|permanently"
     ),
     said(",|:|->|=>|=|-|!|(|)"),
 )
 """Requests, wishes, interjections."""
 
 _joined = said("and|,|, and|but|plus|and also|as well as")
+_led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "with") else {})
+"""Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~said(
     "in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|solid|some"
 )
@@ -142,7 +144,7 @@ _size_of = (
         + ~said("of")
         + ~said("its|the|their|his|her|original|normal")
         + ~said("original|normal|current")
-        + said("size|scale|as big|as large|as tall|bigger|larger|taller"),
+        + said("size|scale|as big|as large|as tall"),
         ~said("at|to|in")
         + said("a")
         + (fraction | percent)
@@ -176,7 +178,7 @@ _becoming = said(
     )
 )
 _about = ~said("of|for|on|to|in|with|around|about|onto|over|at|from")
-_whom = _about + thing
+_whom = ~said("but|and") + ~said("only|just|only for|just for|only with") + _about + thing
 _frame(
     "the dog, in red",
     lambda quality: quality,
@@ -184,7 +186,23 @@ _frame(
     who=_whom,
     verb=_becoming,
     more=said("still|even|even more|a step"),
-    quality=listed(_quality + _instead_of, _joined),
+    quality=listed(_quality + _instead_of, _joined | _led),
+)
+_frame(
+    "brighter and more vivid",
+    lambda quality: quality,
+    "quality",
+    whole=True,
+    quality=listed(
+        either(
+            qualities.brightness_value,
+            qualities.saturation_value,
+            qualities.contrast_value,
+            qualities.warmth_value,
+            qualities.pop,
+        ),
+        _joined | _led,
+    ),
 )
 
 # More and less of a quality
@@ -519,7 +537,7 @@ _frame(
         silent(table({every_form("copy|duplicate|clone|replicate|multiply|double up"): None}, reserve=False))
         + constant(True),
         silent(optional(said("more|extra|other|identical|additional|new"))) + _copy_noun >> (lambda *_: True),
-        silent(optional(said("more|extra|other|identical|additional|new"))) + said("one of|ones of|of")
+        silent(optional(said("more|extra|other|identical|additional|new"))) + said("one of|ones of")
         >> (lambda *_: True),
     ),
     verb=said(
@@ -676,7 +694,7 @@ _frame(
     verb=_doing,
     glow=_bit_of
     + optional(colour)
-    + said("(neon|light) [glow|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance]")
+    + said("(neon|light) [glow|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light)")
     + ~said("effect")
     >> (lambda how, rgb: (how, rgb)),
 )

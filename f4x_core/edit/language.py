@@ -77,7 +77,8 @@ _slowly = ~lit(",") + table(
 )
 _aside = ~lit(",") + lit(
     "please|really|completely|entirely|fully|totally|simply|immediately|at once|right away|right now|nicely|neatly|properly|"
-    "altogether|together|for good|permanently|as well|again|instead|all over|once more|suddenly|abruptly|quickly|for me|for us|there"
+    "altogether|together|for good|permanently|as well|"
+    "again|instead|all over|once more|suddenly|abruptly|quickly|for me|for us|there"
 )
 """Words that add nothing, at any place between the others."""
 _between = lit("and|,|, and|but|while|, but|, while|and also")

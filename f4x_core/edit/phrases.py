@@ -154,11 +154,15 @@ class When:
     def _frames(self) -> dict[str, Any]:
         if self.kind == "length":
             raise Refusal("It is said how long, not from when; add for example 'from second 1'.")
+        if self.kind == "in" and self.frames is not None:
+            return {"frames": (self.frames[1], None)}
         return {} if self.frames is None else {"frames": self.frames}
 
     @property
     def growth(self) -> dict[str, Any]:
-        """Fields of a transform: grows over a range, jumps at a moment."""
+        """Fields of a transform: grows over a range, or for so long from the present frame on, jumps at a moment."""
+        if self.kind in ("length", "in") and self.frames is not None:
+            return {"frames": self.frames}
         if self.slowly and self.frames is None:
             return {"frames": (0.0, None)}
         if self.kind == "moment" and self.frames is not None and not self.slowly:
@@ -175,6 +179,11 @@ class When:
     def fading(self, context: SentenceContext, inward: bool) -> dict[str, Any]:
         """Fields of an opacity that comes little by little over a range, over a second "at the end" and, inward, "at the start"."""
         frames, last = self.frames, context.frames - 1
+        if (
+            self.kind == "length" and frames is not None and frames[1] is not None
+        ):  # the first seconds, or the last ones
+            length = frames[1] - frames[0]
+            return {"frames": (0.0, length) if inward else (max(last - length, 0.0), None), "ease": "linear"}
         if self.kind == "moment" and frames is not None and frames[0] == (0 if inward else last):
             frames = (0.0, float(min(context.fps, last))) if inward else (float(max(last - context.fps, 0)), None)
         elif frames is None or (self.kind not in ("range", "by") and not self.slowly):
@@ -402,6 +411,11 @@ def _standing(kind: Who, plural: bool, where: Where, other: Who) -> Who:
     return who
 
 
+def _plural_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
+    """A noun in the plural."""
+    yield from ((end, who) for end, (who,) in _noun.at(reading, at).items() if _is_plural(reading, end - 1))
+
+
 def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known thing by what it does: "man who rides the scooter", "car that is drifting", "person jumping over there"."""
     for middle, label in (*_known_at(reading, at), *_modified_at(reading, at)):
@@ -486,7 +500,8 @@ _kind = either(
     _moving,
     _moving_noun,
     _noun,
-    ~lit("one|ones") + lit("of (the|these|those|my|all the)") + _noun,
+    lit("one|ones") + lit("of (the|these|those|my|all the)") + _noun,
+    lit("of (the|these|those|my|all the)") + generated(lambda reading, at: _plural_at(reading, at)),
     lit("one|ones") >> (lambda: SentenceContext.one),
 )
 
@@ -555,6 +570,8 @@ _placed = either(
     _part_of + lit("of") + generated(_whole_at) >> _placed_part,
     (familiar | ~_article + _noun) + lit("'s|'") + _part_of
     >> (lambda whole, side, share: _placed_part(side, share, whole)),
+    ~lit("the|its") + table({"top": "top", "bottom": "bottom"}) + lit("of") + generated(_whole_at)
+    >> (lambda side, whole: _placed_part(side, 0.5, whole)),
     lit("its|his|her|their") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
     >> (lambda side, share: _placed_part(side, share, _its)),
 )
@@ -711,7 +728,16 @@ def _both(label: str, context: SentenceContext) -> SelectKind:
     return context.last
 
 
-_and_also = lit("and|or|,|, and|, or|and also|plus|+|as well as|along with|together with|and then|and all")
+_with_its = Rule(
+    lambda reading, at: (
+        {at + 1: ()}
+        if reading.word(at) in ("with", "including")
+        and reading.word(at + 1) in ("its", "his", "her", "their")
+        and reading.word(at + 2) in ("shadow", "shadows", "reflection", "reflections")
+        else {}
+    )
+)
+_and_also = _with_its | lit("and|or|,|, and|, or|and also|plus|+|as well as|along with|together with|and then|and all")
 _single = either(_definite, _bare_stranger + _in_scene)
 _both_of_them = (
     lit("both|both (of) [the|these|those|my|our|your]")

@@ -25,7 +25,8 @@ from .styles import STYLES
 _small = degree >> (lambda how: making.A_BIT if how.kind == "small" else 1.0)
 _article = ~lit("a|an|the|some")
 _shade_of = ~lit(
-    "(nice|lovely|bright|strong) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very"
+    "(nice|lovely|bright|strong|warm|cool) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very|"
+    "warm|cool|soft|rich|strong|plain"
 ) + ~(lit("from") + silent(colour) + ~lit("to|into"))
 _fully = ~lit("all|completely|fully|entirely|totally|wholly")
 colored = ~lit("(in) color|colored|tone|tint")
@@ -48,7 +49,12 @@ without_colour = lit(
     "gray scale|colorless|desaturated|without (any|its|all) color|without colors"
 ) >> (lambda: making.GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
-_SIZE = ("bigger|larger", "smaller|tinier", "big|large|huge|tall|high|wide", "small|tiny|little|short")
+_SIZE = (
+    "bigger|larger",
+    "smaller|tinier",
+    "big|large|huge|tall|high|wide",
+    "small|tiny|little|short",
+)
 _SPEED = ("faster|quicker|swifter|speedier", "slower", "fast|quick|quickly|speedy", "slow|slowly")
 brightness_value = (
     either(comparison(*_BRIGHTNESS), fraction_of("brightness|light|luminance") | fraction_of("as bright"))

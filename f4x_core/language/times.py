@@ -54,7 +54,7 @@ class Span(NamedTuple):
     """None: open."""
     kind: str = "range"
     """`moment`, `from`: only the start is given, at or since which it is; `by`: only when it is done; `length`: only the length;
-    `always`."""
+    `in`: after so long, or for so long; `always`."""
 
 
 _unit = table(
@@ -231,6 +231,9 @@ span = either(
     >> (lambda length: Span(START, length)),
     lit("for") + duration + ~lit("or so") + lit("at the (very) end")
     >> (lambda length: Span(END.plus(length, -1.0), None)),
+    lit("from|since") + lit("the") + _nth + lit("second") + _onward
+    >> (lambda n: Span(TimeExpression(seconds=n - 1), None, "from")),
+    lit("in|within") + duration >> (lambda length: Span(NOW, NOW.plus(length), "in")),
     _since_then >> (lambda start: Span(start, None, "from")),
     _just_then >> (lambda start: Span(start, None, "moment")),
     _for >> (lambda length: Span(NOW, NOW.plus(length), "length")),
@@ -239,7 +242,9 @@ span = either(
             "always|all the time|the whole time|(for|during|throughout|over) the [whole|entire] [clip|video|time|film|scene]|"
             "throughout|throughout the [clip|video|film|scene]|forever|the [entire|whole] way|"
             "the whole way through|from start to finish|from (the) beginning to (the) end|(over|for) the whole duration|"
-            "[over|during|throughout] the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|at all times|in every frame|"
+            "[over|during|throughout] the (whole|entire) [clip|video|film|scene|footage|shot|movie|sequence|recording]|"
+            "at all times|"
+            "in every frame|"
             "in all frames|on every frame|on all frames": Span(START, None, "always")
         }
     ),

@@ -285,7 +285,9 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
         return False
     if op == "duplicate":
         return True
-    if "span" not in slot and "at" not in slot:
+    if "at" in slot:
+        return made.get("frames") is not None and _span_fits(slot["at"], {"at": made["frames"][0]}, "at")
+    if "span" not in slot:
         return made.get("frames") is None or ("ease" in slot and made["frames"] == [0.0, None])
     return _span_fits(slot.get("span"), made)
 
