@@ -167,7 +167,7 @@ def make(output: Path) -> None:
         release = Release(tree, output, git("log", "-1", "--format=%ct"))
         export(release)
         print("kernels for every platform (minutes, the first time) …", flush=True)
-        release.run("-m", "f4x_core.native.build", "--all")
+        release.run("-m", "f4x_core.native.build", "--all", "--cache", str(ROOT / "build" / "native"))
         print("wheels and extensions …", flush=True)
         make_wheels(release)
         make_extensions(release)
