@@ -1,4 +1,4 @@
-"""Objects that are kept between builds: taken when all they were made of is the same, and never when they are not what they were."""
+"""Objects kept between builds: taken when all they were made of is the same, and never when they are not what they were."""
 
 import shutil
 
