@@ -172,7 +172,7 @@ def make(output: Path) -> None:
         make_wheels(release)
         make_extensions(release)
     if not (ROOT / "build" / EXAMPLES / SUMS).is_file():
-        print("example scenes (half an hour, the first time) …", flush=True)
+        print("example scenes (a quarter of an hour, the first time) …", flush=True)
         subprocess.run([sys.executable, "-m", "scripts.examples"], cwd=ROOT, check=True)
     copy_examples(ROOT / "build" / EXAMPLES, output / EXAMPLES)
     (output / NOTES).write_text(notes, encoding="utf-8")
