@@ -134,6 +134,7 @@ def kernels(arguments: list[str]) -> int:
         code = run(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ZIG])
         if code:
             return code
+        arguments = ["--cache", str(ROOT / "build" / "native"), *arguments]
     return run(["-m", "f4x_core.native.build", *arguments])
 
 

@@ -32,9 +32,9 @@ from f4x_core.scene.color import linear_from_srgb
 from f4x_core.scene.foreign import SplatSequence, identify, open_any
 from f4x_core.scene.formats import FORMATS, choose_format, export
 from f4x_core.scene.formats.splat import read_splat
-from f4x_core.scene.formats.usd import expected_bytes
+from f4x_core.scene.formats.usd import TURNS, _array, _characters, _shortest_turns, _turned, expected_bytes
 from f4x_core.scene.ply import export_frame, read_ply, read_properties, write_ply, write_properties
-from f4x_core.scene.posing import Y_UP, plain_color, similarity_of, transformed
+from f4x_core.scene.posing import Y_UP, plain_color, similarity_of, transformed, world_harmonics
 from f4x_core.scene.view import render
 
 TIME = 2.5
@@ -335,6 +335,32 @@ def test_usd_keeps_quaternions_on_one_hemisphere(tmp_path, usd):
         for time in range(6)
     ]
     assert all(((a * b).sum(axis=1) > 0).all() for a, b in pairwise(samples))
+
+
+@pytest.mark.parametrize("turn", range(len(TURNS)))
+def test_axes_that_are_turned_describe_the_same_gaussians(turn):
+    posed = random_scene(degree=2).posed(0.0)
+    turned = _turned(posed, np.full(len(posed.quats), turn))
+    shapes, harmonics = zip(*((covariances(one), world_harmonics(one)) for one in (posed, turned)), strict=True)
+    np.testing.assert_allclose(shapes[1], shapes[0], rtol=0, atol=1e-6 * np.abs(shapes[0]).max())
+    np.testing.assert_allclose(harmonics[1], harmonics[0], rtol=0, atol=2e-5)
+
+
+def covariances(posed):
+    """(N,3,3)"""
+    half = quaternion.to_matrix(quaternion.normalize(posed.quats.astype(np.float64))) * posed.scales[:, None]
+    return half @ half.transpose(0, 2, 1)
+
+
+def test_a_quaternion_takes_the_fewest_characters():
+    """A half turn about z and some more, told from axes that lie nearer; the text is counted as it is written."""
+    quats = quaternion.normalize(np.array([[-0.1, -0.2, 0.05, -0.9], [1.0, 1, 1, 1], [0.6, 0.0, -0.8, 0.0]]))
+    turns = _shortest_turns([quats])
+    shortest = quaternion.multiply(quats, TURNS[turns])
+    assert [len(_array(one, 3).translate(None, b"[(,)]")) for one in shortest[:, None]] == _characters(
+        shortest
+    ).tolist()
+    assert (_characters(shortest) <= _characters(quats) - [3, 4, 0]).all() and (shortest[:2] > -1e-12).all()
 
 
 @pytest.mark.blender

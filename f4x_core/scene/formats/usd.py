@@ -2,7 +2,8 @@
 
 Splats are `ParticleField3DGaussianSplat` (OpenUSD 26.03 and later), points `Points` for older readers.
 
-Text, so that no USD library is needed; a number has no more digits than a picture can show. Gaussians that stay as they are
+Text, so that no USD library is needed; a number has no more digits than a picture can show, and each Gaussian is described in
+those of its axes whose quaternions are the shortest text (the Gaussian is the same). Gaussians that stay as they are
 over all written times form the prim `static`, the others `dynamic`; an attribute has time samples only where it changes. Time
 codes are clip frames. The stage is y up: data are turned on the way out, harmonics too, because renderers do not turn those
 with the prim.
@@ -49,6 +50,11 @@ SIZE_DIGITS = 3
 """Significant digits of a size: half a hundredth at most."""
 EXACT = 9
 """Significant digits that tell all float32 numbers apart."""
+TURNS = quaternion.normalize(
+    np.array([q for q in itertools.product((-1.0, 0, 1), repeat=4) if np.count_nonzero(q) in (1, 2, 4)])
+)
+"""(48,4) quaternions wxyz of the 24 rotations, twice each, that take the axes to each other: an ellipsoid described in axes that
+are turned like this is the same with its sizes in another order."""
 AROUND = 3
 """Characters that a number takes besides its decimals: sign or digit, point, comma."""
 ROWS = 8192
@@ -210,19 +216,21 @@ def _write_stage(
         return
     matrix = Y_UP if transform is None else Y_UP @ np.asarray(transform, np.float64)
 
-    def poses() -> Iterator[PosedSplats]:
-        """The moments in order; neighbouring quaternions on one hemisphere, because readers interpolate them.
+    def posed_at(time: float) -> PosedSplats:
+        return transformed(scene.posed(time), matrix)
 
-        Of a rotation's two quaternions the first moment takes the one with fewer signs to write.
-        """
-        before = None
+    turns = _shortest_turns([posed_at(time).quats for time in (times[0], times[len(times) // 2], times[-1])])
+
+    def poses() -> Iterator[PosedSplats]:
+        """The moments in order; neighbouring quaternions on one hemisphere, because readers interpolate them."""
+        before = np.empty((0, 4))
         for time in times:
-            posed = transformed(scene.posed(time), matrix)
+            posed = posed_at(time)
+            if len(turns) == len(posed.quats):  # else their number changes with time
+                posed = _turned(posed, turns)
             quats = quaternion.normalize(posed.quats)
-            if before is not None and before.shape == quats.shape:
+            if before.shape == quats.shape:
                 quats = np.where((before * quats).sum(axis=1, keepdims=True) < 0, -quats, quats)
-            else:
-                quats = np.where((quats < 0).sum(axis=1, keepdims=True) > 2, -quats, quats)
             before = quats
             yield replace(posed, quats=quats)
 
@@ -261,6 +269,36 @@ def _write_stage(
             file.write(b"    }\n")
         file.write(b"}\n")
     progress("export", total, total)
+
+
+def _shortest_turns(moments: Sequence[np.ndarray]) -> np.ndarray:
+    """Rows (N,) of `TURNS` after which the quaternions (N,4) of some moments take the fewest characters; those of the first
+    moment alone where their number changes."""
+    same = [quats for quats in moments if len(quats) == len(moments[0])]
+    aligned = quaternion.align_sequence(quaternion.normalize(np.stack(same)))
+    return np.argmin([_characters(quaternion.multiply(aligned, turn)).sum(axis=0) for turn in TURNS], axis=0)
+
+
+def _characters(quats: np.ndarray) -> np.ndarray:
+    """How many characters the numbers of unit quaternions (...,4) take, without what separates them: (...)."""
+    rounded = np.round(quats * 10**DECIMALS)
+    zeros = sum((rounded % 10**count == 0).astype(np.int16) for count in range(1, DECIMALS))  # at its end
+    whole = rounded % 10**DECIMALS == 0
+    return (np.where(whole, 1, 1 + DECIMALS - zeros) + (rounded < 0)).sum(axis=-1)
+
+
+def _turned(posed: PosedSplats, turns: np.ndarray) -> PosedSplats:
+    """The same Gaussians described in axes turned by rows (N,) of `TURNS`."""
+    order = np.abs(quaternion.to_matrix(TURNS)).argmax(axis=1)  # (48,3): which old axis each new one is
+    sh = posed.sh
+    if sh.shape[1] > 1:  # they are in the Gaussian's own axes
+        sh = spherical_harmonics.rotate(sh, quaternion.conjugate(TURNS[turns]).astype(sh.dtype))
+    return replace(
+        posed,
+        quats=quaternion.multiply(quaternion.normalize(posed.quats), TURNS[turns]),
+        scales=np.take_along_axis(posed.scales, order[turns], axis=1),
+        sh=sh,
+    )
 
 
 def _write_binary(path: Path, write_text: Callable[[Path], None]) -> None:
