@@ -53,13 +53,14 @@ MISSED = 8.0
 """Mean grey levels, beyond those of `SLIP`, by which flow misses what it has lost; noise of pictures stays below half of it."""
 COARSE = 2
 """Shifts are compared in pictures smaller by this factor."""
-REACH, KNOWN_SHIFT = 0.1, 2
-"""Longest shift against the surroundings, as a fraction of the longer side, and the one (small pixels) that flow itself finds."""
+REACH, KNOWN_SHIFT = 0.1, 4
+"""Longest shift against the surroundings, as a fraction of the longer side, and one (small pixels) below which flow
+itself finds what is large enough."""
 ALIKE = 12.0
 """Grey levels, beyond those of `SLIP`, by which a thing no longer looks like itself in the next picture."""
 MIN_LOST = 0.0005
 """Fraction of the picture that must be explained anew; a moving region has twice as much (`motion.MIN_AREA_FRACTION`)."""
-MAX_LOST, MAX_COMPARED = 4, 256
+MAX_LOST, MAX_COMPARED = 4, 400
 """Regions of a picture that are looked at, the largest first, and pixels of one whose shifts are compared."""
 RING, MARGIN = 4, 16
 """Small pixels around a region that tell how its surroundings move, and pixels around it in which flow is made anew."""
@@ -81,7 +82,8 @@ def dis(preset: str, refine_iterations: int) -> Flow:
     engines = threading.local()  # an engine keeps buffers of the pair that it works on
 
     def flow(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        if not hasattr(engines, "own"):
+        if getattr(engines, "shape", None) != first.shape:  # for a small picture an engine lowers its scales for good
+            engines.shape = first.shape
             engines.own = cv2.DISOpticalFlow.create(presets[preset])
             if preset == "fine":  # the presets stop at half resolution
                 engines.own.setFinestScale(0)
@@ -363,7 +365,9 @@ def _find_lost(
         backward = _Anew.start(shift.reversed(), second, first, missed_back, flow)
         if onward is None or backward is None:
             continue
-        thing = onward.thing | _moved(backward.thing, shift.motion, first.shape)  # what one direction finds is the other's, too
+        thing = onward.thing | _moved(
+            backward.thing, shift.motion, first.shape
+        )  # what one direction finds is the other's, too
         onward.replace(there, missed_there, thing)
         backward.replace(back, missed_back, backward.thing | _moved(onward.thing, -shift.motion, first.shape))
     return there, back
@@ -377,7 +381,7 @@ def _slip(picture: np.ndarray) -> np.ndarray:
 
 
 def _missed(first: np.ndarray, second: np.ndarray, there: np.ndarray, low: Any = (0, 0)) -> np.ndarray:
-    """(h,w) mean grey levels by which flow `there` (h,w,2) misses `second` (H,W); `first` (h,w) is cut out at column and row `low`."""
+    """(h,w) mean grey levels by which flow `there` (h,w,2) misses `second` (H,W); `first` (h,w) begins at column and row `low`."""
     import cv2
 
     target, own = pixel_grid(*first.shape) + np.float32(low) + there, first.astype(np.float32)
@@ -394,9 +398,7 @@ def _shifts(first: np.ndarray, second: np.ndarray, there: np.ndarray, lost: np.n
     region = cv2.resize(lost.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
     if not region.any():
         return []
-    small, other = (
-        cv2.resize(one, size, interpolation=cv2.INTER_AREA).astype(np.float32) for one in (first, second)
-    )
+    small, other = (cv2.resize(one, size, interpolation=cv2.INTER_AREA).astype(np.float32) for one in (first, second))
     coarse = there[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE][: size[1], : size[0]] / COARSE
     _, labels, statistics, _ = cv2.connectedComponentsWithStats(_closed(region))
     area, found = statistics[:, cv2.CC_STAT_AREA] * (np.arange(len(statistics)) > 0), []
@@ -407,9 +409,13 @@ def _shifts(first: np.ndarray, second: np.ndarray, there: np.ndarray, lost: np.n
         high = low + statistics[label, 2:4]
         x, y = np.maximum(low - reach // 2, 0)
         box = np.s_[y : high[1] + reach // 2, x : high[0] + reach // 2]
-        around = (cv2.dilate((labels[box] == label).astype(np.uint8), np.ones((2 * RING + 1,) * 2)) > 0) & (labels[box] == 0)
+        around = (cv2.dilate((labels[box] == label).astype(np.uint8), np.ones((2 * RING + 1,) * 2)) > 0) & (
+            labels[box] == 0
+        )
+        if not around.any():  # nothing but what is lost
+            continue
         usual = np.median(coarse[box][around], axis=0)
-        aligned = _moved(other, usual + (x, y), small[box].shape)
+        aligned = _moved(other, usual + np.array((x, y)), small[box].shape)
         shift = _best_shift(small[box], aligned, labels[box] == label, reach)
         if shift is not None:
             found.append(_Shift(COARSE * (usual + shift), COARSE * low - MARGIN, COARSE * high + MARGIN))
@@ -436,7 +442,7 @@ def _best_shift(picture: np.ndarray, aligned: np.ndarray, region: np.ndarray, re
     """(2,) whole pixels up to `reach` that bring most of what is left over at a `region` (h,w) onto what is left over.
 
     `aligned` (h,w) is the other picture laid over `picture` (h,w) by the motion of the surroundings. Where a thing was and
-    where it goes the two differ, and nowhere else. None: nothing is left over.
+    where it goes the two differ, and nowhere else. None: nothing is left over, or it hardly moves (`KNOWN_SHIFT`).
     """
     import cv2
 
@@ -450,12 +456,12 @@ def _best_shift(picture: np.ndarray, aligned: np.ndarray, region: np.ndarray, re
     y, x = y[chosen], x[chosen]
     steps = np.arange(-reach, reach + 1)
     shifts = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
-    shifts = shifts[abs(shifts).max(1) >= KNOWN_SHIFT]
     others = np.pad(np.where(left > 0, aligned, np.inf), reach, constant_values=np.inf).astype(np.float32)
     stride = others.shape[1]
     places = ((y + reach) * stride + x + reach)[:, None] + shifts[:, 1] * stride + shifts[:, 0]
     error = np.maximum(abs(others.ravel()[places] - picture[y, x][:, None]) - slip[y, x][:, None], 0)
-    return shifts[np.maximum(1 - error / ALIKE, 0).sum(0).argmax()]
+    best = shifts[np.maximum(1 - error / ALIKE, 0).sum(0).argmax()]
+    return best if abs(best).max() >= KNOWN_SHIFT else None
 
 
 @dataclass(frozen=True)
@@ -471,7 +477,9 @@ class _Anew:
     """(H,W) uint8: what it explains and the flow before it did not, with what that encloses; empty where that is too little."""
 
     @classmethod
-    def start(cls, shift: _Shift, first: np.ndarray, second: np.ndarray, missed: np.ndarray, flow: Flow) -> _Anew | None:
+    def start(
+        cls, shift: _Shift, first: np.ndarray, second: np.ndarray, missed: np.ndarray, flow: Flow
+    ) -> _Anew | None:
         """None where too little of the box is left in the picture; `missed` (H,W): by how much the flow so far misses."""
         import cv2
 
@@ -491,7 +499,7 @@ class _Anew:
         return cls(box, onward, after, thing)
 
     def replace(self, flow: np.ndarray, missed: np.ndarray, thing: np.ndarray) -> None:
-        """Write this flow into `flow` (H,W,2) on the `thing` (H,W), and at its rim where that is better, and into `missed` (H,W)."""
+        """Write this flow into `flow` (H,W,2) on the `thing` (H,W), and at its rim where it is better; so `missed` (H,W)."""
         import cv2
 
         rim = cv2.dilate(thing[self.box], np.ones((EXPLAINED_WINDOW, EXPLAINED_WINDOW), np.uint8)) > 0

@@ -51,3 +51,20 @@ def warped_clip(
             pictures[t][:, column : column + 14], mask[t][:, column : column + 14] = wood, False
     held_out = np.isin(np.arange(frames), hold_out)
     return Clip("warped", pictures, np.arange(frames, dtype=float), 24.0, held_out, "warped"), mask
+
+
+def fast_ball_clip(look: str | None, frames: int = 9) -> tuple[Clip, np.ndarray]:
+    """A textured wall, 320 pixels wide, seen by a camera that pans by 3 px per frame, and a ball of 28 px that flies by 14 px per
+    frame against it, `textured` or `plain` (None: no ball). Returns the clip and the mask (T,H,W) of the ball."""
+    width, height, side = 320, 160, 28
+    wall, card = texture(height, 2 * width, 0), texture(side, side, 1)
+    disc = np.hypot(*(np.mgrid[:side, :side] - (side - 1) / 2)) <= side / 2
+    if look == "plain":
+        card[:] = (210, 60, 40)
+    pictures, mask = np.empty((frames, height, width, 3), np.uint8), np.zeros((frames, height, width), bool)
+    for t in range(frames):
+        pictures[t] = wall[:, 3 * t : 3 * t + width]
+        if look is not None:
+            place = np.s_[60 : 60 + side, 40 + 14 * t : 40 + 14 * t + side]
+            pictures[t][place][disc], mask[t][place] = card[disc], disc
+    return Clip("ball", pictures, np.arange(frames, dtype=float), 24.0, np.zeros(frames, bool), "ball"), mask
