@@ -365,10 +365,8 @@ def _find_lost(
         backward = _Anew.start(shift.reversed(), second, first, missed_back, flow)
         if onward is None or backward is None:
             continue
-        thing = onward.thing | _moved(
-            backward.thing, shift.motion, first.shape
-        )  # what one direction finds is the other's, too
-        onward.replace(there, missed_there, thing)
+        # What one direction finds is the other's, too.
+        onward.replace(there, missed_there, onward.thing | _moved(backward.thing, shift.motion, first.shape))
         backward.replace(back, missed_back, backward.thing | _moved(onward.thing, -shift.motion, first.shape))
     return there, back
 
@@ -409,14 +407,13 @@ def _shifts(first: np.ndarray, second: np.ndarray, there: np.ndarray, lost: np.n
         high = low + statistics[label, 2:4]
         x, y = np.maximum(low - reach // 2, 0)
         box = np.s_[y : high[1] + reach // 2, x : high[0] + reach // 2]
-        around = (cv2.dilate((labels[box] == label).astype(np.uint8), np.ones((2 * RING + 1,) * 2)) > 0) & (
-            labels[box] == 0
-        )
+        own = labels[box] == label
+        around = (cv2.dilate(own.astype(np.uint8), np.ones((2 * RING + 1,) * 2)) > 0) & (labels[box] == 0)
         if not around.any():  # nothing but what is lost
             continue
         usual = np.median(coarse[box][around], axis=0)
         aligned = _moved(other, usual + np.array((x, y)), small[box].shape)
-        shift = _best_shift(small[box], aligned, labels[box] == label, reach)
+        shift = _best_shift(small[box], aligned, own, reach)
         if shift is not None:
             found.append(_Shift(COARSE * (usual + shift), COARSE * low - MARGIN, COARSE * high + MARGIN))
     return found
