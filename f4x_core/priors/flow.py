@@ -451,13 +451,14 @@ def _best_shift(picture: np.ndarray, aligned: np.ndarray, region: np.ndarray, re
         return None
     chosen = evenly_spaced(len(y), min(MAX_COMPARED, len(y)))
     y, x = y[chosen], x[chosen]
-    steps = np.arange(-reach, reach + 1)
-    shifts = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
-    others = np.pad(np.where(left > 0, aligned, np.inf), reach, constant_values=np.inf).astype(np.float32)
-    stride = others.shape[1]
-    places = ((y + reach) * stride + x + reach)[:, None] + shifts[:, 1] * stride + shifts[:, 0]
-    error = np.maximum(abs(others.ravel()[places] - picture[y, x][:, None]) - slip[y, x][:, None], 0)
-    best = shifts[np.maximum(1 - error / ALIKE, 0).sum(0).argmax()]
+    others = np.pad(np.where(left > 0, aligned, np.inf).astype(np.float32), reach, constant_values=np.inf)
+    side = 2 * reach + 1
+    error = np.lib.stride_tricks.sliding_window_view(others, (side, side))[y, x].reshape(len(y), -1)
+    error -= picture[y, x][:, None]
+    np.abs(error, out=error)
+    error -= slip[y, x][:, None]
+    row, column = divmod(int(np.clip(error, 0, ALIKE, out=error).sum(0).argmin()), side)
+    best = np.array([column, row]) - reach
     return best if abs(best).max() >= KNOWN_SHIFT else None
 
 
