@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 NOT_RESIZABLE = frozenset(FIELDS) - {*files.RESIZABLE, "cameras"}
 """Priors in pixels of one size: where they are given, all are made at the clip's own."""
 
+GIVEN = ("user", "files")
+"""Providers of what the user gave."""
+
 
 def build_priors(
     clip: Clip,
@@ -102,9 +105,15 @@ def _read_user_files(folder: Path, priors: Priors) -> list[str]:
 
 
 def _key(stage: str, wanted: list[str], priors: Priors, config: PriorsConfig, picture: str) -> str:
-    """What the result of a stage depends on: its settings, the clip, the priors that exist beside its own, and for cameras the
-    depth known from elsewhere."""
-    seen = {name: priors.provenance[name]["digest"] for name in FIELDS if getattr(priors, name) is not None}
+    """What the result of a stage depends on: its settings, the clip, the priors that exist beside its own (of later stages only
+    what the user gave), and for cameras the depth known from elsewhere."""
+    order = list(STAGES)
+    later = {name for other in order[order.index(stage) + 1 :] for name in STAGES[other]}
+    seen = {
+        name: entry["digest"]
+        for name, entry in priors.provenance.items()
+        if getattr(priors, name) is not None and not (name in later and entry["provider"] not in GIVEN)
+    }
     known = priors.scratch.get(SEEN_DEPTH) if stage == "cameras" else None
     elsewhere = [] if known is None else [hashlib.blake2b(known.tobytes(), digest_size=16).hexdigest()]
     beside = {n: d for n, d in seen.items() if n not in wanted}
@@ -148,7 +157,7 @@ def _run(
     for name, value in before.items():
         if getattr(priors, name) is value:
             continue
-        if value is None or priors.provenance[name]["provider"] in ("user", "files"):
+        if value is None or priors.provenance[name]["provider"] in GIVEN:
             setattr(priors, name, value)
         else:
             revised.append(name)
@@ -162,7 +171,9 @@ def _run(
     for name in wanted:
         priors.provenance[name] = entry | {"key": "", "digest": priors.provenance.get(name, {}).get("digest")}
     priors.write(folder, [*wanted, *revised])
-    key = _key(stage, wanted, priors, config, picture)  # after the revision: that is what a resume will see
-    for name in wanted:
-        priors.provenance[name]["key"] = key
+    for earlier in list(STAGES)[: list(STAGES).index(stage) + 1]:  # after the revision: that is what a resume will see
+        made = [name for name in STAGES[earlier] if priors.provenance[name]["provider"] not in GIVEN]
+        key = _key(earlier, made, priors, config, picture)
+        for name in made:
+            priors.provenance[name]["key"] = key
     priors.write(folder, [])

@@ -6,8 +6,10 @@
    else pycolmap on keyframes, or own incremental structure from motion. 3. It is compared with its mirror image in depth
    (`mirror`). 4. Where moving explains the tracks no better than turning, or than turning and zooming (`zoom`), the clip is
    a `pan`, else `moving`, however little. 5. All frames are resected and adjusted together on static tracks, the focal
-   length with them. Held-out frames are never looked at; how much real shake their interpolated cameras will miss is
-   measured (`statistics["cameras"]["interpolation_px"]`).
+   length with them. 6. What moving cameras explain as static is taken out of what moves (`second_look`).
+
+Held-out frames are never looked at; how much real shake their interpolated cameras will miss is measured
+(`statistics["cameras"]["interpolation_px"]`).
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from .config import CamerasConfig, PriorsConfig
 from .flow import grey, sample, texture
 from .folder import SEEN_DEPTH
 from .mirror import DepthCues, choose_orientation, guess_inverse_distance
+from .second_look import release_static
 from .sfm import (
     DEFAULT_FOCAL,
     FOCALS,
@@ -131,6 +134,8 @@ def provide(
     depth = _median_depth(solution)
     priors.cameras = path.scaled_world(1 / depth)
     priors.camera_kind = kind
+    if kind == "moving":
+        statistics["released"] = _json(release_static(clip, priors, config, progress))
     step = np.linalg.norm(np.diff(priors.cameras.centers, axis=0), axis=1)
     statistics |= {
         "kind": kind,

@@ -21,11 +21,11 @@ from ..native.library import open_library
 from ..native.maps import F4X_SMOOTH_MAP, SMOOTHING
 from ..parallel import in_threads
 from ..progress import Progress
-from .bundle import Observations, from_matrices, triangulate
 from .cameras import dilate_masks, static_tracks
 from .config import PriorsConfig
 from .flow import agree, grey, long_flows, look_up, pixel_grid, texture_along
 from .movers import GUESS_CONFIDENCE, MOVING_MARGIN, place_objects
+from .points import TRACK_OUTLIER_PX, fit_points
 
 if TYPE_CHECKING:
     from ..clip import Clip
@@ -44,8 +44,6 @@ PLAIN_NOISE, PLAIN_SAMPLES = 0.4, 300
 are fitted to what is measured, against so many samples of the usual ones. With 20 of them doubtful ones decide: the water of
 blackswan, which mirrors what is far, lay behind its bank."""
 TRACK_NOISE_PX = 0.4
-TRACK_OUTLIER_PX = 2.0
-"""A track whose root mean square reprojection error is larger is no static point."""
 MAX_DEPTH = 50.0
 """Depths beyond this many median depths cannot be told apart; sky is put here."""
 SAMPLE_NOISE = 0.005
@@ -396,26 +394,14 @@ def track_samples(priors: Priors) -> list[TrackSamples]:
     frames, nothing = len(cameras), TrackSamples(np.zeros((0, 2)), np.zeros(0), np.zeros(0))
     seen = visible & static
     seen &= seen.sum(0) >= 3
-    frame, point = np.nonzero(seen)
-    if not len(frame):
+    if not seen.any():
         return [nothing] * frames
-    # Given cameras may zoom: sightings are brought to one normalised camera first.
-    intrinsics = cameras.intrinsics[frame]
-    focal = intrinsics[:, [0, 1], [0, 1]]
-    plane = (tracks[frame, point] - intrinsics[:, :2, 2]) / focal
-    observations = Observations(frame, point, plane, np.ones(len(frame)))
-    bundle = from_matrices(cameras.world_to_camera, 1.0, np.zeros(2))
-    points, spread = triangulate(bundle, observations, tracks.shape[1])
-    local = np.einsum("oij,oj->oi", cameras.world_to_camera[frame, :3, :3], points[point])
-    local += cameras.world_to_camera[frame, :3, 3]
-    z = local[:, 2]
-    error = ((local[:, :2] / np.maximum(z, 1e-9)[:, None] - plane) * focal) ** 2
-    count = np.maximum(np.bincount(point, minlength=tracks.shape[1]), 1)
-    rms = np.sqrt(np.bincount(point, error.sum(1), tracks.shape[1]) / count)
-    behind = np.bincount(point, z <= 0, tracks.shape[1]) > 0
-    good = (rms < TRACK_OUTLIER_PX) & ~behind & np.isfinite(rms)
+    fitted = fit_points(cameras, tracks, seen)
+    frame, point, z = fitted.frame, fitted.point, fitted.z
+    good = fitted.rms < TRACK_OUTLIER_PX
     # Angular noise over the spread of the rays is the relative error of the distance.
-    relative = (TRACK_NOISE_PX + rms) / focal.mean() / np.maximum(spread, 1e-6)
+    focal = cameras.intrinsics[frame][:, [0, 1], [0, 1]].mean()
+    relative = (TRACK_NOISE_PX + fitted.rms) / focal / np.maximum(fitted.spread, 1e-6)
     samples: list[TrackSamples] = []
     for i in range(frames):
         chosen = (frame == i) & good[point]

@@ -3,6 +3,11 @@
 DIS loses pictures that shift by more than a tenth of their width. Where forward and backward flow disagree on much of a pair, as in
 a fast pan, it is looked for once more after the second picture was brought over the first one by a homography of matched
 features; every pixel takes whichever of the two explains its grey levels better, so that what moves with the camera keeps its flow.
+
+DIS goes from coarse to fine: a thing that moves by more than half its size against its surroundings is blurred away before the
+search could reach it, and gets their flow, in both directions alike. That flow misses the grey levels where the thing was and
+where it went. There the second picture is laid over the first by the motion of the surroundings, and every shift of what is left
+over is compared (`_find_lost`); DIS runs once more from the best one.
 """
 
 from __future__ import annotations
@@ -12,13 +17,15 @@ import os
 import tempfile
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import ndimage
 
 from ..errors import F4xError
+from ..geometry.arrays import evenly_spaced
 from ..native.library import open_library
 from ..native.maps import F4X_SAMPLE_MAP, SAMPLES
 from ..parallel import in_threads
@@ -40,6 +47,23 @@ FEATURES, FEATURE_RATIO, MIN_MATCHES = 2000, 0.8, 20
 """SIFT features per picture, Lowe's ratio, and inliers that a homography between two pictures needs."""
 EXPLAINED_WINDOW = 7
 """Side in pixels of the window in which two flows are compared."""
+SLIP = 0.5
+"""Pixels that flow may err by: what that does to grey levels is no sign of another motion."""
+MISSED = 8.0
+"""Mean grey levels, beyond those of `SLIP`, by which flow misses what it has lost; noise of pictures stays below half of it."""
+COARSE = 2
+"""Shifts are compared in pictures smaller by this factor."""
+REACH, KNOWN_SHIFT = 0.1, 4
+"""Longest shift against the surroundings, as a fraction of the longer side, and one (small pixels) below which flow
+itself finds what is large enough."""
+ALIKE = 12.0
+"""Grey levels, beyond those of `SLIP`, by which a thing no longer looks like itself in the next picture."""
+MIN_LOST = 0.0005
+"""Fraction of the picture that must be explained anew; a moving region has twice as much (`motion.MIN_AREA_FRACTION`)."""
+MAX_LOST, MAX_COMPARED = 4, 400
+"""Regions of a picture that are looked at, the largest first, and pixels of one whose shifts are compared."""
+RING, MARGIN = 4, 16
+"""Small pixels around a region that tell how its surroundings move, and pixels around it in which flow is made anew."""
 Flow = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -58,7 +82,8 @@ def dis(preset: str, refine_iterations: int) -> Flow:
     engines = threading.local()  # an engine keeps buffers of the pair that it works on
 
     def flow(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        if not hasattr(engines, "own"):
+        if getattr(engines, "shape", None) != first.shape:  # for a small picture an engine lowers its scales for good
+            engines.shape = first.shape
             engines.own = cv2.DISOpticalFlow.create(presets[preset])
             if preset == "fine":  # the presets stop at half resolution
                 engines.own.setFinestScale(0)
@@ -245,10 +270,10 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     def between(i: int) -> None:
         pair = pictures[i], pictures[i + 1]
         there, back = flow(*pair), flow(*pair[::-1])
-        masks[0, i], masks[1, i] = consistent(there, back), consistent(back, there)
-        if masks[:, i].mean() < MIN_CONSISTENT:
+        if (consistent(there, back).mean() + consistent(back, there).mean()) / 2 < MIN_CONSISTENT:
             there, back = _after_homography(*pair, flow, there, back)
-            masks[0, i], masks[1, i] = consistent(there, back), consistent(back, there)
+        there, back = _find_lost(*pair, there, back, flow)
+        masks[0, i], masks[1, i] = consistent(there, back), consistent(back, there)
         forward[i], backward[i] = there, back
 
     in_threads(between, range(pairs), lambda done: progress("flow", done, pairs))
@@ -313,3 +338,169 @@ def _better(first: np.ndarray, second: np.ndarray, one: np.ndarray, other: np.nd
         error[~inside(pixel_grid(*first.shape) + candidate, *first.shape)] = 255
         missed.append(ndimage.uniform_filter(error, EXPLAINED_WINDOW))
     return np.where((missed[1] < missed[0])[..., None], other, one)
+
+
+@dataclass(frozen=True)
+class _Shift:
+    """How something in a box of the first picture moves to the second, pixels (x, y), (2,) each."""
+
+    motion: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def reversed(self) -> _Shift:
+        """The same, seen from the second picture."""
+        return _Shift(-self.motion, self.low + self.motion, self.high + self.motion)
+
+
+def _find_lost(
+    first: np.ndarray, second: np.ndarray, there: np.ndarray, back: np.ndarray, flow: Flow
+) -> tuple[np.ndarray, np.ndarray]:
+    """The flows `there` and `back` (H,W,2), replaced where something small moves that they miss."""
+    missed_there, missed_back = _missed(first, second, there), _missed(second, first, back)
+    shifts = _shifts(first, second, there, missed_there > MISSED)
+    shifts += [shift.reversed() for shift in _shifts(second, first, back, missed_back > MISSED)]
+    for shift in shifts:
+        onward = _Anew.start(shift, first, second, missed_there, flow)
+        backward = _Anew.start(shift.reversed(), second, first, missed_back, flow)
+        if onward is None or backward is None:
+            continue
+        # What one direction finds is the other's, too.
+        onward.replace(there, missed_there, onward.thing | _moved(backward.thing, shift.motion, first.shape))
+        backward.replace(back, missed_back, backward.thing | _moved(onward.thing, -shift.motion, first.shape))
+    return there, back
+
+
+def _slip(picture: np.ndarray) -> np.ndarray:
+    """(h,w) grey levels by which a `picture` (h,w) float32 changes over `SLIP` pixels."""
+    import cv2
+
+    return SLIP * cv2.magnitude(*(cv2.Scharr(picture, cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1))))
+
+
+def _missed(first: np.ndarray, second: np.ndarray, there: np.ndarray, low: Any = (0, 0)) -> np.ndarray:
+    """(h,w) mean grey levels by which flow `there` (h,w,2) misses `second` (H,W); `first` (h,w) begins at column and row `low`."""
+    import cv2
+
+    target, own = pixel_grid(*first.shape) + np.float32(low) + there, first.astype(np.float32)
+    error = np.maximum(abs(look_up(second.astype(np.float32), target) - own) - _slip(own), 0)
+    error[~inside(target, *second.shape)] = 0  # what leaves the picture cannot be found
+    return cv2.blur(error, (EXPLAINED_WINDOW, EXPLAINED_WINDOW))
+
+
+def _shifts(first: np.ndarray, second: np.ndarray, there: np.ndarray, lost: np.ndarray) -> list[_Shift]:
+    """How the largest regions of `lost` (H,W) bool probably move."""
+    import cv2
+
+    size = first.shape[1] // COARSE, first.shape[0] // COARSE
+    region = cv2.resize(lost.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.5
+    if not region.any():
+        return []
+    small, other = (cv2.resize(one, size, interpolation=cv2.INTER_AREA).astype(np.float32) for one in (first, second))
+    coarse = there[COARSE // 2 :: COARSE, COARSE // 2 :: COARSE][: size[1], : size[0]] / COARSE
+    _, labels, statistics, _ = cv2.connectedComponentsWithStats(_closed(region))
+    area, found = statistics[:, cv2.CC_STAT_AREA] * (np.arange(len(statistics)) > 0), []
+    for label in np.argsort(-area, kind="stable")[:MAX_LOST]:
+        if area[label] < MIN_LOST * region.size:
+            break
+        low, reach = statistics[label, :2], round(REACH * max(size))
+        high = low + statistics[label, 2:4]
+        x, y = np.maximum(low - reach // 2, 0)
+        box = np.s_[y : high[1] + reach // 2, x : high[0] + reach // 2]
+        own = labels[box] == label
+        around = (cv2.dilate(own.astype(np.uint8), np.ones((2 * RING + 1,) * 2)) > 0) & (labels[box] == 0)
+        if not around.any():  # nothing but what is lost
+            continue
+        usual = np.median(coarse[box][around], axis=0)
+        aligned = _moved(other, usual + np.array((x, y)), small[box].shape)
+        shift = _best_shift(small[box], aligned, own, reach)
+        if shift is not None:
+            found.append(_Shift(COARSE * (usual + shift), COARSE * low - MARGIN, COARSE * high + MARGIN))
+    return found
+
+
+def _closed(region: np.ndarray) -> np.ndarray:
+    """(h,w) uint8 of bool, holes and gaps of up to four pixels filled."""
+    import cv2
+
+    return cv2.morphologyEx(region.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+
+
+def _moved(picture: np.ndarray, by: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """`picture` (H,W) looked up at p + `by` (x, y) for the pixels of `shape` (h,w), border repeated."""
+    import cv2
+
+    move = np.array([[1, 0, by[0]], [0, 1, by[1]]], np.float64)
+    how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return cv2.warpAffine(picture, move, shape[::-1], flags=how, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _best_shift(picture: np.ndarray, aligned: np.ndarray, region: np.ndarray, reach: int) -> np.ndarray | None:
+    """(2,) whole pixels up to `reach` that bring most of what is left over at a `region` (h,w) onto what is left over.
+
+    `aligned` (h,w) is the other picture laid over `picture` (h,w) by the motion of the surroundings. Where a thing was and
+    where it goes the two differ, and nowhere else. None: nothing is left over, or it hardly moves (`KNOWN_SHIFT`).
+    """
+    import cv2
+
+    slip = _slip(picture)
+    left = _closed(cv2.blur(np.maximum(abs(aligned - picture) - slip, 0), (3, 3)) > MISSED)
+    _, labels = cv2.connectedComponents(left | region)
+    y, x = np.nonzero((left > 0) & np.isin(labels, np.unique(labels[region])))
+    if len(y) == 0:
+        return None
+    chosen = evenly_spaced(len(y), min(MAX_COMPARED, len(y)))
+    y, x = y[chosen], x[chosen]
+    others = np.pad(np.where(left > 0, aligned, np.inf).astype(np.float32), reach, constant_values=np.inf)
+    side = 2 * reach + 1
+    error = np.lib.stride_tricks.sliding_window_view(others, (side, side))[y, x].reshape(len(y), -1)
+    error -= picture[y, x][:, None]
+    np.abs(error, out=error)
+    error -= slip[y, x][:, None]
+    row, column = divmod(int(np.clip(error, 0, ALIKE, out=error).sum(0).argmin()), side)
+    best = np.array([column, row]) - reach
+    return best if abs(best).max() >= KNOWN_SHIFT else None
+
+
+@dataclass(frozen=True)
+class _Anew:
+    """Flow that starts from a shift, in a box of the picture."""
+
+    box: tuple[slice, slice]
+    onward: np.ndarray
+    """(h,w,2) pixels."""
+    missed: np.ndarray
+    """(h,w) grey levels by which it misses."""
+    thing: np.ndarray
+    """(H,W) uint8: what it explains and the flow before it did not, with what that encloses; empty where that is too little."""
+
+    @classmethod
+    def start(
+        cls, shift: _Shift, first: np.ndarray, second: np.ndarray, missed: np.ndarray, flow: Flow
+    ) -> _Anew | None:
+        """None where too little of the box is left in the picture; `missed` (H,W): by how much the flow so far misses."""
+        import cv2
+
+        ends = [np.clip(np.round(corner), 0, first.shape[::-1]).astype(int) for corner in (shift.low, shift.high)]
+        if (ends[1] - ends[0] < 2 * MARGIN).any():
+            return None
+        box = np.s_[ends[0][1] : ends[1][1], ends[0][0] : ends[1][0]]
+        own = np.ascontiguousarray(first[box])
+        finer = flow(own, _moved(second, shift.motion + ends[0], own.shape)) * texture(own)[..., None]
+        onward = shift.motion.astype(np.float32) + finer  # a plain side goes with its rim
+        after, thing = _missed(own, second, onward, ends[0]), np.zeros(first.shape, np.uint8)
+        explained = (after < MISSED / 2) & (missed[box] - after > MISSED / 2)
+        if explained.sum() >= MIN_LOST * first.size:
+            disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (MARGIN + 1, MARGIN + 1))
+            padded = np.pad(explained, MARGIN).astype(np.uint8)
+            thing[box] = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, disc)[MARGIN:-MARGIN, MARGIN:-MARGIN]
+        return cls(box, onward, after, thing)
+
+    def replace(self, flow: np.ndarray, missed: np.ndarray, thing: np.ndarray) -> None:
+        """Write this flow into `flow` (H,W,2) on the `thing` (H,W), and at its rim where it is better; so `missed` (H,W)."""
+        import cv2
+
+        rim = cv2.dilate(thing[self.box], np.ones((EXPLAINED_WINDOW, EXPLAINED_WINDOW), np.uint8)) > 0
+        better = rim & (self.missed < missed[self.box])
+        taken = better | ((thing[self.box] > 0) & (self.missed < MISSED / 2))
+        flow[self.box][taken], missed[self.box][taken] = self.onward[taken], self.missed[taken]

@@ -94,7 +94,7 @@ def provide(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress
     priors.statistics["motion"] = statistics
     if not priors.mask.any():
         priors.warn("Nothing in this clip moves by itself; if something should, give a mask.")
-    _densify(clip, priors, config, flows, progress)
+    densify(clip, priors, config, flows, progress)
     _align_static(clip, priors)
 
 
@@ -317,13 +317,13 @@ def cut_out(frames: np.ndarray, score: np.ndarray, threshold: float) -> np.ndarr
 
     Empty when next to nothing is left. frames: (F,H,W,3) uint8.
     """
-    mask = np.stack(in_threads(lambda one: _without_specks(one > threshold), score))
+    mask = np.stack(in_threads(lambda one: without_specks(one > threshold), score))
     if mask.mean() < MIN_AREA_FRACTION:
         return np.zeros_like(mask)
     return np.stack(in_threads(lambda t: _cut(frames[t], score[t], mask[t], threshold), range(len(frames))))
 
 
-def _without_specks(mask: np.ndarray) -> np.ndarray:
+def without_specks(mask: np.ndarray) -> np.ndarray:
     """(H,W) bool: small gaps closed, small regions dropped."""
     import cv2
 
@@ -359,7 +359,7 @@ def _cut(frame: np.ndarray, score: np.ndarray, mask: np.ndarray, threshold: floa
         return mask
     labels[box] = inside
     cut = ((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD)).astype(np.float32)
-    return _without_specks(cv2.resize(cut, mask.shape[::-1]) > 0.5)
+    return without_specks(cv2.resize(cut, mask.shape[::-1]) > 0.5)
 
 
 def _softened(mask: np.ndarray) -> np.ndarray:
@@ -380,10 +380,18 @@ def tracks_motion(tracks: np.ndarray, visible: np.ndarray, motion: np.ndarray) -
     return np.clip((np.maximum(along, 0) * (np.arange(frames)[:, None] < half)).sum(0) / half, 0, 1).astype(np.float32)
 
 
-def _densify(
-    clip: Clip, priors: Priors, config: PriorsConfig, flows: dict[int, np.ndarray], progress: Progress
+def densify(
+    clip: Clip,
+    priors: Priors,
+    config: PriorsConfig,
+    flows: dict[int, np.ndarray],
+    progress: Progress,
+    known: np.ndarray | None = None,
 ) -> None:
-    """Replace the uniform pass's tracks on moving objects by denser ones that know the mask; fill `tracks_motion`."""
+    """Replace the uniform pass's tracks on moving objects by denser ones that know the mask; fill `tracks_motion`.
+
+    known: indices of further tracks that stand still, which stay.
+    """
     mask, given = priors.mask, priors.provenance.get("tracks", {}).get("provider") in ("user", "files")
     assert mask is not None and priors.motion is not None and priors.tracks is not None
     assert priors.tracks_visible is not None
@@ -393,6 +401,7 @@ def _densify(
         return
     uniform = priors.statistics.get("tracks", {}).get("uniform", priors.tracks.shape[1])
     static = np.nonzero(priors.tracks_motion[:uniform] <= STATIC_TRACK)[0]
+    static = static if known is None else np.union1d(static, known)
     dense, seen = seed_and_track(flows, config.tracks.dynamic_spacing, config.tracks, mask, progress)
     joins = continued = 0
     if config.tracks.relink_gap > 0:

@@ -143,12 +143,16 @@ def test_the_engine_gets_its_settings(monkeypatch):
     made = []
     monkeypatch.setattr(cv2.DISOpticalFlow, "create", lambda preset: made.append(preset) or Engine(preset))
     medium = cv2.DISOPTICAL_FLOW_PRESET_MEDIUM
+    large, small = np.zeros((60, 80), np.uint8), np.zeros((30, 40), np.uint8)
     fine = module.dis("fine", 5)
-    assert fine(None, None) == [medium, ("finest", 0), ("stride", 4), ("rounds", 5)]
-    assert fine(None, None) and made == [medium]  # one engine, used again
-    assert module.dis("medium", 3)(None, None) == [medium, ("rounds", 3)]
-    assert module.dis("fast", 1)(None, None)[0] == cv2.DISOPTICAL_FLOW_PRESET_FAST
-    assert module.dis("ultrafast", 1)(None, None)[0] == cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST
+    assert fine(large, large) == [medium, ("finest", 0), ("stride", 4), ("rounds", 5)]
+    assert fine(large, large) and made == [medium]  # one engine, used again
+    assert (
+        fine(small, small) and made == [medium] * 2
+    )  # but not for another size: small pictures lower its scales for good
+    assert module.dis("medium", 3)(large, large) == [medium, ("rounds", 3)]
+    assert module.dis("fast", 1)(large, large)[0] == cv2.DISOPTICAL_FLOW_PRESET_FAST
+    assert module.dis("ultrafast", 1)(large, large)[0] == cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST
     with pytest.raises(F4xError, match="no flow preset 'best'"):
         module.dis("best", 1)
 
@@ -317,13 +321,44 @@ def test_flow_of_every_pair_both_ways(pan):
                 inverse = np.linalg.inv(homography)
                 there = module._better(first, second, there, module._beyond(first, second, homography, engine))
                 back = module._better(second, first, back, module._beyond(second, first, inverse, engine))
-            masks = module.consistent(there, back), module.consistent(back, there)
+        there, back = module._find_lost(first, second, there, back, engine)
+        masks = module.consistent(there, back), module.consistent(back, there)
         np.testing.assert_array_equal(priors.flow_forward[i], there.astype(np.float16))
         np.testing.assert_array_equal(priors.flow_backward[i], back.astype(np.float16))
         np.testing.assert_array_equal(priors.flow_forward_mask[i], masks[0])
         np.testing.assert_array_equal(priors.flow_backward_mask[i], masks[1])
     assert looked_again == (2 if pan[0] > 9 else 0)
     assert [report[1] for report in reports] == [0, 1, 2]
+
+
+def test_what_flow_misses_is_what_a_slip_cannot_explain():
+    rng = np.random.default_rng(3)
+    second = ndimage.gaussian_filter(rng.uniform(0, 255, (50, 60)), 2).astype(np.uint8)
+    low, there = (7, 5), rng.normal(0, 4, (30, 40, 2)).astype(np.float32)
+    first = np.ascontiguousarray(np.roll(second, 6, 1)[5:35, 7:47])
+    found = module._missed(first, second, there, low)
+    slopes = [cv2.Scharr(first.astype(np.float32), cv2.CV_32F, *axis) / 32 for axis in ((1, 0), (0, 1))]
+    error = np.zeros(first.shape)
+    for y, x in np.ndindex(*first.shape):
+        place = np.array([x + 7.5, y + 5.5]) + there[y, x]
+        if 0 <= place[0] <= 60 and 0 <= place[1] <= 50:
+            off = abs(module.sample(second.astype(float), place) - first[y, x])
+            error[y, x] = max(off - 0.5 * np.hypot(slopes[0][y, x], slopes[1][y, x]), 0)
+    expected = ndimage.uniform_filter(error, 7, mode="mirror")
+    np.testing.assert_allclose(found, expected, atol=0.1)  # remap rounds places to 1/32 pixel
+
+
+@pytest.mark.parametrize("shift", [(9, -5), (-12, 3), (1, 1)])
+def test_the_best_shift_brings_what_is_left_over_onto_what_is_left_over(shift):
+    rng = np.random.default_rng(4)
+    wall = ndimage.gaussian_filter(rng.uniform(0, 255, (60, 80)), 1.5).astype(np.float32) * 2
+    thing = ndimage.gaussian_filter(rng.uniform(0, 255, (14, 14)), 1.5).astype(np.float32) * 2 - 100
+    one, other, region = wall.copy(), wall.copy(), np.zeros(wall.shape, bool)
+    one[20:34, 30:44], region[24:30, 34:40] = thing, True
+    other[20 + shift[1] : 34 + shift[1], 30 + shift[0] : 44 + shift[0]] = thing
+    found = module._best_shift(one, other, region, 14)
+    assert found is None if max(abs(np.array(shift))) < module.KNOWN_SHIFT else found.tolist() == list(shift)
+    assert module._best_shift(wall, wall, np.zeros(wall.shape, bool), 14) is None
 
 
 def test_grey_is_the_weighted_sum_of_red_green_and_blue():

@@ -151,6 +151,21 @@ def test_finished_stages_are_not_run_again(tmp_path, toy):
     assert entry["provider"] == "toy" and entry["settings"]["provider"] == "toy" and entry["seconds"] >= 0
 
 
+def test_what_a_later_stage_revises_is_finished_too(tmp_path, toy, monkeypatch):
+    def provide(clip, priors, config, progress):
+        toy.append("cameras")
+        fill(priors, ["cameras"])
+        priors.tracks, priors.tracks_motion = priors.tracks + 1, priors.tracks_motion / 2
+
+    monkeypatch.setitem(providers.PROVIDERS, ("cameras", "toy"), provide)
+    clip, config = make_clip(), PriorsConfig.of("toy")
+    first = build_priors(clip, tmp_path, config)
+    second = build_priors(clip, tmp_path, config)
+    assert toy == list(STAGES)
+    np.testing.assert_array_equal(first.tracks, second.tracks)
+    np.testing.assert_array_equal(first.tracks_motion, second.tracks_motion)
+
+
 def test_a_changed_setting_runs_its_stage_and_only_what_sees_a_difference(tmp_path, toy):
     clip = make_clip()
     build_priors(clip, tmp_path, PriorsConfig.of("toy"))

@@ -8,7 +8,7 @@ from f4x_core.errors import F4xError
 from f4x_core.priors import FlowConfig, MotionConfig, Priors, PriorsConfig, TracksConfig, flow, motion, tracks
 from f4x_core.progress import silent
 
-from .warped_clip import HEIGHT, SIDE, WIDTH, square_corner, warped_clip
+from .warped_clip import HEIGHT, SIDE, WIDTH, fast_ball_clip, square_corner, warped_clip
 
 CONFIG = PriorsConfig(tracks=TracksConfig(count=3000))
 PAN, SPEED = (1.5, 0.4), (2.5, 0.7)
@@ -219,6 +219,27 @@ def test_moving_square_is_found_under_a_pan(moving):
     ]
     assert np.mean(inside) > 0.8
     assert dynamic.sum() > 60
+
+
+@pytest.mark.parametrize("look", ["textured", "plain"])
+def test_a_small_ball_that_flies_against_a_pan_is_found(look):
+    clip, mask = fast_ball_clip(look)
+    priors = run(clip)
+    for flows, ball, speed in ((priors.flow_forward, mask[:-1], 14.0), (priors.flow_backward, mask[1:], -14.0)):
+        error = np.linalg.norm(flows - np.array([speed, 0.0]), axis=-1)
+        assert np.median(error[ball]) < 1.5
+    assert iou(priors.mask, mask) > 0.7
+    assert (priors.tracks_motion > 0.5).sum() > 20
+
+
+def test_the_same_pan_without_the_ball_holds_nothing_that_moves():
+    clip, _ = fast_ball_clip(None)
+    noise = np.random.default_rng(0).normal(0, 2, clip.frames.shape)
+    clip.frames[:] = np.clip(clip.frames + noise, 0, 255).astype(np.uint8)
+    priors = run(clip)
+    assert not priors.mask.any()
+    inside = np.s_[:, 8:-8, 8:-8]
+    assert np.abs(priors.flow_forward[inside] - np.array([-3.0, 0.0])).max() < 1.0
 
 
 def samples(priors, chosen):

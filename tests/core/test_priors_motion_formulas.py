@@ -245,7 +245,7 @@ def test_specks_go_and_gaps_close():
     mask[80:83, 80:83] = True  # 9 pixels
     expected = mask.copy()
     expected[20, 10:30], expected[80:83, 80:83] = True, False
-    np.testing.assert_array_equal(module._without_specks(mask), expected)
+    np.testing.assert_array_equal(module.without_specks(mask), expected)
     score = np.where(mask, 0.9, 0.1).astype(np.float32)
     none = np.full((2, 100, 100), 0.1)
     assert not module.cut_out(np.zeros((2, 100, 100, 3), np.uint8), none, 0.5).any()
@@ -292,7 +292,7 @@ def test_grab_cut_gets_what_is_sure_and_what_is_in_doubt(monkeypatch):
     doubt = (expected[box] == cv2.GC_PR_FGD) & (np.arange(labels.shape[1]) % 3 == 0)
     after[box][doubt] = cv2.GC_PR_BGD
     cut = cv2.resize(np.isin(after, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.float32), (120, 90)) > 0.5
-    np.testing.assert_array_equal(found, module._without_specks(cut))
+    np.testing.assert_array_equal(found, module.without_specks(cut))
 
 
 def test_nothing_is_cut_where_there_is_nothing_to_compare():

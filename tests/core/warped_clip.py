@@ -51,3 +51,56 @@ def warped_clip(
             pictures[t][:, column : column + 14], mask[t][:, column : column + 14] = wood, False
     held_out = np.isin(np.arange(frames), hold_out)
     return Clip("warped", pictures, np.arange(frames, dtype=float), 24.0, held_out, "warped"), mask
+
+
+def fast_ball_clip(look: str | None, frames: int = 9) -> tuple[Clip, np.ndarray]:
+    """A textured wall, 320 pixels wide, seen by a camera that pans by 3 px per frame, and a ball of 28 px that flies by 14 px per
+    frame against it, `textured` or `plain` (None: no ball). Returns the clip and the mask (T,H,W) of the ball."""
+    width, height, side = 320, 160, 28
+    wall, card = texture(height, 2 * width, 0), texture(side, side, 1)
+    disc = np.hypot(*(np.mgrid[:side, :side] - (side - 1) / 2)) <= side / 2
+    if look == "plain":
+        card[:] = (210, 60, 40)
+    pictures, mask = np.empty((frames, height, width, 3), np.uint8), np.zeros((frames, height, width), bool)
+    for t in range(frames):
+        pictures[t] = wall[:, 3 * t : 3 * t + width]
+        if look is not None:
+            place = np.s_[60 : 60 + side, 40 + 14 * t : 40 + 14 * t + side]
+            pictures[t][place][disc], mask[t][place] = card[disc], disc
+    return Clip("ball", pictures, np.arange(frames, dtype=float), 24.0, np.zeros(frames, bool), "ball"), mask
+
+
+def walk_past_a_wall(frames: int = 20) -> tuple[Clip, np.ndarray, np.ndarray]:
+    """A camera that walks past a near, low wall and turns; something flat walks ahead of it. Returns the clip, 240x144, and the
+    masks (T,H,W) of what walks and of the wall."""
+    height, width = 144, 240
+    looks = [texture(512, 512, seed).astype(np.float32) for seed in range(4)]
+    columns, rows = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    rays = np.stack([columns - width / 2, rows - height / 2, np.full(columns.shape, 0.9 * width)], -1) / (0.9 * width)
+    pictures, label = np.zeros((frames, height, width, 3), np.uint8), np.zeros((frames, height, width), int)
+    for t in range(frames):
+        angle, away = 0.012 * t - 0.1 + 0.004 * np.sin(1.3 * t), 0.1 * t - 1.6
+        turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+        centre, nearest = (
+            np.array([0.02 * np.sin(0.9 * t), 0.02 * np.sin(1.7 * t), 0.1 * t]),
+            np.full(columns.shape, 1e9),
+        )
+        lowest, highest = (np.array([0.5, 0.7, -9]), np.array([1.4, 1.5, 9]))  # of the wall
+        everywhere = np.full(3, -1e9), np.full(3, 1e9)
+        planes = [  # axis and place, bounds, axes of its look and their scale and start, look, label
+            (2, 16.0, everywhere, (0, 1), 24, 0.0, 0, 0),
+            (1, 1.5, everywhere, (0, 2), 40, 0.0, 1, 0),
+            (1, 0.7, (lowest, highest), (0, 2), 120, 0.0, 2, 1),
+            (0, 0.5, (lowest, highest), (2, 1), 120, 0.0, 2, 1),
+            (2, 7.0, (np.array([away - 0.45, -0.4, -9]), np.array([away + 0.45, 1.5, 9])), (0, 1), 90, away, 3, 2),
+        ]
+        for axis, place, (low, high), across, scale, start, look, name in planes:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                distance = (place - centre[axis]) / (rays @ turn.T)[..., axis]
+            hit = centre + np.nan_to_num(distance, posinf=1e6, neginf=-1e6)[..., None] * (rays @ turn.T)
+            inside = ((hit >= low - 1e-6) & (hit <= high + 1e-6)).all(-1) & (distance > 0.05) & (distance < nearest)
+            u, v = (np.mod((hit[..., one] - start * (one == 0)) * scale, 511).astype(np.float32) for one in across)
+            pictures[t][inside] = cv2.remap(looks[look], u, v, cv2.INTER_LINEAR)[inside]
+            nearest[inside], label[t][inside] = distance[inside], name
+    clip = Clip("walk", pictures, np.arange(frames, dtype=float), 24.0, np.zeros(frames, bool), "walk")
+    return clip, label == 2, label == 1

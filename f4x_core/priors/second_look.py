@@ -1,0 +1,81 @@
+"""A second look at what moves, once the cameras are known: near things that a walking camera passes stand still.
+
+Pairs of pictures cannot tell strong parallax from motion (`motion`). Long tracks can: one that a single point in space explains
+in all its frames, seen from angles that differ by many times its error, stands still, whatever its flow looked like. What moves by
+itself misses its best point by several pixels on every real clip tried.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..parallel import in_threads
+from .config import PriorsConfig
+from .flow import long_flows
+from .motion import STATIC_TRACK, VOTE_SIGMA, densify, without_specks
+from .points import TRACK_OUTLIER_PX, fit_points
+
+if TYPE_CHECKING:
+    from ..clip import Clip
+    from ..progress import Progress
+    from .folder import Priors
+
+MIN_FRAMES = 8
+"""Frames in which a track must be seen: over few, whatever moves evenly is explained by some point."""
+MAX_ERROR = 0.1
+"""Largest error of a static point as a fraction of what its track shifts by beyond the camera's turn."""
+MIN_RELEASED = 0.05
+"""Smallest fraction of the tracks on what moves that must stand still before anything is changed."""
+FAR_SIGMA, FAR_WEIGHT = 16.0, 0.01
+"""Gaussian (pixels), and its weight, by which tracks vote where none is near."""
+
+
+def release_static(clip: Clip, priors: Priors, config: PriorsConfig, progress: Progress) -> float:
+    """Take what stands still out of `mask`, `motion`, `tracks_motion`, and make the tracks on what is left anew.
+
+    Returns the fraction of the mask that was taken out. A mask that was given stays.
+    """
+    mask, tracks, visible = priors.mask, priors.tracks, priors.tracks_visible
+    if mask is None or tracks is None or visible is None or priors.tracks_motion is None or priors.motion is None:
+        return 0.0
+    if priors.provenance.get("mask", {}).get("provider") in ("user", "files"):
+        return 0.0
+    asked = np.flatnonzero((priors.tracks_motion > STATIC_TRACK) & (visible.sum(0) >= min(MIN_FRAMES, len(mask))))
+    stands = _stands_still(priors, asked)
+    if stands.sum() <= MIN_RELEASED * max(len(asked), 1):
+        return 0.0
+    released = _released(mask, tracks[:, asked], visible[:, asked], stands)
+    left = mask & np.stack(in_threads(without_specks, mask & ~released))
+    fraction = 1 - float(left.sum() / mask.sum())
+    priors.mask, priors.motion = left, np.where(mask & ~left, 0, priors.motion).astype(np.float16)
+    priors.statistics.setdefault("motion", {}).update(share=float(left.mean()), moving=bool(left.any()))
+    if not left.any():
+        priors.warn("Nothing in this clip moves by itself; if something should, give a mask.")
+    densify(clip, priors, config, long_flows(clip, priors, config, progress), progress, known=asked[stands])
+    return fraction
+
+
+def _stands_still(priors: Priors, asked: np.ndarray) -> np.ndarray:
+    """(n,) bool: which of the tracks `asked (n,)` are one point in space."""
+    assert priors.cameras is not None and priors.tracks is not None and priors.tracks_visible is not None
+    points = fit_points(priors.cameras, priors.tracks[:, asked], priors.tracks_visible[:, asked])
+    shift = points.spread * float(priors.cameras.intrinsics[:, 0, 0].mean())
+    return (points.rms < TRACK_OUTLIER_PX) & (points.rms < MAX_ERROR * shift)
+
+
+def _released(mask: np.ndarray, tracks: np.ndarray, visible: np.ndarray, stands: np.ndarray) -> np.ndarray:
+    """(F,H,W) bool: pixels of `mask (F,H,W)` around which most tracks (F,n,2) stand still (n,)."""
+    import cv2
+
+    height, width = mask.shape[1:]
+
+    def around(t: int) -> np.ndarray:
+        column, row = np.clip(np.floor(tracks[t, visible[t]]), 0, (width - 1, height - 1)).astype(int).T
+        votes = np.zeros((height, width), np.float32)
+        np.add.at(votes, (row, column), np.where(stands[visible[t]], 1.0, -1.0))
+        near, far = (cv2.GaussianBlur(votes, (0, 0), sigma) for sigma in (VOTE_SIGMA, FAR_SIGMA))
+        return (near + FAR_WEIGHT * far > 0) & mask[t]
+
+    return np.stack(in_threads(around, range(len(mask))))

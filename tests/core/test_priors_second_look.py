@@ -1,0 +1,132 @@
+"""What passed for moving and is explained by points that stand still, on made-up cameras and tracks and on a walk past a wall."""
+
+import numpy as np
+import pytest
+
+from f4x_core.geometry import quaternion
+from f4x_core.geometry.camera import CameraPath
+from f4x_core.priors import Priors, PriorsConfig, TracksConfig, cameras, flow, motion, points, second_look, tracks
+from f4x_core.progress import silent
+
+from .warped_clip import walk_past_a_wall
+
+FRAMES, HEIGHT, WIDTH, FOCAL = 16, 120, 160, 150.0
+
+
+def path(frames=FRAMES):
+    """A camera that walks ahead, sways and turns."""
+    t = np.arange(frames)
+    turn = quaternion.to_matrix(quaternion.from_rotation_vector(np.array([0.0, 1.0, 0.0]) * 0.02 * t[:, None]))
+    centre = np.stack([0.05 * np.sin(t), 0.03 * np.sin(1.7 * t), 0.08 * t], 1)
+    pose = np.tile(np.eye(4), (frames, 1, 1))
+    pose[:, :3, :3], pose[:, :3, 3] = turn, -np.einsum("fij,fj->fi", turn, centre)
+    lens = np.tile(np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]]), (frames, 1, 1))
+    return CameraPath(lens, pose, t.astype(float), WIDTH, HEIGHT)
+
+
+def seen_by(cams, world):
+    """(F,n,2) pixels of the points (F,n,3), and their depth (F,n)."""
+    local = np.einsum("fij,fnj->fni", cams.world_to_camera[:, :3, :3], world) + cams.world_to_camera[:, None, :3, 3]
+    return local[..., :2] / local[..., 2:] * FOCAL + (WIDTH / 2, HEIGHT / 2), local[..., 2]
+
+
+@pytest.fixture
+def passing():
+    """Priors whose mask holds a near wall (its left part) and something that walks (its right part), with tracks on both."""
+    rng, cams = np.random.default_rng(0), path()
+    near = np.tile(
+        np.stack([rng.uniform(-1.4, -0.6, 60), rng.uniform(-0.5, 0.5, 60), rng.uniform(2.2, 3, 60)], 1), (FRAMES, 1, 1)
+    )
+    walker = np.tile(
+        np.stack([rng.uniform(0.5, 1.2, 60), rng.uniform(-0.6, 0.6, 60), np.full(60, 4.0)], 1), (FRAMES, 1, 1)
+    )
+    walker[..., 0] += 0.1 * np.sin(0.5 * np.arange(FRAMES))[:, None]
+    uv, _ = seen_by(cams, np.concatenate([near, walker], 1))
+    uv += rng.normal(0, 0.3, uv.shape)
+    visible = ((uv > 0) & (uv < (WIDTH, HEIGHT))).all(-1)
+    mask = np.zeros((FRAMES, HEIGHT, WIDTH), bool)
+    for t in range(FRAMES):
+        for column, row in np.floor(uv[t, visible[t]]).astype(int):
+            mask[t, max(row - 4, 0) : row + 5, max(column - 4, 0) : column + 5] = True
+    priors = Priors(WIDTH, HEIGHT, np.arange(FRAMES), mask=mask, motion=mask.astype(np.float16), cameras=cams)
+    priors.tracks, priors.tracks_visible = np.where(visible[..., None], uv, np.nan).astype(np.float32), visible
+    priors.tracks_motion = np.ones(120, np.float32)
+    return priors
+
+
+def test_points_are_those_that_tracks_show(passing):
+    cams = path()
+    truth = np.array([[-0.5, 0.2, 3.0], [0.6, -0.3, 5.0], [0.0, 0.0, -4.0]])
+    uv, depth = seen_by(cams, np.tile(truth, (FRAMES, 1, 1)))
+    seen = np.ones((FRAMES, 3), bool)
+    seen[4:9, 1] = False
+    found = points.fit_points(cams, uv, seen)
+    assert (found.rms[:2] < 1e-6).all() and np.isinf(found.rms[2])  # behind the cameras that saw it
+    front = found.point < 2
+    np.testing.assert_allclose(found.z[front], depth[found.frame, found.point][front], rtol=1e-6)
+    shaken = uv + np.array([1.5, 0.0]) * (-1.0) ** np.arange(FRAMES)[:, None, None]
+    assert points.fit_points(cams, shaken, seen).rms[0] == pytest.approx(1.5, abs=0.2)
+    assert np.isinf(points.fit_points(cams, uv, seen & (np.arange(3) != 0)).rms[0])  # never seen
+
+
+def test_what_one_point_explains_is_taken_out_and_the_rest_stays(passing, monkeypatch):
+    asked = {}
+    monkeypatch.setattr(second_look, "densify", lambda *given, known: asked.update(known=known))
+    monkeypatch.setattr(second_look, "long_flows", lambda *given: {})
+    before = passing.mask.copy()
+    fraction = second_look.release_static(None, passing, PriorsConfig(), silent)
+    left = np.arange(WIDTH) < WIDTH / 2 - 8
+    assert passing.mask[before & left].mean() < 0.02
+    assert passing.mask[before & ~left].mean() > 0.98
+    assert fraction == pytest.approx(1 - passing.mask.sum() / before.sum())
+    assert not passing.motion[before & ~passing.mask].any() and (passing.motion[passing.mask] == 1).all()
+    assert set(asked["known"]) <= set(range(60)) and len(asked["known"]) > 50
+    assert passing.statistics["motion"] == {"share": pytest.approx(passing.mask.mean()), "moving": True}
+    assert not passing.warnings
+
+
+def test_where_everything_stands_still_nothing_is_left_and_it_says_so(passing, monkeypatch):
+    monkeypatch.setattr(second_look, "densify", lambda *given, known: None)
+    monkeypatch.setattr(second_look, "long_flows", lambda *given: {})
+    passing.tracks, passing.tracks_visible = passing.tracks[:, :60], passing.tracks_visible[:, :60]
+    passing.tracks_motion = passing.tracks_motion[:60]
+    passing.mask[..., WIDTH // 2 :] = False
+    assert second_look.release_static(None, passing, PriorsConfig(), silent) == 1.0
+    assert not passing.mask.any() and not passing.statistics["motion"]["moving"]
+    assert any("Nothing in this clip moves" in line for line in passing.warnings)
+
+
+@pytest.mark.parametrize("case", ["given", "walker", "short", "distant"])
+def test_nothing_is_taken_out_without_proof(passing, case):
+    if case == "given":
+        passing.provenance["mask"] = {"provider": "user"}
+    elif case == "walker":  # nothing else is left
+        passing.tracks, passing.tracks_visible = passing.tracks[:, 60:], passing.tracks_visible[:, 60:]
+        passing.tracks_motion = passing.tracks_motion[60:]
+    elif case == "short":
+        passing.tracks_visible[second_look.MIN_FRAMES - 1 :] = False
+    else:  # a camera that hardly moves shows no parallax
+        pose = passing.cameras.world_to_camera.copy()
+        pose[:, :3, 3] *= 1e-4
+        passing.cameras = CameraPath(passing.cameras.intrinsics, pose, passing.cameras.times, WIDTH, HEIGHT)
+        still = np.tile(np.random.default_rng(1).uniform((-1, -1, 3), (1, 1, 5), (120, 3)), (FRAMES, 1, 1))
+        passing.tracks = (
+            seen_by(passing.cameras, still)[0] + np.random.default_rng(2).normal(0, 0.3, (FRAMES, 120, 2))
+        ).astype(np.float32)
+    before = passing.mask
+    assert second_look.release_static(None, passing, PriorsConfig(), silent) == 0
+    assert passing.mask is before
+
+
+@pytest.mark.slow
+def test_a_wall_that_a_walking_camera_passes_stands_still():
+    clip, man, wall = walk_past_a_wall()
+    priors, config = Priors.empty(clip), PriorsConfig(tracks=TracksConfig(count=4000))
+    for stage in (flow, tracks, motion):
+        stage.provide(clip, priors, config, silent)
+    assert priors.mask[wall].mean() > 0.5  # pairs of pictures cannot tell
+    cameras.provide(clip, priors, config, silent)
+    assert priors.camera_kind == "moving"
+    assert priors.mask[wall].mean() < 0.35 and priors.mask[man].mean() > 0.95
+    assert priors.statistics["cameras"]["released"] > 0.2
+    priors.validate()
