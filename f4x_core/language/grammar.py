@@ -178,17 +178,18 @@ NAMES_TOO: set[str] = set()
 """Words of the grammar that may be names of things as well."""
 
 
-def table(entries: Mapping[str, Any], *, reserve: bool = True) -> Rule:
+def table(entries: Mapping[str, Any], *, reserve: bool = True, words_of: set[str] | None = None) -> Rule:
     """The value of the phrase that stands there, longer ones preferred.
 
     A key holds alternatives with `|`; of `[some|words]` one stands there, of `(some|words)` one or none. `reserve`: its words are
-    no names of things.
+    no names of things. `words_of`: the vocabulary of a language of its own, which its words go to instead.
     """
+    vocabulary = words_of if words_of is not None else VOCABULARY if reserve else NAMES_TOO
     by_first: dict[str, list[tuple[tuple[str, ...], Any]]] = {}
     for spec, value in entries.items():
         for words in (words for alternative in _alternatives(spec) for words in _expanded(alternative)):
             by_first.setdefault(words[0], []).append((words, value))
-            (VOCABULARY if reserve else NAMES_TOO).update(words)
+            vocabulary.update(words)
     for rows in by_first.values():
         rows.sort(key=lambda row: -len(row[0]))
 
