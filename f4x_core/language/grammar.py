@@ -218,24 +218,33 @@ def sign(text: str) -> Rule:
     return Rule(lambda reading, at: {at + 1: ()} if reading.word(at) == text else {})
 
 
-def _alternatives(spec: str) -> list[str]:
-    """Parts between the `|` that stand in no bracket."""
+def _split(spec: str, at: str) -> list[str]:
+    """Parts between the signs `at` that stand in no bracket."""
     parts, depth = [""], 0
     for sign in spec:
         depth += (sign in "([") - (sign in ")]")
-        if sign == "|" and not depth:
+        if sign == at and not depth:
             parts.append("")
         else:
             parts[-1] += sign
     return parts
 
 
+def _alternatives(spec: str) -> list[str]:
+    return _split(spec, "|")
+
+
 def _expanded(spec: str) -> Iterator[tuple[str, ...]]:
-    """Word sequences of a phrase: "to (the|my) left": to left, to the left, to my left."""
-    parts = [part for part in re.split(r"(\([^)]*\)|\[[^]]*\])", spec) if part.strip()]
-    choices = [part[1:-1].split("|") + [""] * (part[0] == "(") if part[0] in "([" else [part] for part in parts]
+    """Word sequences of a phrase, brackets in brackets too: "to (the|my) left": to left, to the left, to my left."""
+    choices = [
+        [words for each in _alternatives(part[1:-1]) for words in _expanded(each)] + [()] * (part[0] == "(")
+        if part[0] in "(["
+        else [(part,)]
+        for part in _split(spec, " ")
+        if part
+    ]
     for choice in product(*choices):
-        if words := tuple(" ".join(choice).split()):
+        if words := tuple(word for words in choice for word in words):
             yield words
 
 

@@ -189,7 +189,7 @@ CUES: dict[str, Rule] = {
     "nearest": cue({f"(the|at its|its|at his|at her|at the|come|comes|get|gets) (very) [{_NEAR_MOST}] (point|position|thing|object|one|together)": ""}),
     "farthest": cue({f"(the|at its|its|at his|at her|at the|get|gets) (very) [{_FAR_MOST}] (point|position|thing|object|one)": ""}),
     "front": cue("[in|at] (the) (very) [front|foreground]|in the foreground"),
-    "back": cue("[in|at] the (very) [back|rear|background]"),
+    "back": cue("farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]"),
     "nearer": cue("closer|nearer|more near"),
     "farther": cue("farther (away)|further (away)|more distant"),
     "passes": cue(
@@ -271,7 +271,7 @@ CUES: dict[str, Rule] = {
     ),
     "always": cue(
         f"{_EVER}|throughout (the|this) [{_CLIPS}]|(in|during|on) (all|every|each|all the) [frames|frame]|in every (single) frame|from start to finish"
-        f"|(for|during|through|over|in) (the [whole|entire]|all of the) [{_CLIPS}]|from (the) [beginning|start] to (the) end"
+        f"|(for|during|through|over|in) the [whole|entire] [{_CLIPS}]|(for|during|through|over|in) all of the [{_CLIPS}]|from (the) [beginning|start] to (the) end"
     ),
     "enter": cue(
         _verbs("appear|arrive|show up|turn up|pop up|emerge"),
@@ -302,10 +302,19 @@ CUES: dict[str, Rule] = {
         f"|(what|which) [{_NOUN}] [you] (can) (know|see)|the [contents|inventory]|a list"
         f"|what you (can) [see|know|have]|all that you see|what there is|what there is to see|which [{_NOUN}]|what [{_NOUN}]"
     ),
-    "list": cue(f"[list|name|enumerate|what are|tell me|show me|give me (a list of)|inventory|mention] "),
+    "list": cue("list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of"),
     "ends-up": cue("end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end"),
     "comes-from": cue("come from|comes from|start out|start off|starts off|starts out|begin|begins|start|starts"),
     "clip-length": cue(f"is (the|this) [{_CLIPS}]|does (the|this) [{_CLIPS}] [last|run|take|go on]"),
+    "bigger-or": cue(f"(the) [{_BIG}] or (the) [{_SMALL}]|[{_SMALL}] or [{_BIG}]"),
+    "faster-or": cue("faster or slower|slower or faster"),
+    "nearer-or": cue("[closer|nearer] or [farther|further] (away)|[farther|further] (away) or [closer|nearer]"),
+    "near-or-far": cue("near|nearby|close|close by|far|far away|far off|in the distance"),
+    "keep-on": cue("keep|keeps|keeping (on)"),
+    "crosses": cue(_verbs("cover")),
+    "what-it": cue("what|what all"),
+    "on": cue("on|in|at"),
+    "can": cue("can|could"),
     "any-of": cue("any|any of"),
     "any-parts": cue("[which|what] [part|parts]|what motion (is there)|any motion|any movement|what movement|the movements"),
     "path-length": cue(
@@ -322,7 +331,7 @@ FILLERS = cue(
     "|here|there|currently|maybe|perhaps|really|kindly|if|whether|that|quick question|know|you know|i mean|for me|over time|any",
     "[can|could|would|will] you (please|kindly) (tell|show|say|find|give) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder"
     "|i am wondering|i (just) [want|need] to know|i would [like|love] to know|do you know|any idea|do you have any idea|i am curious|question"
-    "|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you say|according to you|check|see|let us see",
+    "|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you say|according to you|check|see|let us see|describe|explain|in seconds|in frames",
     f"{_OUR}|(the|this) [{_CLIPS}]|in (the) picture|in here|in there|in it|of them|of all|at any time|at some point|at any [point|moment]",
 )
 """What adds nothing."""
@@ -331,7 +340,7 @@ ROWS = """
 frames: frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: sort everything? order-by us? | contents order-by us? | order-by everything
+order: sort everything? order-by us? | contents order-by us? | order-by everything | sort? order-by thing us? | order thing order-by stands?
 order: order thing? everything? start? move? | order thing? everything? set-off | who first start? move | who first set-off
 nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing
 nearest_moment: when thing passes-by | when passes thing
@@ -341,7 +350,7 @@ fastest_moment: when fastest thing move? lasts? | when speediest thing move?
 slowest_moment: when slowest thing move?
 when_turns: when turn thing start? | thing turn
 @place: any place-of stands? | who place-of stands?
-neighbours: who around-of stands? | any around-of stands?
+neighbours: who around-of stands? | who thing around | any around-of stands?
 between: who pair stands? | any pair stands?
 relation: where thing compared-to stands? | thing place-or stands? | who farther-aside thing | who place thing
 where: thing sides stands?
@@ -350,12 +359,14 @@ polar near: thing around-of stands? not?
 distance extreme=min: close thing get other | close thing get together | least gap pair | least gap thing other | close thing get
 distance: gap thing other | gap pair | gap thing together | gap thing
 compare_size: by-factor bigger thing other | by-factor as-big thing other | who bigger thing | thing bigger
+compare_size manner=bigger: big thing compared-to | thing bigger-or other
+compare_speed manner=faster: fast thing compared-to move? | thing faster-or other move?
 polar compare_size: thing bigger other not? | thing as-big other not?
 compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
-nearest: who nearer thing us? | who nearest thing? other? | nearest thing? other | who front stands?
+nearest: who nearer thing us? | thing nearer-or other us? | who nearest thing? other? | nearest thing? other | who front stands?
 farthest: who farther thing us? | who farthest thing? other? | farthest thing? other | who back stands?
 most_moving: who move more thing? | who move most thing? | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
@@ -366,16 +377,17 @@ polar colour: thing color not?
 count_moving: how-many any? move but? | how-many thing move start?
 polar count_moving: any move but
 count: how-many thing seen? side? stands?
-still: who not move start? | who rest always? | who stands always?
+still: who not move start? always? | who rest always? stands? | who stands always? | how-many thing rest stands? | how-many thing not move
 polar leave: thing leave not?
 polar enter: thing enter not?
+approach: by-factor closing-to thing get?
 polar approach: thing closing-to move? get? not?
 rise: high thing rise | by-how-much thing go-up
 polar stops: thing stop move? not?
+polar stops says=no: thing always move not? | thing keep-on move
 motion: who move start? | any-parts move
-does: who do thing | happens-to thing
+does: what-it do thing | happens-to thing
 fast: fast thing move? extreme? | fast extreme thing
-far: far thing move | far thing covers | path-length thing
 path: path thing takes? | how thing move
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
@@ -383,7 +395,8 @@ way: way thing move along? | whereto thing move along? | way-of thing | thing mo
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible
-size: big thing covers? | big thing side
+size: big thing covers?
+far: far thing move | far thing crosses | path-length thing
 motion: when thing move start? | when thing stop move? | when thing set-off move? | when thing rest
 enter: when thing enter
 leave: when thing leave
@@ -391,8 +404,9 @@ seen: when thing visible
 polar still: thing rest not?
 polar motion: thing plainly start? not? | thing manner start? not? | any plainly
 polar always: thing seen? always not? | thing always
-where: where thing stands? seen?
+always: who visible always stands?
+where: where thing stands? seen? on? | thing near-or-far us?
 polar side: thing seen? side stands? not?
-polar seen: thing seen not? | no thing seen | any-of thing
+polar seen: thing seen not? can? | no thing seen | any-of thing
 things: contents seen? | happens clip? | list everything
 """

@@ -74,13 +74,13 @@ SUBJECTS = (
 )
 """(pattern, what it asks for that nobody can compute), the first that fits."""
 
-_NO_NAMES = (FUNCTION_WORDS | WORDS | word_set("s frame frames second seconds minute minutes now everything everybody everyone nothing nobody")) - {"other"}
+_NO_NAMES = (FUNCTION_WORDS | WORDS | word_set("s frame frames second seconds minute minutes now everything everybody everyone nothing nobody"))
 """Words that no name of a thing holds …"""
 _NOUNS_TOO = word_set(
     "fly track light path course slide swing ride picture image space room view rest walk run drive float screen stage jump way"
 )
 """… unless an article stands before them …"""
-_BEFORE = word_set("front back left right top bottom middle big small large tall moving fast") | COLOURS
+_BEFORE = word_set("front back left right top bottom middle other big small large tall moving fast") | COLOURS
 """… or the noun behind them."""
 _ADVERB = r"(?!fly|family|butterfly|lily|jelly|belly|dolly|trolley|ugly|lonely|elderly|early).*ly"
 _NO_ENDING = re.compile(
@@ -94,7 +94,7 @@ _IT = word_set("it they them he she him her this that these those its their his"
 _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
-_ARTICLE = cue("the|a|an|any|some|this|that|these|those|my|your|our|all the|all of the|all|each|every|both|both the|single|of the")
+_ARTICLE = cue("the|a|an|any|some|this|that|these|those|my|your|our|the two|both of the|two|all the|all of the|all|each|every|both|both the|single|of the")
 
 
 def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -201,7 +201,7 @@ class _Row:
     kind: str
     polar: bool
     options: dict[str, str]
-    """`extreme`, or `at` which end of the clip."""
+    """`extreme`, `manner`, or `at` which end of the clip; `says`: yes means that it is not so."""
     bag: Rule
     """Matches its slots."""
 
@@ -236,7 +236,7 @@ ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "pat
 _TWO = ("relation", "compare_size", "compare_speed")
 _NEGATION = r"\b(?:no|not|never)\b"
 _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in which|at what|at which)"
-_ASKING_WORDS = {*FUNCTION_WORDS, *SPELLING, *WORDS}
+_ASKING_WORDS = {*_NO_NAMES, *SPELLING}
 
 
 def read_question(question: str, fps: float, frames: int, selected: str = "") -> tuple[Asked, ...]:
@@ -246,7 +246,7 @@ def read_question(question: str, fps: float, frames: int, selected: str = "") ->
     """
     text = " ".join(question.lower().replace("’", "'").split())
     text = re.sub(r",? (?:and )?if so,? (where|when)\b", r"? \1 is it", text)
-    parts = re.split(rf"[?!;]+ *(?:and )?|\. (?:and )?|,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
+    parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
     understood: list[Asked] = []
     for part in parts:
         it = (selected,) if selected else ()
@@ -302,8 +302,9 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     other = (*found.get("other", ()), *found.get("than", ()), *pair[1:], *joined[1])
     things = _resolved((*who, *thing, *pair[:1], *other), it)
     other = things[len(things) - len(other) :] if len(things) >= len(other) else ()
-    manner = joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
+    manner = row.options.get("manner") or joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
     kind, polar, negated = row.kind, row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
+    negated = negated != ("says" in row.options)
     if kind == "@place":
         kind, manner = _BESIDE.get(manner, manner), ""
     elif kind == "near":
