@@ -43,9 +43,8 @@ _WHAT = (
     f"|which of them|the [{_NOUN}] [which|that]|what else"
 )
 _YOU = "you|i|we|one|anybody|anyone|somebody|someone|the viewer"
-_MOMENTS = "time|times|moment|moments|second|seconds|frame|frames|point|points|instant|picture|stage|part"
+_MOMENTS = "time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage"
 _IN = "in|of|on|within|inside|during|over|throughout|through|for|from|across|into"
-_OUR = f"[{_IN}] (the|this|my|our|that|the whole|the entire|this whole|all of the) [{_PICTURES}]"
 US = "the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here"
 _SEE = "see|find|spot|recognize|recognise|detect|notice|make out|count|observe"
 _PLAIN = _verbs("move|go|travel|come|head") + "|went|came|in motion|on the move|move around|moves around|movement"
@@ -92,17 +91,29 @@ _PLACES = {
 }
 _COMPARED = "[in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to"
 
+_AT = ~cue("at|in|on|from|since|until|to|by|during|for|between|over|around") + ~cue("exactly|about|around|roughly")
+_INSIDE = cue(f"[{_IN}] (the|this|my|our|that|the whole|the entire|this whole|all of the)") + cue(_PICTURES)
+_LOOKING = ~cue("do|does|did|can|could|would") + cue(_YOU) + ~cue("can|could") + ~cue("ever|also|first|last|still|really|actually") + cue(_SEE)
+_ON_SIDE = ~cue("on|to|at|in") + cue("(the) [left|right]") + ~cue("side|half|hand side")
+_IN_VIEW = "in view|on screen|on the screen|on view|in sight|on camera|in shot"
+_SHOWS = cue(f"(the|this) [{_PICTURES}] [show|have|contain|include|shows|has|contains|includes]")
+_A_PICTURE = ~cue("the|this") + ~cue(_PICTURES)
+_KNOW = cue(f"{_SEE}|edit|have|know|change|select|ask about|work with|know of")
+_LIKE_THIS = ~cue("first|last|still|also|ever|actually|clearly")
+_ONES = cue("[which|what] (kinds of|sorts of|kind of)|which") + cue(_NOUN)
+
 CUES: dict[str, Rule] = {
     "what": cue(_WHAT),
-    "when": cue(
-        f"when (exactly)|from when (to when)|until when|since when|how [early|soon|late]|[which|what] [{_MOMENTS}] [show|shows]"
-        f"|(at|in|from|since|until|on|by|during|for|between|over|around) (exactly|about|around|roughly) [what|which] (exact) [{_MOMENTS}] (in time|of the clip)"
-        f"|(at|in|on) the [{_MOMENTS}] [when|at which|in which|where|that]|(at|in|from) the point in time|what is the [{_MOMENTS}]"
+    "when": either(
+        cue(
+            f"when (exactly)|from when (to when)|until when|since when|how [early|soon|late]|[which|what] [{_MOMENTS}] [show|shows]"
+            f"|(at|in|on) the [{_MOMENTS}] [when|at which|in which|where|that]|what is the [{_MOMENTS}]"
+        ),
+        _AT + cue("[which|what] (exact)") + cue(_MOMENTS) + ~cue("in time|of the clip"),
     ),
-    "where": cue(
-        "where (exactly|precisely)|whereabouts|where about|where abouts|(the) [position|location|place|whereabouts]"
-        "|(in|on|at|to) (exactly) [which|what] (exact) [part|side|half|place|position|corner|area|third|spot|location|region]"
-        f" (of the [{_PICTURES}])"
+    "where": either(
+        cue("where (exactly|precisely)|whereabouts|where about|where abouts|(the) [position|location|place|whereabouts]"),
+        _AT + cue("[which|what] (exact)") + cue("part|side|half|place|position|corner|area|third|spot|location|region") + ~cue(f"of the [{_PICTURES}]"),
     ),
     "fast": cue(
         "how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of) [speed|velocity|pace]"
@@ -197,10 +208,8 @@ CUES: dict[str, Rule] = {
                               "drive past", "drive by", "walk past", "walk by", "run past", "run by", "ride past", "hit")))
         + "|met|past|by"
     ),
-    "highest": cue(
-        f"({_ITS}|at|in|reach|reaches|be) (its|his|her|their|the|at its|at his|at her) (very) "
-        "[highest|top|peak|maximum height|uppermost|topmost] (up|point|position|place|spot|of all)|the highest (up)|highest up|up the highest"
-    ),
+    "highest": ~cue("at|in|reach|reaches|be") + ~cue("its|his|her|their|the") + cue("(very) [highest|top|peak|maximum height|uppermost|topmost]")
+    + ~cue("(up) [point|position|place|spot|of all]|up"),
     "fastest": cue(
         f"({_ITS}|at|reach|reaches|have|has) (its|his|her|their|the) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]"
     ),
@@ -240,10 +249,7 @@ CUES: dict[str, Rule] = {
     "between": cue("between|in between"),
     "around": cue("(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the neighbors of"),
     "side": cue(_SIDES),
-    "sides": cue(
-        "(on|to|at|in|more) (the) [left|right] (side|half) or (on|to|at|in) (the) [left|right] (side|half|hand side)"
-        "|(on|in) the left(,) (in) the middle or (on) the right"
-    ),
+    "sides": _ON_SIDE + cue("or") + _ON_SIDE,
     "way": cue(
         f"(in|to|into|from|toward|towards) [which|what] (general) [{_DIRECTIONS}]|(the) [direction|heading] (of)|where to|whither"
         f"|[left|right] or [left|right]|(to) the [left|right] or (to) the [left|right]|what is the direction (of)"
@@ -256,32 +262,28 @@ CUES: dict[str, Rule] = {
     ),
     "how": cue("how"),
     "takes": cue("take|takes|taken|follow|follows|followed|along|" + "|".join((_PLAIN, *_MANNERS))),
-    "seen": cue(
-        "(first|last|still|also|ever|actually|clearly) [visible|seen|shown|present|spotted|recognizable|to be seen|in view|on screen|on view|in sight|"
-        "on camera|in the shot|in shot|out there|available|exist|exists]|visible in",
-        f"[can|do|could|did|would|does] [{_YOU}] (ever|also|first|last|still|really|actually) [{_SEE}]|[{_YOU}] (can|could) [{_SEE}]",
-        f"[do|does|can] (the|this) [{_PICTURES}] [show|have|contain|include]|(the|this) [{_PICTURES}] [shows|has|contains|includes]",
-        f"(still|also|ever|first|last) {_OUR}|there|here|still there|[{_STANDING}] [visible|seen|in view|{_OUR.split(' (')[0].strip('[]').split('|')[0]} view]",
-        f"in (the|this) [{_PICTURES}]|on (the) screen|(to be) found|any sign of",
+    "seen": either(
+        _LIKE_THIS + cue(f"visible|seen|shown|present|spotted|recognizable|(to) be [seen|found]|to be seen|{_IN_VIEW}|out there|available|exist|exists|there|here"),
+        _LOOKING,
+        cue("do|does|can|is") + _SHOWS,
+        _SHOWS,
+        _LIKE_THIS + _INSIDE,
+        cue(f"[{_STANDING}] [visible|seen|{_IN_VIEW}]|found|any sign of"),
     ),
-    "visible": cue(
-        "(first|last|still|actually) [visible|seen|shown|present|in view|on screen|on view|in sight|to be seen|on camera|around|there|here]",
-        f"[can|do|could|did] [{_YOU}] (first|last|ever|still) [{_SEE}]|[{_YOU}] (can|could) [{_SEE}]|in (the|this) [{_PICTURES}]"
-        "|showing|show|shows",
+    "visible": either(
+        _LIKE_THIS + cue(f"visible|seen|shown|present|{_IN_VIEW}|to be seen|around|there|here|showing|shows"), _LOOKING, _INSIDE
     ),
     "always": cue(
         f"{_EVER}|throughout (the|this) [{_CLIPS}]|(in|during|on) (all|every|each|all the) [frames|frame]|in every (single) frame|from start to finish"
         f"|(for|during|through|over|in) the [whole|entire] [{_CLIPS}]|(for|during|through|over|in) all of the [{_CLIPS}]|from (the) [beginning|start] to (the) end"
     ),
-    "enter": cue(
-        _verbs("appear|arrive|show up|turn up|pop up|emerge"),
-        f"(first) [{_verbs('enter|come into|come in|get into|move into|walk into|drive into|step into')}] (the|this) ({_PICTURES})",
-        "first appear|come into being",
+    "enter": either(
+        cue(_verbs("appear|arrive|show up|turn up|pop up|emerge") + "|first appear"),
+        ~cue("first") + cue(_verbs("enter|come into|come in|get into|move into|walk into|drive into|step into")) + _A_PICTURE,
     ),
-    "leave": cue(
-        _verbs("disappear|vanish"),
-        f"[{_verbs('leave|exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run out of')}] (the|this) ({_PICTURES})",
-        f"left (the|this) ({_PICTURES})|go away|goes away|go out|goes out|gone|out of [sight|view|the picture|the frame]",
+    "leave": either(
+        cue(_verbs("leave|exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run out of")) + _A_PICTURE,
+        cue(_verbs("disappear|vanish|go away|go out") + "|gone|out of [sight|view|the picture|the frame]"),
     ),
     "not": cue("not|never|no longer|not ever|not an|not any"),
     "no": cue("no|not|not an|not a|not any|never"),
@@ -295,12 +297,13 @@ CUES: dict[str, Rule] = {
         f"|what [changes|has changed|is changing|is different]|what (is) (the|this) [{_CLIPS}] [about|shows|show|showing]"
         f"|what is it (about)|what is this|what does (it|the {_CLIPS.split('|')[0]}|this) show|a [summary|description] (of)|a short [summary|description]|any action|the action"
     ),
-    "contents": cue(
-        f"what is there (to [see|edit])|what are there|what [can|do|could] [{_YOU}] (all) [{_SEE}|edit|have|know|change|select|ask about|work with]"
-        "|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|what do we have"
-        f"|what is|[what|which] [{_NOUN}] [do|can|could] [{_YOU}] [{_SEE}|know|have|edit|select]|[what|which] (kinds of|sorts of|kind of) [{_NOUN}] (are|is|can be|do) (there|seen|visible|you know|known|shown|present|found|exist)"
-        f"|(what|which) [{_NOUN}] [you] (can) (know|see)|the [contents|inventory]|a list"
-        f"|what you (can) [see|know|have]|all that you see|what there is|what there is to see|which [{_NOUN}]|what [{_NOUN}]"
+    "contents": either(
+        cue(
+            "what is there (to [see|edit])|what are there|what do we have|what you (can) [see|know|have]|what there is (to see)|what is|a list"
+            "|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the [contents|inventory]"
+        ),
+        cue("what|which") + ~cue("all") + ~cue(_NOUN) + ~cue("do|can|could") + cue(_YOU) + ~cue("can|could|all") + _KNOW,
+        _ONES + ~cue("are|is|can be|do") + ~cue("there|seen|visible|known|shown|present|found|exist|available"),
     ),
     "list": cue("list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of"),
     "ends-up": cue("end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end"),
@@ -325,14 +328,14 @@ CUES: dict[str, Rule] = {
     "sideways-or": cue("(to) (the) [left|right] or (to) (the) [left|right]|(to) (the) right or (the) left"),
 }
 
-FILLERS = cue(
+FILLERS = _INSIDE | cue(
     "is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually"
     "|in total|altogether|overall|at all|ever|also|then|now|just|about|anywhere|somewhere|by the way|right now|hey|hi|hello|ok|well|so|and"
     "|here|there|currently|maybe|perhaps|really|kindly|if|whether|that|quick question|know|you know|i mean|for me|over time|any",
     "[can|could|would|will] you (please|kindly) (tell|show|say|find|give) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder"
     "|i am wondering|i (just) [want|need] to know|i would [like|love] to know|do you know|any idea|do you have any idea|i am curious|question"
     "|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you say|according to you|check|see|let us see|describe|explain|in seconds|in frames",
-    f"{_OUR}|(the|this) [{_CLIPS}]|in (the) picture|in here|in there|in it|of them|of all|at any time|at some point|at any [point|moment]",
+    f"(the|this) [{_CLIPS}]|in here|in there|in it|of them|of all|at any time|at some point|at any [point|moment]",
 )
 """What adds nothing."""
 

@@ -319,7 +319,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     if not several and (kind in _TWO or (polar and kind in ("nearest", "farthest"))) and manner not in _MOST:
         return None
     single = (*who, *thing) if kind in _MANY and len(who) + len(thing) == 1 and not (polar or pair) else ()
-    if kind == "motion" or (single and "it" in single):
+    if kind == "motion" or "it" in single or (other and kind not in ("nearest", "farthest")):
         single = ()
     span = _frames(found["time"], clip) if "time" in found else None
     if span is None and "at" in row.options:
