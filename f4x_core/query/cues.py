@@ -23,8 +23,10 @@ def _inflected(verbs: str) -> Iterator[tuple[str, str]]:
     """(each form of the verbs in "go out|move", its verb): go, goes, going, gone out."""
     for verb in verbs.split("|"):
         head, _, rest = verb.partition(" ")
-        third = head[:-1] + "ies" if head.endswith("y") and head[-2] not in "aeiou" else head + (
-            "es" if head.endswith(("s", "sh", "ch", "x", "go")) else "s"
+        third = (
+            head[:-1] + "ies"
+            if head.endswith("y") and head[-2] not in "aeiou"
+            else head + ("es" if head.endswith(("s", "sh", "ch", "x", "go")) else "s")
         )
         for form in dict.fromkeys((head, third, *forms(head))):
             yield f"{form} {rest}".strip(), verb
@@ -49,14 +51,19 @@ US = "the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here"
 _SEE = "see|find|spot|recognize|recognise|detect|notice|make out|count|observe"
 _PLAIN = _verbs("move|go|travel|come|head") + "|went|came|in motion|on the move|move around|moves around|movement"
 _MANNERS = dict(
-    _inflected("walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap")
+    _inflected(
+        "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap"
+    )
 ) | {"ran": "run", "swam": "swim", "drove": "drive", "driven": "drive", "flew": "fly", "rode": "ride"}
 _BEGIN = "start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going"
 _END = _verbs("stop|halt|pause|finish|cease") + (
     "|[come|comes|came] to (a) [stop|halt|standstill|rest]|stand still|stands still|rest|rests|come to a full stop|end|ends"
     "|stay still|stays still|remain still|remains still|[standing|staying] still"
 )
-_STANDING = "|".join(map(_verbs, ("stand", "stay", "remain", "keep", "lie", "sit"))) + "|located|placed|found|situated|positioned"
+_STANDING = (
+    "|".join(map(_verbs, ("stand", "stay", "remain", "keep", "lie", "sit")))
+    + "|located|placed|found|situated|positioned"
+)
 _STILL = (
     f"still|at rest|stationary|static|motionless|unmoving|immobile|resting|[{_STANDING}] [still|stationary|static|motionless|put]"
     f"|[{_STANDING}] at rest|where it is|in place|not in motion|without moving"
@@ -66,7 +73,9 @@ _ITS = "its|his|her|their|the|at its|at his|at her|at their|at the"
 _DIRECTIONS = "way|direction|side|directions"
 _COLOUR = "red|orange|yellow|green|blue|purple|violet|pink|brown|black|white|gray|grey|beige|golden"
 _COLOURS = {
-    f"{shade} {name}".strip(): f"{shade} {name}".strip() for name in _COLOUR.split("|") for shade in ("", "light", "dark", "bright")
+    f"{shade} {name}".strip(): f"{shade} {name}".strip()
+    for name in _COLOUR.split("|")
+    for shade in ("", "light", "dark", "bright")
 }
 COLOURS = frozenset(_COLOUR.split("|"))
 _two_colours = table(_COLOURS, words_of=WORDS)
@@ -74,7 +83,9 @@ _BIG = "bigger|larger|taller|wider|longer|broader|higher|thicker|greater"
 _SMALL = "smaller|shorter|tinier|narrower|littler"
 _FAST, _SLOW = "faster|quicker|speedier|more quickly|more rapidly", "slower|more slowly"
 _NEAR_MOST = "nearest|closest|nearest of all|most near"
-_FAR_MOST = "farthest|furthest|most distant|farthest away|furthest away|the most distant|remotest|farthest apart|furthest apart"
+_FAR_MOST = (
+    "farthest|furthest|most distant|farthest away|furthest away|the most distant|remotest|farthest apart|furthest apart"
+)
 _NEAR = "near|nearby|close|next|beside|around|by|alongside|adjacent"
 _SIDES = {
     f"[to|on|at|in] (the) {side} (hand) (side|half|part|third) (of the [picture|image|frame|view|screen])": side
@@ -89,11 +100,19 @@ _PLACES = {
     "(further|farther) (to|on|at) (the) right (hand) (side) of|right from": "right of",
     "next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby": "near",
 }
-_COMPARED = "[in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to"
+_COMPARED = (
+    "[in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to"
+)
 
 _AT = ~cue("at|in|on|from|since|until|to|by|during|for|between|over|around") + ~cue("exactly|about|around|roughly")
 _INSIDE = cue(f"[{_IN}] (the|this|my|our|that|the whole|the entire|this whole|all of the)") + cue(_PICTURES)
-_LOOKING = ~cue("do|does|did|can|could|would") + cue(_YOU) + ~cue("can|could") + ~cue("ever|also|first|last|still|really|actually") + cue(_SEE)
+_LOOKING = (
+    ~cue("do|does|did|can|could|would")
+    + cue(_YOU)
+    + ~cue("can|could")
+    + ~cue("ever|also|first|last|still|really|actually")
+    + cue(_SEE)
+)
 _ON_SIDE = ~cue("on|to|at|in") + cue("(the) [left|right]") + ~cue("side|half|hand side")
 _IN_VIEW = "in view|on screen|on the screen|on view|in sight|on camera|in shot"
 _SHOWS = cue(f"(the|this) [{_PICTURES}] [show|have|contain|include|shows|has|contains|includes]")
@@ -112,8 +131,13 @@ CUES: dict[str, Rule] = {
         _AT + cue("[which|what] (exact)") + cue(_MOMENTS) + ~cue("in time|of the clip"),
     ),
     "where": either(
-        cue("where (exactly|precisely)|whereabouts|where about|where abouts|(the) [position|location|place|whereabouts]"),
-        _AT + cue("[which|what] (exact)") + cue("part|side|half|place|position|corner|area|third|spot|location|region") + ~cue(f"of the [{_PICTURES}]"),
+        cue(
+            "where (exactly|precisely)|whereabouts|where about|where abouts|(the) [position|location|place|whereabouts]"
+        ),
+        _AT
+        + cue("[which|what] (exact)")
+        + cue("part|side|half|place|position|corner|area|third|spot|location|region")
+        + ~cue(f"of the [{_PICTURES}]"),
     ),
     "fast": cue(
         "how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of) [speed|velocity|pace]"
@@ -139,7 +163,9 @@ CUES: dict[str, Rule] = {
     "least": cue("(the) [shortest|smallest|minimum|minimal|closest|least|nearest]|at the [closest|nearest] (point)"),
     "close": cue("how [close|near]"),
     "get": cue(f"come|comes|get|gets|getting|coming|approach|{_PLAIN}"),
-    "together": cue("together|apart|to each other|from each other|to one another|from one another|of each other|each other|away"),
+    "together": cue(
+        "together|apart|to each other|from each other|to one another|from one another|of each other|each other|away"
+    ),
     "big": cue(
         "how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the) [size|height|width|dimensions|extent]"
         f"|how much (of the|of this|of) [{_PICTURES}|space|room]|what [part|share|fraction|percentage] of the [{_PICTURES}]"
@@ -147,8 +173,14 @@ CUES: dict[str, Rule] = {
     ),
     "covers": cue(_verbs("cover|fill|occupy|take up|take") + "|appear|appears|look|looks|seem|seems|measure|measures"),
     "high": cue("how high (up)|(to) [what|which|how much] height|how far up|how much height"),
-    "rise": cue(_verbs("jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come") + "|rose|up|upward|off the ground"),
-    "go-up": cue(_verbs("rise|climb|ascend|leap") + f"|[{_verbs('go|move|get|come|fly|jump')}] [up|upward]|rose|gain in height|gain height"),
+    "rise": cue(
+        _verbs("jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come")
+        + "|rose|up|upward|off the ground"
+    ),
+    "go-up": cue(
+        _verbs("rise|climb|ascend|leap")
+        + f"|[{_verbs('go|move|get|come|fly|jump')}] [up|upward]|rose|gain in height|gain height"
+    ),
     "by-how-much": cue("(by) how [much|far]"),
     "which-color": cue(
         "[what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main) [color|colors|colour|colours]|how colored"
@@ -162,29 +194,54 @@ CUES: dict[str, Rule] = {
         "|count (all) (of) (the)|what number of"
     ),
     "frames": cue("how many [frames|pictures|images] (in total)|the number of frames|what is the number of frames"),
-    "rate": cue("(the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second"),
+    "rate": cue(
+        "(the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second"
+    ),
     "how-long": cue("(for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time"),
     "duration": cue("how many seconds|(the) [length|duration|running time|run time|runtime] (of)|(for) how long"),
-    "clip": cue(f"(the|this|my|our) (whole|entire) [{_CLIPS}]|it|this|of (the|this) [{_CLIPS}]|of it|in (the|this) [{_CLIPS}]|there"),
+    "clip": cue(
+        f"(the|this|my|our) (whole|entire) [{_CLIPS}]|it|this|of (the|this) [{_CLIPS}]|of it|in (the|this) [{_CLIPS}]|there"
+    ),
     "lasts": cue("last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go"),
     "order": cue("(in) [which|what] [order|sequence|succession]|(in) the order|order|one after the other"),
     "order-by": cue(
         {
-            **{f"{spec}": spec for spec in ("from left to right", "from right to left", "from near to far", "from far to near",
-                                            "from front to back", "from back to front", "by size", "by distance", "by depth")},
-            "left to right": "from left to right", "right to left": "from right to left", "front to back": "from front to back",
-            "near to far": "from near to far", "by how [far|near|close] they are": "by distance",
-            "from (the) [nearest|closest] to (the) [farthest|furthest]": "from near to far", "by their distance": "by distance",
-            "from (the) [big|biggest|largest] to (the) [small|smallest]": "by size", "by their size": "by size",
+            **{
+                f"{spec}": spec
+                for spec in (
+                    "from left to right",
+                    "from right to left",
+                    "from near to far",
+                    "from far to near",
+                    "from front to back",
+                    "from back to front",
+                    "by size",
+                    "by distance",
+                    "by depth",
+                )
+            },
+            "left to right": "from left to right",
+            "right to left": "from right to left",
+            "front to back": "from front to back",
+            "near to far": "from near to far",
+            "by how [far|near|close] they are": "by distance",
+            "from (the) [nearest|closest] to (the) [farthest|furthest]": "from near to far",
+            "by their distance": "by distance",
+            "from (the) [big|biggest|largest] to (the) [small|smallest]": "by size",
+            "by their size": "by size",
             "back to front": "from back to front",
         }
     ),
-    "sort": cue("order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order of|put in order|in order"),
+    "sort": cue(
+        "order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order of|put in order|in order"
+    ),
     "everything": cue(
         f"everything|(all) (of) (the|these|those) [{_NOUN}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all"
         "|what is there|what you see|them"
     ),
-    "first": cue("first|last|(is|are) the first (one|thing|object) to|(is|are) the last (one|thing|object) to|earliest|before all others"),
+    "first": cue(
+        "first|last|(is|are) the first (one|thing|object) to|(is|are) the last (one|thing|object) to|earliest|before all others"
+    ),
     "start": cue(f"[{_BEGIN}|continue|continues] (to)"),
     "move": cue(_PLAIN + "|" + "|".join(_MANNERS) + "|ever moving|moving about|moving around|move about"),
     "plainly": cue(_PLAIN),
@@ -197,41 +254,84 @@ CUES: dict[str, Rule] = {
         f"[{_verbs('turn')}] (around|round|back|left|right|to the left|to the right|the corner)|[{_verbs('change')}] (its|his|her|the|their)"
         f" [direction|course|way|directions|heading]|make a turn|makes a turn|take a turn|take a turn"
     ),
-    "nearest": cue({f"(the|at its|its|at his|at her|at the|come|comes|get|gets) (very) [{_NEAR_MOST}] (point|position|thing|object|one|together)": ""}),
-    "farthest": cue({f"(the|at its|its|at his|at her|at the|get|gets) (very) [{_FAR_MOST}] (point|position|thing|object|one)": ""}),
+    "nearest": cue(
+        {
+            f"(the|at its|its|at his|at her|at the|come|comes|get|gets) (very) [{_NEAR_MOST}] (point|position|thing|object|one|together)": ""
+        }
+    ),
+    "farthest": cue(
+        {f"(the|at its|its|at his|at her|at the|get|gets) (very) [{_FAR_MOST}] (point|position|thing|object|one)": ""}
+    ),
     "front": cue("[in|at] (the) (very) [front|foreground]|in the foreground"),
     "back": cue("farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]"),
     "nearer": cue("closer|nearer|more near"),
     "farther": cue("farther (away)|further (away)|more distant"),
     "passes": cue(
-        "|".join(map(_verbs, ("pass", "meet", "reach", "touch", "pass by", "come past", "come by", "go past", "go by", "cross",
-                              "drive past", "drive by", "walk past", "walk by", "run past", "run by", "ride past", "hit")))
+        "|".join(
+            map(
+                _verbs,
+                (
+                    "pass",
+                    "meet",
+                    "reach",
+                    "touch",
+                    "pass by",
+                    "come past",
+                    "come by",
+                    "go past",
+                    "go by",
+                    "cross",
+                    "drive past",
+                    "drive by",
+                    "walk past",
+                    "walk by",
+                    "run past",
+                    "run by",
+                    "ride past",
+                    "hit",
+                ),
+            )
+        )
         + "|met|past|by"
     ),
-    "highest": ~cue("at|in|reach|reaches|be") + ~cue("its|his|her|their|the") + cue("(very) [highest|top|peak|maximum height|uppermost|topmost]")
+    "highest": ~cue("at|in|reach|reaches|be")
+    + ~cue("its|his|her|their|the")
+    + cue("(very) [highest|top|peak|maximum height|uppermost|topmost]")
     + ~cue("(up) [point|position|place|spot|of all]|up"),
     "fastest": cue(
         f"({_ITS}|at|reach|reaches|have|has) (its|his|her|their|the) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]"
     ),
     "slowest": cue(f"({_ITS}) [slowest|lowest speed|least speed|minimum speed]"),
-    "most": cue("(the) [most|farthest|furthest]|(has|have) (the) most [motion|movement] (in it)|the largest [motion|movement|way]"),
+    "most": cue(
+        "(the) [most|farthest|furthest]|(has|have) (the) most [motion|movement] (in it)|the largest [motion|movement|way]"
+    ),
     "more": cue("more|farther|further|the most"),
-    "most-motion": cue("(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)"),
+    "most-motion": cue(
+        "(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)"
+    ),
     "biggest": cue(
         {
             f"(the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest] ({_NOUN})": "biggest",
             f"(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({_NOUN})": "smallest",
-            f"(the) [bigger|larger|taller] one ({_NOUN})": "biggest", "the smaller one": "smallest",
+            f"(the) [bigger|larger|taller] one ({_NOUN})": "biggest",
+            "the smaller one": "smallest",
         }
     ),
-    "brightest": cue({f"(the) (very) [brightest|lightest] ({_NOUN})": "brightest", f"(the) (very) [darkest|dimmest] ({_NOUN})": "darkest"}),
+    "brightest": cue(
+        {
+            f"(the) (very) [brightest|lightest] ({_NOUN})": "brightest",
+            f"(the) (very) [darkest|dimmest] ({_NOUN})": "darkest",
+        }
+    ),
     "speediest": cue(
         {
             f"(the) [fastest|quickest|speediest] (moving) ({_NOUN})|the [faster|quicker] (one)": "fastest",
             f"(the) [slowest] (moving) ({_NOUN})|the slower (one)": "slowest",
         }
     ),
-    "bigger": cue({f"(much|the|a lot) [{_BIG}] (one|in size)": "bigger", f"(much|the|a lot) [{_SMALL}] (one|in size)": "smaller"}),
+    "bigger": cue(
+        {f"(much|the|a lot) [{_BIG}] (one|in size)": "bigger", f"(much|the|a lot) [{_SMALL}] (one|in size)": "smaller"}
+    ),
     "as-big": cue({"as [big|large|tall|wide|long|high]|the same size": "bigger", "as small": "smaller"}),
     "faster": cue({f"(much|the|a lot) [{_FAST}] (one)": "faster", f"(much|the|a lot) [{_SLOW}] (one)": "slower"}),
     "by-factor": cue(
@@ -244,10 +344,14 @@ CUES: dict[str, Rule] = {
         }
     ),
     "place": cue(_PLACES),
-    "farther-aside": cue({f"(further|farther|more|most) (to|on|at) (the) {side}": f"{side} of" for side in ("left", "right")}),
+    "farther-aside": cue(
+        {f"(further|farther|more|most) (to|on|at) (the) {side}": f"{side} of" for side in ("left", "right")}
+    ),
     "compared": cue(_COMPARED),
     "between": cue("between|in between"),
-    "around": cue("(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the neighbors of"),
+    "around": cue(
+        "(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the neighbors of"
+    ),
     "side": cue(_SIDES),
     "sides": _ON_SIDE + cue("or") + _ON_SIDE,
     "way": cue(
@@ -255,15 +359,21 @@ CUES: dict[str, Rule] = {
         f"|[left|right] or [left|right]|(to) the [left|right] or (to) the [left|right]|what is the direction (of)"
     ),
     "whereto": cue("where"),
-    "sideways": cue({"(to|toward|towards) (the) left (side)|leftward|leftwards": "left", "(to|toward|towards) (the) right (side)|rightward|rightwards": "right"}),
-    "along": cue("in|to|along|into|towards|toward|from"),
-    "path": cue(
-        "(along|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]"
+    "sideways": cue(
+        {
+            "(to|toward|towards) (the) left (side)|leftward|leftwards": "left",
+            "(to|toward|towards) (the) right (side)|rightward|rightwards": "right",
+        }
     ),
+    "along": cue("in|to|along|into|towards|toward|from"),
+    "path": cue("(along|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]"),
     "how": cue("how"),
     "takes": cue("take|takes|taken|follow|follows|followed|along|" + "|".join((_PLAIN, *_MANNERS))),
     "seen": either(
-        _LIKE_THIS + cue(f"visible|seen|shown|present|spotted|recognizable|(to) be [seen|found]|to be seen|{_IN_VIEW}|out there|available|exist|exists|there|here"),
+        _LIKE_THIS
+        + cue(
+            f"visible|seen|shown|present|spotted|recognizable|(to) be [seen|found]|to be seen|{_IN_VIEW}|out there|available|exist|exists|there|here"
+        ),
         _LOOKING,
         cue("do|does|can|is") + _SHOWS,
         _SHOWS,
@@ -271,7 +381,9 @@ CUES: dict[str, Rule] = {
         cue(f"[{_STANDING}] [visible|seen|{_IN_VIEW}]|found|any sign of"),
     ),
     "visible": either(
-        _LIKE_THIS + cue(f"visible|seen|shown|present|{_IN_VIEW}|to be seen|around|there|here|showing|shows"), _LOOKING, _INSIDE
+        _LIKE_THIS + cue(f"visible|seen|shown|present|{_IN_VIEW}|to be seen|around|there|here|showing|shows"),
+        _LOOKING,
+        _INSIDE,
     ),
     "always": cue(
         f"{_EVER}|throughout (the|this) [{_CLIPS}]|(in|during|on) (all|every|each|all the) [frames|frame]|in every (single) frame|from start to finish"
@@ -279,18 +391,25 @@ CUES: dict[str, Rule] = {
     ),
     "enter": either(
         cue(_verbs("appear|arrive|show up|turn up|pop up|emerge") + "|first appear"),
-        ~cue("first") + cue(_verbs("enter|come into|come in|get into|move into|walk into|drive into|step into")) + _A_PICTURE,
+        ~cue("first")
+        + cue(_verbs("enter|come into|come in|get into|move into|walk into|drive into|step into"))
+        + _A_PICTURE,
     ),
     "leave": either(
-        cue(_verbs("leave|exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run out of")) + _A_PICTURE,
+        cue(_verbs("leave|exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run out of"))
+        + _A_PICTURE,
         cue(_verbs("disappear|vanish|go away|go out") + "|gone|out of [sight|view|the picture|the frame]"),
     ),
     "not": cue("not|never|no longer|not ever|not an|not any"),
     "no": cue("no|not|not an|not a|not any|never"),
     "any": cue("anything|something|anyone|anybody|somebody|someone|(any|some) [thing|things|object|objects]"),
-    "but": cue("apart from|besides|except|except for|other than|but|but not|excluding|not counting|without|aside from|beyond"),
+    "but": cue(
+        "apart from|besides|except|except for|other than|but|but not|excluding|not counting|without|aside from|beyond"
+    ),
     "do": cue("do|does|doing|did|up to|behave|behaves|act|acts"),
-    "happens-to": cue("what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|what about"),
+    "happens-to": cue(
+        "what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|what about"
+    ),
     "happens": cue(
         "what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to see)"
         "|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])"
@@ -302,7 +421,13 @@ CUES: dict[str, Rule] = {
             "what is there (to [see|edit])|what are there|what do we have|what you (can) [see|know|have]|what there is (to see)|what is|a list"
             "|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the [contents|inventory]"
         ),
-        cue("what|which") + ~cue("all") + ~cue(_NOUN) + ~cue("do|can|could") + cue(_YOU) + ~cue("can|could|all") + _KNOW,
+        cue("what|which")
+        + ~cue("all")
+        + ~cue(_NOUN)
+        + ~cue("do|can|could")
+        + cue(_YOU)
+        + ~cue("can|could|all")
+        + _KNOW,
         _ONES + ~cue("are|is|can be|do") + ~cue("there|seen|visible|known|shown|present|found|exist|available"),
     ),
     "list": cue("list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of"),
@@ -319,7 +444,9 @@ CUES: dict[str, Rule] = {
     "on": cue("on|in|at"),
     "can": cue("can|could"),
     "any-of": cue("any|any of"),
-    "any-parts": cue("[which|what] [part|parts]|what motion (is there)|any motion|any movement|what movement|the movements"),
+    "any-parts": cue(
+        "[which|what] [part|parts]|what motion (is there)|any motion|any movement|what movement|the movements"
+    ),
     "path-length": cue(
         "(the) (total) [distance|way] [traveled|travelled|covered|gone]|(the) [length|distance] of the [path|way|route|track|journey]"
         "|how long (is) (the) [path|way|route|journey]"

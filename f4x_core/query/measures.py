@@ -378,7 +378,9 @@ class Comparison:
         if len(self.times) < 2:
             raise F4xError("Who starts first needs more than one moment; ask about a span of time.")
         first = [
-            (int(np.argmax(self._speeds(n) > MOVES)), one.name) for n, one in enumerate(self.things) if self._is_moving(one)
+            (int(np.argmax(self._speeds(n) > MOVES)), one.name)
+            for n, one in enumerate(self.things)
+            if self._is_moving(one)
         ]
         told = ", then ".join(f"{name} ({self._at(k)[3:]})" for k, name in sorted(first))
         return f"in the order in which they start to move: {told}." if told else "none of them moves."

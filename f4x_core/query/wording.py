@@ -74,7 +74,11 @@ SUBJECTS = (
 )
 """(pattern, what it asks for that nobody can compute), the first that fits."""
 
-_NO_NAMES = (FUNCTION_WORDS | WORDS | word_set("s frame frames second seconds minute minutes now everything everybody everyone nothing nobody"))
+_NO_NAMES = (
+    FUNCTION_WORDS
+    | WORDS
+    | word_set("s frame frames second seconds minute minutes now everything everybody everyone nothing nobody")
+)
 """Words that no name of a thing holds …"""
 _NOUNS_TOO = word_set(
     "fly track light path course slide swing ride picture image space room view rest walk run drive float screen stage jump way"
@@ -94,7 +98,9 @@ _IT = word_set("it they them he she him her this that these those its their his"
 _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
-_ARTICLE = cue("the|a|an|any|some|this|that|these|those|my|your|our|the two|both of the|two|all the|all of the|all|each|every|both|both the|single|of the")
+_ARTICLE = cue(
+    "the|a|an|any|some|this|that|these|those|my|your|our|the two|both of the|two|all the|all of the|all|each|every|both|both the|single|of the"
+)
 
 
 def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
@@ -109,7 +115,10 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 break
             first = end == start > at  # an article stands before it
             if word in _NO_NAMES and not (
-                owner or word in _BEFORE or (first and (word in _NOUNS_TOO or word.endswith("ing"))) or (end > start and word == "one")
+                owner
+                or word in _BEFORE
+                or (first and (word in _NOUNS_TOO or word.endswith("ing")))
+                or (end > start and word == "one")
             ):
                 break
             if not owner and (word not in _BEFORE or (first and word in COLOURS)) and not _NO_ENDING.fullmatch(word):
@@ -163,11 +172,15 @@ _slots: dict[str, Rule] = {
     "time": generated(_span_at),
     "what-is": cue("what is|what are|which is|which are|what was|what were"),
     "thing": ~cue("of|for|by|about") + _possessed,
-    "who": either(CUES["what"] >> (lambda: ()), cue("which|what|which of|which one of|what kind of|which of all") + _names),
+    "who": either(
+        CUES["what"] >> (lambda: ()), cue("which|what|which of|which one of|what kind of|which of all") + _names
+    ),
     "other": cue("to|from|of|than|and|-|with|toward|till|compared to|or") + _whom,
     "than": cue("than") + _names,
     "us": cue("to|from|of|for|toward") + _us,
-    "pair": ~cue("in") + cue("between") + either(
+    "pair": ~cue("in")
+    + cue("between")
+    + either(
         _name + cue("and") + _us >> (lambda name: (name,)),
         _us + cue("and") + _name >> (lambda name: (name,)),
         _names,
@@ -175,13 +188,24 @@ _slots: dict[str, Rule] = {
     "but": CUES["but"] + _names,
     "place-of": _beside("place"),
     "place-or": either(
+        cue("(to|on|at) (the) [left|right] (side) or (to|on|at) (the) [left|right] (side) of") + _names
+        >> (lambda names: ("left of", names)),
+        cue("(to|on|at) (the) [left|right] (side) of")
+        + _names
+        + cue("or (to|on|at) (the) [left|right] (side) (of [it|him|her|them])")
+        >> (lambda names: ("left of", names)),
         CUES["place"] + cue("or") + CUES["place"] + _names >> (lambda one, two, names: (one, names)),
-        CUES["place"] + _names + ~cue(",") + cue("or") + CUES["place"] + ~cue("it|them|him|her") >> (lambda one, names, two: (one, names)),
-        CUES["place"] + _names + ~cue(",") + cue("or") + CUES["place"] + _names >> (lambda one, names, two, same: _same(one, names, same)),
+        CUES["place"] + _names + ~cue(",") + cue("or") + CUES["place"] + ~cue("it|them|him|her")
+        >> (lambda one, names, two: (one, names)),
+        CUES["place"] + _names + ~cue(",") + cue("or") + CUES["place"] + _names
+        >> (lambda one, names, two, same: _same(one, names, same)),
     ),
     "around-of": _beside("around", "to|of"),
     "passes-by": _beside("passes"),
-    "closing-to": either(_beside("closing", "to|from"), CUES["closing"] + ~cue("each other|one another|together") >> (lambda how: (how, ()))),
+    "closing-to": either(
+        _beside("closing", "to|from"),
+        CUES["closing"] + ~cue("each other|one another|together") >> (lambda how: (how, ())),
+    ),
     "compared-to": _beside("compared"),
 }
 
@@ -190,8 +214,6 @@ def _same(relation: str, names: tuple[str, ...], others: tuple[str, ...]) -> tup
     if names != others and others != ("it",):
         raise Mismatch
     return relation, names
-
-
 
 
 @dataclass(frozen=True)
@@ -222,14 +244,39 @@ def _rows() -> Iterator[_Row]:
             yield _Row(kind, "polar" in polar, options, bag(slots, needed, FILLERS))
 
 
-_NOUN_CUES = {"fast", "gap", "big", "where", "path", "path-length", "way-of", "duration", "which-color", "rate", "order", "least", "how-many"}
+_NOUN_CUES = {
+    "fast",
+    "gap",
+    "big",
+    "where",
+    "path",
+    "path-length",
+    "way-of",
+    "duration",
+    "which-color",
+    "rate",
+    "order",
+    "least",
+    "how-many",
+}
 """Cues that may be nouns: "what is the speed"."""
 CLIP_FACTS = ("frames", "long", "rate")
 """Kinds of question about the clip itself."""
 _ROWS = tuple(_rows())
 _BESIDE = {"in front of": "in_front", "left of": "left_of", "right of": "right_of", "near": "neighbours"}
 """Relation -> the kind of question what stands so to a thing."""
-_MANY = ("nearest", "farthest", "biggest", "brightest", "most_moving", "compare_speed", "order", "count_moving", "still", "motion")
+_MANY = (
+    "nearest",
+    "farthest",
+    "biggest",
+    "brightest",
+    "most_moving",
+    "compare_speed",
+    "order",
+    "count_moving",
+    "still",
+    "motion",
+)
 """Kinds that can be about the single ones of a kind."""
 ONE_BY_ONE = ("rise", "highest_moment", "fastest_moment", "slowest_moment", "path", "when_turns", "stops")
 """Kinds that are answered for each of several things."""
@@ -252,7 +299,9 @@ def read_question(question: str, fps: float, frames: int, selected: str = "") ->
         it = (selected,) if selected else ()
         if understood:
             it = understood[-1].things or it
-        follow_up = re.fullmatch(r"(?:and|or|what about|how about|and what about)(?: for)? (.+)", part) if understood else None
+        follow_up = (
+            re.fullmatch(r"(?:and|or|what about|how about|and what about)(?: for)? (.+)", part) if understood else None
+        )
         more = _things_alone(follow_up[1]) if follow_up else ()
         if more:
             understood.append(replace(understood[-1], things=(*more, *understood[-1].things[len(more) :])))
@@ -340,7 +389,19 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
 
 
 _JOINED = ("place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to")
-_MANNERS = ("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place", "farther-aside")
+_MANNERS = (
+    "manner",
+    "order-by",
+    "biggest",
+    "brightest",
+    "speediest",
+    "bigger",
+    "as-big",
+    "faster",
+    "color",
+    "place",
+    "farther-aside",
+)
 _MOST = ("fastest", "slowest")
 
 

@@ -51,7 +51,10 @@ def verdict(row: dict[str, Any]) -> str:
         if row["expect"] in ("refuse", "confirm") or (names and "f4x" in str(error)):
             return "right"
         return "refused"
-    if row["expect"] == "do" or row["category"] in ("x_absent", "x_q_absent"):  # of a thing that is not there the scene tells
+    if row["expect"] == "do" or row["category"] in (
+        "x_absent",
+        "x_q_absent",
+    ):  # of a thing that is not there the scene tells
         return "right" if ok else "wrong"
     if row["category"] == "x_destructive":  # which of several is meant, the scene tells
         return "right" if ok and row["operations"][0]["target"] else "wrong"
