@@ -187,7 +187,7 @@ def table(entries: Mapping[str, Any], *, reserve: bool = True, words_of: set[str
     vocabulary = words_of if words_of is not None else VOCABULARY if reserve else NAMES_TOO
     by_first: dict[str, list[tuple[tuple[str, ...], Any]]] = {}
     for spec, value in entries.items():
-        for words in (words for alternative in _alternatives(spec) for words in _expanded(alternative)):
+        for words in (words for alternative in alternatives(spec) for words in _expanded(alternative)):
             by_first.setdefault(words[0], []).append((words, value))
             vocabulary.update(words)
     for rows in by_first.values():
@@ -218,7 +218,7 @@ def sign(text: str) -> Rule:
     return Rule(lambda reading, at: {at + 1: ()} if reading.word(at) == text else {})
 
 
-def _split(spec: str, at: str) -> list[str]:
+def split(spec: str, at: str) -> list[str]:
     """Parts between the signs `at` that stand in no bracket."""
     parts, depth = [""], 0
     for sign in spec:
@@ -230,17 +230,18 @@ def _split(spec: str, at: str) -> list[str]:
     return parts
 
 
-def _alternatives(spec: str) -> list[str]:
-    return _split(spec, "|")
+def alternatives(spec: str) -> list[str]:
+    """Parts between the `|` that stand in no bracket."""
+    return split(spec, "|")
 
 
 def _expanded(spec: str) -> Iterator[tuple[str, ...]]:
     """Word sequences of a phrase, brackets in brackets too: "to (the|my) left": to left, to the left, to my left."""
     choices = [
-        [words for each in _alternatives(part[1:-1]) for words in _expanded(each)] + [()] * (part[0] == "(")
+        [words for each in alternatives(part[1:-1]) for words in _expanded(each)] + [()] * (part[0] == "(")
         if part[0] in "(["
         else [(part,)]
-        for part in _split(spec, " ")
+        for part in split(spec, " ")
         if part
     ]
     for choice in product(*choices):

@@ -2,469 +2,278 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator
 
-from ..language.grammar import Rule, either, table
-from ..language.lexicon import forms
+from ..language.grammar import NOTHING, Rule, alternatives, either, silent, split, table
+from ..language.lexicon import forms, word_set
 
 WORDS: set[str] = set()
 """Every word of the cues: none of them is the name of a thing."""
+_WALK = "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap"
+_PAST = {"ran": "run", "swam": "swim", "drove": "drive", "driven": "drive", "flew": "fly", "rode": "ride"}
+COLOURS = word_set("red orange yellow green blue purple violet pink brown black white gray grey beige golden")
 
 
-def cue(*specs: str | Mapping[str, str]) -> Rule:
-    """A rule of phrases: those of a mapping have values, the others none."""
-    entries = {spec: None for spec in specs if isinstance(spec, str)}
-    for spec in specs:
-        entries |= {} if isinstance(spec, str) else spec  # type: ignore[assignment]
-    return table(entries, words_of=WORDS)
+def cue(spec: str) -> Rule:
+    """One of the phrases, without a value."""
+    return table({spec: None}, words_of=WORDS)
 
 
 def _inflected(verbs: str) -> Iterator[tuple[str, str]]:
     """(each form of the verbs in "go out|move", its verb): go, goes, going, gone out."""
     for verb in verbs.split("|"):
         head, _, rest = verb.partition(" ")
-        third = (
-            head[:-1] + "ies"
-            if head.endswith("y") and head[-2] not in "aeiou"
-            else head + ("es" if head.endswith(("s", "sh", "ch", "x", "go")) else "s")
-        )
+        third = re.sub("(?<=[^aeiou])y$", "ie", head) + ("es" if re.search("(s|sh|ch|x|go)$", head) else "s")
         for form in dict.fromkeys((head, third, *forms(head))):
             yield f"{form} {rest}".strip(), verb
 
 
-def _verbs(verbs: str) -> str:
-    return "|".join(form for form, _ in _inflected(verbs))
+_CUES = """
+clips: clip|video|film|movie|footage|sequence|recording|scene|shot
+pictures: {clips}|picture|image|view|frame|room|world|screen|sight|reconstruction
+noun: thing|things|object|objects|one|ones|item|items|element|elements|stuff
+people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
+moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage
+camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
+inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
+    entire|this whole|all of the) {pictures}
+see: see|find|spot|recognize|recognise|detect|notice|make out|count|observe
+looking: (do|does|did|can|could|would) {people} (can|could) (ever|also|first|last|still|really|actually) {see}
+its: its|his|her|their|the
+at-its: (at|in|reach|reaches|be|have|has|come|comes|get|gets) {its} (very)|at|reach|reaches|be|have|has|come|comes|get|gets
+direction: left|right
+in-view: in view|on screen|on the screen|on view|in sight|on camera|in shot
+now: first|last|still|also|ever|actually|clearly
+at: (at|in|on|from|since|until|to|by|during|for|between|over|around) (exactly|about|around|roughly) [which|what] (exact)
+picture-shows: [the|this] {pictures} [show|have|contain|include|shows|has|contains|includes]
+plainly: {+move|go|travel|come|head}|went|came|in motion|on the move|[move|moves|moving] [around|about]|movement
+stands: {+stand|stay|remain|keep|lie|sit}|located|placed|found|situated|positioned
+rest: still|at rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at
+    rest]|where it is|in place|not in motion|without moving
+set-off: start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going
+stop: {+stop|halt|pause|finish|cease|rest|end}|[come|comes|came] to (a) (full)
+    [stop|halt|standstill|rest]|[stand|stands|stay|stays|remain|remains|standing|staying] still
+big-er: bigger|larger|taller|wider|longer|broader|higher|thicker|greater
+small-er: smaller|shorter|tinier|narrower|littler
+half: side|half|part|third|hand side
+what: what|who|which|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which of [the|these|those|all
+    the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else
+when: when (exactly)|from when (to when)|until when|since when|how [early|soon|late]|[which|what] {moments}
+    [show|shows]|(at|in|on) the {moments} [when|at which|in which|where|that]|what is the {moments}|{at} {moments} (in time|of
+    the clip)
+where: where (exactly|precisely)|whereabouts|where about|where abouts|(the) [position|location|place|whereabouts]|{at}
+    [part|side|half|place|position|corner|area|third|spot|location|region] (of the {pictures})
+move: {plainly}|{manner}
+takes: take|takes|taken|follow|follows|followed|along|{move}
+passes: {+pass|meet|reach|touch|cross|hit}|met|past|by|[{move}|{+pass}] [past|by]
+nearest: ({at-its}) (the|its) (very) [nearest|closest|nearest of all] (point|position|{noun}|together)
+farthest: ({at-its}) (the|its) (very) [farthest|furthest|most distant|remotest] (away|apart) (point|position|{noun})
+highest: ({at-its}) (its|his|her|their|the) (very) [highest|top|peak|maximum height|uppermost|topmost] (up)
+    (point|position|place|spot|of all)
+farther-aside = left of: (further|farther|more|most) (to|on|at) (the) left
+farther-aside = right of: (further|farther|more|most) (to|on|at) (the) right
+place = in front of: (further|farther) [in front of|before|in front]
+place = behind: (further|farther) [behind|in back of]
+place = above: above|over|higher than|on top of
+place = below: below|under|beneath|underneath|lower than
+place = left of: (further|farther) (to|on|at) (the) left (hand) (side) of|left from
+place = right of: (further|farther) (to|on|at) (the) right (hand) (side) of|right from
+place = near: next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby
+side = left: [to|on|at|in] (the) left (hand) ({half}) (of the {pictures})
+side = right: [to|on|at|in] (the) right (hand) ({half}) (of the {pictures})
+side = middle: in the [middle|center|centre] (of the {pictures})|central|centered
+on-side: (on|to|at|in) (the) {direction} ({half})
+sides: {on-side} or {on-side}
+either-side-of: {on-side} or (to|on|at) (the) {direction} (side) of
+side-of: (to|on|at) (the) {direction} (side) of
+or-other-side: or {on-side} (of [it|him|her|them])
+sideways-or: {on-side} or {on-side}
+way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directions]|(the) [direction|heading] (of)|where
+    to|{sideways-or}
+compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to
+seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
+    there|available|exist|exists|there|here|{inside}]|{looking}|(do|does|can|is) {picture-shows}|{stands}
+    [visible|seen|{in-view}]|found|any sign of
+visible: ({now}) [visible|seen|shown|present|{in-view}|to be seen|around|there|here|showing|shows]|{looking}|{inside}
+always: always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at all
+    times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single frame|from
+    start to finish|(for|during|through|over|in) the [whole|entire] {clips}|(for|during|through|over|in) all of the {clips}|from
+    (the) [beginning|start] to (the) end
+enter: {+appear|arrive|show up|turn up|pop up|emerge}|first appear|(first) [{+enter|come into|come in|get into|move into|walk
+    into|drive into|step into}] (the|this) ({pictures})
+leave: {+disappear|vanish|go away|go out}|gone|out of [sight|view|the picture|the frame]|[{+leave|exit|go out of|move out of|get
+    out of|drop out of|drive out of|walk out of|run out of}] (the|this) ({pictures})
+happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe
+happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
+    see)|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what
+    [changes|has changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it
+    (about)|what is this|what does [it|this|the {clips}|this {clips}] show|a (short) [summary|description] (of)|any action|the
+    action
+contents: what is there (to [see|edit])|what are there|what do we have|what you (can) [see|know|have]|what there is (to
+    see)|what is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in
+    it]|the [contents|inventory]|[what|which] (all) ({noun}) (do|can|could) {people} (can|could|all)
+    [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
+    be|do) (there|seen|visible|known|shown|present|found|exist|available)
+bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
+filler:
+    {inside}|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
+    total|altogether|overall|at all|ever|also|then|now|just|about|anywhere|somewhere|by the way|right
+    now|hey|hi|hello|ok|well|so|and|here|there|currently|maybe|perhaps|really|kindly|if|whether|that|quick question|know|you
+    know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give)
+    (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
+    [like|love] to know|do you know|any idea|do you have any idea|i am curious|question|do you happen to know|find out|work
+    out|i ask myself|what i want to know is|do you think|would you say|according to you|check|see|let us see|describe|explain|in
+    seconds|in frames|[the|this] {clips}|in here|in there|in it|of them|of all|at any time|at some point|at any [point|moment]
+fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
+    [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
+extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal|fastest]|at most|at the most|at maximum
+extreme = mean: (at) ({its}) [average|mean]|on average|averaged|typically
+extreme = min: (at) ({its}) [lowest|minimum|least|min|slowest|minimal]|at least|at minimum
+far: how far|how much (ground|distance|way)|[what|which] [distance|length]|(the) (total) distance
+    [traveled|travelled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long (is) (the)
+    [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|metres|units|steps]
+gap: how [far|close|near] (away|apart|off|together)|(the) (current) [distance|gap|space|spacing]|apart|how much
+    [space|room|distance|gap]|how [big|large|wide|small] (is) (the) [gap|distance|space]|[what|which] distance|at [what|which]
+    distance|how many units
+least: (the) [shortest|smallest|minimum|minimal|closest|least|nearest]|at the [closest|nearest] (point)
+close: how [close|near]
+get: come|comes|get|gets|getting|coming|approach|{plainly}
+together: together|apart|to each other|from each other|to one another|from one another|of each other|each other|away
+big: how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the)
+    [size|height|width|dimensions|extent]|how much (of the|of this|of) [{pictures}|space|room]|what
+    [part|share|fraction|percentage] of the [{pictures}]|how many pixels
+covers: {+cover|fill|occupy|take up|take}|appear|appears|look|looks|seem|seems|measure|measures
+high: how high (up)|(to) [what|which|how much] height|how far up|how much height
+rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come}|rose|up|upward|off the ground
+go-up: {+rise|climb|ascend|leap}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
+by-how-much: (by) how [much|far]
+which-color: [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main) [color|colors|colour|colours]|how
+    colored
+how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
+    [number|count] of|count (all) (of) (the)|what number of
+frames: how many [frames|pictures|images] (in total)|the number of frames|what is the number of frames
+rate: (the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second
+how-long: (for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time
+duration: how many seconds|(the) [length|duration|running time|run time|runtime] (of)|(for) how long
+clip: (the|this|my|our) (whole|entire) [{clips}]|it|this|of (the|this) [{clips}]|of it|in (the|this) [{clips}]|there
+lasts: last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go
+order: (in) [which|what] [order|sequence|succession]|(in) the order|order|one after the other
+sort: order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order of|put in order|in order
+everything: everything|(all) (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are
+    there|there are)|them all|what is there|what you see|them
+first: first|last|(is|are) the first (one|thing|object) to|(is|are) the last (one|thing|object) to|earliest|before all others
+start: [{set-off}|continue|continues] (to)
+turn: [{+turn}] (around|round|back|left|right|to the left|to the right|the corner)|[{+change}] (its|his|her|the|their)
+    [direction|course|way|directions|heading]|[make|makes|take|takes] a turn
+front: [in|at] (the) (very) [front|foreground]|in the foreground
+back: farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]
+nearer: closer|nearer|more near
+farther: farther (away)|further (away)|more distant
+fastest: ({at-its}) (its|his|her|their|the) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]
+slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
+most: (the) [most|farthest|furthest]|(has|have) (the) most [motion|movement] (in it)|the largest [motion|movement|way]
+more: more|farther|further|the most
+most-motion: (has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
+biggest = biggest: (the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller]
+    one ({noun})
+biggest = smallest: (the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({noun})|the smaller one
+brightest = brightest: (the) (very) [brightest|lightest] ({noun})
+brightest = darkest: (the) (very) [darkest|dimmest] ({noun})
+speediest = fastest: (the) [fastest|quickest|speediest] (moving) ({noun})|the [faster|quicker] (one)
+speediest = slowest: (the) [slowest] (moving) ({noun})|the slower (one)
+bigger = bigger: (much|the|a lot) {big-er} (one|in size)
+bigger = smaller: (much|the|a lot) {small-er} (one|in size)
+as-big = bigger: as [big|large|tall|wide|long|high]|the same size
+as-big = smaller: as small
+faster = faster: (much|the|a lot) [faster|quicker|speedier|more quickly|more rapidly] (one)
+faster = slower: (much|the|a lot) [slower|more slowly] (one)
+by-factor: how much|how many times|by how much|by what factor|by which factor|how many times as|what factor|to what degree|how
+    much more
+closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
+closing = away: away from|[farther|further] [from|away|apart]|apart
+between: between|in between
+around: (close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the
+    neighbors of
+whereto: where
+sideways = left: (to|toward|towards) (the) left (side)|leftward|leftwards
+sideways = right: (to|toward|towards) (the) right (side)|rightward|rightwards
+along: in|to|along|into|towards|toward|from
+path: (along|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]
+how: how
+not: not|never|no longer|not ever|not an|not any
+no: no|not|not an|not a|not any|never
+any: anything|something|anyone|anybody|somebody|someone|(any|some) [thing|things|object|objects]
+but: apart from|besides|except|except for|other than|but|but not|excluding|not counting|without|aside from|beyond
+do: do|does|doing|did|up to|behave|behaves|act|acts
+list: list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of
+ends-up: end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end
+comes-from: come from|comes from|start out|start off|starts off|starts out|begin|begins|start|starts
+clip-length: is (the|this) [{clips}]|does (the|this) [{clips}] [last|run|take|go on]
+faster-or: faster or slower|slower or faster
+nearer-or: [closer|nearer] or [farther|further] (away)|[farther|further] (away) or [closer|nearer]
+near-or-far: near|nearby|close|close by|far|far away|far off|in the distance
+keep-on: keep|keeps|keeping (on)
+crosses: {+cover}
+what-it: what|what all
+on: on|in|at
+can: can|could
+any-of: any|any of
+any-parts: [which|what] [part|parts]|what motion (is there)|any motion|any movement|what movement|the movements
+path-length: (the) (total) [distance|way] [traveled|travelled|covered|gone]|(the) [length|distance] of the
+    [path|way|route|track|journey]|how long (is) (the) [path|way|route|journey]
+way-of: (the) [direction|heading] (of)
+order-by = from left to right: (from) left to right
+order-by = from right to left: (from) right to left
+order-by = from near to far: (from) near to far|from (the) [nearest|closest] to (the) [farthest|furthest]
+order-by = from far to near: (from) far to near
+order-by = from front to back: (from) front to back
+order-by = from back to front: (from) back to front
+order-by = by size: by (their) size|from (the) [big|biggest|largest] to (the) [small|smallest]
+order-by = by distance: by (their) [distance|depth]|by how [far|near|close] they are
+"""
+"""Name, value (where it has one) and phrases. `[a|b]`: one of them; `(a|b)`: one or none; `{name}`: what another line says;
+`{+go out|move}`: all forms of the verbs."""
 
 
-_CLIPS = "clip|video|film|movie|footage|sequence|recording|scene|shot"
-_PICTURES = f"{_CLIPS}|picture|image|view|frame|room|world|screen|shot|sight|reconstruction"
-_NOUN = "thing|things|object|objects|one|ones|item|items|element|elements|stuff"
-_THESE = f"[which|what] (single|kind of|kinds of|sort of|sorts of|other) [{_NOUN}]"
-_WHAT = (
-    f"what|who|which|what all|{_THESE}|which of [the|these|those|all the|them|all] (different) ({_NOUN}|two)|which of the two"
-    f"|which of them|the [{_NOUN}] [which|that]|what else"
-)
-_YOU = "you|i|we|one|anybody|anyone|somebody|someone|the viewer"
-_MOMENTS = "time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage"
-_IN = "in|of|on|within|inside|during|over|throughout|through|for|from|across|into"
-US = "the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here"
-_SEE = "see|find|spot|recognize|recognise|detect|notice|make out|count|observe"
-_PLAIN = _verbs("move|go|travel|come|head") + "|went|came|in motion|on the move|move around|moves around|movement"
-_MANNERS = dict(
-    _inflected(
-        "walk|run|swim|drive|fly|roll|ride|slide|float|jump|race|gallop|dance|jog|hop|crawl|sail|glide|spin|march|leap"
-    )
-) | {"ran": "run", "swam": "swim", "drove": "drive", "driven": "drive", "flew": "fly", "rode": "ride"}
-_BEGIN = "start|starts|starting|started|begin|begins|beginning|began|set off|sets off|get going|gets going"
-_END = _verbs("stop|halt|pause|finish|cease") + (
-    "|[come|comes|came] to (a) [stop|halt|standstill|rest]|stand still|stands still|rest|rests|come to a full stop|end|ends"
-    "|stay still|stays still|remain still|remains still|[standing|staying] still"
-)
-_STANDING = (
-    "|".join(map(_verbs, ("stand", "stay", "remain", "keep", "lie", "sit")))
-    + "|located|placed|found|situated|positioned"
-)
-_STILL = (
-    f"still|at rest|stationary|static|motionless|unmoving|immobile|resting|[{_STANDING}] [still|stationary|static|motionless|put]"
-    f"|[{_STANDING}] at rest|where it is|in place|not in motion|without moving"
-)
-_EVER = "always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at all times|throughout"
-_ITS = "its|his|her|their|the|at its|at his|at her|at their|at the"
-_DIRECTIONS = "way|direction|side|directions"
-_COLOUR = "red|orange|yellow|green|blue|purple|violet|pink|brown|black|white|gray|grey|beige|golden"
-_COLOURS = {
-    f"{shade} {name}".strip(): f"{shade} {name}".strip()
-    for name in _COLOUR.split("|")
-    for shade in ("", "light", "dark", "bright")
-}
-COLOURS = frozenset(_COLOUR.split("|"))
-_two_colours = table(_COLOURS, words_of=WORDS)
-_BIG = "bigger|larger|taller|wider|longer|broader|higher|thicker|greater"
-_SMALL = "smaller|shorter|tinier|narrower|littler"
-_FAST, _SLOW = "faster|quicker|speedier|more quickly|more rapidly", "slower|more slowly"
-_NEAR_MOST = "nearest|closest|nearest of all|most near"
-_FAR_MOST = (
-    "farthest|furthest|most distant|farthest away|furthest away|the most distant|remotest|farthest apart|furthest apart"
-)
-_NEAR = "near|nearby|close|next|beside|around|by|alongside|adjacent"
-_SIDES = {
-    f"[to|on|at|in] (the) {side} (hand) (side|half|part|third) (of the [picture|image|frame|view|screen])": side
-    for side in ("left", "right")
-} | {"in the [middle|center|centre] (of the [picture|image|frame|view|screen])|central|centered": "middle"}
-_PLACES = {
-    "(further|farther) in front of|before|in front": "in front of",
-    "(further|farther) behind|behind|in back of": "behind",
-    "above|over|higher than|on top of": "above",
-    "below|under|beneath|underneath|lower than": "below",
-    "(further|farther) (to|on|at) (the) left (hand) (side) of|left from": "left of",
-    "(further|farther) (to|on|at) (the) right (hand) (side) of|right from": "right of",
-    "next to|beside|near|near to|close to|alongside|around|by|adjacent to|nearby": "near",
-}
-_COMPARED = (
-    "[in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to"
-)
+def _rule(spec: str, named: dict[str, Rule]) -> Rule:
+    """The rule of a specification, in which `{name}` stands for a rule of `named`."""
+    plain = [one for one in alternatives(spec) if "{" not in one]
+    return either(*(_sequence(one, named) for one in alternatives(spec) if "{" in one), *([cue("|".join(plain))] if plain else []))
 
-_AT = ~cue("at|in|on|from|since|until|to|by|during|for|between|over|around") + ~cue("exactly|about|around|roughly")
-_INSIDE = cue(f"[{_IN}] (the|this|my|our|that|the whole|the entire|this whole|all of the)") + cue(_PICTURES)
-_LOOKING = (
-    ~cue("do|does|did|can|could|would")
-    + cue(_YOU)
-    + ~cue("can|could")
-    + ~cue("ever|also|first|last|still|really|actually")
-    + cue(_SEE)
-)
-_ON_SIDE = ~cue("on|to|at|in") + cue("(the) [left|right]") + ~cue("side|half|hand side")
-_IN_VIEW = "in view|on screen|on the screen|on view|in sight|on camera|in shot"
-_SHOWS = cue(f"(the|this) [{_PICTURES}] [show|have|contain|include|shows|has|contains|includes]")
-_A_PICTURE = ~cue("the|this") + ~cue(_PICTURES)
-_KNOW = cue(f"{_SEE}|edit|have|know|change|select|ask about|work with|know of")
-_LIKE_THIS = ~cue("first|last|still|also|ever|actually|clearly")
-_ONES = cue("[which|what] (kinds of|sorts of|kind of)|which") + cue(_NOUN)
 
-CUES: dict[str, Rule] = {
-    "what": cue(_WHAT),
-    "when": either(
-        cue(
-            f"when (exactly)|from when (to when)|until when|since when|how [early|soon|late]|[which|what] [{_MOMENTS}] [show|shows]"
-            f"|(at|in|on) the [{_MOMENTS}] [when|at which|in which|where|that]|what is the [{_MOMENTS}]"
-        ),
-        _AT + cue("[which|what] (exact)") + cue(_MOMENTS) + ~cue("in time|of the clip"),
-    ),
-    "where": either(
-        cue(
-            "where (exactly|precisely)|whereabouts|where about|where abouts|(the) [position|location|place|whereabouts]"
-        ),
-        _AT
-        + cue("[which|what] (exact)")
-        + cue("part|side|half|place|position|corner|area|third|spot|location|region")
-        + ~cue(f"of the [{_PICTURES}]"),
-    ),
-    "fast": cue(
-        "how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of) [speed|velocity|pace]"
-        "|(the) [speed|velocity|pace]|how much speed"
-    ),
-    "extreme": cue(
-        {
-            f"({_ITS}) (very) [top|maximum|max|highest|greatest|peak|maximal|fastest]|at most|at the most|at maximum": "max",
-            f"({_ITS}) [average|mean]|on average|averaged|typically": "mean",
-            f"({_ITS}) [lowest|minimum|least|min|slowest|minimal]|at least|at minimum": "min",
-        }
-    ),
-    "far": cue(
-        "how far|how much (ground|distance|way)|[what|which] [distance|length]|(the) (total) distance [traveled|travelled|covered]"
-        "|(the) [length|distance] of the [path|way|route|track|journey]|how long (is) (the) [path|way|route|journey]|how long a way"
-        "|[what|which] [way|distance] in total|how many [meters|metres|units|steps]"
-    ),
-    "gap": cue(
-        "how [far|close|near] (away|apart|off|together)|(the) (current) [distance|gap|space|spacing]|apart"
-        "|how much [space|room|distance|gap]|how [big|large|wide|small] (is) (the) [gap|distance|space]"
-        "|[what|which] distance|at [what|which] distance|how many units"
-    ),
-    "least": cue("(the) [shortest|smallest|minimum|minimal|closest|least|nearest]|at the [closest|nearest] (point)"),
-    "close": cue("how [close|near]"),
-    "get": cue(f"come|comes|get|gets|getting|coming|approach|{_PLAIN}"),
-    "together": cue(
-        "together|apart|to each other|from each other|to one another|from one another|of each other|each other|away"
-    ),
-    "big": cue(
-        "how [big|large|small|long|tall|wide|high|broad|huge|tiny|thick]|[what|which] size|(the) [size|height|width|dimensions|extent]"
-        f"|how much (of the|of this|of) [{_PICTURES}|space|room]|what [part|share|fraction|percentage] of the [{_PICTURES}]"
-        "|how many pixels"
-    ),
-    "covers": cue(_verbs("cover|fill|occupy|take up|take") + "|appear|appears|look|looks|seem|seems|measure|measures"),
-    "high": cue("how high (up)|(to) [what|which|how much] height|how far up|how much height"),
-    "rise": cue(
-        _verbs("jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come")
-        + "|rose|up|upward|off the ground"
-    ),
-    "go-up": cue(
-        _verbs("rise|climb|ascend|leap")
-        + f"|[{_verbs('go|move|get|come|fly|jump')}] [up|upward]|rose|gain in height|gain height"
-    ),
-    "by-how-much": cue("(by) how [much|far]"),
-    "which-color": cue(
-        "[what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main) [color|colors|colour|colours]|how colored"
-    ),
-    "color": either(
-        _two_colours + cue("or|, or") + _two_colours >> (lambda a, b: f"{a} or {b}"),
-        _two_colours,
-    ),
-    "how-many": cue(
-        "how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total) [number|count] of"
-        "|count (all) (of) (the)|what number of"
-    ),
-    "frames": cue("how many [frames|pictures|images] (in total)|the number of frames|what is the number of frames"),
-    "rate": cue(
-        "(the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second"
-    ),
-    "how-long": cue("(for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time"),
-    "duration": cue("how many seconds|(the) [length|duration|running time|run time|runtime] (of)|(for) how long"),
-    "clip": cue(
-        f"(the|this|my|our) (whole|entire) [{_CLIPS}]|it|this|of (the|this) [{_CLIPS}]|of it|in (the|this) [{_CLIPS}]|there"
-    ),
-    "lasts": cue("last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go"),
-    "order": cue("(in) [which|what] [order|sequence|succession]|(in) the order|order|one after the other"),
-    "order-by": cue(
-        {
-            **{
-                f"{spec}": spec
-                for spec in (
-                    "from left to right",
-                    "from right to left",
-                    "from near to far",
-                    "from far to near",
-                    "from front to back",
-                    "from back to front",
-                    "by size",
-                    "by distance",
-                    "by depth",
-                )
-            },
-            "left to right": "from left to right",
-            "right to left": "from right to left",
-            "front to back": "from front to back",
-            "near to far": "from near to far",
-            "by how [far|near|close] they are": "by distance",
-            "from (the) [nearest|closest] to (the) [farthest|furthest]": "from near to far",
-            "by their distance": "by distance",
-            "from (the) [big|biggest|largest] to (the) [small|smallest]": "by size",
-            "by their size": "by size",
-            "back to front": "from back to front",
-        }
-    ),
-    "sort": cue(
-        "order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order of|put in order|in order"
-    ),
-    "everything": cue(
-        f"everything|(all) (of) (the|these|those) [{_NOUN}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all"
-        "|what is there|what you see|them"
-    ),
-    "first": cue(
-        "first|last|(is|are) the first (one|thing|object) to|(is|are) the last (one|thing|object) to|earliest|before all others"
-    ),
-    "start": cue(f"[{_BEGIN}|continue|continues] (to)"),
-    "move": cue(_PLAIN + "|" + "|".join(_MANNERS) + "|ever moving|moving about|moving around|move about"),
-    "plainly": cue(_PLAIN),
-    "manner": cue(_MANNERS),
-    "stop": cue(_END),
-    "rest": cue(_STILL),
-    "stands": cue(_STANDING),
-    "set-off": cue(_BEGIN),
-    "turn": cue(
-        f"[{_verbs('turn')}] (around|round|back|left|right|to the left|to the right|the corner)|[{_verbs('change')}] (its|his|her|the|their)"
-        f" [direction|course|way|directions|heading]|make a turn|makes a turn|take a turn|take a turn"
-    ),
-    "nearest": cue(
-        {
-            f"(the|at its|its|at his|at her|at the|come|comes|get|gets) (very) [{_NEAR_MOST}] (point|position|thing|object|one|together)": ""
-        }
-    ),
-    "farthest": cue(
-        {f"(the|at its|its|at his|at her|at the|get|gets) (very) [{_FAR_MOST}] (point|position|thing|object|one)": ""}
-    ),
-    "front": cue("[in|at] (the) (very) [front|foreground]|in the foreground"),
-    "back": cue("farthest back|furthest back|at the back|[in|at] the (very) [back|rear|background]"),
-    "nearer": cue("closer|nearer|more near"),
-    "farther": cue("farther (away)|further (away)|more distant"),
-    "passes": cue(
-        "|".join(
-            map(
-                _verbs,
-                (
-                    "pass",
-                    "meet",
-                    "reach",
-                    "touch",
-                    "pass by",
-                    "come past",
-                    "come by",
-                    "go past",
-                    "go by",
-                    "cross",
-                    "drive past",
-                    "drive by",
-                    "walk past",
-                    "walk by",
-                    "run past",
-                    "run by",
-                    "ride past",
-                    "hit",
-                ),
-            )
-        )
-        + "|met|past|by"
-    ),
-    "highest": ~cue("at|in|reach|reaches|be")
-    + ~cue("its|his|her|their|the")
-    + cue("(very) [highest|top|peak|maximum height|uppermost|topmost]")
-    + ~cue("(up) [point|position|place|spot|of all]|up"),
-    "fastest": cue(
-        f"({_ITS}|at|reach|reaches|have|has) (its|his|her|their|the) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]"
-    ),
-    "slowest": cue(f"({_ITS}) [slowest|lowest speed|least speed|minimum speed]"),
-    "most": cue(
-        "(the) [most|farthest|furthest]|(has|have) (the) most [motion|movement] (in it)|the largest [motion|movement|way]"
-    ),
-    "more": cue("more|farther|further|the most"),
-    "most-motion": cue(
-        "(has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)"
-    ),
-    "biggest": cue(
-        {
-            f"(the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest] ({_NOUN})": "biggest",
-            f"(the) (very) [smallest|tiniest|shortest|littlest|narrowest] ({_NOUN})": "smallest",
-            f"(the) [bigger|larger|taller] one ({_NOUN})": "biggest",
-            "the smaller one": "smallest",
-        }
-    ),
-    "brightest": cue(
-        {
-            f"(the) (very) [brightest|lightest] ({_NOUN})": "brightest",
-            f"(the) (very) [darkest|dimmest] ({_NOUN})": "darkest",
-        }
-    ),
-    "speediest": cue(
-        {
-            f"(the) [fastest|quickest|speediest] (moving) ({_NOUN})|the [faster|quicker] (one)": "fastest",
-            f"(the) [slowest] (moving) ({_NOUN})|the slower (one)": "slowest",
-        }
-    ),
-    "bigger": cue(
-        {f"(much|the|a lot) [{_BIG}] (one|in size)": "bigger", f"(much|the|a lot) [{_SMALL}] (one|in size)": "smaller"}
-    ),
-    "as-big": cue({"as [big|large|tall|wide|long|high]|the same size": "bigger", "as small": "smaller"}),
-    "faster": cue({f"(much|the|a lot) [{_FAST}] (one)": "faster", f"(much|the|a lot) [{_SLOW}] (one)": "slower"}),
-    "by-factor": cue(
-        "how much|how many times|by how much|by what factor|by which factor|how many times as|what factor|to what degree|how much more"
-    ),
-    "closing": cue(
-        {
-            "(any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together": "closer",
-            "away from|[farther|further] [from|away|apart]|apart": "away",
-        }
-    ),
-    "place": cue(_PLACES),
-    "farther-aside": cue(
-        {f"(further|farther|more|most) (to|on|at) (the) {side}": f"{side} of" for side in ("left", "right")}
-    ),
-    "compared": cue(_COMPARED),
-    "between": cue("between|in between"),
-    "around": cue(
-        "(close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the neighbors of"
-    ),
-    "side": cue(_SIDES),
-    "sides": _ON_SIDE + cue("or") + _ON_SIDE,
-    "way": cue(
-        f"(in|to|into|from|toward|towards) [which|what] (general) [{_DIRECTIONS}]|(the) [direction|heading] (of)|where to|whither"
-        f"|[left|right] or [left|right]|(to) the [left|right] or (to) the [left|right]|what is the direction (of)"
-    ),
-    "whereto": cue("where"),
-    "sideways": cue(
-        {
-            "(to|toward|towards) (the) left (side)|leftward|leftwards": "left",
-            "(to|toward|towards) (the) right (side)|rightward|rightwards": "right",
-        }
-    ),
-    "along": cue("in|to|along|into|towards|toward|from"),
-    "path": cue("(along|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]"),
-    "how": cue("how"),
-    "takes": cue("take|takes|taken|follow|follows|followed|along|" + "|".join((_PLAIN, *_MANNERS))),
-    "seen": either(
-        _LIKE_THIS
-        + cue(
-            f"visible|seen|shown|present|spotted|recognizable|(to) be [seen|found]|to be seen|{_IN_VIEW}|out there|available|exist|exists|there|here"
-        ),
-        _LOOKING,
-        cue("do|does|can|is") + _SHOWS,
-        _SHOWS,
-        _LIKE_THIS + _INSIDE,
-        cue(f"[{_STANDING}] [visible|seen|{_IN_VIEW}]|found|any sign of"),
-    ),
-    "visible": either(
-        _LIKE_THIS + cue(f"visible|seen|shown|present|{_IN_VIEW}|to be seen|around|there|here|showing|shows"),
-        _LOOKING,
-        _INSIDE,
-    ),
-    "always": cue(
-        f"{_EVER}|throughout (the|this) [{_CLIPS}]|(in|during|on) (all|every|each|all the) [frames|frame]|in every (single) frame|from start to finish"
-        f"|(for|during|through|over|in) the [whole|entire] [{_CLIPS}]|(for|during|through|over|in) all of the [{_CLIPS}]|from (the) [beginning|start] to (the) end"
-    ),
-    "enter": either(
-        cue(_verbs("appear|arrive|show up|turn up|pop up|emerge") + "|first appear"),
-        ~cue("first")
-        + cue(_verbs("enter|come into|come in|get into|move into|walk into|drive into|step into"))
-        + _A_PICTURE,
-    ),
-    "leave": either(
-        cue(_verbs("leave|exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run out of"))
-        + _A_PICTURE,
-        cue(_verbs("disappear|vanish|go away|go out") + "|gone|out of [sight|view|the picture|the frame]"),
-    ),
-    "not": cue("not|never|no longer|not ever|not an|not any"),
-    "no": cue("no|not|not an|not a|not any|never"),
-    "any": cue("anything|something|anyone|anybody|somebody|someone|(any|some) [thing|things|object|objects]"),
-    "but": cue(
-        "apart from|besides|except|except for|other than|but|but not|excluding|not counting|without|aside from|beyond"
-    ),
-    "do": cue("do|does|doing|did|up to|behave|behaves|act|acts"),
-    "happens-to": cue(
-        "what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|what about"
-    ),
-    "happens": cue(
-        "what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to see)"
-        "|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])"
-        f"|what [changes|has changed|is changing|is different]|what (is) (the|this) [{_CLIPS}] [about|shows|show|showing]"
-        f"|what is it (about)|what is this|what does (it|the {_CLIPS.split('|')[0]}|this) show|a [summary|description] (of)|a short [summary|description]|any action|the action"
-    ),
-    "contents": either(
-        cue(
-            "what is there (to [see|edit])|what are there|what do we have|what you (can) [see|know|have]|what there is (to see)|what is|a list"
-            "|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in it]|the [contents|inventory]"
-        ),
-        cue("what|which")
-        + ~cue("all")
-        + ~cue(_NOUN)
-        + ~cue("do|can|could")
-        + cue(_YOU)
-        + ~cue("can|could|all")
-        + _KNOW,
-        _ONES + ~cue("are|is|can be|do") + ~cue("there|seen|visible|known|shown|present|found|exist|available"),
-    ),
-    "list": cue("list|name|enumerate|mention|inventory|what are|[tell|show|give] me (a) (list) (of)|a list of"),
-    "ends-up": cue("end up|ends up|end|ends|go|goes|finish|finishes|arrive|arrives|land|lands|finally|in the end"),
-    "comes-from": cue("come from|comes from|start out|start off|starts off|starts out|begin|begins|start|starts"),
-    "clip-length": cue(f"is (the|this) [{_CLIPS}]|does (the|this) [{_CLIPS}] [last|run|take|go on]"),
-    "bigger-or": cue(f"(the) [{_BIG}] or (the) [{_SMALL}]|[{_SMALL}] or [{_BIG}]"),
-    "faster-or": cue("faster or slower|slower or faster"),
-    "nearer-or": cue("[closer|nearer] or [farther|further] (away)|[farther|further] (away) or [closer|nearer]"),
-    "near-or-far": cue("near|nearby|close|close by|far|far away|far off|in the distance"),
-    "keep-on": cue("keep|keeps|keeping (on)"),
-    "crosses": cue(_verbs("cover")),
-    "what-it": cue("what|what all"),
-    "on": cue("on|in|at"),
-    "can": cue("can|could"),
-    "any-of": cue("any|any of"),
-    "any-parts": cue(
-        "[which|what] [part|parts]|what motion (is there)|any motion|any movement|what movement|the movements"
-    ),
-    "path-length": cue(
-        "(the) (total) [distance|way] [traveled|travelled|covered|gone]|(the) [length|distance] of the [path|way|route|track|journey]"
-        "|how long (is) (the) [path|way|route|journey]"
-    ),
-    "way-of": cue("(the) [direction|heading] (of)"),
-    "sideways-or": cue("(to) (the) [left|right] or (to) (the) [left|right]|(to) (the) right or (the) left"),
-}
+def _sequence(spec: str, named: dict[str, Rule]) -> Rule:
+    rule = NOTHING
+    for part in filter(None, split(spec, " ")):
+        if part[0] == "{":
+            rule += silent(named[part[1:-1]])
+        elif part[0] in "([":
+            inner = _rule(part[1:-1], named)
+            rule += ~inner if part[0] == "(" else inner
+        else:
+            rule += cue(part)
+    return rule
 
-FILLERS = _INSIDE | cue(
-    "is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually"
-    "|in total|altogether|overall|at all|ever|also|then|now|just|about|anywhere|somewhere|by the way|right now|hey|hi|hello|ok|well|so|and"
-    "|here|there|currently|maybe|perhaps|really|kindly|if|whether|that|quick question|know|you know|i mean|for me|over time|any",
-    "[can|could|would|will] you (please|kindly) (tell|show|say|find|give) (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder"
-    "|i am wondering|i (just) [want|need] to know|i would [like|love] to know|do you know|any idea|do you have any idea|i am curious|question"
-    "|do you happen to know|find out|work out|i ask myself|what i want to know is|do you think|would you say|according to you|check|see|let us see|describe|explain|in seconds|in frames",
-    f"(the|this) [{_CLIPS}]|in here|in there|in it|of them|of all|at any time|at some point|at any [point|moment]",
-)
-"""What adds nothing."""
+
+def _read(text: str) -> dict[str, Rule]:
+    verbs = dict(_inflected(_WALK)) | _PAST
+    shades = [f"{shade} {name}".strip() for name in sorted(COLOURS) for shade in ("", "light", "dark", "bright")]
+    colour = table({name: name for name in shades}, words_of=WORDS)
+    named = {
+        "manner": table(verbs, words_of=WORDS),
+        "color": either(colour + cue("or|, or") + colour >> (lambda one, two: f"{one} or {two}"), colour),
+    }
+    for line in text.replace("\n    ", " ").strip().splitlines():
+        head, _, spec = line.partition(": ")
+        name, _, value = head.partition(" = ")
+        spec = re.sub(r"\{\+([^}]*)\}", lambda found: "|".join(form for form, _ in _inflected(found[1])), spec)
+        rule = _rule(spec, named)
+        rule = rule >> (lambda value=value: value) if value else rule
+        named[name] = either(named[name], rule) if name in named else rule
+    return named
+
+
+CUES = _read(_CUES)
 
 ROWS = """
 frames: frames clip? lasts?

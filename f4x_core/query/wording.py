@@ -16,7 +16,7 @@ from ..errors import F4xError
 from ..language.grammar import NOTHING, Doubt, Mismatch, Reading, Rule, bag, either, generated, tokenise
 from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, word_set
 from ..language.times import Clip, Span, span
-from .cues import COLOURS, CUES, FILLERS, ROWS, US, WORDS, cue
+from .cues import COLOURS, CUES, ROWS, WORDS, cue
 
 CAN = (
     "it can tell whether, where and when a thing is seen and how large, whether, when, which way, how far and how fast it moves,"
@@ -150,7 +150,7 @@ def _names_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[str, ...]]
 _name = generated(_name_at)
 _listing = cue("and|or|,|, and|, or|versus|vs|and of")
 _names = generated(_names_at)
-_us = cue(US)
+_us = CUES["camera"]
 _whom = either(_us >> (lambda: ()), _names)
 _possessed = _names + ~cue("'s|'")
 
@@ -188,12 +188,8 @@ _slots: dict[str, Rule] = {
     "but": CUES["but"] + _names,
     "place-of": _beside("place"),
     "place-or": either(
-        cue("(to|on|at) (the) [left|right] (side) or (to|on|at) (the) [left|right] (side) of") + _names
-        >> (lambda names: ("left of", names)),
-        cue("(to|on|at) (the) [left|right] (side) of")
-        + _names
-        + cue("or (to|on|at) (the) [left|right] (side) (of [it|him|her|them])")
-        >> (lambda names: ("left of", names)),
+        CUES["either-side-of"] + _names >> (lambda names: ("left of", names)),
+        CUES["side-of"] + _names + CUES["or-other-side"] >> (lambda names: ("left of", names)),
         CUES["place"] + cue("or") + CUES["place"] + _names >> (lambda one, two, names: (one, names)),
         CUES["place"] + _names + ~cue(",") + cue("or") + CUES["place"] + ~cue("it|them|him|her")
         >> (lambda one, names, two: (one, names)),
@@ -241,7 +237,7 @@ def _rows() -> Iterator[_Row]:
             if not _NOUN_CUES.isdisjoint(words):
                 slots["what-is"] = _slots["what-is"]
             needed = frozenset(word for word in words if not word.endswith("?"))
-            yield _Row(kind, "polar" in polar, options, bag(slots, needed, FILLERS))
+            yield _Row(kind, "polar" in polar, options, bag(slots, needed, CUES["filler"]))
 
 
 _NOUN_CUES = {
@@ -389,19 +385,7 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
 
 
 _JOINED = ("place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to")
-_MANNERS = (
-    "manner",
-    "order-by",
-    "biggest",
-    "brightest",
-    "speediest",
-    "bigger",
-    "as-big",
-    "faster",
-    "color",
-    "place",
-    "farther-aside",
-)
+_MANNERS = "manner order-by biggest brightest speediest bigger as-big faster color place farther-aside".split()
 _MOST = ("fastest", "slowest")
 
 
