@@ -104,17 +104,18 @@ enter: {+appear|arrive|show up|turn up|pop up|emerge}|first appear|(first) [{+en
     into|drive into|step into}] (the|this) ({pictures})
 leave: {+disappear|vanish|go away|go out}|gone|out of [sight|view|the picture|the frame]|[{+leave|exit|go out of|move out of|get
     out of|drop out of|drive out of|walk out of|run out of}] (the|this) ({pictures})
-happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe
+happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
+    about
 happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
     see)|[describe|summarize|summarise|sum up|explain|outline] (what [happens|is going on|is happening|you see])|what
     [changes|has changed|is changing|is different]|what (is) (the|this) {clips} [about|shows|show|showing]|what is it
     (about)|what is this|what does [it|this|the {clips}|this {clips}] show|a (short) [summary|description] (of)|any action|the
     action
-contents: what is there (to [see|edit])|what are there|what do we have|what you (can) [see|know|have]|what there is (to
-    see)|what is|a list|what (all) (is|are|can be) (to be) [seen|shown|visible|present|in view|on screen|available|known|in
-    it]|the [contents|inventory]|[what|which] (all) ({noun}) (do|can|could) {people} (can|could|all)
-    [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds of|sorts of|kind of) {noun} (are|is|can
-    be|do) (there|seen|visible|known|shown|present|found|exist|available)
+contents: what does (the|this) {clips} [contain|show|include|consist of]|what is there (to [see|edit])|what are there|what do we
+    have|what you (can) [see|know|have]|what there is (to see)|what is|a list|what (all) (is|are|can be) (to be)
+    [seen|shown|visible|present|in view|on screen|available|known|in it]|the [contents|inventory]|[what|which] (all) ({noun})
+    (do|can|could) {people} (can|could|all) [{see}|edit|have|know|change|select|ask about|work with|know of]|[which|what] (kinds
+    of|sorts of|kind of) {noun} (are|is|can be|do) (there|seen|visible|known|shown|present|found|exist|available)
 bigger-or: (the) {big-er} or (the) {small-er}|{small-er} or {big-er}
 filler:
     {inside}|is|are|was|were|be|been|being|does|do|did|has|have|had|having|,|-|:|'s|please|exactly|approximately|roughly|actually|in
@@ -148,11 +149,12 @@ high: how high (up)|(to) [what|which|how much] height|how far up|how much height
 rise: {+jump|rise|leap|climb|hop|ascend|lift|bounce|gain|reach|go|fly|get|move|come}|rose|up|upward|off the ground
 go-up: {+rise|climb|ascend|leap}|[{+go|move|get|come|fly|jump}] [up|upward]|rose|gain in height|gain height
 by-how-much: (by) how [much|far]
-which-color: [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main) [color|colors|colour|colours]|how
-    colored
+which-color: (of) [what|which] (main) [color|colors|colour|colours] (is|has|have|of)|(the) (main)
+    [color|colors|colour|colours]|how colored
 how-many: how many (separate|different|single|distinct|individual|of the|of these|of them|of all the|of) (the)|(the) (total)
     [number|count] of|count (all) (of) (the)|what number of
-frames: how many [frames|pictures|images] (in total)|the number of frames|what is the number of frames
+frames: how many [frames|pictures|images] (in total)|(the) total number of frames|the number of frames|what is the number of
+    frames
 rate: (the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second
 how-long: (for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time
 duration: how many seconds|(the) [length|duration|running time|run time|runtime] (of)|(for) how long
@@ -172,7 +174,8 @@ nearer: closer|nearer|more near
 farther: farther (away)|further (away)|more distant
 fastest: ({at-its}) (its|his|her|their|the) [fastest|quickest|top speed|highest speed|maximum speed|peak speed|speediest]
 slowest: (at) ({its}) [slowest|lowest speed|least speed|minimum speed]
-most: (the) [most|farthest|furthest]|(has|have) (the) most [motion|movement] (in it)|the largest [motion|movement|way]
+most: (the) [most|farthest|furthest]|(the) [greatest|longest|largest|most] [distance|way|ground|path]|(has|have) (the) most
+    [motion|movement] (in it)|the largest [motion|movement|way]
 more: more|farther|further|the most
 most-motion: (has|have|shows|makes|with) (the) [most|greatest|largest|biggest] [motion|movement] (in it|in them|of all)
 biggest = biggest: (the) (very) [biggest|largest|tallest|widest|longest|broadest|greatest] ({noun})|(the) [bigger|larger|taller]
@@ -199,7 +202,7 @@ whereto: where
 sideways = left: (to|toward|towards) (the) left (side)|leftward|leftwards
 sideways = right: (to|toward|towards) (the) right (side)|rightward|rightwards
 along: in|to|along|into|towards|toward|from
-path: (along|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]
+path: (along|trace|show|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]
 how: how
 not: not|never|no longer|not ever|not an|not any
 no: no|not|not an|not a|not any|never
@@ -217,6 +220,7 @@ keep-on: keep|keeps|keeping (on)
 crosses: {+cover}
 what-it: what|what all
 on: on|in|at
+reaches: reach|reaches|reached|attain|attains|get to|gets to|get up to|gets up to
 can: can|could
 any-of: any|any of
 any-parts: [which|what] [part|parts]|what motion (is there)|any motion|any movement|what movement|the movements
@@ -239,7 +243,9 @@ order-by = by distance: by (their) [distance|depth]|by how [far|near|close] they
 def _rule(spec: str, named: dict[str, Rule]) -> Rule:
     """The rule of a specification, in which `{name}` stands for a rule of `named`."""
     plain = [one for one in alternatives(spec) if "{" not in one]
-    return either(*(_sequence(one, named) for one in alternatives(spec) if "{" in one), *([cue("|".join(plain))] if plain else []))
+    return either(
+        *(_sequence(one, named) for one in alternatives(spec) if "{" in one), *([cue("|".join(plain))] if plain else [])
+    )
 
 
 def _sequence(spec: str, named: dict[str, Rule]) -> Rule:
@@ -279,11 +285,13 @@ ROWS = """
 frames: frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: sort everything? order-by us? | contents order-by us? | order-by everything | sort? order-by thing us? | order thing order-by stands?
+order: sort everything? order-by us? | contents order-by us? | order-by everything | sort? order-by thing us?
+order: order thing order-by stands? | order order-by us?
 order: order thing? everything? start? move? | order thing? everything? set-off | who first start? move | who first set-off
 nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing
 nearest_moment: when thing passes-by | when passes thing
-farthest_moment: when farthest thing together? | when farthest thing other together? | when biggest gap pair | when biggest gap thing
+farthest_moment: when farthest thing together? | when farthest thing other together?
+farthest_moment: when biggest gap pair | when biggest gap thing
 highest_moment: when highest thing move?
 fastest_moment: when fastest thing move? lasts? | when speediest thing move?
 slowest_moment: when slowest thing move?
@@ -307,7 +315,7 @@ polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
 nearest: who nearer thing us? | thing nearer-or other us? | who nearest thing? other? | nearest thing? other | who front stands?
 farthest: who farther thing us? | who farthest thing? other? | farthest thing? other | who back stands?
-most_moving: who move more thing? | who move most thing? | who most-motion thing?
+most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
 compare_speed: who move? speediest thing? | who speediest thing? but?
@@ -316,17 +324,18 @@ polar colour: thing color not?
 count_moving: how-many any? move but? | how-many thing move start?
 polar count_moving: any move but
 count: how-many thing seen? side? stands?
-still: who not move start? always? | who rest always? stands? | who stands always? | how-many thing rest stands? | how-many thing not move
+still: who not move start? always? | who rest always? stands? | who stands always?
+still: how-many thing rest stands? | how-many thing not move
 polar leave: thing leave not?
 polar enter: thing enter not?
-approach: by-factor closing-to thing get?
+approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other
 polar approach: thing closing-to move? get? not?
 rise: high thing rise | by-how-much thing go-up
 polar stops: thing stop move? not?
 polar stops says=no: thing always move not? | thing keep-on move
 motion: who move start? | any-parts move
 does: what-it do thing | happens-to thing
-fast: fast thing move? extreme? | fast extreme thing
+fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
 path: path thing takes? | how thing move
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
@@ -342,7 +351,7 @@ leave: when thing leave
 seen: when thing visible
 polar still: thing rest not?
 polar motion: thing plainly start? not? | thing manner start? not? | any plainly
-polar always: thing seen? always not? | thing always
+polar always: thing seen? always not? stands? | thing always
 always: who visible always stands?
 where: where thing stands? seen? on? | thing near-or-far us?
 polar side: thing seen? side stands? not?

@@ -26,7 +26,7 @@ from .measures import Comparison, Measured, measure, single_ones, times_of
 from .not_deleted import not_deleted
 from .pixels import head_map
 from .selection import Selection
-from .wording import CAN, CLIP_FACTS, Asked, Unanswerable, read_question
+from .wording import CAN, CLIP_FACTS, ONE_BY_ONE, Asked, Unanswerable, read_question
 
 COMPUTED, SERVER = "computed", "server"
 """Values of `Answer.answered_by`, besides names of models."""
@@ -278,6 +278,10 @@ def _compared(
         return measure(scene, _found(scene, replace(asked, things=()), encode, names)[0], times, (*names, THING))
 
     things = measure(scene, found, times, (*names, THING)) if asked.things else everything()
+    if asked.kind in OF_ONE and not asked.things:
+        things = [one for one in things if one.moves]
+        if len(things) != 1:
+            raise Unanswerable(f"Which thing is meant? Name it; {CAN}.")
     if asked.among and (singles := single_ones(scene, things[0], times)):
         things = [*singles, *things[1:]]
     if asked.but:
@@ -377,12 +381,36 @@ def _note(scene: Scene, name: str, word: str) -> str:
     return ""
 
 
-COMPARED = frozenset(
-    "nearest_moment farthest_moment highest_moment fastest_moment slowest_moment distance rise compare_size compare_speed colour count"
-    " count_moving relation nearest farthest biggest brightest most_moving behind in_front left_of right_of above below neighbours"
-    " between still stops when_turns approach path".split()
+OF_ONE = (*ONE_BY_ONE, "distance", "approach", "nearest_moment", "farthest_moment")
+"""Kinds that need to know which thing is meant …"""
+COMPARED = (
+    *(
+        *OF_ONE,
+        "compare_size",
+        "compare_speed",
+        "colour",
+        "count",
+        "count_moving",
+        "relation",
+        "nearest",
+        "farthest",
+        "biggest",
+    ),
+    *(
+        "brightest",
+        "most_moving",
+        "behind",
+        "in_front",
+        "left_of",
+        "right_of",
+        "above",
+        "below",
+        "neighbours",
+        "between",
+    ),
+    "still",
 )
-"""Kinds that compare things or moments."""
+"""… and all that compare things or moments."""
 SEEING = ("seen", "seeing")
 """Kinds that many views are looked at for …"""
 COMPLETE = ("always", "enter", "leave")

@@ -80,9 +80,7 @@ _NO_NAMES = (
     | word_set("s frame frames second seconds minute minutes now everything everybody everyone nothing nobody")
 )
 """Words that no name of a thing holds …"""
-_NOUNS_TOO = word_set(
-    "fly track light path course slide swing ride picture image space room view rest walk run drive float screen stage jump way"
-)
+_NOUNS_TOO = word_set("fly track light path course slide swing ride walk run drive float stage jump")
 """… unless an article stands before them …"""
 _BEFORE = word_set("front back left right top bottom middle other big small large tall moving fast") | COLOURS
 """… or the noun behind them."""
@@ -90,16 +88,15 @@ _ADVERB = r"(?!fly|family|butterfly|lily|jelly|belly|dolly|trolley|ugly|lonely|e
 _NO_ENDING = re.compile(
     r"(?!bed$|red$|seed$|sled$|shed$|weed$|reed$|speed$).{2,}ed|(?!building|swing|string|ring|king|wing|thing|ceiling|painting"
     r"|clothing|railing|awning|spring|pudding|duckling|sapling|wedding|earring).{3,}ing"
-    rf"|{_ADVERB}"
 )
-"""A word that no name ends with: "parked", "looking", "quickly"."""
+"""A word that no name ends with: "parked", "looking"."""
 _IT = word_set("it they them he she him her this that these those its their his")
 """Words for what was named just before, or is selected."""
 _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
 _ARTICLE = cue(
-    "the|a|an|any|some|this|that|these|those|my|your|our|the two|both of the|two|all the|all of the|all|each|every|both|both the|single|of the"
+    "the (two)|a|an|any|some|this|that|these|those|my|your|our|two|all (of) (the)|each|every|both (of) (the)|single|of the"
 )
 
 
@@ -111,7 +108,7 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
         for end in range(start, min(len(reading.tokens), start + 2 * _MOST_WORDS)):
             word = reading.word(end)
             owner = word == "'s" and end > start
-            if not owner and not word.isalpha():
+            if not owner and (not word.isalpha() or re.fullmatch(_ADVERB, word)):
                 break
             first = end == start > at  # an article stands before it
             if word in _NO_NAMES and not (
@@ -134,14 +131,14 @@ def _name_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
 def _names_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[str, ...]]]:
     """The lists of names that begin at a word, the longest first: "the dog, the cat or a bird"."""
     found: list[tuple[int, tuple[str, ...]]] = []
-    front = [(end, (name,)) for end, (name,) in _name.at(reading, at).items()]
+    front = list(_name.at(reading, at).items())
     while front:
         found += front
         front = [
-            (last, (*names, name))
+            (last, (*names, values[0]))
             for end, names in front
             for middle in _listing.at(reading, end)
-            for last, (name,) in _name.at(reading, middle).items()
+            for last, values in _name.at(reading, middle).items()
         ]
     for end, names in sorted(found, key=lambda one: (-one[0], len(one[1]))):
         yield end, tuple(dict.fromkeys(name for name in names if name))
@@ -178,12 +175,13 @@ _slots: dict[str, Rule] = {
     "other": cue("to|from|of|than|and|-|with|toward|till|compared to|or") + _whom,
     "than": cue("than") + _names,
     "us": cue("to|from|of|for|toward") + _us,
-    "pair": ~cue("in")
-    + cue("between")
-    + either(
-        _name + cue("and") + _us >> (lambda name: (name,)),
-        _us + cue("and") + _name >> (lambda name: (name,)),
-        _names,
+    "pair": either(
+        cue("between|in between") + _name + cue("and") + _us >> (lambda name: (name,)),
+        cue("between|in between") + _us + cue("and") + _name >> (lambda name: (name,)),
+        cue("from") + _us + cue("to") + _name >> (lambda name: (name,)),
+        cue("from") + _name + cue("to") + _us >> (lambda name: (name,)),
+        cue("from") + _name + cue("to") + _name >> (lambda one, two: (one, two)),
+        cue("between|in between") + _names,
     ),
     "but": CUES["but"] + _names,
     "place-of": _beside("place"),
@@ -292,7 +290,7 @@ def read_question(question: str, fps: float, frames: int, selected: str = "") ->
     parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
     understood: list[Asked] = []
     for part in parts:
-        it = (selected,) if selected else ()
+        it: tuple[str, ...] = (selected,) if selected else ()
         if understood:
             it = understood[-1].things or it
         follow_up = (
@@ -344,6 +342,8 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     joined = next((found[slot] for slot in _JOINED if slot in found), ("", ()))
     pair = found.get("pair", ())
     who, thing = found.get("who") or (), found.get("thing", ())
+    if who and len(thing) == 1:
+        return None
     other = (*found.get("other", ()), *found.get("than", ()), *pair[1:], *joined[1])
     things = _resolved((*who, *thing, *pair[:1], *other), it)
     other = things[len(things) - len(other) :] if len(things) >= len(other) else ()
@@ -385,7 +385,11 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
 
 
 _JOINED = ("place-of", "place-or", "around-of", "passes-by", "closing-to", "compared-to")
-_MANNERS = "manner order-by biggest brightest speediest bigger as-big faster color place farther-aside".split()
+_MANNERS = (
+    *("manner", "order-by", "biggest", "brightest", "speediest", "bigger", "as-big", "faster", "color", "place"),
+    "farther-aside",
+)
+"""Slots, the first that is filled: what says in which manner, or by which relation."""
 _MOST = ("fastest", "slowest")
 
 
