@@ -34,7 +34,7 @@ clips: clip|video|film|movie|footage|sequence|recording|scene|shot
 pictures: {clips}|picture|image|view|frame|room|world|screen|sight|reconstruction
 noun: thing|things|object|objects|one|ones|item|items|element|elements|stuff
 people: you|i|we|one|anybody|anyone|somebody|someone|the viewer
-moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage
+moments: time|times|moment|moments|second|seconds|frame|frames|point|points|instant|stage|timecode|timestamp
 camera: the camera|camera|us|me|you|the viewer|viewer|the lens|the observer|here
 inside: [in|of|on|within|inside|during|over|throughout|through|for|from|across|into] (the|this|my|our|that|the whole|the
     entire|this whole|all of the) {pictures}
@@ -47,7 +47,8 @@ in-view: in view|on screen|on the screen|on view|in sight|on camera|in shot
 now: first|last|still|also|ever|actually|clearly
 at: (at|in|on|from|since|until|to|by|during|for|between|over|around) (exactly|about|around|roughly) [which|what] (exact)
 picture-shows: [the|this] {pictures} [show|have|contain|include|shows|has|contains|includes]
-plainly: {+move|go|travel|come|head}|went|came|in motion|on the move|[move|moves|moving] [around|about]|movement
+plainly: {+move|go|travel|come|head}|went|came|in motion|on the move|[move|moves|moving]
+    [around|about]|movement|[has|have|having] (any) [motion|movement]
 stands: {+stand|stay|remain|keep|lie|sit}|located|placed|found|situated|positioned
 rest: still|at rest|stationary|static|motionless|unmoving|immobile|resting|{stands} [still|stationary|static|motionless|put|at
     rest]|where it is|in place|not in motion|without moving
@@ -58,10 +59,11 @@ big-er: bigger|larger|taller|wider|longer|broader|higher|thicker|greater
 small-er: smaller|shorter|tinier|narrower|littler
 half: side|half|part|third|hand side
 what: what|who|which|what all|[which|what] (single|kind of|kinds of|sort of|sorts of|other) {noun}|which of [the|these|those|all
-    the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else
+    the|them|all] (different) ({noun}|two)|which of the two|the {noun} [which|that]|what else|(the) [things|objects]
 when: when (exactly)|from when (to when)|until when|since when|how [early|soon|late]|[which|what] {moments}
-    [show|shows]|(at|in|on) the {moments} [when|at which|in which|where|that]|what is the {moments}|{at} {moments} (in time|of
-    the clip)
+    [show|shows]|(at|in|on) (the) [moment|time|frame|instant|point|second] [when|at which|in which|where|that]|(at) the
+    [moment|frame|instant]|during [which|what] [part|parts|stretch|bit] (of the {clips})|what is the {moments}|{at} {moments}
+    (in time|of the clip|on)
 where: where (exactly|precisely)|whereabouts|where about|where abouts|(the) [position|location|place|whereabouts]|{at}
     [part|side|half|place|position|corner|area|third|spot|location|region] (of the {pictures})
 move: {plainly}|{manner}
@@ -94,7 +96,7 @@ way: (in|to|into|from|toward) [which|what] (general) [way|direction|side|directi
 compared: [in|with] relation to|relative to|compared [to|with]|with respect to|in comparison [to|with]|with regard to
 seen: ({now}) [visible|seen|shown|present|spotted|recognizable|be seen|be found|to be seen|{in-view}|out
     there|available|exist|exists|there|here|{inside}]|{looking}|(do|does|can|is) {picture-shows}|{stands}
-    [visible|seen|{in-view}]|found|any sign of
+    [visible|seen|{in-view}]|found|any sign of|[do|does] [we|you|it] have
 visible: ({now}) [visible|seen|shown|present|{in-view}|to be seen|around|there|here|showing|shows]|{looking}|{inside}
 always: always|constantly|permanently|continuously|(for|during) the [whole|entire] [time|way]|(for|during) all the time|at all
     times|throughout (the|this) ({clips})|(in|during|on) [all|every|each|all the] [frames|frame]|in every single frame|from
@@ -125,7 +127,8 @@ filler:
     (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
     [like|love] to know|do you know|any idea|do you have any idea|i am curious|question|do you happen to know|find out|work
     out|i ask myself|what i want to know is|do you think|would you say|according to you|check|see|let us see|describe|explain|in
-    seconds|in frames|[the|this] {clips}|in here|in there|in it|of them|of all|at any time|at some point|at any [point|moment]
+    seconds|in frames|[the|this] {clips}|in here|in there|in this|list|name|in it|of them|of all|at any time|at some point|at
+    any [point|moment]
 fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
     [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
 extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal|fastest]|at most|at the most|at maximum
@@ -157,13 +160,14 @@ frames: how many [frames|pictures|images] (in total)|(the) total number of frame
     frames
 rate: (the) [frame rate|framerate|fps]|how many [frames|pictures|images] [per|a|each|every] second|frames per second
 how-long: (for) how [long|many seconds|many frames|much time]|how long in [seconds|frames]|for what time
-duration: how many seconds|(the) [length|duration|running time|run time|runtime] (of)|(for) how long
+duration: how many seconds|(the) (total) [length|duration|running time|run time|runtime] (of)|(for) how long
 clip: (the|this|my|our) (whole|entire) [{clips}]|it|this|of (the|this) [{clips}]|of it|in (the|this) [{clips}]|there
 lasts: last|lasts|run|runs|take|takes|go on|goes on|have|has|contain|contains|consist of|long|go
 order: (in) [which|what] [order|sequence|succession]|(in) the order|order|one after the other
 sort: order|sort|list|name|rank|arrange|give|enumerate|what is the order of|the order of|put in order|in order
-everything: everything|(all) (of) (the|these|those) [{noun}|contents] (you know|that you know|you see|you can see|that are
-    there|there are)|them all|what is there|what you see|them
+everything: everything (that) ({people} (can) {see}|you know|is there|there is)|everything|(all) (of) (the|these|those)
+    [{noun}|contents] (you know|that you know|you see|you can see|that are there|there are)|them all|what is there|what you
+    see|them
 first: first|last|(is|are) the first (one|thing|object) to|(is|are) the last (one|thing|object) to|earliest|before all others
 start: [{set-off}|continue|continues] (to)
 turn: [{+turn}] (around|round|back|left|right|to the left|to the right|the corner)|[{+change}] (its|his|her|the|their)
@@ -204,6 +208,9 @@ sideways = right: (to|toward|towards) (the) right (side)|rightward|rightwards
 along: in|to|along|into|towards|toward|from
 path: (along|trace|show|on|which|what|describe|by) (which|what) (the) [path|route|trajectory|course|track]
 how: how
+or-away: or [away|farther away|further away|{move} (away|farther away)|not] (from {camera})
+nearest-first: [closest|nearest] (one|ones) first
+relation-of: (the) (spatial) [relation|relationship] (in space)|(the) relative position
 not: not|never|no longer|not ever|not an|not any
 no: no|not|not an|not a|not any|never
 any: anything|something|anyone|anybody|somebody|someone|(any|some) [thing|things|object|objects]
@@ -234,7 +241,7 @@ order-by = from far to near: (from) far to near
 order-by = from front to back: (from) front to back
 order-by = from back to front: (from) back to front
 order-by = by size: by (their) size|from (the) [big|biggest|largest] to (the) [small|smallest]
-order-by = by distance: by (their) [distance|depth]|by how [far|near|close] they are
+order-by = by distance: (the) (in) depth order (of)|by (their) [distance|depth]|by how [far|near|close] they are
 """
 """Name, value (where it has one) and phrases. `[a|b]`: one of them; `(a|b)`: one or none; `{name}`: what another line says;
 `{+go out|move}`: all forms of the verbs."""
@@ -285,7 +292,7 @@ ROWS = """
 frames: frames clip? lasts?
 rate: rate clip?
 long: how-long clip lasts? | how-long clip-length | duration clip? lasts?
-order: sort everything? order-by us? | contents order-by us? | order-by everything | sort? order-by thing us?
+order: sort everything? order-by us? | contents order-by us? | order-by everything nearest-first? | sort? order-by thing us?
 order: order thing order-by stands? | order order-by us?
 order: order thing? everything? start? move? | order thing? everything? set-off | who first start? move | who first set-off
 nearest_moment: when nearest thing together? | when nearest thing other | when least gap pair | when least gap thing
@@ -299,7 +306,8 @@ when_turns: when turn thing start? | thing turn
 @place: any place-of stands? | who place-of stands?
 neighbours: who around-of stands? | who thing around | any around-of stands?
 between: who pair stands? | any pair stands?
-relation: where thing compared-to stands? | thing place-or stands? | who farther-aside thing | who place thing
+relation manner=compared: relation-of thing other
+relation: where thing compared-to stands? | how thing compared-to stands? | thing place-or stands? | who farther-aside thing | who place thing
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
@@ -313,6 +321,7 @@ compare_speed: by-factor faster thing other move? | who move? faster thing
 polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
+nearest: who front nearest
 nearest: who nearer thing us? | thing nearer-or other us? | who nearest thing? other? | nearest thing? other | who front stands?
 farthest: who farther thing us? | who farthest thing? other? | farthest thing? other | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
@@ -329,6 +338,7 @@ still: how-many thing rest stands? | how-many thing not move
 polar leave: thing leave not?
 polar enter: thing enter not?
 approach: by-factor closing-to thing get? us? | by-factor closing-to thing get other
+approach: thing closing-to move? get? or-away
 polar approach: thing closing-to move? get? not?
 rise: high thing rise | by-how-much thing go-up
 polar stops: thing stop move? not?
@@ -339,7 +349,7 @@ fast: fast thing move? reaches? extreme? | fast extreme thing reaches?
 path: path thing takes? | how thing move
 where at=end: where thing stop | where thing ends-up
 where at=start: where thing set-off | where thing comes-from
-way: way thing move along? | whereto thing move along? | way-of thing | thing move sideways-or
+way: way thing move along? sideways-or? | whereto thing move along? | way-of thing | thing move sideways-or
 polar way: thing move sideways not?
 lasting: how-long thing move start?
 seeing: how-long thing visible

@@ -124,7 +124,7 @@ def answer(
         return ask_server(scene, question, views, server, backend, progress)
     sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
-    for asked in read_question(question, scene.fps, len(scene.cameras)):
+    for asked in read_question(question, scene.fps, len(scene.cameras), labels=[*labels_of(scene), *(names or ())]):
         if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)):
             sentence, things = _compared(scene, asked, encode, names or {})
             sentences.append(sentence)

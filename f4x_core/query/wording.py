@@ -8,13 +8,13 @@ gives an answer to another question.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import F4xError
 from ..language.grammar import NOTHING, Doubt, Mismatch, Reading, Rule, bag, either, generated, tokenise
-from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, word_set
+from ..language.lexicon import FUNCTION_WORDS, SPELLING, misspelt, spellings, word_set
 from ..language.times import Clip, Span, span
 from .cues import COLOURS, CUES, ROWS, WORDS, cue
 
@@ -184,7 +184,11 @@ _slots: dict[str, Rule] = {
         cue("between|in between") + _names,
     ),
     "but": CUES["but"] + _names,
-    "place-of": _beside("place"),
+    "place-of": either(
+        _beside("place"),
+        cue("on|to|at") + _names + cue("'s left (hand) (side)") >> (lambda names: ("left of", names)),
+        cue("on|to|at") + _names + cue("'s right (hand) (side)") >> (lambda names: ("right of", names)),
+    ),
     "place-or": either(
         CUES["either-side-of"] + _names >> (lambda names: ("left of", names)),
         CUES["side-of"] + _names + CUES["or-other-side"] >> (lambda names: ("left of", names)),
@@ -239,6 +243,7 @@ def _rows() -> Iterator[_Row]:
 
 
 _NOUN_CUES = {
+    "relation-of",
     "fast",
     "gap",
     "big",
@@ -280,8 +285,11 @@ _ASKING = r"(?:when|where|how|what|which|who|is|are|do|does|did|can|in what|in w
 _ASKING_WORDS = {*_NO_NAMES, *SPELLING}
 
 
-def read_question(question: str, fps: float, frames: int, selected: str = "") -> tuple[Asked, ...]:
+def read_question(
+    question: str, fps: float, frames: int, selected: str = "", labels: Collection[str] = ()
+) -> tuple[Asked, ...]:
     """Parse `question`, one or several joined by "and", about a clip of `frames` frames; `selected`: what "it" is at first.
+    `labels`: names of things, to tell which one has its letters swapped.
 
     Raises F4xError: a time beyond the clip; `Unanswerable`: what is not understood whole; `Doubt`: what may be misspelt.
     """
@@ -301,7 +309,17 @@ def read_question(question: str, fps: float, frames: int, selected: str = "") ->
             understood.append(replace(understood[-1], things=(*more, *understood[-1].things[len(more) :])))
             continue
         understood += _read(part, Clip(fps, frames), it)
+    _doubt_swapped(text, {word for asked in understood for thing in asked.things for word in thing.split()}, labels)
     return tuple(understood)
+
+
+def _doubt_swapped(text: str, words: Collection[str], labels: Collection[str]) -> None:
+    """Raise Doubt where one of the `words` is a label with its letters in another order."""
+    known = {form for label in labels for form in spellings(label)}
+    for word in words:
+        meant = next((label for label in sorted(known) if sorted(label) == sorted(word)), word)
+        if known.isdisjoint(spellings(word)) and meant != word:
+            raise Doubt(f"Nothing is called '{word}'; did you mean '{meant}'?", text.replace(word, meant))
 
 
 def _things_alone(text: str) -> tuple[str, ...]:
@@ -347,6 +365,10 @@ def _asked(row: _Row, found: dict[str, Any], clip: Clip, it: tuple[str, ...]) ->
     other = (*found.get("other", ()), *found.get("than", ()), *pair[1:], *joined[1])
     things = _resolved((*who, *thing, *pair[:1], *other), it)
     other = things[len(things) - len(other) :] if len(things) >= len(other) else ()
+    if row.kind == "distance" and len(things) < 2:
+        if not things:
+            return None
+        things = (*things[0].split("-"), *other)  # "the dog-bush distance"
     manner = row.options.get("manner") or joined[0] or next((found[slot] for slot in _MANNERS if found.get(slot)), "")
     kind, polar, negated = row.kind, row.polar and " or " not in manner, row.polar and ("not" in found or "no" in found)
     negated = negated != ("says" in row.options)

@@ -39,7 +39,7 @@ def verdict(row: dict[str, Any]) -> str:
     labels = sorted({*EVERYDAY, *_things(row)})
     try:
         if row["kind"] == "ask":
-            asked = read_question(row["text"], FPS, FRAMES, row.get("selected", ""))
+            asked = read_question(row["text"], FPS, FRAMES, row.get("selected", ""), labels)
             ok = _questions_fit(row.get("questions", []), asked)
         else:
             made = parse(*said, labels=labels, fps=FPS, frames=FRAMES, selected="selected" in row)
