@@ -104,8 +104,9 @@ always: always|constantly|permanently|continuously|(for|during) the [whole|entir
     (the) [beginning|start] to (the) end
 enter: {+appear|arrive|show up|turn up|pop up|emerge}|first appear|(first) [{+enter|come into|come in|get into|move into|walk
     into|drive into|step into}] (the|this) ({pictures})
-leave: {+disappear|vanish|go away|go out}|gone|out of [sight|view|the picture|the frame]|[{+leave|exit|go out of|move out of|get
-    out of|drop out of|drive out of|walk out of|run out of}] (the|this) ({pictures})
+leave: {+disappear|vanish|go away|go out}|gone|out of [sight|view|the picture|the frame]|[leave|leaves|leaving] (the|this)
+    ({pictures})|left (the|this) {pictures}|[{+exit|go out of|move out of|get out of|drop out of|drive out of|walk out of|run
+    out of}] (the|this) ({pictures})
 happens-to: what [happens|is happening|happened|goes on|is going on|is up] [to|with]|what becomes of|describe|[tell me|talk]
     about
 happens: what [happens|is happening|goes on|is going on|happened|takes place|is taking place|occurs] (here|there|to
@@ -126,14 +127,15 @@ filler:
     know|i mean|for me|over time|any|[can|could|would|will] you (please|kindly) (tell|show|say|find|give)
     (me|us|out)|[tell|show|give] (me|us)|say|let me know|i wonder|i am wondering|i (just) [want|need] to know|i would
     [like|love] to know|do you know|any idea|do you have any idea|i am curious|question|do you happen to know|find out|work
-    out|i ask myself|what i want to know is|do you think|would you say|according to you|check|see|let us see|describe|explain|in
-    seconds|in frames|[the|this] {clips}|in here|in there|in this|list|name|in it|of them|of all|at any time|at some point|at
-    any [point|moment]
+    out|i ask myself|what i want to know is|do you think|would you say|according to you|describe|explain|in seconds|in
+    frames|[the|this] {clips}|in here|in there|in this|list|name|in it|of them|of all|at any time|at some point|at any
+    [point|moment]
 fast: how [fast|quick|quickly|slow|slowly|rapid|rapidly|speedy]|(at|with) [what|which] (kind of|sort of)
     [speed|velocity|pace]|(the) [speed|velocity|pace]|how much speed
-extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal|fastest]|at most|at the most|at maximum
+extreme = max: (at) ({its}) (very) [top|maximum|max|highest|greatest|peak|maximal]|at {its} fastest|at most|at the most|at
+    maximum
 extreme = mean: (at) ({its}) [average|mean]|on average|averaged|typically
-extreme = min: (at) ({its}) [lowest|minimum|least|min|slowest|minimal]|at least|at minimum
+extreme = min: (at) ({its}) [lowest|minimum|least|min|minimal]|at {its} slowest|at least|at minimum
 far: how far|how much (ground|distance|way)|[what|which] [distance|length]|(the) (total) distance
     [traveled|travelled|covered]|(the) [length|distance] of the [path|way|route|track|journey]|how long (is) (the)
     [path|way|route|journey]|how long a way|[what|which] [way|distance] in total|how many [meters|metres|units|steps]
@@ -307,7 +309,8 @@ when_turns: when turn thing start? | thing turn
 neighbours: who around-of stands? | who thing around | any around-of stands?
 between: who pair stands? | any pair stands?
 relation manner=compared: relation-of thing other
-relation: where thing compared-to stands? | how thing compared-to stands? | thing place-or stands? | who farther-aside thing | who place thing
+relation: where thing compared-to stands? | how thing compared-to stands? | thing place-or stands?
+relation: who farther-aside thing | who place thing
 where: thing sides stands?
 polar relation: thing place-of stands? not?
 polar near: thing around-of stands? not?
@@ -322,8 +325,8 @@ polar compare_speed: thing faster other move? not?
 polar nearest: thing nearer than us? not?
 polar farthest: thing farther than us? not?
 nearest: who front nearest
-nearest: who nearer thing us? | thing nearer-or other us? | who nearest thing? other? | nearest thing? other | who front stands?
-farthest: who farther thing us? | who farthest thing? other? | farthest thing? other | who back stands?
+nearest: who nearer thing us? | thing nearer-or other us? | who nearest thing? other? | nearest other | who front stands?
+farthest: who farther thing us? | who farthest thing? other? | farthest other | who back stands?
 most_moving: who move more thing? | who move most thing? | who crosses most | who most-motion thing?
 biggest: who biggest thing? but? | biggest but? | who covers biggest
 brightest: who brightest thing? but? | brightest but?
