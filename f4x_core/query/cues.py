@@ -201,7 +201,6 @@ by-factor: how much|how many times|by how much|by what factor|by which factor|ho
     much more
 closing = closer: (any) [closer|nearer]|toward|approach|approaches|approaching|closer together|nearer together
 closing = away: away from|[farther|further] [from|away|apart]|apart
-between: between|in between
 around: (close|right|directly) [next to|beside|near|close to|around|by|alongside|adjacent to|near to|surrounding|surrounds]|the
     neighbors of
 whereto: where

@@ -106,7 +106,8 @@ what is the dog riding? | does the dog eat the cat? | when does the dog eat? | i
     the horse | is the dog in the car | who moves before the dog | does the dog come back | is the dog as fast as the
     man | does nothing move? | are there more than two dogs? | where will the train be in ten seconds? | is she happy
     do you think | does the dog swim away? | is it bigger than? | is the tree bigger | how many times does the dog
-    jump | what time is it
+    jump | what time is it | left of the dog? |
+    what does the dog see | is the dog closest to the camera? | how fast is the fastest car
 """
 
 
