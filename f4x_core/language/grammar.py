@@ -178,17 +178,18 @@ NAMES_TOO: set[str] = set()
 """Words of the grammar that may be names of things as well."""
 
 
-def table(entries: Mapping[str, Any], *, reserve: bool = True) -> Rule:
+def table(entries: Mapping[str, Any], *, reserve: bool = True, words_of: set[str] | None = None) -> Rule:
     """The value of the phrase that stands there, longer ones preferred.
 
     A key holds alternatives with `|`; of `[some|words]` one stands there, of `(some|words)` one or none. `reserve`: its words are
-    no names of things.
+    no names of things. `words_of`: the vocabulary of a language of its own, which its words go to instead.
     """
+    vocabulary = words_of if words_of is not None else VOCABULARY if reserve else NAMES_TOO
     by_first: dict[str, list[tuple[tuple[str, ...], Any]]] = {}
     for spec, value in entries.items():
-        for words in (words for alternative in _alternatives(spec) for words in _expanded(alternative)):
+        for words in (words for alternative in alternatives(spec) for words in _expanded(alternative)):
             by_first.setdefault(words[0], []).append((words, value))
-            (VOCABULARY if reserve else NAMES_TOO).update(words)
+            vocabulary.update(words)
     for rows in by_first.values():
         rows.sort(key=lambda row: -len(row[0]))
 
@@ -222,24 +223,34 @@ def sign(text: str) -> Rule:
     return Rule(lambda reading, at: {at + 1: ()} if reading.word(at) == text else {})
 
 
-def _alternatives(spec: str) -> list[str]:
-    """Parts between the `|` that stand in no bracket."""
+def split(spec: str, at: str) -> list[str]:
+    """Parts between the signs `at` that stand in no bracket."""
     parts, depth = [""], 0
     for sign in spec:
         depth += (sign in "([") - (sign in ")]")
-        if sign == "|" and not depth:
+        if sign == at and not depth:
             parts.append("")
         else:
             parts[-1] += sign
     return parts
 
 
+def alternatives(spec: str) -> list[str]:
+    """Parts between the `|` that stand in no bracket."""
+    return split(spec, "|")
+
+
 def _expanded(spec: str) -> Iterator[tuple[str, ...]]:
-    """Word sequences of a phrase: "to (the|my) left": to left, to the left, to my left."""
-    parts = [part for part in re.split(r"(\([^)]*\)|\[[^]]*\])", spec) if part.strip()]
-    choices = [part[1:-1].split("|") + [""] * (part[0] == "(") if part[0] in "([" else [part] for part in parts]
+    """Word sequences of a phrase, brackets in brackets too: "to (the|my) left": to left, to the left, to my left."""
+    choices = [
+        [words for each in alternatives(part[1:-1]) for words in _expanded(each)] + [()] * (part[0] == "(")
+        if part[0] in "(["
+        else [(part,)]
+        for part in split(spec, " ")
+        if part
+    ]
     for choice in product(*choices):
-        if words := tuple(" ".join(choice).split()):
+        if words := tuple(word for words in choice for word in words):
             yield words
 
 

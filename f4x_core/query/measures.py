@@ -74,6 +74,22 @@ def measure(
     return measured
 
 
+def single_ones(scene: Scene, kind: Measured, times: np.ndarray) -> list[Measured]:
+    """The separate things that `kind` consists of, from left to right; none where it is one."""
+    posed, camera = scene.posed(float(times[0])), scene.cameras.at(float(times[0]))
+    owner, stray = split_objects(posed, kind.rows)
+    parts = [kind.rows[(owner == n) & ~stray] for n in range(int(owner.max()) + 1)]
+    if len(parts) < 2:
+        return []
+    middles = [camera.project(np.median(posed.means[rows], 0)[None].astype(float))[0][0, 0] for rows in parts]
+    chosen = {
+        f"{kind.name} {place} from the left": np.isin(np.arange(len(scene.ids)), parts[n])
+        for place, n in enumerate(np.argsort(middles), 1)
+    }
+    found = {name: Selection(scene.ids, rows.astype(float), rows) for name, rows in chosen.items()}
+    return measure(scene, found, times, tuple(found))
+
+
 def times_of(scene: Scene, asked: Asked) -> np.ndarray:
     """(K,) clip times that a question is about."""
     first, last = asked.span or (float(scene.cameras.times[0]), float(scene.cameras.times[-1]))
@@ -92,8 +108,10 @@ class Comparison:
         kind = self.asked.kind
         if kind.endswith("_moment"):
             return self._moment(kind.removesuffix("_moment"))
-        if kind in ("behind", "in_front", "neighbours", "between", "left_of", "right_of"):
+        if kind in ("behind", "in_front", "neighbours", "between", "left_of", "right_of", "above", "below"):
             return self._around(kind, everything())
+        if kind in ("nearest", "farthest") and self.asked.other and self.asked.among:
+            return self._nearest_of_many(kind)
         if kind in ("nearest", "farthest") and self.asked.other and not self.asked.polar and len(self.things) == 1:
             return self._around(kind, everything())
         return {
@@ -252,6 +270,14 @@ class Comparison:
         so = before == (where.endswith("left of") or where == "above")
         return _polar(self.asked.yes(so), f"{one.name} is {names[0] if before else names[1]} {two.name} {self._at(0)}.")
 
+    def _nearest_of_many(self, kind: str) -> str:
+        """The one of a kind that is nearest to, or farthest from, the last thing."""
+        *many, to = self.things
+        apart = {one.name: float(np.linalg.norm(one.centres[0] - to.centres[0])) for one in many}
+        name = (min if kind == "nearest" else max)(apart, key=lambda each: apart[each])
+        word = "nearest to" if kind == "nearest" else "farthest from"
+        return f"{name} is {word} {to.name} {self._at(0)}: {apart[name]:.2f} times the median depth."
+
     def _around(self, kind: str, everything: list[Measured]) -> str:
         mine = {thing.name for thing in self.things}
         others = [thing for thing in everything if thing.name not in mine]
@@ -260,9 +286,11 @@ class Comparison:
             others = [thing for thing in others if (thing.depth[0] > one.depth[0]) == (kind == "behind")]
         if kind in ("left_of", "right_of"):
             others = [t for t in others if (t.pixels[0, 0] < one.pixels[0, 0]) == (kind == "left_of")]
+        if kind in ("above", "below"):
+            others = [t for t in others if (t.pixels[0, 1] < one.pixels[0, 1]) == (kind == "above")]
         if kind == "between":
-            two = self._two()[1]
-            way = two.centres[0] - one.centres[0]
+            camera = self.scene.cameras.at(float(self.times[0])).center
+            way = (self.things[1].centres[0] if len(self.things) > 1 else camera) - one.centres[0]
             length = max(float(np.linalg.norm(way)), 1e-9)
             along = [float((thing.centres[0] - one.centres[0]) @ way) / length**2 for thing in others]
             aside = [
@@ -345,7 +373,21 @@ class Comparison:
             return _polar(self.asked.yes(False), f"{self.things[0].name} moves all the time.")
         return _polar(self.asked.yes(True), f"{self.things[0].name} stands still {self._at(int(still[0]))}.")
 
+    def _starts(self) -> str:
+        """The order in which things start to move."""
+        if len(self.times) < 2:
+            raise F4xError("Who starts first needs more than one moment; ask about a span of time.")
+        first = [
+            (int(np.argmax(self._speeds(n) > MOVES)), one.name)
+            for n, one in enumerate(self.things)
+            if self._is_moving(one)
+        ]
+        told = ", then ".join(f"{name} ({self._at(k)[3:]})" for k, name in sorted(first))
+        return f"in the order in which they start to move: {told}." if told else "none of them moves."
+
     def _order(self) -> str:
+        if not self.asked.manner:
+            return self._starts()
         by, turned = self.asked.manner, self.asked.manner.endswith(("left", "to near", "to front"))
         name, key = ("from near to far", lambda thing: thing.depth[0])
         if by.endswith(("left", "right")):

@@ -22,11 +22,11 @@ from .chat import ChatServer, image_part
 from .inventory import find, labels_of, nearest_there, things_there
 from .knowledge import unknown_kind
 from .labels import Encode
-from .measures import Comparison, Measured, measure, times_of
+from .measures import Comparison, Measured, measure, single_ones, times_of
 from .not_deleted import not_deleted
 from .pixels import head_map
 from .selection import Selection
-from .wording import CAN, Asked, Unanswerable, read_question
+from .wording import CAN, CLIP_FACTS, ONE_BY_ONE, Asked, Unanswerable, read_question
 
 COMPUTED, SERVER = "computed", "server"
 """Values of `Answer.answered_by`, besides names of models."""
@@ -124,8 +124,8 @@ def answer(
         return ask_server(scene, question, views, server, backend, progress)
     sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
-    for asked in read_question(question, scene.fps, len(scene.cameras)):
-        if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and asked.manner):
+    for asked in read_question(question, scene.fps, len(scene.cameras), labels=[*labels_of(scene), *(names or ())]):
+        if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)):
             sentence, things = _compared(scene, asked, encode, names or {})
             sentences.append(sentence)
             evidence.append({"asked": asked.kind, "span": asked.span, "things": things})
@@ -278,8 +278,15 @@ def _compared(
         return measure(scene, _found(scene, replace(asked, things=()), encode, names)[0], times, (*names, THING))
 
     things = measure(scene, found, times, (*names, THING)) if asked.things else everything()
-    if asked.kind == "count_moving" and asked.things:  # those besides
-        things = [one for one in everything() if one.name not in {thing.name for thing in things}]
+    if asked.kind in OF_ONE and not asked.things:
+        things = [one for one in things if one.moves]
+        if len(things) != 1:
+            raise Unanswerable(f"Which thing is meant? Name it; {CAN}.")
+    if asked.among and (singles := single_ones(scene, things[0], times)):
+        things = [*singles, *things[1:]]
+    if asked.but:
+        out = measure(scene, _found(scene, replace(asked, things=asked.but), encode, names)[0], times, (*names, THING))
+        things = [one for one in things if one.name not in {thing.name for thing in out}]
     if not things:
         return f"{asked.yes(False) or 'Nothing'} that the scene has a word for.", []
     told = Comparison(scene, asked, things, times).sentence(everything)
@@ -374,34 +381,36 @@ def _note(scene: Scene, name: str, word: str) -> str:
     return ""
 
 
+OF_ONE = (*ONE_BY_ONE, "distance", "approach", "nearest_moment", "farthest_moment")
+"""Kinds that need to know which thing is meant …"""
 COMPARED = (
     *(
-        "nearest_moment",
-        "farthest_moment",
-        "highest_moment",
-        "fastest_moment",
-        "distance",
-        "rise",
+        *OF_ONE,
         "compare_size",
-        "colour",
-    ),
-    *("count", "count_moving", "relation", "nearest", "farthest", "biggest", "most_moving", "behind", "neighbours"),
-    *(
-        "between",
-        "still",
-        "stops",
-        "slowest_moment",
-        "when_turns",
-        "approach",
         "compare_speed",
-        "brightest",
-        "in_front",
+        "colour",
+        "count",
+        "count_moving",
+        "relation",
+        "nearest",
+        "farthest",
+        "biggest",
     ),
-    *("left_of", "right_of", "path"),
+    *(
+        "brightest",
+        "most_moving",
+        "behind",
+        "in_front",
+        "left_of",
+        "right_of",
+        "above",
+        "below",
+        "neighbours",
+        "between",
+    ),
+    "still",
 )
-"""Kinds that compare things or moments."""
-CLIP_FACTS = ("frames", "long", "rate")
-"""Kinds of question about the clip itself."""
+"""… and all that compare things or moments."""
 SEEING = ("seen", "seeing")
 """Kinds that many views are looked at for …"""
 COMPLETE = ("always", "enter", "leave")
@@ -465,7 +474,9 @@ def _of_motion(s: Sighting, asked: Asked, fps: float, when: str) -> str:
 
 
 def _of_way(s: Sighting, asked: Asked, fps: float, when: str) -> str:
-    sentence = _of_motion(s, asked, fps, when)
+    if asked.polar and s.heading:
+        return _of_motion(s, replace(asked, negated=asked.negated != (not s.heading.endswith(asked.side))), fps, when)
+    sentence = _of_motion(s, replace(asked, polar=False), fps, when)
     if s.frames is None or s.heading:
         return sentence
     too_little = f"It crosses less than {SIDEWAYS:.0%} of the picture's width then"

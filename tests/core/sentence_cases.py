@@ -38,7 +38,7 @@ def verdict(row: dict[str, Any]) -> str:
     labels = sorted({*EVERYDAY, *_things(row)})
     try:
         if row["kind"] == "ask":
-            asked = read_question(row["text"], FPS, FRAMES)
+            asked = read_question(row["text"], FPS, FRAMES, row.get("selected", ""), labels)
             ok = _questions_fit(row.get("questions", []), asked)
         else:
             made = parse(
@@ -57,7 +57,10 @@ def verdict(row: dict[str, Any]) -> str:
         if row["expect"] in ("refuse", "confirm") or (names and "f4x" in str(error)):
             return "right"
         return "refused"
-    if row["expect"] == "do" or row["category"] == "x_absent":  # of a thing that is not there the scene tells
+    if row["expect"] == "do" or row["category"] in (
+        "x_absent",
+        "x_q_absent",
+    ):  # of a thing that is not there the scene tells
         return "right" if ok else "wrong"
     if row["category"] == "x_destructive":  # which of several is meant, the scene tells
         return "right" if ok and row["operations"][0]["target"] else "wrong"
@@ -369,6 +372,8 @@ def _questions_fit(wanted: list[dict[str, Any]], asked: Any) -> bool:
         return False
     for slot, one in zip(wanted, asked, strict=True):
         kinds = KINDS.get(slot["question"], {slot["question"]})
+        if slot["question"] == "duration" and slot.get("target"):  # of a thing, not of the clip
+            kinds = {"seeing", "lasting"}
         if one.kind not in kinds:
             return False
         things = {_one(thing) for thing in one.things}

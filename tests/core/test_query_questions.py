@@ -169,6 +169,13 @@ def test_computed_answers_say_so(scene):
         ("Sort the objects by size", "^From big to small .*: the wall, the square"),
         ("Is the square near the wall?", "the square and the wall are 0.* apart"),
         ("Where does the square end up?", "in the middle.* at frame 5"),
+        ("Is the square moving left?", "^No: the square moves to the right"),
+        ("Is the square always moving?", "^Yes: the square moves all the time"),
+        ("What is above the square?", "^Above the square: the wall"),
+        ("Is there anything between the square and the camera?", "^Between them: nothing"),
+        ("How far is the square? And the wall?", "The square is 0.92 .* The wall is 1.20"),
+        ("In what order do the square and the wall start moving?", r"the square \(frame 0\)\."),
+        ("When is it highest?", "^The square is highest"),
         ("Where is the square and when does it move?", "square is .* The square moves to the right from"),
     ],
 )
@@ -250,6 +257,28 @@ def test_names_that_the_caller_knows_are_things(scene):
 def test_a_scene_without_words_still_knows_what_moves():
     said = answer(labelled_scene(features=False), "When does it move?")
     assert "Something unnamed moves to the right" in said.text and "knows no words" in said.text
+
+
+@pytest.mark.parametrize(
+    ("question", "words"),
+    [
+        (
+            "Which panel is nearest to the square?",
+            r"^Panel 1 from the left is nearest to the square at frame 0 .*: 0\.69",
+        ),
+        ("Which panel is farthest from the square?", r"^Panel 2 from the left is farthest from the square"),
+        ("How many of the panels move?", "^0 separate things move"),
+        ("In what order do the panels start moving?", "^None of them moves"),
+        ("Order the panels from right to left", "from the left, Panel 1 from the left"),
+        ("Which panels stand still?", "^Standing still: Panel 1 from the left, Panel 2 from the left"),
+        ("What is the biggest thing apart from the wall?", "^The biggest thing is the square"),
+    ],
+)
+def test_the_single_ones_of_a_kind(scene, question, words):
+    x = scene.posed(0.0).means[:, 0]
+    ends = (np.abs(x) > 0.6) & (np.arange(len(x)) < len(scene.static))  # of the wall, left and right of the square
+    said = answer(scene, question, names={"Panel": Selection(scene.ids, ends.astype(float), ends, label="Panel")})
+    assert re.search(words, said.text), said.text
 
 
 def test_an_empty_question(scene):
