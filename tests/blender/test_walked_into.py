@@ -81,17 +81,17 @@ def test_undo_shows_edits_over_time_as_they_are_at_this_frame(folder):
     script = """
 ops.query_text("EXEC_DEFAULT", True, text="square")
 ops.transform("EXEC_DEFAULT", True, move=(0, 0, 1), over_time=True, first=0, last=5)
-push("moved")
-bpy.context.scene.frame_set(4)
-bpy.context.view_layer.update()
 ops.change_selection("EXEC_DEFAULT", True, how="NONE")
-bpy.context.scene.frame_set(1)
+ops.change_selection("EXEC_DEFAULT", True, how="ALL")
+bpy.context.scene.frame_set(4)
 bpy.ops.ed.undo()
+noted["frame"] = bpy.context.scene.frame_current
 found = scene_object()
 arrays["there"] = read_attribute(found.clouds[-1].data, "position")
 arrays["core"] = found.shown.moment(found.frame).means
 """
-    _, arrays = perform(folder, START + script)
+    noted, arrays = perform(folder, START + script)
+    assert noted["frame"] == 4
     np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-5)
 
 
