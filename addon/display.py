@@ -13,12 +13,14 @@ as fast as without edits.
 
 from __future__ import annotations
 
+import contextlib
 import os
 
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
+from ..f4x_core.edit.apply import Appearance
 from ..f4x_core.edit.description import describe
 from ..f4x_core.edit.display import Display, by_score
 from ..f4x_core.errors import F4xError
@@ -49,6 +51,12 @@ def refresh(scene_object: SceneObject) -> None:
     update_panel(scene_object)
 
 
+def redraw(scene_object: SceneObject) -> None:
+    """Like `refresh`, where no datablock may come or go: in the handlers of undo. Does nothing without the scene file."""
+    with contextlib.suppress(F4xError):
+        _draw(scene_object, scene_object.shown, everything=True)
+
+
 def update_panel(scene_object: SceneObject) -> None:
     """Update the lists and counts of the sidebar from the pending edits."""
     # a script may import without registering the extension; lists of a linked scene cannot be changed
@@ -64,15 +72,19 @@ def hide(scene_object: SceneObject, hidden: np.ndarray) -> None:
 
 
 def count(scene_object: SceneObject) -> None:
-    """Update the numbers of selected and existing Gaussians in the sidebar."""
+    """Remember the numbers of selected and existing Gaussians after an operator selected."""
+    scene_object.state.selected, scene_object.state.total = counts(scene_object)
+
+
+def counts(scene_object: SceneObject) -> tuple[int, int]:
+    """The numbers of selected and existing Gaussians, whoever selected or deleted points since."""
     selected = total = 0
     for cloud in scene_object.clouds:
         chosen, gone = (read_attribute(cloud.data, name) for name in (SELECTED, GONE))
         there = np.ones(len(cloud.data.points), bool) if gone is None else ~gone
         total += int(there.sum())
         selected += 0 if chosen is None else int((chosen & there).sum())
-    state = scene_object.state
-    state.selected, state.total = selected, total
+    return selected, total
 
 
 def _fill_lists(scene_object: SceneObject) -> None:
@@ -129,23 +141,45 @@ def _draw(scene_object: SceneObject, display: Display, everything: bool) -> None
     if hasattr(scene_object.root, "f4x") and scene_object.state.show_score:
         appearance = by_score(appearance, scene_object.read(SCORE))
     for cloud, at, row in scene_object.points():
-        data, opacities = cloud.data, appearance.opacities[row]
-        if len(at) < len(data.points):  # an artist joined it with something else
-            continue
         if APART in cloud:
-            moment = display.moment(frame)
-            part = np.searchsorted(display.apart, row)
-            quats, opacities = moment.quats[part], moment.opacities[part]
-            write_places(data, moment.means[part], quats, moment.scales[part])
-            write_attribute(data, GONE, "BOOLEAN", gone[row])
-        elif everything:
+            _draw_separate_cloud(cloud.data, (at, row), display, appearance, frame)
+        elif everything and len(at) == len(cloud.data.points):  # else an artist joined it with something else
             quats = display.rest_rotation[row]  # geometry nodes turn what the attributes hold, and harmonics by as much
-            write_attribute(data, GONE, "BOOLEAN", elsewhere[row])
-        else:
-            continue
-        write_appearance(data, quats, appearance.sh[row], opacities)
-        data.update_tag()
+            write_attribute(cloud.data, GONE, "BOOLEAN", elsewhere[row])
+            write_appearance(cloud.data, quats, appearance.sh[row], appearance.opacities[row])
+            cloud.data.update_tag()
     _add_visibility_modifier(scene_object.clouds)
+
+
+def _draw_separate_cloud(
+    data: bpy.types.PointCloud,
+    points: tuple[np.ndarray, np.ndarray],
+    display: Display,
+    appearance: Appearance,
+    frame: float,
+) -> None:
+    """Write what the separate cloud shows at `frame`; `points`: (at, row) as of `SceneObject.points`.
+
+    Points that are not drawn apart, which an undone plan leaves, are shown by no picture.
+    """
+    at, row = points
+    inside = np.isin(row, display.apart)
+    at, row = at[inside], row[inside]
+    out = np.ones(len(data.points), bool)
+    out[at] = appearance.opacities[row] == 0
+    write_attribute(data, GONE, "BOOLEAN", out)
+    if len(at):
+        moment, part = display.moment(frame), np.searchsorted(display.apart, row)
+        quats = moment.quats[part]
+
+        def spread(values: np.ndarray) -> np.ndarray:
+            every = np.zeros((len(out), *values.shape[1:]), np.float32)
+            every[at] = values
+            return every
+
+        write_places(data, spread(moment.means[part]), spread(quats), spread(moment.scales[part]))
+        write_appearance(data, spread(quats), spread(appearance.sh[row]), spread(moment.opacities[part]))
+    data.update_tag()
 
 
 def _add_visibility_modifier(clouds: list[bpy.types.Object]) -> None:
@@ -224,6 +258,14 @@ def _end_wrong_render(scene: bpy.types.Scene) -> None:
 
 
 @persistent
+def _undone(*_) -> None:
+    """Undo brings points back as they were at another frame, and keeps the frame."""
+    for root in [item for item in bpy.context.scene.objects if item.get(TIMED)]:
+        if not SceneObject(root).is_linked:
+            redraw(SceneObject(root))
+
+
+@persistent
 def _render_began(scene: bpy.types.Scene, *_) -> None:
     global _rendering
     _rendering = True
@@ -244,6 +286,8 @@ def _file_loaded(path: str) -> None:
 _HANDLERS = {
     "frame_change_post": _frame_changed,
     "load_post": _file_loaded,
+    "undo_post": _undone,
+    "redo_post": _undone,
     "render_init": _render_began,
     "render_complete": _render_ended,
     "render_cancel": _render_ended,

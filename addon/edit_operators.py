@@ -43,11 +43,13 @@ from . import display
 from .axes import BLENDER_FROM_SCENE
 from .panel_operators import SceneOperator
 from .preferences import preferences
-from .scene_object import SceneObject
+from .scene_object import EDITS, PREVIEW, SceneObject
 from .wording import panel_words
 
 READINGS = 4
 """Ways to carry out a sentence that are offered when the plain one is not it."""
+
+_before: dict[int, str] = {}  # session_uid of a root -> its edits before the undo that is under way
 
 
 def _scene_vector(vector) -> Vector:
@@ -337,7 +339,6 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
     """Show what the sentence would do, without changing the scene."""
 
     bl_idname, bl_label = "f4x.plan", "Plan"
-    bl_options = {"REGISTER"}  # noqa: RUF012 - Ctrl-Z takes the edit back that a plan becomes, not the plan
 
     sentence: StringProperty(name="Say", options={"SKIP_SAVE"})  # type: ignore[valid-type]
     readings: IntProperty(
@@ -357,7 +358,7 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
     def act(self, context, scene_object):
         """Show the readings in the panel, or why the sentence was not understood."""
         state = scene_object.state
-        state.sentence = self.sentence
+        ended, state.sentence = state.preview, self.sentence
         forget_readings(scene_object)
         try:
             scene_object.prepared()
@@ -365,6 +366,10 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
             state.answer = panel_words(with_code(error))
+            if (
+                ended
+            ):  # Blender must know of the points that went with the preview, although this operator ends as cancelled
+                bpy.ops.ed.undo_push(message=self.bl_label)
             raise
         for candidate in proposal.candidates:
             row = state.readings.add()
@@ -380,7 +385,6 @@ class F4X_OT_pick_reading(SceneOperator, bpy.types.Operator):  # noqa: N801
     """Preview this interpretation of the sentence."""
 
     bl_idname, bl_label = "f4x.pick_reading", "Pick"
-    bl_options = {"REGISTER"}  # noqa: RUF012
 
     number: IntProperty(name="Number", min=0)  # type: ignore[valid-type]
 
@@ -408,7 +412,6 @@ class F4X_OT_drop_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
     """Discard the plan and end the preview."""
 
     bl_idname, bl_label = "f4x.drop_plan", "Discard"
-    bl_options = {"REGISTER"}  # noqa: RUF012
 
     def act(self, context, scene_object):
         """Back to the pending edits."""
@@ -438,14 +441,36 @@ def _save_along(path: str) -> None:
             scene_object.state.answer = str(error)
 
 
+@persistent
+def _before_undo(*_) -> None:
+    _before.clear()
+    _before.update({each.root.session_uid: each.root.get(EDITS, "") for each in SceneObject.among(bpy.data.objects)})
+
+
+@persistent
+def _after_undo(*_) -> None:
+    """End the preview of a plan whose edit was just undone: one Ctrl-Z takes both back."""
+    for scene_object in SceneObject.among(bpy.data.objects):
+        edits = scene_object.root.get(EDITS, "")
+        if PREVIEW in scene_object.root and _before.get(scene_object.root.session_uid, edits) != edits:
+            scene_object.show_preview(None)
+            scene_object.state.readings.clear()
+            display.redraw(scene_object)
+
+
+_HANDLERS = {"save_pre": _save_along, "undo_pre": _before_undo, "undo_post": _after_undo}
+
+
 def register() -> None:
-    """Add the handler."""
-    bpy.app.handlers.save_pre.append(_save_along)
+    """Add the handlers."""
+    for name, function in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(function)
 
 
 def unregister() -> None:
     """Undo `register`."""
-    bpy.app.handlers.save_pre.remove(_save_along)
+    for name, function in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(function)
 
 
 CLASSES = (

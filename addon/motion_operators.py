@@ -31,7 +31,7 @@ class _MotionOperator(bpy.types.Operator):
     def poll(cls, context):
         """Allowed in Object Mode, for a scene with nodes."""
         scene_object = SceneObject.of(context.object)
-        if scene_object is None or not any(NODE in item for item in scene_object.root.children_recursive):
+        if scene_object is None or not any(NODE in item for item in scene_object.below):
             cls.poll_message_set("Select an object of an imported scene with moving objects")
             return False
         if scene_object.is_linked:
@@ -153,6 +153,8 @@ class _Grab:
         xyz, quat = read_poses(scene_object.root, self.nodes, np.array([self.frame]))
         self.xyz, self.quat = xyz[0], quat[0]
         self.grabbed = np.array([i for i, item in enumerate(self.nodes) if item.select_get()])
+        if not len(self.grabbed):
+            raise F4xError(f"The selected nodes are not those of {scene_object.name}; select some of its own.")
         self.anchor = self.nodes[self.grabbed[0]].matrix_world.translation.copy()
         self.rest = [(item.location.copy(), item.rotation_quaternion.copy()) for item in self.nodes]
         self.set_reach(reach)

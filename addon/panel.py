@@ -7,7 +7,7 @@ import json
 import bpy
 
 from ..f4x_core.language.lexicon import plural
-from . import edit_operators, marking
+from . import display, edit_operators, marking
 from .gesture_operators import TOOLS
 from .lines import draw_lines
 from .motion_edits import unwritten
@@ -171,7 +171,8 @@ class F4X_PT_ask(_Section, bpy.types.Panel):  # noqa: N801
         row.label(text=_bars(json.loads(state.histogram or f"[{', '.join('0' * marking.BARS)}]")))
         column.prop(state, "threshold", slider=True)
         row = layout.row()
-        row.label(text=f"{state.selected:,} of {state.total:,} selected", icon="RESTRICT_SELECT_OFF")
+        selected, total = display.counts(SceneObject.of(context.object))
+        row.label(text=f"{selected:,} of {total:,} selected", icon="RESTRICT_SELECT_OFF")
         row.prop(state, "show_score", text="", icon="COLORSET_01_VEC", toggle=True)
 
 

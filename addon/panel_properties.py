@@ -42,7 +42,10 @@ def _threshold_moved(self, context) -> None:
 
 
 def _sphere_moved(self, context) -> None:
-    marking.follow_sphere(SceneObject(self.id_data))
+    try:
+        marking.follow_sphere(SceneObject(self.id_data))
+    except F4xError as error:
+        self.answer = str(error)
 
 
 def _shown_changed(self, context) -> None:

@@ -25,7 +25,7 @@ from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scaffold.missing import carriers
 from .point_cloud import read_attribute, write_attribute
 from .scaffold_rig import HANDLE, NODE, NODES, layer_of, nodes_of
-from .scene_object import SceneObject
+from .scene_object import PATH, SceneObject
 
 ORDER = "f4x_order"
 """Property of a root: hash of the names and ids that its nodes had when their places were worked out."""
@@ -68,8 +68,9 @@ def add_pairs(
 
 def repair(scene: bpy.types.Scene) -> None:
     """Put right the scenes in `scene` whose nodes were renamed, copied or deleted; does nothing else, and is quick then."""
+    _part_points(scene)
     roots = [item for item in scene.objects if isinstance(item.get(NODES), bpy.types.Collection)]
-    roots = [item for item in roots if item.library is None and item.override_library is None]
+    roots = [item for item in roots if _is_own(item)]
     roots.sort(key=lambda item: item.session_uid)
     owners: dict[bpy.types.Collection, bpy.types.Object] = {}
     for root in roots:
@@ -82,7 +83,38 @@ def repair(scene: bpy.types.Scene) -> None:
             _work_out_places(root)
 
 
+def _part_points(scene: bpy.types.Scene) -> None:
+    """Give scenes that share points, as linked copies do, points of their own: they may be edited otherwise."""
+    owners: dict[bpy.types.ID, dict[bpy.types.Object, bpy.types.ID]] = {}  # points -> root -> points of its own
+    shared = [item for item in scene.objects if item.type == "POINTCLOUD" and item.data.users > 1 and _is_own(item)]
+    for item in sorted(shared, key=lambda item: item.session_uid):
+        root = item
+        while root is not None and PATH not in root:
+            root = root.parent
+        if root is not None:
+            roots = owners.setdefault(item.data, {})
+            if root not in roots:
+                roots[root] = item.data.copy() if roots else item.data
+            item.data = roots[root]
+
+
+def _is_own(item: bpy.types.Object) -> bool:
+    """Whether an object is not another file's."""
+    return item.library is None and item.override_library is None
+
+
+def _use_own_nodes(root: bpy.types.Object) -> None:
+    """Let the trees of a scene that was copied with a whole Blender scene use its own copies of the nodes and helpers."""
+    parts = [*SceneObject(root).clouds, *_helpers(root)]
+    used = {found for item in parts for found in _used(item) if isinstance(found, bpy.types.Collection)} - {root[NODES]}
+    for original in [item for item in bpy.data.objects if item.get(NODES) in used]:
+        swaps = {original[NODES]: root[NODES]} | dict(zip(_helpers(original), _helpers(root), strict=False))
+        for item in parts:
+            _swap_all(item, swaps)
+
+
 def _work_out_places(root: bpy.types.Object) -> None:
+    _use_own_nodes(root)
     nodes = nodes_of(root)
     copies = [item for item in root[NODES].objects if NODE in item and nodes.get(item[NODE]) != item]
     for item in copies:
@@ -153,9 +185,7 @@ def _set_up_copy(root: bpy.types.Object, original: bpy.types.Object) -> None:
     for item in (*clouds, *_helpers(root)):
         if item.data.users > 1:
             item.data = item.data.copy()
-        for modifier in item.modifiers:
-            if modifier.type == "NODES" and modifier.node_group is not None:
-                _swap(modifier, swaps)
+        _swap_all(item, swaps)
     root[ORDER] = ""
 
 
@@ -189,17 +219,27 @@ def _copy_below(root: bpy.types.Object, original: bpy.types.Object, helper: bpy.
     return copy
 
 
-def _swap(modifier: bpy.types.NodesModifier, swaps: dict) -> None:
-    """Let a modifier use a copy of its tree with other collections and objects in it, where it uses any of `swaps`."""
+def _trees(item: bpy.types.Object) -> list[bpy.types.NodesModifier]:
+    return [each for each in item.modifiers if each.type == "NODES" and each.node_group is not None]
 
-    def uses(tree):
-        sockets = [socket for node in tree.nodes for socket in node.inputs if socket.type in ("COLLECTION", "OBJECT")]
-        return [socket for socket in sockets if socket.default_value in swaps]
 
-    if uses(modifier.node_group):
-        modifier.node_group = modifier.node_group.copy()
-        for socket in uses(modifier.node_group):
-            socket.default_value = swaps[socket.default_value]
+def _sockets(tree: bpy.types.NodeTree) -> list[bpy.types.NodeSocket]:
+    """What names a collection or an object in a tree."""
+    return [socket for node in tree.nodes for socket in node.inputs if socket.type in ("COLLECTION", "OBJECT")]
+
+
+def _used(item: bpy.types.Object) -> set[bpy.types.ID | None]:
+    """Collections and objects that the trees of an object use."""
+    return {socket.default_value for modifier in _trees(item) for socket in _sockets(modifier.node_group)}
+
+
+def _swap_all(item: bpy.types.Object, swaps: dict) -> None:
+    """Let an object use copies of its trees with other collections and objects in them, where they use any of `swaps`."""
+    for modifier in _trees(item):
+        if any(socket.default_value in swaps for socket in _sockets(modifier.node_group)):
+            modifier.node_group = modifier.node_group.copy()
+            for socket in _sockets(modifier.node_group):
+                socket.default_value = swaps.get(socket.default_value, socket.default_value)
 
 
 def _helpers(root: bpy.types.Object) -> list[bpy.types.Object]:

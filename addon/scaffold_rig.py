@@ -27,7 +27,7 @@ from ..f4x_core.scaffold.groups import group_motion, rigid_groups
 from .animation import ActionWriter, rewrite, sample
 from .motion_nodes import build_graph_tree
 from .point_cloud import write_attribute
-from .scene_object import TIMED
+from .scene_object import TIMED, SceneObject
 
 NODE = "f4x_node"
 """Property of a node's empty: the id of the node."""
@@ -90,7 +90,7 @@ def add_graph(name: str, curves: Scaffold, nodes: bpy.types.Collection, collecti
 def nodes_of(root: bpy.types.Object) -> dict[int, bpy.types.Object]:
     """The empties of the nodes by the ids of the nodes, without missing ones and without copies."""
     collection = root.get(NODES)  # a .blend of an older version has none
-    items = root.children_recursive if collection is None else collection.objects
+    items = SceneObject(root).below if collection is None else collection.objects
     # a copy is younger than its original
     found = sorted((item for item in items if NODE in item), key=lambda item: item.session_uid, reverse=True)
     return {item[NODE]: item for item in found}
@@ -188,7 +188,7 @@ def add_handles(root: bpy.types.Object, unit: float, frames: np.ndarray, count: 
 
 def remove_handles(root: bpy.types.Object, frames: np.ndarray) -> None:
     """Remove the handles; the nodes keep their current motion."""
-    old = [item for item in root.children_recursive if HANDLE in item]
+    old = [item for item in SceneObject(root).below if HANDLE in item]
     if not old:
         return
     nodes = list(nodes_of(root).values())
@@ -207,7 +207,7 @@ def remove_handles(root: bpy.types.Object, frames: np.ndarray) -> None:
 @contextmanager
 def _gaussians_at_rest(root: bpy.types.Object) -> Iterator[None]:
     """A context in which modifiers below `root` and timed edits are off, because only the empties are needed."""
-    shown = [m for item in root.children_recursive for m in item.modifiers if m.show_viewport]
+    shown = [m for item in SceneObject(root).below for m in item.modifiers if m.show_viewport]
     timed, root[TIMED] = root.get(TIMED, False), False
     for modifier in shown:
         modifier.show_viewport = False

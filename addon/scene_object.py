@@ -250,10 +250,16 @@ class SceneObject:
     # Points
 
     @property
+    def below(self) -> list[bpy.types.Object]:
+        """All objects below the root, but those of another scene that an artist hung there."""
+        below = self.root.children_recursive
+        others = {part for item in below if PATH in item for part in (item, *item.children_recursive)}
+        return [item for item in below if item not in others]
+
+    @property
     def clouds(self) -> list[bpy.types.Object]:
         """The point clouds of the scene; the separate cloud of edited Gaussians comes last."""
-        below = self.root.children_recursive
-        clouds = [item for item in below if item.type == "POINTCLOUD" and "gid" in item.data.attributes]
+        clouds = [item for item in self.below if item.type == "POINTCLOUD" and "gid" in item.data.attributes]
         return sorted(clouds, key=lambda item: APART in item)
 
     def points(self) -> Iterator[tuple[bpy.types.Object, np.ndarray, np.ndarray]]:

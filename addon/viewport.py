@@ -8,6 +8,8 @@ from .render_engine import Feature4XRenderEngine
 
 EXACT = "RENDERED"
 """Shading that shows what the scene's engine draws."""
+PLAIN = "SOLID"
+"""Shading that every engine has."""
 COLOURED = "MATERIAL"
 """Shading that shows point clouds in colour whatever the engine: Solid draws them grey up to 5.2."""
 
@@ -46,7 +48,10 @@ def show(root: bpy.types.Object, camera: bpy.types.Object | None) -> None:
 def draw_exactly(space: bpy.types.SpaceView3D) -> bool:
     """Let a viewport show colours; whether they are the engine's, exactly."""
     exact = bpy.context.scene.render.engine == Feature4XRenderEngine.bl_idname
-    space.shading.type = EXACT if exact else COLOURED
+    try:
+        space.shading.type = EXACT if exact else COLOURED
+    except TypeError:  # an engine such as Workbench has no Material Preview
+        space.shading.type = PLAIN
     return exact
 
 

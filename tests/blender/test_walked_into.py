@@ -1,0 +1,181 @@
+"""What a random walk over the extension ran into (`scripts/walk_blender.py`), each as a short script, and a short walk."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from labelled_scene import labelled_scene
+
+from f4x_core.scene import write_scene
+
+from .artist import perform
+
+pytestmark = pytest.mark.blender
+pytest.importorskip("bpy", reason="bpy is absent")
+REPOSITORY = Path(__file__).resolve().parents[2]
+
+START = """
+bpy.ops.wm.read_factory_settings(use_empty=True)
+ops.import_scene("EXEC_DEFAULT", True, filepath=str(folder / "scene.f4x"))
+push("imported")
+
+def by_name(name):
+    return SceneObject(bpy.data.objects[name])
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    write_scene(labelled_scene(), tmp_path / "scene.f4x")
+    return tmp_path
+
+
+def walk(folder: Path, seed: int, steps: int) -> dict:
+    """The result of a walk."""
+    command = [sys.executable, str(REPOSITORY / "scripts/walk_blender.py"), str(folder / "scene.f4x")]
+    command += ["--out", str(folder / "walk"), "--seed", str(seed), "--steps", str(steps)]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=600, env=os.environ | {"OMP_NUM_THREADS": "1"}
+    )
+    assert done.returncode == 0, (folder / "walk/steps.txt").read_text()[-3000:] + done.stdout[-3000:]
+    return json.loads((folder / "walk/result.json").read_text())
+
+
+def test_a_short_walk_finds_nothing_wrong(folder):
+    found = walk(folder, 1, 200)
+    assert found["steps"] == 200 and len(found["memory"]) == 3 and not found["wrong"]
+    assert sum(count for name, count in found["tally"].items() if name.endswith("done")) > 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 10, 12])
+def test_a_walk_of_minutes_finds_nothing_wrong_and_keeps_its_memory(folder, seed):
+    assert walk(folder, seed, 1500)["steps"] == 1500
+
+
+def test_ctrl_z_after_a_plan_that_copies_does_not_end_blender(folder):
+    script = """
+ops.query_text("EXEC_DEFAULT", True, text="square")
+ops.recolour("EXEC_DEFAULT", True, rgb=(1, 0, 0))
+ops.plan("EXEC_DEFAULT", True, sentence="copy the wall to the left")
+noted["planned"] = len(scene_object().clouds)
+bpy.ops.ed.undo(); bpy.context.view_layer.update()
+noted["undone"] = [len(scene_object().stack), len(scene_object().clouds)]
+bpy.ops.ed.redo(); bpy.context.view_layer.update()
+ops.apply_plan("EXEC_DEFAULT", True)
+bpy.ops.ed.undo(); bpy.context.view_layer.update()
+apart = scene_object().clouds[-1]
+noted["applied and undone"] = [len(scene_object().stack), len(root().f4x.readings), "f4x_preview" in root()]
+noted["shown"] = int((~read_attribute(apart.data, "f4x_gone")).sum())
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["planned"] == 3 and noted["undone"] == [1, 2]
+    assert noted["applied and undone"] == [1, 0, False] and noted["shown"] == 0
+
+
+def test_undo_shows_edits_over_time_as_they_are_at_this_frame(folder):
+    script = """
+ops.query_text("EXEC_DEFAULT", True, text="square")
+ops.transform("EXEC_DEFAULT", True, move=(0, 0, 1), over_time=True, first=0, last=5)
+ops.change_selection("EXEC_DEFAULT", True, how="NONE")
+ops.change_selection("EXEC_DEFAULT", True, how="ALL")
+bpy.context.scene.frame_set(4)
+bpy.ops.ed.undo()
+noted["frame"] = bpy.context.scene.frame_current
+found = scene_object()
+arrays["there"] = read_attribute(found.clouds[-1].data, "position")
+arrays["core"] = found.shown.moment(found.frame).means
+"""
+    noted, arrays = perform(folder, START + script)
+    assert noted["frame"] == 4
+    np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-5)
+
+
+def test_a_slider_without_the_scene_file_says_so(folder):
+    script = """
+(folder / "scene.f4x").rename(folder / "away.f4x")
+root().f4x.sphere_radius = 0.3
+noted["answer"] = root().f4x.answer
+"""
+    noted, _ = perform(folder, START + script)
+    assert "scene.f4x cannot be read" in noted["answer"]
+
+
+def test_importing_while_workbench_is_the_engine(folder):
+    script = """
+bpy.context.scene.render.engine = "BLENDER_WORKBENCH"
+ops.import_scene(filepath=str(folder / "scene.f4x"), set_up_render=False)
+noted["scenes"] = len(SceneObject.among(bpy.data.objects))
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["scenes"] == 2
+
+
+def test_a_scene_that_hangs_below_another_keeps_its_own_points(folder):
+    script = """
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+bpy.data.objects["labelled (2)"].parent = bpy.data.objects["labelled"]
+select(bpy.data.objects["labelled"])
+ops.query_text(text="square")
+noted["clouds"] = [len(by_name(name).clouds) for name in ("labelled", "labelled (2)")]
+noted["selected"] = [int(by_name(name).read(".selection").sum()) for name in ("labelled", "labelled (2)")]
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["clouds"] == [2, 2] and noted["selected"] == [81, 0]
+
+
+def test_copies_of_a_scene_are_edited_alone(folder):
+    """A linked copy, also of a scene with handles, and a copy of the whole Blender scene, which moves by its own nodes."""
+    script = """
+ops.add_handles(count=1)
+select(root(), *root().children_recursive)
+bpy.ops.object.duplicate(linked=True)
+bpy.context.view_layer.update()
+names = ("labelled", "labelled.001")
+noted["shared"] = len({cloud.data.name for name in names for cloud in by_name(name).clouds})
+select(bpy.data.objects["labelled.001"])
+ops.query_text(text="square")
+noted["selected"] = [int(by_name(name).read(".selection").sum()) for name in names]
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["shared"] == 4 and noted["selected"] == [0, 81]
+    script = """
+bpy.ops.scene.new(type="FULL_COPY")
+bpy.context.view_layer.update()
+copy = SceneObject.among(bpy.context.scene.objects)[0]
+copy.root.location.x += 1
+bpy.context.view_layer.update()
+cloud = next(item for item in copy.clouds if "dynamic" in item.name)
+arrays["there"], arrays["core"] = values(cloud), copy.shown.scene.posed(0.0).means[len(copy.base.static):]
+"""
+    _, arrays = perform(folder, START + script)
+    np.testing.assert_allclose(arrays["there"], arrays["core"], atol=1e-4)
+
+
+def test_nodes_of_another_scene_cannot_be_grabbed(folder):
+    script = """
+ops.import_scene(filepath=str(folder / "scene.f4x"))
+from feature4x.addon.scaffold_rig import layer_of
+for name in ("labelled", "labelled (2)"):
+    layer_of(bpy.data.objects[name]).hide_viewport = False
+select(bpy.data.objects["labelled"], bpy.data.objects["labelled (2) node 00001"])
+noted["said"] = refused(ops.grab_nodes, offset=(0.1, 0, 0))
+"""
+    noted, _ = perform(folder, START + script)
+    assert "not those of labelled" in noted["said"] and "Traceback" not in noted["said"]
+
+
+def test_the_sidebar_counts_what_is_there(folder):
+    script = """
+from feature4x.addon import display
+ops.change_selection(how="ALL")
+before = display.counts(scene_object())
+bpy.data.objects.remove(bpy.data.objects["labelled dynamic"])
+noted["counts"] = [*before, *display.counts(scene_object())]
+"""
+    noted, _ = perform(folder, START + script)
+    assert noted["counts"] == [1201, 1201, 1120, 1120]
