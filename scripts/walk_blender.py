@@ -61,7 +61,7 @@ class Walk:
         self.blend: Path | None = None
         self.steps, self.tally, self.slowest = 0, Counter[str](), dict[str, float]()
         self.memory: list[float] = []
-        self._log = open(folder / "steps.txt", "w", buffering=1)
+        self._log = open(folder / "steps.txt", "w", buffering=1)  # noqa: SIM115 - it stays open as long as the walk
         self._errors = _catch_errors(folder / "errors.txt")
         self._pushed: list[dict] = []
         self._at = 0
