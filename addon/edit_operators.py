@@ -366,9 +366,8 @@ class F4X_OT_plan(SceneOperator, bpy.types.Operator):  # noqa: N801
             proposal = propose(scene, self.sentence, edit_context, candidates=self.readings)
         except F4xError as error:
             state.answer = panel_words(with_code(error))
-            if (
-                ended
-            ):  # Blender must know of the points that went with the preview, although this operator ends as cancelled
+            if ended:
+                # Blender must know of the points that went with the preview, although this operator ends as cancelled
                 bpy.ops.ed.undo_push(message=self.bl_label)
             raise
         for candidate in proposal.candidates:

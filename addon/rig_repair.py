@@ -25,7 +25,7 @@ from ..f4x_core.language.lexicon import plural
 from ..f4x_core.scaffold.missing import carriers
 from .point_cloud import read_attribute, write_attribute
 from .scaffold_rig import HANDLE, NODE, NODES, layer_of, nodes_of
-from .scene_object import PATH, SceneObject
+from .scene_object import SceneObject, root_of
 
 ORDER = "f4x_order"
 """Property of a root: hash of the names and ids that its nodes had when their places were worked out."""
@@ -88,9 +88,7 @@ def _part_points(scene: bpy.types.Scene) -> None:
     owners: dict[bpy.types.ID, dict[bpy.types.Object, bpy.types.ID]] = {}  # points -> root -> points of its own
     shared = [item for item in scene.objects if item.type == "POINTCLOUD" and item.data.users > 1 and _is_own(item)]
     for item in sorted(shared, key=lambda item: item.session_uid):
-        root = item
-        while root is not None and PATH not in root:
-            root = root.parent
+        root = root_of(item)
         if root is not None:
             roots = owners.setdefault(item.data, {})
             if root not in roots:

@@ -56,6 +56,13 @@ MOVED = 3
 _synced: dict[int, str] = {}  # session_uid of a root -> JSON of the stack that the file held when the root last met it
 
 
+def root_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
+    """The root of the scene that `item` is a part of; None where it is of none."""
+    while item is not None and PATH not in item:
+        item = item.parent
+    return item
+
+
 @dataclass(frozen=True)
 class SceneObject:
     """A scene by its root empty. It keeps nothing itself, so it may be made anew wherever one is needed."""
@@ -66,10 +73,9 @@ class SceneObject:
     @classmethod
     def of(cls, item: bpy.types.Object | None) -> SceneObject | None:
         """The scene that `item` is a part of; where it is of none, the only one that there is."""
-        while item is not None and PATH not in item:
-            item = item.parent
-        if item is not None:
-            return cls(item)
+        root = root_of(item)
+        if root is not None:
+            return cls(root)
         scenes = cls.among(bpy.context.scene.objects)
         return scenes[0] if len(scenes) == 1 else None
 

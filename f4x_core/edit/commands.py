@@ -23,7 +23,7 @@ from ..language.amounts import (
     steps,
 )
 from ..language.colours import colour, colourish
-from ..language.grammar import Mismatch, Rule, either, listed, lit, optional, said, silent, table
+from ..language.grammar import Mismatch, Rule, either, listed, lit, literal, optional, silent, table
 from ..language.lexicon import inflected
 from ..language.times import TimeExpression, duration
 from . import making, qualities
@@ -108,11 +108,17 @@ def _command(
     )
 
 
-def _always(value: Value) -> Callable[[], Value]:
+Given = Value | tuple[tuple[Value], ...]
+"""A value, or several as `listed` gives them."""
+
+
+def always(value: Value) -> Callable[[], Value]:
+    """Make the same value, whatever is said besides."""
     return lambda: value
 
 
-def _listed(values: tuple[tuple[Value], ...]) -> tuple[tuple[Value], ...]:
+def as_given(values: Given) -> Given:
+    """Make the values themselves of a slot `values`."""
     return values
 
 
@@ -126,14 +132,14 @@ _coloured = qualities.colour_value | qualities.without_colour
 _command(
     "make the dog red",
     "make|render|have|get",
-    _listed,
+    as_given,
     "values",
-    values=_values(qualities.made, lit("in") + _coloured, lit("gone") >> _always(making.deleted)),
+    values=_values(qualities.made, lit("in") + _coloured, lit("gone") >> always(making.deleted)),
 )
 _command(
     "turn the dog into gold",
     "turn|change|convert|transform|switch|set|put|throw",
-    _listed,
+    as_given,
     "values",
     values=_values(
         qualities.a_look,
@@ -156,7 +162,7 @@ _command(
 _command(
     "paint the car blue",
     "cover|paint|repaint|color|recolor|dye|spray|spray paint|colorize|stain|shade|dress|dip|coat|drench|bathe|wrap|redo|do",
-    _listed,
+    as_given,
     "values",
     values=_values(
         ~lit("all|over|all over")
@@ -211,18 +217,18 @@ for _verb, _value in (
     ("redden", making.added(1.0, ((1.0, 0.0, 0.0), 1))), ("gild", making.styled("gold")),
     ("mute|dull|wash out", making.saturated(factor(None, False))),
 ):  # fmt: skip
-    _command(f"{_verb.split('|')[0]} the dog", _verb, _always(_value))
+    _command(f"{_verb.split('|')[0]} the dog", _verb, always(_value))
 _command(
     "remove the color of the house",
     "remove|take|take out|take away|drain|strip|strip away|delete|drop|lose|get rid of|erase|suck",
-    _always(making.GRAYED),
+    always(making.GRAYED),
     who=whose("color|colors|saturation|coloring"),
     out=lit("out|away"),
 )
 _command(
     "take the color out of the house",
     "take|drain|suck|strip",
-    _always(making.GRAYED),
+    always(making.GRAYED),
     who=~lit("the|all|all the") + lit("color|colors|saturation") + lit("out of|away from|off of|off") + thing,
 )
 
@@ -279,8 +285,8 @@ def _quality(kind: str, words: str, made: Making, whole: bool = False) -> None:
         who=its,
     )
     for verb, times in (("double", 2.0), ("halve", 0.5), ("triple|treble", 3.0), ("quadruple", 4.0)):
-        _command(f"double the {kind} of the dog", verb, _always(made(times)), who=its)
-        _command(f"double the {kind} of the dog", verb, _always(made(times)), "its", its=lit("in") + lit(words))
+        _command(f"double the {kind} of the dog", verb, always(made(times)), who=its)
+        _command(f"double the {kind} of the dog", verb, always(made(times)), "its", its=lit("in") + lit(words))
     to = ~lit("to|at|equal to") + either(percent, multiple, fraction_of(words), number)
     _command(f"set the {kind} of the dog to 50 %", _SETTING, made, "by", who=its, by=to)
 
@@ -351,7 +357,7 @@ _scale = (
 )
 _command("scale the dog by 2", "scale|resize|rescale", making.scaled, "by", by=_scale)
 for _verb, _times in (("double", 2.0), ("halve", 0.5), ("triple|treble", 3.0), ("quadruple", 4.0)):
-    _command(f"{_verb.split('|')[0]} the dog in size", _verb, _always(making.scaled(_times)), "its", its=lit("in size"))
+    _command(f"{_verb.split('|')[0]} the dog in size", _verb, always(making.scaled(_times)), "its", its=lit("in size"))
 
 _as_long = either(
     multiple + lit("as long") >> making.stretched,
@@ -394,7 +400,7 @@ for _kind, _words, _made_by in (
     _command(
         f"give the dog more {_kind}",
         "give",
-        _listed,
+        as_given,
         "values",
         who=~lit("to") + thing,
         itself="need|have|get|show",
@@ -403,7 +409,7 @@ for _kind, _words, _made_by in (
     _command(
         f"add more {_kind} to the dog",
         "add|put|use|apply|have|give",
-        _listed,
+        as_given,
         "values",
         who=lit("to|on|in|into|for") + thing,
         whole=True,
@@ -412,14 +418,14 @@ for _kind, _words, _made_by in (
     _command(
         f"add {_kind}",
         "add|boost",
-        _always(_made_by(factor(None, True))),
+        always(_made_by(factor(None, True))),
         "it",
         who=lit("to|on|in|into") + thing,
         whole=True,
         it=lit("some|a bit of|a little|a touch of|a bit") + lit(_words) | lit(_words),
     )
     _command(
-        f"more {_kind}", "", _listed, "values", who=lit("for|on|in") + thing, whole=True, values=_values(_how_much)
+        f"more {_kind}", "", as_given, "values", who=lit("for|on|in") + thing, whole=True, values=_values(_how_much)
     )
 _all_colors = either(whose("colors|color"), ~lit("the") + colors)
 for _example, _verbs, _upward in (
@@ -492,21 +498,21 @@ _command(
     how=qualities.softly,
     rgb=~lit("in|in a|a") + colour,
 )
-_glow_noun = either(
+_glow_noun = (
     ~lit("some|a|an")
     + optional(table({"slight|soft|faint|gentle|subtle": Amount("small"), "strong|bright|intense": Amount("large")}))
     + optional(colour)
     + lit("glow|halo|shine|aura|gleam|sheen")
-    >> (lambda how, rgb: (how, rgb))
+    >> making.glowing
 )
-_command("give the dog a glow", "give", lambda glow: making.glowing(*glow), "glow", who=thing, glow=_glow_noun)
+_command("give the dog a glow", "give", as_given, "values", who=thing, values=_glow_noun)
 _command(
     "add a glow to the dog",
     "add|apply|put",
-    lambda glow: making.glowing(*glow),
-    "glow",
+    as_given,
+    "values",
     who=lit("to|on|around|onto") + thing,
-    glow=_glow_noun,
+    values=_glow_noun,
 )
 
 # Places of two
@@ -529,20 +535,20 @@ _command(
 _command(
     "hide the car",
     "hide|conceal|mask|mask out",
-    _always(making.opacity(0.0)),
+    always(making.opacity(0.0)),
     itself="disappear|vanish|hide|become invisible",
 )
 _again = lit("again|once more|back")
 _command(
     "show the dog again",
     "unhide|reshow|bring back|restore",
-    _always(making.opacity(making.SHOWN)),
+    always(making.opacity(making.SHOWN)),
     again=_again,
     itself="reappear",
 )
 _command("show the dog again", "show|reveal", making.shown, again=_again >> (lambda: True))
 _command(
-    "bring the dog back", "bring", _always(making.opacity(making.SHOWN)), "back", back=lit("back|back again|back in")
+    "bring the dog back", "bring", always(making.opacity(making.SHOWN)), "back", back=lit("back|back again|back in")
 )
 _to_fraction = lit("to") + either(percent, fraction, number) + ~lit("opacity") | lit("by") + percent >> (
     lambda x: 1 - x
@@ -572,7 +578,7 @@ OUT = lit(
     "|entire) [scene|picture|video|clip|image|shot|frame|view]|out of [the|this] [scene|picture"
     "|video|clip|image|shot|frame]"
 )
-_delete, _extract = _always(making.deleted), _always(making.extracted)
+_delete, _extract = always(making.deleted), always(making.extracted)
 _command("remove everything except the dog", DELETING, _extract, who=everything_but)
 _command("take out everything except the dog", SPLIT, _extract, "out", who=everything_but, out=OUT)
 _command(
@@ -589,7 +595,7 @@ _in_colour = lit("in (full) [color|colors]|colored")
 _command(
     "show only the dog in color",
     KEEPING,
-    _always(making.rest_grayed),
+    always(making.rest_grayed),
     "only colored",
     bare=False,
     only=ONLY,
@@ -628,7 +634,7 @@ _command("show the scene without the dog", "show|show me|render|make", _delete, 
 _command(
     "make the dog run backwards",
     "",
-    _listed,
+    as_given,
     "values",
     itself="run|go|walk|fly|swim|drive|dance|play|move|ride|roll|jump|gallop|race|be",
     values=_values(qualities.backward),
@@ -651,10 +657,10 @@ _PLACING = (
 _command(
     "put the dog behind the bush",
     _PLACING,
-    lambda at: making.placed(*at),
-    "at",
+    making.placed,
+    "place",
     itself="stand|go|be|walk|sit|move|run|come|drive|swim|fly|jump|lie|float|appear|hang|ride|dance",
-    at=~lit("over|right|directly|straight|to|somewhere") + place >> (lambda where, other: (where, other)),
+    place=~lit("over|right|directly|straight|to|somewhere") + place,
 )
 _command(
     "raise the box",
@@ -701,7 +707,7 @@ TURNS: dict[str, Any] = {"angle": ANGLE, "sense": SENSE, "axis": _axis}
 _command(
     "turn the dog upside down",
     "turn|flip|rotate|put|stand|set|hang|place",
-    _always(making.turned(making.UPSIDE_DOWN)),
+    always(making.turned(making.UPSIDE_DOWN)),
     "over",
     itself="turn|flip|stand",
     over=qualities.upside_down,
@@ -783,7 +789,6 @@ _in_a_row = lit(
 )
 _called_so = ~lit(",") + lit("called|named|by the name of") + name
 _apart = distance + lit("apart") | ~lit("by") + number + lit("apart") >> Distance
-_own = place >> (lambda where, other: (where, other))
 _another_size = (
     ~lit(",")
     + ~lit("but|and|only|that is|at")
@@ -797,7 +802,7 @@ _another_size = (
 )
 BESIDE_IT: dict[str, Any] = {
     "changed": _another_size,
-    "own": _own,
+    "own": place,
     "way": ~lit(",") + steps,
     "far": ~lit(",") + _apart | distance,
     "row": _in_a_row,
@@ -806,7 +811,7 @@ BESIDE_IT: dict[str, Any] = {
 }
 _copies = either(
     lit("a|another|one|one more|a second|an extra|a new")
-    + (lit("copy|clone|duplicate|replica") | said("twin|double|lookalike"))
+    + (lit("copy|clone|duplicate|replica") | literal("twin|double|lookalike"))
     >> (lambda: 1.0),
     number + ~lit("more|extra|other|additional|identical") + lit("copies|clones|duplicates|replicas"),
 ) + lit("of")
@@ -900,16 +905,16 @@ _STANDING = "stand still|stay still|hold still|keep still|stop moving|be still|s
 _command(
     "stop the dog at frame 30",
     "stop|freeze|pause|hold|halt|immobilize|stop moving",
-    _always(making.frozen),
+    always(making.frozen),
     timed=True,
     itself=f"stop|freeze|pause|halt|{_STANDING}",
     still=STILL,
 )
-_command("keep the dog still", "keep|leave", _always(making.frozen), "still", still=STILL)
+_command("keep the dog still", "keep|leave", always(making.frozen), "still", still=STILL)
 _command(
     "play the dog at half speed",
     "play|run|show|put|set|render|play back|replay|move|drive|do",
-    _listed,
+    as_given,
     "values",
     who=_motion,
     timed=True,
@@ -927,14 +932,14 @@ _in_time = lit("in time")
 _command(
     "reverse the car",
     "reverse|rewind|play back to front|run in reverse",
-    _always(making.reversed),
+    always(making.reversed),
     itself="reverse|rewind",
     who=_motion,
     timed=True,
     in_time=_in_time,
 )
 _on_and_on = lit("again and again|over and over (again)|endlessly|repeatedly|in a loop|on loop|on repeat")
-_loop = _always(making.looped)
+_loop = always(making.looped)
 _part_of = ~lit("of|for|with") + _motion
 _command(
     "loop the dog from second 1 to 2",
@@ -963,8 +968,8 @@ _given = _values(
     lit("the color") + qualities.colour_value,
 )
 _onto = lit("to|on|onto|over|for") + thing
-_command("give the dog a golden look", "give", _listed, "values", who=~lit("to") + thing, values=_given)
-_command("apply the sepia look to the dog", "apply|add|put|use", _listed, "values", who=_onto, values=_given)
+_command("give the dog a golden look", "give", as_given, "values", who=~lit("to") + thing, values=_given)
+_command("apply the sepia look to the dog", "apply|add|put|use", as_given, "values", who=_onto, values=_given)
 _with = lit("to|with|and") + ~lit("the [color|colors|coloring|look] of|that of|those of") + known_thing
 _matching = _with + ~(lit("'s|'") + ~lit("color|colors|coloring"))
 for _who in (whose("color|colors|coloring|look"), thing):
@@ -1075,7 +1080,7 @@ _day = lit("(the) day|daytime|daylight") >> (lambda: lambda context: making.note
 _command(
     "turn day into night",
     "turn|change|make|transform",
-    _listed,
+    as_given,
     "values",
     bare=False,
     gapped=False,
@@ -1086,7 +1091,7 @@ _keeps = lit("keeps|keep|retains|stays|stay|remains") + lit("(its|their|his|her)
 _command(
     "only the dog keeps its color",
     "",
-    _always(making.rest_grayed),
+    always(making.rest_grayed),
     "only keeps",
     bare=False,
     gapped=False,
@@ -1108,7 +1113,7 @@ _changed = either(
 _command(
     "the dog twice as fast",
     "",
-    _listed,
+    as_given,
     "values",
     bare=False,
     gapped=False,
@@ -1122,7 +1127,7 @@ _command(
 _command(
     "a bigger dog",
     "",
-    _listed,
+    as_given,
     "values",
     bare=False,
     gapped=False,

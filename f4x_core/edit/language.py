@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher, get_close_matches
+from itertools import chain
 from typing import Any, NamedTuple
 
 from ..errors import F4xError
@@ -36,10 +38,10 @@ from ..language.grammar import (
     tokenise,
 )
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, stated, word_set
-from ..language.paraphrases import paraphrases
+from ..language.paraphrases import in_order, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
 from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command
-from .corrections import corrected, in_order
+from .corrections import corrected
 from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY
@@ -229,7 +231,7 @@ def _in_any_order(frame: Command) -> Rule:
 
 
 _number_of_item = number + either(sign(")"), lit(".|:"))
-_loose_clause = either(_clause, ADDS_NOTHING + either(*map(_in_any_order, FRAMES)), either(*map(_in_any_order, FRAMES)))
+_loose_clause = either(_clause, *map(_in_any_order, FRAMES))
 _loose_separator = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
 _loose_sentence = (
     ~lit("and") + _ends + ~silent(_number_of_item) + optional(_topic) + listed(_loose_clause, _loose_separator) + _ends
@@ -273,17 +275,18 @@ def parse(
             earlier=copies or {},
             labels=frozenset(labels),
         )
-        return _settled(read, context, _recalled(earlier, known, context))
+        return _settled(read, context, _recalled(before, context))
 
+    before = _clauses_before(earlier, known)
     read = _read_somehow(sentence, known, settled)
     for rule, doubt in _DOUBTFUL:
         if any(rule.at(read.reading, at) for at in range(len(read.reading.tokens))):
             raise Refusal(doubt)
     if labels or not read.clauses:
-        _ask_about_slips(read, known, settled)
+        _ask_about_slips(read, sentence, known, settled)
     if read.clauses:
         try:
-            return settled(read)
+            return read.operations or settled(read)
         except Refusal as refusal:
             raise Refusal(refusal.reason, _nearest(read.reading.tokens)) from refusal
         except F4xError as error:
@@ -292,16 +295,19 @@ def parse(
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
 
 
+Clauses = tuple[tuple[Any, ...], ...]
+
+
 @dataclass(frozen=True)
 class Read:
     """A sentence that was matched, or not."""
 
-    sentence: str
-    """The sentence, or the other way to say it that was understood."""
     reading: Reading
-    """Its words."""
-    clauses: tuple[tuple[Any, ...], ...] = ()
+    """The words of the sentence, or of the other way to say it that was understood."""
+    clauses: Clauses = ()
     """Each behind its separators; none: not understood."""
+    operations: tuple[Operation, ...] = ()
+    """What it asks for, where that was worked out to know whether it is understood."""
 
     @property
     def only_then(self) -> bool:
@@ -335,51 +341,61 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
     What no command of the table fits is read once more with its words in any order, and counts where `settled` can carry it out.
     """
     first: Read | Refusal | None = None
-    ways = [*corrected(sentence, known), *in_order(sentence), sentence, *paraphrases(sentence)]
-    for rule in (_sentence, _loose_sentence):
-        for said in ways:
-            try:
-                read = _read(said, known, rule)
-                if read.clauses and rule is _loose_sentence and settled:
-                    settled(read)
-            except F4xError as refusal:
-                first = first or (refusal if isinstance(refusal, Refusal) else None)
-                continue
-            if read.clauses:
-                return read
-            first = first or read
+    readings: list[Reading] = []
+    for way in chain(corrected(sentence, known), in_order(sentence), (sentence,), paraphrases(sentence)):
+        try:
+            reading = _words_of(way, known)
+        except Refusal as refusal:
+            first = first or refusal
+            continue
+        read = _matched(reading, _sentence)
+        if read.clauses:
+            return read
+        readings.append(reading)
+        first = first or read
+    for reading in readings:
+        # what was matched before holds, and the word that is to blame is the one of the first time
+        read = _matched(replace(reading, farthest=0), _loose_sentence)
+        if read.clauses:
+            with suppress(F4xError):
+                return read if settled is None else replace(read, operations=settled(read))
     if isinstance(first, Refusal):
         raise first
     assert first is not None
-    return replace(first, sentence=sentence)
+    return first
 
 
-def _read(sentence: str, known: Mapping[tuple[str, ...], str], rule: Rule) -> Read:
-    """The words of a sentence, and its clauses where it is one; Refusal where it is a question, too long or empty."""
+def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
+    """The words of a sentence; Refusal where it is a question, too long or empty."""
     tokens = [token for token in _statements(tokenise(sentence)) if token.text not in _DROPPED]
     if len(tokens) > MAX_WORDS:
         raise Refusal(f"The sentence has {len(tokens)} words, more than {MAX_WORDS}; say fewer commands at once.")
     if not any(token.is_word for token in tokens):
         raise Refusal("Nothing is said that could be done.", _nearest(tokens))
-    reading = Reading.of(sentence, tokens, known)
-    found = rule.at(reading, 0).get(len(tokens))
+    return Reading.of(sentence, tokens, known)
+
+
+def _matched(reading: Reading, rule: Rule) -> Read:
+    """The clauses of a sentence by `rule`."""
+    found = rule.at(reading, 0).get(len(reading.tokens))
     if found is None:
-        return Read(sentence, reading)
+        return Read(reading)
     topic, clauses = found
-    return Read(sentence, reading, (*([] if topic is None else [(topic,)]), *clauses))
+    return Read(reading, (*([] if topic is None else [(topic,)]), *clauses))
 
 
-def _ask_about_slips(read: Read, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
-    """Raise `Doubt` where a word is probably misspelt."""
+def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
+    """Raise `Doubt` where a word is probably misspelt; `sentence`: what was typed, where `read` is another way to say it."""
     slip = _slip(read.reading, bool(read.clauses))
     if slip is None:
         return
     wrong, word = slip
-    instead = read.sentence[: wrong.start] + word + read.sentence[wrong.end :]
+    typed = read.reading.sentence[wrong.start : wrong.end]
+    text = read.reading.sentence if read.clauses else sentence
+    instead = re.sub(rf"\b{re.escape(typed)}\b", word, text, count=1)
     better = _read_somehow(instead, known, settled)
     if better.clauses or _slip(better.reading, False):
-        said = read.sentence[wrong.start : wrong.end]
-        raise Doubt(f"I do not understand '{said}'; did you mean '{word}'?", instead)
+        raise Doubt(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
@@ -440,13 +456,18 @@ def _arguments(piece: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in piece.items() if name not in _OF_ALL and value is not None}
 
 
-def _recalled(earlier: str, known: Mapping[tuple[str, ...], str], context: SentenceContext) -> Said | None:
+def _clauses_before(earlier: str, known: Mapping[tuple[str, ...], str]) -> Clauses:
+    """The clauses of the sentence before; none where there is none or it is not understood."""
+    try:
+        return _read_somehow(earlier, known).clauses if earlier else ()
+    except Refusal:
+        return ()
+
+
+def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
     """The last command of the sentence before, whose things `context` takes over where nothing is selected."""
     said = replace(context, names=dict(context.names), copies={}, spare=set())
     try:
-        clauses = _read_somehow(earlier, known).clauses if earlier else ()
-        if not clauses:
-            return None
         list(_operations(clauses, said))
     except F4xError:
         return None
@@ -463,9 +484,7 @@ def _recalled(earlier: str, known: Mapping[tuple[str, ...], str], context: Sente
     return next((one for one in reversed(done) if one[0].make is not AGAIN), None)
 
 
-def _operations(
-    clauses: tuple[tuple[Any, ...], ...], context: SentenceContext, before: Said | None = None
-) -> Iterator[Operation]:
+def _operations(clauses: Clauses, context: SentenceContext, before: Said | None = None) -> Iterator[Operation]:
     """The operations of clauses, each of which may follow (whether its separator is hard); `before`: the command before them."""
     front: Span | None = None
     for *separators, clause in clauses:

@@ -40,6 +40,7 @@ from .operations import (
     Transform,
 )
 from .phrases import (
+    Place,
     SentenceContext,
     When,
     Who,
@@ -278,15 +279,15 @@ STANDING: dict[Where, Vector] = {
 """Which way a thing stands from another, along the camera's axes."""
 
 
-def placed(where: Where, other: Who) -> Value:
-    """To stand so to another thing."""
+def placed(place: Place) -> Value:
+    """To stand beside another thing."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:
-        beside = other(context)
+        beside = place.other(context)
         if beside == who:
             raise Refusal("A thing cannot go beside itself; say beside whom.")
         context.last = who
-        return Transform(who, translate=STANDING[where], unit="size", axes="camera", beside=beside, **when.growth)
+        return Transform(who, translate=STANDING[place.where], unit="size", axes="camera", beside=beside, **when.growth)
 
     return value
 
@@ -297,7 +298,7 @@ def copied(
     times: float = 1.0,
     shift: TimeExpression | None = None,
     called: str = "",
-    own: tuple[Where, Who] | None = None,
+    own: Place | None = None,
     changed: Value | None = None,
 ) -> Value | tuple[tuple[Value], ...]:
     """Copies: where, how far apart, how many, how much later, called what, beside whom, looking how; Refusal: half a copy."""
@@ -314,10 +315,10 @@ def copied(
         later = 0.0 if shift is None else shift.resolve(context)
         placing = dict(arguments)
         if own is not None:
-            other = own[1](context)
-            placing["offset"] = tuple(COPY_DISTANCE * step for step in STANDING[own[0]])
+            other = own.other(context)
+            placing["offset"] = tuple(COPY_DISTANCE * step for step in STANDING[own.where])
             if other != who:
-                placing |= {"beside": other, "offset": STANDING[own[0]]}
+                placing |= {"beside": other, "offset": STANDING[own.where]}
             elif not any(placing["offset"]):
                 placing["offset"] = BESIDE
         context.last = who

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..language.amounts import VIEWER, number, number_at
 from ..language.colour_names import COLOURS, SHADES
@@ -17,6 +17,7 @@ from ..language.grammar import (
     Rule,
     either,
     generated,
+    later,
     listed,
     lit,
     optional,
@@ -392,13 +393,8 @@ _stands = ~lit("that|which|who") + ~lit(
     "is|are|was|were|stands|stand|sits|sit|lies|lie|comes|come|goes|go|walks|walk|runs|run|standing|sitting|lying|walking|running|"
     "hangs|hanging|rides|drives|located|placed|that comes|is standing|is sitting|is lying|are standing|comes right|right|directly"
 )
-_neighbour = generated(lambda reading, at: ((end, who) for end, (who,) in _one_thing.at(reading, at).items()))
+_neighbour = later(lambda: _one_thing)
 """To whom something stands; by name, because it may itself be told by where it stands."""
-_named_neighbour: Rule = generated(
-    lambda reading, at: (
-        (end, who) for end, (who,) in (familiar | _determiner + _noun | _instance).at(reading, at).items()
-    )
-)
 
 
 def _standing(kind: Who, plural: bool, where: Where, other: Who) -> Who:
@@ -501,7 +497,7 @@ _kind = either(
     _moving_noun,
     _noun,
     lit("one|ones") + lit("of (the|these|those|my|all the)") + _noun,
-    lit("of (the|these|those|my|all the)") + generated(lambda reading, at: _plural_at(reading, at)),
+    lit("of (the|these|those|my|all the)") + generated(_plural_at),
     lit("one|ones") >> (lambda: SentenceContext.one),
 )
 
@@ -551,12 +547,8 @@ _SIDE_OF = {
 }
 
 
-def _whole_at(reading: Reading, at: int) -> Iterator[tuple[int, Who]]:
-    """A thing that has parts; by name, because things are made of parts of things."""
-    for end, (who,) in _whole_thing.at(reading, at).items():
-        yield end, who
-
-
+_whole = later(lambda: _whole_thing)
+"""A thing that has parts; by name, because things are made of parts of things."""
 SHARES = {"half": 0.5, "third": 0.333, "quarter": 0.25, "two thirds": 0.667, "part|portion|side|section": 0.5}
 _part_of = ~lit("the|its") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
 
@@ -567,10 +559,10 @@ def _placed_part(side: Any, share: float, whole: Who) -> Who:
 
 _its = lambda context: context.it("'its'")  # noqa: E731
 _placed = either(
-    _part_of + lit("of") + generated(_whole_at) >> _placed_part,
+    _part_of + lit("of") + _whole >> _placed_part,
     (familiar | ~_article + _noun) + lit("'s|'") + _part_of
     >> (lambda whole, side, share: _placed_part(side, share, whole)),
-    ~lit("the|its") + table({"top": "top", "bottom": "bottom"}) + lit("of") + generated(_whole_at)
+    ~lit("the|its") + table({"top": "top", "bottom": "bottom"}) + lit("of") + _whole
     >> (lambda side, whole: _placed_part(side, 0.5, whole)),
     lit("its|his|her|their") + table(_SIDE_OF, reserve=False) + table(SHARES, reserve=False)
     >> (lambda side, share: _placed_part(side, share, _its)),
@@ -650,16 +642,19 @@ _in_scene = ~lit(
     f"(that is|that are|which is) [in|from|of|within|inside] [the|this|my] (whole|entire) [{PICTURE}]"
     f"|out of the [{PICTURE}]"
 )
+_named_noun = _determiner + _noun | familiar
+
+
+def _with_number_at(reading: Reading, at: int) -> Iterator[tuple[int, tuple[Who, bool]]]:
+    """A noun, and whether it is in the plural."""
+    yield from ((end, (who, _is_plural(reading, end - 1))) for end, (who,) in _named_noun.at(reading, at).items())
+
+
 _kind_and_number = either(
     ~_article + lit("one|ones") >> (lambda: (SentenceContext.one, False)),
-    generated(
-        lambda reading, at: (
-            (end, (who, _is_plural(reading, end - 1)))
-            for end, (who,) in (_determiner + _noun | familiar).at(reading, at).items()
-        )
-    ),
+    generated(_with_number_at),
 )
-_stood = _kind_and_number + _stands + table(WHERE, reserve=False) + _named_neighbour >> (
+_stood = _kind_and_number + _stands + table(WHERE, reserve=False) + (familiar | _determiner + _noun | _instance) >> (
     lambda kind, where, other: _standing(kind[0], kind[1], where, other)
 )
 """A thing told by how it stands to another."""
@@ -790,8 +785,17 @@ colors = lit("the colors|colors|all colors|all the colors") >> _always(All())
 """The colours of everything."""
 
 
-place = table(WHERE, reserve=False) + _neighbour
-"""Beside whom something goes: two values, how and the `Who`."""
+class Place(NamedTuple):
+    """A place beside a thing."""
+
+    where: Where
+    """How one stands there to the thing."""
+    other: Who
+    """The thing."""
+
+
+place = table(WHERE, reserve=False) + _neighbour >> Place
+"""A `Place`."""
 
 
 def whose(quality: str) -> Rule:

@@ -15,7 +15,7 @@ from ..language.amounts import (
     percent,
 )
 from ..language.colours import colour, colourish, more_colour
-from ..language.grammar import constant, either, lit, optional, said, silent, table
+from ..language.grammar import constant, either, lit, literal, optional, silent, table
 from . import making
 from .phrases import (
     known_thing,
@@ -254,7 +254,7 @@ _TOO = {
     "little light|little brightness": (making.brightened(_MORE), making.brightened(_LESS)),
 }
 """Quality -> what is done where there is too much of it, and where there is not enough."""
-_degree = ~said(
+_degree = ~literal(
     "far|way|much|a bit|a little|a little bit|rather|really|still|just|slightly|quite|somewhat|a tad|a touch"
 )
 too_much = either(

@@ -213,7 +213,7 @@ def lit(spec: str) -> Rule:
     return table({spec: None})
 
 
-def said(spec: str) -> Rule:
+def literal(spec: str) -> Rule:
     """One of the phrases, without a value; its words may be names of things elsewhere."""
     return table({spec: None}, reserve=False)
 
@@ -336,6 +336,11 @@ def bag(slots: Mapping[str, Rule], needed: frozenset[str] = frozenset(), between
         return ways
 
     return Rule(match)
+
+
+def later(rule: Callable[[], Rule]) -> Rule:
+    """A rule that is named before it is written, because the two hold one another."""
+    return Rule(lambda reading, at: rule().at(reading, at))
 
 
 def generated(match: Callable[[Reading, int], Iterator[tuple[int, Any]]]) -> Rule:

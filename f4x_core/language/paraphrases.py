@@ -78,12 +78,6 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
         r"leave \g<x> alone and \g<rest>",
     ),
     (rf"^{_REST}[,;]? but not {_X}$", r"\g<rest> except \g<x>"),
-    # A correction
-    (
-        r"^(?P<rest>.+?)[, ]+\w+[,.;]? (?:no|no,? wait|wait|sorry|oops|i mean|i meant|or rather|actually|scratch that)"
-        r"[,.]* (?:i mean |i meant |make (?:it|that) |rather |no |make it )?(?P<last>\w+)$",
-        r"\g<rest> \g<last>",
-    ),
     # Clipped
     (rf"^{_X} ?(?::|->|→|=>|=|-) ?{_REST}$", r"make \g<x> \g<rest>"),
     (rf"^{_X},? (?:in|to) (?P<rest>[\w ]+?)[.!]*$", r"make \g<x> \g<rest>"),
@@ -156,7 +150,38 @@ _REWRITINGS: tuple[tuple[str, str], ...] = (
     (r"^(?P<rest>.+?),? (?:and )?(?:ease|easing) (?:in and out|in|out|it)$", r"smoothly \g<rest>"),
     (rf"^speed ramp(?:ing)?(?::|,)? {_REST}$", r"smoothly \g<rest>"),
 )
-_PATTERNS = tuple((re.compile(pattern, re.IGNORECASE), said) for pattern, said in _REWRITINGS)
+_ORDERS: tuple[tuple[str, str], ...] = (
+    (
+        r"^(?:do not|don't|dont|never) [a-z]+ (?P<x>(?:the |my |that |this )?[\w' ]+?)[,;.]? "
+        r"(?:but |just |only |instead |rather )+(?P<a>[a-z]+ .+)$",
+        r"leave \g<x> alone and \g<a>",
+    ),
+    (
+        r"^(?P<a>.*\btoo\b.+?)[,.;]+ (?:please |so )?(?:tone|turn|bring|dial|take|fix|correct|change|lower|reduce)\b"
+        r"(?: (?:it|that|this|them))?(?: down| up| back)?(?: a bit| a little)?[.!]*$",
+        r"\g<a>",
+    ),
+    (r"^(?:before|prior to) (?:you |we |i )?(?P<b>.+?), (?:please |first )?(?P<a>.+)$", r"\g<a>. \g<b>"),
+    (r"^(?P<b>.+?),? but (?:only |just )?(?:after|once) (?:you |we )?(?:have |'ve )?(?P<a>.+)$", r"\g<a>. \g<b>"),
+    (
+        r"^(?:after|once) (?:you have|you've|we have|you|we|that,?) (?P<a>[a-z]+ .+?), (?P<b>[a-z]+ .+)$",
+        r"\g<a>. \g<b>",
+    ),
+    (r"^(?P<b>.+?),? after (?:you |we )(?:have |'ve )?(?P<a>.+)$", r"\g<a>. \g<b>"),
+    (r"^(?P<b>.+?),? but first,? (?P<a>.+)$", r"\g<a>. \g<b>"),
+)
+"""What is done about a complaint that is named again, and sentences whose second part is done first."""
+_ORDER_PATTERNS, _PATTERNS = (
+    tuple((re.compile(pattern, re.IGNORECASE), instead) for pattern, instead in rewritings)
+    for rewritings in (_ORDERS, _REWRITINGS)
+)
+
+
+def in_order(sentence: str) -> Iterator[str]:
+    """What the sentence means for sure where its own words would mislead: "before you delete the fence, make the horse gray"."""
+    for pattern, instead in _ORDER_PATTERNS:
+        if match := pattern.match(sentence.strip()):
+            yield match.expand(instead)
 
 
 def paraphrases(sentence: str) -> Iterator[str]:
