@@ -360,7 +360,7 @@ class EditedScene(Scene):
         if isinstance(operation, Delete | Extract):
             return state._replace(opacities=np.where(dyed, np.float32(0), state.opacities))
         if isinstance(operation, Blur):
-            sizes = self._constant["scales"][step.before.origin[rows]]
+            sizes = self._constant["scales"][step.before.origin[rows]] * self._growth(below)[rows, None]
             fainter = state.opacities * thinning(sizes, operation.radius)
             return state._replace(opacities=np.where(dyed, fainter, state.opacities))
         if isinstance(operation, Opacity):
@@ -391,6 +391,24 @@ class EditedScene(Scene):
         if fraction < 1:  # colours are linear in the harmonics
             after = Appearance(*(a + np.float32(fraction) * (b - a) for a, b in zip(before, after, strict=True)))
         return _put(state, dyed, after)
+
+    def _growth(self, below: int) -> np.ndarray:
+        """(n,) float32 how many times as large the transforms that last, before edit number `below` (0 = first), made each row.
+
+        Those that take their time are left out, so that opacities stay the same at all times.
+        """
+
+        def work() -> np.ndarray:
+            growth = np.ones(len(self.after(0).ids), np.float32)
+            for depth, step in enumerate(self.steps[:below], 1):
+                operation = step.edit.operation
+                if step.copied is not None:
+                    growth = growth[step.read(0.0, np.arange(len(self.after(depth).ids)))[1]]
+                elif isinstance(operation, Transform) and operation.frames is None:
+                    growth = np.where(step.chosen, np.float32(operation.scale) * growth, growth)
+            return growth
+
+        return self._remember(below, 0.0, work)  # type: ignore[no-any-return]
 
     def _tones(self, step: Step, fetch: Callable[[np.ndarray], Appearance]) -> Any:
         other = None if step.source is None else fetch(np.flatnonzero(step.source))

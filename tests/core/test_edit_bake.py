@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from edit_cases import stacks
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from labelled_scene import labelled_scene
 from random_scene import assert_same, random_scene
 
 from f4x_core.edit.apply import base_of, edited, with_operations
 from f4x_core.edit.bake import TOLERANCE, bake
 from f4x_core.edit.operations import (
+    Blur,
     Delete,
     Duplicate,
     Extract,
@@ -132,6 +133,7 @@ def test_what_was_hidden_comes_back_behind_an_edit_that_cannot_be_folded():
 
 @settings(max_examples=25, deadline=None)
 @given(stacks)
+@example([Transform(All(), scale=0.5), Blur(All(), 0.125)])
 def test_random_stacks(listed):
     edits = base_of(with_operations(SCENE, *listed))
     focal = float(SCENE.cameras.intrinsics[0, 0, 0])

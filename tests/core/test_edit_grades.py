@@ -5,9 +5,9 @@ import pytest
 from random_scene import random_scene
 
 from f4x_core.edit import colours
-from f4x_core.edit.apply import thinning, with_operations
+from f4x_core.edit.apply import edited, thinning, with_operations
 from f4x_core.edit.bake import bake
-from f4x_core.edit.operations import Blur, Glow, Grade, Retime, Swap, Transform
+from f4x_core.edit.operations import Blur, Duplicate, Glow, Grade, Retime, Swap, Transform
 from f4x_core.edit.resolve import EditorState, resolve
 from f4x_core.edit.retiming import time_map_of
 from f4x_core.edit.selects import All, Ids, Part
@@ -44,6 +44,22 @@ def test_a_blur_widens_and_thins():
         after.opacities[few] * np.prod(np.sort(after.scales[few], 1)[:, 1:], 1), light, rtol=1e-4
     )
     assert thinning(before.scales, 0.0) == pytest.approx(1)
+
+
+def light_of(posed, few):
+    """What every one of the Gaussians `few` stops, seen along its thinnest axis."""
+    return posed.opacities[few] * np.prod(np.sort(posed.scales[few], 1)[:, 1:], 1)
+
+
+@pytest.mark.parametrize("copied", [False, True], ids=["itself", "copied"])
+def test_a_blur_thins_by_the_sizes_that_the_edits_before_it_left(copied):
+    sizes = (Transform(FEW, scale=0.5), *([Duplicate(All(), (1.0, 0.0, 0.0))] if copied else []))
+    before, after = (with_operations(SCENE, *sizes, *more).posed(1.0) for more in ((), (Blur(All(), 0.3),)))
+    every = np.arange(len(before.ids))
+    np.testing.assert_allclose(light_of(after, every), light_of(before, every), rtol=1e-4)
+    baked = edited(bake(with_operations(SCENE, *sizes, Blur(All(), 0.3)))).posed(1.0)
+    in_order, expected = (posed.opacities[np.argsort(posed.ids)] for posed in (baked, after))
+    np.testing.assert_allclose(in_order, expected, rtol=1e-5)
 
 
 def test_a_glow_is_one_edit_with_a_halo_that_goes_when_it_ends():
