@@ -1,0 +1,408 @@
+"""The steps by which a pointed-out thing is found, each against its formula written out."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from labelled_scene import labelled_scene, square_mask
+from random_scene import random_scene
+
+from f4x_core.geometry import spherical_harmonics
+from f4x_core.query import objects
+from f4x_core.query.blend_weights import blend_weight_sums, total_blend_weights
+from f4x_core.query.marks import Box, Brush, Mask, Point
+from f4x_core.query.objects import BLENDING, Graph, Superpoints, point_out
+
+TWO_BLEND = np.array([0.0, 0.0, 0.5, 0.5])
+"""Of four superpoints the last two look like the background, so that the whole of them is no thing."""
+RNG = np.random.default_rng(5)
+
+
+def chain(weights, strengths, **fields):
+    """Superpoints of one Gaussian each, in a row; `strengths`: the bonds between one and the next."""
+    count = len(weights)
+    bonds = np.zeros((count, count))
+    for k, strength in enumerate(strengths):
+        bonds[k, k + 1] = bonds[k + 1, k] = strength
+    rows = np.arange(count)
+    given = {"blend": np.zeros(count), "near": (bonds > 0) * 1.0} | fields
+    return Superpoints(rows, rows, np.asarray(weights, float), bonds, **given)
+
+
+def test_a_scene_is_seen_by_direction_and_logarithm_of_distance():
+    scene = random_scene(1)
+    found = objects._sights(scene)
+    camera = scene.cameras[3]
+    for row, mean in enumerate(scene.posed(float(scene.cameras.times[3])).means):
+        away = mean - np.linalg.inv(camera.world_to_camera)[:3, 3]
+        far = np.sqrt((away**2).sum())
+        np.testing.assert_allclose(found[row], [*(8 * away / far), 1.5 * np.log(far)], rtol=1e-5)
+
+
+def test_looks_are_unit_features_about_their_mean_beside_weighed_colour():
+    scene = labelled_scene()
+    found = objects._appearance(scene)
+    features = scene.features.decode("visual", scene.latents())
+    features = features - features.mean(0)
+    features /= np.linalg.norm(features, axis=1, keepdims=True)
+    some = np.r_[:5, len(found) - 5 : len(found)]
+    np.testing.assert_allclose(found[some, :-3] @ found[some, :-3].T, features[some] @ features[some].T, atol=1e-4)
+    colour = np.clip(spherical_harmonics.rgb_from_dc(scene.posed(0.0).sh[:, 0]), 0, 1)
+    np.testing.assert_allclose(found[:, -3:], 0.7 * colour, atol=1e-6)
+    np.testing.assert_allclose(objects._appearance(labelled_scene(features=False)), 0.7 * colour, atol=1e-6)
+
+
+def test_only_the_sixteen_main_directions_of_features_are_kept(monkeypatch):
+    scene = labelled_scene()
+    wide = RNG.normal(size=(len(scene.ids), 24)) * np.linspace(0.1, 2, 24)
+    monkeypatch.setattr(type(scene.features), "decode", lambda self, name, latents: wide)
+    found = objects._appearance(scene)[:, :-3]
+    unit = wide - wide.mean(0)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    strength = np.sort(np.linalg.eigvalsh(unit.T @ unit))[-16:]
+    assert found.shape[1] == 16
+    np.testing.assert_allclose(np.sort((found**2).sum(0)), strength, rtol=1e-4)
+
+
+def test_squares_and_means_and_the_nearest():
+    one, other = RNG.normal(size=(7, 3)), RNG.normal(size=(4, 3))
+    plain = ((one[:, None] - other) ** 2).sum(2)
+    np.testing.assert_allclose(objects._squares(one, other), plain, atol=1e-12)
+    many = RNG.normal(size=(2 * objects.BLOCK + 5, 3))
+    np.testing.assert_array_equal(objects._nearest(many, other), ((many[:, None] - other) ** 2).sum(2).argmin(1))
+    index, weight = np.array([0, 2, 0, 2, 2, 0, 0]), RNG.random(7)
+    found = objects._means(index, weight, one, 3)
+    for group in (0, 2):
+        np.testing.assert_allclose(found[group], np.average(one[index == group], 0, weight[index == group]))
+    assert not found[1].any()
+
+
+def test_groups_are_a_plain_k_means():
+    place, looks, weight = RNG.normal(size=(50, 2)), RNG.random((50, 5)), RNG.random(50)
+    index, mass, centres, mine = objects._group(place, looks, weight, 6)
+    joint = np.hstack([place, 0.5 * looks[:, :2], looks[:, 2:] / 0.7]).astype(np.float32)
+    mixed = joint[np.random.default_rng(0).permutation(50)]
+    middles = mixed[:6]
+    for _ in range(5):
+        near = ((mixed[:, None] - middles) ** 2).sum(2).argmin(1)
+        middles = np.stack([mixed[near == k].mean(0) if (near == k).any() else 0 * mixed[0] for k in range(6)])
+    near = ((joint[:, None] - middles) ** 2).sum(2).argmin(1)
+    np.testing.assert_array_equal(index, np.unique(near, return_inverse=True)[1])
+    for k in range(index.max() + 1):
+        own = index == k
+        assert mass[k] == pytest.approx(weight[own].sum())
+        np.testing.assert_allclose(centres[k], np.average(place[own], 0, weight[own]))
+        np.testing.assert_allclose(mine[k], np.average(looks[own], 0, weight[own]))
+
+
+def test_no_rows_make_no_groups():
+    index, mass, centres, mine = objects._group(np.zeros((0, 2)), np.zeros((0, 5)), np.zeros(0), 6)
+    assert index.dtype.kind == "i" and [len(part) for part in (index, mass, centres, mine)] == [0, 0, 0, 0]
+
+
+def test_bonds_fall_with_distance_and_with_looks():
+    place, looks = RNG.normal(size=(20, 3)), RNG.normal(size=(20, 4))
+    bonds, close, unit = objects._bonds(place, looks)
+    far = ((place[:, None] - place) ** 2).sum(2)
+    np.fill_diagonal(far, np.inf)
+    unlike = ((looks[:, None] - looks) ** 2).sum(2)
+    reach = np.sort(far, 1)[:, 11]  # the twelfth neighbour
+    near = (far <= reach[:, None]) | (far <= reach)
+    assert unit == pytest.approx(np.median(unlike[near]))
+    expected = np.where(near, np.exp(-far / np.median(reach)), 0)
+    np.testing.assert_allclose(close, expected, rtol=1e-9)
+    np.testing.assert_allclose(bonds, expected * np.exp(-unlike / unit), rtol=1e-9)
+    np.testing.assert_allclose(bonds, bonds.T)
+    assert not np.diag(bonds).any() and not np.diag(close).any()
+
+
+def test_bonds_of_few():
+    bonds, close, unit = objects._bonds(np.array([[0.0], [1.0]]), np.array([[0.0], [2.0]]))
+    np.testing.assert_allclose(bonds, np.exp(-2) * (1 - np.eye(2)))
+    assert close[0, 1] == pytest.approx(np.exp(-1)) and unit == 4
+    bonds, close, unit = objects._bonds(np.zeros((1, 3)), np.zeros((1, 3)))
+    assert not bonds.any() and not close.any() and unit == 1
+
+
+def test_pieces_are_what_keeps_its_distances():
+    """Two rods side by side; one turns and goes away. Neighbours within 1.1 of each other."""
+    x = np.arange(4.0)
+    still = np.stack([np.stack([x, 0 * x, 0 * x], 1)] * 3, 1)
+    angles = np.array([0.0, 0.5, 1.0])
+    turning = np.stack(
+        [x[:, None] * np.cos(angles), 1 + angles + x[:, None] * np.sin(angles), 0 * x[:, None] + 0 * angles], 2
+    )
+    places = np.concatenate([still, turning])
+    near = (np.linalg.norm(places[:, None, 0] - places[:, 0], axis=2) < 1.1) * (1 - np.eye(8))
+    np.testing.assert_array_equal(objects._pieces(places, near), [0, 0, 0, 0, 1, 1, 1, 1])
+    np.testing.assert_array_equal(objects._pieces(places, np.zeros((8, 8))), np.arange(8))
+
+
+@pytest.mark.parametrize(("change", "together"), [(0.305, True), (0.355, False)])
+def test_how_much_a_distance_may_change(change, together):
+    """Of seven gaps of 1 six keep their length: the limit is .15 of length plus median, here 2 + change / 3."""
+    places = np.zeros((8, 3, 3))
+    places[:, :, 0] = np.arange(8.0)[:, None]
+    places[4:, 2, 0] += change
+    near = np.eye(8, k=1) + np.eye(8, k=-1)
+    assert objects._pieces(places, near).max() == (0 if together else 1)
+
+
+def test_noise_of_all_neighbours_raises_the_limit():
+    places = np.zeros((8, 2, 3))
+    places[:, :, 0] = np.stack([np.arange(8.0), np.arange(8.0) * 1.5], 1)  # all gaps change by .5 of 1 to 1.5
+    near = np.eye(8, k=1) + np.eye(8, k=-1)
+    assert objects._pieces(places, near).max() == 0
+
+
+def test_cuts_are_the_bonds_that_leave_a_set():
+    bonds = RNG.random((6, 6)) * (RNG.random((6, 6)) > 0.3)
+    bonds = np.triu(bonds, 1) + np.triu(bonds, 1).T
+    out, order = RNG.random(6), RNG.permutation(6)
+    cut, volume = objects._cuts(bonds, out, order)
+    for size in range(1, 7):
+        inside = np.isin(np.arange(6), order[:size])
+        assert cut[size - 1] == pytest.approx(bonds[inside][:, ~inside].sum() + out[inside].sum())
+        assert volume[size - 1] == pytest.approx(bonds[inside].sum() + out[inside].sum())
+
+
+@pytest.mark.parametrize("contrast", [0.0, 0.3, 0.9])
+def test_the_weakest_outline_weighs_conductance_and_contrast(contrast):
+    for _ in range(20):
+        near = RNG.random((7, 7))
+        near = np.triu(near, 1) + np.triu(near, 1).T
+        likeness = RNG.random((7, 7))
+        bonds, out, most = near * (likeness + likeness.T) / 2, RNG.random(7), np.full(7, 4.0)
+        order, fits = RNG.permutation(7), RNG.random(7) > 0.3
+        if not fits.any():
+            continue
+        (cut, volume), (limit, _) = objects._cuts(bonds, out, order), objects._cuts(near, most, order)
+        value = (cut / limit) ** contrast * (cut / volume) ** (1 - contrast)
+        best = min(np.flatnonzero(fits), key=lambda size: value[size])
+        assert objects._sweep((bonds, out), (near, most), order, fits, contrast) == best + 1
+
+
+def test_where_nothing_fits_everything_is_taken():
+    bonds = np.ones((3, 3)) - np.eye(3)
+    given = (bonds, np.ones(3)), (bonds, np.ones(3)), np.arange(3)
+    assert objects._sweep(*given, np.zeros(3, bool), 0.5) == 3
+
+
+def test_other_pieces_than_the_most_marked_one_are_apart():
+    marked = np.array([1.0, 1.0, 1.5, 0.0])
+    assert not chain(np.ones(4), [1, 1, 1]).apart(marked).any()
+    assert not chain([], [], piece=np.zeros(0, int)).apart(np.zeros(0)).any()
+    pieces = chain(np.ones(4), [1, 1, 1], piece=np.array([0, 0, 1, 2]))
+    np.testing.assert_array_equal(pieces.apart(marked), [False, False, True, True])
+    np.testing.assert_array_equal(pieces.apart(np.array([1.0, 0, 1.5, 0.0])), [True, True, False, True])
+
+
+def test_a_thing_is_neither_too_small_nor_too_large():
+    """Without limits the weakest bond ends it after the first two; the fractions of weight are .1, .2, .5 and 1."""
+    free = {"sizes": (0.0, 1.0), "blend": TWO_BLEND}
+    marked, against = np.eye(4)[0], np.zeros(4, bool)
+
+    def taken(**fields):
+        return chain([1, 1, 3, 5], [1, 0.01, 0.1], **(free | fields)).grow(marked, against).sum()
+
+    assert taken() == 2
+    assert taken(sizes=(0.2, 1.0)) == 2 and taken(sizes=(0.21, 1.0)) > 2
+    assert taken(sizes=(0.0, 0.2)) == 2 and taken(sizes=(0.0, 0.19)) == 1
+    assert taken(sizes=(0.0, 0.01)) == 1  # one superpoint may be larger than the limit
+
+
+def test_a_thing_holds_enough_of_what_is_marked():
+    superpoints = chain(np.ones(4), [1, 0.01, 1], blend=TWO_BLEND)
+    marked, against = np.array([5.0, 4.0, 1.0, 0.0]), np.zeros(4, bool)
+    assert superpoints.grow(marked, against, filled=0.9).sum() == 2
+    assert superpoints.grow(marked, against, filled=0.91).sum() > 2
+
+
+def test_doubt_counts_like_blending_in():
+    doubt = np.array([0.0, 0.1, 0.8, 0.9])
+    marked, against = np.eye(4)[0], np.zeros(4, bool)
+    plain = chain(np.ones(4), [1, 1, 1]).grow(marked, against, doubt)
+    blended = chain(np.ones(4), [1, 1, 1], blend=BLENDING * doubt).grow(marked, against)
+    np.testing.assert_array_equal(plain, blended)
+    np.testing.assert_array_equal(plain, [True, True, False, False])
+
+
+def test_sums_and_means_over_superpoints():
+    superpoints = Superpoints(np.array([4, 1, 2]), np.array([0, 1, 1]), np.ones(2), *np.zeros((2, 2, 2)), np.zeros(2))
+    weights = np.array([9.0, 1.0, 3.0, 9.0, 2.0])
+    np.testing.assert_array_equal(superpoints.gather(weights), [2, 4])
+    np.testing.assert_array_equal(superpoints.spread(np.array([5.0, 7.0]), 6), [0, 7, 7, 0, 5, 0])
+    np.testing.assert_allclose(superpoints.means(np.array([0, 1.0, 2.0, 0, 6.0]), weights), [6, 7 / 4])
+    assert superpoints.means(weights, np.zeros(5)).tolist() == [0, 0]
+
+
+def test_the_graph_of_a_scene_is_made_of_these():
+    scene = labelled_scene(features=False)
+    moving, static = objects.superpoints_of(scene)
+    weights = total_blend_weights(scene, 5, 120) + 1e-4
+    assert moving.weight.sum() == pytest.approx(weights[scene.moving].sum())
+    assert static.weight.sum() == pytest.approx(weights[~scene.moving].sum())
+    np.testing.assert_array_equal(static.rows, np.flatnonzero(~scene.moving))
+    posed = [scene.posed(float(scene.cameras.times[frame])).means[scene.moving] for frame in (0, 2, 5)]
+    tracks = np.concatenate(posed, 1) / np.sqrt(3)
+    spread = np.sqrt(np.concatenate(posed, 1).var(0).sum() / 3)
+    looks = objects._appearance(scene)
+    _, _, centres, mine = objects._group(tracks / spread, looks[scene.moving], weights[scene.moving], 1000)
+    bonds, near, unit = objects._bonds(centres, mine)
+    np.testing.assert_allclose(moving.bonds, bonds, atol=1e-6)
+    np.testing.assert_allclose(moving.near, near, atol=1e-6)
+    far = ((looks[scene.moving][:1] - looks[~scene.moving][:1]) ** 2).sum()  # one colour each
+    np.testing.assert_allclose(moving.blend, BLENDING * np.exp(-far / unit), rtol=1e-3)
+    assert not static.blend.any() and moving.piece.max() == 0 and static.piece is None
+
+
+def test_standing_things_look_by_colour_first(monkeypatch):
+    scene = labelled_scene()
+    seen = []
+    monkeypatch.setattr(objects, "_group", lambda *given, group=objects._group: seen.append(given) or group(*given))
+    objects.superpoints_of(scene)
+    looks = objects._appearance(scene)[~scene.moving]
+    np.testing.assert_allclose(seen[1][1][:, :-3], 0.12 * looks[:, :-3], atol=1e-7)
+    np.testing.assert_array_equal(seen[1][1][:, -3:], looks[:, -3:])
+    np.testing.assert_array_equal([given[3] for given in seen], [1000, 2000])
+
+
+def test_signs_are_blend_weights_under_the_marks():
+    scene = labelled_scene(features=False)
+    size = (scene.cameras.height, scene.cameras.width)
+
+    def under(mask, frame):
+        return blend_weight_sums(scene, float(scene.cameras.times[frame]), frame, mask[..., None].astype(np.float32))[
+            :, 0
+        ]
+
+    box, point, beside = Box(2, True, (5, 5, 40, 30)), Point(2, True, (20, 20)), Point(2, False, (24, 20))
+    stroke = Brush(4, True, [(30, 20), (40, 20)], 2.0)
+    signs = objects._signs(scene, [box, point, beside, stroke])
+    inside, everywhere = box.pixels(size), np.ones(size, bool)
+    np.testing.assert_allclose(signs.seen, under(everywhere, 2) + under(everywhere, 4), atol=1e-4)
+    np.testing.assert_allclose(signs.inside, under(inside, 2), atol=1e-4)
+    np.testing.assert_allclose(signs.outside, under(~inside, 2), atol=1e-4)
+    starts = [point.pixels(size) & inside, stroke.pixels(size)]
+    for found, mask, frame in zip(signs.starts, starts, (2, 4), strict=True):
+        np.testing.assert_allclose(found, under(mask, frame), atol=1e-5)
+    np.testing.assert_allclose(signs.beside, [under(beside.pixels(size) & inside, 2)], atol=1e-5)
+    np.testing.assert_allclose(signs.exact, [under(stroke.pixels(size), 4)], atol=1e-5)
+    alone = objects._signs(scene, [box])
+    np.testing.assert_allclose(alone.starts, [under(inside, 2)], atol=1e-4)
+    assert not alone.exact and not alone.beside
+    assert not objects._signs(scene, [stroke]).inside.any()
+
+
+def test_how_much_of_a_mark_must_move():
+    box, point, mask = Box(0, True, (1, 1, 9, 9)), Point(0, True, (3, 3)), Mask(0, True, square_mask(0))
+    stroke, beside = Brush(0, True, [(3, 3)], 1.0), Point(0, False, (3, 3))
+    for marks, share in (
+        ([point], 0.2), ([box, point], 0.2), ([stroke], 0.2), ([box], 0.25), ([box, mask], 0.25), ([mask], 0.5),
+        ([mask, beside], 0.5), ([box, beside], 0.25),
+    ):  # fmt: skip
+        assert objects._moving_share(marks) == share
+
+
+class Pointing:
+    """A scene of eight Gaussians, the first four of which stand; the graph and the blend weights are given."""
+
+    def __init__(self, monkeypatch, moving, static):
+        self.monkeypatch = monkeypatch
+        self.scene = SimpleNamespace(ids=np.arange(8), moving=np.arange(8) > 3)
+        graph = Graph(replace(moving, rows=moving.rows + 4), static)
+        monkeypatch.setattr(objects, "graph_of", lambda scene: graph)
+
+    def __call__(self, marks, likely=None, **signs):
+        given = {
+            "starts": [],
+            "beside": [],
+            "exact": [],
+            "inside": np.zeros(8),
+            "outside": np.zeros(8),
+            "seen": np.ones(8),
+        }
+        self.monkeypatch.setattr(objects, "_signs", lambda scene, marks: objects._Signs(**(given | signs)))
+        found = point_out(self.scene, marks, likely)
+        return None if found is None else np.flatnonzero(found).tolist()
+
+
+@pytest.fixture
+def pointing(monkeypatch):
+    """Of what moves, and of what stands: two pairs of strong bonds with a weak one between them."""
+    pairs = chain(np.ones(4), [1, 0.01, 1], blend=TWO_BLEND)
+    return Pointing(monkeypatch, pairs, pairs)
+
+
+POINT, STROKE = Point(0, True, (3, 3)), Brush(0, True, [(3, 3)], 1.0)
+BOX = Box(0, True, (1, 1, 9, 9))
+
+
+def weights(**given):
+    values = np.zeros(8)
+    for row, value in given.items():
+        values[int(row[1:])] = value
+    return values
+
+
+def test_a_fifth_of_a_point_means_what_moves(pointing):
+    assert pointing([POINT], starts=[weights(r0=8.0, r4=2.0)]) == [4, 5]
+    assert pointing([POINT], starts=[weights(r0=8.1, r4=2.0)]) == [0, 1]
+    assert pointing([POINT], starts=[weights()]) is None
+    assert pointing([POINT], starts=[weights(r0=1.0), weights(r3=1.0)]) == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("near", "rest", "first", "both"),
+    [(4, 6, 0.91, 0.89), (0, 2, 0.71, 0.69)],
+)
+def test_a_thing_fills_its_box(pointing, near, rest, first, both):
+    """Of what moves in a box nine tenths belong to the thing; of what stands seven. A point asks for nothing of the kind."""
+    pair = [near, near + 1]
+    for fraction, expected in ((first, pair), (both, [*pair, rest, rest + 1])):
+        start = weights(**{f"r{near}": fraction, f"r{rest}": 1 - fraction})
+        found = pointing([BOX], starts=[start], inside=start)
+        assert found == expected or (fraction == both and set(pair) < set(found))
+        assert pointing([POINT], starts=[start]) == pair
+
+
+def test_what_lies_more_outside_a_box_is_none_of_it(pointing):
+    """Without the second of a pair the first hangs on the others."""
+    start = weights(r4=1.0, r5=1.0)
+    assert pointing([BOX], starts=[start], inside=start, outside=weights(r5=1.0)) == [4, 5]
+    assert pointing([BOX], starts=[start], inside=start, outside=weights(r5=1.1)) == [4, 6, 7]
+
+
+def test_what_is_marked_as_not_meant_is_left_out(pointing):
+    start, seen = weights(r4=1.0), np.full(8, 100.0)
+    marks = [POINT, Point(0, False, (5, 5))]
+    assert pointing(marks, starts=[start], seen=seen, beside=[weights(r5=0.29, r7=1.0)]) == [4, 5]
+    assert pointing(marks, starts=[start], seen=seen, beside=[weights(r5=0.31, r7=1.0)]) == [4]
+    # a mark that covers most of a superpoint counts, however much it covers of another
+    covered = weights(r5=1.0, r7=10.0)
+    assert pointing(marks, starts=[start], seen=seen - weights(r5=98.1), beside=[covered]) == [4]
+    assert pointing(marks, starts=[start], seen=seen - weights(r5=97.9), beside=[covered]) == [4, 5]
+
+
+def test_what_an_exact_mark_covers_is_held_but_for_what_is_against(pointing):
+    start = weights(r4=1.0)
+    assert pointing([STROKE], starts=[start], exact=[weights(r7=0.51)]) == [4, 5, 7]
+    assert pointing([STROKE], starts=[start], exact=[weights(r7=0.49)]) == [4, 5]
+    assert pointing([STROKE], starts=[start], exact=[weights(r7=0.6)], beside=[weights(r7=0.6)]) == [4, 5]
+    assert pointing([STROKE], starts=[start], exact=[weights(r7=0.6)], seen=weights(r4=1.0, r5=1.0)) == [4, 5]
+
+
+def test_each_point_is_within_one_piece(monkeypatch):
+    pairs = chain(np.ones(4), [1, 0.9, 1], piece=np.array([0, 0, 0, 1]), sizes=(0.8, 1.0))
+    pointing = Pointing(monkeypatch, pairs, pairs)
+    assert pointing([POINT], starts=[weights(r4=1.0)]) == [4, 5, 6]
+    assert pointing([BOX], starts=[weights(r4=1.0)], inside=np.ones(8)) == [4, 5, 6, 7]
+    assert pointing([POINT], starts=[weights(r4=1.0), weights(r7=1.0)]) == [4, 5, 6, 7]
+
+
+def test_words_are_evidence_against_what_they_do_not_mean(monkeypatch):
+    whole = chain(np.ones(4), [1, 1, 1])
+    pointing = Pointing(monkeypatch, whole, whole)
+    likely = weights(r4=1.0, r5=0.9, r6=0.1, r7=0.0)
+    assert pointing([POINT], likely, starts=[weights(r4=1.0)]) == [4, 5]
