@@ -457,6 +457,15 @@ def test_depth_and_statistics_of_a_standing_camera():
     assert found["mean_confidence"] == pytest.approx(module.GUESS_CONFIDENCE, abs=6e-4)
 
 
+def test_confidence_is_kept_between_nothing_and_certainty(monkeypatch):
+    clip, priors, _ = plane_priors(frames=3)
+    beyond = np.linspace(-0.5, 1.5, priors.mask.size).reshape(priors.mask.shape)
+    monkeypatch.setattr(module, "_static_depth", lambda *given: (np.full(beyond.shape, 0.5), beyond))
+    monkeypatch.setattr(module, "place_objects", lambda *given: [])
+    module.provide(clip, priors, PriorsConfig(), silent)
+    np.testing.assert_allclose(priors.depth_confidence, np.clip(beyond, 0, 1), atol=1e-3)
+
+
 def test_given_cameras_decide_the_unit_of_depth():
     clip, priors, _ = plane_priors(frames=3)
     priors.camera_kind, priors.provenance["cameras"] = "static", {"provider": "files"}

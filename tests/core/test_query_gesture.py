@@ -10,9 +10,11 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.camera import Camera
 from f4x_core.geometry.splats import Splats
 from f4x_core.geometry.trajectory import aside
+from f4x_core.query.blend_weights import seen_sums
 from f4x_core.query.gesture import View, select_by_gesture, select_by_sphere, select_thing
 from f4x_core.query.shapes import Polygon, Rectangle, Stroke
 from f4x_core.raster.blend_weights import alpha_sums, blend_weight_sums
+from f4x_core.scene.stage import fitted_config
 
 SCENE = labelled_scene()
 COUNT = len(SCENE.static)
@@ -171,6 +173,24 @@ def test_alpha_sums_are_the_blend_weights_of_gaussians_alone():
         assert alpha_sums(one, camera)[0] == pytest.approx(drawn, rel=0.01)
     away = replace(one, means=one.means + np.float32([9, 0, 0]))
     assert alpha_sums(away, camera)[0] == 0
+
+
+def test_who_shows_and_how_much_of_it_lies_in_each_layer():
+    """In view, behind an opaque one, half hidden by a faint one, over the right edge, and beyond it."""
+    camera = Camera(np.array([[80.0, 0, 48], [0, 80, 40], [0, 0, 1]]), np.eye(4), 96, 80)
+    means = [(-0.3, 0, 1.5), (-0.3, 0, 2.0), (0.3, 0, 1.5), (0.3, 0, 2.0), (1.0, 0, 1.6), (1.6, 0, 1.6)]
+    count = len(means)
+    sizes, opacities = np.full((count, 3), 0.03), np.array([0.98, 0.9, 0.4, 0.9, 0.9, 0.9])
+    sizes[0], sizes[2] = 0.2, 0.12
+    splats = Splats(np.array(means), np.tile([1.0, 0, 0, 0], (count, 1)), sizes, opacities).map(np.float32)
+    config = fitted_config([], camera)
+    columns = np.mgrid[:80, :96][1]
+    layers = np.stack([columns < 48, columns < 30, columns >= 0], -1).astype(np.float32)
+    sums, seen = seen_sums(splats, camera, layers, config, 0.3)
+    assert sums.shape == (count, 3) and seen.tolist() == [True, False, True, True, True, False]
+    np.testing.assert_allclose(sums, blend_weight_sums(splats, camera, layers, config=config), rtol=1e-3, atol=1e-3)
+    assert not seen_sums(splats, camera, layers, config, 0.8)[1][3]  # 60 % of it passes
+    assert seen_sums(splats, camera, layers[..., :0], config, 0.3)[0].shape == (count, 0)
 
 
 def test_what_is_no_gesture_is_refused():

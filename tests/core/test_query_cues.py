@@ -1,0 +1,58 @@
+"""How the table of cues is read: values, alternatives, optional words, references and forms of verbs."""
+
+import pytest
+
+from f4x_core.language.grammar import Reading, tokenise
+from f4x_core.query import cues
+
+
+def ends(rule, sentence):
+    """Word at which each match from the first word on ends, and the values it gives."""
+    return dict(rule.at(Reading.of(sentence, tokenise(sentence), {}), 0))
+
+
+TABLE = """
+beast: dog|[cat|kitten] (here)
+big: large|very {beast}|{+move}
+size = much: a lot (of {beast})
+size = little: a bit
+"""
+READ = cues._read(TABLE)
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence", "matches"),
+    [
+        ("beast", "dog", {1: ()}),
+        ("beast", "kitten here", {2: (), 1: ()}),
+        ("beast", "here", {}),
+        ("big", "large", {1: ()}),
+        ("big", "very cat here", {3: (), 2: ()}),
+        ("big", "very", {}),
+        ("big", "moving", {1: ()}),
+        ("big", "moves", {1: ()}),
+        ("size", "a lot", {2: ("much",)}),
+        ("size", "a lot of dog", {2: ("much",), 4: ("much",)}),
+        ("size", "a bit", {2: ("little",)}),
+        ("size", "a dog", {}),
+        ("color", "light red", {2: ("light red",)}),
+        ("color", "red or blue", {3: ("red or blue",), 1: ("red",)}),
+    ],
+)
+def test_a_line_of_the_table(name, sentence, matches):
+    assert ends(READ[name], sentence) == matches
+
+
+@pytest.mark.parametrize(
+    ("verb", "form"),
+    [
+        ("carry", "carries"),
+        ("play", "plays"),
+        ("go", "goes"),
+        ("cross", "crosses"),
+        ("run", "running"),
+        ("go out", "going out"),
+    ],
+)
+def test_forms_of_verbs(verb, form):
+    assert (form, verb) in set(cues._inflected(verb))
