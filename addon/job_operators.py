@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 import bpy
@@ -9,6 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from ..f4x_core.errors import F4xError
+from ..f4x_core.files import json_text
 from ..f4x_core.scene.formats import FORMATS
 from ..f4x_core.scene.formats.usd import expected_bytes
 from ..f4x_core.troubles import with_code
@@ -32,6 +34,16 @@ BESIDE = 4.0
 def start_verb(title: str, on_done: Callable[[dict[str, Any]], None] | None, verb: str, *arguments: Path | str) -> None:
     """Run one verb of `f4x` as a job. Raises F4xError if there is no worker, or without a window if the job fails."""
     jobs.start(Job(title, core_command(worker_python(), verb, *arguments), on_done))
+
+
+def _selection_options(scene_object: SceneObject) -> tuple[Path | str, ...]:
+    """Options of a verb that hand over what is selected, in a file that goes with Blender; none where nothing is."""
+    selection = scene_object.selection
+    if selection is None:
+        return ()
+    with NamedTemporaryFile("w", dir=bpy.app.tempdir, prefix="selection-", suffix=".json", delete=False) as file:
+        file.write(json_text(selection.to_json()))
+    return "--select", Path(file.name)
 
 
 def usd_megabytes(scene_object: SceneObject, one_frame: bool) -> float:
@@ -198,7 +210,7 @@ class F4X_OT_add_features(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
 
 
 class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
-    """Ask a question about the scene. The answer appears in the Jobs panel."""
+    """Ask a question about the scene; "it" is what is selected. The answer appears in the Jobs panel."""
 
     bl_idname = "f4x.ask_scene"
     bl_label = "Ask"
@@ -211,8 +223,8 @@ class F4X_OT_ask_scene(SavedSceneOperator, bpy.types.Operator):  # noqa: N801
 
     def start(self, context):
         """Start `f4x ask`."""
-        _, path = saved_scene(context)
-        start_verb(f"Ask: {self.question}", None, "ask", path, self.question)
+        scene_object, path = saved_scene(context)
+        start_verb(f"Ask: {self.question}", None, "ask", path, self.question, *_selection_options(scene_object))
 
 
 class F4X_OT_export_scene(SavedSceneOperator, bpy.types.Operator, ExportHelper):  # noqa: N801

@@ -84,12 +84,13 @@ def select(
     return together(found)
 
 
-def ask(scene: Scene, question: str, *, backend: str = "auto") -> Answer:
+def ask(scene: Scene, question: str, selection: Selection | None = None, *, backend: str = "auto") -> Answer:
     """Answer a question about the clip from the words, places and motion in the scene, as `f4x ask` does.
 
     Args:
         scene: the scene; without a feature field it knows only motion and the names that edits gave.
         question: plain English, for example "What moves?" or "Where is the dog at second 2?".
+        selection: what "it" in the question means.
         backend: what draws the views that are looked at, see `rasterize`.
 
     Returns:
@@ -99,7 +100,7 @@ def ask(scene: Scene, question: str, *, backend: str = "auto") -> Answer:
         F4xError: an empty question, one that cannot be computed, a word that nobody knows, or a time outside the clip.
     """
     scene = edited(scene)
-    return answer(scene, question, encode=encode_labels, names=named(scene), backend=backend)
+    return answer(scene, question, encode=encode_labels, names=named(scene), selected=selection, backend=backend)
 
 
 def edit_scene(scene: Scene, sentence: str, selection: Selection | None = None, *, time: float = 0.0) -> Scene:

@@ -229,11 +229,17 @@ class Session:
             }
         )
 
-    def ask(self, question: Sentence, scene: SceneName = "") -> ToolResult:
+    def ask(
+        self,
+        question: Sentence,
+        scene: SceneName = "",
+        selection: Annotated[SelectionName, Field(description="what 'it' in the question means")] = "",
+    ) -> ToolResult:
         """Ask what is there, where and when, what moves, how far and how fast; answered by computing, and it says so."""
-        _, opened = self._open(scene)
+        path, opened = self._open(scene)
+        selected = self._selection(path, opened, selection) if selection else None
         options: dict[str, Any] = {"names": named(opened), "backend": self.backend, "progress": self.progress}
-        found = answer(opened, question, encode=encode_labels, **options)
+        found = answer(opened, question, encode=encode_labels, selected=selected, **options)
         return ToolResult({"answered_by": found.answered_by}, {"answer": found.text, "evidence": found.evidence})
 
     def propose_edit(

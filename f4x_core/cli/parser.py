@@ -272,6 +272,9 @@ def _ask(verbs: Verbs) -> None:
     edits_option(sub)
     sub.add_argument("question")
     sub.add_argument(
+        "--select", type=path_argument, metavar="FILE", help='what "it" means: the selection.json of `f4x query -o DIR`'
+    )
+    sub.add_argument(
         "--endpoint", metavar="URL", help="send rendered frames to this OpenAI-compatible server (or F4X_CHAT_URL)"
     )
     sub.add_argument("--model", metavar="PATH", help="folder of SmolVLM2: it reads the scene's smolvlm features")

@@ -98,6 +98,7 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Answer a question about a scene, and say whether a model or a computation answered."""
     scene = open_scene(args.scene, args.edits)
     views = trajectory_of(scene, args.path, args.degrees)
+    selected = None if args.select is None else read_selection(args.select)
     if args.model is not None:
         from ..features.models.smolvlm import SmolVlm
 
@@ -105,7 +106,7 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     else:
         server = ChatServer.from_environment(args.endpoint)
         options: dict[str, Any] = {"encode": encoder(progress), "backend": args.backend, "progress": progress}
-        found = answer(scene, args.question, views, server=server, names=named(scene), **options)
+        found = answer(scene, args.question, views, server=server, names=named(scene), selected=selected, **options)
     return {
         "answer": found.text,
         "answered_by": found.answered_by,

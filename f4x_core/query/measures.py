@@ -30,6 +30,8 @@ TURNS = np.pi / 4
 """Radians by which a way has to change for a turn: less is a bend, or jitter."""
 BETWEEN = 0.35
 """Something is between two things where it is nearer to the line than this part of its length, and not at its ends."""
+SAME = 0.5
+"""A thing of which so many Gaussians are another's is the other by another word."""
 NEIGHBOURS = 3
 """As many neighbours are told."""
 
@@ -279,9 +281,10 @@ class Comparison:
         return f"{name} is {word} {to.name} {self._at(0)}: {apart[name]:.2f} times the median depth."
 
     def _around(self, kind: str, everything: list[Measured]) -> str:
-        mine = {thing.name for thing in self.things}
+        mine, one = {thing.name for thing in self.things}, self.things[0]
         others = [thing for thing in everything if thing.name not in mine]
-        one = self.things[0]
+        if kind != "between":  # another word for it is not beside it
+            others = [thing for thing in others if np.isin(thing.rows, one.rows).mean() < SAME]
         if kind in ("behind", "in_front"):
             others = [thing for thing in others if (thing.depth[0] > one.depth[0]) == (kind == "behind")]
         if kind in ("left_of", "right_of"):

@@ -46,6 +46,8 @@ WINDOW = 0.25
 """Seconds before and after a moment that tell whether something moves at it."""
 SIDEWAYS = 0.05
 """Share of the picture's width that a thing must cross to go to the left or the right."""
+SELECTED = "the selection"
+"""What a selection is called in answers."""
 THING = "something unnamed"
 """What moving things are called that the scene has no word for."""
 
@@ -104,6 +106,7 @@ def answer(
     server: ChatServer | None = None,
     encode: Encode | None = None,
     names: Mapping[str, Selection] | None = None,
+    selected: Selection | None = None,
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Answer:
@@ -111,9 +114,9 @@ def answer(
 
     With `server` rendered frames are sent there. Without, the answer is computed from words, places and motion in the scene,
     and says so; a thing is there when `inventory.find` finds it, as `f4x query --text` does, or under one of the `names` that
-    the caller knows. Raises F4xError: an empty
-    question, a time beyond the clip, a server that does not answer, a word that nobody knows; `wording.Unanswerable` for
-    what cannot be computed.
+    the caller knows. "It", and "the selection", are whom `selected` chooses. Raises F4xError: an empty question, a time
+    beyond the clip, a server that does not answer, a word that nobody knows, a selection of another scene;
+    `wording.Unanswerable` for what cannot be computed.
     """
     question = " ".join(question.split())
     if not question:
@@ -122,18 +125,21 @@ def answer(
     views = _spread(trajectory)
     if server is not None:
         return ask_server(scene, question, views, server, backend, progress)
+    known = dict(names or {})
+    if selected is not None:
+        selected.require_scene(scene)
+        known[SELECTED] = selected.for_ids(scene.ids)
+    it = "" if selected is None else SELECTED
     sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
-    for asked in read_question(question, scene.fps, len(scene.cameras), labels=[*labels_of(scene), *(names or ())]):
+    for asked in read_question(question, scene.fps, len(scene.cameras), it, [*labels_of(scene), *known]):
         if asked.kind in COMPARED or asked.extreme or (asked.kind == "order" and (asked.manner or asked.among)):
-            sentence, things = _compared(scene, asked, encode, names or {})
+            sentence, things = _compared(scene, asked, encode, known)
             sentences.append(sentence)
             evidence.append({"asked": asked.kind, "span": asked.span, "things": things})
             continue
         found = (
-            []
-            if asked.kind in CLIP_FACTS
-            else _look_for(scene, asked, trajectory, encode, names or {}, backend, progress)
+            [] if asked.kind in CLIP_FACTS else _look_for(scene, asked, trajectory, encode, known, backend, progress)
         )
         sentences.append(compose(scene, asked, found, encode))
         evidence += [{"asked": asked.kind, "span": asked.span, **asdict(sighting)} for sighting in found]

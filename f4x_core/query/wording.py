@@ -92,6 +92,10 @@ _NO_ENDING = re.compile(
 """A word that no name ends with: "parked", "looking"."""
 _IT = word_set("it they them he she him her this that these those its their his")
 """Words for what was named just before, or is selected."""
+_THE_SELECTION = re.compile(
+    r"\b(?:(?:the|this|my) (?:current )?selection|what is selected|the selected (?:thing|one|object))\b"
+)
+"""More words for what is selected."""
 _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
@@ -294,6 +298,7 @@ def read_question(
     Raises F4xError: a time beyond the clip; `Unanswerable`: what is not understood whole; `Doubt`: what may be misspelt.
     """
     text = " ".join(question.lower().replace("’", "'").split())
+    text = _THE_SELECTION.sub("it", text) if selected else text
     text = re.sub(r",? (?:and )?if so,? (where|when)\b", r"? \1 is it", text)
     parts = re.split(rf"[?!;]+ *|\. |,? and (?={_ASKING} )", re.sub(r"[?!.,;:\s]+$", "", text))
     understood: list[Asked] = []

@@ -1,6 +1,7 @@
 """What questions that compare are answered with, against numbers worked out by hand."""
 
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 import pytest
@@ -19,10 +20,13 @@ BOTH = "the dog and the cat are"
 LOOKS = "this is the way that it moves, not the way that it looks."
 
 
-def thing(name, x, y=0.0, z=1.0, *, width=0.2, moves=True, rows=(0,)):
-    """`x`, `y`, `z`: world places at the five times, or one for all; the pixel is 100 times `x` and `y`."""
+ROWS = count()
+
+
+def thing(name, x, y=0.0, z=1.0, *, width=0.2, moves=True, rows=None):
+    """`x`, `y`, `z`: world places at the five times, or one for all; the pixel is 100 times `x` and `y`; a row of its own."""
     centres = np.stack([np.broadcast_to(np.asarray(axis, float), 5) for axis in (x, y, z)], 1)
-    return Measured(name, np.array(rows), centres, 100 * centres[:, :2], centres[:, 2], width, moves)
+    return Measured(name, np.array([next(ROWS)] if rows is None else rows), centres, 100 * centres[:, :2], centres[:, 2], width, moves)
 
 
 def say(kind, *things, everything=(), times=TIMES, scene=SCENE, **asked):
@@ -237,12 +241,12 @@ def test_a_thing_moves_from_three_hundredths_a_second_on():
 
 def lights(*colours, opacities=(0.5, 0.5, 0.5, 0.5)):
     """A scene of one static Gaussian a colour, of the sizes 1, 2, 4 by 1, and so on."""
-    count = len(colours)
-    static = SCENE.static.take(np.arange(count))
-    sizes = np.stack([np.full(count, 0.01), np.full(count, 0.1), 0.1 * 2.0 ** np.arange(count)], 1)
-    sh = np.stack([spherical_harmonics.dc_from_rgb(np.float32(colour)) for colour in colours]).reshape(count, 1, 3)
+    number = len(colours)
+    static = SCENE.static.take(np.arange(number))
+    sizes = np.stack([np.full(number, 0.01), np.full(number, 0.1), 0.1 * 2.0 ** np.arange(number)], 1)
+    sh = np.stack([spherical_harmonics.dc_from_rgb(np.float32(colour)) for colour in colours]).reshape(number, 1, 3)
     return replace(SCENE, static=replace(static, scales=sizes.astype(np.float32), sh=sh.astype(np.float32),
-                                         opacities=np.float32(opacities[:count])))  # fmt: skip
+                                         opacities=np.float32(opacities[:number])))  # fmt: skip
 
 
 def test_a_colour_counts_by_the_surface_that_has_it():

@@ -33,6 +33,31 @@ def server():
         yield stub
 
 
+@pytest.mark.parametrize(
+    "question",
+    [
+        "Where is {}?",
+        "Does {} move?",
+        "How far away is {}?",
+        "How wide is {} and does it turn?",
+        "Is {} left of the wall?",
+    ],
+)
+def test_it_is_what_is_selected(scene, question):
+    selected = Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
+    called = answer(scene, question.format("rex"), names={"rex": selected}).text.lower()
+    for it in ("it", "the selection", "the selected thing"):
+        found = answer(scene, question.format(it), selected=selected).text.lower()
+        assert found.replace("the selection", "rex") == called
+    with pytest.raises(F4xError, match="another"):
+        answer(scene, "Does it move?", selected=Selection(np.array([10**6]), np.ones(1), np.zeros(1, bool)))
+
+
+def test_another_word_for_a_thing_is_not_near_it(scene):
+    selected = Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
+    assert answer(scene, "What is near it?", selected=selected).text.startswith("Near the selection: the wall.")
+
+
 def test_a_server_sees_frames_and_answers(scene, server):
     said = answer(scene, "What moves?", server=client(server, key="secret", model="m"))
     assert (said.text, said.answered_by) == ("A red square moves.", SERVER)
