@@ -23,7 +23,7 @@ MAX_TIMES = 48
 MOVES = 0.03
 """World units a second (1 = median depth) from which a thing moves."""
 COLOUR_SHARE = 0.2
-"""Share of a thing's surface from which a colour of it is told."""
+"""Share of a thing's surface from which a colour of it is told, and of its Gaussians from which a word for it is."""
 LUMA = np.array([0.2126, 0.7152, 0.0722])
 """Weights of red, green and blue in brightness (Rec. ITU-R BT.709)."""
 TURNS = np.pi / 4
@@ -108,6 +108,8 @@ class Comparison:
     def sentence(self, everything: Callable[[], list[Measured]]) -> str:
         """The answer; `everything`: what else there is."""
         kind = self.asked.kind
+        if kind == "what_is":
+            return self._words(everything())
         if kind.endswith("_moment"):
             return self._moment(kind.removesuffix("_moment"))
         if kind in ("behind", "in_front", "neighbours", "between", "left_of", "right_of", "above", "below"):
@@ -313,6 +315,14 @@ class Comparison:
             else f" {'to' if kind == 'nearest' else 'from' if kind == 'farthest' else ''} {one.name}:"
         )
         return " ".join(f"{what}{whom} {', '.join(names) or 'nothing that the scene has a word for'}.".split())
+
+    def _words(self, everything: list[Measured]) -> str:
+        """The words that the scene has for most of a thing."""
+        one = self.things[0]
+        shares = {each.name: float(np.isin(one.rows, each.rows).mean()) for each in everything}
+        ranked = sorted(shares.items(), key=lambda item: -item[1])
+        told = [f"{name} ({part:.0%})" for name, part in ranked if part >= COLOUR_SHARE]
+        return f"{one.name} is {' and '.join(told) or 'nothing that the scene has a word for'}."
 
     def _colour(self) -> str:
         sentences = []

@@ -395,6 +395,7 @@ COMPARED = (
         "compare_size",
         "compare_speed",
         "colour",
+        "what_is",
         "count",
         "count_moving",
         "relation",

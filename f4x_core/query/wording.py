@@ -37,7 +37,7 @@ class Asked:
     """A question that was understood."""
 
     kind: str
-    """One of those that `cues.ROWS` begin with."""
+    """One of those that `cues.ROWS` begin with; `what_is`: which word is meant by what is selected."""
     things: tuple[str, ...] = ()
     """What it is about; empty: whatever there is, or what moves."""
     span: tuple[float, float] | None = None
@@ -93,9 +93,18 @@ _NO_ENDING = re.compile(
 _IT = word_set("it they them he she him her this that these those its their his")
 """Words for what was named just before, or is selected."""
 _THE_SELECTION = re.compile(
-    r"\b(?:(?:the|this|my) (?:current )?selection|what is selected|the selected (?:thing|one|object))\b"
+    r"\b(?:(?:the|this|my) (?:current )?selection|(?<=\w )what is selected|the selected (?:thing|one|object))\b"
 )
 """More words for what is selected."""
+_WHAT_IT_IS = re.compile(
+    r"(?:(?:so|and|hey|please|tell me|can you tell me|do you know),? )*"
+    r"(?:(?:what|which)(?: (?:kind|sort|type) of)?(?: thing| object)?(?:'s| is| are|)"
+    r" (?:it|this|that|these|those|they)(?: thing| object| one)?(?: is| are| called| here| exactly| supposed to be)*"
+    r"|(?:identify|classify) (?:it|this|that)(?: thing| object)?"
+    r"|what (?:did|have) i (?:just )?(?:click|clicked|select|selected|pick|picked|mark|marked)(?: on)?"
+    r"|what is selected|what am i looking at)"
+)
+"""Asks for the word for what is selected; without a selection the same words ask for what there is."""
 _EVERYTHING = word_set("everything everybody everyone things objects")
 _MOST_WORDS = 4
 """Words of a name."""
@@ -309,6 +318,9 @@ def read_question(
         follow_up = (
             re.fullmatch(r"(?:and|or|what about|how about|and what about)(?: for)? (.+)", part) if understood else None
         )
+        if selected and _WHAT_IT_IS.fullmatch(part):
+            understood.append(Asked("what_is", (selected,)))
+            continue
         more = _things_alone(follow_up[1]) if follow_up else ()
         if more:
             understood.append(replace(understood[-1], things=(*more, *understood[-1].things[len(more) :])))

@@ -26,7 +26,15 @@ ROWS = count()
 def thing(name, x, y=0.0, z=1.0, *, width=0.2, moves=True, rows=None):
     """`x`, `y`, `z`: world places at the five times, or one for all; the pixel is 100 times `x` and `y`; a row of its own."""
     centres = np.stack([np.broadcast_to(np.asarray(axis, float), 5) for axis in (x, y, z)], 1)
-    return Measured(name, np.array([next(ROWS)] if rows is None else rows), centres, 100 * centres[:, :2], centres[:, 2], width, moves)
+    return Measured(
+        name,
+        np.array([next(ROWS)] if rows is None else rows),
+        centres,
+        100 * centres[:, :2],
+        centres[:, 2],
+        width,
+        moves,
+    )
 
 
 def say(kind, *things, everything=(), times=TIMES, scene=SCENE, **asked):

@@ -53,6 +53,18 @@ def test_it_is_what_is_selected(scene, question):
         answer(scene, "Does it move?", selected=Selection(np.array([10**6]), np.ones(1), np.zeros(1, bool)))
 
 
+@pytest.mark.parametrize("question", ["What is it?", "what's that thing", "What is selected?", "What did I click on?"])
+def test_what_is_selected_is_told_by_the_scenes_words(scene, question):
+    selected = Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
+    assert answer(scene, question, selected=selected).text.startswith("The selection is the square (100%).")
+    half = np.arange(len(scene.ids)) >= len(scene.static) - len(scene.dynamic)
+    selected = Selection(scene.ids, half.astype(float), np.zeros(len(scene.ids), bool))
+    told = answer(scene, question, selected=selected).text
+    assert "the square (50%)" in told and "the wall (50%)" in told
+    with_others = answer(scene, "What is it?").text
+    assert "wall" in with_others and "selection" not in with_others
+
+
 def test_another_word_for_a_thing_is_not_near_it(scene):
     selected = Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
     assert answer(scene, "What is near it?", selected=selected).text.startswith("Near the selection: the wall.")
