@@ -167,6 +167,12 @@ bpy.ops.f4x.import_scene(filepath=folder + "/labelled.f4x")
 bpy.context.scene.frame_set(3)
 assert bpy.ops.f4x.export_scene(filepath=folder + "/three.ply", one_frame=True) == {"FINISHED"}
 assert bpy.ops.f4x.ask_scene(question="how many frames are there?") == {"FINISHED"}
+assert bpy.ops.f4x.query_text(text="square") == {"FINISHED"}
+from feature4x.addon import jobs
+started, start = [], jobs.start
+jobs.start = lambda job: (started.append(job), start(job))
+assert bpy.ops.f4x.ask_scene(question="what is it?") == {"FINISHED"}
+assert "selection is the square (100%)" in started[0].text, started[0].text
 assert "no-teacher" in refused(bpy.ops.f4x.add_features, teachers="no-teacher")
 from feature4x.addon.scene_object import SceneObject
 from feature4x.f4x_core.edit.operations import Recolour
