@@ -473,3 +473,11 @@ def test_given_cameras_decide_the_unit_of_depth():
     module.provide(clip, priors, PriorsConfig(), silent)
     np.testing.assert_allclose(priors.depth, 1 / module.ground_prior(cameras), rtol=1e-6)
     assert priors.cameras is cameras
+
+
+def test_a_sample_of_little_precision_fills_an_empty_cell():
+    rho, precision, blocked = np.full((4, 5), 9.0), np.zeros((4, 5)), np.zeros((8, 10), bool)
+    samples = module.TrackSamples(np.array([[3.0, 3.0]]), np.array([0.5]), np.array([0.25]))
+    module._add_tracks(rho, precision, samples, blocked, np.ones((4, 5)))
+    assert rho[1, 1] == pytest.approx(0.5) and precision.sum() == pytest.approx(0.25)
+    assert (rho == 9).sum() == 19

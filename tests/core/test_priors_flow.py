@@ -368,3 +368,60 @@ def test_grey_is_the_weighted_sum_of_red_green_and_blue():
     priors = Priors.empty(clip)
     module.provide(clip, priors, PriorsConfig(), silent)
     assert priors.flow_forward.shape == (0, 4, 5, 2)
+
+
+def patchwork(*places, seed=7, side=24):
+    """A grey wall of 96 x 160 with squares of different textures at `places` (x, y)."""
+    wall, rng = np.full((96, 160), 100, np.float32), np.random.default_rng(seed)
+    for x, y in places:
+        wall[y : y + side, x : x + side] = cv2.GaussianBlur(
+            rng.uniform(0, 255, (side, side)).astype(np.float32), (0, 0), 1
+        )
+    return wall
+
+
+def test_what_is_left_over_elsewhere_does_not_count():
+    """A small thing moves by 8; elsewhere two large ones move by 5 the other way. The region is wider than what is left over."""
+    one, other = patchwork((30, 30), (90, 10), (90, 60)), patchwork((38, 30), (85, 10), (85, 60))
+    one[30:46, 30:54], other[30:46, 38:62] = 100, 100  # a third of the thing is enough
+    region = np.zeros(one.shape, bool)
+    region[40:58, 26:58] = True
+    assert module._best_shift(one, other, region, 12).tolist() == [8, 0]
+
+
+@pytest.fixture
+def lost():
+    """Two pictures of 192 x 320 in which a square of 40 moves; flow says that all around it moves by (6, 4), far away nothing."""
+    one, other = (cv2.resize(patchwork(place), (320, 192)).astype(np.uint8) for place in ((60, 40), (66, 40)))
+    flow = np.zeros((192, 320, 2), np.float32)
+    flow[72:134, 112:174] = 6, 4
+    region = np.zeros((192, 320), bool)
+    region[80:126, 120:166] = True
+    return one, other, flow, region
+
+
+def test_surroundings_are_a_ring_around_what_is_lost(lost, monkeypatch):
+    monkeypatch.setattr(module, "_best_shift", lambda *given: np.array([1, 2]))
+    (found,) = module._shifts(*lost)
+    np.testing.assert_allclose(found.motion, [6 + 2, 4 + 4])
+    np.testing.assert_allclose([found.low, found.high], [[120 - 16, 80 - 16], [166 + 16, 126 + 16]])
+
+
+def test_what_is_not_lost_is_no_region(lost, monkeypatch):
+    one, other, flow, region = lost
+    regions = []
+    monkeypatch.setattr(module, "_best_shift", lambda small, aligned, own, reach: regions.append(own) or None)
+    assert module._shifts(one, other, flow, region) == []
+    assert [own.sum() for own in regions] == [23 * 23]
+    assert module._shifts(one, other, flow, np.ones_like(region)) == []  # there is nothing around it
+    assert len(regions) == 1
+
+
+@pytest.mark.parametrize(("before", "after", "taken"), [(20.0, 1.0, True), (4.5, 1.0, False), (20.0, 9.0, False)])
+def test_flow_anew_explains_what_was_missed_and_is_not_any_longer(before, after, taken, monkeypatch):
+    monkeypatch.setattr(module, "_missed", lambda first, *given: np.full(first.shape, after))
+    shift = module._Shift(np.array([5.0, 0.0]), np.array([10, 10]), np.array([90, 80]))
+    picture = np.zeros((96, 160), np.uint8)
+    still = lambda first, second: np.zeros((*first.shape, 2), np.float32)  # noqa: E731
+    found = module._Anew.start(shift, picture, picture, np.full(picture.shape, before), still)
+    assert bool(found.thing.any()) == taken

@@ -302,3 +302,20 @@ def test_a_body_seen_from_a_narrow_angle_or_in_few_points_is_none():
         part = replace(more, tracks=more.tracks[:, chosen], visible=more.visible[:, chosen])
         found = module._in_every_frame(wide, part.tracks, part, 0.2)
         assert (found is not None) == some
+
+
+@pytest.mark.parametrize(("frames", "tried"), [(2, False), (3, True)])
+def test_a_body_needs_three_frames(frames, tried, monkeypatch):
+    def solved(*given):
+        raise InterruptedError
+
+    monkeypatch.setattr(module, "solve_rotations", solved)
+    tracks, visible, _, path = ball()
+    seen = on_object(tracks, visible, path)
+    by_frame = ("tracks", "visible", "from_outline", "focal", "world_to_camera")
+    seen = replace(seen, **{name: getattr(seen, name)[:frames] for name in by_frame})
+    if tried:
+        with pytest.raises(InterruptedError):
+            module.solve(seen)
+    else:
+        assert module.solve(seen) is None

@@ -17,7 +17,6 @@ big: large|very {beast}|{+move}
 size = much: a lot (of {beast})
 size = little: a bit
 """
-READ = cues._read(TABLE)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +39,7 @@ READ = cues._read(TABLE)
     ],
 )
 def test_a_line_of_the_table(name, sentence, matches):
-    assert ends(READ[name], sentence) == matches
+    assert ends(cues._read(TABLE)[name], sentence) == matches
 
 
 @pytest.mark.parametrize(
