@@ -31,6 +31,7 @@ from ..language.grammar import (
     either,
     listed,
     lit,
+    literal,
     optional,
     sign,
     silent,
@@ -623,7 +624,15 @@ _ONLY_WHEN = lit(
     "only [after|from|until|before|between|during|for|since|while]|"
     "only [in|at|on|over|within] (the) [first|last|second|frame|frames|seconds|beginning|end|middle]"
 )
+_LENGTH = silent(number | lit("half a")) + literal(
+    "m|cm|mm|ft|metre|metres|meter|meters|centimetre|centimetres|centimeter|centimeters|inch|inches|foot|feet|yard|yards"
+)
 _DOUBTFUL = (
+    (
+        _LENGTH,
+        "A clip does not tell how long a metre or a foot is; say lengths in widths of the thing, for example 'two widths to the"
+        " left' or 'half its width up'.",
+    ),
     (
         lit("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~lit("again|please") + _last,
         "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
@@ -634,7 +643,7 @@ _DOUBTFUL = (
         "Which of them is not said; say for example 'the left one' or 'all of them'.",
     ),
 )
-"""Phrases that can be meant in two ways, and what is asked instead of doing either."""
+"""Phrases that can be meant in two ways, or that nobody can measure, and what is asked instead of doing anything."""
 _UNKNOWN_WAYS = (
     (lit("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (
@@ -658,7 +667,7 @@ _UNKNOWN_WAYS = (
     ),
     (
         lit("behind|beside|near|under|underneath|above|below|next to|in front of|between|on top of"),
-        "Nobody is found by what is '{words}' it; say for example 'the left one' or 'the nearest one'.",
+        "It is not said what is '{words}' what; say for example 'the bush behind the dog', or 'the nearest one'.",
     ),
 )
 """Phrases that no command has, and the reason given for each; the words before which reading ended are no fault of their own."""

@@ -402,6 +402,15 @@ def test_candidates_differ_and_the_best_is_known(scene):
         plan.propose(scene, "delete the square", HERE, candidates=11)
 
 
+@pytest.mark.parametrize("amount", ["2 metres", "50 cm", "three feet", "half a meter", "0.5 m", "10 inches"])
+@pytest.mark.parametrize(
+    "sentence", ["move the square {} to the left", "raise the square by {}", "make the square {} taller"]
+)
+def test_a_clip_knows_no_metres(scene, sentence, amount):
+    with pytest.raises(Refusal, match="widths of the thing"):
+        plan.propose(scene, sentence.format(amount), HERE)
+
+
 def test_what_is_not_understood_is_refused_with_the_nearest_commands(scene):
     with pytest.raises(Refusal) as caught:
         plan.propose(scene, "make the square bark", HERE)
