@@ -98,6 +98,10 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Answer a question about a scene, and say whether a model or a computation answered."""
     scene = open_scene(args.scene, args.edits)
     views = trajectory_of(scene, args.path, args.degrees)
+    if args.select is not None and (args.model is not None or args.endpoint is not None):
+        raise F4xError(
+            "--select tells a computed answer what 'it' is; a model sees whole pictures, so leave out one of them."
+        )
     selected = None if args.select is None else read_selection(args.select)
     if args.model is not None:
         from ..features.models.smolvlm import SmolVlm

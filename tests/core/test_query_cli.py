@@ -108,6 +108,16 @@ def test_ask_names_who_answered(folder, capsys, monkeypatch):
     assert code == 0 and out.startswith("[computed]") and "square" in out
 
 
+def test_ask_knows_what_is_selected(folder, capsys, monkeypatch, tmp_path):
+    monkeypatch.delenv("F4X_CHAT_URL", raising=False)
+    scene, chosen = folder / "scene.f4x", tmp_path / "it" / "selection.json"
+    assert run(capsys, "query", scene, "--text", "square", "-o", chosen.parent)[0] == 0
+    code, out, _ = run(capsys, "ask", scene, "What is it and does it move?", "--select", chosen)
+    assert code == 0 and "The selection is the square (100%)." in out and "the selection moves to the right" in out
+    code, _, err = run(capsys, "ask", scene, "What is it?", "--select", chosen, "--endpoint", "http://127.0.0.1:1/v1")
+    assert code != 0 and "leave out one of them" in err
+
+
 def test_bench_prints_the_figures(folder, capsys):
     code, out, _ = run(
         capsys, "bench", "features", "--scene", folder / "scene.f4x", "--masks", folder / "masks",
