@@ -185,7 +185,7 @@ def build_presence_tree(name: str) -> bpy.types.GeometryNodeTree:
     start, there, until, end = (tree.attribute(f"span_{i}", "FLOAT") for i in range(4))
 
     def ramp(since, first, last):
-        """Share of the way from first to last that has passed; a step where they are equal."""
+        """Fraction of the way from first to last that has passed; a step where they are equal."""
         length = tree.math("MAXIMUM", tree.math("SUBTRACT", last, first), STEP)
         node = tree.add("ShaderNodeMath", since, length, operation="DIVIDE")
         node.use_clamp = True

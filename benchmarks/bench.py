@@ -47,8 +47,10 @@ def _raster(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             f"{row['backend']:<7} {row['gaussians']:>9,} Gaussians {row['channels']:>3} channels {row['threads']} threads:"
             f" {row['forward_ms']:7.1f} ms forward, {row['train_ms']:7.1f} ms with backward"
         )
-        if "peak_share" in row:
-            line += f", {row['pairs_per_pixel']:.0f} pairs per pixel, {100 * row['peak_share']:.1f} % of the FMA peak"
+        if "peak_fraction" in row:
+            line += (
+                f", {row['pairs_per_pixel']:.0f} pairs per pixel, {100 * row['peak_fraction']:.1f} % of the FMA peak"
+            )
         lines.append(line)
     lines += [f"{value:5.2f}  {name}" for name, value in report["ratios"].items()]
     for name, error in report["errors"].items():

@@ -100,7 +100,7 @@ def ask(scene: Scene, question: str, selection: Selection | None = None, *, back
         F4xError: an empty question, one that cannot be computed, a word that nobody knows, or a time outside the clip.
     """
     scene = edited(scene)
-    return answer(scene, question, encode=encode_labels, names=named(scene), selected=selection, backend=backend)
+    return answer(scene, question, encode=encode_labels, names=named(scene, selection), backend=backend)
 
 
 def edit_scene(scene: Scene, sentence: str, selection: Selection | None = None, *, time: float = 0.0) -> Scene:

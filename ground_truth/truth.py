@@ -34,7 +34,7 @@ STATIC_INDEX, MOVING_INDEX = 1, 2  # object index pass
 STILL = 1e-5
 """Largest motion of what counts as standing, in sizes of the whole scene: single precision alone gives a hundredth of it."""
 NEAR_ENOUGH = 1e-3
-"""Share of a point's distance by which a ray towards it may end early and still have met the point itself."""
+"""Fraction of a point's distance by which a ray towards it may end early and still have met the point itself."""
 RAYS = 8
 """Rays per wanted track: sky is missed, and what moves is small in most pictures."""
 

@@ -161,11 +161,11 @@ def windows_python(wine: str) -> list[str]:
 def run_tests(python: list[str], everything: bool) -> int:
     """Run the tests with the interpreter of another platform; returns pytest's exit code."""
     files = ["tests/core"] if everything else [f"tests/core/{name}.py" for name in ESSENTIAL]
-    told = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
+    plain = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
     wine = {"WINEPREFIX": str(cache() / "wine"), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree,mshtml="}
     system = "import sys, platform, numpy; print(sys.platform, platform.machine(), sys.version.split()[0], numpy.__version__)"
     with tempfile.TemporaryDirectory() as folder:
-        environment = os.environ | told | wine | {"HYPOTHESIS_STORAGE_DIRECTORY": folder}
+        environment = os.environ | plain | wine | {"HYPOTHESIS_STORAGE_DIRECTORY": folder}
         for words in (["-c", system], ["-m", "pytest", *OPTIONS, *files]):
             code = run_shown([*python, *words], environment)
             if code:
@@ -178,8 +178,8 @@ def run_shown(command: list[str], environment: dict[str, str]) -> int:
 
     Through a pipe, because CPython does not start under Wine when its output is a file.
     """
-    told: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    with subprocess.Popen(command, cwd=ROOT, env=environment, text=True, errors="replace", **told) as process:
+    pipes: dict[str, Any] = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(command, cwd=ROOT, env=environment, text=True, errors="replace", **pipes) as process:
         late = threading.Timer(PATIENCE, process.kill)
         late.start()
         assert process.stdout is not None

@@ -184,8 +184,8 @@ class Walk:
             check_points(scene_object)
         if bpy.app.background:
             draw_panels()
-        said = self._errors.read()
-        require("Traceback" not in said, said)
+        printed = self._errors.read()
+        require("Traceback" not in printed, printed)
 
     def _begin_file(self) -> None:
         """Begin a new file with both scene files as they were at first, and note how much memory is in use."""
@@ -293,10 +293,10 @@ def _end(walk: Walk, begin: float, wrong: str = "", error: Exception | None = No
     """Say what came of it and leave; Blender 4.5 would hang with classes registered."""
     if error is not None:
         sys.excepthook(type(error), error, error.__traceback__)
-    told = {"steps": walk.steps, "minutes": round((time.monotonic() - begin) / 60, 1), "memory": walk.memory}
-    told |= {"slowest": walk.slowest, "tally": dict(sorted(walk.tally.items())), "wrong": wrong}
-    (walk.folder / "result.json").write_text(json.dumps(told, indent=1))
-    print(json.dumps(told), flush=True)
+    summary = {"steps": walk.steps, "minutes": round((time.monotonic() - begin) / 60, 1), "memory": walk.memory}
+    summary |= {"slowest": walk.slowest, "tally": dict(sorted(walk.tally.items())), "wrong": wrong}
+    (walk.folder / "result.json").write_text(json.dumps(summary, indent=1))
+    print(json.dumps(summary), flush=True)
     sys.stderr.flush()
     os._exit(1 if wrong else 0)
 

@@ -40,7 +40,7 @@ def score_labels(
     Two classes, the subject and everything else; means over views. For the `original` views of all frames and, where the clip
     has extra cameras that the fitted path allows to place, the `novel` ones: `selection_accuracy_*`, `selection_miou_*`
     and `selection_ap_*` of the selection of the query, `argmax_accuracy_*` and `argmax_miou_*` of the best label at each
-    pixel (`label` against `negatives`, the default ones when None). `known_share_*`: of the pixels that have a truth.
+    pixel (`label` against `negatives`, the default ones when None). `known_fraction_*`: of the pixels that have a truth.
 
     Raises:
         F4xError: no truth there, or of another clip; a word that nobody knows.
@@ -77,7 +77,7 @@ def _score(
         "argmax": ((best.argmax(-1) == 0) & (best[..., 0] > 0))[known],  # 0 where nothing is drawn
     }
     soft = coverage_image(scene, selection, camera, time, backend, soft=True)[known]
-    scores = {"selection_ap": average_precision(soft, truth), "known_share": float(known.mean())}
+    scores = {"selection_ap": average_precision(soft, truth), "known_fraction": float(known.mean())}
     for name, mask in found.items():
         scores[f"{name}_accuracy"] = float((mask == truth).mean())
         scores[f"{name}_miou"] = (overlap(mask, truth) + overlap(~mask, ~truth)) / 2

@@ -95,7 +95,7 @@ def benchmark(
 
     Returns:
         `timings`: list of backend, gaussians, channels, threads, forward_ms (no gradients), train_ms (forward and
-        backward), medians of wall times, and for `native` pairs_per_pixel and peak_share (of the multiply-add peak of as
+        backward), medians of wall times, and for `native` pairs_per_pixel and peak_fraction (of the multiply-add peak of as
         many threads). `ratios`: named quotients of train_ms. `errors`: per backend image_max, image_rmse and relative L2
         `gradients` against the float64 reference. `skipped`: backend -> reason.
     """
@@ -329,7 +329,10 @@ def _measure_work(scene: dict[str, Any], possible: float) -> dict[str, float]:
     pairs, channels = count_pairs(scene), scene["colors"].shape[1]
     operations = FORWARD_OPERATIONS + BACKWARD_OPERATIONS
     operations += (FORWARD_CHANNEL_OPERATIONS + BACKWARD_CHANNEL_OPERATIONS) * channels
-    return {"pairs_per_pixel": pairs / (scene["width"] * scene["height"]), "peak_share": pairs * operations / possible}
+    return {
+        "pairs_per_pixel": pairs / (scene["width"] * scene["height"]),
+        "peak_fraction": pairs * operations / possible,
+    }
 
 
 @dataclass(frozen=True)

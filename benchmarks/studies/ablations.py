@@ -59,7 +59,7 @@ HELD_BACK, REACHING = "features held back from geometry", "features reach geomet
 TRUE, NOISY = "true", "noisy"
 TRACK_NOISE, TRACK_GAPS, DEPTH_NOISE, DEPTH_BLOBS = 0.6, 0.3, 0.03, 8.0
 """Noisy priors: pixels of jitter, share of the samples that are lost, share of the depth, pixels across its blobs."""
-JOINT_SHARE, LATENT, DIM, FEATURE_WEIGHT = 0.3, 16, 64, 1.0
+JOINT_FRACTION, LATENT, DIM, FEATURE_WEIGHT = 0.3, 16, 64, 1.0
 """Steps of fitting pictures and features together, as a share of the fit's; width of its latent; channels; their weight."""
 JOINT_RATE = 5e-4
 """Adam's rate of the Gaussians meanwhile: small, they are trained."""
@@ -135,7 +135,7 @@ def study_ablations(context: Context) -> Findings:
     )
     note = (
         f"After the fit, pictures and made-up features ({DIM} channels through a latent of {LATENT}) together for"
-        f" {JOINT_SHARE:.0%} more steps; features move opacity, size and place of Gaussians, or only their latents."
+        f" {JOINT_FRACTION:.0%} more steps; features move opacity, size and place of Gaussians, or only their latents."
     )
     tables = [
         Table("ablations", rows, "One part left out", TIMED, note),
@@ -291,7 +291,7 @@ def _fit_jointly(context: Context, world: World, maps: FeatureMaps, attached: bo
     clock = time.perf_counter()
     trainer = start_fit(world.clip, world.priors, config)
     trainer.run()
-    latents, head = train_jointly(trainer, maps, attached, round(JOINT_SHARE * config.steps))
+    latents, head = train_jointly(trainer, maps, attached, round(JOINT_FRACTION * config.steps))
     seconds = time.perf_counter() - clock
     scene = finish_fit(trainer).scene
     vectors = label_vectors(world, DIM)

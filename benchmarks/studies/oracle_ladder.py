@@ -50,7 +50,7 @@ FIGURES = {
     "moving (dB)": f"unseen_psnr_covered_moving_at_{ANGLE}",
     "static (dB)": f"unseen_psnr_covered_static_at_{ANGLE}",
     "used (dB)": "used_psnr",
-    "cameras, fraction of the path": "ate_share",
+    "cameras, fraction of the path": "ate_fraction",
     "focal length, fitted / true": "focal_ratio",
     "depth error, static": "depth_error_static",
     "depth error, moving": "depth_error_moving",

@@ -245,4 +245,4 @@ def _path_error(scene: Scene, clip: Clip, protocol: Protocol) -> Row:
     """Error of the found cameras against the data set's."""
     if protocol.known_cameras or clip.cameras is None:
         return {}
-    return {"camera error (share of path)": path_error(scene.cameras, clip.cameras)["ate_share"]}
+    return {"camera error (share of path)": path_error(scene.cameras, clip.cameras)["ate_fraction"]}

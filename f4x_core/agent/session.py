@@ -238,8 +238,8 @@ class Session:
         """Ask what is there, where and when, what moves, how far and how fast; answered by computing, and it says so."""
         path, opened = self._open(scene)
         selected = self._selection(path, opened, selection) if selection else None
-        options: dict[str, Any] = {"names": named(opened), "backend": self.backend, "progress": self.progress}
-        found = answer(opened, question, encode=encode_labels, selected=selected, **options)
+        options: dict[str, Any] = {"names": named(opened, selected), "backend": self.backend, "progress": self.progress}
+        found = answer(opened, question, encode=encode_labels, **options)
         return ToolResult({"answered_by": found.answered_by}, {"answer": found.text, "evidence": found.evidence})
 
     def propose_edit(

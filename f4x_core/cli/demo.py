@@ -190,13 +190,13 @@ def score_lines(scores: dict[str, Any]) -> list[str]:
     """The scores against the truth as lines of text."""
     lines = [
         "against the truth, which the fit never saw:",
-        f"  camera path off by {scores['ate_share']:.2%} of its length, {scores['rotation_error']:.2f}° in direction",
+        f"  camera path off by {scores['ate_fraction']:.2%} of its length, {scores['rotation_error']:.2f}° in direction",
     ]
     if "unseen_psnr" in scores:
         lines += [
             f"  two cameras 10° off the path: {scores['unseen_psnr']:.2f} dB, SSIM {scores['unseen_ssim']:.3f}"
             f" over {len(scores['views'])} pictures",
-            f"  of these, what the clip did see ({scores['unseen_covered_share']:.0%} of the pixels):"
+            f"  of these, what the clip did see ({scores['unseen_covered_fraction']:.0%} of the pixels):"
             f" {scores['unseen_psnr_covered']:.2f} dB,"
             f" {scores['unseen_psnr_covered_refined']:.2f} dB with the camera refined on the picture",
         ]

@@ -144,7 +144,6 @@ def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tupl
         "server": server,
         "encode": encode_labels,
         "candidates": args.candidates,
-        "yes": args.yes,
     }
     try:
         proposal = propose(scene, args.say, context, backend=args.backend, progress=progress, **options)
@@ -173,9 +172,8 @@ def _propose(scene: Scene, args: argparse.Namespace, progress: Progress) -> tupl
 
 def _context(args: argparse.Namespace) -> EditorState:
     """The selection and the frame that "it" and "now" in a sentence refer to."""
-    if args.select is None:
-        return EditorState(frame=args.frame)
-    return EditorState(read_selection(args.select), args.frame)
+    selection = None if args.select is None else read_selection(args.select)
+    return EditorState(selection, args.frame, agreed=args.yes)
 
 
 def edit_line(edit: Edit) -> str:

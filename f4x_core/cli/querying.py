@@ -110,7 +110,7 @@ def run_ask(args: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     else:
         server = ChatServer.from_environment(args.endpoint)
         options: dict[str, Any] = {"encode": encoder(progress), "backend": args.backend, "progress": progress}
-        found = answer(scene, args.question, views, server=server, names=named(scene), selected=selected, **options)
+        found = answer(scene, args.question, views, server=server, names=named(scene, selected), **options)
     return {
         "answer": found.text,
         "answered_by": found.answered_by,

@@ -28,7 +28,7 @@ LAB_FROM_CONES = np.array(
 DARKEST = 1e-3
 """OKLab light below which a colour has no hue that could be scaled."""
 HIGHLIGHT = 0.4
-"""Share of what is brighter than the mean that a painted thing keeps: a strong colour has little room above it."""
+"""Fraction of what is brighter than the mean that a painted thing keeps: a strong colour has little room above it."""
 SLACK = 1e-4
 """By so much a linear colour may leave [0, 1] before it counts as one that no screen shows: rounding, invisible."""
 HALVINGS = 8

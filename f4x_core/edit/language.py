@@ -48,6 +48,7 @@ from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY
 from .operations import Delete, Duplicate, Extract, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
+from .request import Request
 from .selects import All, And, Instance, Named, Not, SelectKind, parts_of
 from .styles import STYLES
 
@@ -242,39 +243,30 @@ _DROPPED = word_set("please kindly thanks thank")
 
 
 def parse(
-    sentence: str,
-    *,
-    labels: Sequence[str] = (),
-    names: Sequence[str] = (),
-    fps: float,
-    frames: int,
-    selected: bool = False,
-    frame: float = 0,
-    copies: Mapping[SelectKind, SelectKind] | None = None,
-    earlier: str = "",
+    request: Request, *, copies: Mapping[SelectKind, SelectKind] | None = None, earlier: str = ""
 ) -> tuple[Operation, ...]:
-    """Return the operations that `sentence` asks for, in order; selections are words, not yet resolved in a scene.
+    """Return the operations that a sentence asks for, in order; selections are words, not yet resolved in a scene.
 
-    `labels` and `names`: words that the scene knows and selections that have a name. The clip has `frames` frames, `fps` a second,
-    of which `frame` is the present one; `selected`: there is something that "it" can be; `copies`: those of earlier sentences ->
-    what was copied; `earlier`: the sentence before, of which "it", "the other one" and "the cat too" may speak. Raises `Refusal`.
+    `copies`: those of earlier sentences -> what was copied; `earlier`: the sentence before, of which "it", "the other one" and
+    "the cat too" may speak. Raises `Refusal`.
     """
+    sentence = request.sentence
     if len(sentence) > MAX_CHARACTERS:
         raise Refusal(
             f"The sentence has {len(sentence)} characters, more than {MAX_CHARACTERS}; say fewer commands at once."
         )
-    known = _known((*labels, *names))
+    known = _known((*request.labels, *request.names))
 
     def settled(read: Read) -> tuple[Operation, ...]:
         context = SentenceContext(
-            fps,
-            frames,
-            frame,
-            selected,
-            {name.lower(): name for name in names},
+            request.fps,
+            request.frames,
+            request.frame,
+            request.selected,
+            {name.lower(): name for name in request.names},
             overall=any(token.text == "overall" for token in read.reading.tokens),
             earlier=copies or {},
-            labels=frozenset(labels),
+            labels=frozenset(request.labels),
         )
         return _settled(read, context, _recalled(before, context))
 
@@ -283,7 +275,7 @@ def parse(
     for rule, doubt in _DOUBTFUL:
         if any(rule.at(read.reading, at) for at in range(len(read.reading.tokens))):
             raise Refusal(doubt)
-    if labels or not read.clauses:
+    if request.labels or not read.clauses:
         _ask_about_slips(read, sentence, known, settled)
     if read.clauses:
         try:
@@ -467,15 +459,15 @@ def _clauses_before(earlier: str, known: Mapping[tuple[str, ...], str]) -> Claus
 
 def _recalled(clauses: Clauses, context: SentenceContext) -> Said | None:
     """The last command of the sentence before, whose things `context` takes over where nothing is selected."""
-    said = replace(context, names=dict(context.names), copies={}, spare=set())
+    then = replace(context, names=dict(context.names), copies={}, spare=set())
     try:
-        list(_operations(clauses, said))
+        list(_operations(clauses, then))
     except F4xError:
         return None
     if not context.selected:
-        context.last, context.they = said.last, said.they
-        if isinstance(context.last, Named) and context.last.name in said.copies:
-            context.last = next(reversed([*context.earlier]), said.copies[context.last.name])
+        context.last, context.they = then.last, then.they
+        if isinstance(context.last, Named) and context.last.name in then.copies:
+            context.last = next(reversed([*context.earlier]), then.copies[context.last.name])
     done = [
         (clause.command, piece)
         for *_, clause in clauses

@@ -416,11 +416,11 @@ def _relative_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
     """A known thing by what it does: "man who rides the scooter", "car that is drifting", "person jumping over there"."""
     for middle, label in (*_known_at(reading, at), *_modified_at(reading, at)):
         start = middle + (reading.word(middle) in ("who", "that", "which"))
-        told = start > middle
-        start += told and reading.word(start) in ("is", "are")
+        relative = start > middle
+        start += relative and reading.word(start) in ("is", "are")
         verb = reading.word(start)
-        form = verb.endswith("ing") or (told and verb.endswith("s") and verb not in ("is", "was", "has", "does"))
-        if not form or len(verb) < 5 or (verb in VOCABULARY and not told):
+        form = verb.endswith("ing") or (relative and verb.endswith("s") and verb not in ("is", "was", "has", "does"))
+        if not form or len(verb) < 5 or (verb in VOCABULARY and not relative):
             continue
         ends = [start + 1]
         after = start + 1 + (reading.word(start + 1) in ("on", "in", "with", "over", "through", "at", "along", "past"))

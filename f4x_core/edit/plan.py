@@ -84,22 +84,21 @@ def propose(
     server: ChatServer | None = None,
     encode: Encode | None = None,
     candidates: int = 1,
-    yes: bool = False,
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Proposal:
     """Resolve `sentence` in `scene` with its present edits into up to `candidates` variants, of which the judge chooses.
 
     With `server` its model reads the sentence (and, where it sees pictures, chooses), and the grammar does where it fails.
-    `yes`: a word that is probably misspelt is read as what was meant; else `Doubt` asks.
-    Raises F4xError (`language.Refusal` with the nearest commands): not understood, nobody there to edit, a time outside.
+    Raises F4xError (`language.Refusal` with the nearest commands, `Doubt` with a question): not understood, nobody there to
+    edit, a time outside.
     """
     if not 1 <= candidates <= MAX_CANDIDATES:
         raise F4xError(f"{candidates} candidates are asked for; give 1 to {MAX_CANDIDATES}.")
     scene, context = edited(scene), context or EditorState()
     progress("understand", 0, 0)
     try:
-        asked, understood_by, notes = read_sentence(scene, sentence, context, server, yes)
+        asked, understood_by, notes = read_sentence(scene, sentence, context, server)
     except Doubt:
         raise
     except Refusal as refusal:
@@ -133,33 +132,27 @@ def propose(
 
 
 def read_sentence(
-    scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None, yes: bool = False
+    scene: Scene, sentence: str, context: EditorState, server: ChatServer | None = None
 ) -> tuple[tuple[Operation, ...], str, tuple[str, ...]]:
     """(operations in the words of the sentence, not yet resolved; who understood it; notes). Raises F4xError."""
     names = tuple(name for edit in of(scene).edits if (name := getattr(edit.operation, "name", "")))
-    arguments: dict[str, Any] = {
-        "labels": labels_of(scene),
-        "names": names,
-        "fps": scene.fps,
-        "frames": len(scene.cameras),
-        "selected": context.selection is not None,
-        "frame": context.frame,
-    }
+    selected = context.selection is not None
+    request = Request(sentence, labels_of(scene), names, scene.fps, len(scene.cameras), selected, context.frame)
     notes: tuple[str, ...] = ()
     if server is not None:
         try:
-            operations = endpoint.ask_for_operations(server, Request(sentence, **arguments))
+            operations = endpoint.ask_for_operations(server, request)
             return operations, server.url, ()
         except F4xError as error:
             notes = (f"{error} The grammar read the sentence instead.",)
     while True:
         try:
             earlier = next((edit.sentence for edit in reversed(of(scene).edits) if edit.enabled), "")
-            return language.parse(sentence, **arguments, copies=_copies(scene), earlier=earlier), GRAMMAR, notes
+            return language.parse(request, copies=_copies(scene), earlier=earlier), GRAMMAR, notes
         except Doubt as doubt:  # each round knows one word more
-            if not yes:
+            if not context.agreed:
                 raise
-            sentence, notes = doubt.instead, (*notes, f"Read as '{doubt.instead}'.")
+            request, notes = replace(request, sentence=doubt.instead), (*notes, f"Read as '{doubt.instead}'.")
 
 
 def _copies(scene: Scene) -> dict[SelectKind, SelectKind]:

@@ -1,4 +1,4 @@
-"""What a language model is asked."""
+"""A sentence with what it may speak about."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Request:
-    """A sentence and what it may speak about; the rest of the arguments of `language.parse`."""
+    """What the grammar reads, or a language model is asked."""
 
     sentence: str
     """What a person typed."""

@@ -17,7 +17,7 @@ from ..query.labels import Encode, text_head, unknown_label
 from ..query.not_deleted import not_deleted
 from ..query.prompts import select_by_box, select_by_points, select_by_text
 from ..query.score import THRESHOLD
-from ..query.selection import Selection, fingerprint
+from ..query.selection import SELECTED, Selection, fingerprint
 from ..scene import Scene
 from .apply import EditedScene, edited, next_id, pivot_of, with_operations
 from .description import whom
@@ -61,6 +61,8 @@ class EditorState:
     """The caller's current selection."""
     frame: float = 0.0
     """The caller's current clip frame."""
+    agreed: bool = False
+    """A word that is probably misspelt is read as what was meant; else `Doubt` asks."""
 
 
 def resolve(scene: Scene, operation: Operation, context: EditorState, encode: Encode | None = None) -> Operation:
@@ -311,16 +313,17 @@ def chosen(scene: Scene, select: SelectKind) -> np.ndarray:
     return _rows(scene).chosen(select)
 
 
-def named(scene: Scene) -> dict[str, Selection]:
-    """Name that an edit gave -> its selection without deleted Gaussians, for queries and questions."""
+def named(scene: Scene, selected: Selection | None = None) -> dict[str, Selection]:
+    """Name that an edit gave -> its selection without deleted Gaussians, for queries and questions; `SELECTED` -> `selected`."""
+    own = {} if selected is None else {SELECTED: selected}
     found = {name: chosen(scene, Named(name)).astype(float) for name in _rows(scene).names}
     if not found:
-        return {}
+        return own
     no_wins, present, mark = np.zeros(len(scene.ids), bool), not_deleted(scene), fingerprint(scene)
     return {
         name: Selection(scene.ids, scores, no_wins, label=name, scene=mark).among(present)
         for name, scores in found.items()
-    }
+    } | own
 
 
 def _rows(scene: Scene) -> SplatRows:

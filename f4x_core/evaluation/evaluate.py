@@ -312,4 +312,4 @@ def path_error(estimated: CameraPath, truth: CameraPath) -> dict[str, float]:
     aligned = scale * estimated.centers @ rotation.T + translation
     rmse = float(np.sqrt(np.mean(np.sum((aligned - truth.centers) ** 2, 1))))
     length = float(np.linalg.norm(np.diff(truth.centers, axis=0), axis=1).sum())
-    return {"ate": rmse, "ate_share": rmse / max(length, 1e-12), "path_length": length, "scale": float(scale)}
+    return {"ate": rmse, "ate_fraction": rmse / max(length, 1e-12), "path_length": length, "scale": float(scale)}

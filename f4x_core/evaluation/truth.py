@@ -124,11 +124,11 @@ def score_against_truth(
             the alignment of the two worlds leaves.
 
     Returns:
-        `ate` (true world units), `ate_share` (of the true path), `path_length`, `rotation_error` (degrees, root mean square
+        `ate` (true world units), `ate_fraction` (of the true path), `path_length`, `rotation_error` (degrees, root mean square
         after the alignment) over supervised frames; `scale` true units per scene unit; `focal_ratio` fitted to true;
         `depth_error_static` and `depth_error_moving`, see `depth_errors` (left out when the fitted camera stands still).
         With extra cameras `unseen_psnr`, `unseen_ssim`, `unseen_psnr_covered` (only pixels whose surface some used frame saw,
-        by the truth: DyCheck's co-visible ones), `unseen_covered_share` (0..1, how many these are), `..._covered_moving` and
+        by the truth: DyCheck's co-visible ones), `unseen_covered_fraction` (0..1, how many these are), `..._covered_moving` and
         `..._covered_static` (those that show what moves, seen at that very frame, and the others) and on request
         `unseen_psnr_covered_refined`: means over views, leaving out views that show none of it. The figures in `BY_DEGREES`
         also as `unseen_FIGURE_at_D` over the cameras D degrees off the path. `views`: one row for each view.
@@ -369,7 +369,7 @@ def _score_view(
     weights = {name: torch.from_numpy(resize_nearest(region, *size)).float() for name, region in regions.items()}
     if "covered" in weights:
         weight = weights.pop("covered")
-        scores |= {"psnr_covered": psnr(image, target, weight), "covered_share": float(weight.mean())}
+        scores |= {"psnr_covered": psnr(image, target, weight), "covered_fraction": float(weight.mean())}
         scores |= {f"psnr_covered_{name}": psnr(image, target, part) for name, part in weights.items()}
         if refine_camera:
             rig = CameraRig(CameraPath(camera.intrinsics[None], camera.world_to_camera[None], np.array([time]), *size))

@@ -52,7 +52,7 @@ COVERAGE_SAMPLES = 400
 
 
 def track_survival(visible: np.ndarray) -> np.ndarray:
-    """Share of tracks still followed `age` frames after they were first seen, (F,) for ages 0..F-1.
+    """Fraction of tracks still followed `age` frames after they were first seen, (F,) for ages 0..F-1.
 
     A track is followed until it is last visible (gaps are re-linked); at each age only tracks count that began early enough
     to reach it. NaN where no track did. `visible`: (F,N) bool.
@@ -70,7 +70,7 @@ def track_survival(visible: np.ndarray) -> np.ndarray:
 
 
 def scaffold_coverage(priors: Priors, scaffold: Scaffold) -> float:
-    """Share of moving pixels whose lifted point lies within `NODE_REACH` control radii of a node; NaN without any."""
+    """Fraction of moving pixels whose lifted point lies within `NODE_REACH` control radii of a node; NaN without any."""
     assert priors.mask is not None and priors.depth is not None and priors.cameras is not None
     inside = total = 0
     for frame in range(len(priors.frames)):

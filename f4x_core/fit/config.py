@@ -210,7 +210,7 @@ class FitConfig:
     steps: int = 3600
     """Steps of the joint photometric stage."""
     coarse: float = 0.1
-    """Share of the steps done at half resolution."""
+    """Fraction of the steps done at half resolution."""
     priors: PriorsConfig = field(default_factory=PriorsConfig)
     """Providers of the priors."""
     scaffold: ScaffoldConfig = field(default_factory=ScaffoldConfig)
@@ -238,11 +238,11 @@ class FitConfig:
     losses: LossConfig = field(default_factory=LossConfig)
     """Loss weights."""
     rate_decay_start: float = 0.1
-    """Share of the steps after which the paired rates begin to decay."""
+    """Fraction of the steps after which the paired rates begin to decay."""
     cameras_from: float = 0.1
-    """Share of the steps after which cameras are refined."""
+    """Fraction of the steps after which cameras are refined."""
     dw_from: float = 0.5
-    """Share of the steps after which the graph is frozen and skinning offsets are learnt."""
+    """Fraction of the steps after which the graph is frozen and skinning offsets are learnt."""
     graph_every: int = 100
     """Steps between two rebuilds of the node graph before it is frozen."""
     track_every: int = 4

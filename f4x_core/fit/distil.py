@@ -40,7 +40,7 @@ from .distil_config import DistilConfig
 from .needs import Need
 
 COVERED = 0.5
-"""Share of a cell that Gaussians must cover for the cell to count."""
+"""Fraction of a cell that Gaussians must cover for the cell to count."""
 PIXELS_PER_CELL = 4
 """Size at which blend weights are summed, in pixels along a cell's shorter side: 16 samples per cell differ from the full picture's
 by 0.2 to 0.3 % of a smooth latent (dog) and take half the time."""

@@ -49,7 +49,7 @@ FREEDOM = {"static": 0, "pan": 3, "moving": 6}
 ROUNDS = 2
 """Times that a camera is registered: flow over a long way is less exact than over what the first time left."""
 MIN_MATCHED = 0.2
-"""Share of the picture in which the background must be recognised; a corner of it would turn the camera about itself."""
+"""Fraction of the picture in which the background must be recognised; a corner of it would turn the camera about itself."""
 MATCHES = 2000
 """Pixels that place a camera: six numbers need no more."""
 FLOW_ERROR = 0.5

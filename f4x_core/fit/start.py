@@ -17,7 +17,7 @@ from .config import FitConfig
 from .needs import Need
 
 # A track belongs to the moving region when most of its visible samples lie in the mask.
-MASK_SHARE = 0.6
+MIN_MASK_FRACTION = 0.6
 # Fewer lifted tracks than this cannot carry a scaffold.
 MIN_TRACKS = 8
 # So many nearest nodes tell how far a pixel's depth was moved.
@@ -37,7 +37,7 @@ def moving_tracks(priors: Priors) -> np.ndarray:
         column, row = np.clip(column, 0, priors.width - 1), np.clip(row, 0, priors.height - 1)
         inside[frame, seen] = priors.mask[frame, row, column]
     visible = priors.tracks_visible.sum(0)
-    return np.flatnonzero(inside.sum(0) >= MASK_SHARE * np.maximum(visible, 1))
+    return np.flatnonzero(inside.sum(0) >= MIN_MASK_FRACTION * np.maximum(visible, 1))
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ class DensityConfig:
     every: int = 300
     """Steps between two rounds of densification and pruning."""
     start: float = 0.05
-    """Share of all steps before which nothing is changed."""
+    """Fraction of all steps before which nothing is changed."""
     stop: float = 0.8
-    """Share of all steps after which nothing is changed."""
+    """Fraction of all steps after which nothing is changed."""
     gradient: float = 2e-4
     """Mean norm of the screen-space gradient (NDC units) from which a Gaussian is densified."""
     growth: float = 0.15

@@ -180,11 +180,11 @@ def inflected(verbs: str, which: int) -> Iterator[str]:
 def stated(verb: str) -> str:
     """The verb as in "the dog vanishes", "the dog turns around"."""
     head, *rest = verb.split()
-    said = "does" if head == "not" else "is" if head == "be" else head
-    if said == head:
-        said = head[:-1] + "ies" if head.endswith("y") and head[-2] not in "aeiou" else head
-        said += "" if said != head else "es" if head.endswith(("s", "sh", "ch", "x", "o")) else "s"
-    return " ".join([said, *(["not"] if head == "not" else []), *rest])
+    form = "does" if head == "not" else "is" if head == "be" else head
+    if form == head:
+        form = head[:-1] + "ies" if head.endswith("y") and head[-2] not in "aeiou" else head
+        form += "" if form != head else "es" if head.endswith(("s", "sh", "ch", "x", "o")) else "s"
+    return " ".join([form, *(["not"] if head == "not" else []), *rest])
 
 
 def every_form(verbs: str) -> str:

@@ -189,12 +189,12 @@ def paraphrases(sentence: str) -> Iterator[str]:
     plain = " ".join(sentence.replace("’", "'").split()).rstrip(" .!?")
     plain = re.sub(r"^(?:please|pls|kindly|hey|hi|ok|okay|so|well),? ", "", plain, flags=re.IGNORECASE)
     plain = re.sub(r",? (?:please|pls|thanks|thank you|thx|cheers)$", "", plain, flags=re.IGNORECASE)
-    said = {sentence, plain}
+    tried = {sentence, plain}
     if plain != sentence:
         yield plain
     for pattern, instead in _PATTERNS:
         match = pattern.match(plain)
         other = " ".join(match.expand(instead).split()) if match else plain
-        if other not in said and other.lower() != plain.lower():
-            said.add(other)
+        if other not in tried and other.lower() != plain.lower():
+            tried.add(other)
             yield other

@@ -345,7 +345,7 @@ def _static_depth(
         return float((known * filled**2 > 100).mean())
 
     measured = float(np.mean(in_threads(solve, range(frames), lambda done: progress("depth", done, frames + 1))))
-    statistics["measured_share"] = round(measured, 3)
+    statistics["measured_fraction"] = round(measured, 3)
     if measured < 0.2:
         priors.warn(
             f"Depth could be measured on only {100 * measured:.0f} % of the picture (little parallax or texture);"

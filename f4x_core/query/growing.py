@@ -12,13 +12,13 @@ BOND = 0.05
 RANGE = 2
 """Cells are bound to others up to this many rows and columns away."""
 RESTART, STEPS = 0.002, 300
-"""Share of the walkers that start anew in each step, and the number of steps."""
+"""Fraction of the walkers that start anew in each step, and the number of steps."""
 MIN_AREA, MAX_AREA = 0.004, 0.6
 """Bounds of a region grown from points, as fractions of the frame."""
 AS_GOOD = 1e-4
 """Of regions whose conductance is this near to the least one, the smallest is meant."""
 TYPICAL = 0.4
-"""Share of a box, least like its outside, that is taken for the object at first."""
+"""Fraction of a box, least like its outside, that is taken for the object at first."""
 LIKENESS, EDGE, PRIOR = 0.05, 0.2, 0.1
 """Difference of cosines that counts as clearly more alike; cosine step that separates neighbours by 1/e; weight of the prior
 against one bond."""
@@ -27,7 +27,7 @@ VOTERS, ROUNDS = 5, 3
 
 
 def grow_prompt(cells: np.ndarray, prompt: Prompt, size: tuple[int, int]) -> np.ndarray:
-    """Share of the object (h,w) float32 in unit features (h,w,C) from points and a box on a picture of `size (H,W)`.
+    """Fraction of the object (h,w) float32 in unit features (h,w,C) from points and a box on a picture of `size (H,W)`.
 
     Positive points spread to the region with the best outline around them (`local_cluster`); a box alone starts with the cells
     least like its outside. `ROUNDS` times, cells then compare themselves to the object so far and to the rest (`random_walk`);
@@ -110,7 +110,7 @@ def local_cluster(cells: np.ndarray, seeds: np.ndarray, possible: np.ndarray) ->
 
 
 def random_walk(cells: np.ndarray, prior: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Share of the object (h,w) float32: a random walker with priors (Grady 2005) between 4-neighbours of (h,w,C).
+    """Fraction of the object (h,w) float32: a random walker with priors (Grady 2005) between 4-neighbours of (h,w,C).
 
     `argmin sum w (x_i - x_j)^2 + PRIOR sum (x_i - prior_i)^2`, `w = exp((cosine - 1) / EDGE)`, by conjugate gradients; x is
     `fixed` where that is not NaN.

@@ -22,8 +22,8 @@ MAX_TIMES = 48
 """Clip times, evenly over what is asked about, at which places are measured."""
 MOVES = 0.03
 """World units a second (1 = median depth) from which a thing moves."""
-COLOUR_SHARE = 0.2
-"""Share of a thing's surface from which a colour of it is told, and of its Gaussians from which a word for it is."""
+MIN_COLOUR_FRACTION = 0.2
+"""Fraction of a thing's surface from which a colour of it is told, and of its Gaussians from which a word for it is."""
 LUMA = np.array([0.2126, 0.7152, 0.0722])
 """Weights of red, green and blue in brightness (Rec. ITU-R BT.709)."""
 TURNS = np.pi / 4
@@ -176,8 +176,10 @@ class Comparison:
         away = self.asked.manner.startswith(("away", "apart", "farther", "leav"))
         nearer = bool(apart[-1] < apart[0])
         far = "apart" if len(self.things) > 1 else "from the camera"
-        told = f"{what} {apart[0]:.2f} times the median depth {far} {self._at(0)} and {apart[-1]:.2f} {self._at(-1)}."
-        return _polar(self.asked.yes(nearer != away), told)
+        sentence = (
+            f"{what} {apart[0]:.2f} times the median depth {far} {self._at(0)} and {apart[-1]:.2f} {self._at(-1)}."
+        )
+        return _polar(self.asked.yes(nearer != away), sentence)
 
     def _path(self) -> str:
         """Where the thing is in the picture at the beginning, in between and at the end."""
@@ -210,8 +212,8 @@ class Comparison:
             mean.reverse()
         yes = self.asked.yes(mean[0][1] is self.things[0])
         word = "faster" if self.asked.manner in ("faster", "quicker", "fastest", "quickest") else "slower"
-        told = ", ".join(f"{one.name} {speed:.2f}" for speed, one in mean[:NEIGHBOURS])
-        return _polar(yes, f"{mean[0][1].name} is {word}; in times the median depth a second: {told}.")
+        speeds = ", ".join(f"{one.name} {speed:.2f}" for speed, one in mean[:NEIGHBOURS])
+        return _polar(yes, f"{mean[0][1].name} is {word}; in times the median depth a second: {speeds}.")
 
     def _brightest(self) -> str:
         posed = self.scene.posed(float(self.times[0]))
@@ -261,8 +263,8 @@ class Comparison:
             return f"{one.name} is {side} of {two.name} and {depth} it {self._at(0)}."
         if where in ("near", "next to", "beside", "close to"):
             apart = float(np.linalg.norm(one.centres[0] - two.centres[0]))
-            told = f"{one.name} and {two.name} are {apart:.2f} times the median depth apart {self._at(0)}."
-            return _polar(self.asked.yes(apart < one.width + two.width), told)
+            sentence = f"{one.name} and {two.name} are {apart:.2f} times the median depth apart {self._at(0)}."
+            return _polar(self.asked.yes(apart < one.width + two.width), sentence)
         where = {"over": "above", "under": "below", "in front": "in front of"}.get(where, where)
         if where in ("in front of", "behind"):
             so = bool(one.depth[0] < two.depth[0]) == (where == "in front of")
@@ -319,10 +321,10 @@ class Comparison:
     def _words(self, everything: list[Measured]) -> str:
         """The words that the scene has for most of a thing."""
         one = self.things[0]
-        shares = {each.name: float(np.isin(one.rows, each.rows).mean()) for each in everything}
-        ranked = sorted(shares.items(), key=lambda item: -item[1])
-        told = [f"{name} ({part:.0%})" for name, part in ranked if part >= COLOUR_SHARE]
-        return f"{one.name} is {' and '.join(told) or 'nothing that the scene has a word for'}."
+        fractions = {each.name: float(np.isin(one.rows, each.rows).mean()) for each in everything}
+        ranked = sorted(fractions.items(), key=lambda item: -item[1])
+        words = [f"{name} ({part:.0%})" for name, part in ranked if part >= MIN_COLOUR_FRACTION]
+        return f"{one.name} is {' and '.join(words) or 'nothing that the scene has a word for'}."
 
     def _colour(self) -> str:
         sentences = []
@@ -330,16 +332,16 @@ class Comparison:
             sh = self.scene.posed(float(self.times[0]))
             rgb = spherical_harmonics.rgb_from_dc(sh.sh[thing.rows, 0].astype(float))
             weight = sh.opacities[thing.rows] * np.prod(np.sort(sh.scales[thing.rows], 1)[:, 1:], 1)
-            share: dict[str, float] = defaultdict(float)
+            area: dict[str, float] = defaultdict(float)
             for (red, green, blue), part in zip(rgb, weight / max(weight.sum(), 1e-12), strict=True):
-                share[everyday_name((red, green, blue))] += float(part)
-            ranked = sorted(share.items(), key=lambda item: -item[1])
-            told = [f"{name} ({part:.0%})" for name, part in ranked if part >= COLOUR_SHARE] or [
+                area[everyday_name((red, green, blue))] += float(part)
+            ranked = sorted(area.items(), key=lambda item: -item[1])
+            colours = [f"{name} ({part:.0%})" for name, part in ranked if part >= MIN_COLOUR_FRACTION] or [
                 f"{ranked[0][0]} ({ranked[0][1]:.0%})"
             ]
             asked = self.asked.manner.replace("grey", "gray").split(" or ")
             yes = self.asked.yes(ranked[0][0] in asked[0].split()) if len(asked) == 1 else ""
-            sentences.append(_polar(yes, f"{thing.name} is {' and '.join(told)}."))
+            sentences.append(_polar(yes, f"{thing.name} is {' and '.join(colours)}."))
         return " ".join(sentences)
 
     def _count(self) -> str:
@@ -395,8 +397,8 @@ class Comparison:
             for n, one in enumerate(self.things)
             if self._is_moving(one)
         ]
-        told = ", then ".join(f"{name} ({self._at(k)[3:]})" for k, name in sorted(first))
-        return f"in the order in which they start to move: {told}." if told else "none of them moves."
+        order = ", then ".join(f"{name} ({self._at(k)[3:]})" for k, name in sorted(first))
+        return f"in the order in which they start to move: {order}." if order else "none of them moves."
 
     def _order(self) -> str:
         if not self.asked.manner:

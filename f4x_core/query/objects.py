@@ -172,7 +172,7 @@ def point_out(scene: Scene, marks: Sequence[Mark], likely: np.ndarray | None = N
     signs = _signs(scene, marks)
     drawn_on = any(mark.on and not mark.around for mark in marks)
     toward = np.sum(signs.starts, 0)
-    moves = toward[scene.moving].any() and toward[scene.moving].sum() >= _moving_share(marks) * toward.sum()
+    moves = toward[scene.moving].any() and toward[scene.moving].sum() >= _moving_fraction(marks) * toward.sum()
     superpoints = graph_of(scene).moving if moves else graph_of(scene).static
     seen, inside, outside = map(superpoints.gather, (signs.seen, signs.inside, signs.outside))
     against = outside > inside
@@ -235,7 +235,7 @@ def _signs(scene: Scene, marks: Sequence[Mark]) -> _Signs:
     return signs
 
 
-def _moving_share(marks: Sequence[Mark]) -> float:
+def _moving_fraction(marks: Sequence[Mark]) -> float:
     """Least fraction of the blend weights under `marks` that belongs to moving Gaussians if a moving thing is meant."""
     if any(mark.on and not mark.around for mark in marks):
         return MOVING_POINT

@@ -25,7 +25,7 @@ from .labels import Encode
 from .measures import Comparison, Measured, measure, single_ones, times_of
 from .not_deleted import not_deleted
 from .pixels import head_map
-from .selection import Selection
+from .selection import SELECTED, Selection
 from .wording import CAN, CLIP_FACTS, ONE_BY_ONE, Asked, Unanswerable, read_question
 
 COMPUTED, SERVER = "computed", "server"
@@ -37,7 +37,7 @@ COLUMNS = 96
 SEEN = 0.5
 """Minimum blend weight of an object in a pixel for the pixel to be its own."""
 PRESENT = 0.005
-"""Share of the picture that a thing must fill in a view to be seen there."""
+"""Fraction of the picture that a thing must fill in a view to be seen there."""
 MOMENTS = 24
 """Clip times, evenly over what is asked about, at which places are taken for motion."""
 STILL = 0.03
@@ -45,9 +45,7 @@ STILL = 0.03
 WINDOW = 0.25
 """Seconds before and after a moment that tell whether something moves at it."""
 SIDEWAYS = 0.05
-"""Share of the picture's width that a thing must cross to go to the left or the right."""
-SELECTED = "the selection"
-"""What a selection is called in answers."""
+"""Fraction of the picture's width that a thing must cross to go to the left or the right."""
 THING = "something unnamed"
 """What moving things are called that the scene has no word for."""
 
@@ -106,7 +104,6 @@ def answer(
     server: ChatServer | None = None,
     encode: Encode | None = None,
     names: Mapping[str, Selection] | None = None,
-    selected: Selection | None = None,
     backend: str = "auto",
     progress: Progress = silent,
 ) -> Answer:
@@ -114,7 +111,7 @@ def answer(
 
     With `server` rendered frames are sent there. Without, the answer is computed from words, places and motion in the scene,
     and says so; a thing is there when `inventory.find` finds it, as `f4x query --text` does, or under one of the `names` that
-    the caller knows. "It", and "the selection", are whom `selected` chooses. Raises F4xError: an empty question, a time
+    the caller knows. "It", and "the selection", are the one called `SELECTED`. Raises F4xError: an empty question, a time
     beyond the clip, a server that does not answer, a word that nobody knows, a selection of another scene;
     `wording.Unanswerable` for what cannot be computed.
     """
@@ -126,10 +123,10 @@ def answer(
     if server is not None:
         return ask_server(scene, question, views, server, backend, progress)
     known = dict(names or {})
-    if selected is not None:
-        selected.require_scene(scene)
-        known[SELECTED] = selected.for_ids(scene.ids)
-    it = "" if selected is None else SELECTED
+    it = SELECTED if SELECTED in known else ""
+    if it:
+        known[it].require_scene(scene)
+        known[it] = known[it].for_ids(scene.ids)
     sentences: list[str] = []
     evidence: list[dict[str, Any]] = []
     for asked in read_question(question, scene.fps, len(scene.cameras), it, [*labels_of(scene), *known]):
@@ -295,8 +292,10 @@ def _compared(
         things = [one for one in things if one.name not in {thing.name for thing in out}]
     if not things:
         return f"{asked.yes(False) or 'Nothing'} that the scene has a word for.", []
-    told = Comparison(scene, asked, things, times).sentence(everything)
-    return " ".join([told[0].upper() + told[1:], *filter(None, notes.values())]), [thing.name for thing in things]
+    sentence = Comparison(scene, asked, things, times).sentence(everything)
+    return " ".join([sentence[0].upper() + sentence[1:], *filter(None, notes.values())]), [
+        thing.name for thing in things
+    ]
 
 
 def _found(

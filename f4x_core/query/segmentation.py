@@ -158,7 +158,7 @@ class FeaturePropagation:
         self._masks = {}
 
     def _vote(self, cells: np.ndarray, known: Collection[_Masked], recent: list[_Masked]) -> np.ndarray:
-        """Share of the object (h,w) in the cells (h,w,C) of a frame, by the frames it can ask."""
+        """Fraction of the object (h,w) in the cells (h,w,C) of a frame, by the frames it can ask."""
         height, width = cells.shape[:2]
         here = _centre(recent[-1].fraction)
         asked = [frame.windows((0, 0)) for frame in recent]

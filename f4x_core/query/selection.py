@@ -13,6 +13,8 @@ from ..scene import Scene
 from .score import THRESHOLD
 
 FORMAT = "f4x-selection"
+SELECTED = "the selection"
+"""What a selection without a name is called in questions and answers."""
 MIN_THRESHOLD = 1e-6
 """Minimum threshold of a combination: 0 would choose everything."""
 DECIMALS = 4

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from f4x_core.edit.language import parse
+from f4x_core.edit.request import Request
 from f4x_core.errors import F4xError
 from f4x_core.fit.vocabulary import EVERYDAY
 from f4x_core.language.colour_names import COLOURS
@@ -41,14 +42,8 @@ def verdict(row: dict[str, Any]) -> str:
             asked = read_question(row["text"], FPS, FRAMES, row.get("selected", ""), labels)
             ok = _questions_fit(row.get("questions", []), asked)
         else:
-            made = parse(
-                row["text"],
-                labels=labels,
-                fps=FPS,
-                frames=FRAMES,
-                selected="selected" in row,
-                earlier=(row.get("after") or [""])[-1],
-            )
+            request = Request(row["text"], labels, fps=FPS, frames=FRAMES, selected="selected" in row)
+            made = parse(request, earlier=(row.get("after") or [""])[-1])
             ok = _operations_fit(row.get("operations", []), list(made), row)
     except Doubt:
         return "right" if row["expect"] == "confirm" else "refused"

@@ -71,9 +71,15 @@ def test_a_place_without_scripts_is_one_sentence(tmp_path: Path, scripts: Path):
 
 
 def test_scores_are_told_in_words():
-    scores = {"ate_share": 0.0123, "rotation_error": 0.4, "unseen_psnr": 23.456, "unseen_ssim": 0.8, "views": [{}] * 18}
-    scores |= {"unseen_psnr_covered": 25.0, "unseen_covered_share": 0.917, "unseen_psnr_covered_refined": 26.5}
+    scores = {
+        "ate_fraction": 0.0123,
+        "rotation_error": 0.4,
+        "unseen_psnr": 23.456,
+        "unseen_ssim": 0.8,
+        "views": [{}] * 18,
+    }
+    scores |= {"unseen_psnr_covered": 25.0, "unseen_covered_fraction": 0.917, "unseen_psnr_covered_refined": 26.5}
     text = "\n".join(demo.score_lines(scores))
     assert "1.23% of its length" in text and "23.46 dB, SSIM 0.800 over 18 pictures" in text
     assert "did see (92% of the pixels): 25.00 dB, 26.50 dB" in text
-    assert "cannot be compared" in demo.score_lines({"ate_share": 1.0, "rotation_error": 9.0})[-1]
+    assert "cannot be compared" in demo.score_lines({"ate_fraction": 1.0, "rotation_error": 9.0})[-1]

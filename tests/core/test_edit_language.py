@@ -15,6 +15,7 @@ from f4x_core.edit.commands import COMMANDS
 from f4x_core.edit.language import MAX_CHARACTERS, Refusal, describe, nearest, parse
 from f4x_core.edit.making import SHOWN
 from f4x_core.edit.operations import Delete, Freeze, Opacity, Recolour, Transform, read_operation
+from f4x_core.edit.request import Request
 from f4x_core.edit.selects import Current, Ids, Instance, Named, Not, Or, Text
 from f4x_core.errors import F4xError
 from f4x_core.language.colour_names import COLOURS
@@ -33,7 +34,7 @@ DOG = Text(("dog",))
 
 
 def say(sentence, *, selected=False, labels=TABLE["labels"], names=TABLE["names"], **clip):
-    return parse(sentence, labels=labels, names=names, selected=selected, **CLIP | clip)
+    return parse(Request(sentence, labels, names, selected=selected, **CLIP | clip))
 
 
 def wanted(phrase):

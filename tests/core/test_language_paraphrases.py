@@ -3,6 +3,7 @@
 import pytest
 
 from f4x_core.edit.language import Refusal, describe, parse
+from f4x_core.edit.request import Request
 from f4x_core.language.paraphrases import paraphrases
 
 SAME = (
@@ -33,7 +34,7 @@ WITHIN = {"labels": ("bird", "car"), "fps": 24.0, "frames": 72}
 
 
 def told(sentence):
-    return [describe(one) for one in parse(sentence, **WITHIN)]
+    return [describe(one) for one in parse(Request(sentence, **WITHIN))]
 
 
 @pytest.mark.parametrize(("sentence", "known"), SAME[:-1])
@@ -44,7 +45,7 @@ def test_a_paraphrase_means_what_the_known_sentence_means(sentence, known):
 @pytest.mark.parametrize("sentence", ["if the bird moves make it red", "make the bird happy", "never mind"])
 def test_no_paraphrase_makes_sense_of_what_has_none(sentence):
     with pytest.raises(Refusal):
-        parse(sentence, **WITHIN)
+        parse(Request(sentence, **WITHIN))
 
 
 def test_a_sentence_is_no_paraphrase_of_itself():
@@ -71,7 +72,7 @@ def test_colours_come_little_by_little(sentence, expected):
 
 def test_showing_at_a_time_is_asked_about():
     with pytest.raises(Refusal, match="two ways"):
-        parse("show the bird from second 2", **WITHIN)
+        parse(Request("show the bird from second 2", **WITHIN))
     assert told("show the bird again from second 2") == ["show the bird again from frame 48 on"]
 
 

@@ -426,7 +426,7 @@ def test_static_depth_merges_flow_tracks_and_the_plain_world():
         trust = module._confidence(filled, rho, known)
         np.testing.assert_allclose(confidence[i], module.resize_linear(trust, width, height), rtol=1e-4, atol=1e-6)
         shares.append((known * filled**2 > 100).mean())  # known to better than 10 %
-    assert statistics["measured_share"] == pytest.approx(np.mean(shares), abs=6e-4)
+    assert statistics["measured_fraction"] == pytest.approx(np.mean(shares), abs=6e-4)
     assert not any("measured on only" in line for line in priors.warnings)
 
 
@@ -435,7 +435,7 @@ def test_a_clip_that_shows_little_says_so():
     clip.frames[:] = 90  # no texture
     module.provide(clip, priors, PriorsConfig(), silent)
     assert any("only 0 %" in line for line in priors.warnings)
-    assert priors.statistics["depth"]["measured_share"] == 0
+    assert priors.statistics["depth"]["measured_fraction"] == 0
     assert np.isfinite(priors.depth).all()
 
 

@@ -302,7 +302,7 @@ def test_how_much_of_a_mark_must_move():
         ([point], 0.2), ([box, point], 0.2), ([stroke], 0.2), ([box], 0.25), ([box, mask], 0.25), ([mask], 0.5),
         ([mask, beside], 0.5), ([box, beside], 0.25),
     ):  # fmt: skip
-        assert objects._moving_share(marks) == share
+        assert objects._moving_fraction(marks) == share
 
 
 class Pointing:

@@ -15,7 +15,7 @@ from f4x_core.errors import F4xError
 from f4x_core.geometry.trajectory import frozen, orbit, original
 from f4x_core.query.chat import ChatServer
 from f4x_core.query.questions import COMPUTED, SERVER, answer, ask_features
-from f4x_core.query.selection import Selection
+from f4x_core.query.selection import SELECTED, Selection
 from f4x_core.query.wording import Unanswerable
 
 GOOD = saying(" A red square moves. ")
@@ -47,19 +47,19 @@ def test_it_is_what_is_selected(scene, question):
     selected = Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
     called = answer(scene, question.format("rex"), names={"rex": selected}).text.lower()
     for it in ("it", "the selection", "the selected thing"):
-        found = answer(scene, question.format(it), selected=selected).text.lower()
+        found = answer(scene, question.format(it), names={SELECTED: selected}).text.lower()
         assert found.replace("the selection", "rex") == called
     with pytest.raises(F4xError, match="another"):
-        answer(scene, "Does it move?", selected=Selection(np.array([10**6]), np.ones(1), np.zeros(1, bool)))
+        answer(scene, "Does it move?", names={SELECTED: Selection(np.array([10**6]), np.ones(1), np.zeros(1, bool))})
 
 
 @pytest.mark.parametrize("question", ["What is it?", "what's that thing", "What is selected?", "What did I click on?"])
 def test_what_is_selected_is_told_by_the_scenes_words(scene, question):
     selected = Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
-    assert answer(scene, question, selected=selected).text.startswith("The selection is the square (100%).")
+    assert answer(scene, question, names={SELECTED: selected}).text.startswith("The selection is the square (100%).")
     half = np.arange(len(scene.ids)) >= len(scene.static) - len(scene.dynamic)
     selected = Selection(scene.ids, half.astype(float), np.zeros(len(scene.ids), bool))
-    told = answer(scene, question, selected=selected).text
+    told = answer(scene, question, names={SELECTED: selected}).text
     assert "the square (50%)" in told and "the wall (50%)" in told
     with_others = answer(scene, "What is it?").text
     assert "wall" in with_others and "selection" not in with_others
@@ -67,7 +67,9 @@ def test_what_is_selected_is_told_by_the_scenes_words(scene, question):
 
 def test_another_word_for_a_thing_is_not_near_it(scene):
     selected = Selection(scene.ids, scene.moving.astype(float), np.zeros(len(scene.ids), bool))
-    assert answer(scene, "What is near it?", selected=selected).text.startswith("Near the selection: the wall.")
+    assert answer(scene, "What is near it?", names={SELECTED: selected}).text.startswith(
+        "Near the selection: the wall."
+    )
 
 
 def test_a_server_sees_frames_and_answers(scene, server):

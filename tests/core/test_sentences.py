@@ -4,6 +4,7 @@ import pytest
 import sentence_cases
 
 from f4x_core.edit.language import Refusal, describe, parse
+from f4x_core.edit.request import Request
 
 REFUSED = (
     "make another dog, smaller, next to this one",
@@ -50,7 +51,7 @@ def test_a_sentence_means_what_a_person_means(row):
 )
 def test_half_an_understanding_is_none(sentence):
     with pytest.raises(Refusal):
-        parse(sentence, labels=("bird", "car"), fps=24.0, frames=72, selected=True)
+        parse(Request(sentence, ("bird", "car"), fps=24.0, frames=72, selected=True))
 
 
 @pytest.mark.parametrize(
@@ -72,4 +73,4 @@ def test_half_an_understanding_is_none(sentence):
 )  # fmt: skip
 def test_any_verb_goes_with_any_slot(sentence, told):
     labels = ("bird", "car", "woman")
-    assert [describe(one) for one in parse(sentence, labels=labels, fps=24.0, frames=72)] == told
+    assert [describe(one) for one in parse(Request(sentence, labels, fps=24.0, frames=72))] == told

@@ -74,7 +74,7 @@ def test_a_perfect_scene_on_a_straight_path_is_perfect(tmp_path: Path):
     scene = random_scene()
     write_truth(tmp_path, scene)
     scores = score_against_truth(scene, tmp_path)
-    assert scores["ate_share"] < 1e-6 and scores["rotation_error"] < 1e-4
+    assert scores["ate_fraction"] < 1e-6 and scores["rotation_error"] < 1e-4
     assert scores["scale"] == pytest.approx(SCALE, rel=1e-6)
     assert [(row["camera"], row["frame"]) for row in scores["views"]] == [("left10", 0), ("left10", 2), ("left10", 4)]
     assert scores["unseen_psnr"] > 55 and scores["unseen_ssim"] > 0.999  # what 8-bit pictures leave
@@ -89,7 +89,7 @@ def test_the_command_line_adds_the_scores_against_the_truth(tmp_path: Path, caps
     command = ["eval", str(tmp_path / "scene.f4x"), "--clip", str(tmp_path / "images"), "--truth", str(tmp_path)]
     assert main([*command, "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed["ate_share"] < 1e-6 and printed["used_psnr"] > 45 and printed["unseen_psnr"] > 45
+    assert printed["ate_fraction"] < 1e-6 and printed["used_psnr"] > 45 and printed["unseen_psnr"] > 45
 
 
 def test_errors_are_seen(tmp_path: Path):
@@ -106,7 +106,7 @@ def test_held_out_cameras_are_not_scored(tmp_path: Path):
     matrices[2, :3, 3] += 1  # frame 2 is held out
     moved = dataclasses.replace(scene, cameras=dataclasses.replace(scene.cameras, world_to_camera=matrices))
     scores = score_against_truth(moved, tmp_path)
-    assert scores["ate_share"] < 1e-6 and "views" not in scores
+    assert scores["ate_fraction"] < 1e-6 and "views" not in scores
 
 
 def test_a_resized_scene_is_compared_at_its_size(tmp_path: Path):
@@ -226,8 +226,8 @@ def test_what_the_clip_never_saw_does_not_count_as_covered(tmp_path: Path):
         beyond = ~binary_dilation(seen, np.ones((3, 3)))  # a point covers its pixel, also where it hits a corner
         Image.fromarray(np.where(beyond[..., None], 255 - np.asarray(Image.open(file)), Image.open(file))).save(file)
     scores = score_against_truth(scene, tmp_path)
-    assert [row["covered_share"] for row in scores["views"]] == pytest.approx(shares, abs=0.02)
-    assert scores["unseen_covered_share"] == pytest.approx(np.mean(shares), abs=0.02)
+    assert [row["covered_fraction"] for row in scores["views"]] == pytest.approx(shares, abs=0.02)
+    assert scores["unseen_covered_fraction"] == pytest.approx(np.mean(shares), abs=0.02)
     assert scores["unseen_psnr_covered"] > 55 > scores["unseen_psnr"] + 20
 
 
@@ -298,7 +298,7 @@ def test_sky_counts_where_a_frame_looked_that_way(tmp_path: Path):
         )
     for time in (0, 2, 4):
         write_pass(tmp_path / "truth_left10", time, sky, 1 + 0 * sky)
-    covered = [row["covered_share"] for row in score_against_truth(scene, tmp_path)["views"]]
+    covered = [row["covered_fraction"] for row in score_against_truth(scene, tmp_path)["views"]]
     assert all(0.2 < fraction < 0.55 for fraction in covered)  # the lower half of the sky was never seen
 
 

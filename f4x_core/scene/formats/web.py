@@ -77,8 +77,8 @@ def write_page(scene: Scene, path: Path | str, options: PageOptions | None = Non
 
 def believed_degrees(scene: Scene) -> float:
     """How far off the path the scene can be believed, as its fit found; `DEGREES` where nothing tells."""
-    told = scene.provenance.get("believed_degrees")
-    return DEGREES if told is None else float(told)
+    believed = scene.provenance.get("believed_degrees")
+    return DEGREES if believed is None else float(believed)
 
 
 def _stored(scene: Scene) -> Splats:

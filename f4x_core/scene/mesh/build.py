@@ -42,7 +42,7 @@ class MeshConfig:
     """Opacity of the Gaussians at the surface, between 0 and 1."""
     rounds: int = 5
     """Rounds of smoothing; 0 = none."""
-    least_part: float = 0.05
+    min_part: float = 0.05
     """Parts with less than this fraction of the largest part's area are left out."""
     hollows: bool = False
     """Keep the walls of hollows inside, which nobody sees from outside."""
@@ -176,7 +176,7 @@ def _surface(posed: PosedSplats, config: MeshConfig, progress: Progress) -> tupl
     )
     progress("mesh", 1, 3, "surface")
     vertices, faces = contour(field, config.level)
-    vertices, faces = largest_parts(vertices, faces, config.least_part, config.hollows)
+    vertices, faces = largest_parts(vertices, faces, config.min_part, config.hollows)
     if not len(faces):
         raise F4xError(
             f"the selected Gaussians are nowhere more opaque than {config.level:g}; select more of them, or give a lower --level."

@@ -15,7 +15,7 @@ REACH = 3.0
 NARROWEST = 0.7
 """Smallest standard deviation in grid steps: a sheet of opaque Gaussians half a step from the nearest grid points still
 reaches the level 0.5 there."""
-MOST_OPAQUE = 0.99
+MAX_OPACITY = 0.99
 """Largest opacity of one Gaussian: an opacity of 1 would be an infinite optical depth."""
 TRIMMED, MARGIN = 1.0, 0.25
 """Percent of the centres left out at both ends of each axis, and the fraction of what remains that is added there: stray Gaussians
@@ -72,7 +72,7 @@ def opacity_field(splats: Splats, grid: Grid, values: np.ndarray) -> tuple[np.nd
     scales = np.asarray(splats.scales, np.float64)
     wide = np.maximum(scales, NARROWEST * grid.step)
     kept = np.sort(scales / wide, axis=1)[:, 1:].prod(1)
-    alpha = np.minimum(splats.opacities, MOST_OPAQUE) * kept
+    alpha = np.minimum(splats.opacities, MAX_OPACITY) * kept
     turn = quaternion.to_matrix(np.asarray(splats.quats, np.float64))
     deviation = np.sqrt((turn**2 * (wide**2)[:, None]).sum(2))
     precision = (turn / (wide**2)[:, None]) @ turn.transpose(0, 2, 1) * grid.step**2

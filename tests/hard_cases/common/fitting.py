@@ -169,7 +169,7 @@ def against_truth(fitted: Fitted) -> Iterator[Check]:
     similarity = align_cameras(found, truth)
     if fitted.priors.provenance["cameras"]["provider"] == "classical":
         if moves:
-            yield within("cameras, in the path's length", path_error(found, truth)["ate_share"], WRONG_PATH)
+            yield within("cameras, in the path's length", path_error(found, truth)["ate_fraction"], WRONG_PATH)
         yield within("cameras, degrees", rotation_error(found, truth, similarity), WRONG_TURN)
         if fitted.priors.camera_kind != "static":  # one that stands still shows nothing of its lens, and needs none
             yield within("focal length, relative", abs(lens - 1), WRONG_LENS)
