@@ -8,44 +8,73 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..language.amounts import Amount, amount, degree, distance, factor, fraction, multiple, number, percent, steps
+from ..language.amounts import (
+    Amount,
+    amount,
+    degree,
+    distance,
+    factor,
+    fraction,
+    fraction_of,
+    multiple,
+    number,
+    percent,
+    steps,
+)
 from ..language.colours import colour, colourish
-from ..language.grammar import Mismatch, Rule, constant, either, listed, literal, optional, silent, table
+from ..language.grammar import (
+    Mismatch,
+    Rule,
+    constant,
+    either,
+    listed,
+    literal,
+    optional,
+    silent,
+    table,
+)
 from ..language.lexicon import every_form
 from ..language.times import TimeExpression, duration
+from ..language.verbs import any_form
 from . import making, qualities
 from .commands import (
     AGAIN,
     ANGLE,
     BESIDE_IT,
-    DELETING,
-    KEEPING,
+    NAMED,
     OUT,
     REMARK,
-    ROTATING,
     SENSE,
     SHIFT,
     SPLIT,
-    TILTING,
     TRAIL_COPIES,
     TRAIL_LAG,
+    USUAL,
+    WHOLE,
     Command,
+    Use,
     always,
     as_given,
 )
 from .making import Value
-from .phrases import everything_else, known_noun, known_thing, place, thing, two_of_them
+from .phrases import (
+    colors,
+    everything_else,
+    known_noun,
+    known_thing,
+    place,
+    there_already,
+    thing,
+    two_of_them,
+    whose,
+)
 
 FRAMES: list[Command] = []
 """In the order in which they are preferred."""
 
 
-def _frame(
-    example: str, make: Any, needed: str, *, who: Rule = thing, whole: bool = False, bare: bool = True, **slots: Any
-) -> None:
-    FRAMES.append(
-        Command(example, "", make, slots, frozenset(needed.split()), who, gapped=False, whole=whole, bare=bare)
-    )
+def _frame(example: str, make: Any, needed: str, *, who: Rule = thing, use: Use = USUAL, **slots: Any) -> None:
+    FRAMES.append(Command(example, "", make, slots, frozenset(needed.split()), who, use=use))
 
 
 ADDS_NOTHING = either(
@@ -54,11 +83,13 @@ ADDS_NOTHING = either(
         "um|uh|er|hmm|oh|well|so|now|then|next|also|too|as well|just|simply|actually|really|maybe|perhaps|probably|"
         "somehow|quickly|for now|right away|for me|for us|if possible|if you [can|could|would|like|will]|"
         "when you can|instead|again|there|here|over there|altogether|all|full on|exactly|properly|nicely|a nice|nice|"
-        "lovely|or so|or something|or something like that|kind of|sort of|you know|after all|i think|i guess|"
-        "i feel like|i believe|this time|from there|in one go|of course|though|yeah|yes|hmm|asap|my friend|sir|both"
+        "lovely|kind of|sort of|you know|after all|i think|i guess|"
+        "i feel like|i believe|this time|from there|in one go|of course|though|yeah|yes|asap|my friend|sir|both|"
+        "first of all|firstly|finally|at last|completely|entirely|fully|totally"
     ),
     literal(
-        "[could|can|would|will] you|[could|can|may|shall] [we|i]|[i|we] [want|wanted|need|wish|prefer|fancy]|"
+        "[could|can|would|will] [you|somebody|someone|anybody|anyone|they]|[could|can|may|shall] [we|i] (get|have|see)|"
+        "[i|we] [want|wanted|need|wish|prefer|fancy]|"
         "[i|we] would [like|love|prefer]|[i|we] would rather have|(i want|i would like|i need) you|"
         "you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|make sure (that)|so that|"
         "in such a way that|how [do|can|would|could] [i|you|we]|how to|what if|what about|how about|"
@@ -67,7 +98,7 @@ ADDS_NOTHING = either(
         "your task is to|time to|see|to see|have|to have|to get|want|would like"
     ),
     literal(
-        "[should|must|could|can|may|will|would|shall|has to|have to|needs to|need to|ought to|is to|are to|"
+        "[should|must|could|can|may|will|would|shall|has to|have to|needs to|need to|ought to|is to|are to|must to|"
         "to|is supposed to|are supposed to|might] ([be|become|get|turn|go|look|appear|stay|end up|have])|"
         "[become|becomes|becoming|being|be|gets|ends up|end up|ending up|comes out|stays] (as)|for it to|for them to"
     ),
@@ -84,28 +115,35 @@ _led = Rule(lambda reading, at: {at: ()} if reading.word(at) in ("at", "in", "wi
 """Qualities need no "and" between them where a preposition stands: "backwards at half speed"."""
 _toward = ~literal(
     "in|to|into|as|with|at|by|toward|of|being|it|them|more like|like|rather|old film|vintage|old|classic|nice|solid|"
-    "some"
+    "some|for|but|but in|be of|from"
 )
+_a = ~literal("with|in|of|to") + ~literal("a|an|some|the|that|this")
+_slight = literal("slight|faint|light|soft|subtle|little|tiny|gentle|hint of|touch of|bit of|dash of|little bit of")
+_hue = qualities.shade_of + (colour | colourish)
 _noun_of_colour = either(
-    ~literal("a|an|some|the")
-    + ~literal("slight|faint|light|soft|subtle")
-    + (colour | colourish)
-    + literal("tint|tinge|touch|shimmer|cast|wash")
-    >> making.faintly,
-    ~literal("a|an|some|the")
+    _a + _slight + _hue + ~literal("tint|tinge|touch|shimmer|cast|wash|hue|note|tone") >> making.faintly,
+    _a + _hue + literal("tint|tinge|touch|shimmer|cast|wash|hint|note") >> making.faintly,
+    _a
+    + ~literal("nice|fresh|new|good|coat of|layer of|lick of|splash of|shade of|tone of")
+    + qualities.shade_of
     + colour
-    + literal("color|paint|shade|coat|hue|coat of paint|paint job|version|one|variant")
+    + literal("color|paint|shade|coat|hue|coat of paint|paint job|version|one|variant|lacquer|dye|tone|tones|colors")
     >> making.assigned,
     literal("the color") + colour >> making.assigned,
+    ~literal("with|in") + literal("some") + colour >> making.assigned,
 )
 _instead_of = ~(
-    literal("instead of|rather than|and not|not") + ~literal("in") + silent(colour | colourish | literal("this|that"))
+    ~literal(",")
+    + literal("instead of|rather than|and not|not")
+    + ~literal("in")
+    + silent(colour | colourish | literal("this|that"))
+    | literal("from") + silent(colour)
 )
+_article = ~literal("a|an|some|the|pure|solid|that|this|made of|made out of|in|being|real")
 _looked = either(
     _toward + ~literal("pure|solid|a|an|some|the") + qualities.any_look + ~qualities.effect >> making.styled,
-    literal("like|as") + ~literal("a|an|some|the|pure|solid|made of|in") + qualities.any_look + ~qualities.effect
-    >> making.styled,
-    ~literal("a|an|the") + qualities.any_look + qualities.effect >> making.styled,
+    literal("like|as|of") + _article + qualities.any_look + ~qualities.effect >> making.styled,
+    ~literal("in|with") + _article + qualities.described + qualities.any_look + qualities.effect >> making.styled,
 )
 _more_opacity = (
     either(
@@ -155,7 +193,8 @@ _size_of = (
     >> making.scaled
 )
 _quality = either(
-    _toward + qualities.made,
+    qualities.transformed,
+    _toward + qualities.made + ~literal("tone|tones|mood|look|light|feel|color|colors|feeling"),
     _toward + qualities.without_colour,
     _noun_of_colour,
     _looked,
@@ -166,33 +205,29 @@ _quality = either(
     qualities.pace,
     _toward + qualities.backward,
     _toward + qualities.opacity_value,
+    qualities.liveliness,
     ~literal("a|the|more|really|very|rather|quite|nice and|pretty|in a|feel|look|looking|feeling")
     + qualities.simply
-    + ~literal("tone|mood|look|light"),
+    + ~literal("tone|tones|mood|look|light|color|colors"),
     _toward + qualities.bare_look,
 )
-_becoming = literal(
-    every_form(
-        "make|turn|render|change|convert|transform|give|paint|color|recolor|dye|tint|set|put|get|let|play|run|use|"
-        "apply|do|keep|switch|bring|show|adjust|display|look|feel|appear|become|have|go|seem"
-    )
-)
-_about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from")
+_becoming = literal(any_form("become"))
+_about = ~literal("of|for|on|to|in|with|around|about|onto|over|at|from|upon|into|through|across|all over")
 _whom = ~literal("but|and") + ~literal("only|just|only for|just for|only with") + _about + thing
 _frame(
     "the dog, in red",
     as_given,
     "values",
-    who=_whom,
+    who=either(_whom, _about + whose("color|colors|coloring|look|appearance")),
     verb=_becoming,
-    more=literal("still|even|even more|a step"),
+    more=literal("still|even|even more|a step|one more time"),
     values=listed(_quality + _instead_of, _joined | _led),
 )
 _frame(
     "brighter and more vivid",
     as_given,
     "values",
-    whole=True,
+    use=WHOLE,
     values=listed(
         either(
             qualities.brightness_value,
@@ -200,9 +235,45 @@ _frame(
             qualities.contrast_value,
             qualities.warmth_value,
             qualities.pop,
-        ),
+            _toward + qualities.without_colour,
+            qualities.liveliness,
+            ~literal("the|a|an|some|in|into|to|like|with|that")
+            + qualities.described
+            + qualities.scene_look
+            + ~qualities.effect
+            >> making.styled,
+            qualities.pace_value,
+        )
+        + ~literal("tone|tones|mood|look|light|feel|color|colors|picture|image|clip|video|scene"),
         _joined | _led,
     ),
+)
+_frame(
+    "the colors should pop",
+    as_given,
+    "values",
+    who=_about + either(whose("color|colors"), ~literal("the|all the|all") + colors),
+    verb=_becoming,
+    values=listed(
+        either(
+            qualities.warmth_value,
+            qualities.saturation_value,
+            qualities.contrast_value,
+            qualities.brightness_value,
+            qualities.pop,
+            qualities.simply,
+        ),
+        _joined,
+    ),
+)
+_frame(
+    "tint the dog orange",
+    making.faintly,
+    "verb rgb",
+    who=_whom,
+    verb=literal(any_form("tint")),
+    rgb=_a + ~_slight + qualities.shade_of + (colour | colourish) + qualities.colored,
+    faintly=qualities.hint,
 )
 
 # More and less of a quality
@@ -219,16 +290,18 @@ _QUALITIES = {
 }
 _way = table(
     {
-        every_form(
-            "increase|raise|boost|turn up|bump up|crank up|pump up|dial up|bring up|push up|strengthen|enhance|"
-            "intensify|push|bump|lift|add|pull up|amplify|double"
-        )
-        + "|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some": True,
-        every_form(
-            "reduce|decrease|lower|turn down|cut|cut down|lessen|tone down|bring down|dial down|weaken|diminish|drop|"
-            "take down|cut back|pull down|take back|pull back"
-        )
-        + "|down|downward|less|lower|weaker|minus|-|reduced": False,
+        any_form("more")
+        + "|up|upward|more|higher|stronger|extra|plus|+|additional|some more|a bit of|increased|some|greater|bigger": True,
+        any_form("less") + "|down|downward|less|lower|weaker|minus|-|reduced|smaller|fewer": False,
+    },
+    reserve=False,
+)
+_times_as_much = table(
+    {
+        every_form("double up"): 2.0,
+        every_form("halve|cut in half|slash in half") + "|half": 0.5,
+        every_form("triple|treble"): 3.0,
+        every_form("quadruple"): 4.0,
     },
     reserve=False,
 )
@@ -249,8 +322,19 @@ _to_value = (
 
 
 def _changed(
-    quality: Any, way: bool | None = None, how: Amount | None = None, to: float | None = None, too: bool | None = None
+    quality: Any,
+    way: bool | None = None,
+    how: Amount | None = None,
+    to: float | None = None,
+    too: bool | None = None,
+    times: float | None = None,
 ) -> Value:
+    if times is None and how is not None and how.kind == "times" and way is too is to is None:
+        times = how.value  # "twice the size"
+    if times is not None:
+        if (way, too, to) != (None, None, None):
+            raise Mismatch
+        return quality(times)
     if to is not None:
         if (way is not None and how is not None) or to > making.SHOWN:
             raise Mismatch
@@ -264,41 +348,52 @@ def _changed(
     return value
 
 
-_set = literal(
-    every_form(
-        "set|change|make|turn|put|bring|adjust|take|get|give|have|need|show|apply|use|keep|correct|modify|tweak|fix"
-    )
-)
+_set = literal(any_form("set"))
 _frame(
     "the brightness of the dog, up by 20 %",
     _changed,
     "quality",
     who=_whom,
-    whole=True,
+    use=WHOLE,
     verb=_set,
-    quality=~literal("the|its|their|his|her|a|'s|some|of")
+    quality=~literal("the|its|their|his|her|a|'s|some|of|overall|the overall|in")
     + table(_QUALITIES, reserve=False)
     + ~literal("level|value|slider|amount|setting"),
     way=_way,
-    how=amount | literal("by") + number >> (lambda x: Amount("times", x)),
+    how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | literal("way") >> (lambda: Amount("large")),
     to=_to_value,
+    times=_times_as_much,
     too=~literal("is|are|has|have|looks") + _too,
 )
-_UPWARD = {
-    "brighten|lighten|brighten up|lighten up|illuminate|light up": (making.brightened, True),
-    "darken|dim|darken down|dim down": (making.brightened, False),
-    "enlarge|grow|magnify|scale up|blow up|upscale|upsize|expand|inflate": (making.scaled, True),
-    "shrink|scale down|shrink down|downscale|downsize|minimize": (making.scaled, False),
-    "speed up|accelerate|quicken": (making.retimed, True),
-    "slow down|slow|decelerate": (making.retimed, False),
+_muted = lambda by: making.saturated(by)  # noqa: E731
+_SIDES: dict[str, tuple[Any, bool | None]] = {
+    "brighten": (making.brightened, True),
+    "darken": (making.brightened, False),
+    "enlarge": (making.scaled, True),
+    "shrink": (making.scaled, False),
+    "quicken": (making.retimed, True),
+    "slow": (making.retimed, False),
     "saturate": (making.saturated, True),
     "desaturate": (making.saturated, False),
-    "scale|resize": (making.scaled, None),
+    "mute": (_muted, False),
+    "warm": (making.warmed, True),
+    "cool": (making.warmed, False),
+    "scale": (making.scaled, None),
 }
+"""Sense of a verb -> what it makes more or less."""
+_until = (
+    literal("until [it|he|she|they] [is|are]")
+    + multiple
+    + literal("as [big|tall|large|high|long|wide|small|fast|bright]")
+)
 
 
 def _more(verb: Any, how: Amount | None = None, to: float | None = None, fully: bool = False) -> Value:
     make, upward = verb
+    if make is making.warmed:
+        if to is not None or fully:
+            raise Mismatch
+        return making.warmed(how, upward)
     if fully:
         if make is not making.saturated or upward:
             raise Mismatch
@@ -308,7 +403,9 @@ def _more(verb: Any, how: Amount | None = None, to: float | None = None, fully: 
     if make is making.saturated and not upward and how is None:
         return making.GRAYED
     if upward is None:
-        raise Mismatch
+        if how is None or how.kind not in ("times", "fraction"):
+            raise Mismatch
+        return make(how.value)
     return make(factor(how, upward))
 
 
@@ -318,28 +415,41 @@ _frame(
     "verb",
     who=_whom,
     verb=either(
-        *(table({every_form(verbs): made}) for verbs, made in _UPWARD.items()),
+        *(table({any_form(sense): made}, reserve=False) for sense, made in _SIDES.items()),
         *(
             silent(table({every_form(head): None})) + constant(made)
-            for head, made in (("speed", (making.retimed, True)), ("slow", (making.retimed, False)))
+            for head, made in (("speed", _SIDES["quicken"]), ("blow|puff|bump", _SIDES["enlarge"]))
         ),
     ),
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | degree,
-    to=literal("to|down to|up to|at")
-    + either(fraction, percent, multiple)
+    to=either(
+        ~literal("to|down to|up to|at|by|till")
+        + either(
+            fraction_of("size|sizes|dimensions|scale|speed|pace|tempo|brightness"), literal("half") >> (lambda: 0.5)
+        ),
+        literal("to|down to|up to|at|till") + either(fraction, percent, multiple),
+        literal("in half|by half|by a half") >> (lambda: 0.5),
+        _until,
+    )
     + ~literal(
         "of [its|the|their|his|her] (original|normal|present|current) [size|speed|brightness|pace]|"
         "[size|speed|the size|the speed|its size|opacity]"
     ),
-    particle=literal("up|down"),
+    particle=literal("up|down|off|in size|in tempo"),
     fully=literal("completely|fully|entirely|totally|all the way|to gray") >> (lambda: True),
 )
 _frame(
     "the dog is too dark",
     REMARK,
     "complaint",
-    bare=False,
-    complaint=literal("is|are|looks|look|seems|seem|feels|appears|appear|was|it is|has|have") + qualities.too_much,
+    use=NAMED,
+    who=either(~literal("the|all the") + colors, thing),
+    complaint=literal(
+        "is|are|looks|look|seems|seem|feels|appears|appear|was|it is|has|have|(is|are) ["
+        + every_form("walk|run|move|go|play|drive|stand|sit|ride|swim|fly|dance|hang|lie|jump|turn|spin|hover|float")
+        + "]"
+    )
+    + qualities.too_much,
 )
 _frame(
     "it's too dark",
@@ -354,37 +464,47 @@ _frame(
     always(making.deleted),
     "verb",
     who=_whom,
-    bare=False,
+    use=NAMED,
     verb=literal(
-        every_form(
-            f"{DELETING}|clean out|take out|cut out|edit out|wipe out|rub out|throw out|throw away|take away|"
-            "cut away|clean up|paint out|key out|clone out|crop out|pull out|kick out|chuck out|x out|leave out|rotoscope out"
-        )
+        any_form("delete")
         + "|gone|out of [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|no longer there|"
-        "not there (any more)"
+        "not there (any more)|[can|could|may|should|must|has to|have to|needs to|need to] [go|leave|get out] (away)|bye bye|"
+        "goodbye|no more|no longer [want|need] (to see)"
     ),
     out=OUT
     | literal(
-        "from [the|this] [scene|picture|video|clip|image|shot|frame|view|movie|film]|completely|entirely|fully|for good"
+        "[from|off|out of] [the|this|my|our] (whole|entire) [scene|picture|video|clip|image|shot|frame|view|movie|film]|"
+        "completely|entirely|fully|for good"
+    ),
+)
+_frame(
+    "I would rather not have the dog",
+    always(making.deleted),
+    "unwanted",
+    who=_whom,
+    use=NAMED,
+    unwanted=literal(
+        "[i|we] would (rather|prefer) not (to) [have|see]|[i|we] would prefer not to [have|see]|[i|we] do not [want|like|need] (to [see|have])|"
+        "[i|we] can not stand|[i|we] hate|[i|we] am [tired|sick] of|[i|we] could do without|[i|we] can do without"
+    ),
+    there=literal(
+        "in there|there|in it|in [the|this|my] [scene|picture|video|clip|image|shot|frame|view|movie|film]|any more|anymore|any longer"
     ),
 )
 _frame(
     "take the dog, the left one, out",
     always(making.deleted),
     "verb out",
-    bare=False,
+    use=NAMED,
     verb=literal(every_form(SPLIT)),
     out=OUT,
-)
-_hiding = every_form(
-    "hide|conceal|mask|mask out|make invisible|vanish|disappear|stop showing|not show|blank out|switch off|turn off"
 )
 _frame(
     "the dog has to be hidden",
     always(making.opacity(0.0)),
     "verb",
     who=_whom,
-    verb=literal(f"{_hiding}|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"),
+    verb=literal(any_form("hide") + "|invisible|hidden|out of sight|do not show|not visible|not shown|not to be seen"),
     fully=literal("from [view|sight]|completely|entirely|fully|totally|for good|permanently"),
 )
 _frame(
@@ -392,16 +512,16 @@ _frame(
     always(making.extracted),
     "only",
     who=_whom,
-    bare=False,
+    use=NAMED,
     verb=literal(
-        f"{every_form(KEEPING)}|cut out|want|isolate|solo|be left|stay|remain|remains|left|lift|lift out|visible|there|in it"
+        any_form("keep", "isolate") + "|want|be left|stay|remain|remains|left|lift|lift out|visible|there|in it"
     ),
     only=~literal("on")
     + literal(
         "only|just|nothing but|solely|nothing except|alone|on [its|his|her|their] own|by itself|all by itself|"
         "isolated|isolate|isolating|solo|soloed|nothing else|and nothing else|no one else|and nobody else|exclusively"
     ),
-    rest=~_joined + literal(every_form(f"{DELETING}|hide|take out|cut out|throw out")) + silent(everything_else)
+    rest=~_joined + literal(any_form("delete", "hide")) + silent(everything_else)
     | silent(everything_else)
     + ~literal("should|must|has to|can|is to")
     + literal("go|be gone|gone|away|disappear|vanish|out|removed|be removed|be deleted|deleted|hidden|be hidden|goes"),
@@ -409,28 +529,31 @@ _frame(
 
 # Places
 _moving = literal(
-    every_form(
-        "move|shift|push|put|slide|bring|pull|drag|place|shove|carry|send|scoot|nudge|translate|position|drive|"
-        "displace|set|get|drop|throw|relocate|fly|float|slip|budge|transport|take|swing|draw|tug|bump|go|jump|drift|"
-        "come|glide|wander|roll|hop|step|travel|walk|hover|swim|run|stand|sit|hang|lift|raise|lower|rise|sink|appear|"
-        "land|turn up|offset|reposition|ride|dance|skate|be|live|start|stay"
-    )
+    any_form("move")
+    + "|(a) (little|small|slight|gentle|tiny|bit of a) [push|nudge|shove|shift|move|tug|pull|slide|bump|lift|hop]"
 )
+_ground = literal(
+    "(all the way) (down) [to|onto|until|till|toward] (it [touches|reaches|hits]) [the|its] [ground|floor|bottom]|"
+    "[off|from|out of|above] [the|its] [ground|floor|water|place|spot]|[into|in] the [air|sky]|a step|from where [it|he|she] is|"
+    "from its [place|spot|position]|along the [ground|floor]|on the [ground|floor]|away from its place"
+)
+_for_it = ~literal("for|of|with|on")
 _frame(
     "the dog, a bit to the left",
     making.moved,
     "way",
-    who=thing | literal("for|of") + thing,
+    who=_for_it + thing,
     verb=_moving,
     way=steps,
     far=~literal("by|for|about|some") + distance,
     more=literal("more|further|farther|still|even"),
+    ground=_ground,
 )
 _frame(
     "the dog, behind the bush",
     making.placed,
     "place",
-    who=thing | literal("for|of") + thing,
+    who=_for_it + there_already,
     verb=_moving,
     place=~literal("over|right|directly|straight|to|somewhere") + place,
 )
@@ -440,27 +563,38 @@ _frame(
     "lift",
     lift=table(
         {
-            every_form("raise|lift|elevate|hoist|rise|levitate|lift up|raise up|pick up"): True,
-            every_form("lower|sink|descend|let down|bring down|drop down"): False,
+            any_form("raise") + "|(a) (little|small|slight|gentle|tiny) lift": True,
+            any_form("lower"): False,
         },
         reserve=False,
     ),
     far=~literal("by|for|about|some") + distance,
+    ground=_ground,
 )
 _full_turn = table(
     {
-        "(a) half turn|(a) half a turn|180|u turn": 180.0,
-        "(a) quarter turn|(a) quarter of a turn|(a) quarter rotation": 90.0,
-        "(a|one) (full|complete|whole) [turn|circle|rotation|360|spin|revolution]|360|a 360|full 360|"
-        "all the way around|once around": 360.0,
-        "two [turns|rotations|spins|full turns]|twice": 720.0,
+        "(a) half turn|(a) half a turn|u turn|(a) half [rotation|spin|circle|revolution]": 180.0,
+        "(a) quarter turn|(a) quarter of a turn|(a) quarter [rotation|spin|circle]|(a) right angle": 90.0,
+        "(a) three quarter turn|three quarters of a turn": 270.0,
+        "(a|one) (full|complete|whole) [turn|circle|rotation|360|spin|revolution]|a 360|full 360": 360.0,
+        "two [turns|rotations|spins|full turns|full rotations]": 720.0,
+        "three [turns|rotations|spins|full turns|full rotations]": 1080.0,
+    },
+    reserve=False,
+)
+_so_often = table(
+    {
+        "180|half way around|halfway around": 180.0,
+        "360|all the way around|once around|once|once completely|one [full|complete|whole] time": 360.0,
+        "twice|two times": 720.0,
+        "three times": 1080.0,
     },
     reserve=False,
 )
 _TURNING = table(
     {
-        f"{every_form(ROTATING)}|{every_form('turn|flip')}|rotation|turned": making.rotated,
-        every_form(TILTING): making.tilted,
+        any_form("rotate", "turn") + "|rotation|a [turn|rotation|spin|twist]": making.rotated,
+        any_form("tilt"): making.tilted,
     },
     reserve=False,
 )
@@ -484,7 +618,7 @@ _frame(
     "verb angle",
     who=_whom,
     verb=_TURNING,
-    angle=ANGLE | _full_turn,
+    angle=ANGLE | _full_turn | _so_often,
     sense=SENSE
     | table(
         {"[to|and] face [left|the left]|facing left": -1, "[to|and] face [right|the right]|facing right": 1},
@@ -497,10 +631,10 @@ _frame(
     _turned,
     "verb around",
     who=_whom,
-    verb=_TURNING | constant(making.rotated) + literal(every_form("face|look|point|head")),
+    verb=_TURNING | constant(making.rotated) + literal(any_form("face")),
     around=literal(
-        "around|the other way|the other way around|so (that) [it|he|she] [faces|looks|points] the other way|backward|"
-        "about|in the [other|opposite] direction|to the other side|away|away from us"
+        "around|(to|in|into) the [other|opposite] [way|direction|side]|the other way around|so (that) [it|he|she] [faces|looks|points] the other way|backward|"
+        "about|away|away from us|away from the camera|[its|his|her|their] back (to|toward|on) (us|me|the camera|the viewer)"
     )
     >> (lambda: True),
 )
@@ -514,6 +648,22 @@ _frame(
     angle=~literal("a|one|by") + _full_turn,
     sense=SENSE,
     around=literal("around|on the spot|in place|around its axis"),
+)
+_frame(
+    "a slight tilt of the dog to the left",
+    making.tilted,
+    "angle",
+    who=_whom,
+    verb=literal(every_form("make|do|give|add|perform|take")),
+    angle=table(
+        {
+            "(a) [little|small|slight|gentle|tiny] [tilt|lean|roll|slant]": making.TILT / 3,
+            "(a) [tilt|lean|roll|slant]": making.TILT,
+            "(a) [big|strong|heavy] [tilt|lean|roll|slant]": 2 * making.TILT,
+        },
+        reserve=False,
+    ),
+    sense=SENSE,
 )
 
 # Copies
@@ -534,15 +684,10 @@ _frame(
     "copy",
     who=~literal("of|for") + thing,
     copy=either(
-        literal(every_form("copy|duplicate|clone|replicate|multiply|double up")),
+        literal(any_form("copy")),
         ~literal("more|extra|other|identical|additional|new") + (_copy_noun | literal("one of|ones of")),
     ),
-    verb=literal(
-        every_form(
-            "make|create|add|put|place|give|insert|produce|generate|set|have|get|want|show|need|stand|be|appear|"
-            "duplicate"
-        )
-    ),
+    verb=literal(any_form("add")),
     times=_times,
     **_copy_place,
 )
@@ -550,44 +695,65 @@ _frame(
     "three more dogs behind it",
     making.copied,
     "times",
-    bare=False,
+    use=NAMED,
     who=known_thing,
-    verb=literal(
-        every_form(
-            "make|create|add|put|place|give me|insert|produce|generate|set|have|get|want|show|need|be|there is|"
-            "there are|appear"
-        )
-    ),
+    verb=literal(any_form("add") + "|there is|there are|be there"),
     times=either(
         number + literal("more|other|extra|additional|further"),
-        literal("another|one more|a second|an extra|an additional|a further") >> (lambda: 1.0),
+        literal("another|one more|a second|an extra|an additional|a further|the same|same") >> (lambda: 1.0),
     ),
     **_copy_place,
 )
 
+_frame(
+    "three dogs instead of one",
+    lambda times, only: making.copied(times=times - 1),
+    "times only",
+    use=NAMED,
+    who=known_noun,
+    verb=literal(any_form("add", "become") + "|there should be|there are|let there be"),
+    times=number,
+    only=~literal(",") + literal("instead of [just|only] one|instead of one|rather than one|not one|out of one")
+    >> (lambda: True),
+)
+_frame(
+    "the dog where the cat is, the cat where the dog is",
+    making.swapped,
+    "other",
+    use=NAMED,
+    who=known_thing,
+    verb=literal(any_form("move")),
+    other=literal("where")
+    + known_thing
+    + literal("is|are|stands|was")
+    + _joined
+    + silent(~literal(any_form("move")) + known_thing)
+    + literal("where")
+    + silent(known_thing)
+    + literal("is|are|stands|was"),
+)
 
-def _trail(times: float = TRAIL_COPIES, shift: TimeExpression = TRAIL_LAG) -> Any:
-    return making.copied(times=times, shift=shift)
+
+def _trail(times: float | None = None, shift: TimeExpression = TRAIL_LAG, single: bool = False) -> Any:
+    return making.copied(times=times or (1.0 if single else TRAIL_COPIES), shift=shift)
 
 
 _frame(
     "two ghost copies that follow the dog",
     _trail,
     "trail",
-    bare=False,
+    use=NAMED,
     who=~literal("of|behind|after|for") + thing,
     trail=literal(
         "trail|trails|motion trail|ghost trail|echo|echoes|afterimage|afterimages|ghosts|trailing copies|onion skin|"
-        "onion skinning|"
-        + every_form(
-            "follow|trail|chase|lag|lag behind|trail behind|run behind|run after|walk behind|come behind|follow behind"
-        )
+        "onion skinning|" + any_form("follow") + "|echo effect"
     ),
     others=~literal("ghost|ghostly|faint|identical|more|other") + silent(known_noun),
-    copies=~literal("a|some|few|a few|several|ghost|ghostly|faint")
-    + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|copy|clone|ghost|ghostly copies"),
+    copies=~literal("some|few|a few|several|ghost|ghostly|faint|with")
+    + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
+    single=~literal("a|one|another") + literal("copy|clone|ghost|duplicate|second one|twin") >> (lambda: True),
     times=_times,
-    verb=literal(every_form("leave|have|make|add|put|give|create|draw|show|let|get|drag")),
+    verb=literal(any_form("leave")),
     behind=literal(
         "behind it|behind him|behind her|after it|behind itself|behind|it|him|her|the original|the first one|"
         "the real one"
@@ -604,13 +770,9 @@ _frame(
     always(making.frozen),
     "verb",
     who=_about + thing,
-    whole=True,
+    use=WHOLE,
     verb=literal(
-        every_form(
-            "freeze|pause|halt|immobilize|stop moving|stand still|stay still|hold still|freeze frame|hold frame|"
-            "keep still|stay put|hold in place|stay in place|stop dead|come to a stop|come to a halt|"
-            "stop in its tracks"
-        )
+        any_form("freeze")
         + "|still frame|freeze frame on|hold the frame|motionless|standing still|not move|no movement|stop|stopped"
     ),
     motion=literal(
@@ -623,32 +785,26 @@ _frame(
     always(making.reversed),
     "verb",
     who=_about + thing,
-    whole=True,
+    use=WHOLE,
     verb=either(
-        literal(
-            every_form(
-                "reverse|rewind|play backward|run backward|go backward|move backward|walk backward|invert in time"
-            )
-            + "|backward|in reverse|reversed|the other way around in time"
-        ),
-        literal(every_form("play|run|go|move|walk|drive|dance|jump|ride|show|swim|fly|do|happen|roll"))
-        + silent(qualities.backward),
+        literal(any_form("reverse") + "|backward|in reverse|reversed|the other way around in time"),
+        literal(any_form("run")) + silent(qualities.backward),
     ),
     back=literal("in time|in reverse|backward|back to front"),
     motion=literal(
         "motion of|the motion of|the movement of|the action of|the time of|movement|motion|the motion|the movement"
     ),
-    playing=literal(every_form("play|run|go|move|walk|drive|dance|jump|ride|show|swim|fly|do|make")),
+    playing=literal(any_form("run")),
 )
 _frame(
     "the dog, over and over from second 1 to 2",
     always(making.looped),
     "again",
     who=_about + thing,
-    whole=True,
-    verb=literal(every_form("play|run|go|move|put|make|show|let|set|have|do|walk|dance|keep|render")),
+    use=WHOLE,
+    verb=literal(any_form("run")),
     again=literal(
-        every_form("loop|repeat|cycle")
+        any_form("loop")
         + "|on loop|in a loop|on repeat|over and over (again)|again and again|endlessly|forever|in an endless loop|"
         "as a loop|a loop|repeatedly|looping"
     ),
@@ -659,12 +815,8 @@ _frame(
     making.lasting,
     "verb to",
     who=~literal("the") + _whom + ~literal("'s") + ~literal("motion|movement|action"),
-    whole=True,
-    verb=literal(
-        every_form(
-            "take|last|stretch|stretch out|extend|expand|slow down|compress|squeeze|speed up|shorten|retime|lengthen|be"
-        )
-    ),
+    use=WHOLE,
+    verb=literal(any_form("last")),
     to=~literal("to|into|over|for|out to|down to|up to|exactly") + duration + ~literal("long|in total|instead"),
     motion=literal("the motion of|the movement of|the duration of|the length of|the action of|the time of"),
 )
@@ -681,7 +833,7 @@ _bit_of = ~literal("some|a|an|a bit of|a little|a touch of|the") + optional(
         reserve=False,
     )
 )
-_doing = literal(every_form("add|apply|put|give|use|have|get|throw|make|want|need|set|create|lay|show"))
+_doing = literal(any_form("apply"))
 _frame(
     "a slight blur on the dog",
     making.blurred,
@@ -697,10 +849,7 @@ _frame(
     making.blurred,
     "verb",
     who=_whom,
-    verb=literal(
-        every_form("blur|blur out|defocus|unfocus|soften|smudge|throw out of focus|put out of focus")
-        + "|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"
-    ),
+    verb=literal(any_form("blur") + "|out of focus|unsharp|blurry|in soft focus|soft focus|fuzzy|less sharp"),
     how=qualities.softly,
     out=literal("out"),
 )
@@ -711,6 +860,7 @@ _frame(
     who=_whom,
     verb=_doing,
     values=_bit_of
+    + qualities.shade_of
     + optional(colour)
     + literal("(neon|light) [glow|halo|shine|aura|gleam|sheen|outline glow|bloom|radiance] (of light)")
     + ~literal("effect")
@@ -721,7 +871,7 @@ _frame(
     making.glowing,
     "verb",
     who=_whom,
-    verb=literal(every_form("glow|shine|light up|shimmer|sparkle|radiate|gleam") + "|aglow|luminous|radiant"),
+    verb=literal(any_form("glow") + "|aglow|luminous|radiant"),
     how=qualities.softly,
     rgb=~literal("in|in a|a|with|with a") + colour + ~literal("light|color"),
 )
@@ -731,16 +881,10 @@ _frame(
     "the dog and the cat, with their places swapped",
     making.swapped,
     "verb",
-    bare=False,
+    use=NAMED,
     who=~literal("(the) [places|positions|spots|locations|place|position] [of|between]|between|of")
     + (two_of_them | thing),
-    verb=literal(
-        every_form(
-            "swap|exchange|switch|trade|interchange|swap places|change places|trade places|switch places|"
-            "swap positions|swap around"
-        )
-        + "|swap of"
-    ),
+    verb=literal(any_form("swap") + "|swap of"),
     other=literal("with|for|and") + thing,
     places=literal(
         "(the|their) [places|positions|spots|locations|place|position] (of|with)|with each other|with one another|"
@@ -751,12 +895,7 @@ _frame(
     "the dog should have the colors of the cat",
     making.matched,
     "verb source",
-    verb=literal(
-        every_form(
-            "match|adapt|color match|take on|take over|pick up|borrow|copy|take|inherit|have|adopt|get|look|make|be|"
-            "be colored|share|give|wear|steal"
-        )
-    ),
+    verb=literal(any_form("match")),
     source=either(
         literal("to|with|from|like|as|of|by")
         + ~literal("the|its|a")
@@ -779,15 +918,10 @@ _frame(
 # Opacity that comes and goes
 _frame(
     "the dog fades out at the end",
-    lambda by=0.0, inward=False: making.faded(by, inward),
+    making.faded,
     "verb",
     who=_whom,
-    verb=literal(
-        every_form(
-            "fade out|fade away|dissolve|fade|vanish slowly|disappear slowly|slowly vanish|slowly disappear|melt away"
-        )
-        + "|fade out on|a fade out"
-    ),
+    verb=literal(any_form("vanish") + "|fade out on|a fade out"),
     inward=table(
         {
             "in|into view|in from nothing|in from black": True,
@@ -797,13 +931,21 @@ _frame(
     ),
     by=literal("to") + (percent | fraction),
 )
+_frame(
+    "the dog appears over the first second",
+    always(making.faded(0.0, inward=True)),
+    "verb",
+    who=_whom,
+    use=NAMED,
+    verb=literal(any_form("appear")),
+)
 
 # What refers to what was said before
 _frame(
     "the cat too",
     AGAIN,
     "again",
-    bare=False,
+    use=NAMED,
     who=_whom,
     verb=literal("do|it|that|this|make it|apply it|apply that|go on|continue|and"),
     again=literal("too|as well|also|the same|same|likewise|the same thing|same thing|the same way|same again"),
@@ -817,7 +959,7 @@ _frame(
     "but leave the dog as it is",
     REMARK,
     "spared",
-    bare=False,
+    use=NAMED,
     verb=literal(every_form("leave|keep|let|stay|remain")),
     spared=_untouched,
 )
@@ -825,7 +967,7 @@ _frame(
     "do not touch the dog",
     REMARK,
     "spared",
-    bare=False,
+    use=NAMED,
     who=_whom,
     spared=literal(
         "do not [touch|change|affect|alter|modify|edit|include|do it to|do this to|do that to]|"
@@ -843,5 +985,5 @@ _frame(
         "keep the rest|keep everything else|leave the rest|leave everything else|the rest stays (as it is)|"
         "then (back to) normal|then back|i mean it|not more|not less|that is enough"
     ),
-    whole=True,
+    use=WHOLE,
 )

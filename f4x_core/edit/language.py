@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from ..errors import F4xError
 from ..language.amounts import number
+from ..language.asides import without_asides
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import colour
 from ..language.grammar import (
@@ -41,6 +42,7 @@ from ..language.grammar import (
 from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, stated, word_set
 from ..language.paraphrases import in_order, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
+from ..language.verbs import VERBS, any_form
 from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command
 from .corrections import corrected
 from .description import describe
@@ -48,8 +50,9 @@ from .frames import ADDS_NOTHING, FRAMES
 from .making import BESIDE, COPY_DISTANCE, THE_COPY
 from .operations import Delete, Duplicate, Extract, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
+from .qualities import any_look
 from .request import Request
-from .selects import All, And, Instance, Named, Not, SelectKind, parts_of
+from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
 from .styles import STYLES
 
 __all__ = ["Refusal", "describe", "parse"]
@@ -109,7 +112,7 @@ def _telling(filled: dict[str, Any]) -> dict[str, Any]:
 def _of(command: Command) -> Rule:
     """The clauses of a command: by its verb, of a subject, in the passive."""
     slots = {**command.slots, "when": _when, "slowly": _slowly, "besides": besides, "aside": _aside}
-    alone = command.bare or command.whole
+    alone = command.use.bare or command.use.whole
     first = bag({"who": command.who, **slots}, command.needed | (frozenset() if alone else {"who"}))
     more = bag({"who": command.who, **slots}, command.needed | {"who"}) >> _telling
     own = bag(slots, command.needed)
@@ -124,13 +127,13 @@ def _of(command: Command) -> Rule:
     if command.verbs or not command.itself:
         phrase = (verb(1) if command.verbs else NOTHING) + first >> (lambda one: (one,))
         ways.append(phrase)
-        if command.gapped and command.needed:  # "make the dog red, then blue after one second"
+        if command.use.gapped and command.needed:  # "make the dog red, then blue after one second"
             later = bag(slots, command.needed) >> (lambda filled: {**filled, "later": True})
             ways.append(
                 phrase + listed(_afterward + later, NOTHING)
                 >> (lambda pieces, rest: pieces + tuple(one for (one,) in rest))
             )
-        if command.gapped:
+        if command.use.gapped:
             elsewhen = bag(slots, command.needed | {"when"}) >> (lambda filled: {**filled, "later": True})
             ways.append(
                 phrase + listed(_between + elsewhen, NOTHING)
@@ -214,12 +217,17 @@ _polite = lit("please|could|can") | _request
 _POLITE_BEFORE = 4
 """Words within which a request begins: "okay, now could you"."""
 _topic = thing + lit(":") >> (lambda who: Clause(TOPIC, ({"who": who},)))
+_pronoun_follows = Rule(lambda reading, at: {at: ()} if any(t.text in _PRONOUNS for t in reading.tokens[at:]) else {})
+_PRONOUNS = word_set("it him her them its his their")
+_loose_topic = _topic | thing + literal(",|-|->|=>|=") + _pronoun_follows >> (
+    lambda who: Clause(TOPIC, ({"who": who},))
+)
 
 
 def _in_any_order(frame: Command) -> Rule:
     """The clauses of a frame: its slots and whom it is for in any order, with words between that add nothing."""
     slots = {"who": frame.who, **frame.slots, "when": _when, "slowly": _slowly, "besides": besides}
-    needed = frame.needed | (frozenset() if frame.bare or frame.whole else {"who"})
+    needed = frame.needed | (frozenset() if frame.use.bare or frame.use.whole else {"who"})
 
     def clause(filled: dict[str, Any]) -> Clause:
         try:
@@ -233,12 +241,23 @@ def _in_any_order(frame: Command) -> Rule:
 
 
 _number_of_item = number + either(sign(")"), lit(".|:"))
-_loose_clause = either(_clause, *map(_in_any_order, FRAMES))
+_framed = either(*map(_in_any_order, FRAMES))
+_loose_clause = either(
+    _clause, _framed, span + ~lit(",|:") + _framed >> (lambda front, clause: clause._replace(front=front))
+)
 _loose_separator = either(_separator + ~silent(_number_of_item), silent(_number_of_item) >> (lambda *_: True))
 _loose_sentence = (
-    ~lit("and") + _ends + ~silent(_number_of_item) + optional(_topic) + listed(_loose_clause, _loose_separator) + _ends
+    ~lit("and")
+    + _ends
+    + ~silent(_number_of_item)
+    + ~literal("first|to begin with|to start with|for starters")
+    + optional(_loose_topic)
+    + listed(_loose_clause, _loose_separator)
+    + _ends
 )
 _sentence = ~lit("and") + _ends + optional(_topic) + listed(_clause, _separator) + _ends
+COMMAND_VERBS = frozenset(form.split()[0] for form in any_form(*VERBS).split("|"))
+"""First words of the verbs of commands."""
 _DROPPED = word_set("please kindly thanks thank")
 
 
@@ -335,7 +354,9 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
     """
     first: Read | Refusal | None = None
     readings: list[Reading] = []
-    for way in chain(corrected(sentence, known), in_order(sentence), (sentence,), paraphrases(sentence)):
+    plain, _ = _plainly(sentence, known)
+    ways = chain(corrected(sentence, known), in_order(sentence), (sentence, plain), paraphrases(plain))
+    for way in dict.fromkeys(ways):
         try:
             reading = _words_of(way, known)
         except Refusal as refusal:
@@ -346,7 +367,7 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
             return read
         readings.append(reading)
         first = first or read
-    for reading in readings:
+    for reading in sorted(readings, key=lambda reading: reading.sentence != plain):
         # what was matched before holds, and the word that is to blame is the one of the first time
         read = _matched(replace(reading, farthest=0), _loose_sentence)
         if read.clauses:
@@ -356,6 +377,13 @@ def _read_somehow(sentence: str, known: Mapping[tuple[str, ...], str], settled: 
         raise first
     assert first is not None
     return first
+
+
+def _plainly(sentence: str, known: Mapping[tuple[str, ...], str]) -> tuple[str, frozenset[str]]:
+    """The sentence without what adds nothing to it, and the kinds of what was left out."""
+    return without_asides(
+        sentence, known, COMMAND_VERBS, lambda word: 1 in any_look.at(Reading.of(word, tokenise(word), {}), 0)
+    )
 
 
 def _words_of(sentence: str, known: Mapping[tuple[str, ...], str]) -> Reading:
@@ -494,11 +522,13 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
                 own = _about(clause.front.start, own)
             elif own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
-            nobody = context.last is None and "when" in piece and clause.command.timed
-            if "who" not in piece and (clause.command.whole or nobody):
+            nobody = context.last is None and "when" in piece and clause.command.use.timed
+            if "who" not in piece and (clause.command.use.whole or nobody):
                 context.last = All()
-            context.overall = context.overall or clause.command.whole or clause.command.timed
+            context.overall = context.overall or clause.command.use.whole or clause.command.use.timed
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
+            if who is None and context.selected and clause.command.use.bare:
+                who = Current()
             if who is None:
                 raise Refusal(
                     "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."

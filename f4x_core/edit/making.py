@@ -215,7 +215,7 @@ def shown(again: bool = False) -> Value:
     return value
 
 
-def faded(by: float, inward: bool = False) -> Value:
+def faded(by: float = 0.0, inward: bool = False) -> Value:
     """To become so many times as opaque little by little, or to come from it (`inward`)."""
 
     def value(who: SelectKind, when: When, context: SentenceContext) -> Operation:

@@ -25,6 +25,7 @@ from ..language.grammar import (
     silent,
     table,
     tokenise,
+    unless,
 )
 from ..language.lexicon import EVERYBODY, FUNCTION_WORDS, NO_THINGS, singular, word_set
 from ..language.times import END, START, Clip, Span
@@ -785,6 +786,13 @@ colors = lit("the colors|colors|all colors|all the colors") >> _always(All())
 """The colours of everything."""
 
 
+_new = lit("a|an|some")
+there_already = either(unless(_new) + thing, _new + listed(familiar, _and_also) >> _all_of)
+"""As `thing`, of what is there: "a hat" that no label has would be a new one."""
+THE_FIRST = lit("the first|the original|the real|the old|the other") + ~lit("one") | lit("it|him|her|this one|itself")
+"""That which is copied."""
+
+
 class Place(NamedTuple):
     """A place beside a thing."""
 
@@ -796,6 +804,10 @@ class Place(NamedTuple):
 
 place = table(WHERE, reserve=False) + _neighbour >> Place
 """A `Place`."""
+beside_itself = table(WHERE, reserve=False) + THE_FIRST >> (
+    lambda where: Place(where, lambda context: context.it("'it'"))
+)
+"""The `Place` of a copy beside what is copied."""
 
 
 def whose(quality: str) -> Rule:

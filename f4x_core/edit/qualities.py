@@ -15,7 +15,8 @@ from ..language.amounts import (
     percent,
 )
 from ..language.colours import colour, colourish, more_colour
-from ..language.grammar import constant, either, lit, literal, optional, silent, table
+from ..language.grammar import constant, either, generated, lit, literal, optional, silent, table
+from ..language.lexicon import FUNCTION_WORDS
 from . import making
 from .phrases import (
     known_thing,
@@ -24,10 +25,14 @@ from .styles import STYLES
 
 _small = degree >> (lambda how: making.A_BIT if how.kind == "small" else 1.0)
 _article = ~lit("a|an|the|some")
-_shade_of = ~lit(
+shade_of = ~lit(
     "(nice|lovely|bright|strong|warm|cool) [shade|tone|tint|hue] of|nice|lovely|beautiful|pretty|kind of|really|very|"
     "warm|cool|soft|rich|strong|plain"
-) + ~(lit("from") + silent(colour) + ~lit("to|into"))
+) + ~literal(
+    "vivid|fluorescent|shiny|glossy|matte|metallic|intense|gorgeous|fresh|proper|real|true|good old|super|bold|juicy|loud|"
+    "screaming|striking|deep and rich|electric|luminous|total|totally|all"
+)
+_shade_of = shade_of + ~(lit("from") + silent(colour) + ~lit("to|into"))
 _fully = ~lit("all|completely|fully|entirely|totally|wholly")
 colored = ~lit("(in) color|colored|tone|tint")
 _flat = lit("solid|flat|plain|pure|uniform|unshaded|uniformly|flatly")
@@ -50,8 +55,8 @@ without_colour = lit(
 ) >> (lambda: making.GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
 _SIZE = (
-    "bigger|larger",
-    "smaller|tinier",
+    "bigger|larger|taller|wider|longer|higher|huger|more massive|more huge",
+    "smaller|tinier|shorter|littler",
     "big|large|huge|tall|high|wide",
     "small|tiny|little|short",
 )
@@ -151,11 +156,17 @@ _transparency = either(
     >> (lambda: 0.0),
 )
 opacity_value = ~lit("at|to|with") + _transparency >> making.opacity
-upside_down = lit("upside down|on (its|his|her|their) head|head over heels")
+upside_down = lit("upside down|[on|onto] (to) (the|its|his|her|their) [head|roof|back]|head over heels|belly up")
+on_its_side = lit("[on|onto] (to) (the|its|his|her|their) side")
 look_name = table(
     {f"{look}|{look}s": look for look in STYLES} | {"flames|flame": "fire", "the night|night time|nighttime": "night"},
     reserve=False,
 )
+_of_matter = table(
+    {look: look for look in ("gold", "silver", "copper", "ice", "fire", "lava", "marble", "chocolate")},
+    reserve=False,
+)
+_MAX_DESCRIBING = 2
 _look_adjective = table(
     {
         "golden": "gold",
@@ -177,7 +188,43 @@ _look_adjective = table(
 )
 any_look = look_name | _look_adjective
 effect = lit(
-    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment"
+    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment|"
+    "statue|sculpture|figurine|atmosphere|version|theme|aesthetic|paint|coat"
+)
+scene_look = table(
+    {look: look for look in ("night", "sunset", "sepia", "autumn", "neon")}
+    | {"night time|nighttime": "night", "sepia toned|sepia tone": "sepia", "dusk|sundown": "sunset"},
+    reserve=False,
+)
+"""Looks of a whole picture."""
+described = ~generated(
+    lambda reading, at: (
+        (end, None)
+        for end in range(at + 1, at + _MAX_DESCRIBING + 1)
+        if all(reading.word(i).isalpha() and reading.word(i) not in FUNCTION_WORDS for i in range(at, end))
+    )
+)
+"""Adjectives before the name of a look, which says it all: "old photo sepia"."""
+transformed = (
+    literal("into|to")
+    + ~literal("a|an|pure|solid|real|some")
+    + _of_matter
+    + ~literal("statue|block|sculpture|figure|figurine|bar")
+    >> making.styled
+)
+"""What a thing turns to: matter, not a colour that is named like it."""
+liveliness = (
+    literal("(a little|a bit) (of|more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]")
+    | literal(
+        "some (more) [life|punch|pop|oomph|vibrancy|zing|pizzazz|kick]|(a) (little) pop of color|more color|some color"
+    )
+) >> (lambda: making.saturated(factor(None, True)))
+hint = (
+    ~literal(",")
+    + ~literal("but|only|just")
+    + literal(
+        "(just|only) a [hint|touch|bit|little|tad|shade|trace] (of it)|[slightly|subtly|faintly|softly|gently] (so)"
+    )
 )
 _strongly = optional(_small, 1.0)
 _seem = ~lit("look|looking|looks|appear|seem|feel")
@@ -224,6 +271,7 @@ made = either(
     pace_value,
     opacity_value,
     upside_down >> (lambda: making.turned(making.UPSIDE_DOWN)),
+    on_its_side >> (lambda: making.tilted(90.0)),
     same_colour,
     a_look,
     alike,

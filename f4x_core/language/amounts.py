@@ -5,7 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
-from .grammar import VOCABULARY, Mismatch, Reading, Refusal, Rule, either, generated, listed, lit, optional, table
+from .grammar import (
+    VOCABULARY,
+    Mismatch,
+    Reading,
+    Refusal,
+    Rule,
+    either,
+    generated,
+    listed,
+    lit,
+    literal,
+    optional,
+    table,
+)
 from .lexicon import FRACTIONS, ONES, TENS
 
 PLACES = 3
@@ -79,18 +92,20 @@ degree = table(
     {
         "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a"
         " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen]|"
-        "slightly|somewhat|(ever) so slightly|a bit of": Amount("small"),
+        "slightly|somewhat|(ever) so slightly|a bit of|[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (of it)|"
+        "(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
         "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
         "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit": Amount("large"),
     }
 )
 _by_factor = lit("by") + ~lit("a") + lit("factor") + ~lit("of")
+_hedge = ~lit(",") + ~literal("about|around|roughly|approximately|like|say|maybe|some|exactly|precisely|perhaps|nearly")
 amount = either(
     degree,
     _by_factor + (multiple | number) >> (lambda x: Amount("times", x)),
-    ~lit("by") + percent >> (lambda x: Amount("fraction", x)),
-    ~lit("by") + fraction >> (lambda x: Amount("fraction", x)),
-    ~lit("by") + multiple >> (lambda x: Amount("times", x)),
+    ~lit("by") + _hedge + percent >> (lambda x: Amount("fraction", x)),
+    ~lit("by") + _hedge + fraction >> (lambda x: Amount("fraction", x)),
+    ~lit("by") + _hedge + multiple >> (lambda x: Amount("times", x)),
 )
 SMALL_STEP, LARGE_STEP, STEP = (1.2, 0.83), (2.0, 0.5), (1.5, 0.67)
 """Factors up and down: a bit, much, and without a degree."""
@@ -209,8 +224,8 @@ distance = either(
     lit("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
     ~lit("by|for") + multiple + ~lit("of") + lit(ITS) + _body >> Distance,
     ~lit("by|for") + (percent + ~lit("of") + lit(ITS) + _body) >> Distance,
-    ~lit("by|for") + (number | fraction) + ~lit("a|of a|of|of its|of its own|its|its own|full|times its") + _body
-    >> Distance,
+    ~lit("by|for") + number + ~lit("a|of a|of|of its|of its own|its|its own|full|times its") + _body >> Distance,
+    ~lit("by|for") + fraction + lit("a|of a|of its|of its own|its|its own|the") + _body >> Distance,
     ~lit("by|for") + percent + ~lit("of") + ~lit(ITS) + _body >> Distance,
     ~lit("by|for") + (lit("a couple of") >> (lambda: 2.0)) + _body >> Distance,
     ~lit("by|for") + lit("a|its|its own|their|their own|the|his|her|one full") + _body >> (lambda *_: Distance(1.0)),

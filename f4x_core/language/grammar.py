@@ -14,7 +14,7 @@ from itertools import product
 from typing import Any
 
 from ..errors import F4xError
-from .lexicon import CONTRACTIONS, SPELLING
+from .lexicon import CONTRACTIONS, FUNCTION_WORDS, SPELLING
 
 Ways = dict[int, tuple[Any, ...]]
 """End of a match -> its values; the first is the preferred one."""
@@ -51,7 +51,7 @@ def tokenise(sentence: str) -> list[Token]:
     for match in _TOKEN.finditer(_RANGE.sub(" ", lowered)):
         text, start, end = match.group(), match.start(), match.end()
         if ("'" not in text or len(text) == 1) and text not in CONTRACTIONS:
-            tokens.append(Token(SPELLING.get(text, text), start, end))
+            tokens.append(Token(SPELLING.get(text) or _unstretched(text), start, end))
             continue
         parts = CONTRACTIONS.get(text)
         if parts:
@@ -60,6 +60,20 @@ def tokenise(sentence: str) -> list[Token]:
             cut = text.index("'")
             tokens += [Token(text[:cut], start, start + cut), Token(text[cut:], start + cut, end)]
     return tokens
+
+
+_STRETCHED = re.compile(r"([a-z])\1{2,}")
+
+
+def _unstretched(word: str) -> str:
+    """The word that is drawn out: "huuuge", "soooo"."""
+    if not _STRETCHED.search(word):
+        return word
+    known = VOCABULARY | NAMES_TOO | FUNCTION_WORDS
+    return next(
+        (w for w in (_STRETCHED.sub(r"\1\1", word), _STRETCHED.sub(r"\1", word)) if w in known),
+        _STRETCHED.sub(r"\1", word),
+    )
 
 
 _PLAIN = str.maketrans(
@@ -278,6 +292,11 @@ def either(*rules: Rule) -> Rule:
         return ways
 
     return Rule(match)
+
+
+def unless(rule: Rule) -> Rule:
+    """Nothing, where the rule does not match."""
+    return Rule(lambda reading, at: {} if rule.at(reading, at) else {at: ()})
 
 
 def optional(rule: Rule, default: Any = None) -> Rule:

@@ -25,7 +25,7 @@ SPELLING = _table(
     "rightwards rightward, upwards upward, downwards downward, backwards backward, forwards forward, "
     "afterwards afterward, outta out, wanna want, colur color, coulor color, gonna going, gimme give, lemme let, "
     "metre meter, desaturise desaturate, colourise colorize, colourize colorize, colorise colorize, greyed grayed, "
-    "neighbour neighbor, colourful colorful, favourite favorite, whilst while, thru through, travelling traveling, "
+    "u you, ur your, gotta to, wanna want, tyre tire, tyres tires, neighbour neighbor, colourful colorful, favourite favorite, whilst while, thru through, travelling traveling, "
     "travelled traveled"
 )
 """Common slips and British spelling -> the spelling that the grammar uses."""

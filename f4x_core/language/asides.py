@@ -1,0 +1,138 @@
+"""What a sentence holds beside the command and adds nothing to it: politeness, reasons, comparisons, somebody's name.
+
+Each is told by its class and its place, whatever its words are, and ends where the command could go on.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+
+from .colours import colour, colourish
+from .grammar import VOCABULARY, Reading, Token, either, tokenise
+from .lexicon import FUNCTION_WORDS, singular, word_set
+
+_UNTIL = r"(?=\s*(?:[.;!?,:]|$| and | then ))"
+_POLITE_WORDS = (
+    r"is|are|be|would|could|can|will|may|might|do|does|did|not|possible|okay|alright|right|fine|cool|mind|like|want|please|so|kind|"
+    r"enough|able|to|me|us|for|with|all|at|too|much|trouble|bother|a|an|any|the|problem|work|works|manage|that|this|it|you|i|we|way|"
+    r"have|time|get|chance|moment|minute|second|feel|wish|prefer|need|know|how|there|help|sure|somehow|ask|must|anyhow|doable|say|"
+    r"easy|hard|agree|allowed|no|big|deal|permit|only|makes|sense"
+)
+_NICE = r"(?:nice|great|cool|awesome|perfect|lovely|good|better|best|ideal|amazing|fun|funny|brilliant|sweet|wonderful|super|enough|neat)"
+_PRONOUN = r"(?:i|we|you|it|he|she|they|this|that|there|my|our|nobody|everybody|everyone|people|nothing|its|your)"
+_PLAIN = {
+    # politeness
+    "if": rf"(?:,\s*)?(?<!as )\bif (?:that|this|it|you|possible|need be|i|we|there is|not|at all|okay|allowed)\b(?: (?:{_POLITE_WORDS}))*{_UNTIL}",
+    "when": rf"(?:,\s*)?\b(?:when|whenever|as soon as|once) (?:you|it) (?:get|have|can|could|like|find|is|are|feel|suits)\b(?: (?:{_POLITE_WORDS}|convenient|ready|free|suits|round|around))*{_UNTIL}",
+    "while": r"(?:,\s*)?\bwhile (?:you are|we are|i am|being) (?:at it|there|on it|already there)\b,?",
+    "thanks": (
+        r"(?:,\s*|-\s*)?\b(?:(?:many|much|so|big) )*(?:thanks|thank you|thx|ty|cheers|tia|much appreciated|appreciated?(?: it)?)\b"
+        r"(?: (?:a lot|so much|very much|in advance|a bunch|a ton|a million|you|for that|for (?:the|your) help|again|much|ahead of time))*"
+    ),
+    "interjection": (
+        r"(?:,\s*)?\b(?:l+o+l+|(?:ha){2,}h?|(?:he){2,}|omg|wow+|whoa+|yay+|ugh+|meh+|h+m+|pff+t?|aw+|yo|bro|bruh|phew|gosh|please|"
+        r"jeez|dang|damn|for (?:heaven s|god s|pete s) sake|btw|by the way|fyi|imo|imho|tbh|honestly|frankly|pretty please|"
+        r"to be honest|in my opinion|if you ask me|anyhow|anyway|anyways|no rush|no hurry)\b,?"
+    ),
+    "comment": (
+        rf"(?:,|\.|;|-)\s*(?:(?:i|we) (?:think|guess|suppose|believe|reckon|hope|bet|feel)\s*)?(?:that|this|it|which|would|should)(?: (?:would|will|should|"
+        rf"might|could|must|is|be|looks?|going to))*(?: (?:so|really|very|super|much|just|way))* {_NICE}(?: (?:i think|for me|like that|that way))?{_UNTIL}"
+    ),
+    "tag": (
+        r"(?:,\s*)(?:okay|right|yeah|yes|will you|would you|could you|can you|do you mind|is that okay|what do you think|"
+        r"got it|deal|agreed|you know|you see|i think|i guess|i suppose|i reckon|i would say|or what)\s*(?=[?.!]*\s*$)"
+    ),
+    "or so": r"\b(?:or (?:so|something|whatever|thereabouts|similar|anything)(?: (?:like that|similar|of that kind|along those lines))?)\b",
+    "wise": r"(?:,\s*)?\b(?:color|colors|size|speed|brightness|contrast|position|look) wise\b|(?:,\s*)?\bin terms of (?:color|colors|size|speed|look|style)\b",
+    # reasons
+    "because": r"(?:,\s*)?\b(?:because|cause|cuz|coz|cos)\b(?: of)? [^.;!?]*|(?:,\s*)?\b(?:since|as) (?:i|we|you|my) [^.;!?]*",
+    "so": r"(?:,\s*)?\bso (?:that )?(?:i|we|you|people|everyone|everybody|one|my \w+|the (?:viewer|viewers|audience)) [^.;!?,]*|(?:,\s*)?\bin order to [^.;!?,]*",
+    "for": r"(?:,\s*)?\bfor (?:my|our) [^.;!?,]*|(?:,\s*)?\bfor (?:fun|a laugh|effect|a change|the fun of it|dramatic effect|clarity|emphasis)\b",
+}
+"""Class -> what is dropped, on the words of a sentence with blanks between."""
+_LIKE = r"(?:,\s*)?\b(?:just |exactly |a bit |kind of )?(?:like|as) (?:in |on |at )?(?:a|an|the|some|those|that|these|my|your|our|they|you|we|when|fresh|ripe|in|on)\b[^,.;!?]*"
+_COMPARED = r"(?:,\s*)?\b(?:just |exactly )?(?:like|as) (?:in|on|from) [^,.;!?]*"
+_GOES_ON = re.compile(r"(?:,|\band\b|\bthen\b|\bbut\b)\s*(?:then |also |please |the )*([a-z]+)")
+_NUMBERS = re.compile(r"\d")
+PURPOSES = frozenset({"so", "for"})
+"""Classes that may say what is meant to become of a thing."""
+_CLAUSES = frozenset({"because", "so", "for"})
+_ADDRESSED = word_set("please could can would will may make let i we you do turn have give")
+"""What a request begins with behind somebody's name."""
+
+
+def without_asides(
+    sentence: str, known: Mapping[tuple[str, ...], str], verbs: frozenset[str], is_look: Callable[[str], bool]
+) -> tuple[str, frozenset[str]]:
+    """The sentence without what adds nothing, and the classes of what was left out.
+
+    `verbs`: those of commands, which end a reason; `is_look`: whether a word is what something can look like.
+    """
+    tokens = tokenise(sentence)
+    reading = Reading.of(sentence, tokens, known)
+    things = {word for words in known for word in words}
+    starts, text = [], ""
+    for token in tokens:
+        starts.append(len(text))
+        text += token.text + " "
+    gone: dict[int, str] = {}
+
+    def leave_out(kind: str, begin: int, end: int) -> None:
+        gone.update({i: kind for i, start in enumerate(starts) if begin <= start < end and i not in gone})
+
+    for kind, pattern in _PLAIN.items():
+        for found in re.finditer(pattern, text):
+            if kind in _CLAUSES:
+                own = [verb for verb in _GOES_ON.findall(found.group()) if verb in verbs]
+                if own or not found.group().strip(" ,") or (kind == "for" and things & set(found.group().split())):
+                    continue
+            leave_out(kind, found.start(), found.end())
+    for found in re.finditer(_LIKE, text):
+        words = found.group().replace(",", " ").split()
+        at = next((i for i, start in enumerate(starts) if start >= found.start()), 0)
+        plain = not things & {form for word in words for form in (word, singular(word))} and not any(
+            map(is_look, words)
+        )
+        goes_on = any(verb in verbs for verb in _GOES_ON.findall(found.group()))
+        if plain and not goes_on and not _NUMBERS.search(found.group()) and _ends_in_colour(reading, at, is_look):
+            leave_out("like", found.start(), found.end())
+    for found in re.finditer(_COMPARED, text):
+        if not things & set(found.group().split()) and not _NUMBERS.search(found.group()):
+            leave_out("like", found.start(), found.end())
+    for i in range(_addressed(tokens, things)):
+        gone[i] = "name"
+    if not gone:
+        return sentence, frozenset()
+    return cut(sentence, [(token.start, token.end) for i, token in enumerate(tokens) if i in gone]), frozenset(
+        gone.values()
+    )
+
+
+def cut(sentence: str, spans: list[tuple[int, int]]) -> str:
+    """The sentence without the characters of `spans`, in order, and without the commas that then stand at its ends."""
+    kept, at = "", 0
+    for start, end in spans:
+        kept, at = kept + sentence[at:start] + " ", max(end, at)
+    kept = " ".join((kept + sentence[at:]).split())
+    return re.sub(r"\s+([,.;!?])", r"\1", re.sub(r"^[\s,;.:!?-]+|[\s,;:-]+$", "", kept))
+
+
+def _ends_in_colour(reading: Reading, at: int, is_look: Callable[[str], bool]) -> bool:
+    """Whether a colour or a look ends before token `at`, maybe with a thing or a please behind it."""
+    rule = either(colour, colourish)
+    return any(
+        is_look(reading.word(i)) or any(i < end <= at for end in rule.at(reading, i)) for i in range(max(at - 3, 0), at)
+    )
+
+
+def _addressed(tokens: list[Token], things: set[str]) -> int:
+    """The number of words in front that call somebody: "mommy I want", "Jarvis, make"; none where they may be a thing."""
+    for i, token in enumerate(tokens[:3]):
+        if token.text == "," and i:
+            following = tokens[i + 1].text if i + 1 < len(tokens) else ""
+            return i + 1 if following in _ADDRESSED else 0
+        strange = token.is_word and not {token.text, singular(token.text)} & (things | VOCABULARY | FUNCTION_WORDS)
+        if not strange and token.text not in ("hey", "hi", "hello", "okay", "dear", "oh"):
+            return i if i and token.text in ("i", "we", "could", "can", "would", "will", "please") else 0
+    return 0
