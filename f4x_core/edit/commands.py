@@ -144,6 +144,7 @@ _command(
     "values",
     values=_values(
         qualities.a_look,
+        qualities.transformed,
         _into + either(_coloured, qualities.alike, qualities.a_look, qualities.same_as),
         lit("to") + ~lit("a|an|pure|solid") + qualities.look_name >> making.styled,
         lit("from") + silent(colour) + lit("to|into") + _coloured,
@@ -193,17 +194,18 @@ _command(
     "remove|take|take out|take away|drain|strip|strip away|delete|drop|lose|get rid of|erase|suck",
     always(making.GRAYED),
     who=whose("color|colors|saturation|coloring"),
+    use=NAMED,
     out=lit("out|away"),
 )
 
 
-_as_long = either(
+as_long = either(
     multiple + lit("as long") >> making.stretched,
     multiple + lit("longer") >> making.stretched,
     ~lit("to|by") + ~lit("a factor of") + fraction_of("length|duration|time") >> making.stretched,
     lit("by") + ~lit("a factor of") + (multiple | number) >> making.stretched,
 )
-_command("make the dog take twice as long", "", lambda by: by, "by", itself="take|last", by=_as_long)
+_command("make the dog take twice as long", "", lambda by: by, "by", itself="take|last", by=as_long)
 
 # Opacity
 _command(
@@ -342,7 +344,10 @@ _command("tilt the lamp to the left", TILTING, making.tilted, "sense", itself=TI
 
 # Copies
 _lagging = (
-    ~lit(",") + ~lit("but|that is|which is|by") + ~lit("delayed|lagging|trailing|starting|running|runs") + ~lit("by")
+    ~lit(",")
+    + ~lit("but|that is|which is|that|which|by")
+    + ~lit("delayed|lagging|trailing|starting|running|runs|run|comes|come|plays|play|moves|move|starts|start")
+    + ~lit("by")
 )
 _following = lit(
     "that [follows|trails|chases|lags|runs|walks|moves] (behind|after) (it|"
@@ -358,7 +363,9 @@ SHIFT = either(
     + ~lit("later|behind|after (it)|behind it|of delay|delay|afterward|on its path|along (its|the same) path"),
     _lagging
     + duration
-    + lit("later|behind|late|after|after [it|the original]|behind [it|the original]|afterward|delayed|in the future"),
+    + lit(
+        "later|behind|late|after|[after|behind] [it|him|her|itself|the original|the first (one)|the other (one)]|afterward|delayed|in the future|too late|late"
+    ),
     lit("(but) delayed by|(but) with a [lag|delay|gap] of|(but) lagging (behind) by|(but) trailing (behind) by")
     + duration,
     lit("with a") + duration + lit("delay|lag"),
@@ -555,7 +562,9 @@ _command(
         >> (lambda: None),
     ),
 )
-_wanted = lit("i want|i would like|we want|we would like|i would love|we need|i need")
+_wanted = lit(
+    "i want see|we want to see|i would like to see|i would love to see|give me|let me have|get me|i want to see|i want|i would like|we want|we would like|i would love|we need|i need"
+)
 _command(
     "I want a white dog",
     "",

@@ -55,6 +55,7 @@ from .commands import (
     Use,
     always,
     as_given,
+    as_long,
 )
 from .making import Value
 from .phrases import (
@@ -68,6 +69,7 @@ from .phrases import (
     two_of_them,
     whose,
 )
+from .selects import All
 
 FRAMES: list[Command] = []
 """In the order in which they are preferred."""
@@ -94,7 +96,7 @@ ADDS_NOTHING = either(
         "you [should|could|can|may|must]|let us|let me|go ahead and|try to|help me (to)|make sure (that)|so that|"
         "in such a way that|how [do|can|would|could] [i|you|we]|how to|what if|what about|how about|"
         "is there [a|any] way to|is it possible to|would it be possible to|it would be [nice|great|cool] (if)|"
-        "i am looking for|i am trying to|we are going to|i am going to|[my|the] [wish|idea|plan] is (that|to)|"
+        "give me|get me|show me|i am looking for|i am trying to|we are going to|i am going to|[my|the] [wish|idea|plan] is (that|to)|"
         "your task is to|time to|see|to see|have|to have|to get|want|would like"
     ),
     literal(
@@ -141,10 +143,12 @@ _instead_of = ~(
 )
 _article = ~literal("a|an|some|the|pure|solid|that|this|made of|made out of|in|being|real")
 _looked = either(
-    _toward + ~literal("pure|solid|a|an|some|the") + qualities.any_look + ~qualities.effect >> making.styled,
+    _toward + ~literal("pure|solid") + qualities.any_look + ~qualities.effect >> making.styled,
     literal("like|as|of") + _article + qualities.any_look + ~qualities.effect >> making.styled,
     ~literal("in|with") + _article + qualities.described + qualities.any_look + qualities.effect >> making.styled,
 )
+
+
 _more_opacity = (
     either(
         ~literal("like|about|roughly|only|just|say") + percent + literal("[visible|opacity|opaque|alpha|visibility]"),
@@ -152,7 +156,9 @@ _more_opacity = (
         + ~literal(",|like|about|say|so")
         + percent
         + literal("visible|opacity|opaque"),
-        literal("opacity|alpha|visibility") + ~literal("of|to|at|=|is|down to") + (percent | fraction),
+        literal("opacity|alpha|visibility")
+        + ~literal("of|to|at|=|is|down to")
+        + (percent | fraction | number >> qualities.as_fraction),
         percent + literal("transparency|see through|transparent|translucency") >> (lambda x: 1 - x),
         literal("transparency|translucency") + ~literal("of|to|at|=|is") + (percent | fraction) >> (lambda x: 1 - x),
     )
@@ -194,7 +200,9 @@ _size_of = (
 )
 _quality = either(
     qualities.transformed,
-    _toward + qualities.made + ~literal("tone|tones|mood|look|light|feel|color|colors|feeling"),
+    _toward
+    + qualities.made
+    + ~literal("tone|tones|mood|look|light|feel|color|colors|feeling|picture|image|clip|video|scene|shot|footage"),
     _toward + qualities.without_colour,
     _noun_of_colour,
     _looked,
@@ -206,6 +214,13 @@ _quality = either(
     _toward + qualities.backward,
     _toward + qualities.opacity_value,
     qualities.liveliness,
+    qualities.pop,
+    ~literal("in|into|to|with")
+    + ~literal("the|a|an|some|that|this")
+    + qualities.described
+    + qualities.scene_look
+    + ~qualities.effect
+    >> making.styled,
     ~literal("a|the|more|really|very|rather|quite|nice and|pretty|in a|feel|look|looking|feeling")
     + qualities.simply
     + ~literal("tone|tones|mood|look|light|color|colors"),
@@ -222,31 +237,6 @@ _frame(
     verb=_becoming,
     more=literal("still|even|even more|a step|one more time"),
     values=listed(_quality + _instead_of, _joined | _led),
-)
-_frame(
-    "brighter and more vivid",
-    as_given,
-    "values",
-    use=WHOLE,
-    values=listed(
-        either(
-            qualities.brightness_value,
-            qualities.saturation_value,
-            qualities.contrast_value,
-            qualities.warmth_value,
-            qualities.pop,
-            _toward + qualities.without_colour,
-            qualities.liveliness,
-            ~literal("the|a|an|some|in|into|to|like|with|that")
-            + qualities.described
-            + qualities.scene_look
-            + ~qualities.effect
-            >> making.styled,
-            qualities.pace_value,
-        )
-        + ~literal("tone|tones|mood|look|light|feel|color|colors|picture|image|clip|video|scene"),
-        _joined | _led,
-    ),
 )
 _frame(
     "the colors should pop",
@@ -328,7 +318,10 @@ def _changed(
     to: float | None = None,
     too: bool | None = None,
     times: float | None = None,
+    particle: bool | None = None,
 ) -> Value:
+    if particle is not None and particle is not way:
+        raise Mismatch
     if times is None and how is not None and how.kind == "times" and way is too is to is None:
         times = how.value  # "twice the size"
     if times is not None:
@@ -362,6 +355,7 @@ _frame(
     way=_way,
     how=amount | literal("by") + number >> (lambda x: Amount("times", x)) | literal("way") >> (lambda: Amount("large")),
     to=_to_value,
+    particle=table({"up": True, "down": False}, reserve=False),
     times=_times_as_much,
     too=~literal("is|are|has|have|looks") + _too,
 )
@@ -638,6 +632,18 @@ _frame(
     )
     >> (lambda: True),
 )
+_frame(
+    "the dog, laid on its side",
+    as_given,
+    "verb values",
+    who=_whom,
+    verb=silent(_TURNING) | literal(every_form("stand|put|lay|place|lie|set|drop|throw")),
+    values=either(
+        qualities.upside_down >> (lambda: making.turned(making.UPSIDE_DOWN)),
+        qualities.on_its_side >> (lambda: making.tilted(90.0)),
+    )
+    >> (lambda value: ((value,),)),
+)
 _frame("the dog, turned to the left", _turned, "verb sense", who=_whom, verb=_TURNING, sense=SENSE, how=degree)
 _frame(
     "a quarter turn to the right for the dog",
@@ -749,7 +755,7 @@ _frame(
         "onion skinning|" + any_form("follow") + "|echo effect"
     ),
     others=~literal("ghost|ghostly|faint|identical|more|other") + silent(known_noun),
-    copies=~literal("some|few|a few|several|ghost|ghostly|faint|with")
+    copies=~literal("of|some|few|a few|several|ghost|ghostly|faint|with")
     + literal("copies|clones|ghosts|duplicates|of it|of itself|of him|of her|ghostly copies"),
     single=~literal("a|one|another") + literal("copy|clone|ghost|duplicate|second one|twin") >> (lambda: True),
     times=_times,
@@ -809,6 +815,16 @@ _frame(
         "as a loop|a loop|repeatedly|looping"
     ),
     motion=literal("motion of|the motion of|the movement of|the part|part|of|the bit"),
+)
+_frame(
+    "the clip should be twice as long",
+    as_given,
+    "values",
+    who=literal("the (whole|entire)|this|my|our|a")
+    + literal("clip|video|scene|movie|film|shot|footage|sequence|animation|thing")
+    >> (lambda: lambda context: making.noted(context, All())),
+    verb=literal(any_form("last")),
+    values=as_long >> (lambda value: ((value,),)),
 )
 _frame(
     "the movement of the dog should take three seconds",
@@ -895,6 +911,7 @@ _frame(
     "the dog should have the colors of the cat",
     making.matched,
     "verb source",
+    use=NAMED,
     verb=literal(any_form("match")),
     source=either(
         literal("to|with|from|like|as|of|by")
@@ -983,6 +1000,8 @@ _frame(
     nothing=literal(
         "nothing else|nobody else|no one else|nothing more|that is all|that is it|only that|nothing other than that|"
         "keep the rest|keep everything else|leave the rest|leave everything else|the rest stays (as it is)|"
+        "(then) let [it|him|her|them] [go on|continue|move on|run on|carry on|resume|go|keep going|move again|run again] (again|as before)|"
+        "(then) [it|he|she] [goes|continues|moves|runs|carries|may go|can go] [on|again|as before]|"
         "then (back to) normal|then back|i mean it|not more|not less|that is enough"
     ),
     use=WHOLE,

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from ..errors import F4xError
 from ..language.amounts import number
-from ..language.asides import without_asides
+from ..language.asides import PURPOSES, cut, without_asides
 from ..language.colour_names import COLOURS, SHADES
 from ..language.colours import colour
 from ..language.grammar import (
@@ -38,19 +38,21 @@ from ..language.grammar import (
     silent,
     table,
     tokenise,
+    unless,
 )
-from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, inflected, misspelt, singular, stated, word_set
+from ..language.leaving_out import leaving_out
+from ..language.lexicon import FUNCTION_WORDS, NO_THINGS, SYNONYMS, inflected, misspelt, singular, stated, word_set
 from ..language.paraphrases import in_order, paraphrases
 from ..language.times import HALF_WAY, Span, TimeExpression, span
 from ..language.verbs import VERBS, any_form
-from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command
+from .commands import AGAIN, COMMANDS, REMARK, TOPIC, Command, as_given
 from .corrections import corrected
 from .description import describe
 from .frames import ADDS_NOTHING, FRAMES
-from .making import BESIDE, COPY_DISTANCE, THE_COPY
+from .making import BESIDE, COPY_DISTANCE, THE_COPY, is_of_a_picture
 from .operations import Delete, Duplicate, Extract, Opacity, Operation, Transform
 from .phrases import SentenceContext, When, besides, familiar, thing, together
-from .qualities import any_look
+from .qualities import any_look, effect
 from .request import Request
 from .selects import All, And, Current, Instance, Named, Not, SelectKind, parts_of
 from .styles import STYLES
@@ -71,7 +73,7 @@ class Clause(NamedTuple):
     """A time before the verb; it also holds for what follows with "and"."""
 
 
-_then = either(span, lit("only|just") + span)
+_then = either(span, lit("only|just") + span, span + ~lit(",") + lit("only|alone"))
 _when = ~lit(",") + ~lit("but") + _then
 _slowly = ~lit(",") + table(
     {
@@ -79,7 +81,7 @@ _slowly = ~lit(",") + table(
         "|steadily|over time|more and more|step by step|"
         "(in) a gradual way|easing in and out|easing in|easing out|with "
         "(a) [soft|smooth|gentle] [ease|easing]|with (an) [ease|easing]|"
-        "with soft ends|eased": True
+        "with soft ends|eased|nice and [smooth|smoothly|slow|slowly|gradual]|(nice and) smooth": True
     }
 )
 _aside = ~lit(",") + lit(
@@ -298,11 +300,17 @@ def parse(
         _ask_about_slips(read, sentence, known, settled)
     if read.clauses:
         try:
-            return read.operations or settled(read)
+            operations = read.operations or settled(read)
+            _ask_about_purpose(sentence, known, read, operations)
+            return operations
+        except Doubt:
+            raise
         except Refusal as refusal:
             raise Refusal(refusal.reason, _nearest(read.reading.tokens)) from refusal
         except F4xError as error:
             raise Refusal(f"That is not possible: {error}", _nearest(read.reading.tokens)) from error
+    if not (_new_thing(read.reading) or _no_edit(read.reading)):
+        _ask_to_leave_out(sentence, known, settled)
     reason, answer = (_SHOWN_ONLY_THEN, False) if read.only_then else _not_understood(read.reading)
     raise Refusal(reason, _nearest(read.reading.tokens) if answer else ())
 
@@ -419,6 +427,48 @@ def _ask_about_slips(read: Read, sentence: str, known: Mapping[tuple[str, ...], 
         raise Doubt(f"I do not understand '{typed}'; did you mean '{word}'?", instead)
 
 
+def _ask_about_purpose(
+    sentence: str, known: Mapping[tuple[str, ...], str], read: Read, operations: tuple[Operation, ...]
+) -> None:
+    """Raise `Doubt` where something would be gone and the reason that is given may mean otherwise: "cut it out so I can …"."""
+    plain, left_out = _plainly(sentence, known)
+    gone = any(isinstance(one, Delete | Extract) for one in operations)
+    if gone and left_out & PURPOSES and read.reading.sentence == plain:
+        raise Doubt(f"I would do: {_in_words(operations)}. The reason may mean something else.", plain)
+
+
+def _in_words(operations: tuple[Operation, ...]) -> str:
+    return "; ".join(map(describe, operations))
+
+
+def _ask_to_leave_out(sentence: str, known: Mapping[tuple[str, ...], str], settled: Settle) -> None:
+    """Raise `Doubt` with what the sentence comes to without the words that nobody knows, where it comes to something."""
+    tokens = tokenise(sentence)
+    things = {words[-1] for words in known}
+    for spans in leaving_out(tokens, things, COMMAND_VERBS):
+        places = [(tokens[first].start, tokens[last - 1].end) for first, last in spans]
+        instead = cut(sentence, places)
+        with suppress(Refusal):
+            if not _matched(_words_of(instead, known), _loose_sentence).clauses:
+                continue
+        with suppress(F4xError):
+            read = _read_somehow(instead, known, settled)
+            operations = read.operations or settled(read)
+            if _unsure(read) or not any("who" in piece for *_, clause in read.clauses[:1] for piece in clause.pieces):
+                continue  # whom it is for may be what was left out
+            left_out = "', '".join(" ".join(sentence[start:end].strip(" ,").split()) for start, end in places)
+            doubt = Doubt(f"I would do: {_in_words(operations)}. I do not know what '{left_out}' adds.", instead)
+            break
+    else:
+        return
+    raise doubt
+
+
+def _unsure(read: Read) -> bool:
+    """Whether a sentence can be meant in two ways."""
+    return any(rule.at(read.reading, at) for rule, _ in _DOUBTFUL for at in range(len(read.reading.tokens)))
+
+
 def _slip(reading: Reading, understood: bool) -> tuple[Token, str] | None:
     """The first word that nobody knows and the one that it may be a slip of: of a label, or of any word where none else helps."""
     parts = {word for words in reading.known for word in words}
@@ -465,6 +515,9 @@ def _known(labels: Sequence[str]) -> dict[tuple[str, ...], str]:
         if words:
             known.setdefault(words, label)
             known.setdefault((*words[:-1], singular(words[-1])), label)
+    for word, meant in SYNONYMS.items():
+        if (meant,) in known:
+            known.setdefault((word,), known[(meant,)])
     return known
 
 
@@ -522,17 +575,15 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
                 own = _about(clause.front.start, own)
             elif own and clause.front:
                 raise Refusal("Two times are said for one command; leave one out.")
-            nobody = context.last is None and "when" in piece and clause.command.use.timed
+            use = clause.command.use
+            nobody = context.last is None and "when" in piece and use.timed
             if "who" not in piece and (clause.command.use.whole or nobody):
                 context.last = All()
             context.overall = context.overall or clause.command.use.whole or clause.command.use.timed
             who: SelectKind | None = piece["who"](context) if "who" in piece else context.last
-            if who is None and context.selected and clause.command.use.bare:
-                who = Current()
+            assumed = who is None
             if who is None:
-                raise Refusal(
-                    "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
-                )
+                who = Current() if context.selected and use.bare else All()
             if "besides" in piece:
                 spared = Not(piece["besides"](context))
                 context.last = who = spared if who == All() else And((who, spared))
@@ -554,6 +605,10 @@ def _operations(clauses: Clauses, context: SentenceContext, before: Said | None 
             settled = When.of(own or front or last, context, "slowly" in piece)
             values = made if isinstance(made, tuple) else ((made,),)
             operations = _compatible([value(who, settled, context) for (value,) in values])
+            if assumed and who == All() and not all(map(is_of_a_picture, operations)):
+                raise Refusal(
+                    "It is not said whom or what the command is for; name a thing, or say 'it' for what is selected."
+                )
             for operation in operations:
                 if operation.select == THE_COPY and context.last is not None:
                     operation = replace(operation, select=context.last)  # type: ignore[arg-type]  # of a copy
@@ -635,6 +690,8 @@ _UNDOING = lit(
     "go back [one|two|three|a|some|a few|1|2|3|4|5] [steps|step]|go [one|two|three|a] [step|steps] back|"
     "[put|take|bring] [it|that|this|them] back [how|to how|the way|as|like] [it|they] [was|were] (before)|how it was before|"
     "back to the (original|normal) state|did not like that|take that back|step back|restore the original|reset everything|"
+    "[ctrl|control|cmd|command] (+|-) z|[take|roll|turn|bring] (that|this|the|my) (last|previous) [edit|change|step|command] back|"
+    "[scrap|forget|cancel|drop|lose|discard|take back] [my|the|that|this|your] (very) [last|previous] [change|edit|step|command|one]|"
     "cancel (that|this|the last)|[forget|revoke] [that|the last] [change|edit|step|one]"
 )
 _ELSEWHERE = {"undo": "undo", "deleted": "undo", "removed": "undo", "revert": "undo", "redo": "redo"}
@@ -659,6 +716,13 @@ _DOUBTFUL = (
         lit("[put|take|bring|get|turn] [that|this|it|them|him|her] back") + ~lit("again|please") + _last,
         "That may be an undoing: use `f4x undo SCENE`, or say 'move it back'.",
     ),
+    (
+        lit("add|insert|create|draw|put")
+        + ~lit("a|an|some")
+        + literal("ice|fire|lava|night|sunset|autumn|grass|ocean|chocolate|marble|ghost")
+        + unless(effect),
+        "Nothing new can be made; say for example 'make the dog look like ice', or 'a sunset look for everything'.",
+    ),
     (_either, "'Or' leaves open which of the two is meant; name one of them, or say 'and' for both."),
     (
         lit("some [of|other]|any of|a few (of)"),
@@ -666,6 +730,18 @@ _DOUBTFUL = (
     ),
 )
 """Phrases that can be meant in two ways, or that nobody can measure, and what is asked instead of doing anything."""
+_strange_word = Rule(
+    lambda reading, at: (
+        {at + 1: ()}
+        if reading.word(at).isalpha()
+        and not {reading.word(at), singular(reading.word(at))} & (VOCABULARY | FUNCTION_WORDS | COLOURS.keys())
+        else {}
+    )
+)
+_a_new = lit("add|insert|create|draw|write") + ~lit("a|an|some") | lit("put|place|stick|hang|give it|give me") + lit(
+    "a|an|some"
+)
+_NEW_THING = _a_new + (_strange_word + ~_strange_word | silent(familiar))
 _UNKNOWN_WAYS = (
     (lit("not|never"), "Say what is to be done, not what is not: '{words}' is not understood here."),
     (
@@ -684,6 +760,13 @@ _UNKNOWN_WAYS = (
         f"There is no look '{{words}}'; there are {', '.join(STYLES)}, and black and white.",
     ),
     (
+        lit("[i|we] [want|need]|[i|we] would like|make [it|that|them]|give me|there should be")
+        + silent(number)
+        + familiar,
+        "How many there are is not known to the sentence, so '{words}' leaves open how many copies to make; say for example 'copy the"
+        " dog twice'.",
+    ),
+    (
         lit("the [first|second|third|fourth|fifth|last|next|other]") + familiar,
         "Things are not counted, so nobody is '{words}'; say for example 'the left one' or 'the biggest one'.",
     ),
@@ -697,11 +780,8 @@ _UNKNOWN_WAYS = (
 
 def _not_understood(reading: Reading) -> tuple[str, bool]:
     """The sentence about the words that nobody knows, or at which every way to read ended; whether examples help."""
-    if any(_UNDOING.at(reading, at) for at in range(len(reading.tokens))):
-        return "That is no edit; use `f4x undo SCENE`, or the button for it.", False
-    for token in reading.tokens:
-        if token.text in _ELSEWHERE:
-            return f"That is no edit; use `f4x {_ELSEWHERE[token.text]} SCENE`, or the button for it.", False
+    if reason := _no_edit(reading) or _new_thing(reading):
+        return reason, False
     unknown = _unknown_word(reading)
     if unknown:
         return unknown, True
@@ -713,6 +793,23 @@ def _not_understood(reading: Reading) -> tuple[str, bool]:
     if reading.farthest >= len(reading.tokens):
         return f"The command is not complete: {_lacking(reading)}.", True
     return f"I do not understand '{reading.text_of(reading.farthest, reading.farthest + 1)}' here.", True
+
+
+def _no_edit(reading: Reading) -> str:
+    """The sentence about a wish that another command of `f4x` fulfils; nothing where there is none."""
+    if any(_UNDOING.at(reading, at) for at in range(len(reading.tokens))):
+        return "That is no edit; use `f4x undo SCENE`, or the button for it."
+    verb = next((_ELSEWHERE[token.text] for token in reading.tokens if token.text in _ELSEWHERE), "")
+    return verb and f"That is no edit; use `f4x {verb} SCENE`, or the button for it."
+
+
+def _new_thing(reading: Reading) -> str:
+    """The sentence about a thing that would have to be made; nothing where there is none."""
+    ends = {at: max(found) for at in range(len(reading.tokens)) if (found := _NEW_THING.at(reading, at))}
+    words = next((reading.text_of(at, end) for at, end in ends.items()), "")
+    return (
+        words and f"Nothing new can be made, as '{words}' would; a copy of what is there can, as in 'add another dog'."
+    )
 
 
 def _unknown_word(reading: Reading) -> str:
@@ -734,6 +831,7 @@ _UNSAID = {
     "rgb": "which color",
     "colors": "to which color",
     "by": "how much",
+    "place": "where",
     "way": "which way",
     "sense": "which way",
     "angle": "by how many degrees",
@@ -743,9 +841,23 @@ _UNSAID = {
 """What is missing where a slot of a command was not filled."""
 
 
+_SAID_HALF = (
+    ("paint the car blue", VERBS["become"], "values"),
+    ("scale the dog by 2", VERBS["scale"], "by"),
+    ("turn the dog to the left", VERBS["turn"], "sense"),
+    ("put the dog behind the bush", VERBS["move"], "place"),
+    ("match the dog to the cat", "match", "source"),
+)
+"""(Example, verbs, slot that is needed) of commands that are read in any order."""
 _beginnings = [
     (command, verb, verb + command.who)
-    for command in COMMANDS
+    for command in (
+        *COMMANDS,
+        *(
+            Command(example, verbs.replace(", ", "|"), as_given, {}, frozenset({slot}))
+            for example, verbs, slot in _SAID_HALF
+        ),
+    )
     if command.verbs and command.needed <= _UNSAID.keys()
     for verb in [lit("|".join(inflected(command.verbs, 1)))]
 ]

@@ -372,6 +372,16 @@ def looped(who: SelectKind, when: When, _: SentenceContext) -> Operation:
     return Loop(who, **when.effect)
 
 
+PICTURE_LOOKS = ("night", "sunset", "sepia", "autumn", "neon")
+
+
+def is_of_a_picture(operation: Operation) -> bool:
+    """Whether it may be meant for everything where nobody is named: "black and white, please", "more contrast"."""
+    if isinstance(operation, Recolour):
+        return operation.mode == "multiply" or (operation.mode, operation.rgb) == ("hue", BLACK_AND_WHITE)
+    return isinstance(operation, Grade) or (isinstance(operation, Style) and operation.look in PICTURE_LOOKS)
+
+
 def styled(look: str, strength: float = 1.0) -> Value:
     """To look like a material or a light."""
     return lambda who, when, _: Style(who, look, strength, **when.coming)

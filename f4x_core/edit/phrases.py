@@ -20,6 +20,7 @@ from ..language.grammar import (
     later,
     listed,
     lit,
+    literal,
     optional,
     sign,
     silent,
@@ -265,7 +266,8 @@ def _part_at(reading: Reading, at: int) -> Iterator[tuple[int, str]]:
                 yield end, f"{reading.text_of(at, middle).lower()}'s {stranger}"
         if reading.word(middle) == "of":
             whole = middle + 1 + (reading.word(middle + 1) in ("the", "a", "an", "that", "this", "my"))
-            for end, label in _known_at(reading, whole):
+            strangers = _stranger_at(reading, whole) if whole > middle + 1 else ()
+            for end, label in (*_known_at(reading, whole), *strangers):
                 yield end, f"{part} {reading.text_of(middle, whole).lower()} {label}"
 
 
@@ -593,6 +595,7 @@ def _the_copy(context: SentenceContext) -> SelectKind:
     return next(iter(context.earlier))
 
 
+_new_one = lit("the|that|this") + lit("new|copied|cloned|duplicated") + silent(familiar) >> (lambda: _the_copy)
 _original = lit("the original (one)") >> (lambda: _the_original)
 
 
@@ -629,6 +632,14 @@ def _the_other(context: SentenceContext) -> SelectKind:
     return context.last
 
 
+_cast = (
+    lit("the|its|his|her|their")
+    + table({"shadow|shadows": "shadow", "reflection|reflections": "reflection"}, reserve=False)
+    + literal(
+        "[under|below|beneath|beside|behind|of] [it|him|her|them]|on the [ground|floor|water|wall|street|road|grass]|in the water"
+    )
+) >> (lambda label: _thing(label, False))
+"""What a thing casts, told by where it lies."""
 _other_one = lit("[the|that] other (one)|the other [ones|two|three]") >> (lambda: _the_other)
 everything_else = lit(
     "[everything|all|anything] else|all the rest|the rest of the [picture|scene|image|video|clip]"
@@ -684,7 +695,9 @@ _definite = (
         _it,
         _they,
         _copy,
+        _new_one,
         _original,
+        _cast,
         _around,
         _other_one,
         _doing,
@@ -734,6 +747,23 @@ _with_its = Rule(
     )
 )
 _and_also = _with_its | lit("and|or|,|, and|, or|and also|plus|+|as well as|along with|together with|and then|and all")
+
+
+def _has_own_quality_at(reading: Reading, at: int) -> dict[int, tuple[()]]:
+    """Nothing, before a thing that brings a quality of its own as the one before it does: "red cow, blue sky" are two wishes."""
+    start = at
+    while start > 0 and reading.word(start - 1) in _SEPARATORS:
+        start -= 1
+    while start > 0 and reading.word(start - 1) not in _SEPARATORS:
+        start -= 1
+    return {at: ()} if _quality_at(reading, start) and _quality_at(reading, at) else {}
+
+
+def _quality_at(reading: Reading, at: int) -> bool:
+    return bool(colour.at(reading, at)) or reading.word(at) in ("bigger", "smaller", "larger", "taller", "shorter")
+
+
+_SEPARATORS = frozenset({",", "and", "or", "plus", "+"})
 _single = either(_definite, _bare_stranger + _in_scene)
 _both_of_them = (
     lit("both|both (of) [the|these|those|my|our|your]")
@@ -746,7 +776,9 @@ two_of_them = lit("the two|these two|those two|my two|two") + generated(
     lambda reading, at: ((end, label) for end, label in _known_at(reading, at) if _is_plural(reading, end - 1))
 ) >> (lambda label: lambda context: _both(label, context))
 """Two of a kind, who can change places."""
-_union = either(_both_of_them, ~lit("both|either") + listed(_single, _and_also) >> _all_of)
+_union = either(
+    _both_of_them, ~lit("both|either") + listed(_single, _and_also + unless(Rule(_has_own_quality_at))) >> _all_of
+)
 known_thing = ~lit("both") + listed(_definite, _and_also) >> _all_of
 """As `thing`, of a label that is known or with an article: of "look like spaghetti" nobody knows what is meant."""
 _EXCEPT = (
@@ -787,8 +819,8 @@ colors = lit("the colors|colors|all colors|all the colors") >> _always(All())
 
 
 _new = lit("a|an|some")
-there_already = either(unless(_new) + thing, _new + listed(familiar, _and_also) >> _all_of)
-"""As `thing`, of what is there: "a hat" that no label has would be a new one."""
+there_already = unless(_new) + thing
+"""As `thing`, of what is there: "put a hat on the dog" asks for a new one."""
 THE_FIRST = lit("the first|the original|the real|the old|the other") + ~lit("one") | lit("it|him|her|this one|itself")
 """That which is copied."""
 

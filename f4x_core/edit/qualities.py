@@ -15,7 +15,7 @@ from ..language.amounts import (
     percent,
 )
 from ..language.colours import colour, colourish, more_colour
-from ..language.grammar import constant, either, generated, lit, literal, optional, silent, table
+from ..language.grammar import Mismatch, constant, either, generated, lit, literal, optional, silent, table, unless
 from ..language.lexicon import FUNCTION_WORDS
 from . import making
 from .phrases import (
@@ -55,8 +55,8 @@ without_colour = lit(
 ) >> (lambda: making.GRAYED)
 _BRIGHTNESS = ("brighter|lighter", "darker|dimmer|gloomier", "bright|light", "dark|dim")
 _SIZE = (
-    "bigger|larger|taller|wider|longer|higher|huger|more massive|more huge",
-    "smaller|tinier|shorter|littler",
+    "bigger|larger|huger",
+    "smaller|tinier",
     "big|large|huge|tall|high|wide",
     "small|tiny|little|short",
 )
@@ -129,6 +129,15 @@ backward = lit(
 ) >> (lambda: making.reversed)
 _see_through = lit("transparent|see through|translucent|transparency|sheer")
 _share_of = lambda how: 0.5 if how is None else {"small": 0.2, "large": 0.8}.get(how.kind, how.value)  # noqa: E731
+
+
+def as_fraction(x: float) -> float:
+    """A fraction, or percents that are said without their sign; Mismatch for neither."""
+    if x > 100:
+        raise Mismatch
+    return x if x <= 1 else x / 100
+
+
 _transparency = either(
     percent + _see_through >> (lambda x: 1 - x),
     table(
@@ -144,8 +153,8 @@ _transparency = either(
     _see_through >> (lambda: 0.5),
     _article + percent + lit("opaque|visible|opacity"),
     fraction + lit("opaque|visible|opacity"),
-    lit("(an|a) opacity (of)") + (percent | number),
-    lit("(a) transparency (of)") + (percent | number) >> (lambda x: 1 - x),
+    lit("(an|a) opacity (of)") + (percent | number >> as_fraction),
+    lit("(a) transparency (of)") + (percent | number >> as_fraction) >> (lambda x: 1 - x),
     lit("(completely|fully|totally) opaque|(completely|fully) visible (again)|opaque (again)|reappear")
     >> (lambda: making.SHOWN),
     optional(amount) + lit("more") + _see_through >> (lambda how: 1 - _share_of(how)),
@@ -156,8 +165,10 @@ _transparency = either(
     >> (lambda: 0.0),
 )
 opacity_value = ~lit("at|to|with") + _transparency >> making.opacity
-upside_down = lit("upside down|[on|onto] (to) (the|its|his|her|their) [head|roof|back]|head over heels|belly up")
-on_its_side = lit("[on|onto] (to) (the|its|his|her|their) side")
+upside_down = lit("upside down|head over heels") | literal(
+    "[on|onto] (to) (the|its|his|her|their) [head|roof|back]|belly up"
+)
+on_its_side = literal("[on|onto] (to) (the|its|his|her|their) side")
 look_name = table(
     {f"{look}|{look}s": look for look in STYLES} | {"flames|flame": "fire", "the night|night time|nighttime": "night"},
     reserve=False,
@@ -188,20 +199,21 @@ _look_adjective = table(
 )
 any_look = look_name | _look_adjective
 effect = lit(
-    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment|"
-    "statue|sculpture|figurine|atmosphere|version|theme|aesthetic|paint|coat"
-)
+    "colors|palette|look|style|effect|filter|appearance|finish|feel|vibe|mood|tone|tones|light|coloring|treatment"
+) | literal("statue|sculpture|figurine|atmosphere|version|theme|aesthetic|paint|coat")
 scene_look = table(
-    {look: look for look in ("night", "sunset", "sepia", "autumn", "neon")}
+    {look: look for look in making.PICTURE_LOOKS}
     | {"night time|nighttime": "night", "sepia toned|sepia tone": "sepia", "dusk|sundown": "sunset"},
     reserve=False,
 )
 """Looks of a whole picture."""
-described = ~generated(
-    lambda reading, at: (
-        (end, None)
-        for end in range(at + 1, at + _MAX_DESCRIBING + 1)
-        if all(reading.word(i).isalpha() and reading.word(i) not in FUNCTION_WORDS for i in range(at, end))
+described = ~silent(
+    generated(
+        lambda reading, at: (
+            (end, None)
+            for end in range(at + 1, at + _MAX_DESCRIBING + 1)
+            if all(reading.word(i).isalpha() and reading.word(i) not in FUNCTION_WORDS for i in range(at, end))
+        )
     )
 )
 """Adjectives before the name of a look, which says it all: "old photo sepia"."""
@@ -228,6 +240,7 @@ hint = (
 )
 _strongly = optional(_small, 1.0)
 _seem = ~lit("look|looking|looks|appear|seem|feel")
+_new_thing = literal("a|an|some")
 a_look = either(
     _seem
     + _strongly
@@ -247,11 +260,13 @@ bare_look = (
     table({"night|night time|nighttime": "night", "sunset|sundown|dusk": "sunset"}, reserve=False) >> making.styled
 )
 given_look = _article + any_look + ~lit("like|colored") + effect >> making.styled
-source = ~lit("that of|those of|the colors of|the color of") + known_thing + ~lit("'s (color|colors)")
-same_as = (
-    lit("the (exact) same (color|colors|coloring|look)|the same|(a|the) similar color") + lit("as|like|to") + source
-    >> making.matched
+source = (
+    unless(_new_thing) + ~lit("that of|those of|the colors of|the color of") + known_thing + ~lit("'s (color|colors)")
 )
+same_as = (
+    lit("the (exact) same") + (silent(colour) | ~lit("color|colors|coloring|look")) + lit("as|like|to") + source
+    | lit("(a|the) similar color") + lit("as|like|to") + source
+) >> making.matched
 colour_of = _article + lit("color|colors|coloring|palette|look|appearance") + lit("of|from") + source >> making.matched
 same_colour = same_as | colour_of
 alike = _seem + lit("like|similar to|the same as") + source >> making.matched
@@ -278,6 +293,7 @@ made = either(
     bare_look,
 )
 
+LEFT, BACK, FORTH = (((None, way, None),) for way in ((-1, 0, 0), (0, 0, 1), (0, 0, -1)))
 _MORE, _LESS = factor(None, True), factor(None, False)
 _TOO = {
     "bright|light|shiny|glaring|overexposed": (making.brightened(_LESS), making.brightened(_MORE)),
@@ -286,7 +302,7 @@ _TOO = {
     "small|tiny|little|short": (making.scaled(_MORE), making.scaled(_LESS)),
     "fast|quick|hectic|rapid": (making.retimed(_LESS), making.retimed(_MORE)),
     "slow|sluggish": (making.retimed(_MORE), making.retimed(_LESS)),
-    "colorful|saturated|vivid|garish|gaudy|loud": (making.saturated(_LESS), making.saturated(_MORE)),
+    "colorful|saturated|vivid|garish|gaudy|loud|strong|intense": (making.saturated(_LESS), making.saturated(_MORE)),
     "pale|dull|washed out|muted|faded|desaturated": (making.saturated(_MORE), making.saturated(_LESS)),
     "flat": (making.contrasted(_MORE), making.contrasted(_LESS)),
     "contrasty|harsh|hard": (making.contrasted(_LESS), making.contrasted(_MORE)),
@@ -299,6 +315,12 @@ _TOO = {
     "much color|much saturation": (making.saturated(_LESS), making.saturated(_MORE)),
     "little color|little saturation": (making.saturated(_MORE), making.saturated(_LESS)),
     "much light|much brightness": (making.brightened(_LESS), making.brightened(_MORE)),
+    "[far|much] left|far to the left|left": (making.moved(making.RIGHT), making.moved(LEFT)),
+    "[far|much] right|far to the right|right": (making.moved(LEFT), making.moved(making.RIGHT)),
+    "high|high up|far up": (making.moved(making.DOWN), making.moved(making.UP)),
+    "low|far down": (making.moved(making.UP), making.moved(making.DOWN)),
+    "close|near|close to the camera": (making.moved(BACK), making.moved(FORTH)),
+    "far away|far back|far off|distant": (making.moved(FORTH), making.moved(BACK)),
     "little light|little brightness": (making.brightened(_MORE), making.brightened(_LESS)),
 }
 """Quality -> what is done where there is too much of it, and where there is not enough."""

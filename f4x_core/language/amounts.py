@@ -88,12 +88,13 @@ class Amount(NamedTuple):
     """Of the last three."""
 
 
-degree = table(
+degree = literal("[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (of it)") >> (
+    lambda: Amount("small")
+) | table(
     {
         "(just|only|by|ever so) a [little|tiny|wee|small|slight|teeny] [bit|amount]|(just|only|by) a"
         " [little|tad|touch|bit|hair|notch|fraction|smidge|smidgen]|"
-        "slightly|somewhat|(ever) so slightly|a bit of|[just|only] a hint|a [hint|notch|shade|trifle|whisker|step] (of it)|"
-        "(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
+        "slightly|somewhat|(ever) so slightly|a bit of|(by) a [little|wee|tiny] (bit) (more)": Amount("small"),
         "much|(quite) a lot|by a lot|far|way|a great deal|lots|considerably|significantly|a good deal|very much|a whole lot|"
         "massively|drastically|dramatically|strongly|heavily|a good bit|quite a bit": Amount("large"),
     }
@@ -169,9 +170,11 @@ _WITHIN = ~lit(f"of [the|this] [{_OF_IT}]|in [the|this] [{_OF_IT}]")
 direction = (
     table(
         {
-            f"left|leftward|(over|further|farther|off|out) [to|toward|on|at] [the|its|my|your|his|her|their]"
+            "from (the) right to (the) left|"
+            f"left|leftward|(over|further|farther|off|out) [to|toward|on|at|onto] [the|its|my|your|his|her|their]"
             f" (far) left ({_SIDE})|more to the left|[further|farther|more] (to the) left": (-1, 0, 0),
-            f"right|rightward|(over|further|farther|off|out) [to|toward|on|at] [the|its|my|your|his|her|their]"
+            "from (the) left to (the) right|"
+            f"right|rightward|(over|further|farther|off|out) [to|toward|on|at|onto] [the|its|my|your|his|her|their]"
             f" (far) right "
             f"({_SIDE})|more to the right|[further|farther|more] (to the) right": (1, 0, 0),
             "up|upward|higher|higher up|[further|farther] up|to the top|up into the air|into the air|up in the air|off the ground|"
@@ -219,11 +222,13 @@ Steps = tuple[tuple[Distance | None, tuple[int, int, int], Distance | None], ...
 _body = lit(
     "size|sizes|width|widths|height|heights|length|lengths|body [width|widths|length|lengths|height|heights|size|sizes]"
 )
+_any_word = Rule(lambda reading, at: {at + 1: ()} if reading.word(at).isalpha() else {})
 distance = either(
     degree >> (lambda how: Distance(0.3 if how.kind == "small" else 2.0)),
     lit("a long way|by a long way|a great distance") >> (lambda *_: Distance(2.0)),
     ~lit("by|for") + multiple + ~lit("of") + lit(ITS) + _body >> Distance,
     ~lit("by|for") + (percent + ~lit("of") + lit(ITS) + _body) >> Distance,
+    ~lit("by|for") + number + _any_word + lit("width|widths|height|heights|length|lengths") >> Distance,
     ~lit("by|for") + number + ~lit("a|of a|of|of its|of its own|its|its own|full|times its") + _body >> Distance,
     ~lit("by|for") + fraction + lit("a|of a|of its|of its own|its|its own|the") + _body >> Distance,
     ~lit("by|for") + percent + ~lit("of") + ~lit(ITS) + _body >> Distance,

@@ -71,7 +71,7 @@ def without_asides(
     """
     tokens = tokenise(sentence)
     reading = Reading.of(sentence, tokens, known)
-    things = {word for words in known for word in words}
+    things = {words[-1] for words in known}
     starts, text = [], ""
     for token in tokens:
         starts.append(len(text))

@@ -35,7 +35,7 @@ CONTRACTIONS = {
     for short, long in _table(
         "let's let us, it's it is, that's that is, what's what is, where's where is, who's who is, there's there is, "
         "here's here is, i'd i would, we'd we would, i'm i am, i'll i will, we'll we will, you'd you would, "
-        "they're they are, we're we are, i've i have, can't can not, won't will not, shan't shall not"
+        "they're they are, you're you are, we're we are,  we're we are, i've i have, can't can not, won't will not, shan't shall not"
     ).items()
 } | {word + "n't": (word, "not") for word in ("do", "does", "did", "is", "are", "should", "would", "could", "must")}
 CONTRACTIONS |= {
@@ -64,6 +64,13 @@ PLURALS = _table(
     "caches cache, aches ache, mustaches mustache, purses purse, nurses nurse"
 )
 """Plurals that no rule gives."""
+SYNONYMS = _table(
+    "guy man, dude man, bloke man, fella man, fellow man, chap man, gentleman man, lady woman, gal woman, lad boy, kid child, "
+    "toddler child, doggy dog, doggie dog, puppy dog, pup dog, pooch dog, hound dog, kitty cat, kitten cat, bike bicycle, auto car, "
+    "automobile car, motorbike motorcycle, loco locomotive, couch sofa, sofa couch, pony horse, calf cow, bull cow, vessel boat, "
+    "lawn grass, foliage leaf, audience crowd, spectators crowd"
+)
+"""Another word -> the label that it means where a scene knows that, and not the word."""
 SINGULARS = word_set(
     "trousers clothes stairs jeans shorts pants scissors glasses sunglasses headphones goggles tights lens series species "
     "news bus gas canvas christmas iris"

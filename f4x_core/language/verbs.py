@@ -9,14 +9,14 @@ VERBS: dict[str, str] = {
     # appearance
     "become": "make, turn, render, change, convert, transform, give, paint, repaint, color, recolor, dye, spray, respray, spray paint, "
     "set, put, get, let, play, run, use, apply, do, keep, switch, bring, show, adjust, display, look, feel, become, have, go, seem, "
-    "cover, coat, drench, dip, bathe, dress, wrap, stain, shade, decorate, slap, splash, splatter, throw, smear, brush, lacquer, "
+    "cover, coat, drench, dip, bathe, dress up, wrap, stain, shade, decorate, slap, splash, splatter, throw, smear, brush, lacquer, "
     "varnish, glaze, enamel, style, restyle, redo, colorize, tone, transition, morph, draw, pick, choose, select, add, sprinkle, lay, "
     "shift, swap, flip, restore, remain, enter, place, edit, modify, wear, ask for, go for, go with, opt for, fill, flood, soak, grade",
     "tint": "tint, tinge, tone, wash, stain slightly, suffuse, hint",
     "set": "set, change, make, turn, put, bring, adjust, take, get, give, have, need, show, apply, use, keep, correct, modify, tweak, fix, "
-    "move, pull, push, dial, drag, slide, want, could use, can use, could do with, deserve, go, run, let, play",
-    "more": "increase, raise, boost, turn up, bump up, crank up, pump up, dial up, bring up, push up, strengthen, enhance, intensify, push, "
-    "bump, lift, add, pull up, amplify, up, ramp up, crank, pump, jack up, beef up, heighten, hike, step up, punch up, take up, deepen, "
+    "move, pull, push, dial, drag, slide, crank, pump, knock, ramp, kick, jack, tone, want, could use, can use, could do with, deserve, go, run, let, play",
+    "more": "increase, raise, boost, turn up, bump up, crank up, pump up, dial up, bring up, push up, strengthen, enhance, intensify, "
+    "bump, lift, add, pull up, amplify, up, ramp up, jack up, beef up, heighten, hike, step up, punch up, take up, deepen, "
     "improve, extend, augment, multiply, advance, go up, grow",
     "less": "reduce, decrease, lower, turn down, cut, cut down, lessen, tone down, bring down, dial down, weaken, diminish, drop, take down, "
     "cut back, pull down, take back, pull back, dial back, ramp down, scale back, soften, ease, mute, knock down, step down, go down, "
@@ -101,7 +101,9 @@ def any_form(*senses: str) -> str:
     return every_form("|".join(dict.fromkeys(verb.strip() for verb in verbs.split(","))))
 
 
-_NAMES_TOO = word_set("light shade balloon scale mask cloak veil cut drop trash bin axe float duck face pump copy beam fuzz glitter")
+_NAMES_TOO = word_set(
+    "light shade balloon scale mask cloak veil cut drop trash bin axe float duck face pump copy beam fuzz glitter"
+)
 """Verbs that may be things as well."""
 _RESERVED = (
     "more", "less", "brighten", "darken", "enlarge", "shrink", "quicken", "slow", "saturate", "desaturate", "mute", "cool", "scale",
@@ -116,6 +118,8 @@ VOCABULARY.update(
     if " " not in verb and verb not in _NAMES_TOO
 )
 VOCABULARY.update(
-    "apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth saturation visibility vividness vibrance "
-    "endlessly repeatedly halve double triple treble quadruple radiate sheen halo aura use using".split()
+    word_set(
+        "apply bathe colorize drench dye recolor repaint respray spray exposure contrast warmth saturation visibility vividness "
+        "vibrance endlessly repeatedly halve double triple treble quadruple radiate sheen halo aura"
+    )
 )

@@ -175,12 +175,18 @@ def _span_fits(span: dict[str, Any] | None, op: dict[str, Any], which: str = "sp
     elif "seconds_before_end" in span:
         lo, hi = FRAMES - span["seconds_before_end"] * FPS, None
     else:
-        lo, hi = 24, 60
+        lo, hi = (_timecode(code) for code in span["timecode"])
     if which == "at":
         return abs(a - lo) <= 1
     if "loose" in span:
         return abs(a - lo) <= 13 and abs(b - (last if hi is None else hi)) <= 13
     return abs(a - lo) <= 1 and abs(b - (last if hi is None else hi)) <= 1
+
+
+def _timecode(code: str) -> float:
+    """Clip frame of hours:minutes:seconds:frames."""
+    hours, minutes, seconds, frames = map(int, code.split(":"))
+    return (3600 * hours + 60 * minutes + seconds) * FPS + frames
 
 
 def _amount_fits(wanted: Any, value: float) -> bool:
@@ -197,13 +203,13 @@ def _operation_fits(slot: dict[str, Any], made: dict[str, Any], row: dict[str, A
     amount = slot.get("factor", slot.get("change"))
     select = made["select"]
     ok = False
-    if kind in ("delete", "opacity") and slot.get("factor", 0) == 0:
+    if kind in ("delete", "opacity") and slot.get("factor", 0) == 0 and "change" not in slot:
         ok = op == "delete" or (
             op == "opacity" and made["factor"] == 0 and made.get("inward", False) == slot.get("inward", False)
         )
         if op == "extract" and slot.get("target") == "background":
             return True
-    elif kind == "opacity":
+    elif kind == "opacity":  # "a bit see-through" and 40 % are both less of it
         ok = op == "opacity" and _amount_fits(amount, made["factor"])
     elif kind == "extract":
         ok = op == "extract"
@@ -340,11 +346,29 @@ def _transform_fits(slot: dict[str, Any], made: dict[str, Any]) -> bool:
     return "pivot" not in slot or made.get("pivot") == slot["pivot"]
 
 
+def _apart(slot: dict[str, Any]) -> list[dict[str, Any]]:
+    """A transform with two parts as two."""
+    parts = [key for key in ("scale", "translate", "rotate") if key in slot]
+    if len(parts) < 2:
+        return [slot]
+    return [{key: value for key, value in slot.items() if key not in parts or key == part} for part in parts]
+
+
 def _operations_fit(wanted: list[dict[str, Any]], made: list[Any], row: dict[str, Any]) -> bool:
     records = [one.to_json() for one in made]
     merged = [slot for slot in wanted if not (slot["operation"] == "recolour" and slot.get("target") is None)]
+    if len(merged) < len(records):  # a size and a place may be one transform or two
+        merged = [one for slot in merged for one in _apart(slot)]
     if len(merged) != len(records):
         return False
+    for one, later in zip(records, records[1:], strict=False):  # blue until it is red is blue, then red
+        if (
+            one["op"] == later["op"]
+            and one["select"] == later["select"]
+            and not one.get("frames")
+            and later.get("frames")
+        ):
+            one["frames"] = [0, later["frames"][0]] if any("span" in slot for slot in merged[:-1]) else None
     left = list(records)
     for slot in merged:
         fitting = next((one for one in left if _operation_fits(slot, one, row)), None)

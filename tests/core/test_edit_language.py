@@ -33,8 +33,8 @@ CLIP = {"fps": 10, "frames": 60, "frame": 12}
 DOG = Text(("dog",))
 
 
-def say(sentence, *, selected=False, labels=TABLE["labels"], names=TABLE["names"], **clip):
-    return parse(Request(sentence, labels, names, selected=selected, **CLIP | clip))
+def say(sentence, *, selected=False, labels=TABLE["labels"], names=TABLE["names"], copies=None, **clip):
+    return parse(Request(sentence, labels, names, selected=selected, **CLIP | clip), copies=copies)
 
 
 def wanted(phrase):
